@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,12 +46,15 @@ def table_of(files: Sequence[xr.Dataset]) -> ImpactTable:
     if len(set(ratios)) < len(ratios) or (0.0 in ratios and len(ratios) > 1):
         raise RockfallError("contacts: files of the same R_b/R_m, or without one beside others")
     found = [_dimensionless(data) for _, data in parts]
-    sizes = {kind: _bins_for(kind, [_of_kind(one, kind) for one in found]) for kind in KINDS}
+    sizes = {
+        kind: [_bins_for(kind, int(_of_kind(one, kind).sum())) for one in found] for kind in KINDS
+    }
     edges: dict[str, list[np.ndarray]] = {}
     bins: list[_Bin] = []
-    for one in found:
+    for k, one in enumerate(found):
         for kind in KINDS:
-            some, of_kind = _sort_into_bins(one, kind, sizes[kind])
+            own, all_have = sizes[kind][k], np.max(sizes[kind], axis=0)
+            some, of_kind = _padded(*_sort_into_bins(one, kind, own), all_have)
             bins += some
             for key, values in enumerate(of_kind, start=1):
                 edges.setdefault(f"{kind}_edge_{key}", []).append(values)
@@ -160,14 +163,15 @@ def _keys(contacts: _Contacts, kind: str) -> list[np.ndarray]:
     return [contacts["vn_in"] ** 2 / speed2, contacts["w_in"] / speed, speed2]
 
 
-def _bins_for(kind: str, chosen: list[np.ndarray]) -> tuple[int, ...]:
-    """As many bins as the part with the fewest contacts can fill."""
-    least = min(int(one.sum()) for one in chosen)
-    if least < ENOUGH:
+def _bins_for(kind: str, contacts: int) -> tuple[int, ...]:
+    """As many bins as some contacts of a kind can fill."""
+    if contacts < ENOUGH:
         what = {"flight": "from a flight", "roll": "that roll on"}[kind]
-        raise RockfallError(f"contacts: {least} {what}: at least {ENOUGH} are needed for a table")
+        raise RockfallError(
+            f"contacts: {contacts} {what}: at least {ENOUGH} are needed for a table"
+        )
     bins = list(BINS[kind])
-    while np.prod(bins) * ENOUGH > least:
+    while np.prod(bins) * ENOUGH > contacts:
         bins[int(np.argmax(bins))] -= 1
     return tuple(bins)
 
@@ -203,6 +207,26 @@ def _sort_into_bins(
     shapes = (sizes[0] - 1,), (sizes[0], sizes[1] - 1), (*sizes[:2], sizes[2] - 1)
     cut = [one.reshape(shape) for one, shape in zip(edges, shapes, strict=True)]
     return [_bin(contacts.record[one], kind) for one in groups], cut
+
+
+def _padded(
+    bins: list[_Bin], edges: list[np.ndarray], sizes: np.ndarray
+) -> tuple[list[_Bin], list[np.ndarray]]:
+    """As many bins as each R_b/R_m has: beyond its own come some that nothing reaches, with one
+    record each."""
+    own = [one.shape[-1] + 1 for one in edges]
+    nobody = replace(bins[0], record=bins[0].record[:1])
+    padded = [
+        bins[int(np.ravel_multi_index(at, own))] if np.less(at, own).all() else nobody
+        for at in np.ndindex(*sizes)
+    ]
+    shapes = [(*sizes[:key], sizes[key] - 1) for key in range(len(sizes))]
+    found = []
+    for one, shape in zip(edges, shapes, strict=True):
+        values = np.full(shape, np.finfo("f4").max, "f4")
+        values[tuple(slice(n) for n in one.shape)] = one
+        found.append(values)
+    return padded, found
 
 
 def _bin(record: np.ndarray, kind: str) -> _Bin:
