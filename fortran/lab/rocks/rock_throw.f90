@@ -156,19 +156,21 @@ contains
                c%slow_since = c%m%time
             rests = c%m%time - c%slow_since > cut*unit
             cut_now = c%m%time - c%first%time > cut*unit
-            if (.not. (rests .or. cut_now)) cycle
-            n = n + 1
-            contacts(n) = record(boulder%radius, throw, c%entry, merge(stops, rolls_on, rests), c%first, c%last)
-            if (rests) return
-            c%entry = from_rolling
-            c%first = c%last
-            if (boulder%relief > 0) then
-               call go_on(c, found)
-               if (found) c%first%x = c%m%x
+            if (rests .or. cut_now) then
+               n = n + 1
+               contacts(n) = record(boulder%radius, throw, c%entry, merge(stops, rolls_on, rests), c%first, c%last)
+               if (rests) return
+               c%entry = from_rolling
+               c%first = c%last
+               if (boulder%relief > 0) then
+                  call go_on(c, found)
+                  if (found) c%first%x = c%m%x
+               end if
+               cycle
             end if
-         else if (mod(c%steps, watch_interval) == 0 .and. c%m%time > c%wait) then
-            if (.not. c%s%bodies%v(3, c%s%bodies%n) > 0) cycle  ! it moves towards the facet
-            if (will_meet(c%s)) cycle
+         end if
+         if (mod(c%steps, watch_interval) == 0 .and. c%m%time > c%wait) then
+            if (.not. is_free(layer, boulder, c%s)) cycle
             call look_ahead(layer, boulder, gravity, c%m, c%last%time, unit, leaves, flight_time)
             if (leaves) then
                n = n + 1
@@ -227,6 +229,21 @@ contains
          c%wait = 0
       end subroutine begin
    end subroutine follow
+
+   !> Whether a boulder that moves away from the layer has left it: nothing touches it or lies in its way, or it is above
+   !> the layer as that had settled, among rocks that fly with it.
+   pure logical function is_free(layer, boulder, s)
+      type(layer_t), intent(in) :: layer
+      type(boulder_t), intent(in) :: boulder
+      type(assembly_t), intent(in) :: s
+
+      associate (b => s%bodies)
+         is_free = .false.
+         if (.not. b%v(3, b%n) > 0) return
+         if (.not. touches(s)) is_free = .not. will_meet(s)
+         if (.not. is_free) is_free = gap_to_layer(layer, boulder%radius, b%x(:, b%n)) > hop_height*boulder%radius
+      end associate
+   end function is_free
 
    !> Whether the boulder touches anything.
    pure logical function touches(s)
