@@ -1,22 +1,25 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The laboratory's case file: its groups and keys in one table. Defaults are those of the types;
-!> what can be packed and fired is for their modules to say.
+!> what can be packed, fired and thrown is for their modules to say. A case with a group &throw throws boulders
+!> at its layers; one without fires single impacts at them.
 module lab_case
    use rockfall_kinds, only: wp, i8
-   use rockfall_error, only: error_t
+   use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
-   use rockfall_values, only: get_text, get_integer, get_real, refuse, check_names
+   use rockfall_values, only: has_key, get_text, get_integer, get_real, refuse, check_names
    use lab_case_values, only: key_t, take_row, take_range, check_whole
    use lab_contact, only: material_t, check_material
    use lab_packing, only: packing_t, check_packing
    use lab_impact, only: shot_t
    use lab_ensemble, only: range_t, check_range
+   use lab_throw_range, only: throw_range_t, check_throws
+   use lab_rock_throw, only: boulder_t, check_boulder
    use lab_tables, only: material_keys, packing_keys, shot_keys, material_of, packing_of, shot_of, &
       material_row, packing_row, shot_row
    implicit none
    private
-   public :: lab_case_t, read_lab_case, default_ratios
+   public :: lab_case_t, read_lab_case, default_ratios, impact_alone
 
    type(key_t), parameter :: key_table(*) = [ &
       key_t("lab", "title", "text"), key_t("lab", "seed", "integer"), &
@@ -34,7 +37,17 @@ module lab_case
       key_t("impact", "spin", "range"), key_t("impact", "density", "real"), &
       key_t("impact", "patience", "real"), key_t("impact", "spent", "real"), &
       key_t("impact", "past", "real"), key_t("impact", "wait", "real"), &
-      key_t("impact", "step_factor", "real"), key_t("impact", "retries", "integer")]
+      key_t("impact", "step_factor", "real"), key_t("impact", "retries", "integer"), &
+      key_t("throw", "throws", "list"), key_t("throw", "on_layer", "integer"), &
+      key_t("throw", "contacts", "integer"), key_t("throw", "radius", "real"), &
+      key_t("throw", "max_depth", "real"), key_t("throw", "relief", "real"), &
+      key_t("throw", "slope", "range"), key_t("throw", "speed", "range"), &
+      key_t("throw", "angle", "range"), key_t("throw", "spin", "range")]
+
+   !> Keys that say something of single impacts alone, GROUP.KEY.
+   character(len=19), parameter :: impact_alone(*) = [character(len=19) :: &
+      "lab.layers", "lab.points", "lab.impacts", "packing.mean_radius", "impact.speed", "impact.angle", "impact.spin", &
+      "impact.patience", "impact.spent", "impact.past", "impact.wait"]
 
    real(wp), parameter :: default_ratios(5) = [1.0_wp, 2.0_wp, 3.0_wp, 4.0_wp, 5.0_wp]  !! R_b/R_m
    integer, parameter :: max_ratios = 1000
@@ -52,6 +65,13 @@ module lab_case
       type(packing_t) :: packing
       type(shot_t) :: shot                !! see `shot_of_ratio`
       type(range_t) :: range
+      logical :: throwing = .false.       !! it has a group &throw
+      real(wp), allocatable :: throws(:)  !! for each ratio, or one number for all
+      integer(i8) :: on_layer = 20        !! throws at each layer
+      integer(i8) :: contacts = 8         !! of a throw, at most
+      real(wp) :: max_depth = 12          !! of a layer where it is less than &packing depth [R_m]
+      type(boulder_t) :: boulder          !! what is thrown; density and step are those of &impact
+      type(throw_range_t) :: throw_range
    end type lab_case_t
 
 contains
@@ -68,14 +88,21 @@ contains
       case%file = file
       case%title = ""
       case%ratios = default_ratios
+      case%throws = [500.0_wp]
       call parse_namelist(text, file, list, error)
       if (.not. allocated(error)) call check_names(list, key_table%group, key_table%name, [character(len=1) ::], &
                                                    "stands more than once", error)
       if (allocated(error)) return
+      case%throwing = any([(list%group(g)%name == "throw", g=1, size(list%group))])
       do g = 1, size(list%group)
-         call take_group(list%group(g), case, error)
+         if (case%throwing) call refuse_impact_alone(list%group(g), error)
+         if (.not. allocated(error)) call take_group(list%group(g), case, error)
          if (allocated(error)) return
       end do
+      case%boulder%density = case%shot%density
+      case%boulder%step_factor = case%shot%step_factor
+      case%boulder%retries = case%shot%retries
+      case%throw_range%gravity = case%packing%gravity
       call check_lab_case(case, error)
    end subroutine read_lab_case
 
@@ -88,6 +115,34 @@ contains
       shot%radius = ratio*case%packing%mean_radius
       shot%gravity = case%packing%gravity
    end function shot_of_ratio
+
+   !> What is packed at a ratio R_b/R_m. Boulders that are thrown have one size, whatever the rocks; a layer of small
+   !> rocks need not be as deep as the boulder is large: the base takes what comes down.
+   pure type(packing_t) function packing_of_ratio(case, ratio) result(packing)
+      type(lab_case_t), intent(in) :: case
+      real(wp), intent(in) :: ratio  !! R_b/R_m [-]
+
+      packing = case%packing
+      packing%ratio = ratio
+      if (.not. case%throwing) return
+      packing%mean_radius = case%boulder%radius/ratio
+      packing%depth = min(packing%depth, case%max_depth/ratio)
+   end function packing_of_ratio
+
+   !> Refuse a key that would say nothing of throws.
+   pure subroutine refuse_impact_alone(group, error)
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k, dot
+
+      do k = 1, size(impact_alone)
+         dot = index(impact_alone(k), ".")
+         if (group%name /= impact_alone(k)(:dot - 1)) cycle
+         if (.not. has_key(group, trim(impact_alone(k)(dot + 1:)))) cycle
+         call refuse(group, trim(impact_alone(k)(dot + 1:)), "is for single impacts: not together with &throw", error)
+         return
+      end do
+   end subroutine refuse_impact_alone
 
    !> What a group says, in place of the defaults.
    pure subroutine take_group(group, case, error)
@@ -114,8 +169,35 @@ contains
          if (.not. allocated(error)) call take_range(group, "speed", case%range%speed, error)
          if (.not. allocated(error)) call take_range(group, "angle", case%range%angle, error)
          if (.not. allocated(error)) call take_range(group, "spin", case%range%spin, error)
+      case ("throw")
+         call take_throws(group, case, error)
       end select
    end subroutine take_group
+
+   pure subroutine take_throws(group, case, error)
+      type(group_t), intent(in) :: group
+      type(lab_case_t), intent(inout) :: case
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: numbers(3)
+
+      numbers = [case%boulder%radius, case%boulder%relief, case%max_depth]
+      call take_row(group, key_table, [character(len=9) :: "radius", "relief", "max_depth"], numbers, error)
+      if (.not. allocated(error)) then
+         case%boulder%radius = numbers(1)
+         case%boulder%relief = numbers(2)
+         case%max_depth = numbers(3)
+         call get_real(group, "throws", case%throws, error)
+      end if
+      if (.not. allocated(error)) call get_integer(group, "on_layer", case%on_layer, error)
+      if (.not. allocated(error)) call get_integer(group, "contacts", case%contacts, error)
+      if (.not. allocated(error)) call take_range(group, "slope", case%throw_range%slope, error)
+      if (.not. allocated(error)) call take_range(group, "speed", case%throw_range%speed, error)
+      if (.not. allocated(error)) call take_range(group, "angle", case%throw_range%angle, error)
+      if (.not. allocated(error)) call take_range(group, "spin", case%throw_range%spin, error)
+      if (allocated(error)) return
+      if (any(case%throws < 1 .or. case%throws > real(max_shots, wp) .or. case%throws /= aint(case%throws))) &
+         call refuse(group, "throws", "must be whole numbers, 1 to "//integer_text(int(max_shots)), error)
+   end subroutine take_throws
 
    pure subroutine take_plan(group, case, error)
       type(group_t), intent(in) :: group
@@ -142,11 +224,10 @@ contains
       end do
    end subroutine take_plan
 
-   !> Refuse a plan out of its bounds, and what cannot be packed or fired.
+   !> Refuse a plan out of its bounds, and what cannot be packed, fired or thrown.
    pure subroutine check_lab_case(case, error)
       type(lab_case_t), intent(in) :: case
       type(error_t), allocatable, intent(out) :: error
-      type(packing_t) :: packing
       integer :: k
 
       call check_whole(case%file, "seed", case%seed, 0_i8, huge(1_i8), error)
@@ -155,14 +236,31 @@ contains
       if (.not. allocated(error)) call check_whole(case%file, "impacts", case%impacts, 1_i8, max_shots, error)
       if (allocated(error)) return
       call check_material(case%material, error)
+      if (.not. allocated(error) .and. case%throwing) call check_thrown(case, error)
       do k = 1, size(case%ratios)
          if (allocated(error)) exit
-         packing = case%packing
-         packing%ratio = case%ratios(k)
-         call check_packing(packing, error)
+         call check_packing(packing_of_ratio(case, case%ratios(k)), error)
          if (allocated(error)) exit
          call check_range(shot_of_ratio(case, case%ratios(k)), case%range, error)
       end do
       if (allocated(error)) error%message = case%file//": "//error%message
    end subroutine check_lab_case
+
+   pure subroutine check_thrown(case, error)
+      type(lab_case_t), intent(in) :: case
+      type(error_t), allocatable, intent(out) :: error
+
+      if (size(case%throws) /= 1 .and. size(case%throws) /= size(case%ratios)) then
+         call fail(error, "&throw throws: must be one number, or one for each of &lab ratios")
+      else if (case%on_layer < 1 .or. case%on_layer > max_shots) then
+         call fail(error, "&throw on_layer: must be 1 to "//integer_text(int(max_shots)))
+      else if (case%contacts < 1) then
+         call fail(error, "&throw contacts: must be 1 to 1000")
+      else if (.not. case%max_depth > 0) then
+         call fail(error, "&throw max_depth: must be > 0 [R_m]")
+      else
+         call check_boulder(case%boulder, error)
+         if (.not. allocated(error)) call check_throws(case%throw_range, int(min(case%contacts, 2000_i8)), error)
+      end if
+   end subroutine check_thrown
 end module lab_case

@@ -12,30 +12,33 @@ module lab_f2py
    use lab_impact, only: shot_t, outcome_t, status_names
    use lab_step, only: trouble_words => trouble_text
    use lab_ensemble, only: range_t, identity_t, check_range, pack_layers, fire_shots
-   use lab_case, only: lab_case_t, read_lab_case, default_ratios
+   use lab_case, only: lab_case_t, read_lab_case, default_ratios, impact_alone
    use lab_tables, only: material_of, packing_of, shot_of, range_of, outcome_row, &
       outcome_count_row, layer_row, &
       material_row, packing_row, shot_row, range_row, &
       material_keys, packing_keys, shot_keys, range_keys, outcome_fields, outcome_counts, &
-      layer_fields
+      layer_fields, throw_range_of, throw_range_row, contact_row, contact_count_row, throw_keys, contact_fields, &
+      contact_counts, boulder_of, boulder_row, boulder_keys
+   use lab_rock_throw, only: boulder_t, check_boulder
+   use lab_rock_throws, only: throw_on_rocks
    use lab_block, only: block_t, make_block
    use lab_yielding_ground, only: relief_t, make_relief, check_ground
    use lab_block_motion, only: law_of
-   use lab_throw, only: cut_time_of
-   use lab_throws, only: thrown_t, throw_range_t, check_throws, throw_blocks
-   use lab_block_tables, only: ground_of, throw_range_of, throw_range_row, contact_row, contact_count_row, &
-      plan_row, ground_keys, throw_keys, contact_fields, contact_counts, plan_keys
+   use lab_contact_record, only: thrown_t, cut_time_of
+   use lab_throw_range, only: throw_range_t, check_throws
+   use lab_throws, only: throw_blocks
+   use lab_block_tables, only: ground_of, plan_row, ground_keys, plan_keys
    use lab_block_case, only: block_case_t, is_block_case, read_block_case
    implicit none
    private
    public :: names, defaults, check_case, team, trouble_text, room_for_layer, pack, impact, &
-      throw, cut_time, names_ground, check_block_case
+      throw, throw_at_rocks, cut_time, names_ground, check_block_case
 
 contains
 
    !> Names in the order of the arrays: 1 material, 2 packing, 3 shot, 4 ranges, 5 outcome, 6 its
    !> counts, 7 layer; 8 the statuses of an outcome, from 1; of blocks 9 ground, 10 ranges of throws, 11 contact,
-   !> 12 its counts, 13 plan.
+   !> 12 its counts, 13 plan; of boulders thrown at rocks 15 what is thrown, 16 keys that have no use there.
    subroutine names(kind, text)
       integer(c_int), intent(in) :: kind
       character(len=512), intent(out) :: text
@@ -54,12 +57,15 @@ contains
       case (11); text = joined(contact_fields, " ")
       case (12); text = joined(contact_counts, " ")
       case (13); text = joined(plan_keys, " ")
+      case (15); text = joined(boulder_keys, " ")
+      case (16); text = joined(impact_alone, " ")
       case default; text = ""
       end select
    end subroutine names
 
    !> Defaults in the order of `names(kind)`, of its kinds 1 to 4, 10 and 13; 5 is the plan: seed, five ratios,
-   !> layers, points, impacts; 14 that of throws: seed, throws, contacts.
+   !> layers, points, impacts; 14 that of throws: seed, throws, contacts;
+   !> 15 of a boulder, 16 of its throws: throws, throws at a layer, contacts, greatest depth of a layer.
    subroutine defaults(kind, row)
       integer(c_int), intent(in) :: kind
       real(c_double), intent(out) :: row(16)
@@ -69,6 +75,7 @@ contains
       type(range_t) :: range
       type(lab_case_t) :: case
       type(throw_range_t) :: range_of_throws
+      type(boulder_t) :: boulder
       type(block_case_t) :: block_case
 
       row = 0
@@ -81,6 +88,8 @@ contains
                               c_double)
       case (10); row(:size(throw_keys)) = throw_range_row(range_of_throws)
       case (13); row(:size(plan_keys)) = plan_row(block_case%plan)
+      case (15); row(:size(boulder_keys)) = boulder_row(boulder)
+      case (16); row(:4) = [500.0_c_double, real([case%on_layer, case%contacts], c_double), case%max_depth]
       case (14); row(:3) = real([block_case%seed, block_case%throws, block_case%contacts], c_double)
       end select
    end subroutine defaults
@@ -304,6 +313,57 @@ contains
          end do
       end do
    end subroutine throw
+
+   !> Throws of boulders at layers of rocks: the throw of number(k) is at layer number layer(k), which is given at
+   !> place(k) = 1, 2, ... of the arrays.
+   subroutine throw_at_rocks(material, packing, boulder, ranges, seed, threads, x, radius, bodies, facts, place, layer, &
+                             number, contacts, rows, counts, found, complete, code, message, room, nl, n)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: room, nl, n, contacts         !! contacts: of a throw, at most
+      real(c_double), intent(in) :: material(6), packing(11), boulder(5), ranges(12)
+      integer(c_int64_t), intent(in) :: seed
+      integer(c_int), intent(in) :: threads                       !! 0: all
+      real(c_double), intent(in) :: x(3, room, nl), radius(room, nl), facts(6, nl)  !! as from pack
+      integer(c_int32_t), intent(in) :: bodies(nl)
+      integer(c_int32_t), intent(in) :: place(n), layer(n)
+      integer(c_int64_t), intent(in) :: number(n)
+      real(c_double), intent(out) :: rows(16, contacts, n)        !! names(11)
+      integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! names(12)
+      integer(c_int32_t), intent(out) :: found(n), complete(n)    !! contacts; 0: cut short
+      integer(c_int), intent(out) :: code
+      character(len=512), intent(out) :: message
+      type(layer_t), allocatable :: layers(:)
+      type(thrown_t), allocatable :: thrown(:)
+      type(error_t), allocatable :: error
+      integer :: k, j
+
+      rows = 0
+      counts = 0
+      found = 0
+      complete = 0
+      call check_material(material_of(material), error)
+      if (.not. allocated(error)) call check_packing(packing_of(packing), error)
+      if (.not. allocated(error)) call check_boulder(boulder_of(boulder), error)
+      if (.not. allocated(error)) call check_throws(throw_range_of(ranges), contacts, error)
+      if (.not. allocated(error)) &
+         call check_places(room, bodies, place, int(layer, c_int64_t), number, number, error)
+      call give_error(error, code, message)
+      if (code /= 0) return
+      allocate (layers(nl), thrown(n))
+      do k = 1, nl
+         layers(k) = layer_of(x(:, :bodies(k), k), radius(:bodies(k), k), facts(:, k))
+      end do
+      call throw_on_rocks(layers, packing_of(packing), material_of(material), boulder_of(boulder), &
+                          throw_range_of(ranges), contacts, random_key(seed), place, layer, number, threads, thrown)
+      do k = 1, n
+         found(k) = thrown(k)%n
+         complete(k) = merge(1, 0, thrown(k)%complete)
+         do j = 1, thrown(k)%n
+            rows(:, j, k) = contact_row(thrown(k), j, boulder(1), huge(1.0_c_double))
+            counts(:, j, k) = contact_count_row(thrown(k), j)
+         end do
+      end do
+   end subroutine throw_at_rocks
 
    !> Time after which a contact is cut into records [s].
    subroutine cut_time(radius, gravity, time)

@@ -14,7 +14,7 @@ module lab_impact
       safe_step, sound, leapt, step_too_long, energy_grew
    implicit none
    private
-   public :: shot_t, state_t, outcome_t, fire, first_contact, check_shot
+   public :: shot_t, state_t, outcome_t, fire, first_contact, check_shot, fits, will_meet
    public :: rebounded, lifted, rolled_on, exploded, misfit, status_names
 
    !> How an impact ended. Only the first three are results.
@@ -87,7 +87,7 @@ contains
       call sine_and_cosine(shot, sine, cosine)
       outcome%incoming = shot%speed*[cosine, -sine, shot%spin]
       start = first_contact(layer, shot)
-      if (.not. fits(layer, packing, shot)) then
+      if (.not. fits(layer, packing, shot%radius)) then
          outcome%status = misfit
          return
       end if
@@ -177,12 +177,12 @@ contains
    end function first_contact
 
    !> The boulder stays away from its own image, and meets no two images of a rock.
-   pure logical function fits(layer, packing, shot)
+   pure logical function fits(layer, packing, radius)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
-      type(shot_t), intent(in) :: shot
+      real(wp), intent(in) :: radius  !! R_b [m]
 
-      fits = max(3*shot%radius, 2*(shot%radius + maxval(layer%radius) + skin_factor*packing%mean_radius)) &
+      fits = max(3*radius, 2*(radius + maxval(layer%radius) + skin_factor*packing%mean_radius)) &
          < layer%box%width
    end function fits
 

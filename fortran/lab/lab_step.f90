@@ -10,7 +10,7 @@ module lab_step
    use lab_neighbours, only: box_t, pair_t, neighbours_t, find_neighbours, outdated, find_pair
    implicit none
    private
-   public :: assembly_t, assemble, set_absorbing_base, stiffen, advance, watch_energy, total_energy, &
+   public :: assembly_t, assemble, set_tilt, set_absorbing_base, stiffen, advance, watch_energy, total_energy, &
       deepest_share, safe_step, energy_tolerance, trouble_text
    public :: sound, leapt, too_soft, step_too_long, energy_grew
 
@@ -38,6 +38,8 @@ module lab_step
       type(box_t) :: box
       type(material_t) :: material
       real(wp) :: gravity = 9.81_wp                !! [m/s2]
+      real(wp) :: tilt(3) = 0                      !! what gravity is more to the last body than to the others [m/s2]
+      real(wp) :: tilt_work = 0                    !! its work so far [J]
       real(wp) :: dt = 0                           !! [s]
       type(neighbours_t) :: near
       type(law_t), allocatable :: law(:)           !! of each pair
@@ -89,6 +91,15 @@ contains
       s%energy_limit = total_energy(s) + energy_tolerance*input
    end subroutine assemble
 
+   !> From now on gravity is tilted for the last body alone.
+   pure subroutine set_tilt(s, tilt)
+      type(assembly_t), intent(inout) :: s
+      real(wp), intent(in) :: tilt(3)  !! [m/s2]
+
+      s%tilt = tilt
+      call set_rates(s)
+   end subroutine set_tilt
+
    !> One step.
    pure subroutine advance(s)
       type(assembly_t), intent(inout) :: s
@@ -100,9 +111,10 @@ contains
             call note(s, leapt)
             return
          end if
+         s%tilt_work = s%tilt_work + s%dt*b%mass(b%n)*dot_product(s%tilt, b%v(1:3, b%n))
          if (outdated(s%near, b%x)) call renew(s)
          call find_forces(s)
-         call accelerate(b%n, s%gravity, 0.5_wp*s%dt, b%f, b%inverse, b%a, b%v)
+         call accelerate(b%n, s%gravity, s%tilt, 0.5_wp*s%dt, b%f, b%inverse, b%a, b%v)
       end associate
    end subroutine advance
 
@@ -125,9 +137,10 @@ contains
    end subroutine drift
 
    !> Rates from forces, and what they change in a time.
-   pure subroutine accelerate(n, gravity, time, f, inverse, a, v)
+   pure subroutine accelerate(n, gravity, tilt, time, f, inverse, a, v)
       integer, intent(in) :: n
       real(wp), intent(in) :: gravity, time   !! [m/s2], [s]
+      real(wp), intent(in) :: tilt(3)         !! of the last body [m/s2]
       real(wp), intent(in) :: f(6, n)         !! [N] and [N m]
       real(wp), intent(in) :: inverse(6, n)   !! of mass [1/kg] and inertia [1/(kg m2)]
       real(wp), intent(out) :: a(6, n)        !! [m/s2] and [rad/s2]
@@ -139,6 +152,8 @@ contains
          a(3, k) = a(3, k) - gravity
          v(:, k) = v(:, k) + time*a(:, k)
       end do
+      a(1:3, n) = a(1:3, n) + tilt
+      v(1:3, n) = v(1:3, n) + time*tilt
    end subroutine accelerate
 
    !> Forces and rates of a state that was not stepped to.
@@ -147,7 +162,7 @@ contains
 
       call find_forces(s)
       associate (b => s%bodies)
-         call accelerate(b%n, s%gravity, 0.0_wp, b%f, b%inverse, b%a, b%v)
+         call accelerate(b%n, s%gravity, s%tilt, 0.0_wp, b%f, b%inverse, b%a, b%v)
       end associate
    end subroutine set_rates
 
@@ -450,12 +465,13 @@ contains
       limit = min(deepest_overlap*radius, ((greatest_phase/dt)**2*law%mass/(1.5_wp*law%hertz))**2)
    end function overlap_limit
 
-   !> Kinetic, gravitational and elastic energy [J], less what the base has given at constant force.
+   !> Kinetic, gravitational and elastic energy [J], less what the base has given at constant force, and the tilt of
+   !> gravity to the last body.
    pure real(wp) function total_energy(s) result(energy)
       type(assembly_t), intent(in) :: s
 
       associate (b => s%bodies)
-         energy = 0.5_wp*sum(b%v**2/b%inverse) + s%gravity*sum(b%mass*b%x(3, :)) &
+         energy = 0.5_wp*sum(b%v**2/b%inverse) + s%gravity*sum(b%mass*b%x(3, :)) - s%tilt_work &
                   + sum(stored_energy(s%law, s%touch)) &
                   + sum(stored_energy(s%floor_law, s%floor_touch))
          if (allocated(s%base)) energy = energy - sum(s%base%force*b%x(3, s%base%body))

@@ -2,14 +2,20 @@
 !> Names and order of the numbers of the Python interface.
 module lab_tables
    use rockfall_kinds, only: wp
+   use rockfall_math, only: arcsine, degree
    use lab_contact, only: material_t
    use lab_packing, only: packing_t, layer_t
    use lab_impact, only: shot_t, outcome_t
    use lab_ensemble, only: range_t
+   use lab_contact_record, only: thrown_t
+   use lab_throw_range, only: throw_range_t
+   use lab_rock_throw, only: boulder_t
    implicit none
    private
    public :: material_of, packing_of, shot_of, range_of, outcome_row, outcome_count_row, layer_row
    public :: material_row, packing_row, shot_row, range_row
+   public :: boulder_of, boulder_row, boulder_keys
+   public :: throw_range_of, throw_range_row, contact_row, contact_count_row, throw_keys, contact_fields, contact_counts
    public :: material_keys, packing_keys, shot_keys, range_keys, outcome_fields, outcome_counts, &
       layer_fields
 
@@ -33,6 +39,16 @@ module lab_tables
       "status", "trouble", "halvings", "steps"]
    character(len=long), parameter :: layer_fields(6) = [character(len=long) :: &
       "surface", "top", "solid", "floor_share", "width", "steps"]
+   character(len=long), parameter :: throw_keys(12) = [character(len=long) :: &
+      "slope_min", "slope_max", "speed_min", "speed_median", "speed_max", "angle_min", "angle_median", "angle_max", &
+      "spin_min", "spin_median", "spin_max", "gravity"]
+   character(len=long), parameter :: boulder_keys(5) = [character(len=long) :: &
+      "radius", "density", "relief", "step_factor", "retries"]
+   character(len=long), parameter :: contact_fields(16) = [character(len=long) :: &
+      "slope", "downhill", "heading", "speed", "incidence", "spin", "s", "vt_out", "vn_out", "w_out", "lateral", &
+      "duration", "advance", "rise", "height", "energy_out"]
+   character(len=long), parameter :: contact_counts(3) = [character(len=long) :: &
+      "block", "entry", "exit"]
 
 contains
 
@@ -133,4 +149,58 @@ contains
       row = [layer%surface, layer%top, layer%solid, layer%floor_share, layer%box%width, &
              real(layer%steps, wp)]
    end function layer_row
+
+   pure type(throw_range_t) function throw_range_of(v)
+      real(wp), intent(in) :: v(size(throw_keys))  !! [units] of throw_range_t
+
+      throw_range_of = throw_range_t(slope=v(1:2), speed=v(3:5), angle=v(6:8), spin=v(9:11), gravity=v(12))
+   end function throw_range_of
+
+   pure function throw_range_row(r) result(row)
+      type(throw_range_t), intent(in) :: r
+      real(wp) :: row(size(throw_keys))
+
+      row = [r%slope, r%speed, r%angle, r%spin, r%gravity]
+   end function throw_range_row
+
+   pure type(boulder_t) function boulder_of(v)
+      real(wp), intent(in) :: v(size(boulder_keys))  !! [units] of boulder_t
+
+      boulder_of = boulder_t(radius=v(1), density=v(2), relief=v(3), step_factor=v(4), retries=nint(v(5)))
+   end function boulder_of
+
+   pure function boulder_row(b) result(row)
+      type(boulder_t), intent(in) :: b
+      real(wp) :: row(size(boulder_keys))
+
+      row = [b%radius, b%density, b%relief, b%step_factor, real(b%retries, wp)]
+   end function boulder_row
+
+   !> Contact k of a throw, velocities over the speed before it, lengths over R_b.
+   pure function contact_row(o, k, radius, strength) result(row)
+      type(thrown_t), intent(in) :: o
+      integer, intent(in) :: k
+      real(wp), intent(in) :: radius    !! R_b [m]
+      real(wp), intent(in) :: strength  !! 2 p_y/rho_b [m2/s2]
+      real(wp) :: row(size(contact_fields)), speed, incidence, turn
+
+      associate (c => o%contacts(k))
+         speed = max(sqrt(c%incoming(1)**2 + c%incoming(2)**2), tiny(1.0_wp))
+         incidence = arcsine(min(1.0_wp, abs(c%incoming(2))/speed))/degree
+         turn = arcsine(min(1.0_wp, abs(c%heading(2))))/degree
+         if (c%heading(1) < 0) turn = 180 - turn
+         row = [o%throw%slope, c%downhill/radius, sign(turn, c%heading(2)), speed, sign(incidence, -c%incoming(2)), &
+                c%incoming(3)/speed, c%incoming(2)**2/strength, &
+                c%outgoing/speed, arcsine(min(1.0_wp, max(-1.0_wp, c%lateral)))/degree, c%duration, c%advance/radius, &
+                c%rise/radius, c%height/radius, c%energy]
+      end associate
+   end function contact_row
+
+   pure function contact_count_row(o, k) result(row)
+      type(thrown_t), intent(in) :: o
+      integer, intent(in) :: k
+      integer :: row(size(contact_counts))
+
+      row = [o%body, o%contacts(k)%entry, o%contacts(k)%exit]
+   end function contact_count_row
 end module lab_tables

@@ -14,10 +14,11 @@ from programs import refuses
 from rockfall.cli import main
 from rockfall.lab.blocks import contacts as module
 from rockfall.lab.blocks.case import BlockCase, block_case_of, grounds, read_block_case
-from rockfall.lab.blocks.contacts import ENTRIES, EXITS, open_contacts, run_throws
+from rockfall.lab.blocks.contacts import run_throws
 from rockfall.lab.blocks.relief import CELLS, Spectrum, patches
 from rockfall.lab.blocks.shapes import SHAPES, random_block, refine, volume
 from rockfall.lab.case import LabCase
+from rockfall.lab.contact_records import ENTRIES, EXITS, open_contacts
 
 GROUPS = "lab", "block", "ground", "throw"
 SMALL = BlockCase(
@@ -347,7 +348,7 @@ def test_what_is_for_rocks_says_so(place, capsys):
 
 def test_another_file_is_not_taken_for_contacts(place):
     xr.Dataset({"speed": ("contact", [1.0])}).to_netcdf("other.nc")
-    with refused("other.nc: is not a file of contacts of the laboratory of blocks"):
+    with refused("other.nc: is not a file of contacts of the laboratory"):
         open_contacts("other.nc")
 
 

@@ -16,7 +16,8 @@ from rockfall.analysis.model_limits import model_remarks
 from rockfall.cli import main
 from rockfall.impact_tables import FIELDS, open_table, save_table, shipped_tables
 from rockfall.lab.blocks.case import BlockCase
-from rockfall.lab.blocks.contacts import run_throws, save_contacts
+from rockfall.lab.blocks.contacts import run_throws
+from rockfall.lab.contact_records import save_contacts
 from rockfall.lab.tables import table_of
 from rockfall.result.trajectories import vertices_of
 from rockfall.scene.prepare import prepare

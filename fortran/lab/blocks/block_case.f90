@@ -8,7 +8,7 @@ module lab_block_case
    use rockfall_values, only: has_key, get_text, get_integer, check_names
    use lab_case_values, only: key_t, take_row, take_range, check_whole
    use lab_yielding_ground, only: ground_t, check_ground
-   use lab_throws, only: throw_range_t, check_throws
+   use lab_throw_range, only: throw_range_t, check_throws
    use lab_block_tables, only: ground_keys, ground_of, ground_row, plan_t, plan_keys, plan_of, plan_row, check_plan
    implicit none
    private

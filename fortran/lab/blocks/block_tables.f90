@@ -3,15 +3,12 @@
 module lab_block_tables
    use rockfall_kinds, only: wp
    use rockfall_error, only: error_t, fail
-   use rockfall_math, only: arcsine, degree
    use lab_yielding_ground, only: ground_t
-   use lab_throw, only: contact_t
-   use lab_throws, only: throw_range_t, thrown_t
    implicit none
    private
-   public :: ground_of, ground_row, throw_range_of, throw_range_row, contact_row, contact_count_row
+   public :: ground_of, ground_row
    public :: plan_t, plan_of, plan_row, check_plan, plan_keys
-   public :: ground_keys, throw_keys, contact_fields, contact_counts
+   public :: ground_keys
 
    !> Blocks, relief and time step: what is made of them is for others.
    type :: plan_t
@@ -32,14 +29,6 @@ module lab_block_tables
       "radius", "density", "count", "edge", "relief", "shortest", "longest", "hurst", "patches", "step_factor"]
    character(len=long), parameter :: ground_keys(5) = [character(len=long) :: &
       "yield_pressure", "restitution", "friction", "soil_density", "plough"]
-   character(len=long), parameter :: throw_keys(12) = [character(len=long) :: &
-      "slope_min", "slope_max", "speed_min", "speed_median", "speed_max", "angle_min", "angle_median", "angle_max", &
-      "spin_min", "spin_median", "spin_max", "gravity"]
-   character(len=long), parameter :: contact_fields(16) = [character(len=long) :: &
-      "slope", "downhill", "heading", "speed", "incidence", "spin", "s", "vt_out", "vn_out", "w_out", "lateral", &
-      "duration", "advance", "rise", "height", "energy_out"]
-   character(len=long), parameter :: contact_counts(3) = [character(len=long) :: &
-      "block", "entry", "exit"]
 
 contains
 
@@ -96,45 +85,4 @@ contains
          call fail(error, "throw: step_factor must be 0.01 to 4")
       end if
    end subroutine check_plan
-
-   pure type(throw_range_t) function throw_range_of(v)
-      real(wp), intent(in) :: v(size(throw_keys))  !! [units] of throw_range_t
-
-      throw_range_of = throw_range_t(slope=v(1:2), speed=v(3:5), angle=v(6:8), spin=v(9:11), gravity=v(12))
-   end function throw_range_of
-
-   pure function throw_range_row(r) result(row)
-      type(throw_range_t), intent(in) :: r
-      real(wp) :: row(size(throw_keys))
-
-      row = [r%slope, r%speed, r%angle, r%spin, r%gravity]
-   end function throw_range_row
-
-   !> Contact k of a throw, velocities over the speed before it, lengths over R_b.
-   pure function contact_row(o, k, radius, strength) result(row)
-      type(thrown_t), intent(in) :: o
-      integer, intent(in) :: k
-      real(wp), intent(in) :: radius    !! R_b [m]
-      real(wp), intent(in) :: strength  !! 2 p_y/rho_b [m2/s2]
-      real(wp) :: row(size(contact_fields)), speed, incidence, turn
-
-      associate (c => o%contacts(k))
-         speed = max(sqrt(c%incoming(1)**2 + c%incoming(2)**2), tiny(1.0_wp))
-         incidence = arcsine(min(1.0_wp, abs(c%incoming(2))/speed))/degree
-         turn = arcsine(min(1.0_wp, abs(c%heading(2))))/degree
-         if (c%heading(1) < 0) turn = 180 - turn
-         row = [o%throw%slope, c%downhill/radius, sign(turn, c%heading(2)), speed, sign(incidence, -c%incoming(2)), &
-                c%incoming(3)/speed, c%incoming(2)**2/strength, &
-                c%outgoing/speed, arcsine(min(1.0_wp, max(-1.0_wp, c%lateral)))/degree, c%duration, c%advance/radius, &
-                c%rise/radius, c%height/radius, c%energy]
-      end associate
-   end function contact_row
-
-   pure function contact_count_row(o, k) result(row)
-      type(thrown_t), intent(in) :: o
-      integer, intent(in) :: k
-      integer :: row(size(contact_counts))
-
-      row = [o%block, o%contacts(k)%entry, o%contacts(k)%exit]
-   end function contact_count_row
 end module lab_block_tables

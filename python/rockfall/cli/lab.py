@@ -18,21 +18,34 @@ from rockfall.interrupts import exit_status
 from rockfall.io.output_files import FIGURE, IMPACTS, SETS, TABLE, check_output, overwriting
 from rockfall.io.raster import read_dem
 from rockfall.lab.blocks.case import is_block_case, read_block_case, relief_keys
-from rockfall.lab.blocks.contacts import open_contacts, run_throws, save_contacts
+from rockfall.lab.blocks.contacts import run_throws
 from rockfall.lab.blocks.relief import Spectrum, measure
 from rockfall.lab.case import read_lab_case
+from rockfall.lab.contact_records import open_contacts, save_contacts
 from rockfall.lab.contacts import contacts_provenance, fit_contacts, read_contacts
-from rockfall.lab.experiment import open_impacts, pack_layers, run_impacts
+from rockfall.lab.experiment import load_measured, open_impacts, pack_layers, run_impacts
 from rockfall.lab.fit import ImpactSet, fit_impacts
 from rockfall.lab.remake import remake
 from rockfall.lab.scorecard import by_ratio, score, table, targets
+from rockfall.lab.sequences import (
+    open_sequences,
+    rebounds_of,
+    run_sequences,
+    sequences_provenance,
+)
 from rockfall.lab.setfile import provenance, write_sets
 from rockfall.lab.sets import read_sets
 from rockfall.lab.site import Site
 from rockfall.lab.tables import table_of
 from rockfall.plots.lab import layer_figure
 from rockfall.simulation.progress import progress_bar
-from rockfall.text.lab import contact_summary, contacts_summary, fit_summary, impact_summary
+from rockfall.text.lab import (
+    contact_summary,
+    contacts_summary,
+    fit_summary,
+    impact_summary,
+    sequences_summary,
+)
 
 #: Sets by ratio, their provenance, and what is printed of them.
 Fitted = tuple[dict[int, ImpactSet], list[str], Callable[[], str]]
@@ -63,15 +76,16 @@ def impact_command(arguments: argparse.Namespace) -> int:
     if is_block_case(arguments.case):
         return _throw(arguments, path)
     case = read_lab_case(arguments.case)
+    run = run_sequences if case.throws else run_impacts
     try:
-        data = run_impacts(
+        data = run(
             case, progress=not arguments.quiet, threads=arguments.threads, path=path,
             resume=arguments.resume,
         )  # fmt: skip
     except KeyboardInterrupt:
         return say(f"interrupted: {path} goes on with --resume", exit_status())
     if not arguments.quiet:
-        print(impact_summary(data))
+        print(sequences_summary(data) if case.throws else impact_summary(data))
         print(path)
     return DONE
 
@@ -116,13 +130,25 @@ def fit_command(arguments: argparse.Namespace) -> int:
 
 
 def _from_impacts(arguments: argparse.Namespace) -> Fitted:
+    if "contact" in load_measured(arguments.impacts, "impacts").sizes:
+        return _from_sequences(arguments)
     if arguments.nearest_ratio:
-        raise RockfallError("--nearest-ratio: is for measured contacts (.csv)")
+        raise RockfallError("--nearest-ratio: is for contacts, not for single impacts")
     state = arguments.state or "peak"
     data = open_impacts(arguments.impacts)
     about = provenance(data, state)
     sets = fit_impacts(data, state)
     return sets, about, lambda: fit_summary(data, sets, state)
+
+
+def _from_sequences(arguments: argparse.Namespace) -> Fitted:
+    if arguments.state is not None:
+        raise RockfallError(f"--state {arguments.state}: is for single impacts")
+    data = open_sequences(arguments.impacts)
+    contacts = rebounds_of(data, arguments.impacts.name)
+    about = sequences_provenance(data, contacts)
+    sets = fit_contacts(contacts, arguments.nearest_ratio)
+    return sets, about, lambda: contacts_summary(contacts, sets)
 
 
 def _from_contacts(arguments: argparse.Namespace) -> Fitted:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The case of the laboratory: what is packed, what is fired at it, and what is made of it.
 
-A namelist file with the groups &lab, &material, &packing and &impact. Whatever is not given has its
+A namelist file with the groups &lab, &material, &packing and &impact. One that also has a group
+&throw throws boulders at the layers in place of single impacts. Whatever is not given has its
 default; names and defaults of the physics stand in the kernel alone.
 """
 
@@ -21,9 +22,11 @@ from rockfall.io.files import read_text
 
 COEFFICIENTS = tuple(f"a{k}" for k in range(1, 10))
 SWITCHES = "rigid_base", "by_mass"
-WHOLE = "retries", "seed", "layers", "points", "impacts"
+WHOLE = "retries", "seed", "layers", "points", "impacts", "on_layer", "contacts"
 RANGED = "speed", "angle", "spin"  # of an impact, drawn: min, median, max
 ENDS = "min", "median", "max"
+THROW, BOULDER, IMPACT_ALONE = 10, 15, 16  # kinds of the kernel's rows and names
+THROWN = {"slope": ("min", "max"), "speed": ENDS, "angle": ENDS, "spin": ENDS}  # of a throw, drawn
 #: Of an impact and a packing: by the ratio, the point, the packing.
 SET_ELSEWHERE = "radius", "aim_x", "aim_y", "heading_x", "heading_y", "gravity"
 
@@ -31,7 +34,8 @@ SET_ELSEWHERE = "radius", "aim_x", "aim_y", "heading_x", "heading_y", "gravity"
 @cache
 def names(kind: int) -> tuple[str, ...]:
     """Names in the kernel's rows: 1 material, 2 packing, 3 impact, 4 ranges, 5 outcome, 6 its
-    counts, 7 layer, 8 statuses of an outcome."""
+    counts, 7 layer, 8 statuses of an outcome; of throws 10 ranges, 11 contact, 12 its counts;
+    15 boulder that is thrown, 16 keys that only single impacts have."""
     return tuple(_lab.names(kind).decode().split())
 
 
@@ -47,10 +51,30 @@ def _defaults() -> dict[str, dict[str, Any]]:
     plan = {"title": "", "seed": seed, "ratios": ratios}
     plan |= {"layers": layers, "points": points, "impacts": impacts}
     groups = {"lab": plan, "material": material, "packing": packing, "impact": impact}
+    groups["throw"] = _throw_defaults()
     for values in groups.values():
         values |= {key: bool(values[key]) for key in SWITCHES if key in values}
         values |= {key: int(values[key]) for key in WHOLE if key in values}
     return groups
+
+
+def _throw_defaults() -> dict[str, Any]:
+    """Of the group &throw."""
+    boulder = dict(zip(names(BOULDER), _lab.defaults(BOULDER).tolist(), strict=False))
+    limits = dict(zip(names(THROW), _lab.defaults(THROW).tolist(), strict=False))
+    throws, on_layer, contacts, max_depth = _lab.defaults(16)[:4].tolist()
+    plan = {"throws": [throws], "on_layer": on_layer, "contacts": contacts}
+    plan |= {"radius": boulder["radius"], "max_depth": max_depth, "relief": boulder["relief"]}
+    return plan | {key: [limits[f"{key}_{end}"] for end in ends] for key, ends in THROWN.items()}
+
+
+def range_values(group: Mapping[str, Any]) -> dict[str, float]:
+    """What throws are drawn from, as the kernel names it."""
+    return {
+        f"{key}_{end}": value
+        for key, ends in THROWN.items()
+        for end, value in zip(ends, group[key], strict=True)
+    }
 
 
 def read_lab_case(path: str | Path) -> LabCase:
@@ -91,6 +115,7 @@ class LabCase:
     """A laboratory case, group by group: `case.packing["depth"]`.
 
     `lab`: title, seed, ratios R_b/R_m, layers for each ratio, points on each, impacts at each.
+    A case that `throws` has a group `throw` in place of what only single impacts have.
     """
 
     def __init__(self, *, name: str = "laboratory case", **groups: Mapping[str, Any]) -> None:
@@ -103,7 +128,25 @@ class LabCase:
                 for key, value in defaults.items()
             }
             for group, defaults in _defaults().items()
+            if group != "throw" or group in given
         }
+        if self.throws:
+            for group, key in (one.split(".") for one in names(IMPACT_ALONE)):
+                del self._groups[group][key]
+
+    @property
+    def throws(self) -> bool:
+        """Does the case throw boulders, in sequences of contacts?"""
+        return "throw" in self._groups
+
+    def throws_of(self, ratio: float) -> int:
+        """How many throws there are at a ratio R_b/R_m."""
+        throws = self.throw["throws"]
+        return int(throws[self.lab["ratios"].index(ratio) if len(throws) > 1 else 0])
+
+    def radius(self, ratio: float) -> float:
+        """R_b at a ratio R_b/R_m [m]."""
+        return self.throw["radius"] if self.throws else ratio * self.packing["mean_radius"]
 
     def __getattr__(self, group: str) -> dict[str, Any]:
         try:
@@ -127,17 +170,30 @@ class LabCase:
 
     def row(self, kind: int, ratio: float = 1.0) -> np.ndarray:
         """A row of the kernel, in the order of `names(kind)`; `ratio` is R_b/R_m."""
-        median = {key: self.impact[key][1] for key in RANGED}  # in place of what is drawn
-        place = {"aim_x": 0.5, "aim_y": 0.5, "heading_x": 1.0, "heading_y": 0.0}
-        radius, gravity = ratio * self.packing["mean_radius"], self.packing["gravity"]
         values = {
-            1: self.material,
-            2: self.packing | {"ratio": ratio},
-            3: self.impact | median | place | {"radius": radius, "gravity": gravity},
-            4: {
+            1: lambda: self.material,
+            2: lambda: self._packing(ratio),
+            3: lambda: self._shot(ratio),
+            4: lambda: {
                 f"{key}_{end}": value
                 for key in RANGED
                 for end, value in zip(ENDS, self.impact[key], strict=True)
             },
-        }[kind]
+            THROW: lambda: range_values(self.throw) | {"gravity": self.packing["gravity"]},
+            BOULDER: lambda: self.impact | self.throw,
+        }[kind]()
         return np.array([float(values[key]) for key in names(kind)])
+
+    def _packing(self, ratio: float) -> dict[str, Any]:
+        """As `packing_of_ratio` of the kernel."""
+        values = self.packing | {"ratio": ratio}
+        if self.throws:
+            values["mean_radius"] = self.throw["radius"] / ratio
+            values["depth"] = min(values["depth"], self.throw["max_depth"] / ratio)
+        return values
+
+    def _shot(self, ratio: float) -> dict[str, Any]:
+        median = {key: self.impact[key][1] for key in RANGED}  # in place of what is drawn
+        place = {"aim_x": 0.5, "aim_y": 0.5, "heading_x": 1.0, "heading_y": 0.0}
+        gravity = self.packing["gravity"]
+        return self.impact | median | place | {"radius": self.radius(ratio), "gravity": gravity}

@@ -7,18 +7,23 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from itertools import zip_longest
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rockfall.errors import RockfallError
 from rockfall.impact_tables import ImpactTable, open_table
 from rockfall.io.files import read_text
-from rockfall.lab.blocks.case import BlockCase, block_case_of
+from rockfall.lab.blocks.case import block_case_of
 from rockfall.lab.blocks.contacts import run_throws
-from rockfall.lab.case import LabCase, names_ground
+from rockfall.lab.case import LabCase, lab_case_of, names_ground
 from rockfall.lab.contacts import Contacts, contacts_behind, contacts_provenance, fit_contacts
 from rockfall.lab.experiment import run_impacts
 from rockfall.lab.fit import fit_impacts
+from rockfall.lab.sequences import rebounds_of, run_sequences, sequences_provenance
 from rockfall.lab.setfile import origin, provenance, write_sets
 from rockfall.lab.tables import table_of
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def remake(
@@ -28,13 +33,18 @@ def remake(
     the first line in which the one made again differs; "" if none does."""
     for path, source in {Path(path): _source(Path(path)) for path in paths}.items():
         if isinstance(source, ImpactTable):
-            remade = table_of([run_throws(_lab_case(path, source), threads=threads)])
+            remade = table_of([_contacts(path, source, threads, progress)])
             yield path, "", "" if remade.pack() == source.pack() else "its numbers"
             continue
         if isinstance(source, Contacts):
             # which ratios have none is as it was
             sets, about = fit_contacts(source, nearest=True), contacts_provenance(source)
             name = f"the measured contacts in {source.name}"
+        elif source[0].throws:
+            data = run_sequences(source[0], progress=progress, threads=threads)
+            contacts = rebounds_of(data, path.name)
+            sets, about = fit_contacts(contacts, nearest=True), sequences_provenance(data, contacts)
+            name = ""
         else:
             case, state = source
             data = run_impacts(case, progress=progress, threads=threads)
@@ -45,12 +55,14 @@ def remake(
             yield path, name, _first_difference(path.read_text("utf-8"), again.read_text("utf-8"))
 
 
-def _lab_case(path: Path, table: ImpactTable) -> BlockCase:
-    """The case of the laboratory that a table was made from."""
+def _contacts(path: Path, table: ImpactTable, threads: int, progress: bool) -> xr.Dataset:
+    """The contacts of the laboratory that a table was made from."""
     text = str(table.about.get("lab_case", ""))
-    if not names_ground(text, str(path)):
-        raise RockfallError(f"{path}: does not say which case of the laboratory of blocks made it")
-    return block_case_of(text, str(path))
+    if not text:
+        raise RockfallError(f"{path}: does not say which case of the laboratory made it")
+    if names_ground(text, str(path)):
+        return run_throws(block_case_of(text, str(path)), progress=progress, threads=threads)
+    return run_sequences(lab_case_of(text, str(path)), progress=progress, threads=threads)
 
 
 def _source(path: Path) -> Contacts | ImpactTable | tuple[LabCase, str]:

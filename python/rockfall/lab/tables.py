@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,16 +48,19 @@ def table_of(files: Sequence[xr.Dataset]) -> ImpactTable:
     if len(set(ratios)) < len(ratios) or (0.0 in ratios and len(ratios) > 1):
         raise RockfallError("contacts: files of the same R_b/R_m, or without one beside others")
     found = [_dimensionless(data) for _, data in parts]
-    sizes = {kind: _bins_for(kind, [_of_kind(one, kind) for one in found]) for kind in KINDS}
+    sizes = {
+        kind: [_bins_for(kind, int(_of_kind(one, kind).sum())) for one in found] for kind in KINDS
+    }
     edges: dict[str, list[np.ndarray]] = {}
     bins: list[_Bin] = []
     sizes_of_bins: list[int] = []
     records: list[np.ndarray] = []
-    for one in found:
+    for k, one in enumerate(found):
         kept = _kept_throws(one, KEPT // len(found))
         rows: list[np.ndarray] = []
         for kind in KINDS:
-            groups, of_kind = _sort_into_bins(one, kind, sizes[kind])
+            own, all_have = sizes[kind][k], np.max(sizes[kind], axis=0)
+            groups, of_kind = _padded(*_sort_into_bins(one, kind, own), all_have)
             bins += [_bin(one.record[group], kind) for group in groups]
             rows += [_kept_rows(one, group, kept) for group in groups]
             for key, values in enumerate(of_kind, start=1):
@@ -170,14 +173,15 @@ def _keys(contacts: _Contacts, kind: str) -> list[np.ndarray]:
     return [contacts["vn_in"] ** 2 / speed2, contacts["w_in"] / speed, speed2]
 
 
-def _bins_for(kind: str, chosen: list[np.ndarray]) -> tuple[int, ...]:
-    """As many bins as the part with the fewest contacts can fill."""
-    least = min(int(one.sum()) for one in chosen)
-    if least < ENOUGH:
+def _bins_for(kind: str, contacts: int) -> tuple[int, ...]:
+    """As many bins as some contacts of a kind can fill."""
+    if contacts < ENOUGH:
         what = {"flight": "from a flight", "roll": "that roll on"}[kind]
-        raise RockfallError(f"contacts: {least} {what}: at least {ENOUGH} are needed for a table")
+        raise RockfallError(
+            f"contacts: {contacts} {what}: at least {ENOUGH} are needed for a table"
+        )
     bins = list(BINS[kind])
-    while np.prod(bins) * ENOUGH > least:
+    while np.prod(bins) * ENOUGH > contacts:
         bins[int(np.argmax(bins))] -= 1
     return tuple(bins)
 
@@ -243,6 +247,25 @@ def _with_followers(contacts: _Contacts, rows: np.ndarray, before: int) -> np.nd
         for sequence, order in zip(contacts.sequence[rows], contacts.order[rows], strict=True)
     ]
     return record
+
+
+def _padded(
+    groups: list[np.ndarray], edges: list[np.ndarray], sizes: np.ndarray
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """As many bins as each R_b/R_m has: beyond its own come some that nothing reaches, with one
+    contact each."""
+    own = [one.shape[-1] + 1 for one in edges]
+    padded = [
+        groups[int(np.ravel_multi_index(at, own))] if np.less(at, own).all() else groups[0][:1]
+        for at in np.ndindex(*sizes)
+    ]
+    shapes = [(*sizes[:key], sizes[key] - 1) for key in range(len(sizes))]
+    found = []
+    for one, shape in zip(edges, shapes, strict=True):
+        values = np.full(shape, np.finfo("f4").max, "f4")
+        values[tuple(slice(n) for n in one.shape)] = one
+        found.append(values)
+    return padded, found
 
 
 def _bin(record: np.ndarray, kind: str) -> _Bin:

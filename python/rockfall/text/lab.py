@@ -15,8 +15,8 @@ from rockfall.analysis.planes.plane_bounce import (
     resampled_rebound,
     set_rebound,
 )
-from rockfall.lab.blocks.contacts import EXITS as CONTACT_EXITS
 from rockfall.lab.case import COEFFICIENTS
+from rockfall.lab.contact_records import EXITS as CONTACT_EXITS
 from rockfall.lab.contacts import title
 from rockfall.lab.experiment import STATUS
 from rockfall.lab.fit import Impacts, as_rebounds, impacts_of, within_points
@@ -73,6 +73,22 @@ def contact_summary(data: xr.Dataset) -> str:
     lines.append(
         f"{attrs['cpu_seconds']:.0f} s of CPU, {attrs['cpu_seconds'] / n * 1e3:.2f} ms each"
     )
+    return "\n".join(lines)
+
+
+def sequences_summary(data: xr.Dataset) -> str:
+    """How the contacts of boulders thrown at rocks ended, for each ratio."""
+    lines = [f"{'R_b/R_m':>8}{'solid':>7}{'throws':>8}{'short':>7}{'contacts':>10}"]
+    lines[0] += "".join(f"{name:>10}" for name in CONTACT_EXITS) + f"{'ms each':>9}"
+    attrs = {name: np.atleast_1d(value) for name, value in data.attrs.items()}
+    for k, ratio in enumerate(attrs["ratios"]):
+        ends = data["exit"].values[data["ratio"].values == ratio]
+        counts = "".join(f"{int((ends == code).sum()):10,}" for code in range(len(CONTACT_EXITS)))
+        lines.append(
+            f"{ratio:8g}{attrs['solid'][k]:7.3f}{int(attrs['done'][k]):8,}"
+            f"{int(attrs['unfinished'][k]):7,}{len(ends):10,}{counts}"
+            f"{1000 * attrs['cpu_seconds'][k] / max(1, len(ends)):9.1f}"
+        )
     return "\n".join(lines)
 
 

@@ -23,10 +23,9 @@ from rockfall.io.files import read_text
 from rockfall.io.tables import read_table
 from rockfall.lab.blocks.relief import Spectrum
 from rockfall.lab.blocks.shapes import SHAPES, Surface, hull, random_block, refine
-from rockfall.lab.case import ENDS, names, names_ground
+from rockfall.lab.case import THROW, THROWN, names, names_ground, range_values
 
-GROUND, THROW, CONTACT, COUNTS, PLAN, DEFAULT_PLAN = range(9, 15)  # kinds of the kernel's rows
-RANGED = {"slope": ("min", "max"), "speed": ENDS, "angle": ENDS, "spin": ENDS}  # of &throw
+GROUND, PLAN, DEFAULT_PLAN = 9, 13, 14  # kinds of the kernel's rows
 PLANNED = {  # keys of the plan, by group
     "block": ("radius", "density", "count", "edge"),
     "ground": ("relief", "shortest", "longest", "hurst", "patches"),
@@ -64,7 +63,7 @@ def _defaults() -> dict[str, dict[str, Any]]:
     }
     groups["lab"] |= {"throws": throws, "contacts": contacts}
     groups["block"]["points"] = ""
-    ranges = {key: [limits[f"{key}_{end}"] for end in ends] for key, ends in RANGED.items()}
+    ranges = {key: [limits[f"{key}_{end}"] for end in ends] for key, ends in THROWN.items()}
     groups["throw"] |= {**ranges, "gravity": limits["gravity"]}
     for values in groups.values():
         values |= {key: int(values[key]) for key in WHOLE if key in values}
@@ -148,11 +147,7 @@ class BlockCase:
         """A row of the kernel, in the order of `names(kind)`."""
         values = self.ground if kind == GROUND else {"gravity": self.throw["gravity"]}
         if kind == THROW:
-            values |= {
-                f"{key}_{end}": value
-                for key, ends in RANGED.items()
-                for end, value in zip(ends, self.throw[key], strict=True)
-            }
+            values |= range_values(self.throw)
         return np.array([float(values[key]) for key in names(kind)])
 
     def spectrum(self) -> Spectrum:

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Boulders thrown at rocks: the same bits however it is run, what contacts promise, tables and sets
+from them, and what is refused."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from made import refused
+from programs import refuses
+from rockfall.cli import main
+from rockfall.impact_tables import open_table
+from rockfall.lab import sequences as module
+from rockfall.lab.case import LabCase, lab_case_of, read_lab_case
+from rockfall.lab.contact_records import open_contacts
+from rockfall.lab.sequences import open_sequences, rebounds_of, run_sequences
+from rockfall.lab.tables import table_of
+
+FLIES, ROLLS_ON, STOPS = range(3)
+SMALL = LabCase(
+    lab={"ratios": [1, 2], "seed": 5},
+    material={"young": 2e8, "friction": 0.4, "rolling": 0.2, "boulder_rolling": 0.2},
+    packing={"grading": 2, "depth": 2, "width": 3.5},
+    impact={"step_factor": 2.8},
+    throw={"throws": [16, 12], "on_layer": 4, "contacts": 6, "max_depth": 5},
+)
+
+
+@pytest.fixture(scope="module")
+def data():
+    return run_sequences(SMALL, threads=1)
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("r.nml").write_text(SMALL.text())
+    return tmp_path
+
+
+def numbers(data):
+    return data.drop_attrs(deep=False)
+
+
+# ---- the same bits, however it is run
+
+
+def test_threads_and_chunks_change_no_bit(data, monkeypatch):
+    monkeypatch.setattr(module, "THROWS_IN_CHUNK", 3)
+    xr.testing.assert_identical(numbers(run_sequences(SMALL, threads=2)), numbers(data))
+
+
+def test_more_throws_do_not_change_the_first(data):
+    more = run_sequences(SMALL.replace(throw={"throws": [17, 13]}), threads=1)
+    kept = more["sequence"].values <= np.where(more["ratio"].values == 1, 16, 12)
+    xr.testing.assert_identical(numbers(more.isel(contact=kept)), numbers(data))
+
+
+def test_an_interrupted_run_goes_on(place, data, monkeypatch):
+    monkeypatch.setattr(module, "THROWS_IN_CHUNK", 3)
+    throw, calls = module._throw, []
+
+    def throw_some(*arguments):
+        calls.append(1)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return throw(*arguments)
+
+    monkeypatch.setattr(module, "SAVE_SECONDS", -1.0)
+    monkeypatch.setattr(module, "_throw", throw_some)
+    with pytest.raises(KeyboardInterrupt):
+        run_sequences(SMALL, threads=1, path="c.nc")
+    assert 0 < open_sequences("c.nc").sizes["contact"] < data.sizes["contact"]
+    monkeypatch.setattr(module, "_throw", throw)
+    again = run_sequences(SMALL, threads=1, path="c.nc", resume=True)
+    xr.testing.assert_identical(numbers(again), numbers(data))
+    with refused("c.nc: is of another laboratory case: cannot resume"):
+        run_sequences(SMALL.replace(lab={"seed": 6}), path="c.nc", resume=True)
+
+
+def test_a_file_has_all_that_makes_it_again(place, data):
+    assert main(["lab", "impact", "r.nml", "-o", "c.nc", "--quiet"]) == 0
+    kept = open_contacts("c.nc")
+    xr.testing.assert_identical(numbers(kept), numbers(data))
+    assert lab_case_of(kept.attrs["lab_case"], "c.nc") == SMALL
+
+
+# ---- what contacts promise
+
+
+def test_contacts_follow_one_another(data):
+    entry, before, order = (data[name].values for name in ("entry", "exit", "order"))
+    follows = order[1:] > 1
+    assert (entry[order == 1] == 0).all()
+    assert ((entry[1:] == 1) == (before[:-1] == ROLLS_ON))[follows].all()
+    assert (before[:-1][follows] != STOPS).all(), "nothing moves on after a stop"
+    assert (data["vn_out"].values[before == FLIES] > 0).all()
+    assert (data["incidence"].values[entry == 0] > 0).all()
+
+
+def test_level_ground_gives_nothing():
+    flat = run_sequences(SMALL.replace(throw={"slope": [0, 0]}), threads=1)
+    fall = np.maximum(0, -2 * 9.81 * 0.4 * flat["rise"]) / flat["speed"] ** 2
+    assert float((flat["energy_out"] - fall).max()) <= 1
+
+
+def test_relief_turns_boulders_aside(data):
+    rough = run_sequences(SMALL.replace(throw={"relief": 15}), threads=1)
+    turn = [
+        np.abs(one["lateral"].values[(one["entry"] == 0) & (one["exit"] == FLIES)]).mean()
+        for one in (data, rough)
+    ]
+    assert turn[1] > 1.2 * turn[0]
+
+
+# ---- tables and sets
+
+
+def test_a_table_of_several_ratios_is_made_again(place, capsys):
+    case = SMALL.replace(throw={"throws": [40], "slope": [25, 45]}, lab={"title": "rocks"})
+    Path("t.nml").write_text(case.text())
+    assert main(["lab", "impact", "t.nml", "-o", "c.nc"]) == 0
+    assert "240" in capsys.readouterr().out
+    assert main(["lab", "table", "c.nc", "-o", "t.nc"]) == 0
+    assert open_table(place / "t.nc").ratio.tolist() == [1, 2]
+    capsys.readouterr()
+    assert main(["lab", "remake", "t.nc", "--quiet"]) == 0
+    assert "the same in every bit" in capsys.readouterr().out
+
+
+def test_a_ratio_with_few_contacts_has_few_bins_and_takes_none_from_the_others():
+    case = SMALL.replace(throw={"throws": [100, 30], "slope": [25, 45]})
+    data = run_sequences(case)
+    both = table_of([data])
+    alone = table_of([data.isel(contact=data["ratio"].values == 1)])
+    assert both.bins == alone.bins
+    n = int(np.prod(both.bins["flight"]) + np.prod(both.bins["roll"]))
+    assert (both.record[: both.first[n]] == alone.record).all()
+    assert len(both.first) == 2 * n + 1
+    assert (np.diff(both.first) >= 1).all()
+
+
+def test_a_set_is_made_of_the_same_contacts(place, capsys):
+    case = SMALL.replace(throw={"throws": [60], "on_layer": 5})
+    Path("t.nml").write_text(case.text())
+    assert main(["lab", "impact", "t.nml", "-o", "c.nc", "--quiet"]) == 0
+    refuses(["lab", "fit", "c.nc", "-o", "s.nml"], "R_b/R_m = 3: no contacts; --nearest", capsys)
+    refuses(["lab", "fit", "c.nc", "--state", "loss"], "--state loss: is for single", capsys)
+    assert main(["lab", "fit", "c.nc", "-o", "s.nml", "--nearest-ratio", "--quiet"]) == 0
+    capsys.readouterr()
+    assert main(["lab", "remake", "s.nml", "--quiet"]) == 0
+    assert "the same in every bit" in capsys.readouterr().out
+    contacts = rebounds_of(open_sequences("c.nc"), "c.nc")
+    assert set(contacts.by_ratio()) == {1, 2}
+
+
+# ---- cases
+
+
+def test_a_case_says_every_value_and_is_read_again(place):
+    assert read_lab_case("r.nml") == SMALL
+    for key in "layers", "mean_radius", "patience":
+        assert not re.search(rf"\b{key}\b", SMALL.text()), "only single impacts have it"
+
+
+def test_a_case_without_throws_has_no_group_of_them():
+    case = LabCase()
+    assert not case.throws
+    assert "&throw" not in case.text()
+    with refused("has no group &throw"):
+        run_sequences(case)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("&throw throws=0 /", "&throw throws: must be whole numbers, 1 to"),
+        ("&throw throws=1.5 /", "must be whole numbers"),
+        ("&throw throws=1,2 /", "must be one number, or one for each of &lab ratios"),
+        ("&throw relief=40 /", "relief must be 0 (none) to 30 degrees"),
+        ("&throw radius=0 /", "radius must be 0.01 to 10 m"),
+        ("&throw max_depth=0 /", "max_depth: must be > 0"),
+        ("&throw contacts=0 /", "contacts: must be 1 to 1000"),
+        ("&throw on_layer=0 /", "on_layer: must be 1 to"),
+        ("&throw slope=5, 60 /", "slope must be min and max, 0 to 45"),
+        ("&throw speed=5, 3, 9 /", "must be min, median and max, in this order"),
+        ("&throw trows=3 /", "&throw trows: unknown key"),
+        ("&throw / &lab layers=3 /", "&lab layers = 3: is for single impacts: not together"),
+        ("&throw / &packing mean_radius=0.2 /", "is for single impacts"),
+        ("&throw / &impact speed=1,2,3 /", "is for single impacts"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(place, capsys, text, message):
+    Path("bad.nml").write_text(text + "\n")
+    refuses(["lab", "impact", "bad.nml"], f"bad.nml: .*{re.escape(message)}.*", capsys)
+
+
+def test_another_file_is_not_taken_for_contacts_on_rocks(place):
+    xr.Dataset({"speed": ("contact", [1.0])}).to_netcdf("other.nc")
+    with refused("other.nc: is not a file of contacts of the laboratory"):
+        open_sequences("other.nc")
