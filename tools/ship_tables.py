@@ -3,7 +3,7 @@
 
     python tools/ship_tables.py [GROUND ...]
 
-A minute each, on two cores; `rockfall lab remake` makes one again from what it says itself.
+Half a minute each, on two cores; `rockfall lab remake` makes one again from what it says itself.
 """
 
 import sys
@@ -15,7 +15,7 @@ from rockfall.lab.blocks.contacts import run_throws
 from rockfall.lab.tables import table_of
 
 ROOT = Path(__file__).resolve().parents[1]
-THROWS, SEED = 4_000, 1
+THROWS, SEED = 2_000, 1
 FOLDER = ROOT / "python" / "rockfall" / "data" / "impact_tables"
 
 

@@ -3,7 +3,7 @@
 and by the planes (docs/validation/field/protocol.md):
 
     python -m benchmarks.physics.pasture FOLDER TABLES [--relief 14 ...] [--hurst 0.8 1.4]
-        [--longest 16 32] [--yields 1e6] [--throws 4000]
+        [--longest 16 32] [--yields 1e6] [--throws 2000]
 
 FOLDER as of benchmarks.physics.tschamut; tables are kept in TABLES and not made again. One seed.
 """
@@ -39,7 +39,7 @@ def main() -> None:
     parser.add_argument("--hurst", type=float, nargs="+", default=[0.8, 1.4])
     parser.add_argument("--longest", type=float, nargs="+", default=[16, 32])
     parser.add_argument("--yields", type=float, nargs="+", default=[1e6])
-    parser.add_argument("--throws", type=int, default=4000)
+    parser.add_argument("--throws", type=int, default=2000)
     given = parser.parse_args()
     given.tables.mkdir(exist_ok=True)
     runs, place = observed(given.folder, "calibration"), terrain(given.folder)
