@@ -28,8 +28,8 @@ module rockfall_impact_table
    integer, parameter :: window = 6      !! a contact draws from this part of its bin: the nearest in gravity along it
    integer, parameter :: candidates = 3  !! of which the nearest in gravity across is taken
 
-   !> A contact is like the one that followed in the laboratory where V, V_n and W differ by no more than the speed there,
-   !> or than `slow`; gravity along and across the heading by no more than `alike_pull`, over g; and the height of what
+   !> A contact is like the one that followed in the laboratory where V, V_n and W differ by no more than the speed
+   !> there, or than `slow`; gravity along and across the heading by no more than `alike_pull`, over g; and the height of what
    !> rolls by no more than `alike_height`, over R_b [-].
    real(wp), parameter :: alike_pull = 0.2_wp, alike_height = 0.6_wp
    !> A block this slow, over sqrt(g R_b), moves as its hollow lets it, not in proportion to its velocity [-].
@@ -141,8 +141,8 @@ contains
       call limit(out, in%inertia, allowed)
    end subroutine draw_contact
 
-   !> The block of the record itself: what is slow is held by its hollow, so that a small difference in velocity or slope
-   !> changes nothing.
+   !> The block of the record itself: what is slow is held by its hollow, so that a small difference in velocity or
+   !> slope changes nothing.
    pure subroutine take_over(record, out)
       real(wp), intent(in) :: record(record_fields)
       type(outcome_t), intent(inout) :: out
