@@ -13,6 +13,7 @@ from made import refused
 from programs import refuses
 from rockfall.cli import main
 from rockfall.impact_tables import open_table
+from rockfall.lab import fit
 from rockfall.lab import sequences as module
 from rockfall.lab.case import LabCase, lab_case_of, read_lab_case
 from rockfall.lab.contact_records import open_contacts
@@ -143,8 +144,9 @@ def test_a_ratio_with_few_contacts_has_few_bins_and_takes_none_from_the_others()
     assert (np.diff(both.first) >= 1).all()
 
 
-def test_a_set_is_made_of_the_same_contacts(place, capsys):
-    throw = {"throws": [300], "on_layer": 10, "contacts": 1, "angle": [20, 45, 80]}
+def test_a_set_is_made_of_the_same_contacts(place, capsys, monkeypatch):
+    monkeypatch.setattr(fit, "DRAWS", 8)
+    throw = {"throws": [900], "on_layer": 20, "contacts": 1, "angle": [20, 45, 80]}
     case = SMALL.replace(lab={"ratios": [1]}, throw=throw | {"speed": [5, 8, 20]})
     Path("t.nml").write_text(case.text())
     assert main(["lab", "impact", "t.nml", "-o", "c.nc", "--quiet"]) == 0
