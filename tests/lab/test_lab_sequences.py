@@ -11,12 +11,14 @@ import xarray as xr
 
 from made import refused
 from programs import refuses
+from rockfall.cli import lab as cli
 from rockfall.cli import main
 from rockfall.impact_tables import open_table
-from rockfall.lab import fit
+from rockfall.lab import remake
 from rockfall.lab import sequences as module
 from rockfall.lab.case import LabCase, lab_case_of, read_lab_case
 from rockfall.lab.contact_records import open_contacts
+from rockfall.lab.fit import ImpactSet
 from rockfall.lab.sequences import open_sequences, rebounds_of, run_sequences
 from rockfall.lab.tables import table_of
 
@@ -144,22 +146,27 @@ def test_a_ratio_with_few_contacts_has_few_bins_and_takes_none_from_the_others()
     assert (np.diff(both.first) >= 1).all()
 
 
+def least_squares(contacts, nearest=False):
+    """In place of the fit, which takes a minute."""
+    v = contacts.impacts
+    mean = np.linalg.lstsq(v.v_in, v.v_out, rcond=None)[0].T.ravel()
+    found = ImpactSet(mean, 1e-3 * np.eye(9), np.zeros(9), np.zeros((9, 9)), len(v.v_in), 0.0)
+    return dict.fromkeys(range(1, 6), found)
+
+
 def test_a_set_is_made_of_the_same_contacts(place, capsys, monkeypatch):
-    monkeypatch.setattr(fit, "DRAWS", 8)
-    throw = {"throws": [900], "on_layer": 20, "contacts": 1, "angle": [20, 45, 80]}
-    case = SMALL.replace(lab={"ratios": [1]}, throw=throw | {"speed": [5, 8, 20]})
-    Path("t.nml").write_text(case.text())
-    assert main(["lab", "impact", "t.nml", "-o", "c.nc", "--quiet"]) == 0
-    refuses(["lab", "fit", "c.nc", "-o", "s.nml"], "c.nc: R_b/R_m = 2: no contacts; .*", capsys)
-    refuses(
-        ["lab", "fit", "c.nc", "--state", "loss"], "--state loss: is for single impacts", capsys
-    )
-    assert main(["lab", "fit", "c.nc", "-o", "s.nml", "--nearest-ratio", "--quiet"]) == 0
+    assert main(["lab", "impact", "r.nml", "-o", "c.nc", "--quiet"]) == 0
+    words = ["lab", "fit", "c.nc"]
+    refuses([*words, "-o", "s.nml"], "c.nc: R_b/R_m = 3: no contacts; .*", capsys)
+    refuses([*words, "--state", "loss"], "--state loss: is for single impacts", capsys)
+    for one in cli, remake:
+        monkeypatch.setattr(one, "fit_contacts", least_squares)
+    assert main([*words, "-o", "s.nml", "--nearest-ratio", "--quiet"]) == 0
     capsys.readouterr()
     assert main(["lab", "remake", "s.nml", "--quiet"]) == 0
     assert "the same in every bit" in capsys.readouterr().out
     contacts = rebounds_of(open_sequences("c.nc"), "c.nc")
-    assert set(contacts.by_ratio()) == {1}
+    assert set(contacts.by_ratio()) == {1, 2}
 
 
 # ---- cases
