@@ -316,8 +316,8 @@ contains
 
    !> Throws of boulders at layers of rocks: the throw of number(k) is at layer number layer(k), which is given at
    !> place(k) = 1, 2, ... of the arrays.
-   subroutine throw_at_rocks(material, packing, boulder, ranges, seed, threads, x, radius, bodies, facts, place, layer, &
-                             number, contacts, rows, counts, found, complete, code, message, room, nl, n)
+   subroutine throw_at_rocks(material, packing, boulder, ranges, seed, threads, x, radius, bodies, facts, place, &
+                             layer, number, contacts, rows, counts, found, complete, code, message, room, nl, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: room, nl, n, contacts         !! contacts: of a throw, at most
       real(c_double), intent(in) :: material(6), packing(11), boulder(5), ranges(12)

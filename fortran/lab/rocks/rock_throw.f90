@@ -230,8 +230,8 @@ contains
       end subroutine begin
    end subroutine follow
 
-   !> Whether a boulder that moves away from the layer has left it: nothing touches it or lies in its way, or it is above
-   !> the layer as that had settled, among rocks that fly with it.
+   !> Whether a boulder that moves away from the layer has left it: nothing touches it or lies in its way, or it is
+   !> above the layer as that had settled, among rocks that fly with it.
    pure logical function is_free(layer, boulder, s)
       type(layer_t), intent(in) :: layer
       type(boulder_t), intent(in) :: boulder
