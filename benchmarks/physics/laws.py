@@ -3,7 +3,7 @@
 a table of grounds.
 
 `--law NAME=TABLE` is a table of impacts: one that is shipped, or a file in whose name {shape}
-stands for the shape of the block. `--ground ROW` is a classical rebound: a row of the shipped table
+stands for the shape of the block; `TABLE@27` the same with a `rest_angle` of 27 degrees. `--ground ROW` is a classical rebound: a row of the shipped table
 of grounds; `ROW@16` the same with a `roughness_angle` of 16 degrees; `TABLE:ROW` a row of another
 shipped table or of a file of grounds.
 """
@@ -56,9 +56,11 @@ def matrix() -> Law:
 
 
 def table(text: str) -> Law:
-    """The law of NAME=TABLE."""
+    """The law of NAME=TABLE, or NAME=TABLE@REST_ANGLE."""
     name, _, file = text.partition("=")
-    return Law(name, {"impact": {"form": "table", "table": file or name}})
+    file, _, angle = (file or name).partition("@")
+    rest = {"rest_angle": float(angle)} if angle else {}
+    return Law(name, {"impact": {"form": "table", "table": file} | rest})
 
 
 def ground(text: str) -> Law:

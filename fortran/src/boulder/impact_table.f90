@@ -34,6 +34,9 @@ module rockfall_impact_table
    real(wp), parameter :: alike_pull = 0.2_wp, alike_height = 0.6_wp
    !> A block this slow, over sqrt(g R_b), moves as its hollow lets it, not in proportion to its velocity [-].
    real(wp), parameter :: slow = 0.5_wp
+   !> One that begins faster than this, over sqrt(g R_b), flies from place to place: no hollow holds it, and each contact
+   !> is drawn on its own [-].
+   real(wp), parameter :: quick = 2.0_wp
 
    !> What is limited to its energy loses this part of it: no contact is without loss, and what rocks comes to rest [-].
    real(wp), parameter :: least_loss = 0.02_wp
@@ -314,6 +317,7 @@ contains
       goes_on = .false.
       if (in%next == 0) return
       associate (record => table%record(:, in%next))
+         if (record(speed_in) > quick) return
          if (any(abs(in%pull - record(pull_along:pull_across)) > alike_pull)) return
          if (in%rolling .and. abs(in%height - record(height_in)) > alike_height) return
          speed = sqrt(in%v(1)**2 + in%v(2)**2)
