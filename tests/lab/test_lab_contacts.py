@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from made import refused
 from programs import refuses
@@ -297,8 +298,10 @@ def test_a_standard_error_above_the_deviation_is_no_set(place, monkeypatch):
 def test_options_of_the_other_kind_are_refused(place, capsys):
     write("c.csv", contacts(5))
     assert main(["lab", "fit", "c.csv", "--state", "peak"]) == 2
+    impacts = xr.Dataset({"speed": ("impact", [1.0])})
+    impacts.to_netcdf("c.nc")
     assert main(["lab", "fit", "c.nc", "--nearest-ratio"]) == 2
     assert capsys.readouterr().err.splitlines() == [
         "rockfall: --state peak: is for impacts of the laboratory (.nc)",
-        "rockfall: --nearest-ratio: is for measured contacts (.csv)",
+        "rockfall: --nearest-ratio: is for contacts, not for single impacts",
     ]

@@ -3,7 +3,7 @@
 !>
 !> The layer has settled under gravity along its normal, and keeps it: gravity is tilted for the boulder alone. Spheres
 !> have a smaller angle of repose than rocks; under the slope's gravity a layer of them flows by itself on slopes where
-!> talus stands (measured by benchmarks.lab.rocky). What the boulder moves feels the boulder's push along the slope, and
+!> talus stands (docs/validation/lab.md). What the boulder moves feels the boulder's push along the slope, and
 !> not its own weight along it.
 !>
 !> Flights are exact. A boulder lands farther than the periodic layer is wide, on ground that it has not touched: each

@@ -311,7 +311,6 @@ contains
    subroutine test_refusals()
       type(error_t), allocatable :: error
       type(contact_t) :: found(1)
-      type(packing_t) :: narrow
       logical :: complete
       integer :: n
 
@@ -321,8 +320,7 @@ contains
       call check("no facets that overhang", allocated(error))
       call check_boulder(boulder_t(), error)
       call check("the boulder that is thrown unless told", .not. allocated(error))
-      narrow = packing
-      call follow_on_rocks(layer, narrow, stone, boulder_t(radius=5.0_wp), throw_t(), random_key(1_i8), 1_i8, &
+      call follow_on_rocks(layer, packing, stone, boulder_t(radius=5.0_wp), throw_t(), random_key(1_i8), 1_i8, &
                            found, n, complete)
       call check("a boulder wider than its layer has no contacts", n == 0 .and. .not. complete)
    end subroutine test_refusals
