@@ -20,7 +20,7 @@ module rockfall_flight
       real(wp) :: v(3)                 !! [m/s]
       real(wp) :: above = 0.0_wp       !! height above the patch, >= 0 [m]
       real(wp) :: rate                 !! its rate of change, known exactly after a rebound [m/s]
-      real(wp) :: heading(2) = 0.0_wp  !! of the tangential velocity after the rebound, in plan; unit [-]
+      real(wp) :: heading(2) = 0.0_wp  !! of the tangential velocity after the rebound, in plan; any length
    end type flight_t
 
    !> The end of a flight: the first contact, or where it left the known terrain.
@@ -152,7 +152,7 @@ contains
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: v(3)        !! [m/s]
-      real(wp), intent(in) :: heading(2)  !! in plan, unit [-]
+      real(wp), intent(in) :: heading(2)  !! as in flight_t
 
       flight%patch = landing%patch
       flight%x = landing%x

@@ -10,7 +10,8 @@ module rockfall_impact_table
    use rockfall_math, only: logarithm
    implicit none
    private
-   public :: impact_table_t, bins_t, approach_t, outcome_t, draw_contact, ratio_at, beyond_table
+   public :: impact_table_t, bins_t, approach_t, outcome_t, choose_record, follow_record, ratio_at, beyond_table, &
+             compare_scales, energy
    public :: record_fields, pull_along, pull_across, follower, n_inputs, n_mapped, flies, rolls_on, stops
 
    !> How a record ends, as the laboratory writes it.
@@ -29,17 +30,14 @@ module rockfall_impact_table
    integer, parameter :: candidates = 3  !! of which the nearest in gravity across is taken
 
    !> A contact is like the one that followed in the laboratory where V, V_n and W differ by no more than the speed
-   !> there, or than `slow`; gravity along and across the heading by no more than `alike_pull`, over g; and the height of what
-   !> rolls by no more than `alike_height`, over R_b [-].
+   !> there, or than `slow`; gravity along and across the heading by no more than `alike_pull`, over g; and the height
+   !> of what rolls by no more than `alike_height`, over R_b [-].
    real(wp), parameter :: alike_pull = 0.2_wp, alike_height = 0.6_wp
    !> A block this slow, over sqrt(g R_b), moves as its hollow lets it, not in proportion to its velocity [-].
    real(wp), parameter :: slow = 0.5_wp
-   !> One that begins faster than this, over sqrt(g R_b), flies from place to place: no hollow holds it, and each contact
-   !> is drawn on its own [-].
+   !> One that begins faster than this, over sqrt(g R_b), flies from place to place: no hollow holds it, and each
+   !> contact is drawn on its own [-].
    real(wp), parameter :: quick = 2.0_wp
-
-   !> What is limited to its energy loses this part of it: no contact is without loss, and what rocks comes to rest [-].
-   real(wp), parameter :: least_loss = 0.02_wp
 
    !> Bins of one kind of contacts. Each key has its edges within the bin of the key before.
    type :: bins_t
@@ -51,7 +49,7 @@ module rockfall_impact_table
 
    type :: impact_table_t
       real(wp), allocatable :: ratio(:)    !! R_b/R_m of each part, rising; one that is zero: it does not matter [-]
-      real(wp) :: speed2 = 0.0_wp          !! g R_b in the laboratory where the speed itself is a key, or 0 [m2/s2]
+      real(wp) :: speed = 0.0_wp           !! sqrt(g R_b) in the laboratory where the speed itself is a key, or 0 [m/s]
       real(wp) :: density = 1.0_wp         !! of the laboratory's blocks [kg/m3]
       real(wp) :: inertia = 0.4_wp         !! of its blocks, I/(m R_b**2) [-]
       type(bins_t) :: flights, rolls       !! by (V_n/V)**2, W/V, speed; by speed, height, V_n
@@ -59,17 +57,18 @@ module rockfall_impact_table
       real(wp), allocatable :: map(:, :, :)     !! (n_inputs, n_mapped, bins)
       real(wp), allocatable :: low(:, :), high(:, :)  !! ends of a bin's inputs, W over V (n_inputs, bins)
       real(wp) :: fastest = huge(1.0_wp)   !! V**2 of the fastest record, as the key of speed
-      real(sp), allocatable :: record(:, :)     !! (record_fields, records), those of a bin by its pull(1, :)
-      real(sp), allocatable :: pull(:, :)       !! gravity along and across the heading, over g (2, records)
+      real(sp), allocatable :: record(:, :)     !! (record_fields, records), those of a bin by its pull_along
+      real(sp), allocatable :: pull_along(:), pull_across(:)  !! gravity along and across the heading, over g
    end type impact_table_t
 
    !> A contact as it begins.
    type :: approach_t
       real(wp) :: v(3)              !! V_t, V_n, W [-]
+      real(wp) :: speed             !! sqrt(V_t**2 + V_n**2) [-]
       real(wp) :: height = 0.0_wp   !! above the mean ground, of a block that rolls [-]
       logical :: rolling = .false.  !! it goes on from a contact that was cut
-      real(wp) :: unit2             !! g R_b [m2/s2]
-      real(wp) :: density           !! of the boulder [kg/m3]
+      real(wp) :: key               !! what makes V**2 the key of speed, of `speed_scales` [-]
+      real(wp) :: stretch           !! how much longer than its record it lasts, likewise [-]
       real(wp) :: inertia           !! I/(m R_b**2) [-]
       real(wp) :: pull(2)           !! gravity along the heading, and across it towards the descent, over g [-]
       integer :: next = 0           !! record that followed that of the contact before; 0: none
@@ -80,9 +79,9 @@ module rockfall_impact_table
       real(wp) :: along, across, normal, w  !! velocity along the heading before, towards the descent, V_n, W [-]
       real(wp) :: duration, advance, rise   !! [-]
       real(wp) :: height                    !! of the centre at its end, above the mean ground [-]
+      real(wp) :: allowed                   !! twice the kinetic energy, over m g R_b, that it may have
       integer :: exit = flies
       integer :: next = 0                   !! record that followed in the laboratory; 0: none
-      logical :: limited = .false.          !! no more than its energy was left to it
    end type outcome_t
 
 contains
@@ -110,39 +109,50 @@ contains
       end associate
    end function ratio_at
 
-   !> One contact: one random number, one record.
-   pure subroutine draw_contact(table, part, u, in, out)
+   !> The record that a contact follows: that which followed in the laboratory, or one that is drawn, by one random
+   !> number.
+   pure subroutine choose_record(table, part, u, in, bin, record)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: part      !! of the table, as of ratio_at
       real(wp), intent(in) :: u        !! uniform in (0, 1) [-]
       type(approach_t), intent(in) :: in
-      type(outcome_t), intent(out) :: out
-      real(wp) :: record(record_fields), speed
-      real(wp) :: allowed  !! energy
-      logical :: follows
+      integer, intent(out) :: bin      !! of the contact; 0: the boulder is as the block of the record
+      integer, intent(out) :: record
 
-      follows = goes_on(table, in)
-      if (follows) then
-         record = real(table%record(:, in%next), wp)
+      record = in%next
+      bin = 0
+      if (goes_on(table, in)) then
+         if (table%record(speed_in, record) < slow) return
+         bin = bin_of(table, part, in)
       else
-         record = real(table%record(:, chosen(table, bin_of(table, part, in), in%pull, u)), wp)
+         bin = bin_of(table, part, in)
+         record = chosen(table, bin, in%pull, u)
       end if
-      out%exit = nint(record(exit_code))
-      out%next = nint(record(follower))
-      out%advance = record(advances)
-      out%rise = record(rises)
-      speed = sqrt(in%v(1)**2 + in%v(2)**2)
-      if (follows .and. record(speed_in) < slow) then
-         call take_over(record, out)
+   end subroutine choose_record
+
+   !> What a record does to this boulder.
+   pure subroutine follow_record(table, bin, record, in, out)
+      type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: bin, record  !! as from choose_record
+      type(approach_t), intent(in) :: in
+      type(outcome_t), intent(out) :: out
+      real(wp) :: r(record_fields), ratio
+
+      r = real(table%record(:, record), wp)
+      ratio = in%speed/r(speed_in)
+      out%exit = nint(r(exit_code))
+      out%next = nint(r(follower))
+      out%advance = r(advances)
+      out%rise = r(rises)
+      if (bin == 0) then
+         call take_over(r, out)
       else
-         call move(table, bin_of(table, part, in), in, speed, record, out)
+         call move(table, bin, in, ratio, r, out)
       end if
-      allowed = energy(in%v(1), 0.0_wp, in%v(2), in%v(3), in%inertia) &
-                + 2*max(0.0_wp, in%pull(1))*max(0.0_wp, out%advance) &
-                + min(1.0_wp, (speed/record(speed_in))**2)*hidden_gain(record, in%inertia) &
-                *hidden_part(in%pull(1), record(pull_along))
-      call limit(out, in%inertia, allowed)
-   end subroutine draw_contact
+      out%allowed = energy(in%v(1), 0.0_wp, in%v(2), in%v(3), in%inertia) &
+                    + 2*max(0.0_wp, in%pull(1))*max(0.0_wp, out%advance) &
+                    + min(1.0_wp, ratio*ratio)*hidden_gain(r, in%inertia)*hidden_part(in%pull(1), r(pull_along))
+   end subroutine follow_record
 
    !> The block of the record itself: what is slow is held by its hollow, so that a small difference in velocity or
    !> slope changes nothing.
@@ -159,48 +169,42 @@ contains
    end subroutine take_over
 
    !> The record moved to the boulder's own velocity, by the map of its bin, and to its own slope.
-   pure subroutine move(table, bin, in, speed, record, out)
+   pure subroutine move(table, bin, in, ratio, record, out)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin
       type(approach_t), intent(in) :: in
-      real(wp), intent(in) :: speed   !! of the boulder [-]
+      real(wp), intent(in) :: ratio   !! of its speed and that of the record [-]
       real(wp), intent(in) :: record(record_fields)
       type(outcome_t), intent(inout) :: out
-      real(wp) :: scaled, change(n_inputs), shift(n_mapped), unshifted(4)
+      real(wp) :: scaled, change(n_inputs), shift(n_mapped)
       integer :: k
 
-      out%duration = record(lasts)
-      if (.not. in%rolling) then
-         scaled = speed/record(speed_in)
-      else
-         scaled = 1
-         ! the fastest bin has no end: beyond its records a contact is as one of them at a larger scale
-         associate (fastest => table%high(1, bin))
-            if (in%v(1) > fastest .and. fastest > 0) scaled = in%v(1)/fastest
-         end associate
-      end if
-      ! at one speed a contact lasts as R_b, not as its root
-      if (table%speed2 > 0 .and. .not. in%rolling) out%duration = out%duration*sqrt(in%unit2/table%speed2)
-      out%height = merge(in%height, record(height_in), in%rolling) + out%rise
-      ! velocities scale with the speed, the work of gravity with the duration alone: that of the record is taken out
-      unshifted = scaled*record(along_out:w_out)
-      unshifted(1) = unshifted(1) + in%pull(1)*out%duration - scaled*record(pull_along)*record(lasts)
-      unshifted(2) = unshifted(2) + in%pull(2)*out%duration - scaled*record(pull_across)*record(lasts)
-      change = within([in%v, in%height], merge(scaled, speed, in%rolling), speed, table%low(:, bin), &
-                      table%high(:, bin)) &
-               - [scaled*record(t_in:w_in), record(height_in)]
+      associate (low => table%low(:, bin), high => table%high(:, bin))
+         scaled = ratio
+         if (in%rolling) then  ! the fastest bin has no end: beyond it a contact is as its last at a larger scale
+            scaled = 1
+            if (in%v(1) > high(1) .and. high(1) > 0) scaled = in%v(1)/high(1)
+         end if
+         change = within([in%v, in%height], merge(scaled, in%speed, in%rolling), in%speed, low, high) &
+                  - [scaled*record(t_in:w_in), record(height_in)]
+      end associate
       if (.not. in%rolling) change(4) = 0
       do k = 1, n_mapped  ! matmul of parts of an array is a call of the library
          shift(k) = sum(change*table%map(:, k, bin))
       end do
-      out%along = unshifted(1) + shift(1)
-      out%across = unshifted(2)
-      out%normal = unshifted(3) + shift(2)
-      out%w = unshifted(4) + shift(3)
-      if (out%exit == flies .and. .not. out%normal > 0) then
-         out%along = unshifted(1)
-         out%normal = unshifted(3)
-         out%w = unshifted(4)
+      out%duration = record(lasts)
+      ! at one speed a contact lasts as R_b, not as its root
+      if (.not. in%rolling) out%duration = out%duration*in%stretch
+      out%height = merge(in%height, record(height_in), in%rolling) + out%rise
+      ! velocities scale with the speed, the work of gravity with the duration alone: that of the record is taken out
+      out%along = scaled*record(along_out) + in%pull(1)*out%duration - scaled*record(pull_along)*record(lasts)
+      out%across = scaled*record(across_out) + in%pull(2)*out%duration - scaled*record(pull_across)*record(lasts)
+      out%normal = scaled*record(n_out)
+      out%w = scaled*record(w_out)
+      if (out%exit /= flies .or. out%normal + shift(2) > 0) then
+         out%along = out%along + shift(1)
+         out%normal = out%normal + shift(2)
+         out%w = out%w + shift(3)
       end if
    end subroutine move
 
@@ -222,55 +226,44 @@ contains
       if (pull > 0) hidden_part = min(1.0_wp, pull/max(of_record, tiny(pull)))
    end function hidden_part
 
-   !> The bin of a contact.
+   !> The bin of a contact. Its keys are compared times what they are over: no quotient is needed.
    pure integer function bin_of(table, part, in) result(bin)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: part
       type(approach_t), intent(in) :: in
-      real(wp) :: speed2
-      integer :: bins_before
 
-      speed2 = in%v(1)**2 + in%v(2)**2
-      associate (f => table%flights%n, r => table%rolls%n)
-         bins_before = (part - 1)*(product(f) + product(r))
+      associate (f => table%flights%n, r => table%rolls%n, speed2 => in%speed*in%speed)
+         bin = (part - 1)*(product(f) + product(r))
          if (in%rolling) then
-            bin = bins_before + product(f) + bin_among(table%rolls, part, speed2, in%height, in%v(2))
+            bin = bin + product(f) + bin_among(table%rolls, part, [speed2, in%height, in%v(2)], [1.0_wp, 1.0_wp])
          else
-            bin = bins_before + bin_among(table%flights, part, in%v(2)**2/max(speed2, tiny(speed2)), &
-                                          in%v(3)/max(sqrt(speed2), tiny(speed2)), speed_key(table, in, speed2))
+            bin = bin + bin_among(table%flights, part, [in%v(2)*in%v(2), in%v(3), in%key*speed2], [speed2, in%speed])
          end if
       end associate
    end function bin_of
 
-   !> V**2 as the table has it: over g R_b; or where the ground yields to the speed itself, over that of the laboratory,
-   !> with the density, so that S = rho_b V_n**2/(2 p_y) is the same.
-   pure real(wp) function speed_key(table, in, speed2)
-      type(impact_table_t), intent(in) :: table
-      type(approach_t), intent(in) :: in
-      real(wp), intent(in) :: speed2  !! [-]
-
-      speed_key = speed2
-      if (table%speed2 > 0) speed_key = speed2*(in%unit2*in%density)/(table%speed2*table%density)
-   end function speed_key
-
-   pure integer function bin_among(bins, part, first, second, third) result(bin)
+   pure integer function bin_among(bins, part, key, over) result(bin)
       type(bins_t), intent(in) :: bins
       integer, intent(in) :: part
-      real(wp), intent(in) :: first, second, third
+      real(wp), intent(in) :: key(3), over(2)  !! of the first two
       integer :: i, j, k
 
-      i = place(bins%first_edge(:, part), first)
-      j = place(bins%second_edge(:, i, part), second)
-      k = place(bins%third_edge(:, j, i, part), third)
+      i = place(bins%first_edge(:, part), over(1), key(1))
+      j = place(bins%second_edge(:, i, part), over(2), key(2))
+      k = place(bins%third_edge(:, j, i, part), 1.0_wp, key(3))
       bin = ((i - 1)*bins%n(2) + j - 1)*bins%n(3) + k
    end function bin_among
 
-   !> 1 + the number of edges below a value.
-   pure integer function place(edge, value)
-      real(wp), intent(in) :: edge(:), value
+   !> 1 + the number of edges, times a unit, below a value. All are compared: a way out of the loop would be guessed
+   !> wrong each time.
+   pure integer function place(edge, unit, value)
+      real(wp), intent(in), contiguous :: edge(:)
+      real(wp), intent(in) :: unit, value
+      integer :: k
 
-      do place = 1, size(edge)
-         if (value <= edge(place)) return
+      place = 1
+      do k = 1, size(edge)
+         place = place + merge(1, 0, edge(k)*unit < value)
       end do
    end function place
 
@@ -280,30 +273,27 @@ contains
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin
       real(wp), intent(in) :: pull(2), u
-      integer :: low, high, middle, n, from, one, k
-      real(wp) :: apart, least
+      integer :: first, last, n, from, one, k
+      real(sp) :: along, across, apart, least
 
-      low = table%first(bin)
-      high = table%first(bin + 1)
-      n = (high - low + window - 1)/window
-      do while (low < high)
-         middle = (low + high)/2
-         if (table%pull(1, middle) < pull(1)) then
-            low = middle + 1
-         else
-            high = middle
-         end if
+      first = table%first(bin)
+      last = table%first(bin + 1) - 1
+      n = (last - first + window)/window
+      along = real(pull(1), sp)
+      from = first - n/2
+      do k = first, last  ! to compare all, several at a time, is faster than to find it by halves
+         from = from + merge(1, 0, table%pull_along(k) < along)
       end do
-      from = max(table%first(bin), min(low - n/2, table%first(bin + 1) - n))
+      from = max(first, min(from, last + 1 - n))
+      across = real(pull(2), sp)
       chosen = from
       least = huge(least)
       do k = 0, candidates - 1
-         one = from + mod(int(u*n) + (k*n)/candidates, n)
-         apart = abs(table%pull(2, one) - pull(2))
-         if (apart < least) then
-            least = apart
-            chosen = one
-         end if
+         one = int(u*n) + (k*n)/candidates
+         one = from + one - merge(n, 0, one >= n)
+         apart = abs(table%pull_across(one) - across)
+         chosen = merge(one, chosen, apart < least)
+         least = min(least, apart)
       end do
    end function chosen
 
@@ -312,7 +302,7 @@ contains
    pure logical function goes_on(table, in)
       type(impact_table_t), intent(in) :: table
       type(approach_t), intent(in) :: in
-      real(wp) :: speed, alike
+      real(wp) :: alike
 
       goes_on = .false.
       if (in%next == 0) return
@@ -320,9 +310,8 @@ contains
          if (record(speed_in) > quick) return
          if (any(abs(in%pull - record(pull_along:pull_across)) > alike_pull)) return
          if (in%rolling .and. abs(in%height - record(height_in)) > alike_height) return
-         speed = sqrt(in%v(1)**2 + in%v(2)**2)
          alike = max(slow, real(record(speed_in), wp))
-         goes_on = abs(speed - record(speed_in)) <= alike .and. abs(in%v(2) - record(n_in)) <= alike &
+         goes_on = abs(in%speed - record(speed_in)) <= alike .and. abs(in%v(2) - record(n_in)) <= alike &
                    .and. abs(in%v(3) - record(w_in)) <= alike
       end associate
    end function goes_on
@@ -339,33 +328,32 @@ contains
    end function within
 
    !> Twice the kinetic energy, over m g R_b.
-   pure real(wp) function energy(along, across, normal, w, inertia)
+   elemental real(wp) function energy(along, across, normal, w, inertia)
       real(wp), intent(in) :: along, across, normal, w, inertia
 
       energy = along*along + across*across + normal*normal + inertia*w*w
    end function energy
-
-   !> No more energy than there was, and a little less than that.
-   pure subroutine limit(out, inertia, allowed)
-      type(outcome_t), intent(inout) :: out
-      real(wp), intent(in) :: inertia, allowed
-      real(wp) :: total, part
-
-      total = energy(out%along, out%across, out%normal, out%w, inertia)
-      out%limited = total > allowed
-      if (.not. out%limited) return
-      part = sqrt((1 - least_loss)*allowed/total)
-      out%along = part*out%along
-      out%across = part*out%across
-      out%normal = part*out%normal
-      out%w = part*out%w
-   end subroutine limit
 
    !> Whether a contact is faster than any of the table.
    pure logical function beyond_table(table, in)
       type(impact_table_t), intent(in) :: table
       type(approach_t), intent(in) :: in
 
-      beyond_table = .not. in%rolling .and. speed_key(table, in, in%v(1)**2 + in%v(2)**2) > table%fastest
+      beyond_table = .not. in%rolling .and. in%key*(in%speed*in%speed) > table%fastest
    end function beyond_table
+
+   !> How a boulder compares with the laboratory's blocks where the ground yields to the speed itself: the key is the
+   !> speed there, with the density, so that S = rho_b V_n**2/(2 p_y) is the same.
+   pure subroutine compare_scales(table, unit, density, key, stretch)
+      type(impact_table_t), intent(in) :: table
+      real(wp), intent(in) :: unit          !! sqrt(g R_b) [m/s]
+      real(wp), intent(in) :: density       !! of the boulder [kg/m3]
+      real(wp), intent(out) :: key, stretch !! as in approach_t [-]
+
+      key = 1
+      stretch = 1
+      if (.not. table%speed > 0) return
+      stretch = unit/table%speed
+      key = stretch*stretch*(density/table%density)
+   end subroutine compare_scales
 end module rockfall_impact_table

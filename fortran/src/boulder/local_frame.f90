@@ -16,7 +16,7 @@ contains
       real(wp), intent(in) :: v(3)         !! [m/s]
       real(wp), intent(in) :: g(2)         !! gradient of the patch [-]
       real(wp), intent(in) :: steepness    !! sqrt(1 + |g|**2) [-]
-      real(wp), intent(in) :: before(2)    !! heading after the last rebound [-]
+      real(wp), intent(in) :: before(2)    !! heading after the last rebound, of any length
       real(wp), intent(in) :: omega_r      !! W with respect to it [m/s]
       real(wp), intent(out) :: v_in(3)     !! V_t, V_n, W [m/s]
       real(wp), intent(out) :: heading(2)  !! unit, or zero [-]
@@ -51,8 +51,8 @@ contains
    !> one.
    elemental real(wp) function rolled_before(omega_r, before1, before2, heading1, heading2) result(w)
       real(wp), intent(in) :: omega_r             !! W with respect to the heading before [m/s]
-      real(wp), intent(in) :: before1, before2    !! heading after the last rebound [-]
-      real(wp), intent(in) :: heading1, heading2  !! now [-]
+      real(wp), intent(in) :: before1, before2    !! heading after the last rebound,
+      real(wp), intent(in) :: heading1, heading2  !! and now, both of any length
 
       w = omega_r
       if (before1*heading1 + before2*heading2 < 0) w = -omega_r

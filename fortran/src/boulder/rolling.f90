@@ -9,11 +9,13 @@
 module rockfall_rolling
    use rockfall_kinds, only: wp
    use rockfall_boulder, only: inertia_factor
-   use rockfall_terrain, only: terrain_t, patch_t, read_patch, in_window, height, gradient, within
+   use rockfall_terrain, only: terrain_t, patch_t, read_patch, in_window, height, height_at, gradient, within, &
+                               fraction_of
    use rockfall_flight, only: flight_t, landing_t, flight_from, inverse_speed, exit_time
    implicit none
    private
-   public :: roll_t, touch_t, find_roll, find_slide, launch, speed_within, cut_roll
+   public :: roll_t, touch_t, find_roll, find_slide, slide_on_patch, falls_away, time_slide, launch, speed_within, &
+             cut_roll
 
    !> A drop this little above that which friction holds, as a part of it, is held [-]: on a plane at the rest angle
    !> rounding must not decide.
@@ -25,10 +27,11 @@ module rockfall_rolling
       real(wp) :: direction(3)         !! from start to end, unit [-]
       type(flight_t) :: path           !! straight to its end at the mean speed: to be followed without gravity
       type(landing_t) :: landing       !! where it ends: there the next flight begins, or the known terrain ends
-      logical :: drawn = .false.       !! it is a contact from a table, and ends with
+      logical :: drawn = .false.       !! it is a contact from a table, over
+      real(wp) :: length = 0.0_wp      !! this distance [m], and ends with
       real(wp) :: v(3) = 0.0_wp        !! this velocity [m/s],
       real(wp) :: w = 0.0_wp           !! W = R_b omega [m/s],
-      real(wp) :: heading(2) = 0.0_wp  !! heading [-], and
+      real(wp) :: heading(2) = 0.0_wp  !! heading, of any length, and
       real(wp) :: above = 0.0_wp       !! height above the ground [m]; it stays on for
       real(wp) :: waits = 0.0_wp       !! this time [s]
    end type roll_t
@@ -89,42 +92,106 @@ contains
       roll%path%rate = 0
    end subroutine find_roll
 
-   !> The path of a contact that a table gives: along a heading on the ground, in a given time. It is followed at the
+   !> The path of a contact that a table gives: along a tangent of the ground, in a given time. It is followed at the
    !> speed that has the mean energy of the contact, so that none is missed at a line; the rest of the time it waits.
    !>
-   !> `off`: there the ground falls away faster than gravity pulls the boulder after it.
-   pure subroutine find_slide(dem, gravity, landing, heading, length, time, speed, roll, off)
+   !> `off`: there the ground falls away faster than gravity pulls the boulder after it, which leaves it at once.
+   pure subroutine find_slide(dem, gravity, landing, t, length, time, speed, roll, off)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity         !! [m/s2]
       type(landing_t), intent(in) :: landing  !! the contact
-      real(wp), intent(in) :: heading(2)      !! in plan, unit [-]
-      real(wp), intent(in) :: length, time    !! in plan [m]; [s]
+      real(wp), intent(in) :: t(3)            !! unit tangent of the ground [-]
+      real(wp), intent(in) :: length, time    !! along it [m]; [s]
       real(wp), intent(in) :: speed           !! [m/s]
       type(roll_t), intent(inout) :: roll
       logical, intent(out) :: off
-      real(wp) :: g(2), plan, distance, drop
+      real(wp) :: way, lasts, drop
 
       roll%rolls = .true.
       roll%drawn = .true.
-      roll%path%heading = heading
-      plan = length
-      call walk(dem, landing, plan, roll)
-      g = gradient(dem, landing%patch, landing%u, landing%w)
+      roll%path%heading = t(1:2)
+      way = length
+      lasts = time
+      call slide(dem, landing, way, roll)
+      off = falls_away(landing%z - roll%landing%z, t(3), way, gravity, time) > 0
+      if (off) then
+         way = 0
+         lasts = 0
+         call slide(dem, landing, way, roll)
+      end if
       drop = landing%z - roll%landing%z
-      off = drop + plan*dot_product(g, heading) > 0.5_wp*gravity*time*time + held*plan
-      distance = 0  ! without a length, the drop is what rounding leaves
-      if (plan > 0) distance = sqrt(plan*plan + drop*drop)
-      roll%landing%time = distance/max(speed, tiny(speed)/epsilon(speed))
-      roll%waits = max(0.0_wp, time - roll%landing%time)
+      call time_slide(t(1), t(2), way, drop, lasts, speed, roll%length, roll%landing%time, roll%waits)
       roll%path%patch = landing%patch
       roll%path%x = landing%x
       roll%path%y = landing%y
       roll%path%z = landing%z
       roll%path%v = 0
-      if (distance > 0) roll%path%v = speed/distance*[plan*heading, -drop]
+      if (roll%length > 0) roll%path%v = speed/roll%length*[way*t(1), way*t(2), -drop]
       roll%path%above = 0
       roll%path%rate = 0
    end subroutine find_slide
+
+   !> The end of a slide: on the patch where it begins, or where it walks to.
+   pure subroutine slide(dem, start, length, roll)
+      type(terrain_t), intent(in) :: dem
+      type(landing_t), intent(in) :: start
+      real(wp), intent(inout) :: length  !! as in walk
+      type(roll_t), intent(inout) :: roll
+      real(wp) :: inside
+
+      associate (p => start%patch, end => roll%landing)
+         call slide_on_patch(start%x, start%y, roll%path%heading(1), roll%path%heading(2), length, dem%per_cell, &
+                             real(p%i, wp), real(p%j, wp), p%z00, p%a, p%b, p%c, end%x, end%y, end%u, end%w, end%z, &
+                             inside)
+         end%contact = .true.
+         end%jump_height = 0
+         end%patch = p
+      end associate
+      if (.not. inside > 0) call walk(dem, start, length, roll)
+   end subroutine slide
+
+   !> The end of a slide on a patch, if it lies inside of it.
+   elemental subroutine slide_on_patch(x, y, t1, t2, length, per_cell, i, j, z00, a, b, c, x_end, y_end, u, w, z, &
+                                       inside)
+      real(wp), intent(in) :: x, y                !! its beginning [m]
+      real(wp), intent(in) :: t1, t2, length      !! as in find_slide [-], [m]
+      real(wp), intent(in) :: per_cell            !! [1/m]
+      real(wp), intent(in) :: i, j, z00, a, b, c  !! as in patch_t [-], [m]
+      real(wp), intent(out) :: x_end, y_end, z    !! [m]
+      real(wp), intent(out) :: u, w               !! place in the patch, 0..1 [cells]
+      real(wp), intent(out) :: inside             !! 1 or 0
+      real(wp) :: beyond
+
+      x_end = x + length*t1
+      y_end = y + length*t2
+      u = fraction_of(per_cell, x_end, i)
+      w = fraction_of(per_cell, y_end, j)
+      z = height_at(z00, a, b, c, u, w)
+      beyond = abs(x_end*per_cell - (i - 1) - u) + abs(y_end*per_cell - (j - 1) - w)
+      inside = merge(0.0_wp, 1.0_wp, beyond > 0)
+   end subroutine slide_on_patch
+
+   !> Whether the ground falls away under a slide, 1 or 0.
+   elemental real(wp) function falls_away(drop, t3, length, gravity, time)
+      real(wp), intent(in) :: drop              !! of the ground [m]
+      real(wp), intent(in) :: t3, length, time  !! as in find_slide [-], [m], [s]
+      real(wp), intent(in) :: gravity           !! [m/s2]
+
+      falls_away = merge(1.0_wp, 0.0_wp, drop + length*t3 > 0.5_wp*gravity*time*time + held*length)
+   end function falls_away
+
+   !> How far a slide is, and how long it takes and waits.
+   elemental subroutine time_slide(t1, t2, length, drop, time, speed, distance, slides, waits)
+      real(wp), intent(in) :: t1, t2, length, time, speed  !! as in find_slide [-], [m], [s], [m/s]
+      real(wp), intent(in) :: drop                         !! of the ground [m]
+      real(wp), intent(out) :: distance                    !! [m]
+      real(wp), intent(out) :: slides, waits               !! [s]
+
+      distance = sqrt(length*length*(t1*t1 + t2*t2) + drop*drop)
+      distance = merge(distance, 0.0_wp, length > 0)  ! without a length, the drop is what rounding leaves
+      slides = distance/max(speed, tiny(speed)/epsilon(speed))
+      waits = max(0.0_wp, time - slides)
+   end subroutine time_slide
 
    !> The flight after a roll.
    pure type(flight_t) function launch(dem, roll, landing, v) result(flight)

@@ -8,13 +8,16 @@ module rockfall_table_contact
    use rockfall_boulder, only: boulder_t
    use rockfall_flight, only: landing_t
    use rockfall_rolling, only: roll_t, touch_t, find_slide
-   use rockfall_direction, only: unit_vector, any_heading, along_aspect
-   use rockfall_local_frame, only: decompose, launch_velocity
-   use rockfall_impact_table, only: impact_table_t, approach_t, outcome_t, draw_contact, ratio_at, beyond_table, &
-                                    flies, rolls_on, stops
+   use rockfall_direction, only: unit_vector, any_heading, along_aspect, shortest
+   use rockfall_local_frame, only: in_local_frame, rolled_before
+   use rockfall_impact_table, only: impact_table_t, approach_t, outcome_t, choose_record, follow_record, ratio_at, &
+                                    beyond_table, compare_scales, energy, flies, rolls_on, stops
    implicit none
    private
-   public :: table_contact_t, table_contact
+   public :: table_contact_t, table_contact, side_u
+   ! The steps of it:
+   public :: keep_touch, end_touch, meet_plane, find_pull, draw_record, follow, limit_energy, after_fall, &
+             share_energy, leave, velocity_after
 
    !> What of the random numbers of a contact is for what: the record; the part of the table; where there is no side or
    !> heading of its own.
@@ -32,6 +35,9 @@ module rockfall_table_contact
    !> A boulder this slow goes nowhere, over sqrt(g R_b) [-]: times must be numbers.
    real(wp), parameter :: still = 1.0e-6_wp
 
+   !> What is limited to its energy loses this part of it: no contact is without loss, and what rocks comes to rest [-].
+   real(wp), parameter :: least_loss = 0.02_wp
+
    type :: table_contact_t
       real(wp) :: v_in(3), v_out(3)  !! V_t, V_n, W [m/s]
       logical :: stops = .false.     !! if the ground lets it
@@ -41,7 +47,8 @@ module rockfall_table_contact
 
 contains
 
-   !> Draw a contact, and find where it leads: `roll`.
+   !> Draw a contact, and find where it leads: `roll`. The touch is as from keep_touch, and then what the next contact
+   !> will know of this one.
    pure subroutine table_contact(dem, gravity, table, boulder, inertia, ratio, u, landing, v, before, omega_r, touch, &
                                  roll, contact)
       type(terrain_t), intent(in) :: dem
@@ -53,148 +60,257 @@ contains
       real(wp), intent(in) :: u(words_per_block)  !! uniform in (0, 1) [-]
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: v(3)            !! incoming velocity [m/s]
-      real(wp), intent(in) :: before(2)       !! heading after the last contact [-]
+      real(wp), intent(in) :: before(2)       !! heading after the last contact, of any length
       real(wp), intent(in) :: omega_r         !! W with respect to it [m/s]
       type(touch_t), intent(inout) :: touch
       type(roll_t), intent(inout) :: roll
       type(table_contact_t), intent(out) :: contact
       type(approach_t) :: in
       type(outcome_t) :: out
-      real(wp) :: g(2), steepness, heading(2), unit, along, side, slide, speed
+      real(wp) :: g(2), g_end(2), steepness, unit, t(3), side, slide, speed, total, left, part, normal
+      real(wp) :: flown, rolls, rests  ! 1 or 0
+      integer :: bin, record
       logical :: off
 
       g = gradient(dem, landing%patch, landing%u, landing%w)
-      steepness = sqrt(1 + g(1)**2 + g(2)**2)
-      call decompose(v, g, steepness, before, omega_r, contact%v_in, heading)
-      if (all(heading == 0)) heading = unit_vector(-g)
-      if (all(heading == 0)) heading = any_heading(u(side_u))
-      if (landing%jump_height > hop*boulder%radius .and. touch%rolling) then
+      steepness = sqrt(1 + g(1)*g(1) + g(2)*g(2))
+      unit = sqrt(gravity*boulder%radius)
+      call meet_plane(v(1), v(2), v(3), g(1), g(2), steepness, contact%v_in(1), contact%v_in(2), t(1), t(2), t(3))
+      if (.not. contact%v_in(1) > shortest) t = any_tangent(g, u(side_u))
+      contact%v_in(3) = rolled_before(omega_r, before(1), before(2), t(1), t(2))
+      if (touch%rolling) contact%v_in(2) = touch%normal
+      call find_pull(g(1), g(2), steepness, t(1), t(2), t(3), u(side_u), in%pull(1), in%pull(2), side)
+      in%v = contact%v_in*(1/unit)
+      in%speed = sqrt(in%v(1)*in%v(1) + in%v(2)*in%v(2))
+      call draw_record(table, boulder, inertia, unit, ratio, u, touch, in, bin, record, contact%fast)
+      call follow(table, bin, record, in, touch, out)
+
+      call limit_energy(out%along, out%across, out%normal, out%w, inertia, out%allowed, in%speed, out%advance, &
+                        boulder%radius, total, left, speed, slide)
+      contact%limited = left < total
+      call find_slide(dem, gravity, landing, t, slide, out%duration*(unit/gravity), unit*speed, roll, off)
+      g_end = g  ! where the known terrain ends, the ground goes on as it was
+      associate (end => roll%landing)
+         if (end%contact) g_end = gradient(dem, end%patch, end%u, end%w)
+         if (.not. off) left = after_fall(left, (landing%z - end%z - in%pull(1)*slide)/boulder%radius)
+      end associate
+
+      flown = merge(1.0_wp, 0.0_wp, out%exit == flies)
+      rolls = merge(1.0_wp, 0.0_wp, touch%rolling .and. .not. off)
+      call share_energy(total, left, out%along, out%across, out%normal, out%w, inertia, steepness, flown, touch%lift, &
+                        part, normal, rests)
+      contact%stops = out%exit == stops .or. rests > 0
+      contact%v_out = velocity_after(unit, part*out%along, part*out%across, normal, part*out%w)
+      roll%w = unit*(part*out%w)
+      call leave(unit*(part*out%along), unit*(part*side*out%across), unit*normal, g(1), g(2), steepness, &
+                 t(1), t(2), t(3), g_end(1), g_end(2), rolls, touch%normal, roll%heading(1), roll%heading(2), &
+                 roll%v(1), roll%v(2), roll%v(3))
+      call end_touch(off, rolls > 0, touch)
+      roll%above = merge(0.0_wp, max(0.0_wp, touch%lift)*boulder%radius, touch%rolling)
+   end subroutine table_contact
+
+   !> What a boulder still knows of the contact before: it is still in it if it has hardly risen since; another ground
+   !> ends what followed in the laboratory.
+   pure subroutine keep_touch(ground, ratio, radius, jump_height, touch)
+      integer, intent(in) :: ground
+      real(wp), intent(in) :: ratio        !! R_b/R_m [-]
+      real(wp), intent(in) :: radius       !! R_b [m]
+      real(wp), intent(in) :: jump_height  !! since that contact [m]
+      type(touch_t), intent(inout) :: touch
+
+      if (touch%ground /= ground .or. touch%ratio /= ratio) touch%next = 0
+      touch%ground = ground
+      touch%ratio = ratio
+      if (touch%rolling .and. jump_height > hop*radius) then
          touch%rolling = .false.
          touch%next = 0
       end if
-      if (touch%rolling) contact%v_in(2) = touch%normal
       if (.not. touch%rolling) touch%lift = 0
-      unit = sqrt(gravity*boulder%radius)
-      in%v = contact%v_in/unit
+   end subroutine keep_touch
+
+   !> Whether a boulder is still in contact: what falls off its ground, or runs against other ground, does not do what
+   !> followed in the laboratory.
+   pure subroutine end_touch(off, rolls, touch)
+      logical, intent(in) :: off    !! as from find_slide
+      logical, intent(in) :: rolls  !! as from leave
+      type(touch_t), intent(inout) :: touch
+
+      if (off .or. (touch%rolling .and. .not. rolls)) touch%next = 0
+      touch%rolling = rolls
+   end subroutine end_touch
+
+   !> V_t and V_n of a velocity, and the unit tangent along which it meets a plane.
+   elemental subroutine meet_plane(v1, v2, v3, g1, g2, steepness, tangential, normal, t1, t2, t3)
+      real(wp), intent(in) :: v1, v2, v3           !! [m/s]
+      real(wp), intent(in) :: g1, g2, steepness    !! gradient of the plane, sqrt(1 + |g|**2) [-]
+      real(wp), intent(out) :: tangential, normal  !! V_t, V_n [m/s]
+      real(wp), intent(out) :: t1, t2, t3          !! none where V_t is not more than `shortest` [-]
+      real(wp) :: plan1, plan2, inverse
+
+      call in_local_frame(v1, v2, v3, g1, g2, steepness, tangential, normal, plan1, plan2)
+      inverse = 1/max(tangential, shortest)
+      t1 = plan1*inverse
+      t2 = plan2*inverse
+      t3 = g1*t1 + g2*t2
+   end subroutine meet_plane
+
+   !> The unit tangent of a boulder that meets a plane along its normal: down the plane, anywhere on a flat one.
+   pure function any_tangent(g, u) result(t)
+      real(wp), intent(in) :: g(2)  !! gradient of the plane [-]
+      real(wp), intent(in) :: u     !! uniform in (0, 1) [-]
+      real(wp) :: t(3)
+
+      t(1:2) = unit_vector(-g)
+      if (all(t(1:2) == 0)) t(1:2) = any_heading(u)
+      t(3) = g(1)*t(1) + g(2)*t(2)
+      t = t/sqrt(1 + t(3)*t(3))
+   end function any_tangent
+
+   !> Gravity along a tangent and across it, and on which side the ground falls.
+   elemental subroutine find_pull(g1, g2, steepness, t1, t2, t3, u, along, across, side)
+      real(wp), intent(in) :: g1, g2, steepness  !! as in meet_plane [-]
+      real(wp), intent(in) :: t1, t2, t3         !! unit tangent [-]
+      real(wp), intent(in) :: u                  !! uniform in (0, 1), where it falls to no side [-]
+      real(wp), intent(out) :: along, across     !! over g; across towards the descent [-]
+      real(wp), intent(out) :: side              !! of the descent: 1 left, -1 right [-]
+      real(wp) :: left
+
+      along = -t3
+      left = (g1*t2 - g2*t1)/steepness
+      across = abs(left)
+      side = merge(1.0_wp, -1.0_wp, u < 0.5_wp)
+      side = merge(sign(1.0_wp, left), side, across > along_aspect)
+   end subroutine find_pull
+
+   !> The record that a contact follows.
+   pure subroutine draw_record(table, boulder, inertia, unit, ratio, u, touch, in, bin, record, fast)
+      type(impact_table_t), intent(in) :: table
+      type(boulder_t), intent(in) :: boulder
+      real(wp), intent(in) :: inertia, unit, ratio  !! as in table_contact [-], sqrt(g R_b) [m/s], [-]
+      real(wp), intent(in) :: u(words_per_block)    !! as in table_contact [-]
+      type(touch_t), intent(in) :: touch
+      type(approach_t), intent(inout) :: in         !! v, speed, and pull; then complete
+      integer, intent(out) :: bin, record
+      logical, intent(out) :: fast                  !! faster than the table knows
+
+      in%next = touch%next
       in%height = touch%height
       in%rolling = touch%rolling
-      in%next = touch%next
-      in%unit2 = gravity*boulder%radius
-      in%density = boulder%mass/boulder%volume
       in%inertia = inertia
-      along = g(1)*heading(1) + g(2)*heading(2)
-      in%pull(1) = -along/sqrt(1 + along*along)
-      in%pull(2) = (g(1)*heading(2) - g(2)*heading(1))/(steepness*sqrt(1 + along*along))
-      side = sign(1.0_wp, in%pull(2))
-      if (abs(in%pull(2)) <= along_aspect) side = merge(1.0_wp, -1.0_wp, u(side_u) < 0.5_wp)
-      in%pull(2) = abs(in%pull(2))
-      contact%fast = beyond_table(table, in)
-      call draw_contact(table, ratio_at(table, ratio, u(ratio_u)), u(record_u), in, out)
-      contact%limited = out%limited
+      call compare_scales(table, unit, boulder%mass/boulder%volume, in%key, in%stretch)
+      fast = beyond_table(table, in)
+      call choose_record(table, ratio_at(table, ratio, u(ratio_u)), u(record_u), in, bin, record)
+   end subroutine draw_record
+
+   !> What it does, and what the next contact will know of it.
+   pure subroutine follow(table, bin, record, in, touch, out)
+      type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: bin, record
+      type(approach_t), intent(in) :: in
+      type(touch_t), intent(inout) :: touch
+      type(outcome_t), intent(out) :: out
+
+      call follow_record(table, bin, record, in, out)
       touch%lift = touch%lift + out%rise
       touch%height = out%height
       touch%rolling = out%exit == rolls_on
       touch%next = out%next
-      slide = max(0.0_wp, out%advance)*boulder%radius/sqrt(1 + along*along)
-      speed = unit*sqrt(0.5_wp*(in%v(1)**2 + in%v(2)**2 + out%along**2 + out%across**2 + out%normal**2))
-      if (.not. speed > still*unit) slide = 0
-      call find_slide(dem, gravity, landing, heading, slide, out%duration*sqrt(boulder%radius/gravity), speed, &
-                      roll, off)
-      if (off) then
-         call find_slide(dem, gravity, landing, heading, 0.0_wp, 0.0_wp, 0.0_wp, roll, off)
-         touch%rolling = .false.
-         touch%next = 0
-      else
-         call fall(out, (landing%z - roll%landing%z)/boulder%radius &
-                   - in%pull(1)*slide*sqrt(1 + along*along)/boulder%radius, inertia)
-      end if
-      if (out%exit == flies) call climb(out, touch%lift, 1/steepness)
-      contact%v_out = unit*[sign(sqrt(out%along**2 + out%across**2), out%along), out%normal, &
-                           merge(-out%w, out%w, out%along < 0)]
-      contact%stops = out%exit == stops .or. energy_left(out, inertia) < rest_energy
-      call leave(dem, g, steepness, heading, along, side, unit, out, touch, roll)
-      roll%above = 0
-      if (.not. touch%rolling) roll%above = max(0.0_wp, touch%lift)*boulder%radius
-   end subroutine table_contact
+   end subroutine follow
+
+   !> No more energy than there was, and a little less than that; the speed that has the mean energy of the contact, and
+   !> how far it goes.
+   elemental subroutine limit_energy(along, across, normal, w, inertia, allowed, speed_in, advance, radius, total, &
+                                     left, speed, slide)
+      real(wp), intent(in) :: along, across, normal, w, inertia, allowed, advance  !! as in outcome_t [-]
+      real(wp), intent(in) :: speed_in      !! before it [-]
+      real(wp), intent(in) :: radius        !! R_b [m]
+      real(wp), intent(out) :: total, left  !! twice the kinetic energy over m g R_b: of these, and what is left of it
+      real(wp), intent(out) :: speed        !! [-]
+      real(wp), intent(out) :: slide        !! along the ground [m]
+      real(wp) :: part
+
+      total = energy(along, across, normal, w, inertia)
+      left = merge((1 - least_loss)*allowed, total, total > allowed)
+      part = left/max(total, tiny(total))
+      speed = sqrt(0.5_wp*(speed_in*speed_in + part*(along*along + across*across + normal*normal)))
+      slide = max(0.0_wp, advance)*radius
+      slide = merge(slide, 0.0_wp, speed > still)
+   end subroutine limit_energy
 
    !> Where the ground falls by more, or less, than a plane would have, gravity has done so much more work.
-   pure subroutine fall(out, more, inertia)
-      type(outcome_t), intent(inout) :: out
-      real(wp), intent(in) :: more     !! over R_b [-]
-      real(wp), intent(in) :: inertia  !! I/(m R_b**2) [-]
-      real(wp) :: energy, part
+   elemental real(wp) function after_fall(left, more)
+      real(wp), intent(in) :: left  !! as from limit_energy [-]
+      real(wp), intent(in) :: more  !! over R_b [-]
 
-      energy = energy_left(out, inertia)
-      if (.not. energy > still**2) return
-      part = sqrt(max(0.0_wp, 1 + 2*more/energy))
-      out%along = part*out%along
-      out%across = part*out%across
-      out%normal = part*out%normal
-      out%w = part*out%w
-   end subroutine fall
+      after_fall = merge(max(0.0_wp, left + 2*more), left, left > still*still)
+   end function after_fall
 
-   !> What takes off lower than it landed, in a hollow of the relief, has that much to climb to the mean ground. What is
-   !> too slow for it lands in its hollow again.
-   pure subroutine climb(out, lift, gravity)
-      type(outcome_t), intent(inout) :: out
-      real(wp), intent(inout) :: lift   !! over R_b [-]
-      real(wp), intent(in) :: gravity   !! along the normal, over g [-]
-      real(wp) :: square
+   !> The part of the velocity that has the energy that is left, and whether that is rest. What takes off lower than it
+   !> landed, in a hollow of the relief, has that much to climb to the mean ground. What is too slow for it lands in its
+   !> hollow again.
+   elemental subroutine share_energy(total, left, along, across, drawn, w, inertia, steepness, flies, lift, part, &
+                                     normal, rests)
+      real(wp), intent(in) :: total, left             !! as from limit_energy [-]
+      real(wp), intent(in) :: along, across, drawn, w, inertia  !! as in limit_energy; V_n as drawn [-]
+      real(wp), intent(in) :: steepness               !! of the ground [-]
+      real(wp), intent(in) :: flies                   !! 1 or 0
+      real(wp), intent(inout) :: lift                 !! as in touch_t [-]
+      real(wp), intent(out) :: part                   !! [-]
+      real(wp), intent(out) :: normal                 !! V_n that is left [-]
+      real(wp), intent(out) :: rests                  !! 1 or 0
+      real(wp) :: part2, square, climbs
 
-      square = out%normal**2 + 2*gravity*lift
-      if (lift >= 0 .or. square <= 0) return
-      out%normal = sqrt(square)
-      lift = 0
-   end subroutine climb
+      part2 = left/max(total, tiny(total))
+      part = sqrt(part2)
+      square = part2*(drawn*drawn) + 2*lift/steepness
+      climbs = merge(flies, 0.0_wp, lift < 0)
+      climbs = merge(climbs, 0.0_wp, square > 0)
+      normal = merge(sqrt(max(0.0_wp, square)), part*drawn, climbs > 0)
+      lift = merge(0.0_wp, lift, climbs > 0)
+      rests = merge(1.0_wp, 0.0_wp, energy(part*along, part*across, normal, part*w, inertia) < rest_energy)
+   end subroutine share_energy
 
-   !> Twice the kinetic energy, over m g R_b.
-   pure real(wp) function energy_left(out, inertia)
-      type(outcome_t), intent(in) :: out
-      real(wp), intent(in) :: inertia  !! I/(m R_b**2) [-]
+   !> V_t, V_n, W after a contact [m/s].
+   pure function velocity_after(unit, along, across, normal, w) result(v)
+      real(wp), intent(in) :: unit                      !! [m/s]
+      real(wp), intent(in) :: along, across, normal, w  !! that are left [-]
+      real(wp) :: v(3)
 
-      energy_left = out%along**2 + out%across**2 + out%normal**2 + inertia*out%w**2
-   end function energy_left
+      v = unit*[sign(sqrt(along*along + across*across), along), normal, merge(-w, w, along < 0)]
+   end function velocity_after
 
    !> The velocity at the end of the contact. What flies takes its velocity along to the ground there; what rolls on
    !> stays on it, and runs against it where it is steeper.
-   pure subroutine leave(dem, g, steepness, heading, along, side, unit, out, touch, roll)
-      type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: g(2), steepness, heading(2), along  !! where the contact began [-]
-      real(wp), intent(in) :: side  !! of the descent: 1 left, -1 right [-]
-      real(wp), intent(in) :: unit  !! [m/s]
-      type(outcome_t), intent(in) :: out
-      type(touch_t), intent(inout) :: touch
-      type(roll_t), intent(inout) :: roll
-      real(wp) :: across(2), plan(2), after(2), there, level, speed, v(3), v_end(3), onward(2)
+   elemental subroutine leave(along, across, normal, g1, g2, steepness, t1, t2, t3, end1, end2, rolls, pressed, &
+                              heading1, heading2, v1, v2, v3)
+      real(wp), intent(in) :: along, across, normal  !! after it, in the frame of its beginning, across to the left
+      real(wp), intent(in) :: g1, g2, steepness      !! of the ground where it began [-]
+      real(wp), intent(in) :: t1, t2, t3             !! the tangent there [-]
+      real(wp), intent(in) :: end1, end2             !! gradient where it ends [-]
+      real(wp), intent(inout) :: rolls               !! 1 or 0: does it stay on the ground?
+      real(wp), intent(inout) :: pressed             !! V_n of what rolls on [m/s]
+      real(wp), intent(out) :: heading1, heading2    !! of any length
+      real(wp), intent(out) :: v1, v2, v3            !! [m/s]
+      real(wp) :: plan1, plan2, rise, there, speed, tangential, against, slope1, slope2, runs, up
 
-      ! the tangent over the heading, and normal x tangent, in plan
-      level = sqrt(1 + along*along)
-      across = [-(heading(2) + g(2)*along), heading(1) + g(1)*along]/steepness
-      plan = (out%along*heading + side*out%across*across)/level
-      after = unit_vector(plan)
-      if (all(after == 0)) after = heading
-      speed = unit*sqrt(out%along**2 + out%across**2)
-      roll%w = unit*out%w
-      roll%heading = after
-      v_end(1:2) = g  ! where the known terrain ends, the ground goes on as it was
-      associate (end => roll%landing)
-         if (end%contact) v_end(1:2) = gradient(dem, end%patch, end%u, end%w)
-      end associate
-      there = sqrt(1 + v_end(1)**2 + v_end(2)**2)
-      if (.not. touch%rolling) then
-         call launch_velocity(speed, unit*max(0.0_wp, out%normal), after(1), after(2), v_end(1), v_end(2), there, &
-                              roll%v(1), roll%v(2), roll%v(3))
-         return
-      end if
-      call launch_velocity(speed, 0.0_wp, after(1), after(2), g(1), g(2), steepness, v(1), v(2), v(3))
-      call decompose(v, v_end(1:2), there, after, 0.0_wp, roll%v, onward)
-      if (any(onward /= 0)) roll%heading = onward
-      touch%normal = unit*out%normal + roll%v(2)
-      if (roll%v(2) >= 0) roll%v(1) = speed  ! falling ground turns it
-      touch%rolling = touch%normal > -meets*roll%v(1) .or. roll%v(2) >= 0
-      if (.not. touch%rolling) touch%next = 0
-      speed = roll%v(1)
-      call launch_velocity(speed, merge(0.0_wp, touch%normal, touch%rolling), roll%heading(1), roll%heading(2), &
-                           v_end(1), v_end(2), there, roll%v(1), roll%v(2), roll%v(3))
+      ! along the tangent, and across it along normal x tangent
+      plan1 = along*t1 - across*((t2 + g2*t3)/steepness)
+      plan2 = along*t2 + across*((t1 + g1*t3)/steepness)
+      there = sqrt(1 + end1*end1 + end2*end2)
+      speed = sqrt(along*along + across*across)
+      call in_local_frame(plan1, plan2, g1*plan1 + g2*plan2, end1, end2, there, tangential, against, slope1, slope2)
+      runs = merge(1.0_wp, 0.0_wp, against < 0)
+      pressed = merge(normal + against, pressed, rolls > 0)
+      heading1 = merge(slope1, plan1, rolls > 0)
+      heading2 = merge(slope2, plan2, rolls > 0)
+      speed = merge(merge(tangential, speed, runs > 0), speed, rolls > 0)  ! falling ground turns it
+      up = merge(pressed, max(0.0_wp, normal), rolls > 0)
+      rolls = merge(merge(rolls, 0.0_wp, pressed > -meets*tangential), rolls, runs > 0)
+      up = merge(0.0_wp, up/there, rolls > 0)
+      rise = end1*heading1 + end2*heading2
+      speed = speed/max(sqrt(heading1*heading1 + heading2*heading2 + rise*rise), tiny(speed))
+      v1 = speed*heading1 - up*end1
+      v2 = speed*heading2 - up*end2
+      v3 = speed*rise + up
    end subroutine leave
 end module rockfall_table_contact

@@ -44,7 +44,7 @@ contains
             allocate (table%low(n_inputs, bins), table%high(n_inputs, bins), table%record(record_fields, counts(8)))
             call take_reals(text, at, table%ratio)
             call take_reals(text, at, scales)
-            table%speed2 = scales(1)
+            table%speed = sqrt(max(0.0_wp, scales(1)))
             table%density = scales(2)
             table%inertia = scales(3)
             table%fastest = scales(4)
@@ -61,7 +61,8 @@ contains
             do k = 1, counts(8)
                call take_singles(text, at, table%record(:, k))
             end do
-            table%pull = table%record(pull_along:pull_across, :)
+            table%pull_along = table%record(pull_along, :)
+            table%pull_across = table%record(pull_across, :)
             if (is_sound(table, counts(8), bins)) return
          end if
       end if

@@ -14,8 +14,8 @@ module rockfall_flights
    use rockfall_trajectory, only: scratch_t
    implicit none
    private
-   public :: flights_t, landings_t, take_off, take_off_again, fly_on, flight_of, landing_of, replace_landing
-   public :: lanes, filled
+   public :: flights_t, landings_t, take_off, take_off_again, take_off_from, fly_on, flight_of, landing_of
+   public :: replace_landing, lanes, filled
 
    integer, parameter :: lanes = 64  !! flights at a time; a multiple of `width`
    integer, parameter :: width = 4   !! of them at a time are computed by the widest instructions
@@ -125,6 +125,22 @@ contains
       f%b(n) = l%b(k)
       f%c(n) = l%c(k)
    end subroutine take_off_again
+
+   !> The same from another place on its patch, or above it.
+   subroutine take_off_from(f, l, k, x, y, z, above, v1, v2, v3, rate)
+      type(flights_t), intent(inout) :: f
+      type(landings_t), intent(in) :: l
+      integer, intent(in) :: k
+      real(wp), intent(in) :: x, y, z           !! on the patch [m]
+      real(wp), intent(in) :: above             !! it [m]
+      real(wp), intent(in) :: v1, v2, v3, rate  !! [m/s]
+
+      call take_off_again(f, l, k, v1, v2, v3, rate)
+      f%x(f%n) = x
+      f%y(f%n) = y
+      f%z(f%n) = z + above
+      f%d0(f%n) = above
+   end subroutine take_off_from
 
    !> The patch that a flight is over.
    subroutine lie_over(f, k, patch)

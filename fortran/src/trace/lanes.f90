@@ -10,18 +10,19 @@ module rockfall_lanes
    use rockfall_random, only: philox, for_impact, words_per_block, purpose_bit, normal, uniform
    use rockfall_terrain, only: patch_t, slope_at, cell_of, read_window, horn
    use rockfall_flight, only: flight_t, landing_t, parabola_length
-   use rockfall_rolling, only: roll_t
+   use rockfall_rolling, only: roll_t, touch_t
    use rockfall_flights, only: flights_t, landings_t, take_off, take_off_again, fly_on, flight_of, landing_of, &
-                               replace_landing, lanes, filled
+                               take_off_from, replace_landing, lanes, filled
    use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, first_draw, draw_again, energy_of, &
                               beyond_fit
    use rockfall_direction, only: turn_past_aspect, divide_by_length, shortest
+   use rockfall_table_lanes, only: table_batch_t, clear_batch, add_contact, contacts_by_table, find_near
+   use rockfall_table_contact, only: velocity_after, end_touch
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, start_boulder, end_boulder, &
                                   clear, departure, record_crossings, handle_impact, find_rocks, &
                                   find_class, count_outcome, close_impact, meet_ground, count_ground, rest_or_roll, &
-                                  roll_on, with_all, absorbed, obstacle_t
+                                  roll_on, with_all, absorbed, impact_limit, obstacle_t, inertia_of
    use rockfall_local_frame, only: in_local_frame, rolled_before, launch_velocity
-   use rockfall_line, only: comes_near
    use rockfall_ground, only: is_stochastic
    use rockfall_tallies, only: totals_t, prepare, add_boulder
    use rockfall_maps, only: maps_t
@@ -67,6 +68,8 @@ module rockfall_lanes
       real(wp), dimension(lanes) :: rate = 0                     !! likewise [m/s]
       real(wp), dimension(lanes) :: usual = 0                    !! 1 or 0
       real(wp), dimension(lanes) :: z1 = 0, z2 = 0, z3 = 0, u = 0, side = 0  !! random numbers [-]
+      real(wp), dimension(lanes) :: ratio = 0                    !! R_b/R_m [-]
+      integer(i8) :: word(lanes, words_per_block) = 0            !! random
       real(wp), dimension(lanes, 9) :: z = 0                     !! elevations of the cell and its neighbours [m]
    end type contacts_t
 
@@ -97,6 +100,7 @@ contains
       type(landings_t) :: landings
       type(contacts_t) :: contacts
       type(draws_t) :: draws
+      type(table_batch_t), allocatable :: by_table
       type(laws_t) :: laws
       integer :: k
 
@@ -107,6 +111,7 @@ contains
          call prepare(scene, maps, scratch(k))
          pool%free(k) = k
       end do
+      if (has_tables(scene)) allocate (by_table)
       do
          call refill(scene, first, results, next, pool, scratch, flights)
          if (flights%n == 0) exit
@@ -115,9 +120,16 @@ contains
          call look_up(scene, laws, first, results, pool, landings, scratch, contacts)
          call meet(landings, scene%gravity, scene%dem%per_cell, contacts)
          call draw_numbers(scene, landings%n, contacts)
-         call draw(scene, laws, landings%n, contacts, draws)
-         call turn(landings%n, scene%dem%per_cell, contacts)
-         call go_on(scene, laws, results, pool, landings, contacts, flights, scratch)
+         if (size(laws%set) > 0) then
+            call draw(scene, laws, landings%n, contacts, draws)
+            call turn(landings%n, scene%dem%per_cell, contacts)
+         end if
+         if (allocated(by_table)) then
+            call find_contacts_by_table(scene, results, pool, landings, contacts, scratch, by_table)
+            call contacts_by_table(scene, landings, contacts%g1, contacts%g2, contacts%steepness, contacts%word, &
+                                   scratch(1)%cells_requested, by_table)
+         end if
+         call go_on(scene, laws, results, pool, landings, contacts, by_table, flights, scratch)
          call take_out(scene, results, crossings, maps, landings, pool, scratch, totals)
       end do
    end subroutine run_in_lanes
@@ -145,6 +157,18 @@ contains
          if (n >= 0) laws%set(n + 1:n + impact_ratios) = scene%grounds(ground)%sets
       end do
    end function laws_of
+
+   !> Whether any ground has a table of impacts.
+   pure logical function has_tables(scene)
+      type(scene_t), intent(in) :: scene
+      integer :: ground
+
+      has_tables = .false.
+      if (.not. allocated(scene%grounds)) return
+      do ground = 1, size(scene%grounds)
+         has_tables = has_tables .or. allocated(scene%grounds(ground)%table)
+      end do
+   end function has_tables
 
    !> Fill the free lanes with the next boulders.
    subroutine refill(scene, first, results, next, pool, scratch, flights)
@@ -200,20 +224,10 @@ contains
       type(pool_t), intent(in) :: pool
       type(landings_t), intent(in) :: l
       type(scratch_t), intent(inout) :: scratch(:)
-      real(wp) :: near(lanes), low1, low2, high1, high2
-      integer :: line, k, lane
+      real(wp) :: near(lanes)
+      integer :: k, lane
 
-      near = 0
-      do line = 1, size(scene%lines)
-         low1 = scene%lines(line)%low(1)
-         low2 = scene%lines(line)%low(2)
-         high1 = scene%lines(line)%high(1)
-         high2 = scene%lines(line)%high(2)
-         !$omp simd
-         do k = 1, filled(l%n)
-            near(k) = max(near(k), comes_near(low1, low2, high1, high2, l%x0(k), l%y0(k), l%x(k), l%y(k)))
-         end do
-      end do
+      call find_near(scene%lines, l%n, l%x0, l%y0, l%x, l%y, near)
       do k = 1, l%n
          if (.not. near(k) > 0) cycle
          lane = l%lane(k)
@@ -264,8 +278,10 @@ contains
             else if (allocated(scene%grounds)) then
                call meet_ground(scene, at, radius, c%ground(k), obstacle, result%status)
             end if
-            if (result%status == absorbed .or. laws%before(c%ground(k)) < 0) cycle
-            call find_class(scene, result%boulder%radius/radius, u_ground, class, c%outside(k))
+            if (result%status == absorbed) cycle
+            c%ratio(k) = result%boulder%radius/radius
+            if (laws%before(c%ground(k)) < 0) cycle
+            call find_class(scene, c%ratio(k), u_ground, class, c%outside(k))
             c%set(k) = laws%before(c%ground(k)) + class
             call read_window(scene%dem, at, z, complete)
             if (result%impacts == 1 .and. scene%sobol%dimensions > 1) z = 0  ! a flat cell is no usual one: see `turn`
@@ -277,6 +293,30 @@ contains
          end associate
       end do
    end subroutine look_up
+
+   !> Those of the contacts that are by a table. The first one's random numbers may be of a Sobol' point.
+   subroutine find_contacts_by_table(scene, results, pool, l, c, scratch, b)
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: results(:)
+      type(pool_t), intent(in) :: pool
+      type(landings_t), intent(in) :: l
+      type(contacts_t), intent(in) :: c
+      type(scratch_t), intent(in) :: scratch(:)
+      type(table_batch_t), intent(inout) :: b
+      integer :: k, lane
+
+      call clear_batch(b)
+      do k = 1, l%n
+         lane = l%lane(k)
+         associate (result => results(pool%place(lane)))
+            if (result%status /= 0 .or. (result%impacts == 1 .and. scene%sobol%dimensions > 1)) cycle
+            if (.not. allocated(scene%grounds(c%ground(k))%table)) cycle
+            call add_contact(b, k, c%ground(k), result%boulder, inertia_of(scene, c%number(k)), c%ratio(k), &
+                             l%jump_height(k), pool%w(lane), pool%heading1(lane), pool%heading2(lane), &
+                             scratch(lane)%touch)
+         end associate
+      end do
+   end subroutine find_contacts_by_table
 
    !> The ends of the flights, and the velocities there in the local frames.
    subroutine meet(l, gravity, per_cell, c)
@@ -309,7 +349,7 @@ contains
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: n
       type(contacts_t), intent(inout) :: c
-      integer(i8) :: w1, w2, w3, w4, word(lanes, 4)
+      integer(i8) :: w1, w2, w3, w4
       integer(i8), parameter :: low32 = 2_i8**32 - 1
       integer :: k
 
@@ -321,21 +361,21 @@ contains
          w3 = iand(c%impact(k), low32)
          w4 = shiftl(for_impact, purpose_bit)
          call philox(scene%key, w1, w2, w3, w4)
-         word(k, 1) = w1
-         word(k, 2) = w2
-         word(k, 3) = w3
-         word(k, 4) = w4
+         c%word(k, 1) = w1
+         c%word(k, 2) = w2
+         c%word(k, 3) = w3
+         c%word(k, 4) = w4
       end do
       !$omp simd
       do k = 1, filled(n)
-         c%z1(k) = normal(scene%table, word(k, 1))
-         c%z2(k) = normal(scene%table, word(k, 2))
-         c%z3(k) = normal(scene%table, word(k, 3))
+         c%z1(k) = normal(scene%table, c%word(k, 1))
+         c%z2(k) = normal(scene%table, c%word(k, 2))
+         c%z3(k) = normal(scene%table, c%word(k, 3))
       end do
       !$omp simd
       do k = 1, filled(n)
-         c%u(k) = uniform(word(k, 4))
-         c%side(k) = 2*real_of(iand(word(k, 4), 1_i8)) - 1
+         c%u(k) = uniform(c%word(k, 4))
+         c%side(k) = 2*real_of(iand(c%word(k, 4), 1_i8)) - 1
       end do
    end subroutine draw_numbers
 
@@ -469,13 +509,14 @@ contains
    end subroutine turn
 
    !> Each boulder after its contact: on its next flight, or at its end.
-   subroutine go_on(scene, laws, results, pool, l, c, flights, scratch)
+   subroutine go_on(scene, laws, results, pool, l, c, by_table, flights, scratch)
       type(scene_t), intent(in) :: scene
       type(laws_t), intent(in) :: laws
       type(boulder_result_t), intent(inout) :: results(:)
       type(pool_t), intent(inout) :: pool
       type(landings_t), intent(inout) :: l
       type(contacts_t), intent(in) :: c
+      type(table_batch_t), intent(inout), allocatable :: by_table
       type(flights_t), intent(inout) :: flights
       type(scratch_t), intent(inout) :: scratch(:)
       type(flight_t) :: flight
@@ -491,10 +532,17 @@ contains
             result%speed_max = max(result%speed_max, c%speed2_in(k))
             result%jump_height_max = max(result%jump_height_max, l%jump_height(k))
             if (result%status /= 0) cycle
+            if (allocated(by_table)) then
+               if (by_table%by_table(k)) then
+                  call leave_table(scene, by_table, l, k, pool, result, flights, scratch(lane))
+                  cycle
+               end if
+            end if
             if (c%set(k) > size(laws%set) .or. .not. c%usual(k) > 0) then
                call rebound_alone(scene, c%number(k), l, k, pool, result, flights, scratch(lane))
                cycle
             end if
+            if (allocated(by_table)) scratch(lane)%touch = touch_t()
             call beyond_fit(laws%set(c%set(k))%fitted, [c%tangential(k), c%normal(k)], fast, steep)
             call count_outcome(rebound_t([0.0_wp, 0.0_wp, 0.0_wp], c%draws(k), c%forced(k)), c%outside(k), fast, &
                                steep, result)
@@ -516,6 +564,57 @@ contains
          end associate
       end do
    end subroutine go_on
+
+   !> A boulder after a contact by a table.
+   subroutine leave_table(scene, b, l, k, pool, result, flights, scratch)
+      type(scene_t), intent(in) :: scene
+      type(table_batch_t), intent(inout) :: b
+      type(landings_t), intent(inout) :: l
+      integer, intent(in) :: k
+      type(pool_t), intent(inout) :: pool
+      type(boulder_result_t), intent(inout) :: result
+      type(flights_t), intent(inout) :: flights
+      type(scratch_t), intent(inout) :: scratch
+      type(flight_t) :: flight
+      integer :: lane
+
+      lane = l%lane(k)
+      call count_outcome(rebound_t([0.0_wp, 0.0_wp, 0.0_wp], forced=b%left(k) < b%total(k)), .false., b%fast(k), &
+                         .false., result)
+      call count_ground(b%ground(k), scratch)
+      if (scene%histograms_requested) &
+         call count_rebound(scratch%histograms, [b%tangential(k), b%normal(k), b%w(k)], &
+                            velocity_after(b%unit(k), b%part(k)*b%along(k), b%part(k)*b%across(k), b%n_left(k), &
+                                           b%part(k)*b%w_drawn(k)))
+      result%speed_max = max(result%speed_max, b%speed2(k))
+      scratch%touch = b%touch(k)
+      scratch%touch%normal = b%pressed(k)
+      scratch%touch%lift = b%lift(k)
+      call end_touch(b%off(k) > 0, b%rolls(k) > 0, scratch%touch)
+      call set_out(pool, lane, b%heading1(k), b%heading2(k), b%next_w(k))
+      if (.not. b%stops(k) > 0 .and. result%impacts >= scene%max_impacts) result%status = impact_limit
+      if (result%status /= 0) return
+      if (b%stops(k) > 0) then
+         scratch%touch = touch_t()
+         call rest_or_roll(scene, landing_of(l, k), b%speed2(k), b%next_w(k), result, b%roll(k))
+         if (result%status /= 0) return
+      else if (b%walks(k)) then
+         associate (roll => b%roll(k))
+            roll%v = [b%v1(k), b%v2(k), b%v3(k)]
+            roll%w = b%next_w(k)
+            roll%heading = [b%heading1(k), b%heading2(k)]
+            roll%above = b%above(k)
+         end associate
+      else
+         result%path_length = result%path_length + b%length(k)
+         result%time = result%time + b%slides(k)
+         result%time = result%time + b%waits(k)
+         call take_off_from(flights, l, k, b%x(k), b%y(k), b%z(k), b%above(k), b%v1(k), b%v2(k), b%v3(k), b%rate(k))
+         return
+      end if
+      flight%v = [b%v1(k), b%v2(k), b%v3(k)]
+      call roll_alone(scene, l, k, pool, result, flight, b%roll(k), flights, scratch)
+   end subroutine leave_table
 
    !> A rebound that is not one of many, and the next flight.
    subroutine rebound_alone(scene, number, l, k, pool, result, flights, scratch)

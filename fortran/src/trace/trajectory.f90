@@ -21,7 +21,7 @@ module rockfall_trajectory
    use rockfall_direction, only: turning_t, lateral_t, past_aspect, by_lab, lateral_angle, new_heading, unit_vector, &
                                  any_heading, rotated
    use rockfall_local_frame, only: decompose, launch_velocity
-   use rockfall_table_contact, only: table_contact_t, table_contact
+   use rockfall_table_contact, only: table_contact_t, table_contact, keep_touch
    use rockfall_line, only: line_t, first_crossing, next_crossing
    use rockfall_barrier, only: barrier_t, barrier_outcome, stopped_there, broken_through, passed_over
    use rockfall_forest, only: forest_t, tree_hit_t, tree_impact_t, first_hit, tree_impact
@@ -34,7 +34,7 @@ module rockfall_trajectory
    public :: scene_t, boulder_result_t, crossing_t, contact_t, scratch_t, obstacle_t, trace_full, choose_trace
    public :: goes_in_lanes
    public :: has_obstacles, at_rest, start_boulder, end_boulder, departure, record_crossings, handle_impact, find_rocks
-   public :: clear, find_class, count_outcome
+   public :: clear, find_class, count_outcome, inertia_of
    public :: close_impact, rest_or_roll, roll_on, meet_ground, count_ground, with_all
    public :: one_by_one, narrow_lanes, wide_lanes
    public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier, left_window
@@ -565,7 +565,7 @@ contains
          if (obstacle%kind /= none) v = flight%v
       end if
       above = merge(roll%above, 0.0_wp, roll%drawn .and. landing%contact)
-      result%path_length = result%path_length + mean*landing%time
+      result%path_length = result%path_length + merge(fraction*roll%length, mean*landing%time, roll%drawn)
       result%time = result%time + landing%time
       if (roll%drawn .and. landing%contact) result%time = result%time + roll%waits
       result%speed_max = max(result%speed_max, square(v))
@@ -902,9 +902,7 @@ contains
       real(wp) :: before
 
       before = square(v) + inertia_factor*omega_r*omega_r
-      if (scratch%touch%ground /= ground .or. scratch%touch%ratio /= ratio) scratch%touch%next = 0
-      scratch%touch%ground = ground
-      scratch%touch%ratio = ratio
+      call keep_touch(ground, ratio, result%boulder%radius, landing%jump_height, scratch%touch)
       call table_contact(scene%dem, scene%gravity, here%table, result%boulder, inertia_of(scene, number), ratio, u, &
                          landing, v, flight%heading, omega_r, scratch%touch, roll, contact)
       call count_outcome(rebound_t(contact%v_out, forced=contact%limited), .false., contact%fast, .false., result)

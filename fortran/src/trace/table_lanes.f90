@@ -1,0 +1,326 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Contacts by tables of impacts, several boulders at a time. Each takes the steps of `table_contact`, in the same
+!> order, so the bits are the same. Those with roots and quotients are loops over all. All records are chosen before
+!> the first is read, so that no boulder waits for memory alone; and a boulder walks over the terrain only where its
+!> contact does not end on the patch where it began, or where its path is looked at.
+!>
+!> Compiled twice, like rockfall_lanes.
+module rockfall_table_lanes
+   use rockfall_kinds, only: wp, i8
+   use rockfall_random, only: words_per_block, uniform
+   use rockfall_terrain, only: slope_at, gradient
+   use rockfall_boulder, only: boulder_t
+   use rockfall_rolling, only: roll_t, touch_t, find_slide, slide_on_patch, falls_away, time_slide
+   use rockfall_direction, only: shortest
+   use rockfall_local_frame, only: rolled_before
+   use rockfall_impact_table, only: approach_t, outcome_t, flies, stops
+   use rockfall_table_contact, only: side_u, keep_touch, meet_plane, find_pull, draw_record, follow, limit_energy, &
+                                     after_fall, share_energy, leave
+   use rockfall_line, only: line_t, comes_near
+   use rockfall_flights, only: landings_t, landing_of, lanes, filled
+   use rockfall_trajectory, only: scene_t
+   implicit none
+   private
+   public :: table_batch_t, clear_batch, add_contact, contacts_by_table, find_near
+
+   !> The contacts by a table of those that have landed, each at the place of its landing. What a place held before is
+   !> left in it.
+   type :: table_batch_t
+      integer :: n = 0, landing(lanes) = 0                        !! places of the n contacts
+      logical, dimension(lanes) :: by_table = .false.             !! whether it is one of them
+      integer, dimension(lanes) :: ground = 0, bin = 0, record = 0
+      type(boulder_t) :: boulder(lanes)
+      type(touch_t) :: touch(lanes)
+      type(approach_t) :: in(lanes)
+      real(wp), dimension(lanes) :: ratio = 0                     !! R_b/R_m [-]
+      real(wp), dimension(lanes) :: radius = 1, inertia = 0       !! R_b [m]; as in approach_t [-]
+      real(wp), dimension(lanes) :: before1 = 0, before2 = 0      !! heading before, of any length
+      real(wp), dimension(lanes) :: touches = 0, pressed = 0      !! still in the contact before: 1 or 0; its V_n [m/s]
+      real(wp), dimension(lanes) :: tangential = 0, normal = 0, w = 0  !! V_t, V_n, W before it [m/s]
+      real(wp), dimension(lanes) :: unit = 1                      !! sqrt(g R_b) [m/s]
+      real(wp), dimension(lanes) :: t1 = 0, t2 = 0, t3 = 0        !! unit tangent [-]
+      real(wp), dimension(lanes) :: side = 0, pull = 0            !! of the descent; gravity along it, over g [-]
+      real(wp), dimension(lanes) :: speed_in = 0                  !! as in approach_t [-]
+      real(wp), dimension(lanes) :: along = 0, across = 0, drawn = 0, w_drawn = 0  !! as in outcome_t; V_n, W [-]
+      real(wp), dimension(lanes) :: allowed = 0, advance = 0, duration = 0         !! likewise [-]
+      real(wp), dimension(lanes) :: lift = 0                      !! as in touch_t [-]
+      real(wp), dimension(lanes) :: flown = 0, rolls = 0, stops = 0  !! how it ends: 1 or 0
+      real(wp), dimension(lanes) :: total = 0, left = 0           !! energies, as in limit_energy [-]
+      real(wp), dimension(lanes) :: part = 0, n_left = 0          !! as from share_energy: of the velocity, V_n [-]
+      real(wp), dimension(lanes) :: slide = 0, time = 0, speed = 0  !! as in find_slide [m], [s], [m/s]
+      real(wp), dimension(lanes) :: inside = 0, off = 0           !! it ends on its patch; falls away: 1 or 0
+      real(wp), dimension(lanes) :: x = 0, y = 0, z = 0           !! of its end [m]
+      real(wp), dimension(lanes) :: end1 = 0, end2 = 0            !! gradient there [-]
+      real(wp), dimension(lanes) :: length = 0, slides = 0, waits = 0  !! as from time_slide [m], [s]
+      real(wp), dimension(lanes) :: near = 0                      !! 1: comes near a line
+      real(wp), dimension(lanes) :: heading1 = 0, heading2 = 0    !! after it, of any length
+      real(wp), dimension(lanes) :: next_w = 0                    !! W after it [m/s]
+      real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0        !! of the next flight [m/s]
+      real(wp), dimension(lanes) :: speed2 = 0, rate = 0, above = 0  !! likewise [m2/s2], [m/s], [m]
+      logical, dimension(lanes) :: fast = .false., walks = .false.   !! as in table_contact_t; its path is in
+      type(roll_t) :: roll(lanes)
+   end type table_batch_t
+
+contains
+
+   subroutine clear_batch(b)
+      type(table_batch_t), intent(inout) :: b
+
+      b%n = 0
+      b%by_table = .false.
+   end subroutine clear_batch
+
+   !> One more contact.
+   subroutine add_contact(b, k, ground, boulder, inertia, ratio, jump_height, w, heading1, heading2, touch)
+      type(table_batch_t), intent(inout) :: b
+      integer, intent(in) :: k                    !! its place
+      integer, intent(in) :: ground
+      type(boulder_t), intent(in) :: boulder
+      real(wp), intent(in) :: inertia, ratio      !! I/(m R_b**2), R_b/R_m [-]
+      real(wp), intent(in) :: jump_height, w      !! of the flight [m], W [m/s]
+      real(wp), intent(in) :: heading1, heading2  !! after the contact before, of any length
+      type(touch_t), intent(in) :: touch
+
+      b%n = b%n + 1
+      b%landing(b%n) = k
+      b%by_table(k) = .true.
+      b%ground(k) = ground
+      b%boulder(k) = boulder
+      b%inertia(k) = inertia
+      b%ratio(k) = ratio
+      b%radius(k) = boulder%radius
+      b%w(k) = w
+      b%before1(k) = heading1
+      b%before2(k) = heading2
+      b%touch(k) = touch
+      call keep_touch(ground, ratio, boulder%radius, jump_height, b%touch(k))
+      b%touches(k) = merge(1.0_wp, 0.0_wp, b%touch(k)%rolling)
+      b%pressed(k) = touch%normal
+   end subroutine add_contact
+
+   !> What becomes of all of them.
+   subroutine contacts_by_table(scene, l, g1, g2, steepness, word, paths, b)
+      type(scene_t), intent(in) :: scene
+      type(landings_t), intent(in) :: l
+      real(wp), dimension(lanes), intent(in) :: g1, g2, steepness  !! of the ground where they landed [-]
+      integer(i8), intent(in) :: word(lanes, words_per_block)      !! random
+      logical, intent(in) :: paths                                 !! are looked at, for maps
+      type(table_batch_t), intent(inout) :: b
+
+      if (b%n == 0) return
+      call approach(l, scene%gravity, g1, g2, steepness, word(:, side_u), b)
+      call drop_vertical(b)
+      call draw_records(scene, word, b)
+      call follow_records(scene, b)
+      call slide_on(l, scene%gravity, scene%dem%per_cell, b)
+      if (allocated(scene%lines)) call find_near(scene%lines, l%n, l%x, l%y, b%x, b%y, b%near)
+      call walk(scene, l, g1, g2, paths, b)
+      call depart(l, g1, g2, steepness, b)
+   end subroutine contacts_by_table
+
+   !> Their velocities in the local frames, over `unit` too.
+   subroutine approach(l, gravity, g1, g2, steepness, word, b)
+      type(landings_t), intent(in) :: l
+      real(wp), intent(in) :: gravity  !! [m/s2]
+      real(wp), dimension(lanes), intent(in) :: g1, g2, steepness
+      integer(i8), intent(in) :: word(lanes)
+      type(table_batch_t), intent(inout) :: b
+      real(wp) :: normal, unit, a1, a2, a3, speed, along, across
+      integer :: k
+
+      !$omp simd private(normal, unit, a1, a2, a3, speed, along, across)
+      do k = 1, filled(l%n)
+         call meet_plane(l%v1(k), l%v2(k), l%v3(k) - gravity*l%time(k), g1(k), g2(k), steepness(k), b%tangential(k), &
+                         normal, b%t1(k), b%t2(k), b%t3(k))
+         normal = merge(b%pressed(k), normal, b%touches(k) > 0)
+         b%normal(k) = normal
+         b%w(k) = rolled_before(b%w(k), b%before1(k), b%before2(k), b%t1(k), b%t2(k))
+         call find_pull(g1(k), g2(k), steepness(k), b%t1(k), b%t2(k), b%t3(k), uniform(word(k)), along, across, &
+                        b%side(k))
+         unit = sqrt(gravity*b%radius(k))
+         b%unit(k) = unit
+         a1 = b%tangential(k)*(1/unit)
+         a2 = normal*(1/unit)
+         a3 = b%w(k)*(1/unit)
+         speed = sqrt(a1*a1 + a2*a2)
+         b%speed_in(k) = speed
+         b%pull(k) = along
+         b%in(k)%v(1) = a1
+         b%in(k)%v(2) = a2
+         b%in(k)%v(3) = a3
+         b%in(k)%speed = speed
+         b%in(k)%pull(1) = along
+         b%in(k)%pull(2) = across
+      end do
+   end subroutine approach
+
+   !> Leave what fell along the normal, and has no tangent, to `table_contact`.
+   subroutine drop_vertical(b)
+      type(table_batch_t), intent(inout) :: b
+      integer :: m, n, k
+
+      n = 0
+      do m = 1, b%n
+         k = b%landing(m)
+         b%by_table(k) = b%tangential(k) > shortest
+         b%landing(n + 1) = k
+         n = n + merge(1, 0, b%by_table(k))
+      end do
+      b%n = n
+   end subroutine drop_vertical
+
+   subroutine draw_records(scene, word, b)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: word(lanes, words_per_block)
+      type(table_batch_t), intent(inout) :: b
+      integer :: m, k
+
+      do m = 1, b%n
+         k = b%landing(m)
+         call draw_record(scene%grounds(b%ground(k))%table, b%boulder(k), b%inertia(k), b%unit(k), b%ratio(k), &
+                          uniform(word(k, :)), b%touch(k), b%in(k), b%bin(k), b%record(k), b%fast(k))
+      end do
+   end subroutine draw_records
+
+   subroutine follow_records(scene, b)
+      type(scene_t), intent(in) :: scene
+      type(table_batch_t), intent(inout) :: b
+      type(outcome_t) :: out
+      integer :: m, k
+
+      do m = 1, b%n
+         k = b%landing(m)
+         call follow(scene%grounds(b%ground(k))%table, b%bin(k), b%record(k), b%in(k), b%touch(k), out)
+         b%along(k) = out%along
+         b%across(k) = out%across
+         b%drawn(k) = out%normal
+         b%w_drawn(k) = out%w
+         b%allowed(k) = out%allowed
+         b%advance(k) = out%advance
+         b%duration(k) = out%duration
+         b%lift(k) = b%touch(k)%lift
+         b%rolls(k) = merge(1.0_wp, 0.0_wp, b%touch(k)%rolling)
+         b%flown(k) = merge(1.0_wp, 0.0_wp, out%exit == flies)
+         b%stops(k) = merge(1.0_wp, 0.0_wp, out%exit == stops)
+      end do
+   end subroutine follow_records
+
+   !> Where they end, if that is on the patch where they began.
+   subroutine slide_on(l, gravity, per_cell, b)
+      type(landings_t), intent(in) :: l
+      real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
+      type(table_batch_t), intent(inout) :: b
+      real(wp) :: speed, slide, time, u, w, x, y, z, inside, still_inside, off
+      integer :: k
+
+      !$omp simd private(speed, slide, time, u, w, x, y, z, inside, still_inside, off)
+      do k = 1, filled(l%n)
+         call limit_energy(b%along(k), b%across(k), b%drawn(k), b%w_drawn(k), b%inertia(k), b%allowed(k), &
+                           b%speed_in(k), b%advance(k), b%radius(k), b%total(k), b%left(k), speed, slide)
+         speed = b%unit(k)*speed
+         time = b%duration(k)*(b%unit(k)/gravity)
+         b%slide(k) = slide
+         b%time(k) = time
+         b%speed(k) = speed
+         call slide_on_patch(l%x(k), l%y(k), b%t1(k), b%t2(k), slide, per_cell, l%i(k), l%j(k), l%z00(k), l%a(k), &
+                             l%b(k), l%c(k), x, y, u, w, z, inside)
+         off = falls_away(l%z(k) - z, b%t3(k), slide, gravity, time)
+         b%off(k) = off
+         slide = merge(0.0_wp, slide, off > 0)
+         time = merge(0.0_wp, time, off > 0)
+         call slide_on_patch(l%x(k), l%y(k), b%t1(k), b%t2(k), slide, per_cell, l%i(k), l%j(k), l%z00(k), l%a(k), &
+                             l%b(k), l%c(k), x, y, u, w, z, still_inside)
+         b%inside(k) = merge(inside, 0.0_wp, still_inside > 0)
+         call time_slide(b%t1(k), b%t2(k), slide, l%z(k) - z, time, speed, b%length(k), b%slides(k), b%waits(k))
+         b%x(k) = x
+         b%y(k) = y
+         b%z(k) = z
+         b%end1(k) = slope_at(l%a(k), l%c(k), w, per_cell)
+         b%end2(k) = slope_at(l%b(k), l%c(k), u, per_cell)
+      end do
+   end subroutine slide_on
+
+   !> Which of some straight paths come near a line.
+   subroutine find_near(lines, n, x0, y0, x, y, near)
+      type(line_t), intent(in) :: lines(:)
+      integer, intent(in) :: n
+      real(wp), dimension(lanes), intent(in) :: x0, y0, x, y  !! both ends [m]
+      real(wp), dimension(lanes), intent(out) :: near         !! 1 or 0
+      real(wp) :: low1, low2, high1, high2
+      integer :: line, k
+
+      near = 0
+      do line = 1, size(lines)
+         low1 = lines(line)%low(1)
+         low2 = lines(line)%low(2)
+         high1 = lines(line)%high(1)
+         high2 = lines(line)%high(2)
+         !$omp simd
+         do k = 1, filled(n)
+            near(k) = max(near(k), comes_near(low1, low2, high1, high2, x0(k), y0(k), x(k), y(k)))
+         end do
+      end do
+   end subroutine find_near
+
+   !> The others walk.
+   subroutine walk(scene, l, g1, g2, paths, b)
+      type(scene_t), intent(in) :: scene
+      type(landings_t), intent(in) :: l
+      real(wp), dimension(lanes), intent(in) :: g1, g2
+      logical, intent(in) :: paths
+      type(table_batch_t), intent(inout) :: b
+      real(wp) :: g(2)
+      logical :: off
+      integer :: m, k
+
+      do m = 1, b%n
+         k = b%landing(m)
+         b%walks(k) = paths .or. .not. b%inside(k) > b%near(k)
+         if (.not. b%walks(k)) cycle
+         associate (roll => b%roll(k))
+            call find_slide(scene%dem, scene%gravity, landing_of(l, k), [b%t1(k), b%t2(k), b%t3(k)], b%slide(k), &
+                            b%time(k), b%speed(k), roll, off)
+            g = [g1(k), g2(k)]
+            if (roll%landing%contact) g = gradient(scene%dem, roll%landing%patch, roll%landing%u, roll%landing%w)
+            b%z(k) = roll%landing%z
+         end associate
+         b%off(k) = merge(1.0_wp, 0.0_wp, off)
+         b%end1(k) = g(1)
+         b%end2(k) = g(2)
+      end do
+   end subroutine walk
+
+   !> Their velocities afterwards.
+   subroutine depart(l, g1, g2, steepness, b)
+      type(landings_t), intent(in) :: l
+      real(wp), dimension(lanes), intent(in) :: g1, g2, steepness
+      type(table_batch_t), intent(inout) :: b
+      real(wp) :: left, lift, part, normal, rests, rolls, pressed, unit
+      integer :: k
+
+      !$omp simd private(left, lift, part, normal, rests, rolls, pressed, unit)
+      do k = 1, filled(l%n)
+         left = after_fall(b%left(k), (l%z(k) - b%z(k) - b%pull(k)*b%slide(k))/b%radius(k))
+         left = merge(b%left(k), left, b%off(k) > 0)
+         lift = b%lift(k)
+         rolls = merge(0.0_wp, b%rolls(k), b%off(k) > 0)
+         call share_energy(b%total(k), left, b%along(k), b%across(k), b%drawn(k), b%w_drawn(k), b%inertia(k), &
+                           steepness(k), b%flown(k), lift, part, normal, rests)
+         b%part(k) = part
+         b%n_left(k) = normal
+         b%stops(k) = max(b%stops(k), rests)
+         unit = b%unit(k)
+         b%next_w(k) = unit*(part*b%w_drawn(k))
+         pressed = b%pressed(k)
+         call leave(unit*(part*b%along(k)), unit*(part*b%side(k)*b%across(k)), unit*normal, g1(k), g2(k), &
+                    steepness(k), b%t1(k), b%t2(k), b%t3(k), b%end1(k), b%end2(k), rolls, pressed, b%heading1(k), &
+                    b%heading2(k), b%v1(k), b%v2(k), b%v3(k))
+         b%pressed(k) = pressed
+         b%rolls(k) = rolls
+         b%lift(k) = lift
+         b%above(k) = merge(0.0_wp, max(0.0_wp, lift)*b%radius(k), rolls > 0)
+         b%speed2(k) = b%v1(k)*b%v1(k) + b%v2(k)*b%v2(k) + b%v3(k)*b%v3(k)
+         b%rate(k) = b%v3(k) - (b%end1(k)*b%v1(k) + b%end2(k)*b%v2(k))
+      end do
+   end subroutine depart
+end module rockfall_table_lanes
