@@ -3,9 +3,9 @@
 a table of grounds.
 
 `--law NAME=TABLE` is a table of impacts: one that is shipped, or a file in whose name {shape}
-stands for the shape of the block; `TABLE@27` the same with a `rest_angle` of 27 degrees. `--ground ROW` is a classical rebound: a row of the shipped table
-of grounds; `ROW@16` the same with a `roughness_angle` of 16 degrees; `TABLE:ROW` a row of another
-shipped table or of a file of grounds.
+stands for the shape of the block; `TABLE@27` the same with a `rest_angle` of 27 degrees. `--ground
+ROW` is a classical rebound: a row of the shipped table of grounds; `ROW@16` the same with a
+`roughness_angle` of 16 degrees; `TABLE:ROW` a row of another shipped table or of a file of grounds.
 """
 
 import argparse
