@@ -274,7 +274,8 @@ contains
       integer, intent(in) :: bin
       real(wp), intent(in) :: pull(2), u
       integer :: first, last, n, from, one, k
-      real(sp) :: along, across, apart, least
+      real(sp) :: along
+      real(wp) :: apart, least
 
       first = table%first(bin)
       last = table%first(bin + 1) - 1
@@ -285,13 +286,12 @@ contains
          from = from + merge(1, 0, table%pull_along(k) < along)
       end do
       from = max(first, min(from, last + 1 - n))
-      across = real(pull(2), sp)
       chosen = from
       least = huge(least)
       do k = 0, candidates - 1
          one = int(u*n) + (k*n)/candidates
          one = from + one - merge(n, 0, one >= n)
-         apart = abs(table%pull_across(one) - across)
+         apart = abs(table%pull_across(one) - pull(2))
          chosen = merge(one, chosen, apart < least)
          least = min(least, apart)
       end do

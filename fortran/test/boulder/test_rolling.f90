@@ -7,7 +7,7 @@ program test_rolling
    use rockfall_boulder, only: inertia_factor
    use rockfall_terrain, only: terrain_t, terrain, locate, height
    use rockfall_flight, only: landing_t
-   use rockfall_rolling, only: roll_t, find_roll, speed_within, cut_roll
+   use rockfall_rolling, only: roll_t, find_roll, find_slide, speed_within, cut_roll
    use check_m, only: check, check_close, finish
    implicit none
    integer, parameter :: n = 12
@@ -21,6 +21,7 @@ program test_rolling
    call test_hollow()
    call test_edge()
    call test_cut()
+   call test_slide()
    call finish()
 
 contains
@@ -156,4 +157,36 @@ contains
       call check_close("speed there", speed_within(roll, 0.25_wp)**2, &
                        0.75_wp*roll%speed2(1) + 0.25_wp*roll%speed2(2), near)
    end subroutine test_cut
+
+   !> A slide ends on the ground, on its own patch or on another, of other slopes; at the edge of the terrain; and at
+   !> its beginning where the ground falls away.
+   subroutine test_slide()
+      type(roll_t) :: roll
+      type(landing_t) :: start, there
+      real(wp) :: t(3), length
+      logical :: off
+      integer :: k
+
+      call set_plane(10.0_wp, 5.0_wp)
+      z(5:8, 5:8) = z(5:8, 5:8) + reshape([(0.3_wp*sin(7.0_wp*k), k=1, 16)], [4, 4])
+      start = contact_at(9.3_wp, 13.1_wp)
+      do k = 0, 40
+         t = [0.6_wp, -0.75_wp, 0.0_wp]
+         t(3) = sqrt(1 - sum(t**2))
+         length = 0.2_wp*k
+         call find_slide(dem, gravity, start, t, length, 10.0_wp, 2.0_wp, roll, off)
+         there = contact_at(start%x + length*t(1), start%y + length*t(2))
+         call check("the slide ends on the ground", roll%landing%contact .and. .not. off)
+         call check("on the patch that lies there", all([roll%landing%patch%i, roll%landing%patch%j] &
+                                                        == [there%patch%i, there%patch%j]))
+         call check_close("at its height", roll%landing%z, there%z, near)
+         call check_close("its time and the wait are the contact's", roll%landing%time + roll%waits, 10.0_wp, near)
+      end do
+      call find_slide(dem, gravity, start, [0.0_wp, -1.0_wp, 0.0_wp], 1.2_wp, 0.1_wp, 12.0_wp, roll, off)
+      call check("ground that falls away is left at once", off .and. .not. abs(roll%length) > 0)
+      call check_close("at the place", roll%landing%y, start%y, near)
+      call find_slide(dem, gravity, start, [0.0_wp, -1.0_wp, 0.0_wp], 14.0_wp, 10.0_wp, 12.0_wp, roll, off)
+      call check("beyond the edge nothing is known", .not. roll%landing%contact)
+      call check_close("a slide goes no farther", roll%landing%y + 1, 1.0_wp, near)
+   end subroutine test_slide
 end program test_rolling
