@@ -272,7 +272,9 @@ def test_flat_ground_is_flat():
 
 def test_every_ground_that_is_shipped_runs():
     for ground in grounds():
-        data = run_throws(BlockCase(lab={"ground": ground, "throws": 3}, block={"count": 2}))
+        data = run_throws(
+            BlockCase(lab={"ground": ground, "throws": 3, "contacts": 8}, block={"count": 2})
+        )
         assert data.attrs["ground"] == ground
         assert data.attrs["unfinished"] == 0
         assert np.isfinite(data["energy_out"]).all()
