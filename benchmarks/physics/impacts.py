@@ -22,6 +22,7 @@ import numpy as np
 import rockfall
 from benchmarks.lab.blocks import energy_left
 from benchmarks.machine import machine
+from benchmarks.physics.laws import Law, table
 from rockfall.io.grid import Grid
 from rockfall.io.tables import Row, read_table
 from rockfall.lab.blocks.case import grounds
@@ -34,7 +35,7 @@ BOULDERS = 2000
 THROWS = 300
 
 
-def by_table(row: Row) -> float:
+def by_table(row: Row, law: Law) -> float:
     """Mean energy of translation after / before of the first contact on flat terrain, by table."""
     radius, speed = (row.number(key, 0.01, 100) for key in ("radius_m", "incoming_total_speed_mps"))
     angle = np.radians(row.number("impact_angle_deg", 0.1, 90))
@@ -46,7 +47,7 @@ def by_table(row: Row) -> float:
             "volume": "fixed", "volume_mean": volume,
             "density": row.number("mass_kg", 1, 1e6) / volume,
         },
-        impact={"form": "table", "table": GROUND},
+        impact=law.of("compact")["impact"],
         release={
             "x": [middle], "y": [middle], "drop_height": 1e-6,
             "velocity": [speed * np.cos(angle), 0.0, -speed * np.sin(angle)],
@@ -82,7 +83,7 @@ def numbers(row: Row, throws: int) -> list[float]:
         energy_left(row, throws, strength, SPIN, 0),
         energy_left(row, throws, strength, NO_SPIN, 0),
         energy_left(row, throws, strength, NO_SPIN, relief),
-        by_table(row),
+        by_table(row, table(GROUND)),
         row.number("observed_scarring_depth_m", 0, 10),
         row.number("observed_scarring_depth_ifm_m", 0, 10),
         *(scar(row.number("mass_kg", 1, 1e6), normal, one) for one in STIFFNESS),
