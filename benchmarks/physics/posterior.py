@@ -3,7 +3,7 @@
 (docs/validation/field/protocol.md, fifth calibration):
 
     python -m benchmarks.physics.posterior meadow FIELD TABLES
-    python -m benchmarks.physics.posterior talus FIELD TABLES
+    python -m benchmarks.physics.posterior talus FIELD TABLES --grid 2
 
 FIELD is a folder with tschamut2014/ and chant_sura_esurf2019/ (rockfall.field downloads them); what
 was made and measured at each point is kept in TABLES, and not made again. Prints, for each kind of
@@ -35,12 +35,17 @@ from rockfall.lab.blocks.case import BlockCase
 from rockfall.lab.blocks.contacts import run_throws
 from rockfall.lab.tables import table_of
 
-POINTS = {
-    "meadow": {"relief": [5, 6.5, 8, 10, 12], "yield_pressure": [5e5, 1e6, 2e6]},
-    "talus": {
-        "relief": [10, 14, 18, 22, 26, 30], "yield_pressure": [3e5, 1e6, 3e6], "longest": [4, 16],
-    },
-}  # fmt: skip
+POINTS = {  # grids of a ground, the later ones after looking at those before
+    "meadow": [{"relief": [5, 6.5, 8, 10, 12], "yield_pressure": [5e5, 1e6, 2e6]}],
+    "talus": [
+        {"relief": [10, 14, 18, 22, 26, 30], "yield_pressure": [3e5, 1e6, 3e6], "longest": [4, 16]},
+        {
+            "relief": [16, 18, 20, 22, 24, 26],
+            "yield_pressure": [1e5, 2e5, 3e5],
+            "longest": [16, 32],
+        },
+    ],
+}
 THROWS, SEED, BOULDERS = 1000, 1, 100
 ON_PLANES, ALLOWED, LIMIT_DEVIATION = 400, 0.05, 0.05
 ON_SLOPES, SLOPE_SEEDS = 1000, range(500, 508)
@@ -179,9 +184,9 @@ KINDS: dict[str, dict[str, Callable[[Path], Evidence]]] = {
 }  # fmt: skip
 
 
-def points(ground: str) -> Iterator[dict[str, float]]:
-    for values in product(*POINTS[ground].values()):
-        yield dict(zip(POINTS[ground], values, strict=True))
+def points(grid: dict[str, list[float]]) -> Iterator[dict[str, float]]:
+    for values in product(*grid.values()):
+        yield dict(zip(grid, values, strict=True))
 
 
 def name_of(ground: str, point: dict[str, float]) -> str:
@@ -231,18 +236,20 @@ def main() -> None:
     parser.add_argument("ground", choices=POINTS)
     parser.add_argument("field", type=Path)
     parser.add_argument("tables", type=Path)
+    parser.add_argument("--grid", type=int, default=1)
     parser.add_argument("--without", nargs="*", default=[], help="kinds that do not decide")
     given = parser.parse_args()
     given.tables.mkdir(exist_ok=True)
     kinds = {name: make(given.field) for name, make in KINDS[given.ground].items()}
     print(machine())
-    places = list(points(given.ground))
+    grid = POINTS[given.ground][given.grid - 1]
+    places = list(points(grid))
     found = [measured(given.ground, one, kinds, given.tables) for one in places]
     score = {
         kind: np.array([evidence.log_likelihood(one[kind]) for one in found])
         for kind, evidence in kinds.items()
     }
-    values = {key: np.array([one[key] for one in places]) for key in POINTS[given.ground]}
+    values = {key: np.array([one[key] for one in places]) for key in grid}
     print("| evidence | " + " | ".join(values) + " | most probable | -2 log L there |")
     print("|---" * (3 + len(values)) + "|")
     deciding = [kind for kind in kinds if kind not in given.without]

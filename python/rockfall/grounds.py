@@ -75,6 +75,12 @@ def parameters() -> tuple[Parameter, ...]:
     return tuple(rows)
 
 
+@cache
+def repose() -> float:
+    """The rest angle of ground of rocks [degree], and of what says no other."""
+    return next(float(one.default) for one in parameters() if one.name == "rest_angle")
+
+
 def shipped_grounds() -> Path:
     """The table that is shipped with the program."""
     return Path(str(importlib.resources.files("rockfall") / "data" / "grounds.csv"))

@@ -17,7 +17,7 @@ from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.io.files import atomic_write, check_netcdf
 
-FIRST_LINE = b"rockfall impact table 1\n"
+FIRST_LINE = b"rockfall impact table 2\n"
 FIELDS = (
     "vt_in", "vn_in", "w_in", "speed_in", "height_in", "along_out", "across_out", "vn_out", "w_out",
     "duration", "advance", "rise", "pull_along", "pull_across", "exit", "follower",
@@ -25,6 +25,7 @@ FIELDS = (
 INPUTS, MAPPED = 4, 3  # V_t, V_n, W, height; along, V_n, W
 SHAPES = "compact", "elongated", "platy"  # of the blocks of shipped tables
 KINDS = "flight", "roll"
+SCALES = "speed2", "density", "inertia", "fastest", "rest_angle"  # numbers of a whole table
 EDGES = tuple(f"{kind}_edge_{key}" for kind in KINDS for key in (1, 2, 3))
 
 
@@ -45,6 +46,7 @@ class ImpactTable:
     density: float  # of its blocks [kg/m3]
     inertia: float  # I/(m R_b^2) [-]
     fastest: float  # V^2 of the fastest record that flew in, over g R_b [-]
+    rest_angle: float  # of the ground: boulders that stop roll on where it is steeper [degree]
     about: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -58,7 +60,7 @@ class ImpactTable:
     def pack(self) -> bytes:
         """The table as the kernel takes it."""
         counts = [len(self.ratio), *self.bins["flight"], *self.bins["roll"], len(self.record)]
-        scales = [self.speed2, self.density, self.inertia, self.fastest]
+        scales = [getattr(self, name) for name in SCALES]
         parts = [
             np.array(counts, "i4"), self.ratio.astype("f8"), np.array(scales, "f8"),
             *(self._packed_edges(kind) for kind in KINDS),
@@ -97,7 +99,7 @@ def save_table(table: ImpactTable, path: str | Path) -> None:
         data[name] = (dims, values.astype("f4"))
     for k, name in enumerate(FIELDS):
         data[name] = ("record", table.record[:, k])
-    scales = {name: getattr(table, name) for name in ("speed2", "density", "inertia", "fastest")}
+    scales = {name: getattr(table, name) for name in SCALES}
     found = xr.Dataset(data, attrs={"title": "table of impacts", **scales, **table.about})
     with atomic_write(path) as part:
         found.to_netcdf(part, encoding={name: {"zlib": True, "complevel": 9} for name in data})
@@ -145,19 +147,14 @@ def open_table(path: str | Path) -> ImpactTable:
         raise RockfallError(
             f"{path}: is not a netCDF file of a table of impacts: {error}"
         ) from error
-    scales = "speed2", "density", "inertia", "fastest"
-    arrays = {"ratio", "first", "map", "low", "high", *EDGES, *FIELDS[:-1]}
-    if not (arrays <= set(data.variables) and set(scales) <= set(data.attrs)):
-        raise RockfallError(f"{path}: is not a table of impacts")
-    record = np.zeros((data.sizes["record"], len(FIELDS)), "f4")
-    for k, name in enumerate(FIELDS):
-        if name in data:  # a table without followers draws each contact on its own
-            record[:, k] = data[name].values
+    arrays = {"ratio", "first", "map", "low", "high", *EDGES, *FIELDS}
+    if not (arrays <= set(data.variables) and set(SCALES) <= set(data.attrs)):
+        raise RockfallError(f"{path}: is not a table of impacts of this version: make it again")
+    record = np.stack([data[name].values for name in FIELDS], axis=1).astype("f4")
     first, shift, low, high = (data[name].values for name in ("first", "map", "low", "high"))
     edges = {name: data[name].values for name in EDGES}
-    about = {str(name): value for name, value in data.attrs.items() if name not in scales}
-    speed2, density, inertia, fastest = (float(data.attrs[name]) for name in scales)
+    about = {str(name): value for name, value in data.attrs.items() if name not in SCALES}
+    scales = {name: float(data.attrs[name]) for name in SCALES}
     return ImpactTable(
-        data["ratio"].values, edges, first, shift, low, high, record, speed2, density, inertia,
-        fastest, about,
-    )  # fmt: skip
+        data["ratio"].values, edges, first, shift, low, high, record, **scales, about=about
+    )

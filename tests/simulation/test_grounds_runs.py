@@ -210,3 +210,28 @@ def test_the_summary_and_the_page_have_a_row_for_each_ground(tmp_path, capsys):
     assert main(["report", str(tmp_path / "out.nc")]) == 0
     page = (tmp_path / "out.html").read_text()
     assert "Rebounds by ground" in page and "<td>constant</td>" in page.replace("th>", "td>")
+
+
+@pytest.mark.parametrize("lanes", [0, 1])
+@pytest.mark.parametrize("form", ["matrix", "table"])
+def test_slow_boulders_rest_where_their_ground_holds_them(tmp_path, form, lanes):
+    """On a plane of 33 degrees: on talus, not on meadow; a rest angle of the case stands in."""
+
+    def resting(ground, **impact):
+        z = 500 + 5 * np.tan(np.radians(33.0)) * np.mgrid[40:0:-1, 0:40][0]
+        release = {"x": [100.0], "y": [150.0], "drop_height": 0.001}
+        where = {"ground": ground} if form == "matrix" else {}
+        impact |= {"form": form} | ({"table": ground} if form == "table" else {})
+        case = rockfall.Case(
+            folder=tmp_path, case={"boulders": 20, "seed": 5}, release=release, impact=impact,
+            boulder={"volume": "fixed", "volume_mean": 0.3}, surface=where,
+        )  # fmt: skip
+        scene = read_scene(case, dem=z, transform=grid(z))
+        _core.carry_in_lanes(scene.kernel.handle, lanes)
+        return np.mean(150.0 - run_scene(scene)["stop_y"].values < 2)
+
+    assert resting("talus") > 0.3
+    assert resting("meadow") == 0
+    if form == "matrix":  # by the table none stops there to begin with
+        assert resting("meadow", rest_angle=38.0) > 0
+    assert resting("talus", rest_angle=27.0) == 0

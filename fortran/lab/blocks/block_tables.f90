@@ -22,11 +22,13 @@ module lab_block_tables
       real(wp) :: hurst = 0.8_wp         !! Hurst exponent between them
       integer :: patches = 4             !! of relief
       real(wp) :: step_factor = 1        !! time step over the usual one
+      real(wp) :: rest_angle = 38        !! steepest ground on which boulders by the table rest [degrees]
    end type plan_t
 
    integer, parameter :: long = 16
-   character(len=long), parameter :: plan_keys(10) = [character(len=long) :: &
-      "radius", "density", "count", "edge", "relief", "shortest", "longest", "hurst", "patches", "step_factor"]
+   character(len=long), parameter :: plan_keys(11) = [character(len=long) :: &
+      "radius", "density", "count", "edge", "relief", "shortest", "longest", "hurst", "patches", "step_factor", &
+      "rest_angle"]
    character(len=long), parameter :: ground_keys(5) = [character(len=long) :: &
       "yield_pressure", "restitution", "friction", "soil_density", "plough"]
 
@@ -50,7 +52,7 @@ contains
       real(wp), intent(in) :: v(size(plan_keys))  !! [units] of plan_t
 
       plan_of = plan_t(radius=v(1), density=v(2), count=nint(v(3)), edge=v(4), relief=v(5), shortest=v(6), &
-                       longest=v(7), hurst=v(8), patches=nint(v(9)), step_factor=v(10))
+                       longest=v(7), hurst=v(8), patches=nint(v(9)), step_factor=v(10), rest_angle=v(11))
    end function plan_of
 
    pure function plan_row(p) result(row)
@@ -58,7 +60,7 @@ contains
       real(wp) :: row(size(plan_keys))
 
       row = [p%radius, p%density, real(p%count, wp), p%edge, p%relief, p%shortest, p%longest, p%hurst, &
-             real(p%patches, wp), p%step_factor]
+             real(p%patches, wp), p%step_factor, p%rest_angle]
    end function plan_row
 
    pure subroutine check_plan(p, error)
@@ -83,6 +85,8 @@ contains
          call fail(error, "ground: patches must be 1 to 64")
       else if (.not. (p%step_factor >= 0.01_wp .and. p%step_factor <= 4)) then
          call fail(error, "throw: step_factor must be 0.01 to 4")
+      else if (.not. (p%rest_angle >= 0 .and. p%rest_angle <= 90)) then
+         call fail(error, "ground: rest_angle must be 0 to 90 degrees")
       end if
    end subroutine check_plan
 end module lab_block_tables

@@ -2,6 +2,7 @@
 !> What the rebounds of a place follow: impact sets, a table of impacts, or a classical rebound.
 module rockfall_ground
    use rockfall_kinds, only: wp, i8
+   use rockfall_math, only: tangent
    use rockfall_random, only: random_key_t, normal_table_t, rebound_words
    use rockfall_boulder, only: boulder_t
    use rockfall_impact, only: impact_set_t, rebound_t, rebound
@@ -10,7 +11,9 @@ module rockfall_ground
    use rockfall_classical_rebound, only: classical_t, classical_rebound, lengthen_hop, by_sets
    implicit none
    private
-   public :: ground_t, ground_rebound, is_stochastic
+   public :: ground_t, ground_rebound, is_stochastic, rest_slope_of, rest_on_rocks
+
+   real(wp), parameter :: rest_on_rocks = 38.0_wp  !! rest angle of ground of rocks, theirs of repose [degrees]
 
    type :: ground_t
       character(len=:), allocatable :: name
@@ -18,9 +21,18 @@ module rockfall_ground
       type(impact_set_t), allocatable :: sets(:)  !! of R_b/R_m = 1, ..., and
       type(lateral_t), allocatable :: lateral(:)  !! their lateral deviations, where boulders turn by them
       type(impact_table_t), allocatable :: table  !! instead of all
+      real(wp) :: rest_slope = 1.0e30_wp          !! tangent of its rest angle: where it is steeper no boulder rests [-]
    end type ground_t
 
 contains
+
+   !> The tangent of a rest angle; at 90 degrees boulders rest anywhere.
+   pure real(wp) function rest_slope_of(angle)
+      real(wp), intent(in) :: angle  !! [degrees]
+
+      rest_slope_of = 1.0e30_wp
+      if (angle < 90) rest_slope_of = tangent(angle)
+   end function rest_slope_of
 
    !> Whether impact sets hold.
    pure logical function is_stochastic(ground)

@@ -52,6 +52,7 @@ module rockfall_impact_table
       real(wp) :: speed = 0.0_wp           !! sqrt(g R_b) in the laboratory where the speed itself is a key, or 0 [m/s]
       real(wp) :: density = 1.0_wp         !! of the laboratory's blocks [kg/m3]
       real(wp) :: inertia = 0.4_wp         !! of its blocks, I/(m R_b**2) [-]
+      real(wp) :: rest_angle = 90.0_wp     !! of its ground: where it is steeper a boulder that stops rolls on [degrees]
       type(bins_t) :: flights, rolls       !! by (V_n/V)**2, W/V, speed; by speed, height, V_n
       integer, allocatable :: first(:)     !! record of each bin, and past the last; flights before rolls, by ratio
       real(wp), allocatable :: map(:, :, :)     !! (n_inputs, n_mapped, bins)

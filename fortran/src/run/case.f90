@@ -44,7 +44,7 @@ module rockfall_case
       real(wp), allocatable :: uniform_sizes(:)  !! R_m, or Rg70, Rg20, Rg10 [m]
       integer :: method = method_b
       real(wp) :: size_to_radius = 0.5_wp
-      real(wp) :: stop_speed = 0.5_wp, rest_angle = 38.0_wp
+      real(wp) :: stop_speed = 0.5_wp, rest_angle = -1.0_wp
       real(wp) :: gravity = 9.81_wp, drop_height = 0.0_wp, velocity(3) = 0.0_wp
       integer :: impact_limit = 100000
       integer :: turning = past_aspect           !! rule of turning_t
@@ -178,7 +178,7 @@ contains
       this%between_ratios = text_of(group, "ratio") == "between"
       this%turning = turning_rule(text_of(group, "turning"))
       this%stop_speed = real_of(group, "stop_speed")
-      this%rest_angle = real_of(group, "rest_angle")
+      if (has_key(group, "rest_angle")) this%rest_angle = real_of(group, "rest_angle")
       this%impact_limit = int(integer_of(group, "impact_limit"))
    end subroutine read_run
 

@@ -98,8 +98,8 @@ module rockfall_case_keys
             "which set serves R_b/R_m: the nearest, or either of the two beside it, the nearer more often"), &
       key_t("impact", "stop_speed", "real", 1, "0.5", "> 0", "m/s", &
             "slower after a rebound: rests, or rolls on where the ground is steeper than rest_angle"), &
-      key_t("impact", "rest_angle", "real", 1, "38.0", "0 to 90", "degree", &
-            "steepest slope on which a boulder comes to rest, over its own radius; 90: on any"), &
+      key_t("impact", "rest_angle", "real", 1, "absent", "0 to 90", "degree", &
+            "steepest slope, over its radius, on which a boulder rests; 90: any; absent: that of each ground"), &
       key_t("impact", "impact_limit", "integer", 1, "100000", "1 to 2147483647", "", "contacts of a boulder at most"), &
       key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, list, source", "", &
             "law; source: what rasters, or attributes of a layer, say at each source"), &

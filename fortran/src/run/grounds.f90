@@ -14,7 +14,7 @@ module rockfall_grounds
    use rockfall_direction, only: lateral, by_lab
    use rockfall_classical_rebound, only: classical_t, scatter_t, scatter, by_sets, rockyfor3d, &
                                          pfeiffer_bowen, bourrier_hungr, constant, absorbing, by_table, by_ratio_table
-   use rockfall_ground, only: ground_t
+   use rockfall_ground, only: ground_t, rest_slope_of, rest_on_rocks
    use rockfall_packed_table, only: is_packed_table, read_packed_table
    use rockfall_case_keys, only: key_t, check_key, row_text
    use rockfall_impact_sets, only: coefficients_t, read_sets
@@ -70,7 +70,9 @@ module rockfall_grounds
       parameter_t(key_t("ground", "roughness_angle", "real", 1, "0.0", "0 to 45", "degree", &
                         "the ground is tilted against the way by up to this angle, at random"), all_classical), &
       parameter_t(key_t("ground", "min_hop", "real", 1, "0.0", "0 to 10", "radii", &
-                        "a boulder that rolls is thrown so far, while it has the energy"), all_classical)]
+                        "a boulder that rolls is thrown so far, while it has the energy"), all_classical), &
+      parameter_t(key_t("ground", "rest_angle", "real", 1, "38.0", "0 to 90", "degree", &
+                        "steepest slope on which a boulder comes to rest; 90: any"), all_classical)]
 
 contains
 
@@ -98,6 +100,7 @@ contains
          call read_packed_table(text, file, ground%table, error)
          if (allocated(error)) return
          ground%classical%model = merge(by_table, by_ratio_table, size(ground%table%ratio) == 1)
+         ground%rest_slope = rest_slope_of(ground%table%rest_angle)
          return
       end if
       call parse_namelist(text, file, list, error)
@@ -107,6 +110,7 @@ contains
       else
          call check_names(list, table%key%group, table%key%name, [""], "", error)
          if (.not. allocated(error)) call read_classical(list%group(1), numbers, ground%classical, error)
+         if (.not. allocated(error)) ground%rest_slope = rest_slope_of(value_of(list%group(1), "rest_angle"))
       end if
    end subroutine read_ground
 
@@ -130,6 +134,7 @@ contains
          ground%sets(k)%fitted = fitted(sets%speed_range(:, k), sets%angle_range(:, k))
       end do
       ground%classical%model = by_sets
+      ground%rest_slope = rest_slope_of(rest_on_rocks)
       if (turning /= by_lab) return
       ground%lateral = [(lateral(sets%incidence(:, k), sets%lateral(:, :, k)), k=1, impact_ratios)]
    end subroutine read_stochastic

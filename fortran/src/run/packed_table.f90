@@ -12,9 +12,9 @@ module rockfall_packed_table
    private
    public :: is_packed_table, read_packed_table
 
-   character(len=*), parameter :: first_line = "rockfall impact table 1"//new_line("a")
+   character(len=*), parameter :: first_line = "rockfall impact table 2"//new_line("a")
    integer, parameter :: n_counts = 8   !! ratios; bins of flights and of rolls, three each; records
-   integer, parameter :: n_scales = 4   !! speed2, density, inertia, fastest
+   integer, parameter :: n_scales = 5   !! speed2, density, inertia, fastest, rest angle
    integer, parameter :: max_bins = 100000, max_ratios = 100
 
 contains
@@ -48,6 +48,7 @@ contains
             table%density = scales(2)
             table%inertia = scales(3)
             table%fastest = scales(4)
+            table%rest_angle = scales(5)
             call take_bins(text, at, counts(1), counts(2:4), table%flights)
             call take_bins(text, at, counts(1), counts(5:7), table%rolls)
             call take_integers(text, at, table%first)
@@ -76,8 +77,8 @@ contains
 
       is_sound = all(ieee_is_finite(table%record)) .and. all(ieee_is_finite(table%map)) .and. table%first(1) == 1 &
                  .and. table%first(bins + 1) == records + 1 .and. all(table%first(2:) > table%first(:bins)) &
-                 .and. table%density > 0 .and. table%inertia > 0 .and. all(table%record(4, :) > 0) &
-                 .and. all(table%record(follower, :) >= 0 .and. table%record(follower, :) <= records)
+                 .and. table%density > 0 .and. table%inertia > 0 .and. table%rest_angle >= 0 &
+                 .and. all(table%record(4, :) > 0) .and. all(table%record(follower, :) >= 0 .and. table%record(follower, :) <= records)
    end function is_sound
 
    !> Bytes of a packed table, with a last new line.

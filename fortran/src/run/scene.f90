@@ -5,7 +5,6 @@ module rockfall_scene
    use rockfall_kinds, only: wp, sp, i1, i2, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, line_of
-   use rockfall_math, only: tangent
    use rockfall_random, only: random_key, normal_table
    use rockfall_sobol, only: sobol_sequence, max_dimensions
    use rockfall_grid, only: grid_t
@@ -15,7 +14,7 @@ module rockfall_scene
    use rockfall_line, only: line
    use rockfall_barrier, only: barrier_t
    use rockfall_boulder, only: release_t, volume_distribution_t, fixed_volume, last_of, max_volume, mean_volume
-   use rockfall_ground, only: ground_t
+   use rockfall_ground, only: ground_t, rest_slope_of, rest_on_rocks
    use rockfall_forest, only: build_forest
    use rockfall_trajectory, only: scene_t
    use rockfall_case, only: case_t
@@ -77,7 +76,7 @@ contains
       if (case%sobol) scene%sobol = sobol_sequence(max_dimensions)
       scene%gravity = case%gravity
       scene%stop_speed = case%stop_speed
-      if (case%rest_angle < 90) scene%rest_slope = tangent(case%rest_angle)
+      scene%rest_slope = rest_slope_of(merge(case%rest_angle, rest_on_rocks, case%rest_angle >= 0))
       scene%between_ratios = case%between_ratios
       scene%ground_drawn = case%method == method_a .or. case%between_ratios
       scene%max_impacts = case%impact_limit
@@ -321,7 +320,9 @@ contains
       else
          ground%sets = scene%sets
          if (allocated(scene%lateral)) ground%lateral = scene%lateral
+         ground%rest_slope = scene%rest_slope
       end if
+      if (case%rest_angle >= 0) ground%rest_slope = scene%rest_slope
    end subroutine set_ground_of
 
    !> The volumes of a scene; where its sources say them, the largest and the heaviest rock.

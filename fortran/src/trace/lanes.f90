@@ -553,7 +553,7 @@ contains
             call close_impact(scene, c%speed2(k), result, slow)
             call set_out(pool, lane, c%heading1(k), c%heading2(k), c%next_w(k))
             if (slow) then
-               call rest_or_roll(scene, landing_of(l, k), c%speed2(k), c%next_w(k), result, roll)
+               call rest_or_roll(scene, c%ground(k), landing_of(l, k), c%speed2(k), c%next_w(k), result, roll)
                flight%v = [c%v1(k), c%v2(k), c%v3(k)]
                if (result%status == 0) &
                   call roll_alone(scene, l, k, pool, result, flight, roll, flights, scratch(lane))
@@ -596,7 +596,7 @@ contains
       if (result%status /= 0) return
       if (b%stops(k) > 0) then
          scratch%touch = touch_t()
-         call rest_or_roll(scene, landing_of(l, k), b%speed2(k), b%next_w(k), result, b%roll(k))
+         call rest_or_roll(scene, b%ground(k), landing_of(l, k), b%speed2(k), b%next_w(k), result, b%roll(k))
          if (result%status /= 0) return
       else if (b%walks(k)) then
          associate (roll => b%roll(k))

@@ -81,7 +81,7 @@ module rockfall_trajectory
       type(forest_t), allocatable :: forest
       real(wp) :: gravity = 9.81_wp        !! [m/s2]
       real(wp) :: stop_speed = 0.5_wp      !! slower after a rebound: it rests, or rolls on [m/s]
-      real(wp) :: rest_slope = 1.0e30_wp     !! tangent of the rest angle: on steeper ground it rolls on [-]
+      real(wp) :: rest_slope = 1.0e30_wp   !! tangent of the rest angle of its sets: where it is steeper it rolls [-]
       integer :: max_impacts = 100000      !! contacts, after which a boulder ends
       logical :: histograms_requested = .false.
       logical :: energies_requested = .false.
@@ -878,7 +878,7 @@ contains
                                 + 0.5_wp*result%boulder%mass*(twice_energy(v_in) - twice_energy(out%v))
       end if
       call close_impact(scene, square(flight%v), result, slow)
-      if (slow) call rest_or_roll(scene, landing, square(flight%v), omega_r, result, roll)
+      if (slow) call rest_or_roll(scene, ground, landing, square(flight%v), omega_r, result, roll)
    end subroutine handle_impact
 
    !> A contact that is drawn from a table: where it leads, or where the boulder stops.
@@ -921,7 +921,7 @@ contains
       result%speed_max = max(result%speed_max, square(flight%v))
       if (contact%stops) then
          scratch%touch = touch_t()
-         call rest_or_roll(scene, landing, square(flight%v), omega_r, result, roll)
+         call rest_or_roll(scene, ground, landing, square(flight%v), omega_r, result, roll)
       else if (result%impacts >= scene%max_impacts) then
          result%status = impact_limit
       end if
@@ -985,15 +985,19 @@ contains
    end subroutine close_impact
 
    !> Whether a boulder that is too slow to fly rests where it is, or rolls on.
-   pure subroutine rest_or_roll(scene, landing, speed2, omega_r, result, roll)
+   pure subroutine rest_or_roll(scene, ground, landing, speed2, omega_r, result, roll)
       type(scene_t), intent(in) :: scene
+      integer, intent(in) :: ground    !! its number, where the scene has several
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: speed2   !! as in close_impact
       real(wp), intent(in) :: omega_r  !! W [m/s]
       type(boulder_result_t), intent(inout) :: result
       type(roll_t), intent(inout) :: roll
+      real(wp) :: rest_slope
 
-      call find_roll(scene%dem, scene%gravity, scene%rest_slope, result%boulder%radius, landing, speed2, omega_r, roll)
+      rest_slope = scene%rest_slope
+      if (ground > 0 .and. allocated(scene%grounds)) rest_slope = scene%grounds(ground)%rest_slope
+      call find_roll(scene%dem, scene%gravity, rest_slope, result%boulder%radius, landing, speed2, omega_r, roll)
       if (.not. roll%rolls) then
          result%status = stopped
       else if (result%impacts >= scene%max_impacts) then

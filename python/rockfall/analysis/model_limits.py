@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.grounds import other_tables
+from rockfall.grounds import other_tables, repose
 from rockfall.io.tables import read_table
 from rockfall.quantities import part_of, percent
 from rockfall.result.grounds import classical_grounds, stochastic_fraction, table_grounds
@@ -164,7 +164,8 @@ def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
         return
     lines, speeds, passing, jump, volume = (np.asarray(values[name]) for name in names)
     radius = np.cbrt(0.75 / np.pi * volume)
-    steep = radius < (passing - jump) * np.cos(np.radians(case.impact["rest_angle"]))
+    rests = np.radians(case.impact.get("rest_angle", repose()))
+    steep = radius < (passing - jump) * np.cos(rests)
     for name, speed, rolls in zip(lines, speeds, steep & (speeds < SLOW), strict=True):
         passed = np.isfinite(speed)
         if passed.any() and (fraction := float(rolls[passed].mean())) > MAX_SLOW:

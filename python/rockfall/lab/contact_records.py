@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 CONTACT, COUNTS = 11, 12  # kinds of the kernel's rows
 ENTRIES = "flight", "rolling"
 EXITS = "flies", "rolls_on", "stops"
-ATTRIBUTES = "title", "lab_case", "version", "ground", "shape", "radius", "yield_pressure"
+ATTRIBUTES = (
+    "title", "lab_case", "version", "ground", "shape", "radius", "yield_pressure", "rest_angle",
+)  # fmt: skip
 
 UNITS = dict.fromkeys(("slope", "heading", "incidence", "lateral"), "degree")
 UNITS |= {"speed": "m s-1", "duration": "s"}

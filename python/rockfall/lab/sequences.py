@@ -14,6 +14,7 @@ import numpy as np
 
 from rockfall._lab import lab_f2py as _lab
 from rockfall.errors import RockfallError, check_kernel
+from rockfall.grounds import repose
 from rockfall.interrupts import interrupts
 from rockfall.lab.case import BOULDER, THROW, LabCase, lab_case_of
 from rockfall.lab.contact_records import (
@@ -143,7 +144,8 @@ def _dataset(
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     attributes = {
         "title": case.lab["title"], "lab_case": case.text(), "ground": GROUND, "shape": SHAPE,
-        "density": case.impact["density"], "yield_pressure": 0.0, "inertia_factor": SPHERE,
+        "density": case.impact["density"], "yield_pressure": 0.0, "rest_angle": repose(),
+        "inertia_factor": SPHERE,
         "ratios": case.lab["ratios"], **about,
     }  # fmt: skip
     return contact_dataset(columns, case.throw["radius"], case.packing["gravity"], attributes)

@@ -83,6 +83,7 @@ def table_of(files: Sequence[xr.Dataset]) -> ImpactTable:
         float(first["density"]),
         float(np.mean([data.attrs["inertia_factor"] for _, data in parts])),
         float((flights**2).max()),
+        float(first["rest_angle"]),
         _provenance([data for _, data in parts]),
     )
 

@@ -28,7 +28,7 @@ from rockfall.lab.case import THROW, THROWN, names, names_ground, range_values
 GROUND, PLAN, DEFAULT_PLAN = 9, 13, 14  # kinds of the kernel's rows
 PLANNED = {  # keys of the plan, by group
     "block": ("radius", "density", "count", "edge"),
-    "ground": ("relief", "shortest", "longest", "hurst", "patches"),
+    "ground": ("relief", "shortest", "longest", "hurst", "patches", "rest_angle"),
     "throw": ("step_factor",),
 }
 WHOLE = "count", "patches"
@@ -46,6 +46,7 @@ def grounds() -> dict[str, dict[str, Any]]:
             "plough": row.choice("plough", ("true", "false")) == "true",
             "relief": row.number("relief", 0, 45),
             "longest": row.number("longest", 0, 1e3),
+            "rest_angle": row.number("rest_angle", 0, 90),
         }
         for row in rows
     }

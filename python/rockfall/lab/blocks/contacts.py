@@ -67,7 +67,8 @@ def run_throws(
     attributes = {
         "title": case.lab["title"], "lab_case": case.text(),
         "ground": case.lab["ground"], "shape": case.lab["shape"], "density": density,
-        "yield_pressure": case.ground["yield_pressure"], "sequences": total,
+        "yield_pressure": case.ground["yield_pressure"],
+        "rest_angle": case.ground["rest_angle"], "sequences": total,
         "inertia_factor": float(inertia.mean()), "unfinished": unfinished,
         "cpu_seconds": time.process_time() - clock,
     }  # fmt: skip

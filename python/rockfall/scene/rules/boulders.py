@@ -9,8 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rockfall.grounds import ABSORBS
-from rockfall.quantities import percent
 from rockfall.scene.ground import falls_and_rises
 from rockfall.scene.rebound import sphere_radius
 from rockfall.scene.scene import InputWarning, Scene
@@ -31,9 +29,6 @@ SAPLING = 1.5  # [cm] thinner stems are not surveyed; in metres no stem is thick
 THIN = 4.5  # [cm] up to here stems are more frequent than below SAPLING, where both are surveyed
 DENSE = 20_000.0  # stems a hectare: thickets
 ORDERED = 0.9  # of the places: in published tables of zones half are not in the usual order
-SMOOTH_REST = 27.0  # [degree] ground without rocks may hold no boulder above (theory, chapter 8)
-OF_ROCKS = "talus", "scree"  # in the name of a ground that takes no sizes of rocks and has some
-RESTING = 0.1  # of the terrain, before it is said
 RG_FULL = 100.0  # [m] an Rg of Rockyfor3D that means water
 
 
@@ -41,7 +36,7 @@ def boulder_rules(scene: Scene) -> Iterator[InputWarning]:
     """Doubts about where boulders start, what they are, and what they meet."""
     for rule in (
         _release, _source_cells, _source_points, _densities, _volumes, _spreads, _gravity, _rocks,
-        _order, _rests, _forest,
+        _order, _forest,
     ):  # fmt: skip
         yield from rule(scene)
 
@@ -239,27 +234,6 @@ def _order(scene: Scene) -> Iterator[InputWarning]:
             "&surface rg70, rg20, rg10",
             "obstacles met at 70 % are larger than those met at 10 %, nearly everywhere: are they "
             "in the wrong order?",
-        )
-
-
-def _rests(scene: Scene) -> Iterator[InputWarning]:
-    """One rest angle for all ground: that of talus, where rocks hold what soil does not."""
-    angle = scene.case.impact["rest_angle"]
-    smooth = [
-        one.rocks == 0 and one.model != ABSORBS and not any(rock in one.name for rock in OF_ROCKS)
-        for one in scene.grounds
-    ]
-    if angle <= SMOOTH_REST or not any(smooth):
-        return
-    number = np.concatenate(scene.ground.numbers)
-    slope = np.degrees(np.arctan(np.concatenate(scene.ground.slopes)))
-    here = np.append(False, smooth)[number] & (slope > SMOOTH_REST) & (slope <= angle)
-    if here.size and (fraction := float(here.mean())) > RESTING:
-        yield InputWarning(
-            f"&impact rest_angle = {angle:g}",
-            f"{percent(fraction)} of the terrain is ground without rocks (meadow, soil, road, "
-            f"bedrock) of {SMOOTH_REST:g} to {angle:g} degrees: slow boulders rest there, where "
-            f"nothing may hold them; compare with rest_angle = {SMOOTH_REST:g}",
         )
 
 
