@@ -15,7 +15,7 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import find_set, shipped_sets
-from rockfall.impact_tables import find_table, open_table, table_names
+from rockfall.impact_tables import ImpactTable, find_table, open_table, open_tables, table_names
 from rockfall.io.files import check_text_file
 from rockfall.io.tables import Row, check_columns, read_table
 
@@ -178,9 +178,17 @@ def usual_ground(case: Case) -> GroundRule:
 
 def table_ground(name: str, path: Path) -> GroundRule:
     """The ground of a table of impacts in a file."""
+    return _ground_of(name, path, open_table(path))
+
+
+def ensemble_grounds(name: str, path: Path) -> list[GroundRule]:
+    """The ground by each draw of an ensemble of tables; of a table by itself, that alone."""
+    return [_ground_of(name, path, one) for one in open_tables(path)]
+
+
+def _ground_of(name: str, path: Path, table: ImpactTable) -> GroundRule:
     if len(name) > MAX_NAME:
         raise RockfallError(f"ground '{name}': must be at most {MAX_NAME} characters")
-    table = open_table(path)
     return GroundRule(name, TABLES[len(table.ratio) > 1], table.pack(), str(path))
 
 

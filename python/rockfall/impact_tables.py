@@ -6,16 +6,20 @@ from __future__ import annotations
 
 import importlib.resources
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.io.files import atomic_write, check_netcdf
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 FIRST_LINE = b"rockfall impact table 2\n"
 FIELDS = (
@@ -24,6 +28,7 @@ FIELDS = (
 )  # fmt: skip
 INPUTS, MAPPED = 4, 3  # V_t, V_n, W, height; along, V_n, W
 SHAPES = "compact", "elongated", "platy"  # of the blocks of shipped tables
+ENSEMBLE = "-ensemble"  # at the end of the name of one
 KINDS = "flight", "roll"
 SCALES = "speed2", "density", "inertia", "fastest", "rest_angle"  # numbers of a whole table
 EDGES = tuple(f"{kind}_edge_{key}" for kind in KINDS for key in (1, 2, 3))
@@ -85,6 +90,18 @@ class ImpactTable:
 
 def save_table(table: ImpactTable, path: str | Path) -> None:
     """Write a table as netCDF."""
+    with atomic_write(path) as part:
+        _write(table, part)
+
+
+def save_ensemble(tables: Sequence[ImpactTable], path: str | Path) -> None:
+    """Write draws of a table as netCDF, a group each: 1, 2, ..."""
+    with atomic_write(path) as part:
+        for number, table in enumerate(tables, start=1):
+            _write(table, part, group=str(number), mode="w" if number == 1 else "a")
+
+
+def _write(table: ImpactTable, path: Path, **where: Any) -> None:
     import xarray as xr
 
     data: dict[str, Any] = {
@@ -101,8 +118,8 @@ def save_table(table: ImpactTable, path: str | Path) -> None:
         data[name] = ("record", table.record[:, k])
     scales = {name: getattr(table, name) for name in SCALES}
     found = xr.Dataset(data, attrs={"title": "table of impacts", **scales, **table.about})
-    with atomic_write(path) as part:
-        found.to_netcdf(part, encoding={name: {"zlib": True, "complevel": 9} for name in data})
+    packed = {name: {"zlib": True, "complevel": 9} for name in data}
+    found.to_netcdf(path, encoding=packed, **where)
 
 
 @cache
@@ -114,6 +131,15 @@ def shipped_tables() -> dict[str, Path]:
 
 def table_names() -> list[str]:
     """What cases may call shipped tables: without the shape, which is the boulder's."""
+    return [name for name in _names() if not name.endswith(ENSEMBLE)]
+
+
+def ensemble_names() -> list[str]:
+    """The same of ensembles of tables, which only `&ensemble sets` takes."""
+    return [name for name in _names() if name.endswith(ENSEMBLE)]
+
+
+def _names() -> list[str]:
     endings = tuple(f"-{shape}" for shape in SHAPES)
     names = {
         name.rsplit("-", 1)[0] if name.endswith(endings) else name for name in shipped_tables()
@@ -135,18 +161,36 @@ def find_table(case: Case, name: str) -> Path | None:
     return None
 
 
-@cache
 def open_table(path: str | Path) -> ImpactTable:
-    """A table from a file that `save_table` has written."""
+    """The table of a file that `save_table` has written."""
+    tables = open_tables(path)
+    if len(tables) > 1:
+        raise RockfallError(
+            f"{path}: holds {len(tables)} draws of a table, which &ensemble sets takes; one alone "
+            "is no ground"
+        )
+    return tables[0]
+
+
+@cache
+def open_tables(path: str | Path) -> tuple[ImpactTable, ...]:
+    """All draws of a file that `save_ensemble` has written, or the table of another."""
+    import netCDF4
     import xarray as xr
 
     check_netcdf(path)
     try:
-        data = xr.load_dataset(path)
+        with netCDF4.Dataset(path) as file:
+            groups: list[str | None] = list(file.groups) or [None]
+        found = [xr.load_dataset(path, group=group) for group in groups]
     except (OSError, ValueError, RuntimeError) as error:
         raise RockfallError(
             f"{path}: is not a netCDF file of a table of impacts: {error}"
         ) from error
+    return tuple(_table(data, path) for data in found)
+
+
+def _table(data: xr.Dataset, path: str | Path) -> ImpactTable:
     arrays = {"ratio", "first", "map", "low", "high", *EDGES, *FIELDS}
     if not (arrays <= set(data.variables) and set(SCALES) <= set(data.attrs)):
         raise RockfallError(f"{path}: is not a table of impacts of this version: make it again")

@@ -317,8 +317,6 @@ MISTAKES = {
         r"the source \(600150, 4999950\) is given 3 times: it releases as many times"),
     "overlapping zones": (lambda site: site.polygons((0, 200), (100, 300)),
         "zones.gpkg: polygons of different zone overlap in 1,600 cells: the later polygon counts"),
-    "steep meadow": (lambda site: site.set("surface", ground="meadow"),
-        "ground without rocks .* of 27 to 38 degrees: slow boulders rest there"),
     "zones in another CRS": (lambda site: site.polygons((0, 150), (150, 300), crs="EPSG:25832"),
         "zones.gpkg: reprojected from EPSG:25832 to EPSG:32632.*"),
 }  # fmt: skip

@@ -78,7 +78,8 @@ contains
       is_sound = all(ieee_is_finite(table%record)) .and. all(ieee_is_finite(table%map)) .and. table%first(1) == 1 &
                  .and. table%first(bins + 1) == records + 1 .and. all(table%first(2:) > table%first(:bins)) &
                  .and. table%density > 0 .and. table%inertia > 0 .and. table%rest_angle >= 0 &
-                 .and. all(table%record(4, :) > 0) .and. all(table%record(follower, :) >= 0 .and. table%record(follower, :) <= records)
+                 .and. all(table%record(4, :) > 0) &
+                 .and. all(table%record(follower, :) >= 0 .and. table%record(follower, :) <= records)
    end function is_sound
 
    !> Bytes of a packed table, with a last new line.

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rockfall.errors import RockfallError
-from rockfall.impact_tables import ImpactTable, open_table
+from rockfall.impact_tables import ImpactTable, open_tables
 from rockfall.io.files import read_text
 from rockfall.lab.blocks.case import block_case_of
 from rockfall.lab.blocks.contacts import run_throws
@@ -20,7 +20,7 @@ from rockfall.lab.experiment import run_impacts
 from rockfall.lab.fit import fit_impacts
 from rockfall.lab.sequences import rebounds_of, run_sequences, sequences_provenance
 from rockfall.lab.setfile import origin, provenance, write_sets
-from rockfall.lab.tables import table_of
+from rockfall.lab.tables import KEPT, table_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,9 +32,9 @@ def remake(
     """Each set file or table, what it was made from where that is no case of the laboratory, and
     the first line in which the one made again differs; "" if none does."""
     for path, source in {Path(path): _source(Path(path)) for path in paths}.items():
-        if isinstance(source, ImpactTable):
-            remade = table_of([_contacts(path, source, threads, progress)])
-            yield path, "", "" if remade.pack() == source.pack() else "its numbers"
+        if isinstance(source, list):
+            same = all(_is_made_again(path, table, threads, progress) for table in source)
+            yield path, "", "" if same else "its numbers"
             continue
         if isinstance(source, Contacts):
             # which ratios have none is as it was
@@ -55,6 +55,13 @@ def remake(
             yield path, name, _first_difference(path.read_text("utf-8"), again.read_text("utf-8"))
 
 
+def _is_made_again(path: Path, table: ImpactTable, threads: int, progress: bool) -> bool:
+    """Whether a table comes out bit for bit."""
+    kept = int(table.about.get("kept", KEPT))
+    again = table_of([_contacts(path, table, threads, progress)], kept)
+    return again.pack() == table.pack()
+
+
 def _contacts(path: Path, table: ImpactTable, threads: int, progress: bool) -> xr.Dataset:
     """The contacts of the laboratory that a table was made from."""
     text = str(table.about.get("lab_case", ""))
@@ -65,9 +72,9 @@ def _contacts(path: Path, table: ImpactTable, threads: int, progress: bool) -> x
     return run_sequences(lab_case_of(text, str(path)), progress=progress, threads=threads)
 
 
-def _source(path: Path) -> Contacts | ImpactTable | tuple[LabCase, str]:
+def _source(path: Path) -> Contacts | list[ImpactTable] | tuple[LabCase, str]:
     if path.suffix == ".nc":
-        return open_table(path)
+        return list(open_tables(path))
     return contacts_behind(path, read_text(path)) or origin(path)
 
 

@@ -40,9 +40,10 @@ class _Contacts:
         return self.record[:, FIELDS.index(name)]
 
 
-def table_of(files: Sequence[xr.Dataset]) -> ImpactTable:
+def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
     """A table from contacts: a file for each R_b/R_m where that matters, told by its attribute
-    `ratio`, or by its column; else one. Raises a RockfallError where contacts are too few."""
+    `ratio`, or by its column; else one. At most `kept` contacts become records, all make its bins
+    and maps. Raises a RockfallError where contacts are too few."""
     parts = sorted(_parts(files), key=lambda part: part[0])
     ratios = [ratio for ratio, _ in parts]
     if len(set(ratios)) < len(ratios) or (0.0 in ratios and len(ratios) > 1):
@@ -56,13 +57,13 @@ def table_of(files: Sequence[xr.Dataset]) -> ImpactTable:
     sizes_of_bins: list[int] = []
     records: list[np.ndarray] = []
     for k, one in enumerate(found):
-        kept = _kept_throws(one, KEPT // len(found))
+        throws = _kept_throws(one, kept // len(found))
         rows: list[np.ndarray] = []
         for kind in KINDS:
             own, all_have = sizes[kind][k], np.max(sizes[kind], axis=0)
             groups, of_kind = _padded(*_sort_into_bins(one, kind, own), all_have)
             bins += [_bin(one.record[group], kind) for group in groups]
-            rows += [_kept_rows(one, group, kept) for group in groups]
+            rows += [_kept_rows(one, group, throws) for group in groups]
             for key, values in enumerate(of_kind, start=1):
                 edges.setdefault(f"{kind}_edge_{key}", []).append(values)
         sizes_of_bins += [len(group) for group in rows]
@@ -84,7 +85,7 @@ def table_of(files: Sequence[xr.Dataset]) -> ImpactTable:
         float(np.mean([data.attrs["inertia_factor"] for _, data in parts])),
         float((flights**2).max()),
         float(first["rest_angle"]),
-        _provenance([data for _, data in parts]),
+        _provenance([data for _, data in parts]) | {"kept": kept},
     )
 
 

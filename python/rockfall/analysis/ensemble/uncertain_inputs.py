@@ -3,17 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.grounds import GroundRule, table_ground
+from rockfall.grounds import GroundRule, ensemble_grounds
 from rockfall.impact_sets import set_path
-from rockfall.impact_tables import find_table
+from rockfall.impact_tables import ENSEMBLE, ensemble_names, find_table, table_names
 from rockfall.io.tables import check_columns, read_table
 from rockfall.scene.coefficients import SetFile, draws_in
 from rockfall.scene.kernel_scene import known_at
@@ -27,6 +28,7 @@ STREAMS = ("boulders", "design", "dem", "source")  # of random numbers; a new on
 REACH = 6  # correlation lengths; exp(-6) is a quarter of a per cent
 BITS = 30  # of a number of the design
 TRIES = 1000  # shifts of the sources, before they are refused
+Grounds = dict[str, GroundRule]  # by the name of the ground of the case for which each stands in
 
 
 @dataclass
@@ -64,10 +66,9 @@ class Uncertain:
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.given = scene, scene.case.ensemble
-        self.sets: list[SetFile | GroundRule] = []
         self.set_checksums: dict[str, str] = {}
-        for name in self.given.get("sets", []):
-            self._take_set(name)
+        by_table = scene.case.impact["form"] == "table"
+        self.sets: Sequence[SetFile | Grounds] = self._tables() if by_table else self._set_files()
         self.radii = 1 if scene.values is not None else len(scene.sizes)
         self.rows: list[dict[str, float]] = []
         if "draws" in self.given:
@@ -91,24 +92,40 @@ class Uncertain:
                 "side of the DEM"
             )
 
-    def _take_set(self, name: str) -> None:
-        """Impact sets of a name, each of its draws; or in a case by tables of impacts, a table that
-        stands in for the ground that holds where nothing else is said."""
+    def _set_files(self) -> list[SetFile]:
+        """Impact sets of the names given, each of their draws."""
+        case, found = self.scene.case, []
+        for name in self.given.get("sets", []):
+            draws = draws_in(set_path(case, name, "ensemble"), case.impact["turning"])
+            self.set_checksums[name] = draws[0].checksum
+            found += draws
+        return found
+
+    def _tables(self) -> list[Grounds]:
+        """What stands in for which ground, in each draw: tables for that which holds where nothing
+        else is said; each draw of a `talus-ensemble` for `talus`, with those of other ensembles."""
         case = self.scene.case
-        if case.impact["form"] == "table":
+        usual = case.surface.get("ground", case.impact["table"])
+        stand_ins: dict[str, list[GroundRule]] = {}
+        for name in self.given.get("sets", []):
             path = find_table(case, name)
             if path is None:
+                known = ", ".join((*ensemble_names(), *table_names()))
                 raise RockfallError(
                     f"{case.name}: &ensemble sets = '{name}': no such table of impacts: with "
-                    "&impact form = 'table' they stand in for the case's table"
+                    f"&impact form = 'table' they stand in for grounds of the case; known: {known}"
                 )
             self.set_checksums[name] = file_checksum(path)
-            self.sets.append(table_ground(name, path))
-            return
-        path = set_path(case, name, "ensemble")
-        draws = draws_in(path, case.impact["turning"])
-        self.set_checksums[name] = draws[0].checksum
-        self.sets += draws
+            ground = name.removesuffix(ENSEMBLE) if name.endswith(ENSEMBLE) else usual
+            if not any(one.name == ground for one in self.scene.grounds):
+                raise RockfallError(
+                    f"{case.name}: &ensemble sets = '{name}': has no effect: no ground of the case "
+                    f"is {ground}; take it out"
+                )
+            stand_ins.setdefault(ground, []).extend(ensemble_grounds(name, path))
+        return [
+            dict(zip(stand_ins, one, strict=True)) for one in product(*stand_ins.values()) if one
+        ]
 
     def _check_factors(self) -> None:
         """Refuse factors on what neither the case nor the layer of the sources gives."""
@@ -276,11 +293,10 @@ class Uncertain:
         return self._set(int(numbers[0] * len(self.sets)))
 
     def _set(self, which: int) -> Draw:
-        drawn, case = self.sets[which], self.scene.case
+        drawn = self.sets[which]
         if isinstance(drawn, SetFile):
             return Draw({"sets": drawn}, kept={"set": which})
-        usual = case.surface.get("ground", case.impact["table"])
-        grounds = tuple(drawn if one.name == usual else one for one in self.scene.grounds)
+        grounds = tuple(drawn.get(one.name, one) for one in self.scene.grounds)
         return Draw({"grounds": grounds}, kept={"set": which})
 
 

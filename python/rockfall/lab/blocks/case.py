@@ -53,6 +53,18 @@ def grounds() -> dict[str, dict[str, Any]]:
 
 
 @cache
+def draws_of(name: str) -> list[dict[str, float]]:
+    """Values of &ground of each draw of a ground that evidence leaves open; empty: there is none."""
+    path = Path(str(importlib.resources.files("rockfall") / "data" / "lab_draws.csv"))
+    _, columns, rows = read_table(path)
+    return [
+        {key: row.number(key, 0, 1e12) for key in columns if key != "ground"}
+        for row in rows
+        if row.text("ground") == name
+    ]
+
+
+@cache
 def _defaults() -> dict[str, dict[str, Any]]:
     """Every key but those of a ground, with its default."""
     plan = dict(zip(names(PLAN), _lab.defaults(PLAN).tolist(), strict=False))
