@@ -14,7 +14,15 @@ from programs import make_full_case, refuses, run_program, same_results
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.cli import main
-from rockfall.impact_tables import FIELDS, open_table, save_table, shipped_tables
+from rockfall.impact_tables import (
+    FIELDS,
+    ensemble_names,
+    open_table,
+    open_tables,
+    save_ensemble,
+    save_table,
+    shipped_tables,
+)  # fmt: skip
 from rockfall.lab.blocks.case import BlockCase
 from rockfall.lab.blocks.contacts import run_throws
 from rockfall.lab.contact_records import save_contacts
@@ -258,12 +266,14 @@ def test_what_is_no_table_is_refused(made, tmp_path, monkeypatch, capsys):
 
 @pytest.mark.parametrize("path", shipped_tables().values(), ids=shipped_tables())
 def test_shipped_tables_are_small_and_sound(path):
-    table = open_table(path)
-    assert path.stat().st_size < 1_000_000
-    assert np.isfinite(table.record).all() and np.isfinite(table.map).all()
-    made_of = f"{table.about['ground']}-{table.about['shape']}"
-    assert path.stem == {"rocks-sphere": "rocky-slope"}.get(made_of, made_of)
-    assert table.about["contacts"] > 5_000 and "&throw" in table.about["lab_case"]
+    tables = open_tables(path)
+    assert path.stat().st_size < (1_000_000 if len(tables) == 1 else 1_500_000)
+    for table in tables:
+        assert np.isfinite(table.record).all() and np.isfinite(table.map).all()
+        made_of = f"{table.about['ground']}-{table.about['shape']}"
+        name = path.stem.replace("-ensemble", "")
+        assert name == {"rocks-sphere": "rocky-slope"}.get(made_of, made_of)
+        assert table.about["contacts"] > 5_000 and "&throw" in table.about["lab_case"]
 
 
 def test_a_zone_names_the_table_of_its_ground_and_boulders_their_shape(tmp_path):
@@ -314,3 +324,52 @@ def test_the_ground_is_an_uncertain_input(made, tmp_path):
     assert not np.array_equal(*stops)
     with pytest.raises(rockfall.RockfallError, match="no such table of impacts"):
         Uncertain(read_scene(case.replace(ensemble={"sets": ["no-ground", "talus"]}), **terrain()))
+
+
+def test_each_draw_of_an_ensemble_is_a_run_by_its_table(made, tmp_path):
+    tables = [table_of([run_throws(CASE.replace(lab={"throws": 60, "seed": k}))]) for k in (1, 2)]
+    save_ensemble(tables, tmp_path / "draws.nc")
+    assert [one.pack() for one in open_tables(tmp_path / "draws.nc")] == [
+        one.pack() for one in tables
+    ]
+    case = case_in(
+        tmp_path, impact={"form": "table", "table": "talus"}, output={"maps": None},
+        ensemble={"sets": ["draws.nc"], "runs": 8}, case={"boulders": 40}, **place(),
+    )  # fmt: skip
+    scene = read_scene(case, **terrain())
+    inputs = Uncertain(scene)
+    assert len(inputs.sets) == 2
+    for which, table in enumerate(tables):
+        drawn = run_scene(drawn_scene(scene, [inputs._set(which)], case.case["seed"]))
+        save_table(table, tmp_path / f"{which}.nc")
+        alone = rockfall.run(case.replace(impact={"table": f"{which}.nc"}), **terrain())
+        assert np.array_equal(drawn["stop_x"], alone["stop_x"])
+    with pytest.raises(rockfall.RockfallError, match="holds 2 draws of a table"):
+        rockfall.run(case.replace(impact={"table": "draws.nc"}), **terrain())
+
+
+def test_ensembles_of_several_grounds_come_together(tmp_path):
+    """Each draw of one with each of the other, for their own grounds and no other."""
+    names = ensemble_names()
+    case = case_in(
+        tmp_path, impact={"form": "table", "table": "rock"}, output={"maps": None},
+        ensemble={"sets": names[:1], "runs": 8}, case={"boulders": 10}, **place(),
+    )  # fmt: skip
+    with pytest.raises(rockfall.RockfallError, match="has no effect: no ground of the case is"):
+        Uncertain(read_scene(case, **terrain()))
+    ids = np.arange(80)[:, None] % len(names) + np.ones((1, 60), np.int32)
+    grounds = [one.removesuffix("-ensemble") for one in names]
+    rows = "".join(f"{k},{name},0.1\n" for k, name in enumerate(grounds, start=1))
+    (tmp_path / "zones.csv").write_text(f"zone,ground,mean_radius\n{rows}")
+    zoned = case.replace(
+        surface={"zones": "given", "table": "zones.csv", "uniform_mean_radius": None},
+        ensemble={"sets": names},
+    )
+    scene = read_scene(zoned, **terrain(), zones=ids)
+    inputs = Uncertain(scene)
+    numbers = [len(open_tables(shipped_tables()[f"{one}-compact"])) for one in names]
+    assert len(inputs.sets) == np.prod(numbers)
+    for which in (0, len(inputs.sets) - 1):
+        drawn = inputs._set(which).arrays["grounds"]
+        changed = {a.name for a, b in zip(drawn, scene.grounds, strict=True) if a.text != b.text}
+        assert changed == set(grounds)

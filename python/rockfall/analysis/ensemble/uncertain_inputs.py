@@ -116,7 +116,7 @@ class Uncertain:
                     f"&impact form = 'table' they stand in for grounds of the case; known: {known}"
                 )
             self.set_checksums[name] = file_checksum(path)
-            ground = name.removesuffix(ENSEMBLE) if name.endswith(ENSEMBLE) else usual
+            ground = name.removesuffix(ENSEMBLE) if name in ensemble_names() else usual
             if not any(one.name == ground for one in self.scene.grounds):
                 raise RockfallError(
                     f"{case.name}: &ensemble sets = '{name}': has no effect: no ground of the case "
