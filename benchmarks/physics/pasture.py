@@ -24,11 +24,11 @@ from rockfall.lab.tables import table_of
 SEED, BOULDERS, ON_PLANES = 1, 100, 400
 
 
-def make(path: Path, shape: str, ground: dict[str, float], throws: int) -> None:
-    """The table of a spectrum, unless it is there."""
+def make(path: Path, ground: str, shape: str, values: dict[str, float], throws: int) -> None:
+    """The table of a ground with other values, unless it is there."""
     if not path.exists():
-        lab = {"ground": "meadow", "shape": shape, "throws": throws}
-        save_table(table_of([run_throws(BlockCase(lab=lab, ground=ground))]), path)
+        lab = {"ground": ground, "shape": shape, "throws": throws}
+        save_table(table_of([run_throws(BlockCase(lab=lab, ground=values))]), path)
 
 
 def main() -> None:
@@ -54,7 +54,7 @@ def main() -> None:
         ground = {"relief": relief, "hurst": hurst, "longest": longest, "yield_pressure": strength}
         name = f"p{strength:g}-h{hurst:g}-l{longest:g}-r{relief:g}-{given.throws}"
         for shape in SHAPES:
-            make(given.tables / f"{name}-{shape}.nc", shape, ground, given.throws)
+            make(given.tables / f"{name}-{shape}.nc", "meadow", shape, ground, given.throws)
         law = table(f"{name}={given.tables.resolve() / name}-{{shape}}.nc")
         found = described(runs, [simulated(run, law, place, BOULDERS, SEED) for run in runs])
         compact = table(f"{name}={given.tables.resolve() / name}-compact.nc")

@@ -27,13 +27,11 @@ from benchmarks.machine import machine
 from benchmarks.physics.impacts import by_table
 from benchmarks.physics.laws import Law, table
 from benchmarks.physics.observed import CASES, measure
+from benchmarks.physics.pasture import make
 from benchmarks.physics.runaway import SLOPES, beyond
 from benchmarks.physics.tschamut import described, observed, simulated, terrain
-from rockfall.impact_tables import FIELDS, SHAPES, open_table, save_table
+from rockfall.impact_tables import FIELDS, SHAPES, open_table
 from rockfall.io.tables import read_table
-from rockfall.lab.blocks.case import BlockCase
-from rockfall.lab.blocks.contacts import run_throws
-from rockfall.lab.tables import table_of
 
 POINTS = {  # grids of a ground, the later ones after looking at those before
     "meadow": [{"relief": [5, 6.5, 8, 10, 12], "yield_pressure": [5e5, 1e6, 2e6]}],
@@ -202,10 +200,7 @@ def measured(
     if kept.exists():
         return json.loads(kept.read_text())
     for shape in SHAPES if ground == "meadow" else SHAPES[:1]:
-        path = folder / f"{name}-{shape}.nc"
-        if not path.exists():
-            lab = {"ground": ground, "shape": shape, "throws": THROWS, "seed": SEED}
-            save_table(table_of([run_throws(BlockCase(lab=lab, ground=point))]), path)
+        make(folder / f"{name}-{shape}.nc", ground, shape, point, THROWS)
     law = table(f"{name}={folder.resolve() / name}-{{shape}}.nc")
     found = {kind: one.given(law, folder / f"{name}-compact.nc") for kind, one in kinds.items()}
     kept.write_text(json.dumps(found))
@@ -240,7 +235,7 @@ def main() -> None:
     parser.add_argument("--without", nargs="*", default=[], help="kinds that do not decide")
     given = parser.parse_args()
     given.tables.mkdir(exist_ok=True)
-    kinds = {name: make(given.field) for name, make in KINDS[given.ground].items()}
+    kinds = {name: kind(given.field) for name, kind in KINDS[given.ground].items()}
     print(machine())
     grid = POINTS[given.ground][given.grid - 1]
     places = list(points(grid))
