@@ -13,7 +13,7 @@ most probable point; then what each point gives, and the points of the ensemble.
 
 import argparse
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -71,11 +71,13 @@ def with_model(seen: float, error: float, part: float) -> float:
     return float(np.hypot(error, part * seen))
 
 
-def run_outs(field: Path) -> Evidence:
+NUMBERS = "mean", "std", "5 %", "50 %", "95 %"  # of run-outs
+
+
+def run_outs(field: Path, names: Sequence[str] = NUMBERS) -> Evidence:
     """Numbers of the run-outs of the half of Tschamut that calibrates."""
     folder = field / "tschamut2014"
     runs, place = observed(folder, "calibration"), terrain(folder)
-    names = "mean", "std", "5 %", "50 %", "95 %"
     out = np.array([np.hypot(*(run.rest - run.start)) for run in runs])
 
     def numbers(sample: np.ndarray) -> np.ndarray:
@@ -83,15 +85,15 @@ def run_outs(field: Path) -> Evidence:
 
     again = np.random.default_rng(SEED).choice(out, (2000, len(out)))
     errors = np.array([numbers(one) for one in again]).std(axis=0)
-    seen = dict(zip(names, numbers(out).tolist(), strict=True))
-    parts = [MODEL_SPREAD if name == "std" else MODEL_MEAN for name in names]
-    deviations = map(with_model, seen.values(), errors, parts)
+    all_seen = dict(zip(NUMBERS, numbers(out).tolist(), strict=True))
+    parts = [MODEL_SPREAD if name == "std" else MODEL_MEAN for name in NUMBERS]
+    deviations = dict(zip(NUMBERS, map(with_model, all_seen.values(), errors, parts), strict=True))
 
     def given(law: Law, _: Path) -> dict[str, float]:
         found = described(runs, [simulated(run, law, place, BOULDERS, SEED) for run in runs])
         return {name: found[name] for name in names}
 
-    return Evidence(seen, dict(zip(names, deviations, strict=True)), given)
+    return Evidence(*({name: of[name] for name in names} for of in (all_seen, deviations)), given)
 
 
 def fast_impacts(field: Path) -> Evidence:
@@ -174,7 +176,11 @@ def limit(_: Path) -> Evidence:
 
 
 KINDS: dict[str, dict[str, Callable[[Path], Evidence]]] = {
-    "meadow": {"run-outs": run_outs, "impacts": fast_impacts, "limit": limit},
+    "meadow": {
+        "run-outs": lambda field: run_outs(field, ("mean", "5 %", "50 %")),
+        "far run-outs": lambda field: run_outs(field, ("std", "95 %")),  # on a plane that was added
+        "impacts": fast_impacts, "limit": limit,
+    },
     "talus": {
         "line EL1": lambda _: at_line("observed"), "contacts": contacts, "limit": limit,
         BESIDE: lambda _: at_line("B"),

@@ -371,5 +371,5 @@ def test_ensembles_of_several_grounds_come_together(tmp_path):
     assert len(inputs.sets) == np.prod(numbers)
     for which in (0, len(inputs.sets) - 1):
         drawn = inputs._set(which).arrays["grounds"]
-        changed = {a.name for a, b in zip(drawn, scene.grounds, strict=True) if a.text != b.text}
+        changed = {b.name for a, b in zip(drawn, scene.grounds, strict=True) if a.text != b.text}
         assert changed == set(grounds)
