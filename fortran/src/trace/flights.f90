@@ -11,7 +11,7 @@ module rockfall_flights
                               enter_patch, place_on_patch
    use rockfall_boulder, only: inertia_factor
    use rockfall_maps, only: enter_cell, enter_other_cell, raise_values, first_cell, leaving_time
-   use rockfall_trajectory, only: scratch_t
+   use rockfall_scratch, only: scratch_t
    implicit none
    private
    public :: flights_t, landings_t, take_off, take_off_again, take_off_from, fly_on, flight_of, landing_of

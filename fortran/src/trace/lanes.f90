@@ -18,10 +18,14 @@ module rockfall_lanes
    use rockfall_direction, only: turn_past_aspect, divide_by_length, shortest
    use rockfall_table_lanes, only: table_batch_t, clear_batch, add_contact, contacts_by_table, find_near
    use rockfall_table_contact, only: velocity_after, end_touch
-   use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, start_boulder, end_boulder, &
-                                  clear, departure, record_crossings, handle_impact, find_rocks, &
-                                  find_class, count_outcome, close_impact, meet_ground, count_ground, rest_or_roll, &
-                                  roll_on, with_all, absorbed, impact_limit, obstacle_t, inertia_of
+   use rockfall_scene_type, only: scene_t, inertia_of
+   use rockfall_outcome, only: boulder_result_t, departure, count_outcome, absorbed, impact_limit
+   use rockfall_crossings, only: crossing_t, record_crossings
+   use rockfall_scratch, only: scratch_t, with_all, clear, count_ground
+   use rockfall_start, only: start_boulder, end_boulder
+   use rockfall_contact, only: handle_impact, find_rocks, meet_ground, find_class, close_impact, rest_or_roll
+   use rockfall_obstacles, only: obstacle_t
+   use rockfall_paths, only: roll_on
    use rockfall_local_frame, only: in_local_frame, rolled_before, launch_velocity
    use rockfall_ground, only: is_stochastic
    use rockfall_tallies, only: totals_t, prepare, add_boulder

@@ -18,7 +18,7 @@ module rockfall_table_lanes
                                      after_fall, share_energy, leave
    use rockfall_line, only: line_t, comes_near
    use rockfall_flights, only: landings_t, landing_of, lanes, filled
-   use rockfall_trajectory, only: scene_t
+   use rockfall_scene_type, only: scene_t
    implicit none
    private
    public :: table_batch_t, clear_batch, add_contact, contacts_by_table, find_near
