@@ -5,7 +5,8 @@ module rockfall_math
    use rockfall_kinds, only: wp, i8
    implicit none
    private
-   public :: pi, degree, real_of, squared_length, logarithm, exponential, cube_root, sine_cosine, squared_sine, tangent, arcsine
+   public :: pi, degree, real_of, squared_length, logarithm, exponential, cube_root, sine_cosine, squared_sine, tangent
+   public :: arcsine
 
    real(wp), parameter :: pi = 3.14159265358979323846_wp
    real(wp), parameter :: degree = pi/180.0_wp  !! [rad]

@@ -18,8 +18,8 @@ module rockfall_barrier
    real(wp), parameter :: ead_energy(0:7) = 1000*[100.0_wp, 250.0_wp, 500.0_wp, 1000.0_wp, 1500.0_wp, 2000.0_wp, &
                                                   3000.0_wp, 4500.0_wp]
 
-   !> Distance at which a boulder flies on in front of a barrier, over the width of the terrain [-]: far more than places
-   !> are rounded, and a micrometre on a slope of a kilometre.
+   !> Distance in front of a barrier from which a boulder flies on, over the width of the terrain [-]: far more than
+   !> places are rounded, and a micrometre on a slope of a kilometre.
    real(wp), parameter :: barrier_offset = 1.0e-9_wp
 
    type :: barrier_t
@@ -47,8 +47,8 @@ contains
       end if
    end function barrier_outcome
 
-   !> A place in the air a little in front of a barrier that a boulder met: places are rounded, and what else lies there,
-   !> such as a line along the barrier, must still be ahead of the next flight.
+   !> A place in the air a little in front of a barrier that a boulder met: places are rounded, and what else lies
+   !> there, such as a line along the barrier, must still be ahead of the next flight.
    pure type(landing_t) function place_in_front(dem, landing, v) result(place)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: landing  !! at the barrier

@@ -8,7 +8,7 @@ module rockfall_local_frame
    use rockfall_direction, only: turning_t, unit_vector, any_heading, new_heading
    implicit none
    private
-   public :: decompose, in_local_frame, rolled_before, launch_velocity, outgoing_flight
+   public :: decompose, in_local_frame, rolled_before, face_forward, launch_velocity, outgoing_flight
 
 contains
 
@@ -61,13 +61,28 @@ contains
       if (before1*heading1 + before2*heading2 < 0) w = -omega_r
    end function rolled_before
 
-   !> The velocity after an impact from V_t, of either sign, over a heading, and V_n.
-   elemental subroutine launch_velocity(tangential, normal, heading1, heading2, g1, g2, steepness, v1, v2, v3)
+   !> A negative V_t after an impact turns the heading round, and with it the sense of W.
+   elemental subroutine face_forward(tangential, heading1, heading2, w)
+      real(wp), intent(in) :: tangential             !! V_t [m/s]
+      real(wp), intent(inout) :: heading1, heading2  !! before the impact [-]
+      real(wp), intent(inout) :: w                   !! W after it [m/s]
+      real(wp) :: forward
+
+      forward = merge(-1.0_wp, 1.0_wp, tangential < 0)
+      heading1 = forward*heading1
+      heading2 = forward*heading2
+      w = forward*w
+   end subroutine face_forward
+
+   !> The velocity after an impact from V_t, of either sign, over a heading, and V_n. The height above the patch grows at
+   !> v.(-g, 1) = V_n sqrt(1 + |g|**2) (theory, chapter 5).
+   elemental subroutine launch_velocity(tangential, normal, heading1, heading2, g1, g2, steepness, v1, v2, v3, rate)
       real(wp), intent(in) :: tangential, normal  !! V_t, V_n [m/s]
       real(wp), intent(in) :: heading1, heading2  !! unit [-]
       real(wp), intent(in) :: g1, g2              !! gradient of the patch [-]
       real(wp), intent(in) :: steepness           !! sqrt(1 + |g|**2) [-]
       real(wp), intent(out) :: v1, v2, v3         !! [m/s]
+      real(wp), intent(out) :: rate               !! of the height above the patch [m/s]
       real(wp) :: along, forward, up
 
       along = g1*heading1 + g2*heading2
@@ -76,11 +91,11 @@ contains
       v1 = forward*heading1 - up*g1
       v2 = forward*heading2 - up*g2
       v3 = forward*along + up
+      rate = normal*steepness
    end subroutine launch_velocity
 
    !> The next flight: V_t_out in the tangent plane over the new heading h, along (h, g.h)/sqrt(1 + (g.h)**2), V_n_out
-   !> along the normal. A negative V_t_out turns the heading round first. The height above the patch grows at
-   !> v.(-g, 1) = V_n_out sqrt(1 + |g|**2) (theory, chapters 5 and 6).
+   !> along the normal (theory, chapters 5 and 6).
    pure subroutine outgoing_flight(dem, landing, at, g, steepness, before, turning, v_out, flight, omega_r)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: landing
@@ -100,14 +115,10 @@ contains
       if (all(heading == 0)) heading = unit_vector(descent)
       if (all(heading == 0)) heading = any_heading(turning%u)
       omega_r = v_out(3)
-      if (v_out(1) < 0) then
-         heading = -heading
-         omega_r = -omega_r
-      end if
+      call face_forward(v_out(1), heading(1), heading(2), omega_r)
       heading = new_heading(turning, heading, g, descent, pit)
       call launch_velocity(v_out(1), v_out(2), heading(1), heading(2), g(1), g(2), steepness, &
-                           flight%v(1), flight%v(2), flight%v(3))
-      flight%rate = v_out(2)*steepness
+                           flight%v(1), flight%v(2), flight%v(3), flight%rate)
       flight%heading = heading
       call start_from(landing, flight)
    end subroutine outgoing_flight

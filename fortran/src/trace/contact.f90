@@ -4,9 +4,9 @@
 module rockfall_contact
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: squared_length
-   use rockfall_random, only: uniform, words_per_block, rebound_words, turn_word, obstacle_word, ratio_word, &
+   use rockfall_random, only: uniform, side_of, words_per_block, rebound_words, turn_word, obstacle_word, ratio_word, &
                               roughness_word
-   use rockfall_terrain, only: gradient, cell_of
+   use rockfall_terrain, only: gradient, steepness_of, cell_of
    use rockfall_surface, only: rock_radius, ground_at
    use rockfall_boulder, only: inertia_factor
    use rockfall_flight, only: flight_t, landing_t
@@ -18,15 +18,15 @@ module rockfall_contact
    use rockfall_local_frame, only: decompose, outgoing_flight
    use rockfall_table_contact, only: table_contact_t, table_contact, keep_touch
    use rockfall_histogram, only: count_rebound
-   use rockfall_scene_type, only: scene_t, inertia_of
+   use rockfall_scene_type, only: scene_t, inertia_of, is_slow
    use rockfall_outcome, only: boulder_result_t, count_outcome, stopped, absorbed, impact_limit
    use rockfall_scratch, only: scratch_t, contact_t, with_lines, with_all, count_ground, record
    use rockfall_draws, only: impact_words, ground_uniforms
    implicit none
    private
-   public :: handle_impact, find_rocks, meet_ground, find_class, close_impact, rest_or_roll
+   public :: handle_impact, find_ground, find_class, close_impact, rest_or_roll
 
-   real(wp), parameter :: smooth = 1.0e-9_wp  !! R_m of ground without rocks: to its boulders all rocks are small [m]
+   real(wp), parameter :: rockless_radius = 1.0e-9_wp  !! R_m of ground without rocks: smaller than any boulder [m]
 
 contains
 
@@ -43,7 +43,7 @@ contains
       type(roll_t), intent(inout) :: roll   !! where it goes on so; else none
       type(scratch_t), intent(inout) :: scratch
       integer(i8) :: word(words_per_block)
-      integer :: at(2), class, ground  !! 0: the scene has the case's impact sets alone
+      integer :: at(2), class, ground
       logical :: outside, fast, steep, slow
       real(wp) :: radius, obstacle, ratio, v_in(3), heading(2), g(2), steepness
       real(wp) :: u_ground(words_per_block)
@@ -52,16 +52,8 @@ contains
 
       word = impact_words(scene, number, result%impacts)
       at = cell_of(scene%dem, landing%patch, landing%u, landing%w)
-      call find_rocks(scene, number, result%impacts, at, radius, u_ground)
-      if (radius > huge(radius)) then
-         result%status = absorbed
-         return
-      end if
-      ground = 0
-      if (level >= with_all .and. allocated(scene%grounds)) then
-         call meet_ground(scene, at, radius, ground, obstacle, result%status)
-         if (result%status == absorbed) return
-      end if
+      call find_ground(scene, number, result%impacts, at, level, ground, radius, obstacle, u_ground, result%status)
+      if (result%status == absorbed) return
       ratio = result%boulder%radius/radius
       if (level >= with_all .and. ground > 0) then
          if (allocated(scene%grounds(ground)%table)) then
@@ -73,7 +65,7 @@ contains
       scratch%touch = touch_t()
       call find_class(scene, ratio, u_ground, class, outside)
       g = gradient(scene%dem, landing%patch, landing%u, landing%w)
-      steepness = sqrt(1 + g(1)**2 + g(2)**2)
+      steepness = steepness_of(g(1), g(2))
       call decompose(v, g, steepness, flight%heading, omega_r, v_in, heading)
       if (level >= with_all .and. ground > 0) then
          call ground_rebound(scene%grounds(ground), scene%table, scene%key, number, int(result%impacts, i8), &
@@ -88,7 +80,7 @@ contains
       end if
       call count_outcome(out, outside, fast, steep, result)
       if (level >= with_lines .and. scene%histograms_requested) call count_rebound(scratch%histograms, v_in, out%v)
-      turning = turning_t(scene%turning, uniform(word(turn_word)), merge(1.0_wp, -1.0_wp, btest(word(turn_word), 0)))
+      turning = turning_t(scene%turning, uniform(word(turn_word)), side_of(word(turn_word)))
       if (turning%rule == by_lab) turning%lateral = lateral_angle(scene%lateral(class), v_in(1:2), turning%u)
       if (level >= with_all .and. ground > 0 .and. turning%rule == by_lab) then
          if (is_stochastic(scene%grounds(ground))) &
@@ -100,7 +92,8 @@ contains
          result%energy%ground = result%energy%ground &
                                 + 0.5_wp*result%boulder%mass*(twice_energy(v_in) - twice_energy(out%v))
       end if
-      call close_impact(scene, squared_length(flight%v), result, slow)
+      slow = is_slow(scene, squared_length(flight%v))
+      call close_impact(scene, squared_length(flight%v), .not. slow, result)
       if (slow) call rest_or_roll(scene, ground, landing, squared_length(flight%v), omega_r, result, roll)
    end subroutine handle_impact
 
@@ -141,41 +134,40 @@ contains
          result%energy%ground = result%energy%ground + 0.5_wp*result%boulder%mass &
                                 *(before - squared_length(flight%v) - inertia_factor*omega_r*omega_r)
       end if
-      result%speed_max = max(result%speed_max, squared_length(flight%v))
+      call close_impact(scene, squared_length(flight%v), .not. contact%stops, result)
       if (contact%stops) then
          scratch%touch = touch_t()
          call rest_or_roll(scene, ground, landing, squared_length(flight%v), omega_r, result, roll)
-      else if (result%impacts >= scene%max_impacts) then
-         result%status = impact_limit
       end if
    end subroutine contact_by_table
 
-   !> The radius of the rocks at a raster cell [m], and the random numbers of what a boulder meets there.
-   pure subroutine find_rocks(scene, number, impact, at, radius, u_ground)
+   !> The ground of a raster cell, the rocks and obstacles there, and whether it absorbs the boulder.
+   pure subroutine find_ground(scene, number, impact, at, level, ground, radius, obstacle, u_ground, status)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
-      integer, intent(in) :: impact, at(2)
-      real(wp), intent(out) :: radius, u_ground(words_per_block)
+      integer, intent(in) :: impact
+      integer, intent(in) :: at(2)          !! column, row from the north
+      integer, value :: level               !! basic, ..., with_all
+      integer, intent(out) :: ground        !! 0: the scene has the case's impact sets alone
+      real(wp), intent(out) :: radius       !! R_m of the rocks; above zero where there are grounds [m]
+      real(wp), intent(out) :: obstacle     !! height of obstacles, where there are grounds [m]
+      real(wp), intent(out) :: u_ground(words_per_block)  !! random numbers for it [-]
+      integer, intent(inout) :: status
 
       u_ground = 0
       if (scene%ground_drawn) u_ground = ground_uniforms(scene, number, impact)
       radius = rock_radius(scene%surface, at, u_ground(obstacle_word))
-   end subroutine find_rocks
-
-   !> The ground of a raster cell, the height of obstacles there, and whether it absorbs the boulder.
-   pure subroutine meet_ground(scene, at, radius, ground, obstacle, status)
-      type(scene_t), intent(in) :: scene
-      integer, intent(in) :: at(2)          !! column, row from the north
-      real(wp), intent(inout) :: radius     !! R_m; above zero afterwards [m]
-      integer, intent(out) :: ground
-      real(wp), intent(out) :: obstacle     !! [m]
-      integer, intent(inout) :: status
-
-      ground = ground_at(scene%surface, at)
-      obstacle = radius/scene%surface%size_to_radius
-      if (absorbs(scene%grounds(ground)%classical, obstacle)) status = absorbed
-      radius = max(radius, smooth)
-   end subroutine meet_ground
+      ground = 0
+      obstacle = 0
+      if (radius > huge(radius)) then
+         status = absorbed
+      else if (level >= with_all .and. allocated(scene%grounds)) then
+         ground = ground_at(scene%surface, at)
+         obstacle = radius/scene%surface%size_to_radius
+         if (absorbs(scene%grounds(ground)%classical, obstacle)) status = absorbed
+         radius = max(radius, rockless_radius)
+      end if
+   end subroutine find_ground
 
    !> The impact set that serves a ratio R_b/R_m.
    pure subroutine find_class(scene, ratio, u_ground, class, outside)
@@ -207,16 +199,15 @@ contains
       end if
    end subroutine see_ground_fit
 
-   !> Whether a boulder goes on after an impact, or is too slow to fly.
-   pure subroutine close_impact(scene, speed2, result, slow)
+   !> Close an impact: a boulder that flies on has not yet had all the contacts that it may have.
+   pure subroutine close_impact(scene, speed2, flies, result)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: speed2  !! after it, |v|**2 [m2/s2]
+      logical, intent(in) :: flies    !! and does not come to rest, or roll on
       type(boulder_result_t), intent(inout) :: result
-      logical, intent(out) :: slow
 
       result%speed_max = max(result%speed_max, speed2)
-      slow = speed2 < scene%stop_speed**2
-      if (.not. slow .and. result%impacts >= scene%max_impacts) result%status = impact_limit
+      if (flies .and. result%impacts >= scene%max_impacts) result%status = impact_limit
    end subroutine close_impact
 
    !> Whether a boulder that is too slow to fly rests where it is, or rolls on.
@@ -224,7 +215,7 @@ contains
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: ground    !! its number, where the scene has several
       type(landing_t), intent(in) :: landing
-      real(wp), intent(in) :: speed2   !! as in close_impact
+      real(wp), intent(in) :: speed2   !! |v|**2 [m2/s2]
       real(wp), intent(in) :: omega_r  !! W [m/s]
       type(boulder_result_t), intent(inout) :: result
       type(roll_t), intent(inout) :: roll

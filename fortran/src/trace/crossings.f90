@@ -2,7 +2,7 @@
 !> Crossings of evaluation lines, and of the lines of barriers.
 module rockfall_crossings
    use rockfall_kinds, only: wp, i1
-   use rockfall_terrain, only: patch_t, locate, height, gradient
+   use rockfall_terrain, only: patch_t, locate, height, gradient, steepness_of
    use rockfall_flight, only: flight_t, landing_t
    use rockfall_line, only: first_crossing
    use rockfall_scene_type, only: scene_t
@@ -71,7 +71,7 @@ contains
          call locate(dem, c%x, c%y, patch, u, w)
          c%jump_height = max(0.0_wp, flight%z + t*(flight%v(3) - 0.5_wp*gravity*t) - height(patch, u, w))
          g = gradient(dem, patch, u, w)
-         c%passing_height = c%jump_height + result%boulder%radius*sqrt(1 + g(1)**2 + g(2)**2)
+         c%passing_height = c%jump_height + result%boulder%radius*steepness_of(g(1), g(2))
       end associate
    end function crossing
 end module rockfall_crossings

@@ -12,7 +12,7 @@ module rockfall_obstacles
    use rockfall_barrier, only: barrier_t, barrier_outcome, place_in_front, stopped_there, broken_through, passed_over
    use rockfall_forest, only: forest_t, tree_hit_t, tree_impact_t, first_hit, tree_impact
    use rockfall_tree_maps, only: gather_tree_hit
-   use rockfall_scene_type, only: scene_t
+   use rockfall_scene_type, only: scene_t, is_slow
    use rockfall_outcome, only: boulder_result_t, stopped_by_tree, stopped_by_barrier, impact_limit
    use rockfall_crossings, only: crossing_t, crossing, record_crossings
    use rockfall_scratch, only: scratch_t, contact_t, record
@@ -155,7 +155,7 @@ contains
       place = landing
       if (obstacle%kind == barrier) place = place_in_front(scene%dem, landing, v(1:2))
       flight = flight_from(scene%dem, place, remains*[turned, v(3)], heading)
-      if (taken > 0 .and. squared_length(flight%v) < scene%stop_speed**2) then
+      if (taken > 0 .and. is_slow(scene, squared_length(flight%v))) then
          result%status = merge(stopped_by_tree, stopped_by_barrier, obstacle%kind == tree)
       else if (result%trees_hit >= scene%max_impacts) then
          result%status = impact_limit

@@ -7,7 +7,7 @@ module rockfall_outcome
    use rockfall_impact, only: rebound_t
    implicit none
    private
-   public :: boulder_result_t, energy_balance_t, at_rest, departure, count_outcome, close_balance
+   public :: boulder_result_t, energy_balance_t, at_rest, departure, add_flight, count_outcome, close_balance
    public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier, left_window
 
    !> Status, in the order of the table of rockfall_variables; 0 while a boulder is on its way.
@@ -32,7 +32,7 @@ module rockfall_outcome
       integer :: stop_cell(2) = 0          !! column, row; only with a contact
       real(wp) :: path_length = 0.0_wp     !! along the flights [m]
       real(wp) :: time = 0.0_wp            !! [s]
-      real(wp) :: speed_max = 0.0_wp       !! [m/s]
+      real(wp) :: speed_max = 0.0_wp       !! [m/s]; its square until the end
       real(wp) :: jump_height_max = 0.0_wp !! [m]
       integer :: rebounds = 0, redrawn = 0, forced = 0
       integer :: out_of_range = 0, out_of_speed = 0, out_of_angle = 0  !! rebounds beyond what a set was fitted on
@@ -57,6 +57,19 @@ contains
       status = merge(left_domain, left_window, min(patch%i, patch%j) < 1 .or. patch%i >= dem%nx .or. patch%j >= dem%ny)
       if (in_window(dem, patch%i, patch%j)) status = hit_nodata
    end function departure
+
+   !> Add a flight.
+   pure subroutine add_flight(length, time, speed2, jump_height, result)
+      real(wp), intent(in) :: length, time  !! [m], [s]
+      real(wp), intent(in) :: speed2        !! at its end, |v|**2 [m2/s2]
+      real(wp), intent(in) :: jump_height   !! maximum [m]
+      type(boulder_result_t), intent(inout) :: result
+
+      result%path_length = result%path_length + length
+      result%time = result%time + time
+      result%speed_max = max(result%speed_max, speed2)
+      result%jump_height_max = max(result%jump_height_max, jump_height)
+   end subroutine add_flight
 
    !> Count a rebound, and what was odd about it.
    pure subroutine count_outcome(out, outside, fast, steep, result)

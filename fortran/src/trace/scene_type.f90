@@ -15,7 +15,7 @@ module rockfall_scene_type
    use rockfall_forest, only: forest_t
    implicit none
    private
-   public :: scene_t, goes_in_lanes, has_obstacles, inertia_of
+   public :: scene_t, goes_in_lanes, has_obstacles, inertia_of, is_slow
    public :: one_by_one, narrow_lanes, wide_lanes
 
    !> How boulders are carried on: each alone; several at a time; more of them, where the processor can.
@@ -74,4 +74,12 @@ contains
       inertia_of = inertia_factor
       if (allocated(scene%of_source)) inertia_of = scene%of_source(source_of(scene%release, number))%inertia
    end function inertia_of
+
+   !> Whether a boulder is too slow to fly on.
+   pure logical function is_slow(scene, speed2)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: speed2  !! |v|**2 [m2/s2]
+
+      is_slow = speed2 < scene%stop_speed**2
+   end function is_slow
 end module rockfall_scene_type

@@ -8,7 +8,7 @@ module rockfall_trajectory
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, arc_length
    use rockfall_rolling, only: roll_t
    use rockfall_scene_type, only: scene_t, has_obstacles
-   use rockfall_outcome, only: boulder_result_t, departure, close_balance, absorbed, left_domain, hit_nodata
+   use rockfall_outcome, only: boulder_result_t, departure, add_flight, close_balance, absorbed, left_domain, hit_nodata
    use rockfall_crossings, only: record_crossings
    use rockfall_scratch, only: scratch_t, contact_t, basic, with_lines, with_maps, with_all, clear, record
    use rockfall_start, only: start_boulder, end_boulder
@@ -123,10 +123,8 @@ contains
             end if
             v_in = flight%v
             v_in(3) = v_in(3) - scene%gravity*landing%time
-            result%path_length = result%path_length + arc_length(flight%v, scene%gravity, landing%time)
-            result%time = result%time + landing%time
-            result%speed_max = max(result%speed_max, squared_length(v_in))
-            result%jump_height_max = max(result%jump_height_max, landing%jump_height)
+            call add_flight(arc_length(flight%v, scene%gravity, landing%time), landing%time, squared_length(v_in), &
+                            landing%jump_height, result)
          end if
          if (level >= with_all .and. obstacle%kind /= none) then
             call meet_obstacle(scene, number, obstacle, landing, v_in, omega_r, result, flight, scratch)
