@@ -130,8 +130,8 @@ contains
       end if
    end function new_heading
 
-   !> The heading after a rebound by the rule past_aspect. One angle and one turn, whichever they are: then many boulders
-   !> turn at a time.
+   !> The heading after a rebound by the rule past_aspect. One angle and one turn, whichever they are: then many
+   !> boulders turn at a time.
    elemental subroutine turn_past_aspect(u, free_side, pit, east, north, g_east, g_north, aspect_east, aspect_north, &
                                          after_east, after_north)
       real(wp), intent(in) :: u, free_side               !! as in turning_t [-]

@@ -74,8 +74,8 @@ contains
       w = forward*w
    end subroutine face_forward
 
-   !> The velocity after an impact from V_t, of either sign, over a heading, and V_n. The height above the patch grows at
-   !> v.(-g, 1) = V_n sqrt(1 + |g|**2) (theory, chapter 5).
+   !> The velocity after an impact from V_t, of either sign, over a heading, and V_n. The height above the patch grows
+   !> at v.(-g, 1) = V_n sqrt(1 + |g|**2) (theory, chapter 5).
    elemental subroutine launch_velocity(tangential, normal, heading1, heading2, g1, g2, steepness, v1, v2, v3, rate)
       real(wp), intent(in) :: tangential, normal  !! V_t, V_n [m/s]
       real(wp), intent(in) :: heading1, heading2  !! unit [-]

@@ -76,8 +76,8 @@ contains
       steepness = steepness_of(g(1), g(2))
       unit = sqrt(gravity*boulder%radius)
       touches = merge(1.0_wp, 0.0_wp, touch%rolling)
-      call meet_plane(v(1), v(2), v(3), g(1), g(2), steepness, touches, touch%normal, contact%v_in(1), contact%v_in(2), &
-                      t(1), t(2), t(3))
+      call meet_plane(v(1), v(2), v(3), g(1), g(2), steepness, touches, touch%normal, &
+                      contact%v_in(1), contact%v_in(2), t(1), t(2), t(3))
       if (.not. contact%v_in(1) > shortest) t = any_tangent(g, u(side_u))
       contact%v_in(3) = rolled_before(omega_r, before(1), before(2), t(1), t(2))
       call find_pull(g(1), g(2), steepness, t(1), t(2), t(3), u(side_u), in%pull(1), in%pull(2), side)
@@ -141,8 +141,8 @@ contains
       touch%rolling = rolls
    end subroutine end_touch
 
-   !> V_t and V_n of a velocity, and the unit tangent along which it meets a plane. A boulder that is still in its contact
-   !> keeps the V_n with which that pressed it.
+   !> V_t and V_n of a velocity, and the unit tangent along which it meets a plane. A boulder that is still in its
+   !> contact keeps the V_n with which it is pressed to the ground.
    elemental subroutine meet_plane(v1, v2, v3, g1, g2, steepness, touches, pressed, tangential, normal, t1, t2, t3)
       real(wp), intent(in) :: v1, v2, v3           !! [m/s]
       real(wp), intent(in) :: g1, g2, steepness    !! gradient of the plane, sqrt(1 + |g|**2) [-]
@@ -242,8 +242,8 @@ contains
       slide = merge(slide, 0.0_wp, speed > still)
    end subroutine limit_energy
 
-   !> Where the ground falls by more, or less, than a plane would have, gravity has done so much more work; but not where
-   !> it falls away, and the boulder leaves it at once.
+   !> Where the ground falls by more, or less, than a plane would have, gravity has done so much more work; but not
+   !> where it falls away, and the boulder leaves it at once.
    elemental real(wp) function after_fall(left, more, off)
       real(wp), intent(in) :: left  !! as from limit_energy [-]
       real(wp), intent(in) :: more  !! over R_b [-]

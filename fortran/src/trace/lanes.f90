@@ -275,8 +275,8 @@ contains
             result%impacts = result%impacts + 1
             c%impact(k) = result%impacts
             at = cell_of(scene%dem, patch, l%u(k), l%w(k))
-            call find_ground(scene, c%number(k), result%impacts, at, with_all, c%ground(k), radius, obstacle, u_ground, &
-                             result%status)
+            call find_ground(scene, c%number(k), result%impacts, at, with_all, c%ground(k), radius, obstacle, &
+                             u_ground, result%status)
             c%ground(k) = max(1, c%ground(k))
             if (result%status == absorbed) cycle
             c%ratio(k) = result%boulder%radius/radius
