@@ -10,7 +10,7 @@ rockfall-batch (valgrind --tool=callgrind), the difference of two runs with diff
 boulders. Bytes are those of the arrays that the run holds.
 
 With --cuts the kernel is built once more for each option (meson, gfortran), in a temporary folder
-and with the product's flags, with the option's code cut out of the sources; three scenes that do
+and with the product's flags but no lanes, with the option's code cut out; three scenes that do
 not ask for it must take as many instructions with the code as without it, within 1 %.
 """
 
