@@ -29,8 +29,8 @@ def replace(file: Path, old: str, new: str, times: int = 1) -> None:
 def go_one_by_one(folder: Path) -> None:
     """No boulders in lanes, whose flights are not those of the procedure `fly`."""
     lanes = "integer :: lanes = "
-    trajectory = folder / "fortran/src/trace/trajectory.f90"
-    replace(trajectory, f"{lanes}wide_lanes", f"{lanes}one_by_one")
+    scene = folder / "fortran/src/trace/scene_type.f90"
+    replace(scene, f"{lanes}wide_lanes", f"{lanes}one_by_one")
 
 
 def build(folder: Path, *targets: str) -> list[Path]:

@@ -9,7 +9,8 @@ program stepping
    use rockfall_error, only: error_t, fail
    use rockfall_terrain, only: locate, height, gradient
    use rockfall_flight, only: flight_t, landing_t, launch_rate, fly_exactly, march, choose, scheme_names
-   use rockfall_trajectory, only: boulder_result_t, scratch_t, contact_t
+   use rockfall_outcome, only: boulder_result_t
+   use rockfall_scratch, only: scratch_t, contact_t
    use rockfall_ensemble, only: trace_boulder
    use rockfall_case, only: case_t
    use rockfall_case_file, only: read_case_file

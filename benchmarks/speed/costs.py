@@ -10,7 +10,7 @@ rockfall-batch (valgrind --tool=callgrind), the difference of two runs with diff
 boulders. Bytes are those of the arrays that the run holds.
 
 With --cuts the kernel is built once more for each option (meson, gfortran), in a temporary folder
-and with the product's flags, with the option's code cut out of the sources; three scenes that do
+and with the product's flags but no lanes, with the option's code cut out; three scenes that do
 not ask for it must take as many instructions with the code as without it, within 1 %.
 """
 
@@ -33,7 +33,7 @@ import numpy as np
 
 import rockfall
 from benchmarks.machine import NOTHING, ROOT, VAUJANY, machine
-from benchmarks.variant import build, copy_sources, replace
+from benchmarks.variant import build, copy_sources, go_one_by_one, replace
 from rockfall.io.grid import Grid
 from rockfall.io.raster import read_dem
 from rockfall.scene.prepare import prepare
@@ -178,33 +178,42 @@ def per_rebound(program: Path, case: Path, few_boulders: int = FEW) -> float:
 # The same kernel without an option
 
 Edit = tuple[str, str, str, int]  # file, text, what stands for it, how often it is there
-_TRAJECTORY, _ENSEMBLE = "trace/trajectory.f90", "trace/ensemble.f90"
+_TRAJECTORY, _PATHS, _CONTACT, _SCRATCH, _START, _DRAWS, _TALLIES, _ENSEMBLE = (
+    f"trace/{name}.f90"
+    for name in "trajectory paths contact scratch start draws tallies ensemble".split()
+)
 _CELLS = "if (scratch%cells_requested)"
+_MAPS = "if (level >= with_maps .and. scratch%cells_requested)"
 _HISTOGRAMS = "if (scene%histograms_requested)"
-_LINES = "level >= with_lines .and. allocated(scene%lines) .and. .not. obstacles"
+_LINES = "level >= with_lines .and. allocated(scene%lines)"
 NEVER = "if (.false.)"
 #: Where a kernel that never had the option has nothing; the compiler drops what cannot be reached.
 CUTS: dict[str, list[Edit]] = {
     "evaluation lines": [
-        (_TRAJECTORY, f"if ({_LINES})", NEVER, 1),
-        (_TRAJECTORY, "if (level >= with_lines .and. allocated(scratch%crossings))", NEVER, 1),
-        (_ENSEMBLE, "if (allocated(scratch%crossings))", NEVER, 1),
-        (_ENSEMBLE, "if (allocated(scene%lines))", NEVER, 1),
+        (_TRAJECTORY, _LINES, ".false.", 1),
+        (_PATHS, _LINES, ".false.", 1),
+        (_SCRATCH, "if (allocated(scratch%crossings))", NEVER, 1),
+        (_ENSEMBLE, "if (allocated(worker%scratch%crossings))", NEVER, 1),
+        (_TALLIES, "if (allocated(scene%lines))", NEVER, 1),
     ],
     "histograms": [
-        (_TRAJECTORY, "if (level >= with_lines .and. scene%histograms_requested)", NEVER, 1),
-        (_ENSEMBLE, _HISTOGRAMS, NEVER, 4),
+        (_CONTACT, "if (level >= with_lines .and. scene%histograms_requested)", NEVER, 1),
+        (_CONTACT, _HISTOGRAMS, NEVER, 1),
+        (_SCRATCH, _HISTOGRAMS, NEVER, 1),
+        (_TALLIES, _HISTOGRAMS, NEVER, 2),
+        (_ENSEMBLE, _HISTOGRAMS, NEVER, 1),
     ],
     "maps": [
-        (_TRAJECTORY, "if (level >= with_maps .and. scratch%cells_requested)", NEVER, 3),
-        (_ENSEMBLE, _CELLS, NEVER, 1),
+        *[(file, _MAPS, NEVER, 1) for file in (_TRAJECTORY, _PATHS, _SCRATCH, _START)],
+        (_PATHS, _CELLS, NEVER, 1),
+        (_TALLIES, _CELLS, NEVER, 1),
+        (_TALLIES, "if (at_rest(result%status))", NEVER, 1),
         (_ENSEMBLE, "if (counts_sources(maps))", NEVER, 1),
-        (_ENSEMBLE, "if (at_rest(result%status))", NEVER, 1),
         ("boulder/flight.f90", "if (present(spans))", NEVER, 1),
         ("boulder/flight.f90", "if (present(n_spans))", NEVER, 1),
     ],
     "maps by source": [(_ENSEMBLE, "if (counts_sources(maps))", NEVER, 1)],
-    "trajectories": [(_TRAJECTORY, "if (.not. allocated(scratch%record))", "if (.true.)", 1)],
+    "trajectories": [(_SCRATCH, "if (.not. allocated(scratch%record))", "if (.true.)", 2)],
     "zones, rasters of radii": [
         ("terrain/surface.f90", f"associated(surface%{name})", ".false.", often)
         for name, often in {"zone1": 2, "zone2": 2, "values": 1}.items()
@@ -214,8 +223,8 @@ CUTS: dict[str, list[Edit]] = {
         ("terrain/terrain.f90", "associated(dem%z8)", ".true.", 3)
     ],
     "sobol": [
-        (_TRAJECTORY, "scene%sobol%dimensions > 0", ".false.", 1),
-        (_TRAJECTORY, "scene%sobol%dimensions > 1", ".false.", 1),
+        (_DRAWS, "scene%sobol%dimensions > 0", ".false.", 1),
+        (_DRAWS, "scene%sobol%dimensions > 1", ".false.", 2),
     ],
     "by_area": [("boulder/boulder.f90", "allocated(release%last)", ".false.", 2)],
     "windows of terrain": [
@@ -223,14 +232,16 @@ CUTS: dict[str, list[Edit]] = {
          "i <= dem%hi(1) .and. j <= dem%hi(2)",
          "in_window = i >= 1 .and. j >= 1 .and. i < dem%nx .and. j < dem%ny", 1),
         (_TRAJECTORY, "departure(scene%dem, landing%patch)", "left_domain", 1),
-        (_TRAJECTORY, "if (.not. flight%patch%known)", NEVER, 1),
-        (_ENSEMBLE, "if (result%status == left_window)", NEVER, 1),
+        (_START, "if (flight%patch%known)", "if (.true.)", 1),
+        (_TALLIES, "if (result%status == left_window)", NEVER, 1),
     ],
     "grounds": [
-        (_TRAJECTORY, "if (level >= with_all .and. allocated(scene%grounds))", NEVER, 1),
-        (_TRAJECTORY, "level >= with_all .and. ground > 0", ".false.", 2),
-        (_ENSEMBLE, "if (allocated(scratch%by_ground))", NEVER, 3),
-        (_ENSEMBLE, "if (allocated(scene%grounds))", NEVER, 1),
+        (_CONTACT, "level >= with_all .and. allocated(scene%grounds)", ".false.", 1),
+        (_CONTACT, "level >= with_all .and. ground > 0", ".false.", 3),
+        (_SCRATCH, "if (allocated(scratch%by_ground))", NEVER, 1),
+        (_TALLIES, "if (allocated(scratch%by_ground))", NEVER, 1),
+        (_TALLIES, "if (allocated(scene%grounds))", NEVER, 1),
+        (_ENSEMBLE, "if (allocated(scene%grounds))", NEVER, 2),
     ],
     "checkpoints": [
         ("run/run_loop.f90", "call observer%on_chunk(results, error)", "", 1),
@@ -247,8 +258,9 @@ NEEDED = {
 
 
 def builds(folder: Path) -> Iterator[tuple[str, Path]]:
-    """rockfall-batch as it is; without each option; without any of them."""
+    """rockfall-batch one by one; without each option; without any of them."""
     copy_sources(folder)
+    go_one_by_one(folder)
     every = [edit for name, edits in CUTS.items() if name != "maps by source" for edit in edits]
     for name, edits in {"": [], **CUTS, EVERY: every}.items():
         texts = {file: (folder / "fortran/src" / file).read_text() for file, *_ in edits}

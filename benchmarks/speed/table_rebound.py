@@ -19,7 +19,7 @@ from rockfall.simulation.simulate import run_scene
 
 RADIUS = 0.1  # of the rocks [m]
 TABLES = "talus", "meadow"
-LANES = {"with AVX2": 2, "any processor": 1, "one by one": 0}  # as in rockfall_trajectory
+LANES = {"with AVX2": 2, "any processor": 1, "one by one": 0}  # as in rockfall_scene_type
 
 
 def main() -> None:

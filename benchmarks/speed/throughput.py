@@ -76,7 +76,7 @@ def main() -> None:
     for name in list(OPTIONS)[:5]:
         scene = read_scene(vaujany.replace(**OPTIONS[name]))
         row = f"{name:28}"
-        for lanes, width in enumerate((12, 16, 12)):  # as in rockfall_trajectory
+        for lanes, width in enumerate((12, 16, 12)):  # as in rockfall_scene_type
             _core.carry_in_lanes(scene.kernel.handle, lanes)
             cpu, _, rebounds, _ = measure(scene, 1, options.repeat)
             row += f"{1e9 * cpu / rebounds:{width}.0f}"

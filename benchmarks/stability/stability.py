@@ -137,9 +137,10 @@ def energy_gain(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> tuple[
 def build(folder: Path) -> tuple[Path, Path]:
     """Build `factors` and a rockfall-batch whose flights are audited; returns both programs."""
     variant.copy_sources(folder)
-    used = "span_t, fly, end_flight, flight_from, launch_rate, arc_length, never"
-    ours = used.replace(" fly,", "") + "\n   use audited_flight, only: fly"
-    variant.replace(folder / "fortran/src/trace/trajectory.f90", used, ours)
+    used = "   use rockfall_flight, only: flight_t, landing_t, span_t, fly, "
+    ours = "   use audited_flight, only: fly\n" + used.replace(" fly,", "")
+    for name in ("paths", "trajectory"):
+        variant.replace(folder / f"fortran/src/trace/{name}.f90", used, ours)
     variant.go_one_by_one(folder)
     flight = "'src/boulder/flight.f90',"
     audited = f"{flight} '../benchmarks/stability/audited_flight.f90',"

@@ -5,7 +5,7 @@ It shares no code with the program, and takes the doubles of a scene as the exac
 are; so an error of the kernel is the whole difference. Where the kernel is quick it is naive: each
 patch has its quadratic in the time since the flight's start, solved by the school's formula. Only
 what a random number is, is the kernel's: the layout of the random words and the quintic pieces of
-the normal quantile (rockfall_random, rockfall_impact, rockfall_trajectory, rockfall_sobol).
+the normal quantile (rockfall_random, rockfall_impact, rockfall_draws, rockfall_sobol).
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from rockfall.simulation.simulate import run_scene
 from same import same_numbers
 from scenes import grid, make_case, rough, sets, status
 
-ONE_BY_ONE, NARROW, WIDE = 0, 1, 2  # as in rockfall_trajectory
+ONE_BY_ONE, NARROW, WIDE = 0, 1, 2  # as in rockfall_scene_type
 BARE = {"maps": None, "rebounds": False, "trajectories": 0}
 LINES = [
     {"name": "low", "x": [5.0, 295.0], "y": [200.0, 200.0]},

@@ -5,7 +5,8 @@ module rockfall_math
    use rockfall_kinds, only: wp, i8
    implicit none
    private
-   public :: pi, degree, real_of, logarithm, exponential, cube_root, sine_cosine, squared_sine, tangent, arcsine
+   public :: pi, degree, real_of, squared_length, logarithm, exponential, cube_root, sine_cosine, squared_sine, tangent
+   public :: arcsine
 
    real(wp), parameter :: pi = 3.14159265358979323846_wp
    real(wp), parameter :: degree = pi/180.0_wp  !! [rad]
@@ -27,6 +28,13 @@ contains
 
       real_of = transfer(ior(n, bits_of_whole), real_of) - first_whole
    end function real_of
+
+   !> |v|**2.
+   pure real(wp) function squared_length(v)
+      real(wp), intent(in) :: v(3)  !! any unit
+
+      squared_length = v(1)*v(1) + v(2)*v(2) + v(3)*v(3)
+   end function squared_length
 
    !> Natural logarithm of a positive normal number, within 5 units in the last place.
    elemental real(wp) function logarithm(x)

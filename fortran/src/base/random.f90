@@ -6,7 +6,7 @@ module rockfall_random
    use rockfall_math, only: logarithm, real_of
    implicit none
    private
-   public :: random_key_t, random_key, philox4x32, philox, random_words, uniform
+   public :: random_key_t, random_key, philox4x32, philox, set_counter, random_words, uniform, side_of
    public :: normal_table_t, normal_table, normal, normal_quantile
    public :: for_release, for_impact, for_scramble, for_ground, for_forest, for_tree, purpose_bit
    public :: words_per_block
@@ -108,9 +108,27 @@ contains
       integer(i8), intent(in) :: purpose, boulder, impact, draw
       integer(i8) :: x(words_per_block)
 
-      x = philox4x32([iand(boulder, low32), shiftr(boulder, 32), iand(impact, low32), &
-                      ior(shiftl(purpose, purpose_bit), draw)], key)
+      call set_counter(purpose, boulder, impact, draw, x(1), x(2), x(3), x(4))
+      x = philox4x32(x, key)
    end function random_words
+
+   !> The counter of a draw: what `philox` turns into its random words.
+   elemental subroutine set_counter(purpose, boulder, impact, draw, c0, c1, c2, c3)
+      integer(i8), intent(in) :: purpose, boulder, impact, draw  !! as for random_words
+      integer(i8), intent(out) :: c0, c1, c2, c3
+
+      c0 = iand(boulder, low32)
+      c1 = shiftr(boulder, 32)
+      c2 = iand(impact, low32)
+      c3 = ior(shiftl(purpose, purpose_bit), draw)
+   end subroutine set_counter
+
+   !> A random side from the last bit of a word: 1 or -1.
+   elemental real(wp) function side_of(word)
+      integer(i8), intent(in) :: word  !! 0..2**32-1
+
+      side_of = 2*real_of(iand(word, 1_i8)) - 1
+   end function side_of
 
    !> A number in (0, 1) from a word: the middle of its 2**-32, so that neither end occurs.
    elemental real(wp) function uniform(word)

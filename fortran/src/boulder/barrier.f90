@@ -2,9 +2,12 @@
 !> Barriers: nets and walls that meet a boulder below their top edge, and take energy up to their capacity.
 module rockfall_barrier
    use rockfall_kinds, only: wp
+   use rockfall_terrain, only: terrain_t, within
+   use rockfall_flight, only: landing_t
+   use rockfall_direction, only: unit_vector
    implicit none
    private
-   public :: barrier_t, barrier_outcome, ead_energy, stopped_there, broken_through, passed_over
+   public :: barrier_t, barrier_outcome, place_in_front, ead_energy, stopped_there, broken_through, passed_over
 
    !> What a barrier did with a boulder. Of all crossings, the one that mattered: a boulder that came to rest there was
    !> stopped, one that went through it once broke through, though it passed over it before or after.
@@ -14,6 +17,10 @@ module rockfall_barrier
    !> Class 8 is declared by its maker: give its capacity.
    real(wp), parameter :: ead_energy(0:7) = 1000*[100.0_wp, 250.0_wp, 500.0_wp, 1000.0_wp, 1500.0_wp, 2000.0_wp, &
                                                   3000.0_wp, 4500.0_wp]
+
+   !> Distance in front of a barrier from which a boulder flies on, over the width of the terrain [-]: far more than
+   !> places are rounded, and a micrometre on a slope of a kilometre.
+   real(wp), parameter :: barrier_offset = 1.0e-9_wp
 
    type :: barrier_t
       integer :: line = 0            !! its number among the lines of the scene
@@ -39,4 +46,20 @@ contains
          outcome = stopped_there
       end if
    end function barrier_outcome
+
+   !> A place in the air a little in front of a barrier that a boulder met: places are rounded, and what else lies
+   !> there, such as a line along the barrier, must still be ahead of the next flight.
+   pure type(landing_t) function place_in_front(dem, landing, v) result(place)
+      type(terrain_t), intent(in) :: dem
+      type(landing_t), intent(in) :: landing  !! at the barrier
+      real(wp), intent(in) :: v(2)            !! in plan [m/s]
+      real(wp) :: offset(2)
+
+      place = landing
+      offset = unit_vector(v)*(barrier_offset*dem%cell*max(dem%nx, dem%ny))
+      place%x = place%x - offset(1)
+      place%y = place%y - offset(2)
+      place%u = within(dem, place%x, place%patch%i)
+      place%w = within(dem, place%y, place%patch%j)
+   end function place_in_front
 end module rockfall_barrier

@@ -5,6 +5,7 @@
 module rockfall_direction
    use rockfall_kinds, only: wp
    use rockfall_math, only: pi, degree, sine_cosine, squared_sine
+   use rockfall_terrain, only: steepness_of
    implicit none
    private
    public :: turning_t, lateral_t, lateral, lateral_classes, lateral_quantiles
@@ -105,14 +106,13 @@ contains
       real(wp) :: s, c, across, side, aspect(2)
       logical :: along
 
-      after = heading
-      if (pit) return
       aspect = unit_vector(descent)
-      if (turning%rule == past_aspect .or. dot_product(g, heading) > 0) then  ! upslope all rules are one
-         call turn_past_aspect(turning%u, turning%side, heading(1), heading(2), g(1), g(2), aspect(1), aspect(2), &
-                               after(1), after(2))
+      if (pit .or. turning%rule == past_aspect .or. dot_product(g, heading) > 0) then  ! here all rules are one
+         call turn_past_aspect(turning%u, turning%side, merge(1.0_wp, 0.0_wp, pit), heading(1), heading(2), &
+                               g(1), g(2), aspect(1), aspect(2), after(1), after(2))
          return
       end if
+      after = heading
       across = heading(1)*aspect(2) - heading(2)*aspect(1)
       ! Angles count towards the descent: then a mirrored scene has mirrored trajectories.
       side = sign(1.0_wp, across)
@@ -130,11 +130,12 @@ contains
       end if
    end function new_heading
 
-   !> The heading after a rebound by the rule past_aspect outside of a pit. One angle and one turn, whichever they are:
-   !> then many boulders turn at a time.
-   elemental subroutine turn_past_aspect(u, free_side, east, north, g_east, g_north, aspect_east, aspect_north, &
+   !> The heading after a rebound by the rule past_aspect. One angle and one turn, whichever they are: then many
+   !> boulders turn at a time.
+   elemental subroutine turn_past_aspect(u, free_side, pit, east, north, g_east, g_north, aspect_east, aspect_north, &
                                          after_east, after_north)
       real(wp), intent(in) :: u, free_side               !! as in turning_t [-]
+      real(wp), intent(in) :: pit                        !! as of is_pit
       real(wp), intent(in) :: east, north                !! heading before, unit [-]
       real(wp), intent(in) :: g_east, g_north            !! gradient of the patch [-]
       real(wp), intent(in) :: aspect_east, aspect_north  !! of the cell; unit, or zero [-]
@@ -149,8 +150,8 @@ contains
       angle = merge((2*u - 1)*sector*degree, angle, up > 0)
       call sine_cosine(angle, s, c)
       s = side*s
-      after_east = c*east - s*north
-      after_north = s*east + c*north
+      after_east = merge(east, c*east - s*north, pit > 0)
+      after_north = merge(north, s*east + c*north, pit > 0)
    end subroutine turn_past_aspect
 
    !> The plan heading of the tangent over a heading, turned in the plane of the patch, as in the laboratory.
@@ -164,7 +165,7 @@ contains
       call sine_cosine(angle/2, s, c)
       along = dot_product(g, heading)
       ! cos times the tangent (heading, along) and sin times normal x tangent, in plan, but for a common factor
-      after = unit_vector((1 - 2*s*s)*heading + (2*s*c/sqrt(1 + g(1)**2 + g(2)**2)) &
+      after = unit_vector((1 - 2*s*s)*heading + (2*s*c/steepness_of(g(1), g(2))) &
                           *[-(heading(2) + g(2)*along), heading(1) + g(1)*along])
    end function rotated_on_patch
 

@@ -8,7 +8,7 @@ module rockfall_flight
    implicit none
    private
    public :: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, parabola_length, never
-   public :: inverse_speed, exit_time, strikes, strike_time, highest, enter_patch, place_on_patch
+   public :: inverse_speed, exit_time, side_time, curvature, strikes, strike_time, highest, enter_patch, place_on_patch
 
    real(wp), parameter :: never = 1.0e30_wp  !! [s] longer than any flight; its square does not overflow
    real(wp), parameter :: at_rest = 1.0e-200_wp  !! [m2/s2] a plan speed squared that adds nothing to a length
@@ -84,10 +84,10 @@ contains
       landing%jump_height = 0
       if (present(n_spans)) n_spans = 0
       do
-         tx = exit_time(start%x, real(patch%i + min(step(1), 0), wp), dem%cell, inverse(1))
-         ty = exit_time(start%y, real(patch%j + min(step(2), 0), wp), dem%cell, inverse(2))
+         tx = side_time(start%x, real(step(1), wp), real(patch%i, wp), dem%cell, inverse(1))
+         ty = side_time(start%y, real(step(2), wp), real(patch%j, wp), dem%cell, inverse(2))
          t1 = max(t0, min(tx, ty))
-         d2 = -0.5_wp*gravity - patch%c*p*q
+         d2 = curvature(gravity, patch%c, p, q)
          contact = strikes(d0, d1, d2, t1 - t0) > 0
          s = t1 - t0
          if (contact) s = strike_time(d0, d1, d2, t1 - t0)
@@ -182,6 +182,25 @@ contains
       exit_time = (edge*cell - x)*inverse
       exit_time = merge(exit_time, never, abs(inverse) > 0)
    end function exit_time
+
+   !> Time at which a coordinate comes to the side of patch interval k that it heads for [s].
+   elemental real(wp) function side_time(x, step, k, cell, inverse)
+      real(wp), intent(in) :: x, cell     !! at the start, size of a cell [m]
+      real(wp), intent(in) :: step        !! to the next interval: 1 or -1 [-]
+      real(wp), intent(in) :: k           !! a whole number [-]
+      real(wp), intent(in) :: inverse     !! as from inverse_speed [s/m]
+
+      side_time = exit_time(x, k + min(step, 0.0_wp), cell, inverse)
+   end function side_time
+
+   !> d2 of the height d0 + d1 s + d2 s**2 above a patch [m/s2].
+   elemental real(wp) function curvature(gravity, c, p, q)
+      real(wp), intent(in) :: gravity  !! [m/s2]
+      real(wp), intent(in) :: c        !! as in patch_t [m]
+      real(wp), intent(in) :: p, q     !! speeds in plan [cells/s]
+
+      curvature = -0.5_wp*gravity - c*p*q
+   end function curvature
 
    !> Whether d0 + d1 s + d2 s**2, d0 >= 0, goes below zero in 0..length, 1 or 0; as a number so that several can be
    !> computed at a time.

@@ -4,7 +4,7 @@
 module rockfall_forest
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: degree, exponential, logarithm, sine_cosine
-   use rockfall_random, only: uniform, words_per_block, tree_class_word, tree_within_word
+   use rockfall_random, only: uniform, side_of, words_per_block, tree_class_word, tree_within_word
    use rockfall_flight, only: span_t
    implicit none
    private
@@ -248,7 +248,7 @@ contains
       impact%taken = min(energy, energy_share(x)*stem%max_energy)
       impact%breaks = type == frontal .and. impact%taken < energy
       side = -sign(1.0_wp, offset)
-      if (x < in_the_middle) side = merge(1.0_wp, -1.0_wp, btest(word(tree_within_word), 0))
+      if (x < in_the_middle) side = side_of(word(tree_within_word))
       call sine_cosine(turn_angle(law%weight(:, type), uniform(word(tree_class_word)), &
                                   uniform(word(tree_within_word)))/2, s, c)
       impact%sine = side*2*s*c

@@ -14,7 +14,7 @@ module rockfall_impact
    public :: impact_set_t, impact_set, check_covariance, with_noise, fitted_t, fitted, beyond_fit
    public :: velocity_law_t, law_of, drawn
    public :: max_draws, min_normal, impact_ratios, ratio_class, ratio_between, ratio_weights, rebound_t, rebound
-   public :: is_admissible, limit_rebound, twice_energy, draw_again, first_draw, energy_of
+   public :: admissible, is_admissible, limit_rebound, twice_energy, draw_again, first_draw, energy_of
 
    integer, parameter :: impact_ratios = 5  !! sets for R_b/R_m = 1, 2, 3, 4, 5
    integer, parameter :: max_draws = 32    !! draws of A before the last is limited; our choice (theory, chapter 5)
@@ -317,7 +317,7 @@ contains
 
       call first_draw(set, v_in(1), v_in(2), v_in(3), normal(table, words(1)), normal(table, words(2)), &
                       normal(table, words(3)), out%v(1), out%v(2), out%v(3))
-      if (.not. admissible(out%v, twice_energy(v_in))) call draw_again(set, table, key, boulder, impact, v_in, out)
+      if (.not. is_admissible(v_in, out%v)) call draw_again(set, table, key, boulder, impact, v_in, out)
    end subroutine rebound
 
    !> V_out of V_in and three independent standard normals.
@@ -350,7 +350,7 @@ contains
          z = normal(table, again(:rebound_words))
          out%v = drawn(law, z)
          out%draws = out%draws + 1
-         if (admissible(out%v, energy_in)) return
+         if (admissible(out%v(1), out%v(2), out%v(3), energy_in) > 0) return
       end do
       out%forced = .true.
       call limit_rebound(out%v, v_in)
@@ -444,19 +444,21 @@ contains
       energy_of = t*t + n*n + inertia_factor*w*w
    end function energy_of
 
-   !> Whether a boulder may rebound so (theory, chapter 5).
-   pure logical function admissible(v, energy_in)
-      real(wp), intent(in) :: v(3)       !! V_t, V_n, W after it [m/s]
+   !> Whether a boulder may rebound with a velocity (theory, chapter 5), 1 or 0: it leaves the surface and gains no
+   !> energy. A number, so that several can be computed at a time.
+   elemental real(wp) function admissible(t, n, w, energy_in)
+      real(wp), intent(in) :: t, n, w    !! V_t, V_n, W after it [m/s]
       real(wp), intent(in) :: energy_in  !! as of twice_energy, before it [m2/s2]
 
-      admissible = v(2) > 0 .and. twice_energy(v) <= energy_in
+      admissible = merge(1.0_wp, 0.0_wp, n > 0)
+      admissible = merge(admissible, 0.0_wp, energy_of(t, n, w) <= energy_in)
    end function admissible
 
-   !> The same of the velocities before and after.
+   !> Whether a rebound from one velocity to another is admissible.
    pure logical function is_admissible(v_in, v_out)
       real(wp), intent(in) :: v_in(3), v_out(3)  !! V_t, V_n, W [m/s]
 
-      is_admissible = admissible(v_out, twice_energy(v_in))
+      is_admissible = admissible(v_out(1), v_out(2), v_out(3), twice_energy(v_in)) > 0
    end function is_admissible
 
    !> The nearest thing to an admissible rebound: up at 1 % of the incoming speed, no more energy than before.

@@ -1,11 +1,14 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The local frame of an impact: the plane of the surface normal and the tangential direction of travel.
+!> The local frame of an impact: the plane of the surface normal and the tangential direction of travel. From the
+!> incoming velocity into it, and from the velocity after the impact to the next flight.
 module rockfall_local_frame
    use rockfall_kinds, only: wp
-   use rockfall_direction, only: unit_vector
+   use rockfall_terrain, only: terrain_t, cell_descent
+   use rockfall_flight, only: flight_t, landing_t
+   use rockfall_direction, only: turning_t, unit_vector, any_heading, new_heading
    implicit none
    private
-   public :: decompose, in_local_frame, rolled_before, launch_velocity
+   public :: decompose, in_local_frame, rolled_before, face_forward, launch_velocity, outgoing_flight
 
 contains
 
@@ -58,13 +61,28 @@ contains
       if (before1*heading1 + before2*heading2 < 0) w = -omega_r
    end function rolled_before
 
-   !> The velocity after an impact from V_t, of either sign, over a heading, and V_n.
-   elemental subroutine launch_velocity(tangential, normal, heading1, heading2, g1, g2, steepness, v1, v2, v3)
+   !> A negative V_t after an impact turns the heading round, and with it the sense of W.
+   elemental subroutine face_forward(tangential, heading1, heading2, w)
+      real(wp), intent(in) :: tangential             !! V_t [m/s]
+      real(wp), intent(inout) :: heading1, heading2  !! before the impact [-]
+      real(wp), intent(inout) :: w                   !! W after it [m/s]
+      real(wp) :: forward
+
+      forward = merge(-1.0_wp, 1.0_wp, tangential < 0)
+      heading1 = forward*heading1
+      heading2 = forward*heading2
+      w = forward*w
+   end subroutine face_forward
+
+   !> The velocity after an impact from V_t, of either sign, over a heading, and V_n. The height above the patch grows
+   !> at v.(-g, 1) = V_n sqrt(1 + |g|**2) (theory, chapter 5).
+   elemental subroutine launch_velocity(tangential, normal, heading1, heading2, g1, g2, steepness, v1, v2, v3, rate)
       real(wp), intent(in) :: tangential, normal  !! V_t, V_n [m/s]
       real(wp), intent(in) :: heading1, heading2  !! unit [-]
       real(wp), intent(in) :: g1, g2              !! gradient of the patch [-]
       real(wp), intent(in) :: steepness           !! sqrt(1 + |g|**2) [-]
       real(wp), intent(out) :: v1, v2, v3         !! [m/s]
+      real(wp), intent(out) :: rate               !! of the height above the patch [m/s]
       real(wp) :: along, forward, up
 
       along = g1*heading1 + g2*heading2
@@ -73,5 +91,47 @@ contains
       v1 = forward*heading1 - up*g1
       v2 = forward*heading2 - up*g2
       v3 = forward*along + up
+      rate = normal*steepness
    end subroutine launch_velocity
+
+   !> The next flight: V_t_out in the tangent plane over the new heading h, along (h, g.h)/sqrt(1 + (g.h)**2), V_n_out
+   !> along the normal (theory, chapters 5 and 6).
+   pure subroutine outgoing_flight(dem, landing, at, g, steepness, before, turning, v_out, flight, omega_r)
+      type(terrain_t), intent(in) :: dem
+      type(landing_t), intent(in) :: landing
+      integer, intent(in) :: at(2)            !! raster cell of the contact
+      real(wp), intent(in) :: g(2)            !! gradient of the patch [-]
+      real(wp), intent(in) :: steepness       !! sqrt(1 + |g|**2) [-]
+      real(wp), intent(in) :: before(2)       !! heading [-]; zero after a vertical impact on the flat
+      type(turning_t), intent(in) :: turning
+      real(wp), intent(in) :: v_out(3)        !! V_t, V_n, W [m/s]
+      type(flight_t), intent(inout) :: flight
+      real(wp), intent(out) :: omega_r        !! W [m/s]
+      real(wp) :: heading(2), descent(2)
+      logical :: pit
+
+      call cell_descent(dem, at, g, descent, pit)
+      heading = before
+      if (all(heading == 0)) heading = unit_vector(descent)
+      if (all(heading == 0)) heading = any_heading(turning%u)
+      omega_r = v_out(3)
+      call face_forward(v_out(1), heading(1), heading(2), omega_r)
+      heading = new_heading(turning, heading, g, descent, pit)
+      call launch_velocity(v_out(1), v_out(2), heading(1), heading(2), g(1), g(2), steepness, &
+                           flight%v(1), flight%v(2), flight%v(3), flight%rate)
+      flight%heading = heading
+      call start_from(landing, flight)
+   end subroutine outgoing_flight
+
+   !> Start a flight on the ground, where the last one landed.
+   pure subroutine start_from(landing, flight)
+      type(landing_t), intent(in) :: landing
+      type(flight_t), intent(inout) :: flight
+
+      flight%above = 0
+      flight%x = landing%x
+      flight%y = landing%y
+      flight%z = landing%z
+      flight%patch = landing%patch
+   end subroutine start_from
 end module rockfall_local_frame

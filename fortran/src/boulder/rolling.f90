@@ -11,7 +11,7 @@ module rockfall_rolling
    use rockfall_boulder, only: inertia_factor
    use rockfall_terrain, only: terrain_t, patch_t, read_patch, in_window, height, height_at, gradient, within, &
                                fraction_of
-   use rockfall_flight, only: flight_t, landing_t, flight_from, inverse_speed, exit_time
+   use rockfall_flight, only: flight_t, landing_t, flight_from, inverse_speed, side_time
    implicit none
    private
    public :: roll_t, touch_t, find_roll, find_slide, slide_on_patch, falls_away, time_slide, launch, speed_within, &
@@ -225,8 +225,8 @@ contains
       associate (end => roll%landing)
          end%contact = .true.
          do
-            tx = exit_time(start%x, real(patch%i + min(step(1), 0), wp), dem%cell, inverse(1))
-            ty = exit_time(start%y, real(patch%j + min(step(2), 0), wp), dem%cell, inverse(2))
+            tx = side_time(start%x, real(step(1), wp), real(patch%i, wp), dem%cell, inverse(1))
+            ty = side_time(start%y, real(step(2), wp), real(patch%j, wp), dem%cell, inverse(2))
             if (min(tx, ty) >= length) exit
             call read_patch(dem, patch%i + merge(step(1), 0, tx <= ty), patch%j + merge(0, step(2), tx <= ty), next)
             if (.not. next%known) then

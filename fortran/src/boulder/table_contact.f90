@@ -4,7 +4,7 @@
 module rockfall_table_contact
    use rockfall_kinds, only: wp
    use rockfall_random, only: words_per_block
-   use rockfall_terrain, only: terrain_t, gradient
+   use rockfall_terrain, only: terrain_t, gradient, steepness_of
    use rockfall_boulder, only: boulder_t
    use rockfall_flight, only: landing_t
    use rockfall_rolling, only: roll_t, touch_t, find_slide
@@ -17,7 +17,7 @@ module rockfall_table_contact
    public :: table_contact_t, table_contact, side_u
    ! The steps of it:
    public :: keep_touch, end_touch, meet_plane, find_pull, draw_record, follow, limit_energy, after_fall, &
-             share_energy, leave, velocity_after
+             share_energy, leave, height_of, velocity_after
 
    !> What of the random numbers of a contact is for what: the record; the part of the table; where there is no side or
    !> heading of its own.
@@ -68,17 +68,18 @@ contains
       type(approach_t) :: in
       type(outcome_t) :: out
       real(wp) :: g(2), g_end(2), steepness, unit, t(3), side, slide, speed, total, left, part, normal
-      real(wp) :: flown, rolls, rests  ! 1 or 0
+      real(wp) :: touches, falls, flown, rolls, rests  ! 1 or 0
       integer :: bin, record
       logical :: off
 
       g = gradient(dem, landing%patch, landing%u, landing%w)
-      steepness = sqrt(1 + g(1)*g(1) + g(2)*g(2))
+      steepness = steepness_of(g(1), g(2))
       unit = sqrt(gravity*boulder%radius)
-      call meet_plane(v(1), v(2), v(3), g(1), g(2), steepness, contact%v_in(1), contact%v_in(2), t(1), t(2), t(3))
+      touches = merge(1.0_wp, 0.0_wp, touch%rolling)
+      call meet_plane(v(1), v(2), v(3), g(1), g(2), steepness, touches, touch%normal, &
+                      contact%v_in(1), contact%v_in(2), t(1), t(2), t(3))
       if (.not. contact%v_in(1) > shortest) t = any_tangent(g, u(side_u))
       contact%v_in(3) = rolled_before(omega_r, before(1), before(2), t(1), t(2))
-      if (touch%rolling) contact%v_in(2) = touch%normal
       call find_pull(g(1), g(2), steepness, t(1), t(2), t(3), u(side_u), in%pull(1), in%pull(2), side)
       in%v = contact%v_in*(1/unit)
       in%speed = sqrt(in%v(1)*in%v(1) + in%v(2)*in%v(2))
@@ -92,7 +93,8 @@ contains
       g_end = g  ! where the known terrain ends, the ground goes on as it was
       associate (end => roll%landing)
          if (end%contact) g_end = gradient(dem, end%patch, end%u, end%w)
-         if (.not. off) left = after_fall(left, (landing%z - end%z - in%pull(1)*slide)/boulder%radius)
+         falls = merge(1.0_wp, 0.0_wp, off)
+         left = after_fall(left, (landing%z - end%z - in%pull(1)*slide)/boulder%radius, falls)
       end associate
 
       flown = merge(1.0_wp, 0.0_wp, out%exit == flies)
@@ -106,7 +108,7 @@ contains
                  t(1), t(2), t(3), g_end(1), g_end(2), rolls, touch%normal, roll%heading(1), roll%heading(2), &
                  roll%v(1), roll%v(2), roll%v(3))
       call end_touch(off, rolls > 0, touch)
-      roll%above = merge(0.0_wp, max(0.0_wp, touch%lift)*boulder%radius, touch%rolling)
+      roll%above = height_of(touch%lift, boulder%radius, rolls)
    end subroutine table_contact
 
    !> What a boulder still knows of the contact before: it is still in it if it has hardly risen since; another ground
@@ -139,15 +141,18 @@ contains
       touch%rolling = rolls
    end subroutine end_touch
 
-   !> V_t and V_n of a velocity, and the unit tangent along which it meets a plane.
-   elemental subroutine meet_plane(v1, v2, v3, g1, g2, steepness, tangential, normal, t1, t2, t3)
+   !> V_t and V_n of a velocity, and the unit tangent along which it meets a plane. A boulder that is still in its
+   !> contact keeps the V_n with which it is pressed to the ground.
+   elemental subroutine meet_plane(v1, v2, v3, g1, g2, steepness, touches, pressed, tangential, normal, t1, t2, t3)
       real(wp), intent(in) :: v1, v2, v3           !! [m/s]
       real(wp), intent(in) :: g1, g2, steepness    !! gradient of the plane, sqrt(1 + |g|**2) [-]
+      real(wp), intent(in) :: touches, pressed     !! still in the contact before: 1 or 0; its V_n [m/s]
       real(wp), intent(out) :: tangential, normal  !! V_t, V_n [m/s]
       real(wp), intent(out) :: t1, t2, t3          !! none where V_t is not more than `shortest` [-]
       real(wp) :: plan1, plan2, inverse
 
       call in_local_frame(v1, v2, v3, g1, g2, steepness, tangential, normal, plan1, plan2)
+      normal = merge(pressed, normal, touches > 0)
       inverse = 1/max(tangential, shortest)
       t1 = plan1*inverse
       t2 = plan2*inverse
@@ -237,12 +242,15 @@ contains
       slide = merge(slide, 0.0_wp, speed > still)
    end subroutine limit_energy
 
-   !> Where the ground falls by more, or less, than a plane would have, gravity has done so much more work.
-   elemental real(wp) function after_fall(left, more)
+   !> Where the ground falls by more, or less, than a plane would have, gravity has done so much more work; but not
+   !> where it falls away, and the boulder leaves it at once.
+   elemental real(wp) function after_fall(left, more, off)
       real(wp), intent(in) :: left  !! as from limit_energy [-]
       real(wp), intent(in) :: more  !! over R_b [-]
+      real(wp), intent(in) :: off   !! falls away: 1 or 0
 
       after_fall = merge(max(0.0_wp, left + 2*more), left, left > still*still)
+      after_fall = merge(left, after_fall, off > 0)
    end function after_fall
 
    !> The part of the velocity that has the energy that is left, and whether that is rest. What takes off lower than it
@@ -270,6 +278,15 @@ contains
       rests = merge(1.0_wp, 0.0_wp, energy(part*along, part*across, normal, part*w, inertia) < rest_energy)
    end subroutine share_energy
 
+   !> Height [m] above the ground from which the next flight starts.
+   elemental real(wp) function height_of(lift, radius, rolls)
+      real(wp), intent(in) :: lift    !! as in touch_t [-]
+      real(wp), intent(in) :: radius  !! R_b [m]
+      real(wp), intent(in) :: rolls   !! stays on the ground: 1 or 0
+
+      height_of = merge(0.0_wp, max(0.0_wp, lift)*radius, rolls > 0)
+   end function height_of
+
    !> V_t, V_n, W after a contact [m/s].
    pure function velocity_after(unit, along, across, normal, w) result(v)
       real(wp), intent(in) :: unit                      !! [m/s]
@@ -296,7 +313,7 @@ contains
       ! along the tangent, and across it along normal x tangent
       plan1 = along*t1 - across*((t2 + g2*t3)/steepness)
       plan2 = along*t2 + across*((t1 + g1*t3)/steepness)
-      there = sqrt(1 + end1*end1 + end2*end2)
+      there = steepness_of(end1, end2)
       speed = sqrt(along*along + across*across)
       call in_local_frame(plan1, plan2, g1*plan1 + g2*plan2, end1, end2, there, tangential, against, slope1, slope2)
       runs = merge(1.0_wp, 0.0_wp, against < 0)

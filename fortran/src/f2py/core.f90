@@ -17,7 +17,10 @@ module rockfall_f2py
    use rockfall_surface, only: size_weights
    use rockfall_barrier, only: barrier_outcome, ead_energy
    use rockfall_impact, only: ratio_weights, ratio_class, is_admissible, limit_rebound, max_draws, min_normal
-   use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
+   use rockfall_scene_type, only: scene_t
+   use rockfall_outcome, only: boulder_result_t, left_window
+   use rockfall_crossings, only: crossing_t
+   use rockfall_scratch, only: scratch_t
    use rockfall_scene, only: scene_arrays_t, grounds_of, scene_from, check_sources, boulders_of, largest_volumes
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model
    use rockfall_reach, only: block_side, take_minima, reach_box
@@ -179,7 +182,7 @@ contains
       deallocate (opened)
    end subroutine close_scene
 
-   !> How boulders are carried on, as in rockfall_trajectory; no bit depends on it, which tests hold.
+   !> How boulders are carried on, as in rockfall_scene_type; no bit depends on it, which tests hold.
    subroutine carry_in_lanes(handle, lanes)
       integer(c_intptr_t), intent(in) :: handle
       integer(c_int), intent(in) :: lanes

@@ -18,7 +18,7 @@ module rockfall_scene_file
    use rockfall_case_keys, only: max_real
    use rockfall_case, only: case_t
    use rockfall_case_file, only: differing_key
-   use rockfall_trajectory, only: scene_t
+   use rockfall_scene_type, only: scene_t
    use rockfall_scene, only: scene_arrays_t, grounds_of, scene_from
    implicit none
    private

@@ -5,7 +5,9 @@ module rockfall_result
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t
    use rockfall_boulder, only: kinetic_energy
-   use rockfall_trajectory, only: boulder_result_t, crossing_t, contact_t
+   use rockfall_outcome, only: boulder_result_t
+   use rockfall_crossings, only: crossing_t
+   use rockfall_scratch, only: contact_t
    use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, vertex_fields, energy_fields
    implicit none
    private

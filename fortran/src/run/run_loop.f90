@@ -4,7 +4,10 @@ module rockfall_run_loop
    use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_error, only: error_t, fail, our_fault
    use rockfall_text, only: integer_text
-   use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
+   use rockfall_scene_type, only: scene_t
+   use rockfall_outcome, only: boulder_result_t, left_window
+   use rockfall_crossings, only: crossing_t
+   use rockfall_scratch, only: scratch_t
    use rockfall_maps, only: maps_t, lacks_slots
    use rockfall_source_maps, only: first_partial
    use rockfall_map_values, only: map_plan_t, map_plan, stack_layers, map_views, max_columns, halvings

@@ -16,7 +16,7 @@ module rockfall_scene
    use rockfall_boulder, only: release_t, volume_distribution_t, fixed_volume, last_of, max_volume, mean_volume
    use rockfall_ground, only: ground_t, rest_slope_of, rest_on_rocks
    use rockfall_forest, only: build_forest
-   use rockfall_trajectory, only: scene_t
+   use rockfall_scene_type, only: scene_t
    use rockfall_case, only: case_t
    use rockfall_grounds, only: read_ground, read_stochastic
    implicit none

@@ -8,7 +8,7 @@ module rockfall_terrain
    private
    public :: terrain_t, patch_t, terrain, keep_within, in_window, locate, within, on_terrain, is_known_at, read_patch
    public :: fraction_of, height, height_at, node_height, gradient, slope_at, cell_of, cell_descent, read_window, horn
-   public :: max_elevation
+   public :: is_pit, steepness_of, max_elevation
 
    real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] above or below zero; more is nodata that is not declared
 
@@ -234,6 +234,13 @@ contains
       slope_at = (rise + twist*across)*per_cell
    end function slope_at
 
+   !> sqrt(1 + |g|**2) [-] of a gradient, or 1/cos of its slope.
+   elemental real(wp) function steepness_of(g1, g2)
+      real(wp), intent(in) :: g1, g2  !! [-]
+
+      steepness_of = sqrt(1 + g1*g1 + g2*g2)
+   end function steepness_of
+
    !> The raster cell (node) nearest to a place in a patch: column from the west, row from the north.
    pure function cell_of(dem, patch, u, w) result(at)
       type(terrain_t), intent(in) :: dem
@@ -267,8 +274,15 @@ contains
       call horn(z(1, 1), z(2, 1), z(3, 1), z(1, 2), z(3, 2), z(1, 3), z(2, 3), z(3, 3), dem%per_cell, &
                 horns(1), horns(2), lowest)
       descent = horns
-      pit = lowest >= z(2, 2)
+      pit = is_pit(z(2, 2), lowest) > 0
    end subroutine cell_descent
+
+   !> Whether a raster cell is a pit, 1 or 0: none of its eight neighbours is lower.
+   elemental real(wp) function is_pit(middle, lowest)
+      real(wp), intent(in) :: middle, lowest  !! elevations of the cell and of its lowest neighbour [m]
+
+      is_pit = merge(1.0_wp, 0.0_wp, lowest >= middle)
+   end function is_pit
 
    !> Elevations of a raster cell and its eight neighbours [m]; all zero beside an edge of the raster or nodata.
    pure subroutine read_window(dem, at, z, complete)

@@ -6,8 +6,11 @@ module rockfall_ensemble
    use rockfall_kinds, only: i8
    use rockfall_threads, only: team_size
    use rockfall_flight, only: span_t
-   use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, trace_full, choose_trace, &
-                                  goes_in_lanes, has_obstacles, one_by_one, narrow_lanes, wide_lanes
+   use rockfall_scene_type, only: scene_t, goes_in_lanes, has_obstacles, one_by_one, narrow_lanes, wide_lanes
+   use rockfall_outcome, only: boulder_result_t
+   use rockfall_crossings, only: crossing_t
+   use rockfall_scratch, only: scratch_t
+   use rockfall_trajectory, only: trace_full, choose_trace
    use rockfall_sources, only: share_of
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
    use rockfall_tallies, only: totals_t, prepare, add_boulder

@@ -7,11 +7,11 @@
 module rockfall_flights
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t, patch_t, read_patch
-   use rockfall_flight, only: flight_t, landing_t, inverse_speed, exit_time, strikes, strike_time, highest, &
+   use rockfall_flight, only: flight_t, landing_t, inverse_speed, side_time, curvature, strikes, strike_time, highest, &
                               enter_patch, place_on_patch
    use rockfall_boulder, only: inertia_factor
    use rockfall_maps, only: enter_cell, enter_other_cell, raise_values, first_cell, leaving_time
-   use rockfall_trajectory, only: scratch_t
+   use rockfall_scratch, only: scratch_t
    implicit none
    private
    public :: flights_t, landings_t, take_off, take_off_again, take_off_from, fly_on, flight_of, landing_of
@@ -238,14 +238,14 @@ contains
       do k = 1, filled(f%n)
          east = merge(1.0_wp, -1.0_wp, f%v1(k) > 0)
          north = merge(1.0_wp, -1.0_wp, f%v2(k) > 0)
-         tx = exit_time(f%x(k), f%i(k) + min(east, 0.0_wp), cell, f%inverse1(k))
-         ty = exit_time(f%y(k), f%j(k) + min(north, 0.0_wp), cell, f%inverse2(k))
+         tx = side_time(f%x(k), east, f%i(k), cell, f%inverse1(k))
+         ty = side_time(f%y(k), north, f%j(k), cell, f%inverse2(k))
          t = f%t(k)
          next = max(t, min(tx, ty))
          length = next - t
          d0 = f%d0(k)
          d1 = f%d1(k)
-         d2 = -0.5_wp*gravity - f%c(k)*(f%v1(k)*per_cell)*(f%v2(k)*per_cell)
+         d2 = curvature(gravity, f%c(k), f%v1(k)*per_cell, f%v2(k)*per_cell)
          contact = strikes(d0, d1, d2, length)
          s = strike_time(d0, d1, d2, length)
          s = merge(s, length, contact > 0)

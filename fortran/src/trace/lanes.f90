@@ -6,23 +6,26 @@
 !> Compiled twice, the second time for processors with AVX2, as the module rockfall_wide_lanes.
 module rockfall_lanes
    use rockfall_kinds, only: wp, i8
-   use rockfall_math, only: real_of
-   use rockfall_random, only: philox, for_impact, words_per_block, purpose_bit, normal, uniform
-   use rockfall_terrain, only: patch_t, slope_at, cell_of, read_window, horn
+   use rockfall_random, only: philox, set_counter, for_impact, words_per_block, turn_word, normal, uniform, side_of
+   use rockfall_terrain, only: patch_t, slope_at, steepness_of, cell_of, read_window, horn, is_pit
    use rockfall_flight, only: flight_t, landing_t, parabola_length
    use rockfall_rolling, only: roll_t, touch_t
    use rockfall_flights, only: flights_t, landings_t, take_off, take_off_again, fly_on, flight_of, landing_of, &
                                take_off_from, replace_landing, lanes, filled
-   use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, first_draw, draw_again, energy_of, &
-                              beyond_fit
+   use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, first_draw, draw_again, admissible, &
+                              energy_of, beyond_fit
    use rockfall_direction, only: turn_past_aspect, divide_by_length, shortest
    use rockfall_table_lanes, only: table_batch_t, clear_batch, add_contact, contacts_by_table, find_near
    use rockfall_table_contact, only: velocity_after, end_touch
-   use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, start_boulder, end_boulder, &
-                                  clear, departure, record_crossings, handle_impact, find_rocks, &
-                                  find_class, count_outcome, close_impact, meet_ground, count_ground, rest_or_roll, &
-                                  roll_on, with_all, absorbed, impact_limit, obstacle_t, inertia_of
-   use rockfall_local_frame, only: in_local_frame, rolled_before, launch_velocity
+   use rockfall_scene_type, only: scene_t, inertia_of, is_slow
+   use rockfall_outcome, only: boulder_result_t, departure, add_flight, count_outcome, absorbed
+   use rockfall_crossings, only: crossing_t, record_crossings
+   use rockfall_scratch, only: scratch_t, with_all, clear, count_ground
+   use rockfall_start, only: start_boulder, end_boulder
+   use rockfall_contact, only: handle_impact, find_ground, find_class, close_impact, rest_or_roll
+   use rockfall_obstacles, only: obstacle_t
+   use rockfall_paths, only: roll_on
+   use rockfall_local_frame, only: in_local_frame, rolled_before, face_forward, launch_velocity
    use rockfall_ground, only: is_stochastic
    use rockfall_tallies, only: totals_t, prepare, add_boulder
    use rockfall_maps, only: maps_t
@@ -272,12 +275,9 @@ contains
             result%impacts = result%impacts + 1
             c%impact(k) = result%impacts
             at = cell_of(scene%dem, patch, l%u(k), l%w(k))
-            call find_rocks(scene, c%number(k), result%impacts, at, radius, u_ground)
-            if (radius > huge(radius)) then
-               result%status = absorbed
-            else if (allocated(scene%grounds)) then
-               call meet_ground(scene, at, radius, c%ground(k), obstacle, result%status)
-            end if
+            call find_ground(scene, c%number(k), result%impacts, at, with_all, c%ground(k), radius, obstacle, &
+                             u_ground, result%status)
+            c%ground(k) = max(1, c%ground(k))
             if (result%status == absorbed) cycle
             c%ratio(k) = result%boulder%radius/radius
             if (laws%before(c%ground(k)) < 0) cycle
@@ -333,7 +333,7 @@ contains
          c%speed2_in(k) = l%v1(k)*l%v1(k) + l%v2(k)*l%v2(k) + v3*v3
          c%g1(k) = slope_at(l%a(k), l%c(k), l%w(k), per_cell)
          c%g2(k) = slope_at(l%b(k), l%c(k), l%u(k), per_cell)
-         c%steepness(k) = sqrt(1 + c%g1(k)*c%g1(k) + c%g2(k)*c%g2(k))
+         c%steepness(k) = steepness_of(c%g1(k), c%g2(k))
          call in_local_frame(l%v1(k), l%v2(k), v3, c%g1(k), c%g2(k), c%steepness(k), &
                              c%tangential(k), c%normal(k), plan1, plan2)
          call divide_by_length(plan1, plan2, unit1, unit2, length)
@@ -350,16 +350,12 @@ contains
       integer, intent(in) :: n
       type(contacts_t), intent(inout) :: c
       integer(i8) :: w1, w2, w3, w4
-      integer(i8), parameter :: low32 = 2_i8**32 - 1
       integer :: k
 
       ! Two at a time take twice as long as one by one; four do not, and the wide copy is made without the next line.
       !GCC$ novector
       do k = 1, filled(n)
-         w1 = iand(c%number(k), low32)
-         w2 = shiftr(c%number(k), 32)
-         w3 = iand(c%impact(k), low32)
-         w4 = shiftl(for_impact, purpose_bit)
+         call set_counter(for_impact, c%number(k), c%impact(k), 0_i8, w1, w2, w3, w4)
          call philox(scene%key, w1, w2, w3, w4)
          c%word(k, 1) = w1
          c%word(k, 2) = w2
@@ -374,8 +370,8 @@ contains
       end do
       !$omp simd
       do k = 1, filled(n)
-         c%u(k) = uniform(c%word(k, 4))
-         c%side(k) = 2*real_of(iand(c%word(k, 4), 1_i8)) - 1
+         c%u(k) = uniform(c%word(k, turn_word))
+         c%side(k) = side_of(c%word(k, turn_word))
       end do
    end subroutine draw_numbers
 
@@ -444,16 +440,14 @@ contains
       type(impact_set_t), intent(in) :: set
       type(draws_t), intent(inout) :: d
       integer, intent(in) :: first, last
-      real(wp) :: leaves
       integer :: k
 
-      !$omp simd private(leaves)
+      !$omp simd
       do k = first, last
          call first_draw(set, d%tangential(k), d%normal(k), d%w(k), d%z1(k), d%z2(k), d%z3(k), &
                          d%out1(k), d%out2(k), d%out3(k))
-         leaves = merge(1.0_wp, 0.0_wp, d%out2(k) > 0)
-         d%admissible(k) = merge(leaves, 0.0_wp, energy_of(d%out1(k), d%out2(k), d%out3(k)) &
-                                                 <= energy_of(d%tangential(k), d%normal(k), d%w(k)))
+         d%admissible(k) = admissible(d%out1(k), d%out2(k), d%out3(k), &
+                                      energy_of(d%tangential(k), d%normal(k), d%w(k)))
       end do
    end subroutine draw_of_set
 
@@ -481,29 +475,29 @@ contains
       integer, intent(in) :: n
       real(wp), intent(in) :: per_cell  !! [1/m]
       type(contacts_t), intent(inout) :: c
-      real(wp) :: d1, d2, a1, a2, h1, h2, lowest, length, forward, before1, before2, u, side, usual, middle
+      real(wp) :: d1, d2, a1, a2, h1, h2, lowest, length, before1, before2, w, u, side, usual, pit
       integer :: k
 
-      !$omp simd private(d1, d2, a1, a2, h1, h2, lowest, length, forward, before1, before2, u, side, usual, middle)
+      !$omp simd private(d1, d2, a1, a2, h1, h2, lowest, length, before1, before2, w, u, side, usual, pit)
       do k = 1, filled(n)
          call horn(c%z(k, 1), c%z(k, 2), c%z(k, 3), c%z(k, 4), c%z(k, 6), c%z(k, 7), c%z(k, 8), c%z(k, 9), per_cell, &
                    d1, d2, lowest)
          call divide_by_length(d1, d2, a1, a2, length)
          usual = c%usual(k)
          c%usual(k) = merge(usual, 0.0_wp, length > shortest)
-         forward = merge(-1.0_wp, 1.0_wp, c%out1(k) < 0)
-         before1 = forward*c%heading1(k)
-         before2 = forward*c%heading2(k)
-         c%next_w(k) = forward*c%out3(k)
+         before1 = c%heading1(k)
+         before2 = c%heading2(k)
+         w = c%out3(k)
+         call face_forward(c%out1(k), before1, before2, w)
+         c%next_w(k) = w
          u = c%u(k)
          side = c%side(k)
-         call turn_past_aspect(u, side, before1, before2, c%g1(k), c%g2(k), a1, a2, h1, h2)
-         middle = c%z(k, 5)
-         c%heading1(k) = merge(before1, h1, lowest >= middle)
-         c%heading2(k) = merge(before2, h2, lowest >= middle)
-         call launch_velocity(c%out1(k), c%out2(k), c%heading1(k), c%heading2(k), c%g1(k), c%g2(k), &
-                              c%steepness(k), c%v1(k), c%v2(k), c%v3(k))
-         c%rate(k) = c%out2(k)*c%steepness(k)
+         pit = is_pit(c%z(k, 5), lowest)
+         call turn_past_aspect(u, side, pit, before1, before2, c%g1(k), c%g2(k), a1, a2, h1, h2)
+         c%heading1(k) = h1
+         c%heading2(k) = h2
+         call launch_velocity(c%out1(k), c%out2(k), h1, h2, c%g1(k), c%g2(k), c%steepness(k), &
+                              c%v1(k), c%v2(k), c%v3(k), c%rate(k))
          c%speed2(k) = c%v1(k)*c%v1(k) + c%v2(k)*c%v2(k) + c%v3(k)*c%v3(k)
       end do
    end subroutine turn
@@ -527,10 +521,7 @@ contains
       do k = 1, l%n
          lane = l%lane(k)
          associate (result => results(pool%place(lane)))
-            result%path_length = result%path_length + c%length(k)
-            result%time = result%time + l%time(k)
-            result%speed_max = max(result%speed_max, c%speed2_in(k))
-            result%jump_height_max = max(result%jump_height_max, l%jump_height(k))
+            call add_flight(c%length(k), l%time(k), c%speed2_in(k), l%jump_height(k), result)
             if (result%status /= 0) cycle
             if (allocated(by_table)) then
                if (by_table%by_table(k)) then
@@ -550,7 +541,8 @@ contains
             if (scene%histograms_requested) &
                call count_rebound(scratch(lane)%histograms, [c%tangential(k), c%normal(k), c%w(k)], &
                                   [c%out1(k), c%out2(k), c%out3(k)])
-            call close_impact(scene, c%speed2(k), result, slow)
+            slow = is_slow(scene, c%speed2(k))
+            call close_impact(scene, c%speed2(k), .not. slow, result)
             call set_out(pool, lane, c%heading1(k), c%heading2(k), c%next_w(k))
             if (slow) then
                call rest_or_roll(scene, c%ground(k), landing_of(l, k), c%speed2(k), c%next_w(k), result, roll)
@@ -586,13 +578,12 @@ contains
          call count_rebound(scratch%histograms, [b%tangential(k), b%normal(k), b%w(k)], &
                             velocity_after(b%unit(k), b%part(k)*b%along(k), b%part(k)*b%across(k), b%n_left(k), &
                                            b%part(k)*b%w_drawn(k)))
-      result%speed_max = max(result%speed_max, b%speed2(k))
       scratch%touch = b%touch(k)
       scratch%touch%normal = b%pressed(k)
       scratch%touch%lift = b%lift(k)
       call end_touch(b%off(k) > 0, b%rolls(k) > 0, scratch%touch)
       call set_out(pool, lane, b%heading1(k), b%heading2(k), b%next_w(k))
-      if (.not. b%stops(k) > 0 .and. result%impacts >= scene%max_impacts) result%status = impact_limit
+      call close_impact(scene, b%speed2(k), .not. b%stops(k) > 0, result)
       if (result%status /= 0) return
       if (b%stops(k) > 0) then
          scratch%touch = touch_t()

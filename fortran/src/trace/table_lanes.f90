@@ -15,10 +15,10 @@ module rockfall_table_lanes
    use rockfall_local_frame, only: rolled_before
    use rockfall_impact_table, only: approach_t, outcome_t, flies, stops
    use rockfall_table_contact, only: side_u, keep_touch, meet_plane, find_pull, draw_record, follow, limit_energy, &
-                                     after_fall, share_energy, leave
+                                     after_fall, share_energy, leave, height_of
    use rockfall_line, only: line_t, comes_near
    use rockfall_flights, only: landings_t, landing_of, lanes, filled
-   use rockfall_trajectory, only: scene_t
+   use rockfall_scene_type, only: scene_t
    implicit none
    private
    public :: table_batch_t, clear_batch, add_contact, contacts_by_table, find_near
@@ -130,9 +130,8 @@ contains
 
       !$omp simd private(normal, unit, a1, a2, a3, speed, along, across)
       do k = 1, filled(l%n)
-         call meet_plane(l%v1(k), l%v2(k), l%v3(k) - gravity*l%time(k), g1(k), g2(k), steepness(k), b%tangential(k), &
-                         normal, b%t1(k), b%t2(k), b%t3(k))
-         normal = merge(b%pressed(k), normal, b%touches(k) > 0)
+         call meet_plane(l%v1(k), l%v2(k), l%v3(k) - gravity*l%time(k), g1(k), g2(k), steepness(k), b%touches(k), &
+                         b%pressed(k), b%tangential(k), normal, b%t1(k), b%t2(k), b%t3(k))
          b%normal(k) = normal
          b%w(k) = rolled_before(b%w(k), b%before1(k), b%before2(k), b%t1(k), b%t2(k))
          call find_pull(g1(k), g2(k), steepness(k), b%t1(k), b%t2(k), b%t3(k), uniform(word(k)), along, across, &
@@ -300,8 +299,7 @@ contains
 
       !$omp simd private(left, lift, part, normal, rests, rolls, pressed, unit)
       do k = 1, filled(l%n)
-         left = after_fall(b%left(k), (l%z(k) - b%z(k) - b%pull(k)*b%slide(k))/b%radius(k))
-         left = merge(b%left(k), left, b%off(k) > 0)
+         left = after_fall(b%left(k), (l%z(k) - b%z(k) - b%pull(k)*b%slide(k))/b%radius(k), b%off(k))
          lift = b%lift(k)
          rolls = merge(0.0_wp, b%rolls(k), b%off(k) > 0)
          call share_energy(b%total(k), left, b%along(k), b%across(k), b%drawn(k), b%w_drawn(k), b%inertia(k), &
@@ -318,7 +316,7 @@ contains
          b%pressed(k) = pressed
          b%rolls(k) = rolls
          b%lift(k) = lift
-         b%above(k) = merge(0.0_wp, max(0.0_wp, lift)*b%radius(k), rolls > 0)
+         b%above(k) = height_of(lift, b%radius(k), rolls)
          b%speed2(k) = b%v1(k)*b%v1(k) + b%v2(k)*b%v2(k) + b%v3(k)*b%v3(k)
          b%rate(k) = b%v3(k) - (b%end1(k)*b%v1(k) + b%end2(k)*b%v2(k))
       end do

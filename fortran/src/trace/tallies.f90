@@ -3,7 +3,9 @@
 !> adds nothing: it is traced again.
 module rockfall_tallies
    use rockfall_kinds, only: i8
-   use rockfall_trajectory, only: scene_t, boulder_result_t, scratch_t, at_rest, left_window
+   use rockfall_scene_type, only: scene_t
+   use rockfall_outcome, only: boulder_result_t, at_rest, left_window
+   use rockfall_scratch, only: scratch_t
    use rockfall_maps, only: maps_t, needs_visits, needs_heights, add_visits, add_deposit
    use rockfall_travel_maps, only: needs_times, needs_travel, add_travel
    use rockfall_passing_maps, only: needs_passing, add_passing

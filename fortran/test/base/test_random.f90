@@ -2,7 +2,7 @@
 !> Random numbers: the published words of Philox, the exact normal quantile, moments, separate streams.
 program test_random
    use rockfall_kinds, only: wp, i8
-   use rockfall_random, only: random_key_t, random_key, philox4x32, random_words, uniform, &
+   use rockfall_random, only: random_key_t, random_key, philox4x32, random_words, uniform, side_of, &
       normal_table_t, normal_table, normal, normal_quantile, for_release, for_impact
    use check_m, only: check, check_close, finish
    implicit none
@@ -48,6 +48,8 @@ contains
       word = random_words(key, for_impact, 2_i8**33 + 7, 5_i8, 4_i8)
       call check("words come from the counter of boulder, impact, purpose and draw", &
                  all(word == philox4x32([7_i8, 2_i8, 5_i8, for_impact*2_i8**24 + 4], key)))
+      call check("the last bit is the side", all(abs(side_of([6_i8, 7_i8, 0_i8, 2_i8**32 - 1]) &
+                                                     - [-1, 1, -1, 1]) <= 0))
       call check("words are 32 bits", all(word >= 0 .and. word <= low32))
    end subroutine test_words
 

@@ -7,7 +7,8 @@ program test_impact
    use rockfall_random, only: random_key_t, random_key, random_words, normal_table_t, &
       normal_table, normal, for_impact, for_ground
    use rockfall_impact, only: impact_set_t, impact_set, with_noise, ratio_class, ratio_between, ratio_weights, &
-      rebound_t, rebound, fitted_t, fitted, beyond_fit, velocity_law_t, law_of, drawn, impact_ratios
+      rebound_t, rebound, fitted_t, fitted, beyond_fit, velocity_law_t, law_of, drawn, impact_ratios, admissible, &
+      twice_energy
    use rockfall_impact_sets, only: coefficients_t, read_sets
    use rockfall_direction, only: past_aspect
    use check_m, only: check, check_close, finish
@@ -367,6 +368,11 @@ contains
       call check("V_n is positive after every rebound", up)
       call check("no rebound gains energy", .not. gained)
       call check("some were forced", forced > 100 .and. forced < 99000)
+      associate (energy => twice_energy([3.0_wp, -4.0_wp, 0.0_wp]))
+         call check("up with the same energy", admissible(4.0_wp, 3.0_wp, 0.0_wp, energy) > 0)
+         call check("not along the ground", .not. admissible(4.0_wp, 0.0_wp, 0.0_wp, energy) > 0)
+         call check("not with more energy", .not. admissible(4.0_wp, 3.0_wp, 0.1_wp, energy) > 0)
+      end associate
    end subroutine test_admissible
 
    !> After 32 draws: V_n of 1 % of the incoming speed when it was not positive, then down to the incoming

@@ -9,8 +9,9 @@ program test_plane
    use rockfall_scene, only: check_sources
    use rockfall_impact, only: impact_set
    use rockfall_direction, only: to_aspect
-   use rockfall_trajectory, only: scene_t, boulder_result_t, scratch_t, contact_t, impact_limit, &
-      left_domain, hit_nodata, left_window
+   use rockfall_scene_type, only: scene_t
+   use rockfall_outcome, only: boulder_result_t, impact_limit, left_domain, hit_nodata, left_window
+   use rockfall_scratch, only: scratch_t, contact_t
    use rockfall_ensemble, only: trace_boulder
    use check_m, only: check, check_close, finish
    implicit none

@@ -1,0 +1,233 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> A contact with the ground: look up what lies there, then rebound by impact sets, by a classical law or by a table of
+!> impacts; and fly on, roll on, or rest.
+module rockfall_contact
+   use rockfall_kinds, only: wp, i8
+   use rockfall_math, only: squared_length
+   use rockfall_random, only: uniform, side_of, words_per_block, rebound_words, turn_word, obstacle_word, ratio_word, &
+                              roughness_word
+   use rockfall_terrain, only: gradient, steepness_of, cell_of
+   use rockfall_surface, only: rock_radius, ground_at
+   use rockfall_boulder, only: inertia_factor
+   use rockfall_flight, only: flight_t, landing_t
+   use rockfall_rolling, only: roll_t, touch_t, find_roll
+   use rockfall_impact, only: ratio_class, ratio_between, beyond_fit, rebound_t, rebound, twice_energy
+   use rockfall_classical_rebound, only: absorbs
+   use rockfall_ground, only: ground_t, ground_rebound, is_stochastic
+   use rockfall_direction, only: turning_t, by_lab, lateral_angle
+   use rockfall_local_frame, only: decompose, outgoing_flight
+   use rockfall_table_contact, only: table_contact_t, table_contact, keep_touch
+   use rockfall_histogram, only: count_rebound
+   use rockfall_scene_type, only: scene_t, inertia_of, is_slow
+   use rockfall_outcome, only: boulder_result_t, count_outcome, stopped, absorbed, impact_limit
+   use rockfall_scratch, only: scratch_t, contact_t, with_lines, with_all, count_ground, record
+   use rockfall_draws, only: impact_words, ground_uniforms
+   implicit none
+   private
+   public :: handle_impact, find_ground, find_class, close_impact, rest_or_roll
+
+   real(wp), parameter :: rockless_radius = 1.0e-9_wp  !! R_m of ground without rocks: smaller than any boulder [m]
+
+contains
+
+   !> A contact: absorbed, stopped, or off again on the next flight.
+   pure subroutine handle_impact(scene, number, landing, v, omega_r, level, result, flight, roll, scratch)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: v(3)          !! incoming velocity [m/s]
+      real(wp), intent(inout) :: omega_r    !! W [m/s]
+      integer, value :: level               !! basic, ..., with_all
+      type(boulder_result_t), intent(inout) :: result
+      type(flight_t), intent(inout) :: flight
+      type(roll_t), intent(inout) :: roll   !! where it goes on so; else none
+      type(scratch_t), intent(inout) :: scratch
+      integer(i8) :: word(words_per_block)
+      integer :: at(2), class, ground
+      logical :: outside, fast, steep, slow
+      real(wp) :: radius, obstacle, ratio, v_in(3), heading(2), g(2), steepness
+      real(wp) :: u_ground(words_per_block)
+      type(rebound_t) :: out
+      type(turning_t) :: turning
+
+      word = impact_words(scene, number, result%impacts)
+      at = cell_of(scene%dem, landing%patch, landing%u, landing%w)
+      call find_ground(scene, number, result%impacts, at, level, ground, radius, obstacle, u_ground, result%status)
+      if (result%status == absorbed) return
+      ratio = result%boulder%radius/radius
+      if (level >= with_all .and. ground > 0) then
+         if (allocated(scene%grounds(ground)%table)) then
+            call contact_by_table(scene, scene%grounds(ground), number, ground, landing, v, ratio, uniform(word), &
+                                  omega_r, level, result, flight, roll, scratch)
+            return
+         end if
+      end if
+      scratch%touch = touch_t()
+      call find_class(scene, ratio, u_ground, class, outside)
+      g = gradient(scene%dem, landing%patch, landing%u, landing%w)
+      steepness = steepness_of(g(1), g(2))
+      call decompose(v, g, steepness, flight%heading, omega_r, v_in, heading)
+      if (level >= with_all .and. ground > 0) then
+         call ground_rebound(scene%grounds(ground), scene%table, scene%key, number, int(result%impacts, i8), &
+                             word(:rebound_words), u_ground(roughness_word), result%boulder, &
+                             inertia_of(scene, number), obstacle, scene%gravity/steepness, class, v_in, out)
+         call see_ground_fit(scene%grounds(ground), class, v_in, outside, fast, steep, ratio)
+         call count_ground(ground, scratch)
+      else
+         call rebound(scene%sets(class), scene%table, scene%key, number, int(result%impacts, i8), &
+                      word(:rebound_words), v_in, out)
+         call beyond_fit(scene%sets(class)%fitted, v_in(1:2), fast, steep)
+      end if
+      call count_outcome(out, outside, fast, steep, result)
+      if (level >= with_lines .and. scene%histograms_requested) call count_rebound(scratch%histograms, v_in, out%v)
+      turning = turning_t(scene%turning, uniform(word(turn_word)), side_of(word(turn_word)))
+      if (turning%rule == by_lab) turning%lateral = lateral_angle(scene%lateral(class), v_in(1:2), turning%u)
+      if (level >= with_all .and. ground > 0 .and. turning%rule == by_lab) then
+         if (is_stochastic(scene%grounds(ground))) &
+            turning%lateral = lateral_angle(scene%grounds(ground)%lateral(class), v_in(1:2), turning%u)
+      end if
+      call outgoing_flight(scene%dem, landing, at, g, steepness, heading, turning, out%v, flight, omega_r)
+      if (level >= with_all) then
+         call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v, v_in, out%v, ratio))
+         result%energy%ground = result%energy%ground &
+                                + 0.5_wp*result%boulder%mass*(twice_energy(v_in) - twice_energy(out%v))
+      end if
+      slow = is_slow(scene, squared_length(flight%v))
+      call close_impact(scene, squared_length(flight%v), .not. slow, result)
+      if (slow) call rest_or_roll(scene, ground, landing, squared_length(flight%v), omega_r, result, roll)
+   end subroutine handle_impact
+
+   !> A contact that is drawn from a table: where it leads, or where the boulder stops.
+   pure subroutine contact_by_table(scene, here, number, ground, landing, v, ratio, u, omega_r, level, result, flight, &
+                                    roll, scratch)
+      type(scene_t), intent(in) :: scene
+      type(ground_t), intent(in) :: here
+      integer(i8), intent(in) :: number
+      integer, intent(in) :: ground          !! its number
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: v(3)           !! incoming velocity [m/s]
+      real(wp), intent(in) :: ratio          !! R_b/R_m [-]
+      real(wp), intent(in) :: u(words_per_block)  !! uniform in (0, 1) [-]
+      real(wp), intent(inout) :: omega_r     !! W [m/s]
+      integer, value :: level                !! basic, ..., with_all
+      type(boulder_result_t), intent(inout) :: result
+      type(flight_t), intent(inout) :: flight
+      type(roll_t), intent(inout) :: roll
+      type(scratch_t), intent(inout) :: scratch
+      type(table_contact_t) :: contact
+      real(wp) :: before
+
+      before = squared_length(v) + inertia_factor*omega_r*omega_r
+      call keep_touch(ground, ratio, result%boulder%radius, landing%jump_height, scratch%touch)
+      call table_contact(scene%dem, scene%gravity, here%table, result%boulder, inertia_of(scene, number), ratio, u, &
+                         landing, v, flight%heading, omega_r, scratch%touch, roll, contact)
+      call count_outcome(rebound_t(contact%v_out, forced=contact%limited), .false., contact%fast, .false., result)
+      call count_ground(ground, scratch)
+      if (scene%histograms_requested) call count_rebound(scratch%histograms, contact%v_in, contact%v_out)
+      flight%v = roll%v
+      flight%heading = roll%heading
+      omega_r = roll%w
+      if (level >= with_all) then
+         call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v, contact%v_in, &
+                                        contact%v_out, ratio))
+         ! of a boulder that rolls on, V_n is in neither: it has it back at its next contact
+         result%energy%ground = result%energy%ground + 0.5_wp*result%boulder%mass &
+                                *(before - squared_length(flight%v) - inertia_factor*omega_r*omega_r)
+      end if
+      call close_impact(scene, squared_length(flight%v), .not. contact%stops, result)
+      if (contact%stops) then
+         scratch%touch = touch_t()
+         call rest_or_roll(scene, ground, landing, squared_length(flight%v), omega_r, result, roll)
+      end if
+   end subroutine contact_by_table
+
+   !> The ground of a raster cell, the rocks and obstacles there, and whether it absorbs the boulder.
+   pure subroutine find_ground(scene, number, impact, at, level, ground, radius, obstacle, u_ground, status)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      integer, intent(in) :: impact
+      integer, intent(in) :: at(2)          !! column, row from the north
+      integer, value :: level               !! basic, ..., with_all
+      integer, intent(out) :: ground        !! 0: the scene has the case's impact sets alone
+      real(wp), intent(out) :: radius       !! R_m of the rocks; above zero where there are grounds [m]
+      real(wp), intent(out) :: obstacle     !! height of obstacles, where there are grounds [m]
+      real(wp), intent(out) :: u_ground(words_per_block)  !! random numbers for it [-]
+      integer, intent(inout) :: status
+
+      u_ground = 0
+      if (scene%ground_drawn) u_ground = ground_uniforms(scene, number, impact)
+      radius = rock_radius(scene%surface, at, u_ground(obstacle_word))
+      ground = 0
+      obstacle = 0
+      if (radius > huge(radius)) then
+         status = absorbed
+      else if (level >= with_all .and. allocated(scene%grounds)) then
+         ground = ground_at(scene%surface, at)
+         obstacle = radius/scene%surface%size_to_radius
+         if (absorbs(scene%grounds(ground)%classical, obstacle)) status = absorbed
+         radius = max(radius, rockless_radius)
+      end if
+   end subroutine find_ground
+
+   !> The impact set that serves a ratio R_b/R_m.
+   pure subroutine find_class(scene, ratio, u_ground, class, outside)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: ratio, u_ground(words_per_block)
+      integer, intent(out) :: class
+      logical, intent(out) :: outside  !! of the ratios that sets are for
+
+      call ratio_class(ratio, class, outside)
+      if (scene%between_ratios) class = ratio_between(ratio, u_ground(ratio_word))
+   end subroutine find_class
+
+   !> Whether a rebound lies beyond what its impact set was fitted on; a classical one has none, and no ratio.
+   pure subroutine see_ground_fit(ground, class, v_in, outside, fast, steep, ratio)
+      type(ground_t), intent(in) :: ground
+      integer, intent(in) :: class
+      real(wp), intent(in) :: v_in(3)      !! V_t, V_n, W [m/s]
+      logical, intent(inout) :: outside    !! of the ratios that sets are for
+      logical, intent(out) :: fast, steep
+      real(wp), intent(inout) :: ratio     !! R_b/R_m [-]
+
+      fast = .false.
+      steep = .false.
+      if (is_stochastic(ground)) then
+         call beyond_fit(ground%sets(class)%fitted, v_in(1:2), fast, steep)
+      else
+         outside = .false.
+         ratio = -1
+      end if
+   end subroutine see_ground_fit
+
+   !> Close an impact: a boulder that flies on has not yet had all the contacts that it may have.
+   pure subroutine close_impact(scene, speed2, flies, result)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: speed2  !! after it, |v|**2 [m2/s2]
+      logical, intent(in) :: flies    !! and does not come to rest, or roll on
+      type(boulder_result_t), intent(inout) :: result
+
+      result%speed_max = max(result%speed_max, speed2)
+      if (flies .and. result%impacts >= scene%max_impacts) result%status = impact_limit
+   end subroutine close_impact
+
+   !> Whether a boulder that is too slow to fly rests where it is, or rolls on.
+   pure subroutine rest_or_roll(scene, ground, landing, speed2, omega_r, result, roll)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: ground    !! its number, where the scene has several
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: speed2   !! |v|**2 [m2/s2]
+      real(wp), intent(in) :: omega_r  !! W [m/s]
+      type(boulder_result_t), intent(inout) :: result
+      type(roll_t), intent(inout) :: roll
+      real(wp) :: rest_slope
+
+      rest_slope = scene%rest_slope
+      if (ground > 0 .and. allocated(scene%grounds)) rest_slope = scene%grounds(ground)%rest_slope
+      call find_roll(scene%dem, scene%gravity, rest_slope, result%boulder%radius, landing, speed2, omega_r, roll)
+      if (.not. roll%rolls) then
+         result%status = stopped
+      else if (result%impacts >= scene%max_impacts) then
+         result%status = impact_limit
+      end if
+   end subroutine rest_or_roll
+end module rockfall_contact

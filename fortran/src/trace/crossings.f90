@@ -1,0 +1,77 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Crossings of evaluation lines, and of the lines of barriers.
+module rockfall_crossings
+   use rockfall_kinds, only: wp, i1
+   use rockfall_terrain, only: patch_t, locate, height, gradient, steepness_of
+   use rockfall_flight, only: flight_t, landing_t
+   use rockfall_line, only: first_crossing
+   use rockfall_scene_type, only: scene_t
+   use rockfall_outcome, only: boulder_result_t
+   implicit none
+   private
+   public :: crossing_t, crossing, record_crossings
+
+   !> First crossing of an evaluation line.
+   type :: crossing_t
+      logical :: crossed = .false.
+      integer(i1) :: outcome = 0       !! what the barrier there did, in all (rockfall_barrier); 0: it was not met
+      real(wp) :: x = 0, y = 0, time = 0  !! local coordinates [m], since release [s]
+      real(wp) :: v(3) = 0, omega = 0  !! [m/s], [rad/s]
+      real(wp) :: jump_height = 0      !! point above the surface [m]
+      real(wp) :: passing_height = 0   !! centre of the sphere above the surface, vertical [m]
+   end type crossing_t
+
+contains
+
+   !> Record the lines that a flight crosses for the first time, up to a time.
+   pure subroutine record_crossings(scene, gravity, result, flight, landing, omega_r, crossings, until)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: gravity  !! of the path [m/s2]
+      type(boulder_result_t), intent(in) :: result
+      type(flight_t), intent(in) :: flight
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: omega_r  !! W [m/s]
+      type(crossing_t), intent(inout) :: crossings(:)
+      real(wp), intent(in), optional :: until  !! since the start of the flight [s]
+      real(wp) :: fraction
+      integer :: k
+
+      do k = 1, size(scene%lines)
+         if (crossings(k)%crossed) cycle
+         fraction = first_crossing(scene%lines(k), [flight%x, flight%y], [landing%x, landing%y])
+         if (present(until)) then
+            if (fraction*landing%time > until) cycle
+         end if
+         if (fraction <= 1) crossings(k) = crossing(scene, gravity, result, flight, fraction*landing%time, omega_r)
+      end do
+   end subroutine record_crossings
+
+   !> The state of a boulder in flight, `t` after the flight's start.
+   !>
+   !> The passing height is that of the centre of the sphere (the paper measures from it). A sphere on a slope touches
+   !> it along the normal, so its centre lies R_b sqrt(1 + |g|**2) = R_b/cos(slope) above the surface, vertically; and
+   !> higher by the jump height where it flies (theory, chapter 10).
+   pure type(crossing_t) function crossing(scene, gravity, result, flight, t, omega_r) result(c)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: gravity  !! of the path [m/s2]
+      type(boulder_result_t), intent(in) :: result
+      type(flight_t), intent(in) :: flight
+      real(wp), intent(in) :: t        !! [s]
+      real(wp), intent(in) :: omega_r  !! W [m/s]
+      type(patch_t) :: patch
+      real(wp) :: u, w, g(2)
+
+      c%crossed = .true.
+      c%time = result%time + t
+      c%x = flight%x + flight%v(1)*t
+      c%y = flight%y + flight%v(2)*t
+      c%v = [flight%v(1), flight%v(2), flight%v(3) - gravity*t]
+      c%omega = omega_r/result%boulder%radius
+      associate (dem => scene%dem)
+         call locate(dem, c%x, c%y, patch, u, w)
+         c%jump_height = max(0.0_wp, flight%z + t*(flight%v(3) - 0.5_wp*gravity*t) - height(patch, u, w))
+         g = gradient(dem, patch, u, w)
+         c%passing_height = c%jump_height + result%boulder%radius*steepness_of(g(1), g(2))
+      end associate
+   end function crossing
+end module rockfall_crossings

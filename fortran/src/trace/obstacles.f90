@@ -1,0 +1,187 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Trees and barriers on the way of a boulder: which it meets first, and what that takes.
+module rockfall_obstacles
+   use rockfall_kinds, only: wp, i1, i8
+   use rockfall_math, only: squared_length
+   use rockfall_random, only: random_words, for_tree
+   use rockfall_terrain, only: cell_of
+   use rockfall_boulder, only: kinetic_energy
+   use rockfall_flight, only: flight_t, landing_t, span_t, flight_from, never
+   use rockfall_direction, only: rotated
+   use rockfall_line, only: next_crossing
+   use rockfall_barrier, only: barrier_t, barrier_outcome, place_in_front, stopped_there, broken_through, passed_over
+   use rockfall_forest, only: forest_t, tree_hit_t, tree_impact_t, first_hit, tree_impact
+   use rockfall_tree_maps, only: gather_tree_hit
+   use rockfall_scene_type, only: scene_t, is_slow
+   use rockfall_outcome, only: boulder_result_t, stopped_by_tree, stopped_by_barrier, impact_limit
+   use rockfall_crossings, only: crossing_t, crossing, record_crossings
+   use rockfall_scratch, only: scratch_t, contact_t, record
+   implicit none
+   private
+   public :: obstacle_t, find_obstacle, meet_obstacle, note_passed_over, none
+
+   !> What a flight may end at before it meets the ground.
+   integer, parameter :: none = 0, barrier = 1, tree = 2
+
+   !> Where a flight ends in the air.
+   type :: obstacle_t
+      integer :: kind = none        !! barrier, tree
+      integer :: number = 0         !! of the barrier
+      real(wp) :: time = never      !! since the start of the flight [s]
+      type(tree_hit_t) :: hit       !! of a tree
+   end type obstacle_t
+
+contains
+
+   !> The first obstacle on a path, and the lines that are crossed up to there.
+   pure subroutine find_obstacle(scene, gravity, result, flight, landing, omega_r, spans, scratch, obstacle)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: gravity  !! of the path [m/s2]
+      type(boulder_result_t), intent(in) :: result
+      type(flight_t), intent(in) :: flight
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: omega_r  !! W [m/s]
+      type(span_t), intent(in), contiguous :: spans(:)
+      type(scratch_t), intent(inout) :: scratch
+      type(obstacle_t), intent(out) :: obstacle
+
+      if (allocated(scene%barriers)) &
+         call find_barrier(scene, gravity, result, flight, landing, omega_r, scratch%crossings, obstacle)
+      if (allocated(scene%forest)) &
+         call find_tree(scene%forest, result%boulder%radius, flight, spans, scratch%felled, obstacle)
+      if (allocated(scene%lines)) &
+         call record_crossings(scene, gravity, result, flight, landing, omega_r, scratch%crossings, obstacle%time)
+   end subroutine find_obstacle
+
+   !> The first barrier that stands in the way of a flight, if it does before the obstacle.
+   pure subroutine find_barrier(scene, gravity, result, flight, landing, omega_r, crossings, obstacle)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: gravity    !! of the path [m/s2]
+      type(boulder_result_t), intent(in) :: result
+      type(flight_t), intent(in) :: flight
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: omega_r    !! W [m/s]
+      type(crossing_t), intent(in) :: crossings(:)
+      type(obstacle_t), intent(inout) :: obstacle
+      real(wp) :: fraction, time
+      integer :: k
+
+      do k = 1, size(scene%barriers)
+         if (crossings(scene%barriers(k)%line)%outcome == broken_through) cycle
+         fraction = -1
+         do  ! a bent barrier may be crossed several times
+            fraction = next_crossing(scene%lines(scene%barriers(k)%line), [flight%x, flight%y], &
+                                     [landing%x, landing%y], fraction)
+            time = fraction*landing%time
+            if (fraction > 1 .or. time >= obstacle%time) exit
+            if (stands_in_way(scene%barriers(k), result, crossing(scene, gravity, result, flight, time, omega_r))) then
+               obstacle = obstacle_t(barrier, k, time)
+               exit
+            end if
+         end do
+      end do
+   end subroutine find_barrier
+
+   !> Whether a boulder that crosses a barrier does not pass over it.
+   pure logical function stands_in_way(this, result, crossing)
+      type(barrier_t), intent(in) :: this
+      type(boulder_result_t), intent(in) :: result
+      type(crossing_t), intent(in) :: crossing
+
+      stands_in_way = passed_over /= barrier_outcome(this%height, this%capacity, crossing%passing_height, &
+                                                     sum(kinetic_energy(result%boulder, crossing%v, crossing%omega)))
+   end function stands_in_way
+
+   !> Barriers that a boulder crossed and that never stood in its way: it passed over them.
+   pure subroutine note_passed_over(scene, result, crossings)
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: result
+      type(crossing_t), intent(inout) :: crossings(:)
+      integer :: k
+
+      do k = 1, size(scene%barriers)
+         associate (at => crossings(scene%barriers(k)%line))
+            if (.not. at%crossed .or. at%outcome /= 0) cycle
+            if (.not. stands_in_way(scene%barriers(k), result, at)) at%outcome = passed_over
+         end associate
+      end do
+   end subroutine note_passed_over
+
+   !> The first tree on the way of a flight, if it is hit before the obstacle.
+   pure subroutine find_tree(forest, radius, flight, spans, felled, obstacle)
+      type(forest_t), intent(in) :: forest
+      real(wp), intent(in) :: radius  !! of the boulder [m]
+      type(flight_t), intent(in) :: flight
+      type(span_t), intent(in), contiguous :: spans(:)
+      integer, intent(in) :: felled(:)
+      type(obstacle_t), intent(inout) :: obstacle
+      type(tree_hit_t) :: hit
+
+      call first_hit(forest, spans, flight%x, flight%y, flight%v(1:2), radius, felled, hit)
+      if (hit%tree > 0 .and. hit%time < obstacle%time) obstacle = obstacle_t(tree, 0, hit%time, hit)
+   end subroutine find_tree
+
+   !> An obstacle takes energy; with the rest the boulder flies on from there.
+   pure subroutine meet_obstacle(scene, number, obstacle, landing, v, omega_r, result, flight, scratch)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      type(obstacle_t), intent(in) :: obstacle
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: v(3)        !! velocity there [m/s]
+      real(wp), intent(inout) :: omega_r  !! W [m/s]
+      type(boulder_result_t), intent(inout) :: result
+      type(flight_t), intent(inout) :: flight
+      type(scratch_t), intent(inout) :: scratch
+      type(tree_impact_t) :: impact
+      type(landing_t) :: place
+      real(wp) :: energy, taken, remains, turned(2), heading(2)
+
+      energy = sum(kinetic_energy(result%boulder, v, omega_r/result%boulder%radius))
+      turned = v(1:2)
+      heading = flight%heading
+      if (obstacle%kind == tree) then
+         call hit_tree(scene, number, obstacle%hit, landing, energy, result, scratch, impact)
+         taken = impact%taken
+         result%energy%trees = result%energy%trees + taken
+         turned = rotated(turned, impact%sine, impact%cosine)
+         heading = rotated(heading, impact%sine, impact%cosine)
+      else
+         taken = min(energy, scene%barriers(obstacle%number)%capacity)
+         result%energy%barriers = result%energy%barriers + taken
+      end if
+      remains = 0
+      if (energy > taken) remains = sqrt((energy - taken)/energy)
+      omega_r = remains*omega_r
+      place = landing
+      if (obstacle%kind == barrier) place = place_in_front(scene%dem, landing, v(1:2))
+      flight = flight_from(scene%dem, place, remains*[turned, v(3)], heading)
+      if (taken > 0 .and. is_slow(scene, squared_length(flight%v))) then
+         result%status = merge(stopped_by_tree, stopped_by_barrier, obstacle%kind == tree)
+      else if (result%trees_hit >= scene%max_impacts) then
+         result%status = impact_limit
+      end if
+      if (obstacle%kind == barrier) scratch%crossings(scene%barriers(obstacle%number)%line)%outcome = &
+         int(merge(stopped_there, broken_through, result%status == stopped_by_barrier), i1)
+      call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v))
+   end subroutine meet_obstacle
+
+   !> What a hit of a tree does, and what is to be known of it later.
+   pure subroutine hit_tree(scene, number, hit, landing, energy, result, scratch, impact)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      type(tree_hit_t), intent(in) :: hit
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: energy  !! of the boulder [J]
+      type(boulder_result_t), intent(inout) :: result
+      type(scratch_t), intent(inout) :: scratch
+      type(tree_impact_t), intent(out) :: impact
+
+      result%trees_hit = result%trees_hit + 1
+      impact = tree_impact(scene%forest%law, scene%forest%stem(hit%tree), hit%offset, result%boulder%radius, energy, &
+                           random_words(scene%key, for_tree, number, int(result%trees_hit, i8), 0_i8))
+      if (impact%breaks) scratch%felled = [scratch%felled, hit%tree]
+      if (.not. scratch%tree_hits_requested) return
+      call gather_tree_hit(scratch%tree_hits, cell_of(scene%dem, landing%patch, landing%u, landing%w), hit%height, &
+                           impact%taken)
+   end subroutine hit_tree
+end module rockfall_obstacles

@@ -1,0 +1,107 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What became of a boulder: its status, how far and how fast it went, and where its energy went (theory, chapter 10).
+module rockfall_outcome
+   use rockfall_kinds, only: wp
+   use rockfall_terrain, only: terrain_t, patch_t, in_window
+   use rockfall_boulder, only: boulder_t, kinetic_energy
+   use rockfall_impact, only: rebound_t
+   implicit none
+   private
+   public :: boulder_result_t, energy_balance_t, at_rest, departure, add_flight, count_outcome, close_balance
+   public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier, left_window
+
+   !> Status, in the order of the table of rockfall_variables; 0 while a boulder is on its way.
+   integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4, hit_nodata = 5, &
+                         stopped_by_tree = 6, stopped_by_barrier = 7
+   integer, parameter :: left_window = -1  !! the terrain goes on, but is not at hand: to be traced again; in no result
+
+   !> What became of the energy of a boulder: released = ground + trees + barriers + left [J].
+   type :: energy_balance_t
+      real(wp) :: released = 0.0_wp  !! kinetic at the release, potential from there to the end
+      real(wp) :: ground = 0.0_wp, trees = 0.0_wp, barriers = 0.0_wp  !! what they took
+      real(wp) :: left = 0.0_wp      !! kinetic at the end
+   end type energy_balance_t
+
+   !> What became of a boulder (theory, chapter 10).
+   type :: boulder_result_t
+      type(boulder_t) :: boulder
+      integer :: status = 0
+      integer :: impacts = 0               !! contacts with the slope
+      integer :: source = 0                !! 1..
+      real(wp) :: start(3) = 0.0_wp, stop(3) = 0.0_wp  !! local coordinates [m]
+      integer :: stop_cell(2) = 0          !! column, row; only with a contact
+      real(wp) :: path_length = 0.0_wp     !! along the flights [m]
+      real(wp) :: time = 0.0_wp            !! [s]
+      real(wp) :: speed_max = 0.0_wp       !! [m/s]; its square until the end
+      real(wp) :: jump_height_max = 0.0_wp !! [m]
+      integer :: rebounds = 0, redrawn = 0, forced = 0
+      integer :: out_of_range = 0, out_of_speed = 0, out_of_angle = 0  !! rebounds beyond what a set was fitted on
+      integer :: trees_hit = 0             !! each time counts
+      type(energy_balance_t) :: energy     !! where the scene has more than ground, or it is requested
+   end type boulder_result_t
+
+contains
+
+   !> Whether a boulder has come to rest somewhere.
+   elemental logical function at_rest(status)
+      integer, intent(in) :: status
+
+      at_rest = any(status == [stopped, absorbed, stopped_by_tree, stopped_by_barrier])
+   end function at_rest
+
+   !> Status of a boulder that comes to a patch that is not known.
+   pure integer function departure(dem, patch) result(status)
+      type(terrain_t), intent(in) :: dem
+      type(patch_t), intent(in) :: patch
+
+      status = merge(left_domain, left_window, min(patch%i, patch%j) < 1 .or. patch%i >= dem%nx .or. patch%j >= dem%ny)
+      if (in_window(dem, patch%i, patch%j)) status = hit_nodata
+   end function departure
+
+   !> Add a flight.
+   pure subroutine add_flight(length, time, speed2, jump_height, result)
+      real(wp), intent(in) :: length, time  !! [m], [s]
+      real(wp), intent(in) :: speed2        !! at its end, |v|**2 [m2/s2]
+      real(wp), intent(in) :: jump_height   !! maximum [m]
+      type(boulder_result_t), intent(inout) :: result
+
+      result%path_length = result%path_length + length
+      result%time = result%time + time
+      result%speed_max = max(result%speed_max, speed2)
+      result%jump_height_max = max(result%jump_height_max, jump_height)
+   end subroutine add_flight
+
+   !> Count a rebound, and what was odd about it.
+   pure subroutine count_outcome(out, outside, fast, steep, result)
+      type(rebound_t), intent(in) :: out
+      logical, intent(in) :: outside, fast, steep
+      type(boulder_result_t), intent(inout) :: result
+
+      result%rebounds = result%rebounds + 1
+      if (out%draws > 1) result%redrawn = result%redrawn + 1
+      if (out%forced) result%forced = result%forced + 1
+      if (outside) result%out_of_range = result%out_of_range + 1
+      if (fast) result%out_of_speed = result%out_of_speed + 1
+      if (steep) result%out_of_angle = result%out_of_angle + 1
+   end subroutine count_outcome
+
+   !> Close the energy balance: what is left at the end, and what was released down to there.
+   pure subroutine close_balance(gravity, z, v, omega_r, result)
+      real(wp), intent(in) :: gravity  !! [m/s2]
+      real(wp), intent(in) :: z        !! of the end [m]
+      real(wp), intent(in) :: v(3)     !! velocity there [m/s]
+      real(wp), intent(in) :: omega_r  !! W there [m/s]
+      type(boulder_result_t), intent(inout) :: result
+      real(wp) :: kinetic
+
+      kinetic = sum(kinetic_energy(result%boulder, v, omega_r/result%boulder%radius))
+      associate (energy => result%energy)
+         energy%released = energy%released - result%boulder%mass*gravity*z
+         if (result%status == absorbed) then
+            energy%ground = energy%ground + kinetic
+         else
+            energy%left = kinetic
+         end if
+      end associate
+   end subroutine close_balance
+end module rockfall_outcome

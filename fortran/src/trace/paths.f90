@@ -1,0 +1,120 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The path of a boulder to its next contact or obstacle, in the air or along the ground, with all that is recorded on
+!> it.
+module rockfall_paths
+   use rockfall_kinds, only: wp
+   use rockfall_math, only: squared_length
+   use rockfall_boulder, only: inertia_factor
+   use rockfall_flight, only: flight_t, landing_t, span_t, fly, end_flight
+   use rockfall_rolling, only: roll_t, touch_t, launch, speed_within, cut_roll
+   use rockfall_scene_type, only: scene_t
+   use rockfall_outcome, only: boulder_result_t
+   use rockfall_crossings, only: record_crossings
+   use rockfall_scratch, only: scratch_t, contact_t, with_lines, with_maps, with_all, visit_cells, record, &
+                               replace_velocity
+   use rockfall_obstacles, only: obstacle_t, find_obstacle, none
+   implicit none
+   private
+   public :: fly_over_cells, fly_to_obstacle, roll_on
+
+contains
+
+   !> Fly, and record the visits of raster cells.
+   pure subroutine fly_over_cells(scene, flight, omega_r, begun, landing, scratch, spans)
+      type(scene_t), intent(in) :: scene
+      type(flight_t), intent(in) :: flight
+      real(wp), intent(in) :: omega_r  !! W [m/s]
+      real(wp), intent(in) :: begun    !! since the release [s]
+      type(landing_t), intent(out) :: landing
+      type(scratch_t), intent(inout) :: scratch
+      type(span_t), intent(inout), contiguous :: spans(:)
+      integer :: n
+
+      n = 0
+      if (scratch%heights_requested) then
+         call fly(scene%dem, scene%gravity, flight, landing, spans, n)
+      else
+         call fly(scene%dem, scene%gravity, flight, landing)
+      end if
+      call visit_cells(scene, scene%gravity, flight, omega_r, begun, landing%time, spans(:n), scratch)
+   end subroutine fly_over_cells
+
+   !> Fly to the ground or to the first obstacle on the way there, and record the lines and cells up to there.
+   pure subroutine fly_to_obstacle(scene, result, flight, omega_r, landing, obstacle, scratch, spans)
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: result
+      type(flight_t), intent(in) :: flight
+      real(wp), intent(in) :: omega_r  !! W [m/s]
+      type(landing_t), intent(out) :: landing
+      type(obstacle_t), intent(out) :: obstacle
+      type(scratch_t), intent(inout) :: scratch
+      type(span_t), intent(inout), contiguous :: spans(:)
+      integer :: n
+
+      call fly(scene%dem, scene%gravity, flight, landing, spans, n)
+      call find_obstacle(scene, scene%gravity, result, flight, landing, omega_r, spans(:n), scratch, obstacle)
+      if (obstacle%kind /= none) &
+         call end_flight(scene%dem, scene%gravity, flight, obstacle%time, spans, n, landing)
+      if (scratch%cells_requested) &
+         call visit_cells(scene, scene%gravity, flight, omega_r, result%time, landing%time, spans(:n), scratch)
+   end subroutine fly_to_obstacle
+
+   !> Roll, or slide in a contact that a table gave, to its end, from where the boulder flies on, or to the first
+   !> obstacle on the way there. Lines and cells as on a flight; they get the mean speed, the end gets the exact one.
+   pure subroutine roll_on(scene, level, roll, result, flight, omega_r, landing, v, obstacle, scratch)
+      type(scene_t), intent(in) :: scene
+      integer, value :: level                 !! basic, ..., with_all
+      type(roll_t), intent(inout) :: roll     !! none afterwards
+      type(boulder_result_t), intent(inout) :: result
+      type(flight_t), intent(inout) :: flight !! with the velocity after the rebound; then the next, if it goes on
+      real(wp), intent(inout) :: omega_r      !! W: after the rebound, and at the end [m/s]
+      type(landing_t), intent(out) :: landing
+      real(wp), intent(out) :: v(3)           !! velocity at the end [m/s]
+      type(obstacle_t), intent(out) :: obstacle
+      type(scratch_t), intent(inout) :: scratch
+      real(wp), parameter :: no_gravity = 0.0_wp
+      type(span_t) :: span(1)
+      real(wp) :: before, mean, fraction, above
+
+      before = squared_length(flight%v) + inertia_factor*omega_r*omega_r
+      flight = roll%path
+      landing = roll%landing
+      roll%rolls = .false.
+      mean = sqrt(squared_length(flight%v))
+      if (level >= with_all) call replace_velocity(scratch, flight%v)
+      span = span_t(flight%patch%i, flight%patch%j, 0.0_wp, landing%time, 0.0_wp, 0.0_wp, 0.0_wp)
+      if (level >= with_all) then
+         call find_obstacle(scene, no_gravity, result, flight, landing, mean, span, scratch, obstacle)
+      else if (level >= with_lines .and. allocated(scene%lines)) then
+         call record_crossings(scene, no_gravity, result, flight, landing, mean, scratch%crossings)
+      end if
+      fraction = 1
+      if (obstacle%kind /= none) then
+         scratch%touch = touch_t()
+         fraction = obstacle%time/landing%time
+         call cut_roll(scene%dem, roll, obstacle%time, landing)
+         span%t1 = landing%time
+      end if
+      if (level >= with_maps .and. scratch%cells_requested) &
+         call visit_cells(scene, no_gravity, flight, mean, result%time, landing%time, span, scratch)
+      if (.not. roll%drawn) then
+         omega_r = speed_within(roll, fraction)
+         v = omega_r*roll%direction
+      else
+         omega_r = roll%w
+         v = roll%v
+         if (obstacle%kind /= none) v = flight%v
+      end if
+      above = merge(roll%above, 0.0_wp, roll%drawn .and. landing%contact)
+      result%path_length = result%path_length + merge(fraction*roll%length, mean*landing%time, roll%drawn)
+      result%time = result%time + landing%time
+      if (roll%drawn .and. landing%contact) result%time = result%time + roll%waits
+      result%speed_max = max(result%speed_max, squared_length(v))
+      if (level >= with_all) result%energy%ground = result%energy%ground + result%boulder%mass &
+         *(scene%gravity*(flight%z - landing%z - above) &
+           + 0.5_wp*(before - squared_length(v) - inertia_factor*omega_r*omega_r))
+      if (.not. landing%contact) return
+      flight = launch(scene%dem, roll, landing, v)
+      if (level >= with_all) call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v))
+   end subroutine roll_on
+end module rockfall_paths

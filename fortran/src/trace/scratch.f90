@@ -1,0 +1,118 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The work space of a boulder: what is recorded on its way from release to rest.
+module rockfall_scratch
+   use rockfall_kinds, only: wp, i8
+   use rockfall_flight, only: flight_t, span_t
+   use rockfall_boulder, only: inertia_factor
+   use rockfall_rolling, only: touch_t
+   use rockfall_maps, only: visits_t, start_visits, visit_path
+   use rockfall_travel_maps, only: time_visits
+   use rockfall_tree_maps, only: tree_hits_t
+   use rockfall_histogram, only: histograms_t
+   use rockfall_scene_type, only: scene_t
+   use rockfall_crossings, only: crossing_t
+   implicit none
+   private
+   public :: scratch_t, contact_t, basic, with_lines, with_maps, with_all
+   public :: clear, visit_cells, count_ground, record, replace_velocity
+
+   !> What may be recorded besides the boulder's result, if it is requested: nothing; lines and histograms; visits of
+   !> raster cells too; and all that the rest may ask for: vertices of the trajectory, obstacles, the energy balance.
+   integer, parameter :: basic = 0, with_lines = 1, with_maps = 2, with_all = 3
+
+   !> One vertex of a recorded trajectory: the release, each contact, each obstacle that it met, the end.
+   type :: contact_t
+      real(wp) :: x = 0, y = 0, z = 0, time = 0  !! local coordinates [m], since release [s]
+      real(wp) :: v(3) = 0                   !! velocity after it [m/s]
+      real(wp) :: v_in(3) = 0, v_out(3) = 0  !! V_t, V_n, W before and after; 0 without a rebound [m/s]
+      real(wp) :: ratio = 0            !! R_b/R_m; 0 without a rebound
+   end type contact_t
+
+   !> A boulder's work space; what a scene does not ask for is not allocated.
+   type :: scratch_t
+      logical :: cells_requested = .false.       !! maps need visits of raster cells
+      logical :: heights_requested = .false.     !! and the heights over them
+      type(visits_t) :: visits
+      type(histograms_t) :: histograms
+      integer(i8), allocatable :: by_ground(:)   !! rebounds on each of the scene's grounds
+      type(crossing_t), allocatable :: crossings(:)
+      integer, allocatable :: felled(:)          !! trees that it broke
+      logical :: tree_hits_requested = .false.   !! by maps
+      type(tree_hits_t) :: tree_hits
+      type(contact_t), allocatable :: record(:)  !! allocated by who requests the trajectory
+      integer :: recorded = 0                    !! vertices there were, also beyond size(record)
+      type(touch_t) :: touch                     !! of a boulder on the ground of a table
+   end type scratch_t
+
+contains
+
+   !> Clear the work space for the next boulder.
+   pure subroutine clear(scene, level, scratch)
+      type(scene_t), intent(in) :: scene
+      integer, value :: level  !! basic, ..., with_all
+      type(scratch_t), intent(inout) :: scratch
+
+      scratch%recorded = 0
+      scratch%touch = touch_t()
+      if (level >= with_lines) then
+         if (allocated(scratch%crossings)) scratch%crossings%crossed = .false.
+         if (scene%histograms_requested) scratch%histograms%count = 0
+      end if
+      if (level >= with_maps .and. scratch%cells_requested) call start_visits(scratch%visits)
+      if (level >= with_all) then
+         if (allocated(scene%barriers)) scratch%crossings%outcome = 0
+         if (allocated(scratch%by_ground)) scratch%by_ground = 0
+         if (allocated(scene%forest)) scratch%felled = [integer ::]
+         scratch%tree_hits%n = 0
+      end if
+   end subroutine clear
+
+   !> Record the raster cells under a flight, or along a roll, whose path has no gravity.
+   pure subroutine visit_cells(scene, gravity, flight, omega_r, begun, time, spans, scratch)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: gravity  !! of the path [m/s2]
+      type(flight_t), intent(in) :: flight
+      real(wp), intent(in) :: omega_r  !! W [m/s]
+      real(wp), intent(in) :: begun    !! since the release [s]
+      real(wp), intent(in) :: time     !! of the flight [s]
+      type(span_t), intent(in), contiguous :: spans(:)  !! of it
+      type(scratch_t), intent(inout) :: scratch
+
+      associate (visits => scratch%visits, spin => inertia_factor*omega_r**2)
+         if (scratch%heights_requested) then
+            call visit_path(visits, scene%dem, gravity, flight, time, spin, spans)
+         else
+            call visit_path(visits, scene%dem, gravity, flight, time, spin)
+         end if
+         if (allocated(visits%time)) &
+            call time_visits(visits, scene%dem, [flight%x, flight%y], flight%v(:2), begun, time)
+      end associate
+   end subroutine visit_cells
+
+   !> Count a rebound on a ground.
+   pure subroutine count_ground(ground, scratch)
+      integer, intent(in) :: ground
+      type(scratch_t), intent(inout) :: scratch
+
+      scratch%by_ground(ground) = scratch%by_ground(ground) + 1
+   end subroutine count_ground
+
+   !> Add a vertex to the record, if there is one; counts on when it is full, so that the caller knows what it needs.
+   pure subroutine record(scratch, vertex)
+      type(scratch_t), intent(inout) :: scratch
+      type(contact_t), intent(in) :: vertex
+
+      if (.not. allocated(scratch%record)) return
+      scratch%recorded = scratch%recorded + 1
+      if (scratch%recorded <= size(scratch%record)) scratch%record(scratch%recorded) = vertex
+   end subroutine record
+
+   !> A boulder leaves the last vertex with another velocity: it rolls.
+   pure subroutine replace_velocity(scratch, v)
+      type(scratch_t), intent(inout) :: scratch
+      real(wp), intent(in) :: v(3)  !! [m/s]
+
+      if (.not. allocated(scratch%record)) return
+      if (scratch%recorded <= size(scratch%record)) scratch%record(scratch%recorded)%v = v
+   end subroutine replace_velocity
+end module rockfall_scratch

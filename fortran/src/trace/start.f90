@@ -1,0 +1,81 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The start and the end of a boulder: what it is and where it is released, and where it came to its end.
+module rockfall_start
+   use rockfall_kinds, only: wp, i8
+   use rockfall_math, only: squared_length
+   use rockfall_terrain, only: locate, height, cell_of
+   use rockfall_boulder, only: boulder_of, source_of
+   use rockfall_flight, only: flight_t, landing_t, launch_rate
+   use rockfall_maps, only: visit_cell
+   use rockfall_scene_type, only: scene_t
+   use rockfall_outcome, only: boulder_result_t, at_rest, left_window
+   use rockfall_scratch, only: scratch_t, with_maps, with_all
+   use rockfall_draws, only: drawn_boulder
+   implicit none
+   private
+   public :: start_boulder, end_boulder
+
+contains
+
+   !> Draw a boulder, and start its first flight.
+   pure subroutine start_boulder(scene, number, level, result, flight)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      integer, value :: level  !! basic, ..., with_all
+      type(boulder_result_t), intent(out) :: result
+      type(flight_t), intent(out) :: flight
+
+      result%source = int(source_of(scene%release, number))
+      if (level >= with_all .and. allocated(scene%features)) then
+         result%boulder = drawn_boulder(scene, scene%features(scene%release%feature(result%source))%volumes, number)
+      else
+         result%boulder = drawn_boulder(scene, scene%volumes, number)
+      end if
+      if (level >= with_all .and. allocated(scene%of_source)) &
+         result%boulder = boulder_of(scene%of_source(result%source), result%boulder%volume)
+      call first_flight(scene, result%source, flight)
+      result%start = [flight%x, flight%y, flight%z]
+      result%speed_max = squared_length(flight%v)  ! the root is taken at the end
+      if (flight%patch%known) return
+      result%status = left_window
+      result%stop = result%start
+   end subroutine start_boulder
+
+   !> The start of the first flight: above the source, at rest or with the velocity of the release.
+   pure subroutine first_flight(scene, source, flight)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: source
+      type(flight_t), intent(out) :: flight
+      real(wp) :: u, w
+
+      flight%x = scene%release%x(source)
+      flight%y = scene%release%y(source)
+      associate (dem => scene%dem)
+         call locate(dem, flight%x, flight%y, flight%patch, u, w)
+         flight%above = scene%release%drop_height
+         flight%v = scene%release%velocity
+         if (allocated(scene%features)) then
+            flight%above = scene%features(scene%release%feature(source))%drop_height
+            flight%v = scene%features(scene%release%feature(source))%velocity
+         end if
+         flight%z = height(flight%patch, u, w) + flight%above
+         flight%rate = launch_rate(dem, flight%patch, u, w, flight%v)
+      end associate
+   end subroutine first_flight
+
+   !> Finalise the result of a boulder.
+   pure subroutine end_boulder(scene, landing, level, result, scratch)
+      type(scene_t), intent(in) :: scene
+      type(landing_t), intent(in) :: landing
+      integer, value :: level  !! basic, ..., with_all
+      type(boulder_result_t), intent(inout) :: result
+      type(scratch_t), intent(inout) :: scratch
+
+      result%speed_max = sqrt(result%speed_max)
+      result%stop = [landing%x, landing%y, landing%z]
+      if (.not. (landing%contact .or. at_rest(result%status))) return
+      result%stop_cell = cell_of(scene%dem, landing%patch, landing%u, landing%w)
+      if (level >= with_maps .and. scratch%cells_requested) &
+         call visit_cell(scratch%visits, result%stop_cell, 0.0_wp, 0.0_wp, 0.0_wp)
+   end subroutine end_boulder
+end module rockfall_start
