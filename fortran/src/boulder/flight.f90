@@ -84,8 +84,8 @@ contains
       landing%jump_height = 0
       if (present(n_spans)) n_spans = 0
       do
-         tx = side_time(start%x, real(step(1), wp), real(patch%i, wp), dem%cell, inverse(1))
-         ty = side_time(start%y, real(step(2), wp), real(patch%j, wp), dem%cell, inverse(2))
+         tx = side_time(start%x, start%v(1), real(patch%i, wp), dem%cell, inverse(1))
+         ty = side_time(start%y, start%v(2), real(patch%j, wp), dem%cell, inverse(2))
          t1 = max(t0, min(tx, ty))
          d2 = curvature(gravity, patch%c, p, q)
          contact = strikes(d0, d1, d2, t1 - t0) > 0
@@ -184,13 +184,12 @@ contains
    end function exit_time
 
    !> Time at which a coordinate comes to the side of patch interval k that it heads for [s].
-   elemental real(wp) function side_time(x, step, k, cell, inverse)
-      real(wp), intent(in) :: x, cell     !! at the start, size of a cell [m]
-      real(wp), intent(in) :: step        !! to the next interval: 1 or -1 [-]
+   elemental real(wp) function side_time(x, v, k, cell, inverse)
+      real(wp), intent(in) :: x, v, cell  !! at the start [m], [m/s], size of a cell [m]
       real(wp), intent(in) :: k           !! a whole number [-]
       real(wp), intent(in) :: inverse     !! as from inverse_speed [s/m]
 
-      side_time = exit_time(x, k + min(step, 0.0_wp), cell, inverse)
+      side_time = exit_time(x, k + merge(0.0_wp, -1.0_wp, v > 0), cell, inverse)
    end function side_time
 
    !> d2 of the height d0 + d1 s + d2 s**2 above a patch [m/s2].

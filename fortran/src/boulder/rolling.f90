@@ -225,8 +225,8 @@ contains
       associate (end => roll%landing)
          end%contact = .true.
          do
-            tx = side_time(start%x, real(step(1), wp), real(patch%i, wp), dem%cell, inverse(1))
-            ty = side_time(start%y, real(step(2), wp), real(patch%j, wp), dem%cell, inverse(2))
+            tx = side_time(start%x, roll%path%heading(1), real(patch%i, wp), dem%cell, inverse(1))
+            ty = side_time(start%y, roll%path%heading(2), real(patch%j, wp), dem%cell, inverse(2))
             if (min(tx, ty) >= length) exit
             call read_patch(dem, patch%i + merge(step(1), 0, tx <= ty), patch%j + merge(0, step(2), tx <= ty), next)
             if (.not. next%known) then

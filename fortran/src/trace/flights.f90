@@ -238,8 +238,8 @@ contains
       do k = 1, filled(f%n)
          east = merge(1.0_wp, -1.0_wp, f%v1(k) > 0)
          north = merge(1.0_wp, -1.0_wp, f%v2(k) > 0)
-         tx = side_time(f%x(k), east, f%i(k), cell, f%inverse1(k))
-         ty = side_time(f%y(k), north, f%j(k), cell, f%inverse2(k))
+         tx = side_time(f%x(k), f%v1(k), f%i(k), cell, f%inverse1(k))
+         ty = side_time(f%y(k), f%v2(k), f%j(k), cell, f%inverse2(k))
          t = f%t(k)
          next = max(t, min(tx, ty))
          length = next - t
