@@ -12,6 +12,7 @@ parameters were fitted to boulders that come in clusters.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -321,15 +322,17 @@ def _profiled(N: int, sample: Sample, independent: float, fit: Fit) -> Level:
 
     def cost(free: np.ndarray | tuple[float, float], above: float) -> float:
         """Minus the log-likelihood where the level lies so far above the threshold."""
-        shape, further = free[0] or 1e-9, free[1]
-        exceeded = np.exp(further) / N
-        scale = above * shape / np.expm1(shape * further)
-        if shape <= -1 or further <= 0 or exceeded >= 1 or shape * excess[-1] / scale <= -1:
+        shape, further = float(free[0]) or 1e-9, float(free[1])
+        if shape <= -1 or further <= 0 or further >= log_n:
             return np.inf
-        beyond = np.log1p(shape * excess / scale).sum()
-        size = k * np.log(exceeded) + (n - k) * np.log1p(-exceeded)
-        return k * np.log(scale) + (1 / shape + 1) * beyond - size
+        theta = math.expm1(shape * further) / above  # shape over scale
+        if theta * top <= -1:
+            return np.inf
+        beyond = np.log1p(theta * excess).sum()
+        size = k * (further - log_n) + (n - k) * math.log1p(-math.exp(further) / N)
+        return k * math.log(shape / theta) + (1 / shape + 1) * beyond - size
 
+    log_n, top = math.log(N), float(excess[-1])
     minimum = cost((fit.shape, further), value - fit.threshold)
     allowed = Z**2 / 2 * (1 + BARTLETT * n / (k * independent))
 
