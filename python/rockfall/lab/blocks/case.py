@@ -54,7 +54,7 @@ def grounds() -> dict[str, dict[str, Any]]:
 
 @cache
 def draws_of(name: str) -> list[dict[str, float]]:
-    """Values of &ground of each draw of a ground that evidence leaves open; empty: there is none."""
+    """Values of &ground of each draw of a ground that evidence leaves open; empty: none."""
     path = Path(str(importlib.resources.files("rockfall") / "data" / "lab_draws.csv"))
     _, columns, rows = read_table(path)
     return [
