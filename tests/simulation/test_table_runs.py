@@ -175,6 +175,14 @@ def test_a_table_is_made_again_bit_for_bit(made, capsys, tmp_path, monkeypatch):
     assert "the same in every bit" in capsys.readouterr().out
 
 
+def test_a_table_that_was_replaced_is_read_again(made, tmp_path):
+    shutil.copy(made / "meadow.nc", tmp_path / "t.nc")
+    before = open_table(tmp_path / "t.nc")
+    assert open_table(tmp_path / "t.nc") is before
+    save_table(open_table(shipped_tables()["rocky-slope"]), tmp_path / "t.nc")
+    assert open_table(tmp_path / "t.nc").pack() != before.pack()
+
+
 def test_bins_hold_their_records(made):
     table = open_table(made / "meadow.nc")
     flights = table.bins["flight"]
