@@ -37,6 +37,20 @@ def place(tmp_path, monkeypatch):
 
 
 @pytest.fixture
+def blank_figures(monkeypatch):
+    """Few figures, and blank: they are drawn by tests of their own, for longer than all else."""
+    figure = pytest.importorskip("matplotlib.figure", reason="the report extra is not installed")
+    save = figure.Figure.savefig
+
+    def blank(_, path, dpi=None, **how):
+        save(figure.Figure(figsize=(1, 1)), path, dpi=20, **how)
+
+    monkeypatch.setattr(figure.Figure, "savefig", blank)
+    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])
+    monkeypatch.setattr("rockfall.plots.figures.DRAWN", ("speed",))
+
+
+@pytest.fixture
 def batch():
     """Runs the standalone program, which a build without netCDF-Fortran does not have."""
     if not find_program():

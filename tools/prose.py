@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Style of the documents: lines of at most 100 columns, and the field's words in place of ours.
+"""Style of the documents: lines of at most 100 columns, and the field's words in place of ours;
+these also in comments, docstrings and messages of the code.
 
 python tools/prose.py           says what is not so (exit status 0 or 1); spelling is codespell's
 python tools/prose.py --wrap    wraps what is too long
@@ -7,6 +8,7 @@ python tools/prose.py --wrap    wraps what is too long
 
 import re
 import sys
+import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,6 +17,13 @@ PAGES = sorted(
     path
     for pattern in ("*.md", "docs/**/*.md", "cases/*/README.md", "fortran/*.md")
     for path in ROOT.glob(pattern)
+)
+CODE = sorted(
+    path
+    for folder in ("benchmarks", "cases", "fortran", "python", "tests", "tools")
+    for pattern in ("*.py", "*.f90")
+    for path in (ROOT / folder).rglob(pattern)
+    if path != Path(__file__).resolve()
 )
 COLUMNS = 100
 #: A word that must not stand on a page, and what the field has for it.
@@ -57,6 +66,28 @@ def wrong(path: Path) -> Iterator[str]:
         if len(line) > COLUMNS and not line.lstrip().startswith("|") and not LONG.search(line):
             yield f"{place}:{number}: {len(line)} columns"
         if path.name != "CHANGELOG.md" and (prose or line.startswith(("|", "#"))):  # old names
+            for word, said in ODD:
+                if found := word.search(line):
+                    yield f"{place}:{number}: '{found[0]}': {said}"
+
+
+def texts_of(path: Path) -> Iterator[tuple[int, str]]:
+    """Line and text of each comment and each string of a source file."""
+    if path.suffix == ".f90":
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            yield from ((number, text) for text in re.findall(r"!.*|\"[^\"]*\"", line))
+        return
+    kinds = tokenize.COMMENT, tokenize.STRING, getattr(tokenize, "FSTRING_MIDDLE", None)
+    with path.open("rb") as file:
+        for token in tokenize.tokenize(file.readline):
+            if token.type in kinds:
+                yield token.start[0], token.string
+
+
+def wrong_in_code(path: Path) -> Iterator[str]:
+    place = path.relative_to(ROOT)
+    for first, text in texts_of(path):
+        for number, line in enumerate(text.splitlines(), first):
             for word, said in ODD:
                 if found := word.search(line):
                     yield f"{place}:{number}: '{found[0]}': {said}"
@@ -109,6 +140,7 @@ def main() -> int:
         for path in PAGES:
             path.write_text(wrapped(path.read_text(encoding="utf-8")), encoding="utf-8")
     found = [line for path in PAGES for line in wrong(path)]
+    found += [line for path in CODE for line in wrong_in_code(path)]
     print("\n".join(found), end="\n" if found else "")
     return int(bool(found))
 

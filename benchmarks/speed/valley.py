@@ -92,7 +92,7 @@ def whole_valley(folder: Path, each: int, threads: int) -> None:
     for maps in (None, MAPS):
         path.write_text(case.replace(output=NOTHING | {"maps": maps}).text())
         check, _, _ = program("check", path)
-        foreseen = next(line for line in check.splitlines() if line.split()[0] == "memory")
+        estimated = next(line for line in check.splitlines() if line.split()[0] == "memory")
         _, cpu, peak = program("run", path, "--quiet", "-o", out)
         took.append(cpu)
         with open_result(out) as result:
@@ -100,7 +100,7 @@ def whole_valley(folder: Path, each: int, threads: int) -> None:
             kernel = result.attrs["cpu_seconds"]
         print("with" if maps else "without", "maps:", f"{boulders:,} boulders,", end=" ")
         print(f"{rebounds:,} rebounds, {cpu:.1f} s of CPU, {kernel:.1f} s of them in the kernel")
-        print(f"  {peak / 1e6:.0f} MB at most; check foresees {foreseen.split(maxsplit=1)[1]}")
+        print(f"  {peak / 1e6:.0f} MB at most; check estimates {estimated.split(maxsplit=1)[1]}")
     print(f"maps cost {took[1] - took[0]:.1f} s of CPU; aim: 60 s for 1,000,000 boulders")
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Spoiled inputs through both programs: each must be done or be refused in one line.
+"""Malformed inputs through both programs: each must be done or be refused in one line.
 
-Small valid inputs of every kind are made, one file of each is spoiled (mutators.py), and a command
+Small valid inputs of every kind are made, one file of each is altered (mutators.py), and a command
 reads it: `rockfall` in a fork of a process that has everything imported, `rockfall-batch` as it is
 built, each tenth time by a build with sanitizers where there is one. What must hold: `verdict`.
 """
@@ -73,7 +73,7 @@ MAPS = "'passages', 'deposits', 'energy_mean', 'energy_q95', 'reach_probability'
 @dataclass(frozen=True)
 class Input:
     """A file, the commands that read it (those of rockfall-batch have its name first), and how it
-    is spoiled."""
+    is altered."""
 
     kind: str
     file: str
@@ -401,7 +401,7 @@ def attempt(base: Path, work: Path, seed: int, number: int, inputs: list[Input])
 
 
 def check_valid(base: Path, work: Path) -> None:
-    """What is refused before it is spoiled shows nothing."""
+    """What is refused before it is altered shows nothing."""
     for command in sorted({command for one in INPUTS for command in one.commands}):
         _copy(base, work, command)
         if (found := _give(command, work, False)[0]) != "done":
@@ -475,9 +475,18 @@ def attempts(folder: Path, seed: int, numbers: range, kind: str | None = None) -
 
 def _import_all() -> None:
     """What a fork is not to import anew."""
+    import dask.base  # noqa: F401
+    import f90nml  # noqa: F401
+    import jinja2  # noqa: F401
     import matplotlib.figure  # noqa: F401
     import pandas  # noqa: F401
+    import pyogrio  # noqa: F401
+    import pyproj  # noqa: F401
     import scipy.stats  # noqa: F401
+
+    import rockfall.cli.check
+    import rockfall.cli.results
+    import rockfall.cli.run  # noqa: F401
 
     rasterio.Env().__enter__()
 

@@ -21,7 +21,7 @@ import numpy as np
 Content = Callable[[np.random.Generator, bytes, bytes], bytes]
 Place = Callable[[np.random.Generator, Path], None]
 
-MOST = 4_000_000  # bytes of a spoiled file: larger ones cost time and show nothing more
+MOST = 4_000_000  # bytes of an altered file: larger ones cost time and show nothing more
 _NUMBER = re.compile(rb"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
 _WORD = re.compile(rb"[A-Za-z_][A-Za-z_0-9]*")
 _QUOTED = re.compile(rb"'[^'\n]*'|\"[^\"\n]*\"")

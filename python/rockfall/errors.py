@@ -7,7 +7,7 @@ from importlib import import_module
 class RockfallError(ValueError):
     """One line that says what is wrong, where, and what is allowed.
 
-    `code` is the exit status: 2 when the input can be mended, 1 when the fault is ours.
+    `code` is the exit status: 2 when the input can be corrected, 1 when the fault is ours.
     """
 
     def __init__(self, message: str, code: int = 2) -> None:

@@ -8,7 +8,7 @@ import importlib.resources
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -172,13 +172,20 @@ def open_table(path: str | Path) -> ImpactTable:
     return tables[0]
 
 
-@cache
 def open_tables(path: str | Path) -> tuple[ImpactTable, ...]:
-    """All draws of a file that `save_ensemble` has written, or the table of another."""
+    """All draws of a file that `save_ensemble` has written, or the table of another. A file is read
+    once, and again when it has been replaced."""
+    check_netcdf(path)
+    state = os.stat(path)
+    return _read_tables(os.path.abspath(path), path, (state.st_ino, state.st_mtime_ns))
+
+
+@lru_cache(maxsize=32)
+def _read_tables(place: str, path: str | Path, state: tuple[int, int]) -> tuple[ImpactTable, ...]:
+    """The same; what tells files apart is there for the cache."""
     import netCDF4
     import xarray as xr
 
-    check_netcdf(path)
     try:
         with netCDF4.Dataset(path) as file:
             groups: list[str | None] = list(file.groups) or [None]

@@ -83,6 +83,7 @@ REBOUND = {  # of histograms over all rebounds
 
 
 def with_unit(label: str, unit: str) -> str:
+    """Label of an axis or column, with its unit if it has one."""
     return f"{label} [{unit}]" if unit else label
 
 

@@ -22,6 +22,8 @@ class Option:
 
 @dataclass(frozen=True)
 class Command:
+    """A command of the program as an algorithm of QGIS."""
+
     name: str
     title: str
     about: str

@@ -18,6 +18,8 @@ def program_path():
 
 
 class Provider(QgsProcessingProvider):
+    """The algorithms of rockfall in the toolbox of QGIS."""
+
     def id(self):
         return "rockfall"
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Chance and ignorance: parts of the variance, what is drawn, and the command."""
+"""Monte Carlo and epistemic uncertainty: parts of the variance, what is drawn, and the command."""
 
 import os
 import re
@@ -88,8 +88,8 @@ FIRST, TOTAL = [9, 4, 0, 0, 0], [9, 4, 1, 1, 0]  # of a variance of 14
 
 
 def test_parts_are_those_of_a_model_without_chance_whatever_the_chance():
-    """The mean over 200 ensembles, in which chance (144 / 10) is as great as ignorance (14), lies
-    within four of its standard errors of the truth: the estimates are unbiased."""
+    """The mean over 200 ensembles, in which chance (144 / 10) is as great as the epistemic part
+    (14), lies within four of its standard errors of the truth: the estimates are unbiased."""
     random = np.random.default_rng(1)
     found = [parts(*model(16, 10, random)) for _ in range(200)]
     truths = {"monte_carlo": 14.4, "epistemic": 14, "first": FIRST, "total": TOTAL}

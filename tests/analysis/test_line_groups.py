@@ -124,24 +124,33 @@ def test_heights_of_a_sphere_on_a_slope_of_60_degrees():
         assert table.loc[name, ["mean", "max", "q95"]].tolist() == pytest.approx([height] * 3)
 
 
-def test_what_makes_no_sense_is_refused():
-    result = made()
-    with refused("by = 'zone': must be source or volume"):
-        rockfall.line_statistics(result, "zone")
-    with refused("classes = 1, 0.5: must rise"):
-        rockfall.line_statistics(result, "volume", [1.0, 0.5])
-    for edges in ([], [0.0, 1.0], [1.0, np.nan]):
-        with refused("classes: must be volumes > 0 m3"):
-            rockfall.line_statistics(result, "volume", edges)
-    with refused("classes: are of volumes, not by = 'source'"):
-        rockfall.line_statistics(result, "source", [1.0])
-    with refused("along = 'rail': no such line; lines: road"):
-        rockfall.line_profile(result, "rail")
-    with refused("width = 0.001: makes 95,000 windows of the line, at most 10,000"):
-        rockfall.line_profile(result, "road", 0.001)
-    for width in (0.0, -1.0, np.nan, np.inf):
-        with refused(f"width = {width}: must be > 0 m"):
-            rockfall.line_profile(result, "road", width)
+@pytest.mark.parametrize(
+    ("ask", "message"),
+    [
+        (("line_statistics", "zone"), "by = 'zone': must be source or volume"),
+        (("line_statistics", "volume", [1.0, 0.5]), "classes = 1, 0.5: must rise"),
+        (("line_statistics", "volume", []), "classes: must be volumes > 0 m3"),
+        (("line_statistics", "volume", [0.0, 1.0]), "classes: must be volumes > 0 m3"),
+        (("line_statistics", "volume", [1.0, np.nan]), "classes: must be volumes > 0 m3"),
+        (
+            ("line_statistics", "source", [1.0]),
+            "classes: are of volumes, not by = 'source'",
+        ),
+        (("line_profile", "rail"), "along = 'rail': no such line; lines: road"),
+        (
+            ("line_profile", "road", 0.001),
+            "width = 0.001: makes 95,000 windows of the line, at most 10,000",
+        ),
+        (("line_profile", "road", 0.0), "width = 0.0: must be > 0 m"),
+        (("line_profile", "road", -1.0), "width = -1.0: must be > 0 m"),
+        (("line_profile", "road", np.nan), "width = nan: must be > 0 m"),
+        (("line_profile", "road", np.inf), "width = inf: must be > 0 m"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(ask, message):
+    function, *words = ask
+    with refused(message):
+        getattr(rockfall, function)(made(), *words)
 
 
 def test_the_command_prints_what_it_writes(tmp_path, capsys):

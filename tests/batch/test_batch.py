@@ -97,16 +97,18 @@ ARGUMENTS = {
 }  # fmt: skip
 
 
-def test_bad_arguments_are_one_line(ready, batch):
+def test_bad_arguments_are_one_line(ready, batch, subtests):
     before = everything(ready)
     for words, said in ARGUMENTS.items():
-        refused_in_one_line(batch(*words, cwd=ready), said)
+        with subtests.test(words=words):
+            refused_in_one_line(batch(*words, cwd=ready), said)
     done = batch(CASE, "--shard", "1/999", cwd=ready)
     assert done.returncode == 2
     assert done.stderr.endswith("rockfall-batch: --shard 1/999: there are 200 boulders only\n")
     for text in ("0/3", "4/3", "3", "a/b", "1/0", "-1/3", "1/3/5", ""):
         said = f"--shard {text}: must be I/N with I from 1 to N"
-        refused_in_one_line(batch(CASE, f"--shard={text}", cwd=ready), said)
+        with subtests.test(shard=text):
+            refused_in_one_line(batch(CASE, f"--shard={text}", cwd=ready), said)
     assert everything(ready) == before
 
 

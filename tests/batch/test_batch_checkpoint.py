@@ -170,7 +170,7 @@ def test_what_cannot_be_read_is_refused(stopped):
     refused(stopped, "a.nc.checkpoint: is there, and no checkpoint that can be read; ")
 
 
-def test_values_that_no_run_has_are_refused(stopped):
+def test_values_that_no_run_has_are_refused(stopped, subtests):
     good = (stopped / "a.nc.checkpoint").read_bytes()
     wrong = {"status": 9, "tally_cell": 10**9, "tally_shared_source": 10**9, "line_speed": np.inf}
     wrong |= {"volume": -1, "stop_x": 1e30, "start_y": -1e7, "plan_distance": -1}
@@ -179,7 +179,8 @@ def test_values_that_no_run_has_are_refused(stopped):
         with netCDF4.Dataset(stopped / "a.nc.checkpoint", "r+") as file:
             file.set_auto_maskandscale(False)
             file[name][..., 0] = value
-        refused(stopped, f"a.nc.checkpoint: is damaged: {name}"[:37], "--resume")
+        with subtests.test(name=name):
+            refused(stopped, f"a.nc.checkpoint: is damaged: {name}"[:37], "--resume")
 
 
 def test_a_lock_is_heeded_by_both_and_ends_with_its_process(many, batch):

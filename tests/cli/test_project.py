@@ -76,7 +76,7 @@ def rockfall_says(capsys):
     return run
 
 
-def test_a_project_in_a_dozen_commands(tmp_path, monkeypatch, rockfall_says):
+def test_a_project_in_a_dozen_commands(tmp_path, monkeypatch, blank_figures, rockfall_says):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(study_of_back, "ROUND", 8)
     monkeypatch.setattr(convergence, "REFERENCE", 20_000)

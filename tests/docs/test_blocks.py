@@ -159,19 +159,10 @@ def site(tmp_path_factory):
 
 
 @pytest.fixture
-def page_site(site, tmp_path, monkeypatch):
-    """A copy of it, made the current folder, in which few figures are drawn, and blank."""
-    figure = pytest.importorskip("matplotlib.figure", reason="the report extra is not installed")
-    save = figure.Figure.savefig
-
-    def blank(_, path, dpi=None, **how):
-        save(figure.Figure(figsize=(1, 1)), path, dpi=20, **how)
-
+def page_site(site, tmp_path, monkeypatch, blank_figures):
+    """A copy of it, made the current folder."""
     folder = shutil.copytree(site, tmp_path / "site")
     monkeypatch.chdir(folder)
-    monkeypatch.setattr(figure.Figure, "savefig", blank)
-    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])
-    monkeypatch.setattr("rockfall.plots.figures.DRAWN", ("speed",))
     monkeypatch.setattr("rockfall.analysis.back.study.ROUND", 16)
     return folder
 

@@ -13,19 +13,7 @@ pytest.importorskip("pyogrio", reason="the vector extra is not installed")
 pytest.importorskip("jinja2", reason="the report extra is not installed")
 
 
-@pytest.fixture(autouse=True)
-def blank_figures(monkeypatch):
-    """Those of the report and of a result are drawn by other tests."""
-    figure = pytest.importorskip("matplotlib.figure", reason="the report extra is not installed")
-    save = figure.Figure.savefig
-    monkeypatch.setattr(
-        figure.Figure, "savefig", lambda _, path, **how: save(figure.Figure((1, 1)), path)
-    )
-    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])
-    monkeypatch.setattr("rockfall.plots.figures.DRAWN", ("speed",))
-
-
-def test_the_notebook_runs(tmp_path, monkeypatch):
+def test_the_notebook_runs(tmp_path, monkeypatch, blank_figures):
     path = tutorial.PAGES / "tutorial.ipynb"
     cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
     code = [cell for cell in cells if cell["cell_type"] == "code"]

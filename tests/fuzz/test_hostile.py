@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Spoiled inputs: done or refused in one line, by both programs, and nothing written when refused.
+"""Malformed inputs: done or refused in one line, by both programs; no file when refused.
 
 benchmarks/stability/hostile.py throws thousands; here are one of each class that was once not
 refused, and thirty more.
@@ -46,7 +46,7 @@ def made(tmp_path_factory):
 
 @pytest.fixture
 def files(made, tmp_path, monkeypatch):
-    """The folder `in`, to be spoiled; its parent is the current folder."""
+    """The folder `in`, to be altered; its parent is the current folder."""
     shutil.copytree(made / "in", tmp_path / "in")
     monkeypatch.chdir(tmp_path)
     return Path("in")

@@ -215,7 +215,7 @@ def rockfall_result():
 
 
 def test_a_file_is_written_where_nobody_can_place_a_link(tmp_path):
-    """In a folder of its own, whose name cannot be foretold; it ends with the usual rights."""
+    """In a folder of its own, whose name cannot be predicted; it ends with the usual rights."""
     (tmp_path / "victim").write_text("mine")
     for name in (f".out.{os.getpid()}.csv", f".out.csv.{os.getpid()}"):
         (tmp_path / name).symlink_to("victim")

@@ -293,12 +293,13 @@ def refused_cases():
     yield "dam", typed(CREST), f"{case}&dam height is missing: .*"
 
 
-def test_what_cannot_be_is_refused_in_one_line(case, capsys):
+def test_what_cannot_be_is_refused_in_one_line(case, capsys, subtests):
     text = case.text()
     for group, values, message in refused_cases():
         extra = "".join(f" {key} = {namelist(value)}\n" for key, value in values.items())
         (case.folder / "case.nml").write_text(f"{text}\n&{group}\n{extra}/\n")
-        refuses(["run", "case.nml", "--output", "new.nc"], message, capsys)
+        with subtests.test(group=group, values=values):
+            refuses(["run", "case.nml", "--output", "new.nc"], message, capsys)
 
 
 def namelist(value):

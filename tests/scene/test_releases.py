@@ -300,7 +300,7 @@ def refused_cases():
     yield {"points": "c.csv"}, "c.csv: line 2: y = '': must be a number"
 
 
-def test_what_cannot_be_is_refused_in_one_line(case, capsys):
+def test_what_cannot_be_is_refused_in_one_line(case, capsys, subtests):
     case = total(case.replace(line=[]), 8)
     text = "".join(f"{line}\n" for line in case.text().splitlines() if " x = " not in line)
     text = "".join(f"{line}\n" for line in text.splitlines() if " y = " not in line)
@@ -311,7 +311,8 @@ def test_what_cannot_be_is_refused_in_one_line(case, capsys):
         for old, new in says.items():
             now = now.replace(old, new)
         (case.folder / "case.nml").write_text(now)
-        refuses(["run", "case.nml", "--output", "new.nc"], message, capsys)
+        with subtests.test(release=release):
+            refuses(["run", "case.nml", "--output", "new.nc"], message, capsys)
     both = case.text().replace("&case\n", "&case\n    boulders = 4\n")
     (case.folder / "case.nml").write_text(both)
     either = r"case.nml: &case boulders, boulders_total: give one of the two: .*"

@@ -175,11 +175,20 @@ def test_the_density_of_the_blocks_matters_where_ground_yields(made):
 
 def test_a_table_is_made_again_bit_for_bit(made, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    shutil.copy(made / "contacts.nc", tmp_path)
-    assert main(["lab", "table", "contacts.nc", "-o", "again.nc"]) == 0
+    assert main(["lab", "table", str(made / "contacts.nc"), "-o", "again.nc"]) == 0
     assert open_table(tmp_path / "again.nc").pack() == open_table(made / "meadow.nc").pack()
-    assert main(["lab", "remake", "again.nc", "--quiet"]) == 0
+    save_contacts(run_throws(CASE.replace(lab={"throws": 40})), tmp_path / "few.nc")
+    assert main(["lab", "table", "few.nc", "-o", "few-table.nc"]) == 0
+    assert main(["lab", "remake", "few-table.nc", "--quiet"]) == 0
     assert "the same in every bit" in capsys.readouterr().out
+
+
+def test_a_table_that_was_replaced_is_read_again(made, tmp_path):
+    shutil.copy(made / "meadow.nc", tmp_path / "t.nc")
+    before = open_table(tmp_path / "t.nc")
+    assert open_table(tmp_path / "t.nc") is before
+    save_table(open_table(shipped_tables()["rocky-slope"]), tmp_path / "t.nc")
+    assert open_table(tmp_path / "t.nc").pack() != before.pack()
 
 
 def test_bins_hold_their_records(made):

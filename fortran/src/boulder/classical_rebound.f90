@@ -105,7 +105,7 @@ contains
       absorbs = this%model == absorbing .or. (this%model == rockyfor3d .and. obstacle >= absorbing_obstacle)
    end function absorbs
 
-   !> One rebound. The ground is tilted against the boulder's way by a random angle (Pfeiffer and Bowen 1989; our
+   !> One rebound. The ground is tilted against its direction by a random angle (Pfeiffer and Bowen 1989; our
    !> distribution is uniform): on a plane no rebound would else turn speed along the ground into speed away from it,
    !> and hops would shrink to nothing within a finite way, whatever the slope. One that would gain energy, or not rise,
    !> is limited as that of rockfall_impact.

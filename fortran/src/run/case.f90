@@ -264,7 +264,7 @@ contains
       call fail(error, about(group, key)//" is missing: needed "//why)
    end subroutine need
 
-   !> The volume law, with the keys that it needs and no others.
+   !> The distribution of volumes, with the keys that it needs and no others.
    pure subroutine read_boulder(group, release, this, error)
       type(group_t), intent(in) :: group, release
       type(case_t), intent(inout) :: this
@@ -314,7 +314,7 @@ contains
       if (this%by_source) call set_factors(group, this)
    end subroutine read_boulder
 
-   !> Sources say what their boulders are: the law of volumes is that of factors on these.
+   !> Sources say what their boulders are: their distribution of volumes is that of factors on these.
    pure subroutine set_factors(group, this)
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: this

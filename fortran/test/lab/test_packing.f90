@@ -61,7 +61,7 @@ contains
       call check_close("depth of the layer / R_b", layer%surface/(2.5_wp*packing%mean_radius), &
          packing%depth, 0.2_wp)
       call check("solid fraction", layer%solid > 0.5_wp .and. layer%solid < 0.74_wp)
-      call check("no more bodies than foretold", size(layer%radius) <= max_bodies(packing))
+      call check("no more bodies than predicted", size(layer%radius) <= max_bodies(packing))
       call check("sizes within their limits", &
          minval(layer%radius) >= minval(size_limits(packing)) .and. &
          maxval(layer%radius) <= maxval(size_limits(packing)))

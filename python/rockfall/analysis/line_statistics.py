@@ -145,10 +145,12 @@ def withheld(row: Mapping[str, float]) -> list[str]:
 
 
 def quantile_name(level: float) -> str:
+    """Name of a quantile in tables: q95 of 0.95."""
     return f"q{level * 100:.0f}"
 
 
 def with_limits(name: str) -> list[str]:
+    """Names of a number and of the limits of its 95 % interval."""
     return [name, f"{name}_low", f"{name}_high"]
 
 

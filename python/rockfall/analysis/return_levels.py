@@ -12,6 +12,7 @@ parameters were fitted to boulders that come in clusters.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -312,32 +313,53 @@ def _profiled(N: int, sample: Sample, independent: float, fit: Fit) -> Level:
     section 4.3.3), the fraction above the threshold being uncertain too (binomial). The likelihood
     counts as that of the independent boulders (Chandler and Bate 2007). Bartlett's factor, measured
     on GPD samples, is for few values: without it intervals from 50 hold 92 to 94 %."""
-    from scipy.optimize import brentq, minimize
+    from scipy.optimize import brentq, minimize_scalar
 
     n, k = sample.n, fit.exceedances
     excess = sample.largest(k) - fit.threshold
     further = np.log(N * k / n)  # 1 in N beyond the level, this much in logarithm above it
     value = fit.threshold + fit.scale * np.expm1(fit.shape * further) / fit.shape
+    log_n, top, reach = math.log(N), float(excess[-1]), math.log(k)
+    sums: dict[float, float] = {}
 
-    def cost(free: np.ndarray | tuple[float, float], above: float) -> float:
-        """Minus the log-likelihood where the level lies so far above the threshold."""
-        shape, further = free[0] or 1e-9, free[1]
-        exceeded = np.exp(further) / N
-        scale = above * shape / np.expm1(shape * further)
-        if shape <= -1 or further <= 0 or exceeded >= 1 or shape * excess[-1] / scale <= -1:
-            return np.inf
-        beyond = np.log1p(shape * excess / scale).sum()
-        size = k * np.log(exceeded) + (n - k) * np.log1p(-exceeded)
-        return k * np.log(scale) + (1 / shape + 1) * beyond - size
+    def best_of(theta: float, above: float) -> float:
+        """Minus the log-likelihood, the most likely shape taken, where the level lies so far above
+        the threshold and theta = shape / scale is given: log((1 + theta above)) / shape is the
+        logarithm of the fraction above the threshold over 1/N. Convex in 1 / shape: by Newton."""
+        if theta not in sums:
+            sums[theta] = float(np.log1p(theta * excess).sum())
+        sign = math.copysign(1.0, theta)
+        grown, total = sign * math.log1p(theta * above), sign * sums[theta]
+        most = log_n / grown  # 1 / shape, at which every boulder lies above the threshold
+        slope = total - k * grown
+        inverse = min(further / grown, 0.99 * most)
+        for _ in range(50):
+            odds = 1 / math.expm1(log_n - inverse * grown)
+            first = -k / inverse + slope + (n - k) * grown * odds
+            second = k / inverse**2 + (n - k) * grown**2 * odds * (1 + odds)
+            step = first / second
+            inverse = min(max(inverse - step, 0.1 * inverse), 0.5 * (inverse + most))
+            if abs(step) < 1e-6 * inverse:
+                break
+        beyond = math.log(-math.expm1(inverse * grown - log_n))
+        scale = -math.log(inverse * abs(theta))
+        return k * (scale + log_n) + slope * inverse + sign * total - (n - k) * beyond
 
-    minimum = cost((fit.shape, further), value - fit.threshold)
+    def theta_at(place: float) -> float:
+        """As in `_fit`."""
+        theta = math.expm1(place * reach)
+        return (theta if abs(theta) > 1e-9 else 1e-9) / top
+
+    minimum = best_of(fit.shape / fit.scale, value - fit.threshold)
     allowed = Z**2 / 2 * (1 + BARTLETT * n / (k * independent))
 
     def excess_cost(level: float) -> float:
-        simplex = [(0.05, further), (-0.05, further), (0.05, further + 0.1)]
-        options = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-4}
-        above = (level - fit.threshold,)
-        found = minimize(cost, simplex[0], above, method="Nelder-Mead", options=options)
+        above = level - fit.threshold  # the tail may not end before the level
+        end = max(-1.0, math.log1p(-top / max(above, (1 + 1e-9) * top)) / reach)
+        found = minimize_scalar(
+            lambda place: best_of(theta_at(place), above), bounds=(end, 2), method="bounded",
+            options={"xatol": 1e-5},
+        )  # fmt: skip
         return (found.fun - minimum) * independent / n - allowed
 
     low = brentq(excess_cost, fit.threshold + 1e-3 * (value - fit.threshold), value, rtol=1e-5)

@@ -15,4 +15,5 @@ def say(line: str, status: int) -> int:
 
 
 def warn(text: str) -> None:
+    """Print a warning as one line to stderr."""
     print(f"rockfall: warning: {text}", file=sys.stderr)

@@ -307,6 +307,7 @@ def _png(index: np.ndarray, table: np.ndarray | None = None) -> str:
 
 
 def data_uri(content: bytes, kind: str) -> str:
+    """Content of a media type, such as image/png, as a URI within the page."""
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 

@@ -49,6 +49,7 @@ class View(NamedTuple):
 
 
 def check_view() -> None:
+    """Refuse a view without the package that draws it."""
     need("a view in three dimensions needs", "view", "plotly")
 
 

@@ -251,6 +251,7 @@ def _reprojected(
 
 
 def extent(west: float, south: float, east: float, north: float) -> str:
+    """Bounds of a layer or grid for messages."""
     return f"x {west:.12g} to {east:.12g}, y {south:.12g} to {north:.12g}"
 
 

@@ -86,6 +86,7 @@ def _of_model(found: xr.Dataset) -> Iterator[str]:
 
 
 def scenario_rows(found: xr.Dataset) -> Iterator[list[str]]:
+    """Table of the scenarios: how often a year, and how many boulders."""
     yield ["  scenario", "a year", "years from one to the next", "simulated"]
     columns = (found[name].values for name in ("scenario", "frequency", "boulders"))
     for name, yearly, boulders in zip(*columns, strict=True):

@@ -277,4 +277,5 @@ def predictive_p(
 
 
 def as_record(one: Evidence, share: float, p: float) -> dict[str, Any]:
+    """Row of a datum in the table of evidence."""
     return {"data": one.name, "n": one.n, "counts": share, "predictive_p": p}

@@ -67,11 +67,13 @@ def contours_of(terrain: Terrain, extent: Extent) -> Contours:
 
 
 def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
+    """Draw the shaded terrain within an extent."""
     z, grid = cropped(*terrain, False, extent, np.add)
     draw_image(axes, shade(z, grid.cell), grid, cmap="gray", vmin=0, vmax=1)
 
 
 def draw_contours(axes: Axes, contours: Contours) -> None:
+    """Draw contours; those that bear their level are thicker."""
     from matplotlib.collections import LineCollection
 
     for level, curves in contours.curves.items():

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What `rockfall check` foresees of memory and time, beside what `rockfall run` takes.
+"""What `rockfall check` estimates of memory and time, beside what `rockfall run` takes.
 
-    python -m benchmarks.speed.foreseen [--scale 1]
+    python -m benchmarks.speed.estimates [--scale 1]
 
 Cases with few boulders and many, small terrain and large, with and without maps and counts of
 classes, whole and in windows. CPU time counts the whole program, from start to written file.
@@ -25,7 +25,7 @@ SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 AIM = 0.25
 
 
-def foreseen(said: str, word: str, units: dict[str, float]) -> float:
+def estimated(said: str, word: str, units: dict[str, float]) -> float:
     """The number of a row such as `memory   about 2.0 GB ...`."""
     number, unit = re.search(rf"^  {word} +about ([\d.]+) (\w+)", said, re.MULTILINE).groups()
     return float(number) * units[unit]
@@ -36,7 +36,7 @@ def compare(what: str, case: rockfall.Case, folder: Path, *options: str) -> bool
     path = folder / "case.nml"
     path.write_text(case.text())
     said, _, _ = program("check", path, *options)
-    memory, time = foreseen(said, "memory", BYTES), foreseen(said, "time", SECONDS)
+    memory, time = estimated(said, "memory", BYTES), estimated(said, "time", SECONDS)
     _, cpu, peak = program("run", path, "--quiet", "-o", folder / "out.nc", *options)
     off = memory / peak - 1, time / cpu - 1
     print(f"{what:46}{memory / 1e6:9.0f}{peak / 1e6:8.0f}{off[0]:+7.0%}", end="")
@@ -74,7 +74,7 @@ def main() -> None:
     scale = parser.parse_args().scale
     print(machine())
     print(f"\n{'':46}{'memory MB':>17}{'off':>7}{'CPU s':>18}{'off':>7}")
-    print(f"{'':46}{'foreseen':>9}{'taken':>8}{'':7}{'foreseen':>10}{'taken':>8}")
+    print(f"{'':46}{'estimate':>9}{'taken':>8}{'':7}{'estimate':>10}{'taken':>8}")
     vaujany = rockfall.read_case(VAUJANY)
     every = {"maps": list(variables.MAP), "rebounds": True, "trajectories": 0}
     good = []
