@@ -233,7 +233,7 @@ CUTS: dict[str, list[Edit]] = {
         (_ENSEMBLE, "if (allocated(scene%grounds))", NEVER, 1),
     ],
     "checkpoints": [
-        ("run/run_loop.f90", "call observer%on_chunk(results, error)", "", 1),
+        ("run/run_loop.f90", "call observer%on_chunk(run, error)", "", 1),
     ],
 }  # fmt: skip
 

@@ -31,7 +31,7 @@ module rockfall_f2py
    use rockfall_limits, only: check_tallies
    use rockfall_threads, only: team_size, check_team, release_team
    use rockfall_ensemble, only: run_boulders, trace_boulder, recorded_boulders
-   use rockfall_result, only: boulder_row, boulder_count_row, energy_row, line_row, vertex_row
+   use rockfall_result, only: boulder_row, boulder_count_row, real_row, line_row, vertex_row
    use rockfall_samples, only: samples_t, sample_edge, n_sample_bins, n_coarse_bins, n_words, n_largest
    use rockfall_line_samples, only: layout_t, layout_of, add_line_samples => add_samples, all_quantities => &
                                     line_quantities, place_along, line_quantity, end_quantity, units_of, n_quantities, &
@@ -230,6 +230,7 @@ contains
       type(maps_t) :: maps
       type(boulder_result_t), allocatable :: fates(:)
       type(crossing_t), allocatable :: crossings(:, :)
+      real(c_double) :: row(17)
       integer :: k, l, status
 
       code = 0
@@ -251,7 +252,8 @@ contains
          do k = 1, n
             boulder(:, k) = boulder_row(scene%dem, fates(k))
             counts(:, k) = boulder_count_row(fates(k))
-            if (scene%energies_requested) energy(:, k) = energy_row(fates(k))
+            row = real_row(scene%dem, fates(k))
+            if (scene%energies_requested) energy(:, k) = row(size(boulder, 1) + 1:)
             if (allocated(scene%forest)) trees_hit(k) = fates(k)%trees_hit
             if (allocated(scene%barriers)) outcome(:, k) = crossings(scene%barriers%line, k)%outcome
             do l = 1, size(crossings, 1)
