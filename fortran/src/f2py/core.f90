@@ -17,7 +17,7 @@ module rockfall_f2py
    use rockfall_surface, only: size_weights
    use rockfall_barrier, only: barrier_outcome, ead_energy
    use rockfall_impact, only: ratio_weights, ratio_class, is_admissible, limit_rebound, max_draws, min_normal
-   use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
+   use rockfall_trajectory, only: scene_t, boulder_result_t, scratch_t, left_window
    use rockfall_scene, only: scene_arrays_t, grounds_of, scene_from, check_sources, boulders_of, largest_volumes
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model
    use rockfall_reach, only: block_side, take_minima, reach_box
@@ -25,44 +25,52 @@ module rockfall_f2py
    use rockfall_random, only: random_key
    use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios, share_of
    use rockfall_maps, only: maps_t
-   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_views, map_row, &
-                                  map_min_count, map_thin_below, &
-                                  fraction_limit, z_95, min_for_mean, min_for_std, max_columns, halvings
+   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_row, map_min_count, &
+                                  map_thin_below, fraction_limit, z_95, min_for_mean, min_for_std, max_columns
    use rockfall_limits, only: check_tallies
    use rockfall_threads, only: team_size, check_team, release_team
-   use rockfall_ensemble, only: run_boulders, trace_boulder, recorded_boulders
-   use rockfall_result, only: boulder_row, boulder_count_row, real_row, line_row, vertex_row
-   use rockfall_samples, only: samples_t, sample_edge, n_sample_bins, n_coarse_bins, n_words, n_largest
-   use rockfall_line_samples, only: layout_t, layout_of, add_line_samples => add_samples, all_quantities => &
-                                    line_quantities, place_along, line_quantity, end_quantity, units_of, n_quantities, &
-                                    n_tails => tails
+   use rockfall_ensemble, only: trace_boulder, recorded_boulders
+   use rockfall_result, only: boulder_row, boulder_count_row, vertex_row
+   use rockfall_samples, only: sample_edge, n_sample_bins, n_coarse_bins, n_words, n_largest
+   use rockfall_line_samples, only: layout_t, all_quantities => line_quantities, place_along, &
+                                    line_quantity, end_quantity, units_of, n_quantities, n_tails => tails
    use rockfall_line, only: line_t, new_line => line
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
    use rockfall_case_keys, only: key_text, key_table, broken_rule, n_keys, repeatable, map_names, max_real
-   use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading, keeps_all
+   use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
+   use rockfall_state_table, only: table_t, row_text
+   use rockfall_run_state, only: run_t, arrays_of, map_tallies, begin_run => open_run, &
+                                 begin_joined_run => open_joined_run, extend_run => continue_run, &
+                                 end_run => close_run, advance_run => advance, settle_run => settle, &
+                                 restore_run => restore_sources
    implicit none
    private
-   public :: open_scene, limit_terrain, close_scene, carry_in_lanes, run, trajectory, survey, reach, block_of, map_plan
-   public :: check_maps, map_values, count_limits, check_case, case_key, repeatable_groups, variable, read_sets, fields
+   public :: open_scene, limit_terrain, close_scene, carry_in_lanes, trajectory, survey, reach, block_of, map_plan
+   public :: open_run, open_joined_run, continue_run, close_run, advance, array, map, settle, restore_sources
+   public :: check_maps, count_limits, check_case, case_key, repeatable_groups, variable, read_sets, fields
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
    public :: boulders_of_source, recorded, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
    public :: stand_counts, stand_numbers, shape_numbers
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, share, fraction_limits
-   public :: sample_layout, sample_edges, sample_units, add_samples, line_quantities, places_along
+   public :: sample_edges, sample_units, line_quantities, places_along
    public :: check_numbers, ground_parameter, ground_model, barriers, barrier_outcomes, ead_energies
 
-   !> What a handle stands for.
+   !> What the handle of a scene stands for.
    type :: open_scene_t
       type(scene_t) :: scene
-      type(terrain_t) :: dem    !! its terrain, as far as the arrays reach
-      type(map_plan_t) :: plan  !! of the maps that the case asks for
-      real(c_double), allocatable :: thresholds(:)  !! of energy [J]
-      type(layout_t), allocatable :: layout         !! of samples, where not all rows are kept
+      type(terrain_t) :: dem  !! its terrain, as far as the arrays reach
+      type(case_t) :: case
    end type open_scene_t
+
+   !> What the handle of a run stands for.
+   type :: open_run_t
+      type(run_t) :: run
+      type(table_t) :: table  !! of its arrays
+   end type open_run_t
 
 contains
 
@@ -145,14 +153,9 @@ contains
          allocate (opened)
          call scene_from(case, arrays, opened%scene, error)
          opened%dem = opened%scene%dem
-         opened%thresholds = case%thresholds
-         opened%plan = plan_maps(pack(map_names, case%map), size(case%thresholds))
+         opened%case = case
          handle = transfer(c_loc(opened), handle)
-         if (allocated(error)) then
-            call close_scene(handle)
-         else if (case%kept /= keeps_all) then
-            opened%layout = layout_of(opened%scene%release, n_lines(opened%scene) + 1)
-         end if
+         if (allocated(error)) call close_scene(handle)
       end if
       call give_error(error, code, message)
    end subroutine open_scene
@@ -198,132 +201,207 @@ contains
       call c_f_pointer(place, opened)
    end function scene_of
 
-   !> Run boulders first .. first + n - 1 of a scene; maps and histograms are added to.
-   subroutine run(handle, first, threads, map_at, map_counts, map_sums, map_reals, class_counts, column, &
-                  columns, stamp, head, histogram, by_ground, energy, trees_hit, outcome, boulder, counts, crossing, &
-                  code, message, nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, &
-                  ng, ne, nt, nb, no, nl, n)
-      !f2py threadsafe
-      integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt
-      integer(c_int), intent(in) :: ng, ne, nt, nb, no, nl, n
+   !> A run of a scene, or `boulders` of it after the first `before`, with maps of a window (first column and row,
+   !> columns and rows), as a handle.
+   subroutine open_run(handle, before, boulders, window, threads, most_columns, run, code, message)
       integer(c_intptr_t), intent(in) :: handle
-      integer(c_int64_t), intent(in) :: first
-      integer(c_int), intent(in) :: threads
-      integer(c_int), intent(in) :: map_at(2)                    !! first column, row of maps
-      integer(c_int32_t), intent(inout), target :: map_counts(nxc, nyc, nkc)  !! stacks, as in map_views
-      integer(c_int64_t), intent(inout), target :: map_sums(nxs, nys, nks)
-      real(c_float), intent(inout), target :: map_reals(nxr, nyr, nkr)
-      integer(c_int32_t), intent(inout), target :: class_counts(kc, cc), column(nxq, nyq), columns(1)
-      integer(c_int32_t), intent(inout), target :: stamp(nxt, nyt, nkt)  !! as in maps_t, with its `head`
-      integer(c_int64_t), intent(in) :: head
-      integer(c_int64_t), intent(inout) :: histogram(50, 6)
-      integer(c_int64_t), intent(inout) :: by_ground(ng)         !! rebounds, where the scene has several grounds
-      real(c_double), intent(inout) :: energy(5, ne)             !! energy_fields, of all boulders or of one
-      integer(c_int32_t), intent(inout) :: trees_hit(nt)         !! likewise
-      integer(c_int8_t), intent(inout) :: outcome(nb, no)        !! of barriers, likewise
-      real(c_double), intent(out) :: boulder(12, n)              !! boulder_fields
-      integer(c_int32_t), intent(out) :: counts(9, n)            !! boulder_counts
-      real(c_double), intent(out) :: crossing(12, nl, n)         !! line_fields; one line at least
-      integer(c_int), intent(out) :: code                        !! 0 = success
+      integer(c_int64_t), intent(in) :: before, boulders
+      integer(c_int), intent(in) :: window(4), threads
+      integer(c_int64_t), intent(in) :: most_columns  !! of counts of bins
+      integer(c_intptr_t), intent(out) :: run  !! 0 without one
+      integer(c_int), intent(out) :: code      !! 0 = success
       character(len=1024), intent(out) :: message
-      type(open_scene_t), pointer :: opened
-      type(maps_t) :: maps
-      type(boulder_result_t), allocatable :: fates(:)
-      type(crossing_t), allocatable :: crossings(:, :)
-      real(c_double) :: row(17)
-      integer :: k, l, status
+      type(open_scene_t), pointer :: scene
+      type(open_run_t), pointer :: opened
+      type(error_t), allocatable :: error
 
-      code = 0
-      message = ""
-      crossing = 0
-      opened => scene_of(handle)
-      associate (scene => opened%scene)
-         maps = map_views(opened%plan, opened%thresholds, map_at, map_counts, map_sums, map_reals, class_counts, &
-                          column, columns(1))
-         maps%last_source(map_at(1):, map_at(2):, 1:) => stamp
-         maps%first_partial = head
-         allocate (fates(n), crossings(n_lines(scene), n), stat=status)
-         if (status /= 0) then
-            code = 2
-            message = "boulders of a chunk do not fit in memory"
-            return
-         end if
-         call run_boulders(scene, first, threads, fates, crossings, maps, histogram, by_ground)
-         do k = 1, n
-            boulder(:, k) = boulder_row(scene%dem, fates(k))
-            counts(:, k) = boulder_count_row(fates(k))
-            row = real_row(scene%dem, fates(k))
-            if (scene%energies_requested) energy(:, k) = row(size(boulder, 1) + 1:)
-            if (allocated(scene%forest)) trees_hit(k) = fates(k)%trees_hit
-            if (allocated(scene%barriers)) outcome(:, k) = crossings(scene%barriers%line, k)%outcome
-            do l = 1, size(crossings, 1)
-               crossing(:, l, k) = line_row(scene%dem, fates(k), crossings(l, k))
-            end do
-         end do
-      end associate
-   end subroutine run
+      scene => scene_of(handle)
+      allocate (opened)
+      opened%run%threads = threads
+      opened%run%max_columns = most_columns
+      call begin_run(scene%case, scene%scene, before, boulders, window, opened%run, error)
+      call give_run(opened, error, run, code, message)
+   end subroutine open_run
 
-   pure integer function n_lines(scene)
-      type(scene_t), intent(in) :: scene
+   !> A run of which there are parts alone: of a case without fault, `total` boulders, so many grounds (0: no others
+   !> than the sets), and sources of a layer's features or not (1 or 0).
+   subroutine open_joined_run(text, total, window, grounds, features, part_last, group_part, run, code, message, np, ng)
+      integer(c_int), intent(in) :: np, ng
+      character(len=*), intent(in) :: text
+      integer(c_int64_t), intent(in) :: total
+      integer(c_int), intent(in) :: window(4), grounds, features
+      integer(c_int32_t), intent(in) :: part_last(np), group_part(ng)  !! as in layout_t
+      integer(c_intptr_t), intent(out) :: run
+      integer(c_int), intent(out) :: code
+      character(len=1024), intent(out) :: message
+      type(open_run_t), pointer :: opened
+      type(layout_t) :: layout
+      type(case_t) :: case
+      type(error_t), allocatable :: error
 
-      n_lines = 0
-      if (allocated(scene%lines)) n_lines = size(scene%lines)
-   end function n_lines
+      allocate (opened)
+      layout%part_last = part_last
+      layout%group_part = group_part
+      call read_case(text, "", case, error)
+      if (.not. allocated(error)) &
+         call begin_joined_run(case, total, window, grounds, features /= 0, layout, opened%run, error)
+      call give_run(opened, error, run, code, message)
+   end subroutine open_joined_run
 
-   !> How many parts and groups the samples of a scene have, and where there is room for as many of either: the last
-   !> feature or source of each part, and the part of each group.
-   subroutine sample_layout(handle, size_of, part_last, group_part, room)
-      integer(c_int), intent(in) :: room
-      integer(c_intptr_t), intent(in) :: handle
-      integer(c_int), intent(out) :: size_of(2)
-      integer(c_int32_t), intent(out) :: part_last(room), group_part(room)
-      type(open_scene_t), pointer :: opened
+   !> A run of a scene that begins with what another found, which cannot go on itself.
+   subroutine continue_run(handle, other, run, code, message)
+      integer(c_intptr_t), intent(in) :: handle, other
+      integer(c_intptr_t), intent(out) :: run
+      integer(c_int), intent(out) :: code
+      character(len=1024), intent(out) :: message
+      type(open_scene_t), pointer :: scene
+      type(open_run_t), pointer :: opened, before
+      type(error_t), allocatable :: error
 
-      opened => scene_of(handle)
-      part_last = 0
-      group_part = 0
-      associate (layout => opened%layout)
-         size_of = [size(layout%part_last), size(layout%group_part)]
-         if (room < maxval(size_of)) return
-         part_last(:size_of(1)) = layout%part_last
-         group_part(:size_of(2)) = layout%group_part
-      end associate
-   end subroutine sample_layout
+      scene => scene_of(handle)
+      before => run_of(other)
+      allocate (opened)
+      call extend_run(scene%case, scene%scene, before%run, opened%run, error)
+      call give_run(opened, error, run, code, message)
+   end subroutine continue_run
 
-   !> Add boulders, from the rows that `run` gave, to samples, as in samples_t.
-   subroutine add_samples(handle, boulder, counts, crossing, bins, sums, groups, largest, ended, nl, n, np, ng, nq, k)
+   !> The handle of a run, unless it is in error.
+   subroutine give_run(opened, error, run, code, message)
+      type(open_run_t), pointer, intent(in) :: opened
+      type(error_t), allocatable, intent(inout) :: error
+      integer(c_intptr_t), intent(out) :: run
+      integer(c_int), intent(out) :: code
+      character(len=1024), intent(out) :: message
+
+      run = transfer(c_loc(opened), run)
+      if (allocated(error)) then
+         call close_run(run)
+         run = 0
+      end if
+      call give_error(error, code, message)
+   end subroutine give_run
+
+   !> Forget a run; the handle stands for nothing afterwards.
+   subroutine close_run(run)
+      integer(c_intptr_t), intent(in) :: run
+      type(open_run_t), pointer :: opened
+
+      opened => run_of(run)
+      call end_run(opened%run)
+      deallocate (opened)
+   end subroutine close_run
+
+   function run_of(run) result(opened)
+      integer(c_intptr_t), intent(in) :: run
+      type(open_run_t), pointer :: opened
+      type(c_ptr) :: place
+
+      place = transfer(run, place)
+      call c_f_pointer(place, opened)
+   end function run_of
+
+   !> Run boulders first .. first + n - 1 on a scene, which may be a window of that of the run; how many of them left
+   !> it, to be run again.
+   subroutine advance(run, handle, first, n, left, code, message)
       !f2py threadsafe
-      integer(c_int), intent(in) :: nl, n, np, ng, nq, k
-      integer(c_intptr_t), intent(in) :: handle
-      real(c_double), intent(in) :: boulder(12, n)         !! boulder_fields
-      integer(c_int32_t), intent(in) :: counts(9, n)       !! boulder_counts
-      real(c_double), intent(in) :: crossing(12, nl, n)    !! line_fields; one line at least
-      integer(c_int32_t), intent(inout), target :: bins(13056, 12, np, nq), groups(204, 12, ng, nq)
-      integer(c_int64_t), intent(inout), target :: sums(5, 12, np, nq), ended(7)
-      real(c_double), intent(inout), target :: largest(k, 6, nl)
-      type(open_scene_t), pointer :: opened
-      type(samples_t) :: samples
-      type(line_t) :: none(0)
-      integer :: b
+      integer(c_intptr_t), intent(in) :: run, handle
+      integer(c_int64_t), intent(in) :: first, n
+      integer(c_int), intent(out) :: left
+      integer(c_int), intent(out) :: code
+      character(len=1024), intent(out) :: message
+      type(open_scene_t), pointer :: scene
+      type(open_run_t), pointer :: opened
+      type(error_t), allocatable :: error
 
-      opened => scene_of(handle)
-      samples%bins => bins
-      samples%groups => groups
-      samples%sums => sums
-      samples%largest => largest
-      samples%ended => ended
-      associate (scene => opened%scene, layout => opened%layout)
-         do b = 1, n
-            if (allocated(scene%lines)) then
-               call add_line_samples(samples, layout, scene%lines, [scene%dem%x0, scene%dem%y0], boulder(:, b), &
-                                     counts(:, b), crossing(:, :, b))
-            else
-               call add_line_samples(samples, layout, none, [scene%dem%x0, scene%dem%y0], boulder(:, b), &
-                                     counts(:, b), crossing(:, :0, b))
-            end if
-         end do
+      scene => scene_of(handle)
+      opened => run_of(run)
+      call advance_run(opened%run, scene%scene, first, n, error)
+      left = 0
+      if (.not. allocated(error)) left = size(opened%run%left)
+      call give_error(error, code, message)
+   end subroutine advance
+
+   !> Array k of a run, from 1: as row_text has it, lengths of its dimensions (the first runs fastest), and where it is;
+   !> blank past the end. The first one begins a new list.
+   subroutine array(run, k, text, length, address)
+      integer(c_intptr_t), intent(in) :: run
+      integer(c_int), intent(in) :: k
+      character(len=256), intent(out) :: text
+      integer(c_int64_t), intent(out) :: length(4)
+      integer(c_intptr_t), intent(out) :: address
+      type(open_run_t), pointer :: opened
+
+      opened => run_of(run)
+      if (k == 1) opened%table = arrays_of(opened%run)
+      text = ""
+      length = 1
+      address = 0
+      if (k > size(opened%table%row)) return
+      associate (row => opened%table%row(k))
+         text = row_text(row)
+         length = row%length
+         address = transfer(row%at, address)
       end associate
-   end subroutine add_samples
+   end subroutine array
+
+   !> A map of reals of a run of so many boulders, of which those of a cluster may all do the same (1: they are
+   !> independent); `fewest`: passages for which a cell has a number, `thin`: those below which it is hardly known.
+   subroutine map(run, name, boulders, per_cluster, min_passages, values, fewest, thin, nx, ny)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: nx, ny
+      integer(c_intptr_t), intent(in) :: run
+      character(len=*), intent(in) :: name
+      integer(c_int64_t), intent(in) :: boulders, per_cluster
+      integer(c_int), intent(in) :: min_passages
+      real(c_float), intent(inout) :: values(nx, ny)
+      integer(c_int), intent(out) :: fewest, thin
+      type(open_run_t), pointer :: opened
+      type(maps_t) :: maps
+      integer :: j
+
+      opened => run_of(run)
+      fewest = map_min_count(name, min_passages)
+      thin = map_thin_below(name, per_cluster)
+      maps = map_tallies(opened%run, [1, 1])
+      do j = 1, ny
+         call map_row(maps, name, j, boulders, per_cluster, min_passages, values(:, j))
+      end do
+   end subroutine map
+
+   !> Leave in the maps of a run only the boulders done of sources that these cut (sign 1), or all of them again (-1).
+   subroutine settle(run, handle, done, sign)
+      integer(c_intptr_t), intent(in) :: run, handle
+      integer(c_int64_t), intent(in) :: done
+      integer(c_int), intent(in) :: sign
+      type(open_scene_t), pointer :: scene
+      type(open_run_t), pointer :: opened
+
+      scene => scene_of(handle)
+      opened => run_of(run)
+      opened%run%done = done
+      call settle_run(opened%run, scene%scene%release, sign)
+   end subroutine settle
+
+   !> Go on from the cells of sources that the boulders done cut; good: 1 or 0.
+   subroutine restore_sources(run, handle, done, cell, source, boulders, good, n)
+      integer(c_int), intent(in) :: n
+      integer(c_intptr_t), intent(in) :: run, handle
+      integer(c_int64_t), intent(in) :: done, cell(n)
+      integer(c_int32_t), intent(in) :: source(n), boulders(n)
+      integer(c_int), intent(out) :: good
+      type(open_scene_t), pointer :: scene
+      type(open_run_t), pointer :: opened
+      logical :: is_good
+
+      scene => scene_of(handle)
+      opened => run_of(run)
+      opened%run%done = done
+      opened%run%shared%cell = cell
+      opened%run%shared%source = source
+      opened%run%shared%boulders = boulders
+      call restore_run(opened%run, scene%scene%release, is_good)
+      good = merge(1, 0, is_good)
+   end subroutine restore_sources
 
    !> The edges of the bins of samples, in units.
    subroutine sample_edges(edges)
@@ -502,39 +580,12 @@ contains
 
       opened => scene_of(handle)
       associate (scene => opened%scene)
-         call check_tallies(opened%plan, largest_volumes(scene), scene%gravity, fall, boulders_of(scene), &
+         call check_tallies(plan_maps(pack(map_names, opened%case%map), size(opened%case%thresholds)), &
+                            largest_volumes(scene), scene%gravity, fall, boulders_of(scene), &
                             scene%max_impacts, error)
       end associate
       call give_error(error, code, message)
    end subroutine check_maps
-
-   !> A map of reals, of the tallies of `run` for maps of these names; `fewest`: passages for which a cell has a
-   !> number.
-   subroutine map_values(name, boulders, per_cluster, min_passages, names, map_counts, map_sums, map_reals, &
-                         class_counts, column, columns, values, fewest, thin, nxc, nyc, nkc, nxs, nys, nks, &
-                         nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny)
-      !f2py threadsafe
-      integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny
-      character(len=*), intent(in) :: name, names
-      integer(c_int64_t), intent(in) :: boulders, per_cluster  !! of the run; of a cluster, 1: they are independent
-      integer(c_int), intent(in) :: min_passages
-      integer(c_int32_t), intent(in), target :: map_counts(nxc, nyc, nkc), class_counts(kc, cc), column(nxq, nyq), &
-                                                columns(1)
-      integer(c_int64_t), intent(in), target :: map_sums(nxs, nys, nks)
-      real(c_float), intent(in), target :: map_reals(nxr, nyr, nkr)
-      real(c_float), intent(inout) :: values(nx, ny)
-      integer(c_int), intent(out) :: fewest, thin
-      type(maps_t) :: maps
-      integer :: j
-
-      maps = map_views(plan_of(names, 0), [real(c_double) ::], [1, 1], map_counts, map_sums, map_reals, class_counts, &
-                       column, columns(1))
-      fewest = map_min_count(name, min_passages)
-      thin = map_thin_below(name, per_cluster)
-      do j = 1, ny
-         call map_row(maps, name, j, boulders, per_cluster, min_passages, values(:, j))
-      end do
-   end subroutine map_values
 
    !> Trees of a stand (rockfall_stand): how many stems stand in each cell of a row of a raster of nx columns.
    subroutine stand_counts(seed, nx, row, expected, even, counts, n)
@@ -937,7 +988,6 @@ contains
       case ("sample_tails"); value = n_tails         ! quantities at lines that have tails: the first
       case ("sample_quantities"); value = n_quantities
       case ("max_columns"); value = max_columns      ! of counts of bins
-      case ("halvings"); value = halvings            ! of them, where memory is short
       case default; value = ieee_value(value, ieee_quiet_nan)
       end select
    end subroutine constant

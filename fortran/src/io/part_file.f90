@@ -14,8 +14,8 @@ module rockfall_part_file
    use rockfall_filesystem, only: replace_file, remove_file
    use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf, keep, &
                                    sound, mark_damaged, fail_damaged, pass, length_of, text_of, integers_of, real_of
-   use rockfall_variables, only: variable_of, stored_as, name_in_files, layout => part_layout, line_fields, &
-                                 vertex_fields, statuses
+   use rockfall_variables, only: variable_of, stored_as, name_in_files, layout => part_layout, vertex_fields, &
+                                 statuses
    use rockfall_barrier, only: passed_over
    use rockfall_ground, only: ground_t
    use rockfall_grounds, only: model_names

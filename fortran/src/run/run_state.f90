@@ -63,6 +63,7 @@ module rockfall_run_state
       integer(i4), pointer :: columns(:) => null()        !! one: those assigned
       integer(i4), pointer, contiguous :: last_source(:, :, :) => null()  !! as in maps_t, with its first_partial
       integer(i8) :: first_partial = 0
+      integer(i8) :: max_columns = max_columns            !! of `bin_counts`
       type(contributing_t) :: shared                      !! by partial sources, since `settle`
       ! Of the last chunk: those that left the window of the terrain, and where.
       integer(i8), allocatable :: left(:)
@@ -273,7 +274,7 @@ contains
       integer(i8) :: columns
       integer :: k
 
-      columns = min(cells, max_columns)
+      columns = min(cells, run%max_columns)
       run%block(7) = c_memory(bytes_of(columns*run%plan%rows, 4))
       do k = 1, halvings
          if (c_associated(run%block(7))) exit
@@ -527,6 +528,7 @@ contains
       end if
       if (allocated(run%number)) call add_sample_arrays(run, table)
       call add_map_arrays(run, table)
+      if (.not. allocated(run%left)) return
       call table%add("work", "left", ["left"], run%left, "i8")
       call table%add("work", "left_at", [character(len=4) :: "left", "axis"], run%left_at, "f8")
    end function arrays_of
