@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The Python interface of the kernel: plain arrays, no physics. An optional array that is absent comes with a
-!> single element, because f2py has no empty ones.
+!> The Python interface of the kernel: plain arrays, no physics.
 !>
-!> A scene is built once, by `open_scene`, and known by a handle until `close_scene`; it looks at the arrays that it
-!> was made of, which the caller keeps as they are. Runs only read it, so several may use it at once.
+!> A scene is built once, by `new_scene`, `give` and `build_scene`, and known by a handle until `close_scene`; it looks
+!> at the arrays that it was given, which the caller keeps as they are. Runs only read it, so several may use it at
+!> once. A run is known by a handle likewise; its arrays are the kernel's, and the caller looks at them.
 module rockfall_f2py
    use ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_intptr_t, c_ptr, &
@@ -18,7 +18,7 @@ module rockfall_f2py
    use rockfall_barrier, only: barrier_outcome, ead_energy
    use rockfall_impact, only: ratio_weights, ratio_class, is_admissible, limit_rebound, max_draws, min_normal
    use rockfall_trajectory, only: scene_t, boulder_result_t, scratch_t, left_window
-   use rockfall_scene, only: scene_arrays_t, grounds_of, scene_from, check_sources, boulders_of, largest_volumes
+   use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of, largest_volumes
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model
    use rockfall_reach, only: block_side, take_minima, reach_box
    use rockfall_stand, only: stems_in_cell, stem_numbers
@@ -48,7 +48,8 @@ module rockfall_f2py
                                  restore_run => restore_sources
    implicit none
    private
-   public :: open_scene, limit_terrain, close_scene, carry_in_lanes, trajectory, survey, reach, block_of, map_plan
+   public :: new_scene, give, build_scene, limit_terrain, close_scene, carry_in_lanes, trajectory, survey, reach
+   public :: block_of, map_plan
    public :: open_run, open_joined_run, continue_run, close_run, advance, array, map, settle, restore_sources
    public :: check_maps, count_limits, check_case, case_key, repeatable_groups, variable, read_sets, fields
    public :: histogram_bins, team
@@ -64,6 +65,7 @@ module rockfall_f2py
       type(scene_t) :: scene
       type(terrain_t) :: dem  !! its terrain, as far as the arrays reach
       type(case_t) :: case
+      type(scene_arrays_t), allocatable :: arrays  !! until it is built
    end type open_scene_t
 
    !> What the handle of a run stands for.
@@ -74,91 +76,50 @@ module rockfall_f2py
 
 contains
 
-   !> The scene of the text of a case and of the arrays in `scene_arrays_t`, as a handle.
-   subroutine open_scene(text, name, z8, z4, west, north, cell, nodes, first, zone1, zone2, values, sizes, &
-                         source_x, source_y, area_ratio, source_frequency, source_volume, source_inertia, &
-                         source_density, source_feature, feature_law, feature_value, &
-                         tree_x, tree_y, tree_dbh, tree_factor, sets_text, sets_name, draw, ground_text, &
-                         ground_length, ground_names, material_ground, cell_ground, handle, code, message, &
-                         nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nb, nd, nt, &
-                         nz, ng, mg, nxg, nyg, ne, nf, nw)
-      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nb, nd, nt
-      integer(c_int), intent(in) :: nz, ng, mg, nxg, nyg, ne, nf, nw
-      character(len=*), intent(in) :: text, name                 !! of the case, and what it is called in messages
-      real(c_double), intent(in), target :: z8(nx8, ny8)         !! elevations [m], or
-      real(c_float), intent(in), target :: z4(nx4, ny4)          !! in single precision
-      real(c_double), intent(in) :: west, north, cell            !! outer edges, cell size [m]
-      integer(c_int), intent(in) :: nodes(2), first(2)           !! columns, rows of the raster; where arrays begin
-      integer(c_int8_t), intent(in), target :: zone1(nx1, ny1)   !! column of `sizes`, or
-      integer(c_int16_t), intent(in), target :: zone2(nx2, ny2)  !! of more than 127, or
-      real(c_float), intent(in), target :: values(nxv, nyv, nkv) !! sizes of each cell [m]
-      real(c_double), intent(in) :: sizes(ks, ms)                !! [m]
-      real(c_double), intent(in) :: source_x(ns), source_y(ns)   !! map coordinates [m]
-      real(c_double), intent(in) :: area_ratio(na), source_frequency(nw)  !! above zero, or none
-      real(c_double), intent(in) :: source_volume(nb), source_inertia(nb), source_density(nd)  !! of their boulders
-      integer(c_int), intent(in) :: source_feature(ne), feature_law(nf)  !! feature of each, from 1; 0: none
-      real(c_double), intent(in) :: feature_value(9, nf)         !! as in scene_arrays_t
-      real(c_double), intent(in), target :: tree_x(nt), tree_y(nt), tree_dbh(nt), tree_factor(nt)  !! stems
-      character(len=*), intent(in) :: sets_text, sets_name       !! of the file of impact sets
-      integer(c_int), intent(in) :: draw                         !! of its draws; 0: the only one
-      integer(c_int8_t), intent(in) :: ground_text(nz)           !! bytes of grounds, one after the other,
-      integer(c_int), intent(in) :: ground_length(ng)            !! of each; 0: the case's impact sets; -1: no grounds
-      character(len=*), intent(in) :: ground_names               !! for each a line with its name, one with its file
-      integer(c_int8_t), intent(in) :: material_ground(mg)       !! of each material, 0: none such, or
-      integer(c_int8_t), intent(in), target :: cell_ground(nxg, nyg)  !! of each cell
-      integer(c_intptr_t), intent(out) :: handle                 !! 0 without a scene
-      integer(c_int), intent(out) :: code                        !! 0 = success
-      character(len=1024), intent(out) :: message
-      type(scene_arrays_t) :: arrays
+   !> A scene to be given the arrays of scene_arrays_t, and then built, as a handle.
+   subroutine new_scene(west, north, cell, nodes, first, draw, handle)
+      real(c_double), intent(in) :: west, north, cell       !! outer edges, cell size [m]
+      integer(c_int), intent(in) :: nodes(2), first(2)      !! columns, rows of the raster; where arrays begin
+      integer(c_int), intent(in) :: draw                    !! of the impact sets; 0: the only one
+      integer(c_intptr_t), intent(out) :: handle
       type(open_scene_t), pointer :: opened
-      type(case_t) :: case
+
+      allocate (opened)
+      allocate (opened%arrays)
+      opened%arrays%grid = grid_t(west, north, cell, nodes(1), nodes(2))
+      opened%arrays%first = first
+      opened%arrays%draw = draw
+      handle = transfer(c_loc(opened), handle)
+   end subroutine new_scene
+
+   !> Give a scene an array: its name, kind, lengths (the first runs fastest), and where it is.
+   subroutine give(handle, name, kind, length, address)
+      integer(c_intptr_t), intent(in) :: handle, address
+      character(len=*), intent(in) :: name, kind
+      integer(c_int64_t), intent(in) :: length(3)
+      type(open_scene_t), pointer :: opened
+
+      opened => scene_of(handle)
+      call opened%arrays%give(name, kind, length, place_of(address))
+   end subroutine give
+
+   !> Build a scene of the text of a case and of what it was given; in error it is closed.
+   subroutine build_scene(handle, text, name, code, message)
+      integer(c_intptr_t), intent(in) :: handle
+      character(len=*), intent(in) :: text, name            !! of the case, and what it is called in messages
+      integer(c_int), intent(out) :: code                   !! 0 = success
+      character(len=1024), intent(out) :: message
+      type(open_scene_t), pointer :: opened
       type(error_t), allocatable :: error
 
-      handle = 0
-      arrays%grid = grid_t(west, north, cell, nodes(1), nodes(2))
-      arrays%first = first
-      if (size(z8) > 1) arrays%z8 => z8
-      if (size(z8) <= 1) arrays%z4 => z4
-      if (size(zone1) > 1) arrays%zone1 => zone1
-      if (size(zone2) > 1) arrays%zone2 => zone2
-      if (size(values) > 1) arrays%values => values
-      arrays%sizes = sizes
-      arrays%source_x = source_x
-      arrays%source_y = source_y
-      arrays%tree_x => tree_x
-      arrays%tree_y => tree_y
-      arrays%tree_dbh => tree_dbh
-      arrays%tree_factor => tree_factor
-      arrays%sets_text = sets_text
-      arrays%sets_name = sets_name
-      arrays%draw = draw
-      if (ground_length(1) >= 0) &
-         arrays%grounds = grounds_of(transfer(ground_text, repeat(" ", size(ground_text))), ground_length, ground_names)
-      if (all(material_ground > 0)) arrays%material_ground = material_ground
-      if (size(cell_ground) > 1) arrays%cell_ground => cell_ground
-      call read_case(text, name, case, error)
-      if (all(area_ratio > 0)) arrays%area_ratio = area_ratio
-      if (all(source_frequency > 0)) arrays%source_frequency = source_frequency
-      if (case%by_source) arrays%source_volume = source_volume
-      if (case%by_source) arrays%source_inertia = source_inertia
-      if (case%source_density) arrays%source_density = source_density
-      if (all(source_feature > 0)) then
-         arrays%source_feature = source_feature
-         if (all(feature_law >= 0)) then
-            arrays%feature_law = feature_law
-            arrays%feature_value = feature_value
-         end if
-      end if
-      if (.not. allocated(error)) then
-         allocate (opened)
-         call scene_from(case, arrays, opened%scene, error)
-         opened%dem = opened%scene%dem
-         opened%case = case
-         handle = transfer(c_loc(opened), handle)
-         if (allocated(error)) call close_scene(handle)
-      end if
+      opened => scene_of(handle)
+      call read_case(text, name, opened%case, error)
+      if (.not. allocated(error)) call scene_from(opened%case, opened%arrays, opened%scene, error)
+      opened%dem = opened%scene%dem
+      deallocate (opened%arrays)
+      if (allocated(error)) call close_scene(handle)
       call give_error(error, code, message)
-   end subroutine open_scene
+   end subroutine build_scene
 
    !> Keep boulders to these columns and rows, those of the maps: the same for all runs of a scene, and before them.
    subroutine limit_terrain(handle, map_at, map_last)
@@ -192,13 +153,17 @@ contains
       opened%scene%lanes = lanes
    end subroutine carry_in_lanes
 
+   pure type(c_ptr) function place_of(address) result(place)
+      integer(c_intptr_t), intent(in) :: address
+
+      place = transfer(address, place)
+   end function place_of
+
    function scene_of(handle) result(opened)
       integer(c_intptr_t), intent(in) :: handle
       type(open_scene_t), pointer :: opened
-      type(c_ptr) :: place
 
-      place = transfer(handle, place)
-      call c_f_pointer(place, opened)
+      call c_f_pointer(place_of(handle), opened)
    end function scene_of
 
    !> A run of a scene, or `boulders` of it after the first `before`, with maps of a window (first column and row,
@@ -294,10 +259,8 @@ contains
    function run_of(run) result(opened)
       integer(c_intptr_t), intent(in) :: run
       type(open_run_t), pointer :: opened
-      type(c_ptr) :: place
 
-      place = transfer(run, place)
-      call c_f_pointer(place, opened)
+      call c_f_pointer(place_of(run), opened)
    end function run_of
 
    !> Run boulders first .. first + n - 1 on a scene, which may be a window of that of the run; how many of them left
@@ -492,19 +455,18 @@ contains
       if (code == 0 .and. size(minima) > 1) call take_minima(opened%dem, first, last, minima)
    end subroutine survey
 
-   !> The array that there is as a terrain.
-   subroutine set_terrain(dem, z8, z4, west, north, cell, nodes, at)
+   !> Elevations somewhere in memory as a terrain.
+   subroutine set_terrain(dem, kind, length, address, place, nodes, at)
       type(terrain_t), intent(out) :: dem
-      real(c_double), intent(in), target, contiguous :: z8(:, :)
-      real(c_float), intent(in), target, contiguous :: z4(:, :)
-      real(c_double), intent(in) :: west, north, cell
-      integer(c_int), intent(in) :: nodes(2), at(2)
+      character(len=*), intent(in) :: kind             !! f4 or f8
+      integer(c_int64_t), intent(in) :: length(3)      !! columns, rows, 1
+      integer(c_intptr_t), intent(in) :: address
+      real(c_double), intent(in) :: place(3)           !! outer edges, cell size [m]
+      integer(c_int), intent(in) :: nodes(2), at(2)    !! columns, rows of the raster; where these begin
+      type(scene_arrays_t) :: arrays
 
-      if (size(z8) > 1) then
-         dem = terrain(west, north, cell, z8=z8, nodes=nodes, first=at)
-      else
-         dem = terrain(west, north, cell, z4=z4, nodes=nodes, first=at)
-      end if
+      call arrays%give("z", kind, length, place_of(address))
+      dem = terrain(place(1), place(2), place(3), arrays%z8, arrays%z4, nodes, at)
    end subroutine set_terrain
 
    !> The first column and row and the last column and row, from 1, of the cells that boulders can reach.
@@ -649,31 +611,34 @@ contains
       slope = usual_threshold(cell)
    end subroutine slope_threshold
 
-   !> Of the cells above zero in rows `first` (1..) and following, set those to zero that are not steep.
-   subroutine steep_cells(z8, z4, nodes, at, cell, threshold, first, cells, nx8, ny8, nx4, ny4, nx, ny)
+   !> Of the cells above zero in rows `first` (1..) and following, set those to zero that are not steep; the terrain as
+   !> in set_terrain.
+   subroutine steep_cells(kind, length, address, place, nodes, at, threshold, first, cells, nx, ny)
       !f2py threadsafe
-      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx, ny, first, nodes(2), at(2)
-      real(c_double), intent(in), target :: z8(nx8, ny8)  !! as in `run`
-      real(c_float), intent(in), target :: z4(nx4, ny4)
-      real(c_double), intent(in) :: cell, threshold       !! [m], [degree]
+      character(len=*), intent(in) :: kind
+      integer(c_int), intent(in) :: nx, ny, first, nodes(2), at(2)
+      integer(c_int64_t), intent(in) :: length(3)
+      integer(c_intptr_t), intent(in) :: address
+      real(c_double), intent(in) :: place(3), threshold   !! [m], [degree]
       integer(c_int16_t), intent(inout) :: cells(nx, ny)
       type(terrain_t) :: dem
 
-      call set_terrain(dem, z8, z4, 0.0_c_double, 0.0_c_double, cell, nodes, at)
+      call set_terrain(dem, kind, length, address, place, nodes, at)
       call keep_steep(dem, threshold, first, cells)
    end subroutine steep_cells
 
-   !> Surface over plan area of the cells of sources, in map coordinates [m].
-   subroutine area_ratios(z8, z4, nodes, at, west, north, cell, source_x, source_y, ratio, nx8, ny8, nx4, ny4, ns)
+   !> Surface over plan area of the cells of sources, in map coordinates [m]; the terrain as in set_terrain.
+   subroutine area_ratios(kind, length, address, place, nodes, at, source_x, source_y, ratio, ns)
       !f2py threadsafe
-      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, ns, nodes(2), at(2)
-      real(c_double), intent(in), target :: z8(nx8, ny8)  !! as in `run`
-      real(c_float), intent(in), target :: z4(nx4, ny4)
-      real(c_double), intent(in) :: west, north, cell, source_x(ns), source_y(ns)
+      character(len=*), intent(in) :: kind
+      integer(c_int), intent(in) :: ns, nodes(2), at(2)
+      integer(c_int64_t), intent(in) :: length(3)
+      integer(c_intptr_t), intent(in) :: address
+      real(c_double), intent(in) :: place(3), source_x(ns), source_y(ns)
       real(c_double), intent(out) :: ratio(ns)
       type(terrain_t) :: dem
 
-      call set_terrain(dem, z8, z4, west, north, cell, nodes, at)
+      call set_terrain(dem, kind, length, address, place, nodes, at)
       ratio = surface_ratios(dem, source_x - dem%x0, source_y - dem%y0)
    end subroutine area_ratios
 
@@ -878,13 +843,12 @@ contains
    end subroutine variable
 
    !> The numbers of the five impact sets in a text, as in coefficients_t, for a rule of turning.
-   subroutine read_sets(text, name, turning, draw, mean, covariance, incidence, lateral, speed_range, angle_range, &
-                        draws, code, message)
+   subroutine read_sets(text, name, turning, draw, mean, covariance, incidence, lateral, ranges, draws, code, message)
       character(len=*), intent(in) :: text, name
       character(len=*), intent(in) :: turning  !! as in a case
       integer(c_int), intent(in) :: draw       !! 0: there must be one only
       real(c_double), intent(out) :: mean(9, 5), covariance(9, 9, 5), incidence(8, 5), lateral(13, 9, 5)
-      real(c_double), intent(out) :: speed_range(2, 5), angle_range(2, 5)
+      real(c_double), intent(out) :: ranges(2, 5, 2)  !! of speeds, of angles
       integer(c_int), intent(out) :: draws, code
       character(len=1024), intent(out) :: message
       type(coefficients_t) :: sets
@@ -895,8 +859,8 @@ contains
       covariance = sets%covariance
       incidence = sets%incidence
       lateral = sets%lateral
-      speed_range = sets%speed_range
-      angle_range = sets%angle_range
+      ranges(:, :, 1) = sets%speed_range
+      ranges(:, :, 2) = sets%angle_range
       call give_error(error, code, message)
    end subroutine read_sets
 
