@@ -17,7 +17,9 @@ program stepping
    use rockfall_scene_file, only: inputs_t, read_scene
    use rockfall_part_file, only: write_part
    use rockfall_checkpoint, only: checkpoint_t
-   use rockfall_run_loop, only: results_t, run_case
+   use rockfall_variables, only: row_integers
+   use rockfall_run_state, only: run_t, close_run
+   use rockfall_run_loop, only: trajectories_t, run_case
    implicit none
 
    !> Sums over flights from the same start, in steps less exact.
@@ -47,7 +49,9 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(case_t), target :: case
       type(inputs_t), target :: inputs
-      type(results_t), target :: results
+      integer, parameter :: impacts = findloc(row_integers, "impacts", dim=1)
+      type(run_t), target :: state
+      type(trajectories_t) :: trajectories
       type(checkpoint_t) :: none  !! its `every` is 0: nothing is saved
       character(len=:), allocatable :: text, scheme, part
       real(wp) :: step, cpu
@@ -68,15 +72,17 @@ contains
       call choose(scheme, step)
       cpu = huge(cpu)
       do k = 1, max(1, nint(number(5)))
-         call run_case(case, inputs%arrays%grid, inputs%scene, [1_i8, 1_i8], none, results, error)
+         call close_run(state)
+         call run_case(case, inputs%arrays%grid, inputs%scene, [1_i8, 1_i8], none, state, trajectories, &
+                       error)
          if (allocated(error)) return
-         cpu = min(cpu, results%cpu)
+         cpu = min(cpu, state%cpu)
       end do
       print "(a,es24.16)", "cpu", cpu
-      print "(a,i0)", "contacts ", sum(int(results%impacts, i8))
-      call write_part(part, part//".new", case, text, inputs, results, error)
+      print "(a,i0)", "contacts ", sum(int(state%integers(:, impacts), i8))
+      call write_part(part, part//".new", case, text, inputs, state, error, trajectories)
       if (.not. allocated(error) .and. scheme /= "exact") &
-         call compare(scheme, step, inputs, min(results%boulders, nint(number(6), i8)))
+         call compare(scheme, step, inputs, min(state%boulders, nint(number(6), i8)))
    end subroutine run
 
    !> A word of the command line.

@@ -134,18 +134,17 @@ def cpu(scene: Scene, option: Option, repeat: int, folder: Path) -> tuple[float,
 def held(scene: Scene) -> dict[str, float]:
     """Bytes that a run holds of each thing."""
     tally: Tally = start(scene, 1)
-    maps, cells = tally.maps, scene.z.size or 1
+    cells, arrays = scene.z.size or 1, [*tally.run.arrays()]
     rasters = [a for a in (scene.z, scene.zone, scene.values) if a is not None and a.size]
-    rows = (tally.boulder, tally.count, tally.crossing)
-    layers = (maps.counts, maps.sums, maps.maxima, maps.column, maps.stamp)
-    counted = maps.class_counts.shape[1]
+    rows = sum(a.values.nbytes for a in arrays if "boulder" in a.dims)
+    layers = sum(a.values.nbytes for a in arrays if "y" in a.dims)
+    counted = sum(a.values.shape[1] for a in arrays if a.file_name == "tally_bin_counts")
     return {
         "terrain": sum(a.nbytes for a in rasters) / cells,
-        "boulder": sum(a.nbytes for a in rows) / tally.boulders,
-        "map cell": sum(a.nbytes for a in layers if a.size > 1) / maps.box.shape[0]
-        / maps.box.shape[1],
-        "reached": 4 * counted if counted > 1 else 0,
-    }  # fmt: skip
+        "boulder": rows / tally.boulders,
+        "map cell": layers / tally.box.shape[0] / tally.box.shape[1],
+        "reached": 4 * counted,
+    }
 
 
 # Instructions
@@ -244,7 +243,7 @@ CUTS: dict[str, list[Edit]] = {
         (_ENSEMBLE, "if (allocated(scene%grounds))", NEVER, 2),
     ],
     "checkpoints": [
-        ("run/run_loop.f90", "call observer%on_chunk(results, error)", "", 1),
+        ("run/run_loop.f90", "call observer%on_chunk(run, error)", "", 1),
     ],
 }  # fmt: skip
 

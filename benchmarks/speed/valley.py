@@ -23,7 +23,7 @@ from benchmarks.machine import NOTHING, machine, run_child
 from rockfall.result.dataset import open_result
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
-from rockfall.simulation.simulate import fields, run_chunks, start
+from rockfall.simulation.simulate import run_chunks, start
 
 CELL = 2.5  # [m]
 VALLEYS = 1500.0  # [m] of the widest hills
@@ -136,7 +136,7 @@ def nanoseconds(scene: Scene) -> tuple[float, int]:
     """CPU time of the kernel for a rebound, one thread; number of the rebounds."""
     tally = start(scene, threads=1)
     run_chunks(tally, None, lambda: False, lambda _: None)
-    rebounds = int(tally.count[:, fields(2).index("rebounds")].sum(dtype="i8"))
+    rebounds = int(tally.array("rebounds"))
     return 1e9 * tally.cpu / rebounds, rebounds
 
 

@@ -37,7 +37,8 @@ program rockfall_batch
    use rockfall_scene_file, only: inputs_t, read_scene
    use rockfall_part_file, only: write_part, is_result
    use rockfall_checkpoint, only: checkpoint_t, check_checkpoint, remove_checkpoint
-   use rockfall_run_loop, only: results_t, run_case
+   use rockfall_run_state, only: run_t
+   use rockfall_run_loop, only: trajectories_t, run_case
    use rockfall_samples, only: sample_size, sample_sum
    use rockfall_line_samples, only: line_quantity, units_of
    use rockfall_variables, only: statuses, line_fields
@@ -108,7 +109,8 @@ contains
       type(arguments_t), intent(in) :: arguments
       type(error_t), allocatable, intent(out) :: error
       type(inputs_t), target :: inputs
-      type(results_t), target :: results
+      type(run_t), target :: state
+      type(trajectories_t) :: trajectories
       type(checkpoint_t) :: checkpoint
 
       call read_scene(scene, case, text, inputs, error)
@@ -121,13 +123,14 @@ contains
       checkpoint%inputs => inputs
       checkpoint%every = arguments%checkpoint
       checkpoint%say => warn
-      call run_case(case, inputs%arrays%grid, inputs%scene, arguments%shard, checkpoint, results, error)
-      if (.not. allocated(error)) call write_part(output, temporary_name(output), case, text, inputs, results, error)
+      call run_case(case, inputs%arrays%grid, inputs%scene, arguments%shard, checkpoint, state, trajectories, error)
+      if (.not. allocated(error)) call write_part(output, temporary_name(output), case, text, inputs, &
+                                                state, error, trajectories)
       if (allocated(error)) return
       call remove_checkpoint(checkpoint)
       if (arguments%quiet) return
-      call summary(case, results)
-      if (allocated(inputs%scene%grounds)) call ground_summary(inputs%scene%grounds, results%by_ground)
+      call summary(case, state)
+      if (allocated(inputs%scene%grounds)) call ground_summary(inputs%scene%grounds, state%by_ground)
       write (output_unit, "(3a)") output, ": `rockfall merge ... --output OUT.nc` makes the result of it"
    end subroutine run_to
 
@@ -200,28 +203,28 @@ contains
    end function lines_outside
 
    !> What a user wants to see first.
-   subroutine summary(case, results)
+   subroutine summary(case, state)
       type(case_t), intent(in) :: case
-      type(results_t), intent(in) :: results
+      type(run_t), intent(in) :: state
       integer(i8) :: ended(size(statuses))
       integer :: k
 
-      ended = [(count(results%status == k, kind=i8), k=1, size(statuses))]
-      if (allocated(results%number)) ended = results%samples%ended
+      ended = [(count(state%status == k, kind=i8), k=1, size(statuses))]
+      if (allocated(state%number)) ended = state%samples%ended
       if (case%title /= "") write (output_unit, "(a)") case%title
-      write (output_unit, "(i0,a,*(4a))") results%boulders, " boulders", &
-         (merge(": ", ", ", k == 1), percent(ended(k), results%boulders), " ", trim(statuses(k)), k=1, size(statuses))
+      write (output_unit, "(i0,a,*(4a))") state%boulders, " boulders", &
+         (merge(": ", ", ", k == 1), percent(ended(k), state%boulders), " ", trim(statuses(k)), k=1, size(statuses))
       do k = 1, size(case%lines)
-         call line_summary(case%lines(k)%name, k, results)
+         call line_summary(case%lines(k)%name, k, state)
       end do
-      associate (counts => results%count(size(results%count) - 5:))  ! the last six
+      associate (counts => state%count)
          write (output_unit, "(i0,a,5(i0,a))") counts(1), " rebounds; ", counts(2), " redrawn, ", &
             counts(3), " forced, ", counts(4), &
             " with R_b/R_m outside 0.5 to 5.5, where no set is calibrated; ", counts(5), &
             " at speeds, ", counts(6), " at angles outside those that the set was fitted on"
       end associate
-      write (output_unit, "(4a,i0,a)") decimal(results%wall, 2), " s (", decimal(results%cpu, 2), &
-         " s of CPU, ", results%threads, " threads)"
+      write (output_unit, "(4a,i0,a)") decimal(state%wall, 2), " s (", decimal(state%cpu, 2), &
+         " s of CPU, ", state%threads, " threads)"
    end subroutine summary
 
    !> What the rebounds followed.
@@ -243,31 +246,31 @@ contains
       text = decimal(100.0_wp*part/max(1_i8, whole), 1)//" %"
    end function percent
 
-   subroutine line_summary(name, k, results)
+   subroutine line_summary(name, k, state)
       character(len=*), intent(in) :: name
       integer, intent(in) :: k
-      type(results_t), intent(in) :: results
+      type(run_t), intent(in) :: state
       integer, parameter :: speed = findloc(line_fields, "speed", dim=1)
       integer, parameter :: field(2) = [speed, findloc(line_fields, "passing_height", dim=1)]
       integer, parameter :: quantity(2) = [findloc(line_quantity, "speed", dim=1), &
                                            findloc(line_quantity, "passing_height", dim=1)]
-      logical :: crossed(size(results%line, 1))
+      logical :: crossed(size(state%line, 1))
       real(wp) :: total(2)
       integer(i8) :: n
       integer :: q
 
-      if (allocated(results%number)) then
-         n = sample_size(results%samples, 1, k + 1)
-         total = [(sample_sum(results%samples, quantity(q), k + 1)/units_of(quantity(q), 1), q=1, 2)]
+      if (allocated(state%number)) then
+         n = sample_size(state%samples, 1, k + 1)
+         total = [(sample_sum(state%samples, quantity(q), k + 1)/units_of(quantity(q), 1), q=1, 2)]
       else
-         crossed = .not. ieee_is_nan(results%line(:, k, speed))
+         crossed = .not. ieee_is_nan(state%line(:, k, speed))
          n = count(crossed, kind=i8)
-         total = [(sum(results%line(:, k, field(q)), crossed), q=1, 2)]
+         total = [(sum(state%line(:, k, field(q)), crossed), q=1, 2)]
       end if
       if (n == 0) then
          write (output_unit, "(3a)") "line ", name, ": no boulder"
       else
-         write (output_unit, "(3a,i0,7a)") "line ", name, ": ", n, " boulders (", percent(n, results%boulders), &
+         write (output_unit, "(3a,i0,7a)") "line ", name, ": ", n, " boulders (", percent(n, state%boulders), &
             "), mean speed ", decimal(total(1)/n, 2), " m/s, mean passing height ", &
             decimal(total(2)/n, 2), " m"
       end if

@@ -35,7 +35,7 @@ def test_the_cells_that_all_boulders_reach(tmp_path, monkeypatch, sources, each,
     pilot = preview._pilot(scene)
     assert pilot.tally.done == few
     reached = int((run_scene(scene)["passages"] > 0).sum())
-    early = np.count_nonzero(pilot.tally.maps.counts[0])
+    early = np.count_nonzero(pilot.tally.array("tally_counts")[0])
     assert early < 0.8 * reached  # there is something to foresee
     assert pilot.cells == pytest.approx(reached, rel=0.25)
 
@@ -45,11 +45,11 @@ def test_memory_is_that_of_the_arrays(tmp_path):
     pilot = replace(preview._pilot(scene), cells=1000.0)
     need = preview.memory(scene, pilot)
     assert need["rasters"] == 8 * Z.size
-    box = np.prod(pilot.tally.maps.box.shape)
+    box = np.prod(pilot.tally.box.shape)
     assert 4 * box * 2 <= need["maps"] <= 4 * Z.size * 2  # passages, columns of counts
     assert need["made"] - preview.PACKAGES <= 4 * Z.size  # the quantile
     assert need["classes"] == 1000 * 440  # bytes of the counts of energy in a cell
-    assert need["results"] == 500 * (12 * 8 + 9 * 4) + 50 * 16
+    assert 0 <= need["results"] - (500 * (12 * 8 + 9) + 50 * 16) < 100  # sums
 
 
 def test_what_is_not_asked_for_takes_nothing(tmp_path):

@@ -55,7 +55,7 @@ def test_any_chunk_and_part_starts_at_its_own_sources(tmp_path, sampling, chunk)
 
 
 def test_the_last_source_is_refused_before_the_first_boulder_flies(tmp_path, monkeypatch):
-    call = "rockfall.simulation.simulate._call"
+    call = "rockfall.simulation.run_state.Run.advance"
     monkeypatch.setattr(call, lambda *_: pytest.fail("a boulder flew"))
     with pytest.raises(RockfallError, match=r"source 8 \(9999.000, 380.000\) lies outside"):
         run(case_in(tmp_path, np.append(X, 9999.0)), chunk=1)

@@ -12,7 +12,7 @@ from made import refused
 from rockfall.analysis.precision.intervals import between_ranks
 from rockfall.result import variables
 from rockfall.scene.read import read_scene
-from rockfall.simulation import maps, simulate
+from rockfall.simulation import run_state, simulate
 from same import same_numbers
 
 CELL, SHAPE = 5.0, (80, 60)
@@ -98,13 +98,13 @@ def test_a_boulder_alone_is_that_of_the_crowd(folder, crowd, number):
     scene = read_scene(case, z, scenes.grid(z, CELL), mean_radius=river())
     tally = simulate.start(scene, threads=1)
     simulate._fly(tally, number, 1)
-    row = dict(zip(simulate.fields(1), tally.boulder[number - 1], strict=True))
-    row |= dict(zip(simulate.fields(2)[:2], tally.count[number - 1], strict=False))
-    for name, value in row.items():
-        assert value == crowd[name].values[number - 1], name
-    for k, name in enumerate(simulate.fields(3)):
-        met = crowd[f"line_{name}"].values[:, number - 1]
-        assert np.array_equal(tally.crossing[number - 1, :, k], met, equal_nan=True), name
+    tally.done = number
+    found = {array.file_name: array.values for array in tally.arrays("boulder", "line")}
+    assert {"volume", "status", "line_x", "line_energy_rotational"} <= {*found}
+    for name, values in found.items():
+        met = crowd[name].values[..., number - 1]
+        assert np.array_equal(values[..., number - 1], met, equal_nan=True), name
+    row = {name: values[number - 1] for name, values in found.items() if values.ndim == 1}
     way = simulate.trajectory(scene, number)
     last = dict(zip(simulate.fields(4), way[-1], strict=True))
     assert [last[axis] for axis in "xyz"] == [row[f"stop_{axis}"] for axis in "xyz"]
@@ -174,8 +174,8 @@ def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
     for number in range(1, 401):
         tally = simulate.start(scene, 1)
         simulate._fly(tally, number, 1)
-        passed = tally.maps.counts[0] > 0
-        alone.append(np.where(passed, tally.maps.maxima.astype("f8"), np.nan))
+        passed = tally.array("tally_counts")[0] > 0
+        alone.append(np.where(passed, tally.array("tally_maxima").astype("f8"), np.nan))
     alone = np.array(alone)  # (boulders, quantities, y, x)
     result = simulate.run_scene(scene)
     count = (~np.isnan(alone[:, 0])).sum(axis=0)
@@ -213,27 +213,15 @@ def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
 
 
 def test_quantiles_need_room_for_the_cells_that_boulders_reach(folder, monkeypatch):
-    """They have it where the system grants less than all cells would take; else a line says so."""
+    """They have it where there is less than all cells would take; else a line says so."""
     z, case = slope(), make_case(folder, 100, output={"maps": MAPS})
     scene = read_scene(case, dem=z, transform=scenes.grid(z, CELL), mean_radius=river())
     whole = simulate.run_scene(scene)
     reached, cells = int((whole.passages > 0).sum()), z.size
     assert reached < cells // 4
-    empty, refusals = np.empty, []
-
-    def grant(shape, *about):
-        if np.prod(shape) > 260 * cells // 2:
-            refusals.append(shape)
-            raise MemoryError
-        return empty(shape, *about)
-
-    with monkeypatch.context() as less:
-        less.setattr(np, "empty", grant)
-        same_numbers(simulate.run_scene(scene), whole)
-    assert refusals == [(cells, 260)]
-    monkeypatch.setattr(maps, "MAX_ROWS", reached)
+    monkeypatch.setattr(run_state, "MAX_COLUMNS", reached)
     same_numbers(simulate.run_scene(scene, threads=4), whole)
-    monkeypatch.setattr(maps, "MAX_ROWS", reached - 1)
+    monkeypatch.setattr(run_state, "MAX_COLUMNS", reached - 1)
     for threads, chunk in ((1, 7), (4, 500)):
         with refused(
             f"case: &output maps: boulders reach more than {reached - 1} cells; the counts of "

@@ -37,8 +37,8 @@ def by_brute_force(case, arrays):
         numbers = scene.numbers_of(source)
         tally = simulate.start(scene, 1)
         simulate._fly(tally, numbers.start, len(numbers))
-        box = tally.maps.box
-        fed = tally.maps.counts[0] > 0
+        box = tally.box
+        fed = tally.array("tally_counts")[0] > 0
         sources[box.rows, box.columns] += fed
         released[box.rows, box.columns] += len(numbers) * fed
     return sources, released
@@ -105,8 +105,8 @@ def test_a_part_tells_of_its_own_boulders(tmp_path):
     for first, last in ((301, 400), (401, 600)):
         tally = simulate.start(scene, 1)
         tally.done += simulate._fly(tally, first, last - first + 1)
-        sources += tally.maps.counts[0] > 0
-        released += (last - first + 1) * (tally.maps.counts[0] > 0)
+        sources += tally.array("tally_counts")[0] > 0
+        released += (last - first + 1) * (tally.array("tally_counts")[0] > 0)
     found = np.zeros((2, sources.size), int)
     found[:, part["tally_cell"].values] = part["tally_counts"].values[1:]  # after the passages
     assert np.array_equal(found, np.stack([sources.ravel(), released.ravel()]))
@@ -124,7 +124,7 @@ def test_an_interrupted_run_tells_of_the_boulders_done(tmp_path, monkeypatch):
     for first, n in ((1, 200), (201, 60)):
         tally = simulate.start(read_scene(case, **arrays), 1)
         tally.done += simulate._fly(tally, first, n)
-        fed.append(tally.maps.counts[0] > 0)
+        fed.append(tally.array("tally_counts")[0] > 0)
     check(result, fed[0] + fed[1].astype(int), 200 * fed[0] + 60 * fed[1])
 
 
@@ -148,6 +148,7 @@ class _after:
 def test_who_does_not_ask_does_not_pay(tmp_path):
     case = case_of(tmp_path, 5, ["passages"])
     tally = simulate.start(read_scene(case, **scattered(3)), 1)
-    assert tally.maps.stamp.size == 1 and len(tally.maps.counts) == 1
+    assert "last_source" not in {array.name for array in tally.run.arrays()}
+    assert len(tally.array("tally_counts")) == 1
     part = rockfall.run(case, **scattered(3), shard=(1, 2))
     assert not any(name.startswith("tally_fed") for name in part.variables)

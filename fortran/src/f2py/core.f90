@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The Python interface of the kernel: plain arrays, no physics. An optional array that is absent comes with a
-!> single element, because f2py has no empty ones.
+!> The Python interface of the kernel: plain arrays, no physics.
 !>
-!> A scene is built once, by `open_scene`, and known by a handle until `close_scene`; it looks at the arrays that it
-!> was made of, which the caller keeps as they are. Runs only read it, so several may use it at once.
+!> A scene is built once, by `new_scene`, `give` and `build_scene`, and known by a handle until `close_scene`; it looks
+!> at the arrays that it was given, which the caller keeps as they are. Runs only read it, so several may use it at
+!> once. A run is known by a handle likewise; its arrays are the kernel's, and the caller looks at them.
 module rockfall_f2py
    use ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_intptr_t, c_ptr, &
@@ -19,146 +19,109 @@ module rockfall_f2py
    use rockfall_impact, only: ratio_weights, ratio_class, is_admissible, limit_rebound, max_draws, min_normal
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, left_window
-   use rockfall_crossings, only: crossing_t
    use rockfall_scratch, only: scratch_t
-   use rockfall_scene, only: scene_arrays_t, grounds_of, scene_from, check_sources, boulders_of, largest_volumes
+   use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of, largest_volumes
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model
    use rockfall_reach, only: block_side, take_minima, reach_box
    use rockfall_stand, only: stems_in_cell, stem_numbers
    use rockfall_random, only: random_key
    use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios, share_of
    use rockfall_maps, only: maps_t
-   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_views, map_row, &
-                                  map_min_count, map_thin_below, &
-                                  fraction_limit, z_95, min_for_mean, min_for_std, max_columns, halvings
+   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_row, map_min_count, &
+                                  map_thin_below, fraction_limit, z_95, min_for_mean, min_for_std, max_columns
    use rockfall_limits, only: check_tallies
    use rockfall_threads, only: team_size, check_team, release_team
-   use rockfall_ensemble, only: run_boulders, trace_boulder, recorded_boulders
-   use rockfall_result, only: boulder_row, boulder_count_row, energy_row, line_row, vertex_row
-   use rockfall_samples, only: samples_t, sample_edge, n_sample_bins, n_coarse_bins, n_words, n_largest
-   use rockfall_line_samples, only: layout_t, layout_of, add_line_samples => add_samples, all_quantities => &
-                                    line_quantities, place_along, line_quantity, end_quantity, units_of, n_quantities, &
-                                    n_tails => tails
+   use rockfall_ensemble, only: trace_boulder, recorded_boulders
+   use rockfall_result, only: boulder_row, boulder_count_row, vertex_row
+   use rockfall_samples, only: sample_edge, n_sample_bins, n_coarse_bins, n_words, n_largest
+   use rockfall_line_samples, only: layout_t, all_quantities => line_quantities, place_along, &
+                                    line_quantity, end_quantity, units_of, n_quantities, n_tails => tails
    use rockfall_line, only: line_t, new_line => line
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
    use rockfall_case_keys, only: key_text, key_table, broken_rule, n_keys, repeatable, map_names, max_real
-   use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading, keeps_all
+   use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
+   use rockfall_state_table, only: table_t, row_text
+   use rockfall_run_state, only: run_t, arrays_of, map_tallies, begin_run => open_run, &
+                                 begin_joined_run => open_joined_run, extend_run => continue_run, &
+                                 end_run => close_run, advance_run => advance, settle_run => settle, &
+                                 restore_run => restore_sources
    implicit none
    private
-   public :: open_scene, limit_terrain, close_scene, carry_in_lanes, run, trajectory, survey, reach, block_of, map_plan
-   public :: check_maps, map_values, count_limits, check_case, case_key, repeatable_groups, variable, read_sets, fields
+   public :: new_scene, give, build_scene, limit_terrain, close_scene, carry_in_lanes, trajectory, survey, reach
+   public :: block_of, map_plan
+   public :: open_run, open_joined_run, continue_run, close_run, advance, array, map, settle, restore_sources
+   public :: check_maps, count_limits, check_case, case_key, repeatable_groups, variable, read_sets, fields
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
    public :: boulders_of_source, recorded, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
    public :: stand_counts, stand_numbers, shape_numbers
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, share, fraction_limits
-   public :: sample_layout, sample_edges, sample_units, add_samples, line_quantities, places_along
+   public :: sample_edges, sample_units, line_quantities, places_along
    public :: check_numbers, ground_parameter, ground_model, barriers, barrier_outcomes, ead_energies
 
-   !> What a handle stands for.
+   !> What the handle of a scene stands for.
    type :: open_scene_t
       type(scene_t) :: scene
-      type(terrain_t) :: dem    !! its terrain, as far as the arrays reach
-      type(map_plan_t) :: plan  !! of the maps that the case asks for
-      real(c_double), allocatable :: thresholds(:)  !! of energy [J]
-      type(layout_t), allocatable :: layout         !! of samples, where not all rows are kept
+      type(terrain_t) :: dem  !! its terrain, as far as the arrays reach
+      type(case_t) :: case
+      type(scene_arrays_t), allocatable :: arrays  !! until it is built
    end type open_scene_t
+
+   !> What the handle of a run stands for.
+   type :: open_run_t
+      type(run_t) :: run
+      type(table_t) :: table  !! of its arrays
+   end type open_run_t
 
 contains
 
-   !> The scene of the text of a case and of the arrays in `scene_arrays_t`, as a handle.
-   subroutine open_scene(text, name, z8, z4, west, north, cell, nodes, first, zone1, zone2, values, sizes, &
-                         source_x, source_y, area_ratio, source_frequency, source_volume, source_inertia, &
-                         source_density, source_feature, feature_law, feature_value, &
-                         tree_x, tree_y, tree_dbh, tree_factor, sets_text, sets_name, draw, ground_text, &
-                         ground_length, ground_names, material_ground, cell_ground, handle, code, message, &
-                         nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nb, nd, nt, &
-                         nz, ng, mg, nxg, nyg, ne, nf, nw)
-      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nb, nd, nt
-      integer(c_int), intent(in) :: nz, ng, mg, nxg, nyg, ne, nf, nw
-      character(len=*), intent(in) :: text, name                 !! of the case, and what it is called in messages
-      real(c_double), intent(in), target :: z8(nx8, ny8)         !! elevations [m], or
-      real(c_float), intent(in), target :: z4(nx4, ny4)          !! in single precision
-      real(c_double), intent(in) :: west, north, cell            !! outer edges, cell size [m]
-      integer(c_int), intent(in) :: nodes(2), first(2)           !! columns, rows of the raster; where arrays begin
-      integer(c_int8_t), intent(in), target :: zone1(nx1, ny1)   !! column of `sizes`, or
-      integer(c_int16_t), intent(in), target :: zone2(nx2, ny2)  !! of more than 127, or
-      real(c_float), intent(in), target :: values(nxv, nyv, nkv) !! sizes of each cell [m]
-      real(c_double), intent(in) :: sizes(ks, ms)                !! [m]
-      real(c_double), intent(in) :: source_x(ns), source_y(ns)   !! map coordinates [m]
-      real(c_double), intent(in) :: area_ratio(na), source_frequency(nw)  !! above zero, or none
-      real(c_double), intent(in) :: source_volume(nb), source_inertia(nb), source_density(nd)  !! of their boulders
-      integer(c_int), intent(in) :: source_feature(ne), feature_law(nf)  !! feature of each, from 1; 0: none
-      real(c_double), intent(in) :: feature_value(9, nf)         !! as in scene_arrays_t
-      real(c_double), intent(in), target :: tree_x(nt), tree_y(nt), tree_dbh(nt), tree_factor(nt)  !! stems
-      character(len=*), intent(in) :: sets_text, sets_name       !! of the file of impact sets
-      integer(c_int), intent(in) :: draw                         !! of its draws; 0: the only one
-      integer(c_int8_t), intent(in) :: ground_text(nz)           !! bytes of grounds, one after the other,
-      integer(c_int), intent(in) :: ground_length(ng)            !! of each; 0: the case's impact sets; -1: no grounds
-      character(len=*), intent(in) :: ground_names               !! for each a line with its name, one with its file
-      integer(c_int8_t), intent(in) :: material_ground(mg)       !! of each material, 0: none such, or
-      integer(c_int8_t), intent(in), target :: cell_ground(nxg, nyg)  !! of each cell
-      integer(c_intptr_t), intent(out) :: handle                 !! 0 without a scene
-      integer(c_int), intent(out) :: code                        !! 0 = success
-      character(len=1024), intent(out) :: message
-      type(scene_arrays_t) :: arrays
+   !> A scene to be given the arrays of scene_arrays_t, and then built, as a handle.
+   subroutine new_scene(west, north, cell, nodes, first, draw, handle)
+      real(c_double), intent(in) :: west, north, cell       !! outer edges, cell size [m]
+      integer(c_int), intent(in) :: nodes(2), first(2)      !! columns, rows of the raster; where arrays begin
+      integer(c_int), intent(in) :: draw                    !! of the impact sets; 0: the only one
+      integer(c_intptr_t), intent(out) :: handle
       type(open_scene_t), pointer :: opened
-      type(case_t) :: case
+
+      allocate (opened)
+      allocate (opened%arrays)
+      opened%arrays%grid = grid_t(west, north, cell, nodes(1), nodes(2))
+      opened%arrays%first = first
+      opened%arrays%draw = draw
+      handle = transfer(c_loc(opened), handle)
+   end subroutine new_scene
+
+   !> Give a scene an array: its name, kind, lengths (the first runs fastest), and where it is.
+   subroutine give(handle, name, kind, length, address)
+      integer(c_intptr_t), intent(in) :: handle, address
+      character(len=*), intent(in) :: name, kind
+      integer(c_int64_t), intent(in) :: length(3)
+      type(open_scene_t), pointer :: opened
+
+      opened => scene_of(handle)
+      call opened%arrays%give(name, kind, length, place_of(address))
+   end subroutine give
+
+   !> Build a scene of the text of a case and of what it was given; in error it is closed.
+   subroutine build_scene(handle, text, name, code, message)
+      integer(c_intptr_t), intent(in) :: handle
+      character(len=*), intent(in) :: text, name            !! of the case, and what it is called in messages
+      integer(c_int), intent(out) :: code                   !! 0 = success
+      character(len=1024), intent(out) :: message
+      type(open_scene_t), pointer :: opened
       type(error_t), allocatable :: error
 
-      handle = 0
-      arrays%grid = grid_t(west, north, cell, nodes(1), nodes(2))
-      arrays%first = first
-      if (size(z8) > 1) arrays%z8 => z8
-      if (size(z8) <= 1) arrays%z4 => z4
-      if (size(zone1) > 1) arrays%zone1 => zone1
-      if (size(zone2) > 1) arrays%zone2 => zone2
-      if (size(values) > 1) arrays%values => values
-      arrays%sizes = sizes
-      arrays%source_x = source_x
-      arrays%source_y = source_y
-      arrays%tree_x => tree_x
-      arrays%tree_y => tree_y
-      arrays%tree_dbh => tree_dbh
-      arrays%tree_factor => tree_factor
-      arrays%sets_text = sets_text
-      arrays%sets_name = sets_name
-      arrays%draw = draw
-      if (ground_length(1) >= 0) &
-         arrays%grounds = grounds_of(transfer(ground_text, repeat(" ", size(ground_text))), ground_length, ground_names)
-      if (all(material_ground > 0)) arrays%material_ground = material_ground
-      if (size(cell_ground) > 1) arrays%cell_ground => cell_ground
-      call read_case(text, name, case, error)
-      if (all(area_ratio > 0)) arrays%area_ratio = area_ratio
-      if (all(source_frequency > 0)) arrays%source_frequency = source_frequency
-      if (case%by_source) arrays%source_volume = source_volume
-      if (case%by_source) arrays%source_inertia = source_inertia
-      if (case%source_density) arrays%source_density = source_density
-      if (all(source_feature > 0)) then
-         arrays%source_feature = source_feature
-         if (all(feature_law >= 0)) then
-            arrays%feature_law = feature_law
-            arrays%feature_value = feature_value
-         end if
-      end if
-      if (.not. allocated(error)) then
-         allocate (opened)
-         call scene_from(case, arrays, opened%scene, error)
-         opened%dem = opened%scene%dem
-         opened%thresholds = case%thresholds
-         opened%plan = plan_maps(pack(map_names, case%map), size(case%thresholds))
-         handle = transfer(c_loc(opened), handle)
-         if (allocated(error)) then
-            call close_scene(handle)
-         else if (case%kept /= keeps_all) then
-            opened%layout = layout_of(opened%scene%release, n_lines(opened%scene) + 1)
-         end if
-      end if
+      opened => scene_of(handle)
+      call read_case(text, name, opened%case, error)
+      if (.not. allocated(error)) call scene_from(opened%case, opened%arrays, opened%scene, error)
+      opened%dem = opened%scene%dem
+      deallocate (opened%arrays)
+      if (allocated(error)) call close_scene(handle)
       call give_error(error, code, message)
-   end subroutine open_scene
+   end subroutine build_scene
 
    !> Keep boulders to these columns and rows, those of the maps: the same for all runs of a scene, and before them.
    subroutine limit_terrain(handle, map_at, map_last)
@@ -192,139 +155,218 @@ contains
       opened%scene%lanes = lanes
    end subroutine carry_in_lanes
 
+   pure type(c_ptr) function place_of(address) result(place)
+      integer(c_intptr_t), intent(in) :: address
+
+      place = transfer(address, place)
+   end function place_of
+
    function scene_of(handle) result(opened)
       integer(c_intptr_t), intent(in) :: handle
       type(open_scene_t), pointer :: opened
-      type(c_ptr) :: place
 
-      place = transfer(handle, place)
-      call c_f_pointer(place, opened)
+      call c_f_pointer(place_of(handle), opened)
    end function scene_of
 
-   !> Run boulders first .. first + n - 1 of a scene; maps and histograms are added to.
-   subroutine run(handle, first, threads, map_at, map_counts, map_sums, map_reals, class_counts, column, &
-                  columns, stamp, head, histogram, by_ground, energy, trees_hit, outcome, boulder, counts, crossing, &
-                  code, message, nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, &
-                  ng, ne, nt, nb, no, nl, n)
-      !f2py threadsafe
-      integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt
-      integer(c_int), intent(in) :: ng, ne, nt, nb, no, nl, n
+   !> A run of a scene, or `boulders` of it after the first `before`, with maps of a window (first column and row,
+   !> columns and rows), as a handle.
+   subroutine open_run(handle, before, boulders, window, threads, most_columns, run, code, message)
       integer(c_intptr_t), intent(in) :: handle
-      integer(c_int64_t), intent(in) :: first
-      integer(c_int), intent(in) :: threads
-      integer(c_int), intent(in) :: map_at(2)                    !! first column, row of maps
-      integer(c_int32_t), intent(inout), target :: map_counts(nxc, nyc, nkc)  !! stacks, as in map_views
-      integer(c_int64_t), intent(inout), target :: map_sums(nxs, nys, nks)
-      real(c_float), intent(inout), target :: map_reals(nxr, nyr, nkr)
-      integer(c_int32_t), intent(inout), target :: class_counts(kc, cc), column(nxq, nyq), columns(1)
-      integer(c_int32_t), intent(inout), target :: stamp(nxt, nyt, nkt)  !! as in maps_t, with its `head`
-      integer(c_int64_t), intent(in) :: head
-      integer(c_int64_t), intent(inout) :: histogram(50, 6)
-      integer(c_int64_t), intent(inout) :: by_ground(ng)         !! rebounds, where the scene has several grounds
-      real(c_double), intent(inout) :: energy(5, ne)             !! energy_fields, of all boulders or of one
-      integer(c_int32_t), intent(inout) :: trees_hit(nt)         !! likewise
-      integer(c_int8_t), intent(inout) :: outcome(nb, no)        !! of barriers, likewise
-      real(c_double), intent(out) :: boulder(12, n)              !! boulder_fields
-      integer(c_int32_t), intent(out) :: counts(9, n)            !! boulder_counts
-      real(c_double), intent(out) :: crossing(12, nl, n)         !! line_fields; one line at least
-      integer(c_int), intent(out) :: code                        !! 0 = success
+      integer(c_int64_t), intent(in) :: before, boulders
+      integer(c_int), intent(in) :: window(4), threads
+      integer(c_int64_t), intent(in) :: most_columns  !! of counts of bins
+      integer(c_intptr_t), intent(out) :: run  !! 0 without one
+      integer(c_int), intent(out) :: code      !! 0 = success
       character(len=1024), intent(out) :: message
-      type(open_scene_t), pointer :: opened
-      type(maps_t) :: maps
-      type(boulder_result_t), allocatable :: fates(:)
-      type(crossing_t), allocatable :: crossings(:, :)
-      integer :: k, l, status
+      type(open_scene_t), pointer :: scene
+      type(open_run_t), pointer :: opened
+      type(error_t), allocatable :: error
 
-      code = 0
-      message = ""
-      crossing = 0
-      opened => scene_of(handle)
-      associate (scene => opened%scene)
-         maps = map_views(opened%plan, opened%thresholds, map_at, map_counts, map_sums, map_reals, class_counts, &
-                          column, columns(1))
-         maps%last_source(map_at(1):, map_at(2):, 1:) => stamp
-         maps%first_partial = head
-         allocate (fates(n), crossings(n_lines(scene), n), stat=status)
-         if (status /= 0) then
-            code = 2
-            message = "boulders of a chunk do not fit in memory"
-            return
-         end if
-         call run_boulders(scene, first, threads, fates, crossings, maps, histogram, by_ground)
-         do k = 1, n
-            boulder(:, k) = boulder_row(scene%dem, fates(k))
-            counts(:, k) = boulder_count_row(fates(k))
-            if (scene%energies_requested) energy(:, k) = energy_row(fates(k))
-            if (allocated(scene%forest)) trees_hit(k) = fates(k)%trees_hit
-            if (allocated(scene%barriers)) outcome(:, k) = crossings(scene%barriers%line, k)%outcome
-            do l = 1, size(crossings, 1)
-               crossing(:, l, k) = line_row(scene%dem, fates(k), crossings(l, k))
-            end do
-         end do
-      end associate
-   end subroutine run
+      scene => scene_of(handle)
+      allocate (opened)
+      opened%run%threads = threads
+      opened%run%max_columns = most_columns
+      call begin_run(scene%case, scene%scene, before, boulders, window, opened%run, error)
+      call give_run(opened, error, run, code, message)
+   end subroutine open_run
 
-   pure integer function n_lines(scene)
-      type(scene_t), intent(in) :: scene
+   !> A run of which there are parts alone: of a case without fault, `total` boulders, so many grounds (0: no others
+   !> than the sets), and sources of a layer's features or not (1 or 0).
+   subroutine open_joined_run(text, total, window, grounds, features, part_last, group_part, run, code, message, np, ng)
+      integer(c_int), intent(in) :: np, ng
+      character(len=*), intent(in) :: text
+      integer(c_int64_t), intent(in) :: total
+      integer(c_int), intent(in) :: window(4), grounds, features
+      integer(c_int32_t), intent(in) :: part_last(np), group_part(ng)  !! as in layout_t
+      integer(c_intptr_t), intent(out) :: run
+      integer(c_int), intent(out) :: code
+      character(len=1024), intent(out) :: message
+      type(open_run_t), pointer :: opened
+      type(layout_t) :: layout
+      type(case_t) :: case
+      type(error_t), allocatable :: error
 
-      n_lines = 0
-      if (allocated(scene%lines)) n_lines = size(scene%lines)
-   end function n_lines
+      allocate (opened)
+      layout%part_last = part_last
+      layout%group_part = group_part
+      call read_case(text, "", case, error)
+      if (.not. allocated(error)) &
+         call begin_joined_run(case, total, window, grounds, features /= 0, layout, opened%run, error)
+      call give_run(opened, error, run, code, message)
+   end subroutine open_joined_run
 
-   !> How many parts and groups the samples of a scene have, and where there is room for as many of either: the last
-   !> feature or source of each part, and the part of each group.
-   subroutine sample_layout(handle, size_of, part_last, group_part, room)
-      integer(c_int), intent(in) :: room
-      integer(c_intptr_t), intent(in) :: handle
-      integer(c_int), intent(out) :: size_of(2)
-      integer(c_int32_t), intent(out) :: part_last(room), group_part(room)
-      type(open_scene_t), pointer :: opened
+   !> A run of a scene that begins with what another found, which cannot go on itself.
+   subroutine continue_run(handle, other, run, code, message)
+      integer(c_intptr_t), intent(in) :: handle, other
+      integer(c_intptr_t), intent(out) :: run
+      integer(c_int), intent(out) :: code
+      character(len=1024), intent(out) :: message
+      type(open_scene_t), pointer :: scene
+      type(open_run_t), pointer :: opened, before
+      type(error_t), allocatable :: error
 
-      opened => scene_of(handle)
-      part_last = 0
-      group_part = 0
-      associate (layout => opened%layout)
-         size_of = [size(layout%part_last), size(layout%group_part)]
-         if (room < maxval(size_of)) return
-         part_last(:size_of(1)) = layout%part_last
-         group_part(:size_of(2)) = layout%group_part
-      end associate
-   end subroutine sample_layout
+      scene => scene_of(handle)
+      before => run_of(other)
+      allocate (opened)
+      call extend_run(scene%case, scene%scene, before%run, opened%run, error)
+      call give_run(opened, error, run, code, message)
+   end subroutine continue_run
 
-   !> Add boulders, from the rows that `run` gave, to samples, as in samples_t.
-   subroutine add_samples(handle, boulder, counts, crossing, bins, sums, groups, largest, ended, nl, n, np, ng, nq, k)
+   !> The handle of a run, unless it is in error.
+   subroutine give_run(opened, error, run, code, message)
+      type(open_run_t), pointer, intent(in) :: opened
+      type(error_t), allocatable, intent(inout) :: error
+      integer(c_intptr_t), intent(out) :: run
+      integer(c_int), intent(out) :: code
+      character(len=1024), intent(out) :: message
+
+      run = transfer(c_loc(opened), run)
+      if (allocated(error)) then
+         call close_run(run)
+         run = 0
+      end if
+      call give_error(error, code, message)
+   end subroutine give_run
+
+   !> Forget a run; the handle stands for nothing afterwards.
+   subroutine close_run(run)
+      integer(c_intptr_t), intent(in) :: run
+      type(open_run_t), pointer :: opened
+
+      opened => run_of(run)
+      call end_run(opened%run)
+      deallocate (opened)
+   end subroutine close_run
+
+   function run_of(run) result(opened)
+      integer(c_intptr_t), intent(in) :: run
+      type(open_run_t), pointer :: opened
+
+      call c_f_pointer(place_of(run), opened)
+   end function run_of
+
+   !> Run boulders first .. first + n - 1 on a scene, which may be a window of that of the run; how many of them left
+   !> it, to be run again.
+   subroutine advance(run, handle, first, n, left, code, message)
       !f2py threadsafe
-      integer(c_int), intent(in) :: nl, n, np, ng, nq, k
-      integer(c_intptr_t), intent(in) :: handle
-      real(c_double), intent(in) :: boulder(12, n)         !! boulder_fields
-      integer(c_int32_t), intent(in) :: counts(9, n)       !! boulder_counts
-      real(c_double), intent(in) :: crossing(12, nl, n)    !! line_fields; one line at least
-      integer(c_int32_t), intent(inout), target :: bins(13056, 12, np, nq), groups(204, 12, ng, nq)
-      integer(c_int64_t), intent(inout), target :: sums(5, 12, np, nq), ended(7)
-      real(c_double), intent(inout), target :: largest(k, 6, nl)
-      type(open_scene_t), pointer :: opened
-      type(samples_t) :: samples
-      type(line_t) :: none(0)
-      integer :: b
+      integer(c_intptr_t), intent(in) :: run, handle
+      integer(c_int64_t), intent(in) :: first, n
+      integer(c_int), intent(out) :: left
+      integer(c_int), intent(out) :: code
+      character(len=1024), intent(out) :: message
+      type(open_scene_t), pointer :: scene
+      type(open_run_t), pointer :: opened
+      type(error_t), allocatable :: error
 
-      opened => scene_of(handle)
-      samples%bins => bins
-      samples%groups => groups
-      samples%sums => sums
-      samples%largest => largest
-      samples%ended => ended
-      associate (scene => opened%scene, layout => opened%layout)
-         do b = 1, n
-            if (allocated(scene%lines)) then
-               call add_line_samples(samples, layout, scene%lines, [scene%dem%x0, scene%dem%y0], boulder(:, b), &
-                                     counts(:, b), crossing(:, :, b))
-            else
-               call add_line_samples(samples, layout, none, [scene%dem%x0, scene%dem%y0], boulder(:, b), &
-                                     counts(:, b), crossing(:, :0, b))
-            end if
-         end do
+      scene => scene_of(handle)
+      opened => run_of(run)
+      call advance_run(opened%run, scene%scene, first, n, error)
+      left = 0
+      if (.not. allocated(error)) left = size(opened%run%left)
+      call give_error(error, code, message)
+   end subroutine advance
+
+   !> Array k of a run, from 1: as row_text has it, lengths of its dimensions (the first runs fastest), and where it is;
+   !> blank past the end. The first one begins a new list.
+   subroutine array(run, k, text, length, address)
+      integer(c_intptr_t), intent(in) :: run
+      integer(c_int), intent(in) :: k
+      character(len=256), intent(out) :: text
+      integer(c_int64_t), intent(out) :: length(4)
+      integer(c_intptr_t), intent(out) :: address
+      type(open_run_t), pointer :: opened
+
+      opened => run_of(run)
+      if (k == 1) opened%table = arrays_of(opened%run)
+      text = ""
+      length = 1
+      address = 0
+      if (k > size(opened%table%row)) return
+      associate (row => opened%table%row(k))
+         text = row_text(row)
+         length = row%length
+         address = transfer(row%at, address)
       end associate
-   end subroutine add_samples
+   end subroutine array
+
+   !> A map of reals of a run of so many boulders, of which those of a cluster may all do the same (1: they are
+   !> independent); `fewest`: passages for which a cell has a number, `thin`: those below which it is hardly known.
+   subroutine map(run, name, boulders, per_cluster, min_passages, values, fewest, thin, nx, ny)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: nx, ny
+      integer(c_intptr_t), intent(in) :: run
+      character(len=*), intent(in) :: name
+      integer(c_int64_t), intent(in) :: boulders, per_cluster
+      integer(c_int), intent(in) :: min_passages
+      real(c_float), intent(inout) :: values(nx, ny)
+      integer(c_int), intent(out) :: fewest, thin
+      type(open_run_t), pointer :: opened
+      type(maps_t) :: maps
+      integer :: j
+
+      opened => run_of(run)
+      fewest = map_min_count(name, min_passages)
+      thin = map_thin_below(name, per_cluster)
+      maps = map_tallies(opened%run, [1, 1])
+      do j = 1, ny
+         call map_row(maps, name, j, boulders, per_cluster, min_passages, values(:, j))
+      end do
+   end subroutine map
+
+   !> Leave in the maps of a run only the boulders done of sources that these cut (sign 1), or all of them again (-1).
+   subroutine settle(run, handle, done, sign)
+      integer(c_intptr_t), intent(in) :: run, handle
+      integer(c_int64_t), intent(in) :: done
+      integer(c_int), intent(in) :: sign
+      type(open_scene_t), pointer :: scene
+      type(open_run_t), pointer :: opened
+
+      scene => scene_of(handle)
+      opened => run_of(run)
+      opened%run%done = done
+      call settle_run(opened%run, scene%scene%release, sign)
+   end subroutine settle
+
+   !> Go on from the cells of sources that the boulders done cut; good: 1 or 0.
+   subroutine restore_sources(run, handle, done, cell, source, boulders, good, n)
+      integer(c_int), intent(in) :: n
+      integer(c_intptr_t), intent(in) :: run, handle
+      integer(c_int64_t), intent(in) :: done, cell(n)
+      integer(c_int32_t), intent(in) :: source(n), boulders(n)
+      integer(c_int), intent(out) :: good
+      type(open_scene_t), pointer :: scene
+      type(open_run_t), pointer :: opened
+      logical :: is_good
+
+      scene => scene_of(handle)
+      opened => run_of(run)
+      opened%run%done = done
+      opened%run%shared%cell = cell
+      opened%run%shared%source = source
+      opened%run%shared%boulders = boulders
+      call restore_run(opened%run, scene%scene%release, is_good)
+      good = merge(1, 0, is_good)
+   end subroutine restore_sources
 
    !> The edges of the bins of samples, in units.
    subroutine sample_edges(edges)
@@ -415,19 +457,18 @@ contains
       if (code == 0 .and. size(minima) > 1) call take_minima(opened%dem, first, last, minima)
    end subroutine survey
 
-   !> The array that there is as a terrain.
-   subroutine set_terrain(dem, z8, z4, west, north, cell, nodes, at)
+   !> Elevations somewhere in memory as a terrain.
+   subroutine set_terrain(dem, kind, length, address, place, nodes, at)
       type(terrain_t), intent(out) :: dem
-      real(c_double), intent(in), target, contiguous :: z8(:, :)
-      real(c_float), intent(in), target, contiguous :: z4(:, :)
-      real(c_double), intent(in) :: west, north, cell
-      integer(c_int), intent(in) :: nodes(2), at(2)
+      character(len=*), intent(in) :: kind             !! f4 or f8
+      integer(c_int64_t), intent(in) :: length(3)      !! columns, rows, 1
+      integer(c_intptr_t), intent(in) :: address
+      real(c_double), intent(in) :: place(3)           !! outer edges, cell size [m]
+      integer(c_int), intent(in) :: nodes(2), at(2)    !! columns, rows of the raster; where these begin
+      type(scene_arrays_t) :: arrays
 
-      if (size(z8) > 1) then
-         dem = terrain(west, north, cell, z8=z8, nodes=nodes, first=at)
-      else
-         dem = terrain(west, north, cell, z4=z4, nodes=nodes, first=at)
-      end if
+      call arrays%give("z", kind, length, place_of(address))
+      dem = terrain(place(1), place(2), place(3), arrays%z8, arrays%z4, nodes, at)
    end subroutine set_terrain
 
    !> The first column and row and the last column and row, from 1, of the cells that boulders can reach.
@@ -503,39 +544,12 @@ contains
 
       opened => scene_of(handle)
       associate (scene => opened%scene)
-         call check_tallies(opened%plan, largest_volumes(scene), scene%gravity, fall, boulders_of(scene), &
+         call check_tallies(plan_maps(pack(map_names, opened%case%map), size(opened%case%thresholds)), &
+                            largest_volumes(scene), scene%gravity, fall, boulders_of(scene), &
                             scene%max_impacts, error)
       end associate
       call give_error(error, code, message)
    end subroutine check_maps
-
-   !> A map of reals, of the tallies of `run` for maps of these names; `fewest`: passages for which a cell has a
-   !> number.
-   subroutine map_values(name, boulders, per_cluster, min_passages, names, map_counts, map_sums, map_reals, &
-                         class_counts, column, columns, values, fewest, thin, nxc, nyc, nkc, nxs, nys, nks, &
-                         nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny)
-      !f2py threadsafe
-      integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny
-      character(len=*), intent(in) :: name, names
-      integer(c_int64_t), intent(in) :: boulders, per_cluster  !! of the run; of a cluster, 1: they are independent
-      integer(c_int), intent(in) :: min_passages
-      integer(c_int32_t), intent(in), target :: map_counts(nxc, nyc, nkc), class_counts(kc, cc), column(nxq, nyq), &
-                                                columns(1)
-      integer(c_int64_t), intent(in), target :: map_sums(nxs, nys, nks)
-      real(c_float), intent(in), target :: map_reals(nxr, nyr, nkr)
-      real(c_float), intent(inout) :: values(nx, ny)
-      integer(c_int), intent(out) :: fewest, thin
-      type(maps_t) :: maps
-      integer :: j
-
-      maps = map_views(plan_of(names, 0), [real(c_double) ::], [1, 1], map_counts, map_sums, map_reals, class_counts, &
-                       column, columns(1))
-      fewest = map_min_count(name, min_passages)
-      thin = map_thin_below(name, per_cluster)
-      do j = 1, ny
-         call map_row(maps, name, j, boulders, per_cluster, min_passages, values(:, j))
-      end do
-   end subroutine map_values
 
    !> Trees of a stand (rockfall_stand): how many stems stand in each cell of a row of a raster of nx columns.
    subroutine stand_counts(seed, nx, row, expected, even, counts, n)
@@ -599,31 +613,34 @@ contains
       slope = usual_threshold(cell)
    end subroutine slope_threshold
 
-   !> Of the cells above zero in rows `first` (1..) and following, set those to zero that are not steep.
-   subroutine steep_cells(z8, z4, nodes, at, cell, threshold, first, cells, nx8, ny8, nx4, ny4, nx, ny)
+   !> Of the cells above zero in rows `first` (1..) and following, set those to zero that are not steep; the terrain as
+   !> in set_terrain.
+   subroutine steep_cells(kind, length, address, place, nodes, at, threshold, first, cells, nx, ny)
       !f2py threadsafe
-      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx, ny, first, nodes(2), at(2)
-      real(c_double), intent(in), target :: z8(nx8, ny8)  !! as in `run`
-      real(c_float), intent(in), target :: z4(nx4, ny4)
-      real(c_double), intent(in) :: cell, threshold       !! [m], [degree]
+      character(len=*), intent(in) :: kind
+      integer(c_int), intent(in) :: nx, ny, first, nodes(2), at(2)
+      integer(c_int64_t), intent(in) :: length(3)
+      integer(c_intptr_t), intent(in) :: address
+      real(c_double), intent(in) :: place(3), threshold   !! [m], [degree]
       integer(c_int16_t), intent(inout) :: cells(nx, ny)
       type(terrain_t) :: dem
 
-      call set_terrain(dem, z8, z4, 0.0_c_double, 0.0_c_double, cell, nodes, at)
+      call set_terrain(dem, kind, length, address, place, nodes, at)
       call keep_steep(dem, threshold, first, cells)
    end subroutine steep_cells
 
-   !> Surface over plan area of the cells of sources, in map coordinates [m].
-   subroutine area_ratios(z8, z4, nodes, at, west, north, cell, source_x, source_y, ratio, nx8, ny8, nx4, ny4, ns)
+   !> Surface over plan area of the cells of sources, in map coordinates [m]; the terrain as in set_terrain.
+   subroutine area_ratios(kind, length, address, place, nodes, at, source_x, source_y, ratio, ns)
       !f2py threadsafe
-      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, ns, nodes(2), at(2)
-      real(c_double), intent(in), target :: z8(nx8, ny8)  !! as in `run`
-      real(c_float), intent(in), target :: z4(nx4, ny4)
-      real(c_double), intent(in) :: west, north, cell, source_x(ns), source_y(ns)
+      character(len=*), intent(in) :: kind
+      integer(c_int), intent(in) :: ns, nodes(2), at(2)
+      integer(c_int64_t), intent(in) :: length(3)
+      integer(c_intptr_t), intent(in) :: address
+      real(c_double), intent(in) :: place(3), source_x(ns), source_y(ns)
       real(c_double), intent(out) :: ratio(ns)
       type(terrain_t) :: dem
 
-      call set_terrain(dem, z8, z4, west, north, cell, nodes, at)
+      call set_terrain(dem, kind, length, address, place, nodes, at)
       ratio = surface_ratios(dem, source_x - dem%x0, source_y - dem%y0)
    end subroutine area_ratios
 
@@ -828,13 +845,12 @@ contains
    end subroutine variable
 
    !> The numbers of the five impact sets in a text, as in coefficients_t, for a rule of turning.
-   subroutine read_sets(text, name, turning, draw, mean, covariance, incidence, lateral, speed_range, angle_range, &
-                        draws, code, message)
+   subroutine read_sets(text, name, turning, draw, mean, covariance, incidence, lateral, ranges, draws, code, message)
       character(len=*), intent(in) :: text, name
       character(len=*), intent(in) :: turning  !! as in a case
       integer(c_int), intent(in) :: draw       !! 0: there must be one only
       real(c_double), intent(out) :: mean(9, 5), covariance(9, 9, 5), incidence(8, 5), lateral(13, 9, 5)
-      real(c_double), intent(out) :: speed_range(2, 5), angle_range(2, 5)
+      real(c_double), intent(out) :: ranges(2, 5, 2)  !! of speeds, of angles
       integer(c_int), intent(out) :: draws, code
       character(len=1024), intent(out) :: message
       type(coefficients_t) :: sets
@@ -845,8 +861,8 @@ contains
       covariance = sets%covariance
       incidence = sets%incidence
       lateral = sets%lateral
-      speed_range = sets%speed_range
-      angle_range = sets%angle_range
+      ranges(:, :, 1) = sets%speed_range
+      ranges(:, :, 2) = sets%angle_range
       call give_error(error, code, message)
    end subroutine read_sets
 
@@ -938,7 +954,6 @@ contains
       case ("sample_tails"); value = n_tails         ! quantities at lines that have tails: the first
       case ("sample_quantities"); value = n_quantities
       case ("max_columns"); value = max_columns      ! of counts of bins
-      case ("halvings"); value = halvings            ! of them, where memory is short
       case default; value = ieee_value(value, ieee_quiet_nan)
       end select
    end subroutine constant

@@ -11,7 +11,8 @@ module rockfall_checkpoint
    use rockfall_case, only: case_t
    use rockfall_scene_file, only: inputs_t
    use rockfall_part_file, only: write_part, read_part, boulders_in
-   use rockfall_run_loop, only: run_observer_t, results_t
+   use rockfall_run_state, only: run_t
+   use rockfall_run_loop, only: run_observer_t
    implicit none
    private
    public :: checkpoint_t, check_checkpoint, remove_checkpoint
@@ -52,50 +53,50 @@ contains
    end subroutine check_checkpoint
 
    !> Go on from the file, if there is one.
-   subroutine on_start(this, results, error)
+   subroutine on_start(this, run, error)
       class(checkpoint_t), intent(inout) :: this
-      type(results_t), intent(inout), target :: results
+      type(run_t), intent(inout), target :: run
       type(error_t), allocatable, intent(out) :: error
 
       call wait_for(this, this%every)
       if (.not. path_exists(this%name)) return
-      call read_part(this%name, this%case, this%text, this%inputs, results, error)
-      this%kept = results%done
+      call read_part(this%name, this%text, this%inputs, run, error)
+      this%kept = run%done
    end subroutine on_start
 
    !> Write the file if it is time to. After a signal it is time, and the run is to stop.
-   subroutine on_chunk(this, results, error)
+   subroutine on_chunk(this, run, error)
       class(checkpoint_t), intent(inout) :: this
-      type(results_t), intent(inout), target :: results
+      type(run_t), intent(inout), target :: run
       type(error_t), allocatable, intent(out) :: error
       integer(i8) :: now
       integer :: status
 
       status = interrupt_status()
       call system_clock(now)
-      if (status /= 0 .or. now >= this%next) call save(this, results)
+      if (status /= 0 .or. now >= this%next) call save(this, run)
       if (status == 0) return
       if (this%kept > 0) then
          call fail(error, "interrupted: "//this%name//" holds "//integer_text(this%kept)//" of " &
-                   //integer_text(results%boulders)//" boulders; --resume goes on", status)
+                   //integer_text(run%boulders)//" boulders; --resume goes on", status)
       else
          call fail(error, "interrupted; nothing was kept", status)
       end if
    end subroutine on_chunk
 
    !> Write what was done, if there is anything new, and if it is to be written at all.
-   subroutine save(this, results)
+   subroutine save(this, run)
       class(checkpoint_t), intent(inout) :: this
-      type(results_t), intent(inout), target :: results
+      type(run_t), intent(inout), target :: run
       type(error_t), allocatable :: error
       integer(i8) :: begun, end, rate
 
-      if (this%every <= 0 .or. results%done == this%kept) return
+      if (this%every <= 0 .or. run%done == this%kept) return
       call system_clock(begun)
-      call write_part(this%name, hidden_name(this%name), this%case, this%text, this%inputs, results, error)
+      call write_part(this%name, hidden_name(this%name), this%case, this%text, this%inputs, run, error)
       call system_clock(end, rate)
       call wait_for(this, max(this%every, rest*real(end - begun, wp)/rate))
-      this%kept = results%done
+      this%kept = run%done
       if (.not. allocated(error)) return
       this%every = 0
       this%kept = 0

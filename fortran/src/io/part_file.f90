@@ -2,11 +2,11 @@
 !> The part file (docs/files.md): results of some boulders of a run, with tallies that add up to those of all. A
 !> checkpoint, a shard's result and this program's result are one; `rockfall` reads and writes the same.
 module rockfall_part_file
-   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
+   use, intrinsic :: iso_c_binding, only: c_f_pointer
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
    use netcdf, only: nf90_global, nf90_copy_att, nf90_inq_attname, nf90_inq_varid, nf90_inquire_variable, &
                      nf90_put_att, nf90_strerror, nf90_byte, nf90_int, nf90_int64, nf90_float, nf90_double
-   use rockfall_kinds, only: wp, i1, i4, i8
+   use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: joined
    use rockfall_version, only: version
@@ -14,13 +14,8 @@ module rockfall_part_file
    use rockfall_filesystem, only: replace_file, remove_file
    use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf, keep, &
                                    sound, mark_damaged, fail_damaged, pass, length_of, text_of, integers_of, real_of
-   use rockfall_variables, only: variable_t, variable_table, stored_as, layout => part_layout, boulder_fields, &
-                                 boulder_counts, energy_fields, line_fields, vertex_fields, histogram_fields, &
+   use rockfall_variables, only: variable_of, stored_as, name_in_files, layout => part_layout, vertex_fields, &
                                  statuses
-   use rockfall_histogram, only: n_bins
-   use rockfall_maps, only: maps_t
-   use rockfall_source_maps, only: contributing_t, contributing_cells, partial_sources, settle
-   use rockfall_boulder, only: first_of, last_of
    use rockfall_barrier, only: passed_over
    use rockfall_ground, only: ground_t
    use rockfall_grounds, only: model_names
@@ -28,7 +23,9 @@ module rockfall_part_file
    use rockfall_case_file, only: differing_key
    use rockfall_scene_file, only: inputs_t
    use rockfall_line_samples, only: layout_t
-   use rockfall_run_loop, only: results_t, map_tallies
+   use rockfall_state_table, only: array_t, table_t
+   use rockfall_run_state, only: run_t, arrays_of, rows_of, settle, restore_sources
+   use rockfall_run_loop, only: trajectories_t
    implicit none
    private
    public :: write_part, read_part, boulders_in, is_result
@@ -36,39 +33,29 @@ module rockfall_part_file
    character(len=*), parameter :: types(*) = ["i1", "i4", "i8", "f4", "f8"]  !! as `stored_as` has them
    integer, parameter :: kinds(*) = [nf90_byte, nf90_int, nf90_int64, nf90_float, nf90_double]
 
-   !> The tallies of cells, gathered: where they were reached, and what partial sources contribute.
-   type :: tally_t
-      integer(i8), allocatable :: cell(:)  !! counted from 0
-      type(contributing_t) :: shared
-   end type tally_t
-
 contains
 
    !> Put the boulders done into a file, whole and on disk before it takes its name, by way of `part`.
-   subroutine write_part(name, part, case, text, inputs, results, error)
+   subroutine write_part(name, part, case, text, inputs, run, error, trajectories)
       character(len=*), intent(in) :: name, part
       type(case_t), intent(in) :: case
       character(len=*), intent(in) :: text  !! of the case, as it is run
       type(inputs_t), intent(in) :: inputs
-      type(results_t), intent(inout), target :: results
+      type(run_t), intent(inout), target :: run
       type(error_t), allocatable, intent(out) :: error
+      type(trajectories_t), intent(inout), optional :: trajectories
       type(netcdf_file_t) :: file
-      type(tally_t) :: tally
-      type(maps_t) :: maps
+      integer(i8), allocatable :: cell(:)
       logical :: done
 
-      maps = map_tallies(results, [1, 1])
-      tally%shared = contributing_cells(maps, inputs%scene%release, results%before + 1, results%before + results%done)
-      tally%cell = reached_cells(results)
       call create_netcdf(part, file)
       if (sound(file)) then
-         call describe(file, case, text, inputs, results)
-         call pass_rows(file, case, results)
-         if (allocated(results%number)) call write_samples(file, results)
-         call settle(maps, inputs%scene%release, tally%shared, 1)
-         call pass_tallies(file, results, tally)
-         call settle(maps, inputs%scene%release, tally%shared, -1)
-         call write_trajectories(file, results)
+         call describe(file, case, text, inputs, run)
+         call settle(run, inputs%scene%release, 1)
+         cell = reached_cells(run)
+         call pass_arrays(file, run, cell)
+         call settle(run, inputs%scene%release, -1)
+         if (present(trajectories)) call write_trajectories(file, trajectories)
       end if
       call close_netcdf(file)
       done = sound(file)
@@ -83,12 +70,12 @@ contains
    end subroutine write_part
 
    !> What the part is of; the grid mapping of its terrain is that of the scene file.
-   subroutine describe(file, case, text, inputs, results)
+   subroutine describe(file, case, text, inputs, run)
       type(netcdf_file_t), intent(inout) :: file
       type(case_t), intent(in) :: case
       character(len=*), intent(in) :: text
       type(inputs_t), intent(in) :: inputs
-      type(results_t), intent(in) :: results
+      type(run_t), intent(in) :: run
       character(len=128) :: name
       integer(i8) :: whole
       integer :: crs(1), id, k, n
@@ -102,8 +89,8 @@ contains
          call keep(file, nf90_inq_attname(inputs%file%id, inputs%crs, k, name))
          if (name /= "_FillValue") call keep(file, nf90_copy_att(inputs%file%id, inputs%crs, trim(name), file%id, id))
       end do
-      whole = merge(1, 0, results%done == results%asked)
-      associate (grid => inputs%arrays%grid, last => results%before + results%done)
+      whole = merge(1, 0, run%done == run%total)
+      associate (grid => inputs%arrays%grid, last => run%before + run%done)
          call keep(file, nf90_put_att(file%id, nf90_global, "Conventions", "CF-1.11"))
          call keep(file, nf90_put_att(file%id, nf90_global, "part_layout", layout))
          call keep(file, nf90_put_att(file%id, nf90_global, "title", case%title))
@@ -120,16 +107,16 @@ contains
             call keep(file, nf90_put_att(file%id, nf90_global, "input_warnings", inputs%input_warnings))
          if (inputs%dams /= "") call keep(file, nf90_put_att(file%id, nf90_global, "dams", inputs%dams))
          call keep(file, nf90_put_att(file%id, nf90_global, "seed", case%seed))
-         call keep(file, nf90_put_att(file%id, nf90_global, "boulder_first", results%before + 1))
+         call keep(file, nf90_put_att(file%id, nf90_global, "boulder_first", run%before + 1))
          call keep(file, nf90_put_att(file%id, nf90_global, "boulder_last", last))
-         call keep(file, nf90_put_att(file%id, nf90_global, "boulders_requested", results%asked))
+         call keep(file, nf90_put_att(file%id, nf90_global, "boulders_requested", run%total))
          call keep(file, nf90_put_att(file%id, nf90_global, "complete", whole))
-         call keep(file, nf90_put_att(file%id, nf90_global, "threads", int(results%threads, i8)))
+         call keep(file, nf90_put_att(file%id, nf90_global, "threads", int(run%threads, i8)))
          call keep(file, nf90_put_att(file%id, nf90_global, "date_created", local_time()))
-         call keep(file, nf90_put_att(file%id, nf90_global, "wall_seconds", results%wall))
-         call keep(file, nf90_put_att(file%id, nf90_global, "cpu_seconds", results%cpu))
+         call keep(file, nf90_put_att(file%id, nf90_global, "wall_seconds", run%wall))
+         call keep(file, nf90_put_att(file%id, nf90_global, "cpu_seconds", run%cpu))
          call keep(file, nf90_put_att(file%id, nf90_global, "terrain_cells", [grid%nx, grid%ny]))
-         call keep(file, nf90_put_att(file%id, nf90_global, "map_window", window_of(results)))
+         call keep(file, nf90_put_att(file%id, nf90_global, "map_window", window_of(run)))
          if (inputs%feature_names /= "") &
             call keep(file, nf90_put_att(file%id, nf90_global, "source_features", inputs%feature_names))
          if (allocated(inputs%scene%grounds)) call describe_grounds(file, inputs%scene%grounds)
@@ -166,44 +153,36 @@ contains
    end subroutine describe_grounds
 
    !> First column and row, from 0, and number of columns and rows of the maps.
-   pure function window_of(results) result(window)
-      type(results_t), intent(in) :: results
+   pure function window_of(run) result(window)
+      type(run_t), intent(in) :: run
       integer :: window(4)
 
-      window = [results%at - 1, results%grid%nx, results%grid%ny]
+      window = [run%at - 1, run%nodes]
    end function window_of
 
-   !> Cells of the maps.
-   pure integer(i8) function cells_of(results)
-      type(results_t), intent(in) :: results
-
-      cells_of = size(results%counts, 1, i8)*size(results%counts, 2, i8)
-   end function cells_of
-
-   subroutine write_trajectories(file, results)
+   subroutine write_trajectories(file, trajectories)
       type(netcdf_file_t), intent(inout) :: file
-      type(results_t), intent(inout) :: results
+      type(trajectories_t), intent(inout) :: trajectories
       type(axis_t) :: vertex(1)
       integer :: k
 
-      if (.not. allocated(results%vertex)) return
-      if (size(results%vertex) == 0) return
-      vertex = [axis_t("trajectory_vertex", size(results%vertex, 1, i8))]
-      call pass(file, described("vertex", "boulder"), vertex, results%vertex_boulder)
+      if (size(trajectories%boulder) == 0) return
+      vertex = [axis_t("trajectory_vertex", size(trajectories%boulder, kind=i8))]
+      call pass(file, described("vertex", "boulder"), vertex, trajectories%boulder)
       do k = 1, size(vertex_fields)
-         call pass(file, described("vertex", vertex_fields(k)), vertex, results%vertex(:, k))
+         call pass(file, described("vertex", vertex_fields(k)), vertex, trajectories%vertex(:, k))
       end do
    end subroutine write_trajectories
 
    !> Cells in which any tally is not zero, counted from 0 by rows.
-   pure function reached_cells(results) result(cells)
-      type(results_t), intent(in) :: results
+   pure function reached_cells(run) result(cells)
+      type(run_t), intent(in) :: run
       integer(i8), allocatable :: cells(:)
       logical, allocatable :: reached(:, :)
       integer(i8) :: k
 
-      reached = any(results%counts /= 0, dim=3) .or. any(results%sums /= 0, dim=3) .or. any(results%maxima > 0, dim=3)
-      if (size(results%column) > 0) reached = reached .or. results%column > 0
+      reached = any(run%counts /= 0, dim=3) .or. any(run%sums /= 0, dim=3) .or. any(run%maxima > 0, dim=3)
+      if (size(run%column) > 0) reached = reached .or. run%column > 0
       cells = pack([(k, k=0, size(reached, kind=i8) - 1)], reshape(reached, [size(reached)]))
    end function reached_cells
 
@@ -212,278 +191,155 @@ contains
    !> A variable as its row of the table describes it.
    pure type(about_t) function described(group, name) result(about)
       character(len=*), intent(in) :: group, name
-      type(variable_t) :: row
-      integer :: k
 
-      do k = 1, size(variable_table)
-         row = variable_table(k)
-         if (row%group == group .and. row%name == name) exit
-      end do
-      about = about_t(name, kinds(findloc(types, stored_as(row), dim=1)), row%units, row%long_name, row%comment)
-      select case (group)
-      case ("line", "barrier", "tally", "sample"); about%name = trim(group)//"_"//name
-      case ("vertex"); about%name = "trajectory_"//name
-      case ("histogram")
-         about%name = trim(name)//"_histogram"
+      associate (row => variable_of(group, name))
+         about = about_t(name_in_files(row), kinds(findloc(types, stored_as(row), dim=1)), row%units, row%long_name, &
+                         row%comment)
+         if (group /= "histogram") return
          about%units = "1"
          about%long_name = "rebounds by "//row%long_name
-      end select
+      end associate
    end function described
 
-   !> Rows of the boulders done, and counts over all of them.
-   subroutine pass_rows(file, case, results)
+   !> All arrays of a run, rows of the boulders done and maps of some cells; and its samples, of bins those that are
+   !> not empty.
+   subroutine pass_arrays(file, run, cell)
       type(netcdf_file_t), intent(inout) :: file
-      type(case_t), intent(in) :: case
-      type(results_t), intent(inout) :: results
-      type(axis_t) :: boulder, line
-      integer :: id, k, l, n
-
-      n = int(results%rows)
-      boulder = axis_t("boulder", results%rows)
-      if (allocated(results%number)) call pass(file, described("kept", "boulder"), [boulder], results%number(:n))
-      do k = 1, size(boulder_fields)
-         call pass(file, described("boulder", boulder_fields(k)), [boulder], results%boulder(:n, k))
-      end do
-      call pass(file, described("boulder", "status"), [boulder], results%status(:n))
-      if (nf90_inq_varid(file%id, "status", id) == 0 .and. file%writes) then
-         call keep(file, nf90_put_att(file%id, id, "flag_values", [(int(k, i1), k=1, size(statuses))]))
-         call keep(file, nf90_put_att(file%id, id, "flag_meanings", joined(statuses, " ")))
-      end if
-      call pass(file, described("boulder", "impacts"), [boulder], results%impacts(:n))
-      call pass(file, described("boulder", "source"), [boulder], results%source(:n))
-      if (size(results%feature) > 0) &
-         call pass(file, described("feature", "source_feature"), [boulder], results%feature(:n))
-      if (case%energy_balance) then
-         do k = 1, size(energy_fields)
-            call pass(file, described("energy", energy_fields(k)), [boulder], results%energy(:n, k))
-         end do
-      end if
-      if (case%forest) call pass(file, described("tree", "trees_hit"), [boulder], results%trees_hit(:n))
-      do k = 4, size(boulder_counts)
-         call pass(file, described("count", boulder_counts(k)), [axis_t ::], results%count(k:k))
-      end do
-      if (size(results%by_ground) > 0) &
-         call pass(file, described("ground", "rebounds_by_ground"), [axis_t("ground", size(results%by_ground, &
-            kind=i8))], &
-                   results%by_ground)
-      line = axis_t("line", size(case%lines, kind=i8))
-      do k = 1, size(line_fields)
-         do l = 1, size(case%lines)
-            call pass(file, described("line", line_fields(k)), [boulder, line], results%line(:n, l, k), l)
-         end do
-      end do
-      line = axis_t("barrier", size(results%outcome, 2, i8))
-      do l = 1, size(results%outcome, 2)
-         call pass(file, described("barrier", "outcome"), [boulder, line], results%outcome(:n, l), l)
-      end do
-      if (.not. case%rebounds) return
-      do k = 1, size(histogram_fields)
-         call pass(file, described("histogram", histogram_fields(k)), &
-                   [axis_t(trim(histogram_fields(k))//"_bin", int(n_bins(k), i8))], results%histogram(:n_bins(k), k))
-      end do
-   end subroutine pass_rows
-
-   pure integer(i8) function last_done(results)
-      type(results_t), intent(in) :: results
-
-      last_done = results%before + results%done
-   end function last_done
-
-   !> Samples: of bins those that are not empty.
-   subroutine write_samples(file, results)
-      type(netcdf_file_t), intent(inout) :: file
-      type(results_t), intent(inout), target :: results
-      integer(i4), pointer, contiguous :: flat(:)
-      integer(i8), allocatable :: bin(:)
-      integer(i4), allocatable :: count(:)
-
-      flat(1:size(results%samples%bins, kind=i8)) => results%samples%bins
-      call gather(flat, bin, count)
-      call pass_bins(file, "", bin, count)
-      flat(1:size(results%samples%groups, kind=i8)) => results%samples%groups
-      call gather(flat, bin, count)
-      call pass_bins(file, "group_", bin, count)
-      call pass_sums(file, results)
-   end subroutine write_samples
-
-   !> Read what was written, and check it.
-   subroutine read_samples(file, results)
-      type(netcdf_file_t), intent(inout) :: file
-      type(results_t), intent(inout), target :: results
-      integer(i4), pointer, contiguous :: flat(:)
-      type(layout_t) :: layout
-
-      flat(1:size(results%samples%bins, kind=i8)) => results%samples%bins
-      call scatter(file, "", flat)
-      flat(1:size(results%samples%groups, kind=i8)) => results%samples%groups
-      call scatter(file, "group_", flat)
-      layout = results%layout
-      call pass_sums(file, results)
-      if (.not. sound(file)) return
-      if (any(layout%part_last /= results%layout%part_last)) call mark_damaged(file, "sample_part_last")
-      if (any(layout%group_part /= results%layout%group_part)) call mark_damaged(file, "sample_group_part")
-      associate (sums => results%samples%sums, ended => results%samples%ended)
-         if (any(sums(2:, :, :, :) < 0) .or. any(shiftr(sums(2:4:2, :, :, :), 62) /= 0)) &
-            call mark_damaged(file, "sample_sums")
-         if (any(ended < 0) .or. sum(ended) /= results%done) call mark_damaged(file, "sample_ended")
-      end associate
-      if (.not. are_heaps(results%samples%largest)) call mark_damaged(file, "sample_largest")
-   end subroutine read_samples
-
-   !> Bins that are not empty, counted from 0, and what is in them.
-   pure subroutine gather(flat, bin, counts)
-      integer(i4), intent(in) :: flat(:)
-      integer(i8), allocatable, intent(out) :: bin(:)
-      integer(i4), allocatable, intent(out) :: counts(:)
-      integer(i8) :: k, n
-
-      n = count(flat /= 0, kind=i8)
-      allocate (bin(n), counts(n))
-      n = 0
-      do k = 1, size(flat, kind=i8)
-         if (flat(k) == 0) cycle
-         n = n + 1
-         bin(n) = k - 1
-         counts(n) = flat(k)
-      end do
-   end subroutine gather
-
-   !> Put the bins of a file to their places.
-   subroutine scatter(file, before, flat)
-      type(netcdf_file_t), intent(inout) :: file
-      character(len=*), intent(in) :: before
-      integer(i4), intent(inout) :: flat(:)
-      integer(i8), allocatable :: bin(:)
-      integer(i4), allocatable :: counts(:)
-      integer :: n, status
-
-      n = length_of(file, "sample_"//before//"entry")
-      status = merge(1, 0, n < 0 .or. n > size(flat, kind=i8))
-      if (status == 0) allocate (bin(n), counts(n), stat=status)
-      if (status /= 0) call mark_damaged(file, "sample_"//before//"bin")
-      if (.not. sound(file)) return
-      call pass_bins(file, before, bin, counts)
-      if (any(bin < 0 .or. bin >= size(flat, kind=i8)) .or. any(counts < 1) .or. any(bin(2:) <= bin(:n - 1))) &
-         call mark_damaged(file, "sample_"//before//"bin")
-      if (sound(file)) flat(bin + 1) = counts
-   end subroutine scatter
-
-   subroutine pass_bins(file, before, bin, counts)
-      type(netcdf_file_t), intent(inout) :: file
-      character(len=*), intent(in) :: before
-      integer(i8), intent(inout) :: bin(:)
-      integer(i4), intent(inout) :: counts(:)
-      type(axis_t) :: entry
-
-      entry = axis_t("sample_"//before//"entry", size(bin, kind=i8))
-      call pass(file, described("sample", before//"bin"), [entry], bin)
-      call pass(file, described("sample", before//"count"), [entry], counts)
-   end subroutine pass_bins
-
-   !> Sums, tails and layout.
-   subroutine pass_sums(file, results)
-      type(netcdf_file_t), intent(inout) :: file
-      type(results_t), intent(inout), target :: results
-      type(axis_t) :: place, part, group, quantity
-
-      associate (samples => results%samples, layout => results%layout)
-         place = axis_t("sample_place", size(samples%sums, 4, i8))
-         part = axis_t("sample_part", size(layout%part_last, kind=i8))
-         group = axis_t("sample_group", size(layout%group_part, kind=i8))
-         quantity = axis_t("sample_quantity", size(samples%sums, 2, i8))
-         call pass(file, described("sample", "sums"), [axis_t("sample_word", size(samples%sums, 1, i8)), quantity, &
-                                                       part, place], samples%sums)
-         call pass(file, described("sample", "largest"), [axis_t("sample_rank", size(samples%largest, 1, i8)), &
-                                                          axis_t("sample_tail", size(samples%largest, 2, i8)), &
-                                                          axis_t("sample_line", size(samples%largest, 3, i8))], &
-                   samples%largest)
-         call pass(file, described("sample", "ended"), [axis_t("sample_status", size(samples%ended, kind=i8))], &
-                   samples%ended)
-         call pass(file, described("sample", "part_last"), [part], layout%part_last)
-         call pass(file, described("sample", "group_part"), [group], layout%group_part)
-      end associate
-   end subroutine pass_sums
-
-   !> Whether each column is a heap of numbers, -1 for none; sorted ones are.
-   pure logical function are_heaps(largest)
-      real(wp), intent(in) :: largest(:, :, :)
+      type(run_t), intent(inout), target :: run
+      integer(i8), intent(inout) :: cell(:)  !! counted from 0, in order
+      type(table_t) :: table
+      type(axis_t) :: cells
       integer :: k
 
-      are_heaps = all(ieee_is_finite(largest)) .and. all(largest >= 0 .or. largest <= -1)
-      do k = 2, size(largest, 1)
-         are_heaps = are_heaps .and. all(largest(k, :, :) >= largest(k/2, :, :))
+      table = arrays_of(run)
+      cells = axis_t("tally", size(cell, kind=i8))
+      call pass(file, described("tally", "cell"), [cells], cell)
+      if (.not. sound(file) .or. .not. in_order(file, cell, run)) return
+      do k = 1, size(table%row)
+         associate (row => table%row(k))
+            if (row%about%group == "work") then
+               cycle
+            else if (row%about%name == "bin_counts") then
+               call pass_bin_counts(file, run, cell, cells)
+            else if (row%axis(1) == "x") then
+               call pass_stack(file, row, cell, cells)
+            else
+               call pass_array(file, row, rows_of(run))
+            end if
+         end associate
       end do
-   end function are_heaps
+      if (allocated(run%number)) call pass_bins(file, "", run%samples%bins, size(run%samples%bins, kind=i8))
+      if (allocated(run%number)) call pass_bins(file, "group_", run%samples%groups, size(run%samples%groups, kind=i8))
+   end subroutine pass_arrays
 
-   !> The tallies of the cells that boulders reached.
-   subroutine pass_tallies(file, results, tally)
+   !> An array; of rows the first ones.
+   subroutine pass_array(file, row, rows)
       type(netcdf_file_t), intent(inout) :: file
-      type(results_t), intent(inout), target :: results
-      type(tally_t), intent(inout) :: tally
-      type(axis_t) :: cells, shared
+      type(array_t), intent(in) :: row
+      integer(i8), intent(in) :: rows
+      type(axis_t), allocatable :: axes(:)
+      type(about_t) :: about
+      integer(i1), pointer, contiguous :: bytes(:)
+      integer(i8) :: step
+      integer :: id, k
 
-      cells = axis_t("tally", size(tally%cell, kind=i8))
-      call pass(file, described("tally", "cell"), [cells], tally%cell)
-      if (.not. sound(file) .or. .not. in_order(file, tally%cell, results)) return
-      call pass_stack("counts", results%counts, 1, size(results%counts, 3))
-      call pass_stack("sums", results%sums, 2, size(results%sums, 3))
-      call pass_stack("maxima", results%maxima, 1, size(results%maxima, 3))
-      if (size(results%column) > 0) call pass_classes(file, results, tally%cell, cells)
-      if (size(results%stamp) == 0) return
-      shared = axis_t("tally_shared", size(tally%shared%cell, kind=i8))
-      call pass(file, described("tally", "shared_cell"), [shared], tally%shared%cell)
-      call pass(file, described("tally", "shared_source"), [shared], tally%shared%source)
-      call pass(file, described("tally", "shared_boulders"), [shared], tally%shared%boulders)
-
-   contains
-
-      !> A stack of layers: the values of the cells of each, as words of 32 bits.
-      subroutine pass_stack(name, stack, words, layers)
-         character(len=*), intent(in) :: name
-         integer, intent(in) :: words, layers
-         type(*), intent(inout), target :: stack(*)  !! (nx, ny, layers)
-         integer(i4), pointer :: value(:, :, :)
-         integer(i4), allocatable :: some(:, :)
-         type(axis_t) :: layer
-         integer :: k
-
-         if (layers == 0) return
-         call c_f_pointer(c_loc(stack), value, [int(words, i8), cells_of(results), int(layers, i8)])
-         layer = axis_t("tally_"//name//"_layer", int(layers, i8))
-         do k = 1, layers
-            some = value(:, tally%cell + 1, k)
-            call pass(file, described("tally", name), [cells, layer], some, k)
-            value(:, tally%cell + 1, k) = some
+      about = described(row%about%group, row%about%name)
+      axes = [(axis_t(row%axis(k), row%length(k)), k=1, row%rank)]
+      step = bytes_of(row)*row%length(1)
+      call c_f_pointer(row%at, bytes, [step*product(row%length(2:))])
+      if (row%axis(1) == "boulder") axes%length = [rows, row%length(2:row%rank)]
+      if (row%axis(1) == "boulder" .and. row%rank == 2) then  ! the places of rows are more than there are
+         do k = 1, int(row%length(2))
+            call pass(file, about, axes, bytes((k - 1)*step + 1:), k)
          end do
-      end subroutine pass_stack
-   end subroutine pass_tallies
+      else
+         call pass(file, about, axes, bytes)
+      end if
+      if (row%about%name /= "status" .or. .not. file%writes .or. .not. sound(file)) return
+      call keep(file, nf90_inq_varid(file%id, "status", id))
+      call keep(file, nf90_put_att(file%id, id, "flag_values", [(int(k, i1), k=1, size(statuses))]))
+      call keep(file, nf90_put_att(file%id, id, "flag_meanings", joined(statuses, " ")))
+   end subroutine pass_array
 
-   !> Counts of classes, of all cells together.
-   subroutine pass_classes(file, results, cell, cells)
+   pure integer function bytes_of(row)
+      type(array_t), intent(in) :: row
+
+      bytes_of = merge(8, merge(4, 1, row%kind(2:) == "4"), row%kind(2:) == "8")
+   end function bytes_of
+
+   !> A stack of maps: the values of the cells of each layer, as words of 32 bits.
+   subroutine pass_stack(file, row, cell, cells)
       type(netcdf_file_t), intent(inout) :: file
-      type(results_t), intent(inout), target :: results
+      type(array_t), intent(in) :: row
+      integer(i8), intent(in) :: cell(:)
+      type(axis_t), intent(in) :: cells
+      integer(i4), pointer :: value(:, :, :)
+      integer(i4), allocatable :: some(:, :)
+      integer :: k
+
+      call c_f_pointer(row%at, value, [int(bytes_of(row)/4, i8), product(row%length(:2)), row%length(3)])
+      do k = 1, size(value, 3)
+         some = value(:, cell + 1, k)
+         call pass(file, described("tally", row%about%name), [cells, axis_t(row%axis(3), row%length(3))], some, k)
+         value(:, cell + 1, k) = some
+      end do
+   end subroutine pass_stack
+
+   !> Counts of bins, of all cells together.
+   subroutine pass_bin_counts(file, run, cell, cells)
+      type(netcdf_file_t), intent(inout) :: file
+      type(run_t), intent(inout), target :: run
       integer(i8), intent(in) :: cell(:)
       type(axis_t), intent(in) :: cells
       integer(i4), pointer :: column(:)
       integer(i4), allocatable :: counts(:, :)
       integer :: k, status
 
-      column(1:size(results%column)) => results%column
-      allocate (counts(results%plan%rows, size(cell)), source=0_i4, stat=status)
-      if (status /= 0 .or. size(cell) > size(results%bin_counts, 2)) then
+      column(1:size(run%column)) => run%column
+      allocate (counts(run%plan%rows, size(cell)), source=0_i4, stat=status)
+      if (status /= 0 .or. size(cell) > size(run%bin_counts, 2)) then
          call mark_damaged(file, "(no memory) tally_bin_counts")
          return
       end if
       do k = 1, size(cell)
-         if (column(cell(k) + 1) > 0) counts(:, k) = results%bin_counts(:, column(cell(k) + 1))
+         if (column(cell(k) + 1) > 0) counts(:, k) = run%bin_counts(:, column(cell(k) + 1))
       end do
-      call pass(file, described("tally", "bin_counts"), &
-                [axis_t("tally_bin", int(results%plan%rows, i8)), cells], counts)
+      call pass(file, described("tally", "bin_counts"), [axis_t("tally_bin", int(run%plan%rows, i8)), cells], counts)
       if (file%writes .or. .not. sound(file)) return
-      results%bin_counts(:, :size(cell)) = counts
+      run%bin_counts(:, :size(cell)) = counts
       column(cell + 1) = [(int(k, i4), k=1, size(cell))]
-      results%columns = size(cell)
-   end subroutine pass_classes
+      run%columns = size(cell)
+   end subroutine pass_bin_counts
+
+   !> Counts of samples: the bins that are not empty, counted from 0, and what is in them.
+   subroutine pass_bins(file, before, flat, n)
+      type(netcdf_file_t), intent(inout) :: file
+      character(len=*), intent(in) :: before
+      integer(i8), intent(in) :: n
+      integer(i4), intent(inout) :: flat(n)
+      integer(i8), allocatable :: bin(:)
+      integer(i4), allocatable :: counts(:)
+      type(axis_t) :: entry
+      integer(i8) :: k
+      integer :: status
+
+      entry = axis_t("sample_"//before//"entry", count(flat /= 0, kind=i8))
+      if (.not. file%writes) entry%length = length_of(file, trim(entry%name))
+      status = merge(1, 0, entry%length < 0 .or. entry%length > n)
+      if (status == 0) allocate (bin(entry%length), counts(entry%length), stat=status)
+      if (status /= 0) call mark_damaged(file, "sample_"//before//"bin")
+      if (.not. sound(file)) return
+      if (file%writes) then
+         bin = pack([(k, k=0, n - 1)], flat /= 0)
+         counts = flat(bin + 1)
+      end if
+      call pass(file, described("sample", before//"bin"), [entry], bin)
+      call pass(file, described("sample", before//"count"), [entry], counts)
+      if (file%writes .or. .not. sound(file)) return
+      if (any(bin < 0 .or. bin >= n) .or. any(counts < 1) .or. any(bin(2:) <= bin(:size(bin) - 1))) &
+         call mark_damaged(file, "sample_"//before//"bin")
+      if (sound(file)) flat(bin + 1) = counts
+   end subroutine pass_bins
 
    ! ---- from disk ----------------------------------------------------------------------------
 
@@ -522,35 +378,42 @@ contains
       value = sum(integers_of(file, name, 1))
    end function integer_of
 
-   !> Results go on from a part of the same run that begins where they do; any other, and one that is damaged, is
-   !> refused.
-   subroutine read_part(name, case, text, inputs, results, error)
+   !> A run goes on from a part of it that begins where it does; any other, and one that is damaged, is refused.
+   subroutine read_part(name, text, inputs, run, error)
       character(len=*), intent(in) :: name
-      type(case_t), intent(in) :: case
       character(len=*), intent(in) :: text  !! of the case, as it is run
       type(inputs_t), intent(in) :: inputs
-      type(results_t), intent(inout), target :: results
+      type(run_t), intent(inout), target :: run
       type(error_t), allocatable, intent(out) :: error
       type(netcdf_file_t) :: file
-      type(tally_t) :: tally
-      integer(i8), allocatable :: number(:)
+      type(table_t) :: table
+      type(layout_t) :: layout
+      integer(i8), allocatable :: number(:), cell(:)
+      integer(i8) :: rows
+      logical :: good
 
       call open_netcdf(name, file, error)
-      if (.not. allocated(error)) call check_run(file, text, inputs, results, error)
+      if (.not. allocated(error)) call check_run(file, text, inputs, run, error)
       if (allocated(error)) return
-      results%rows = results%done
-      if (allocated(results%number)) results%rows = count(results%number <= last_done(results), kind=i8)
-      if (allocated(results%number)) number = results%number
-      call pass_rows(file, case, results)
-      if (allocated(number)) then
-         if (any(number /= results%number)) call mark_damaged(file, "boulder")
+      if (allocated(run%number)) number = run%number
+      layout = run%layout
+      rows = rows_of(run)
+      call make_room(file, run, cell)
+      if (sound(file)) call pass_arrays(file, run, cell)
+      if (sound(file) .and. allocated(number)) then
+         if (any(number /= run%number)) call mark_damaged(file, "boulder")
+         if (any(layout%part_last /= run%layout%part_last)) call mark_damaged(file, "sample_part_last")
+         if (any(layout%group_part /= run%layout%group_part)) call mark_damaged(file, "sample_group_part")
+         call check_samples(file, run)
       end if
-      if (sound(file) .and. allocated(number)) call read_samples(file, results)
-      if (sound(file)) call check_rows(file, inputs%arrays%grid, results)
-      call make_room(file, results, tally)
-      if (sound(file)) call pass_tallies(file, results, tally)
-      if (sound(file)) call check_tallies(file, results)
-      if (sound(file) .and. size(results%stamp) > 0) call restore_sources(file, inputs, results, tally%shared)
+      if (sound(file)) then
+         table = arrays_of(run)
+         call check_arrays(file, inputs%arrays%grid, table, rows)
+      end if
+      if (sound(file) .and. allocated(run%shared%cell)) then
+         call restore_sources(run, inputs%scene%release, good)
+         if (.not. good) call mark_damaged(file, "tally_shared_cell")
+      end if
       if (.not. sound(file)) then
          call fail_damaged(file, error)
          error%message = error%message//"; remove it to begin anew"
@@ -559,25 +422,25 @@ contains
    end subroutine read_part
 
    !> It is of this run, and its boulders are the first of those to be done here.
-   subroutine check_run(file, text, inputs, results, error)
+   subroutine check_run(file, text, inputs, run, error)
       type(netcdf_file_t), intent(inout) :: file
       character(len=*), intent(in) :: text
       type(inputs_t), intent(in) :: inputs
-      type(results_t), intent(inout) :: results
+      type(run_t), intent(inout) :: run
       type(error_t), allocatable, intent(out) :: error
       character(len=:), allocatable :: what, key
-      integer(i8) :: first, last, asked
+      integer(i8) :: first, last, total
 
       first = integer_of(file, "boulder_first")
       last = integer_of(file, "boulder_last")
-      asked = integer_of(file, "boulders_requested")
+      total = integer_of(file, "boulders_requested")
       key = differing_key(text_of(file, nf90_global, "case"), text, of_arrays=.false.)
       what = ""
-      if (any(integers_of(file, "map_window", 4) /= window_of(results))) what = "window"
+      if (any(integers_of(file, "map_window", 4) /= window_of(run))) what = "window"
       if (text_of(file, nf90_global, "decoded_checksums") /= inputs%decoded_checksums) what = "decoded_checksums"
       if (text_of(file, nf90_global, "input_checksums") /= inputs%input_checksums) what = "input_checksums"
-      if (first /= results%before + 1 .or. last > results%before + results%boulders .or. last < first &
-          .or. asked /= results%asked) what = "boulders"
+      if (first /= run%before + 1 .or. last > run%before + run%boulders .or. last < first .or. total /= run%total) &
+         what = "boulders"
       if (key /= "") what = key
       if (text_of(file, nf90_global, "version") /= version) what = "version"
       if (integer_of(file, "part_layout") /= layout) what = "layout"
@@ -586,154 +449,147 @@ contains
                    //"--resume elsewhere")
          return
       end if
-      results%done = last - first + 1
-      results%wall = real_of(file, "wall_seconds")
-      results%cpu = real_of(file, "cpu_seconds")
-      if (.not. (ieee_is_finite(results%wall) .and. ieee_is_finite(results%cpu))) then
+      run%done = last - first + 1
+      run%wall = real_of(file, "wall_seconds")
+      run%cpu = real_of(file, "cpu_seconds")
+      if (.not. (ieee_is_finite(run%wall) .and. ieee_is_finite(run%cpu))) then
          call mark_damaged(file, "wall_seconds")
-      else if (min(results%wall, results%cpu) < 0) then
+      else if (min(run%wall, run%cpu) < 0) then
          call mark_damaged(file, "wall_seconds")
       end if
    end subroutine check_run
 
-   !> Rows are numbers; at lines only where there is a time.
-   subroutine check_rows(file, grid, results)
+   !> Values are such as a run can have.
+   subroutine check_arrays(file, grid, table, rows)
       type(netcdf_file_t), intent(inout) :: file
       type(grid_t), intent(in) :: grid
-      type(results_t), intent(in) :: results
-      integer, parameter :: time = findloc(line_fields, "time", dim=1)
+      type(table_t), intent(in) :: table
+      integer(i8), intent(in) :: rows
+      real(wp), pointer, contiguous :: time(:, :)
       integer :: k
 
-      associate (n => results%rows)
-         do k = 1, size(boulder_fields)
-            if (.not. all(ieee_is_finite(results%boulder(:n, k)))) call mark_damaged(file, trim(boulder_fields(k)))
-         end do
-         call check_ranges(file, grid, results%boulder(:n, :))
-         if (.not. all(ieee_is_finite(results%energy(:min(n, size(results%energy, 1, kind=i8)), :)))) &
-            call mark_damaged(file, "energy_released, or another energy")
-         if (any(results%status(:n) < 1 .or. results%status(:n) > size(statuses))) call mark_damaged(file, "status")
-         if (any(results%trees_hit(:min(n, size(results%trees_hit, kind=i8))) < 0)) call mark_damaged(file, "trees_hit")
-         if (any(results%outcome(:n, :) < 0 .or. results%outcome(:n, :) > passed_over)) &
-            call mark_damaged(file, "barrier_outcome")
-         if (any(results%impacts(:n) < 0)) call mark_damaged(file, "impacts")
-         if (any(results%source(:n) < 1)) call mark_damaged(file, "source")
-         if (any(results%feature(:min(n, size(results%feature, kind=i8))) < 1)) &
-            call mark_damaged(file, "source_feature")
-         if (any(results%count < 0)) call mark_damaged(file, "rebounds, or another count")
-         if (any(results%histogram < 0)) call mark_damaged(file, "a histogram")
-         if (any(results%by_ground < 0)) call mark_damaged(file, "rebounds_by_ground")
-         do k = 1, size(line_fields)
-            associate (values => results%line(:n, :, k), crossed => .not. ieee_is_nan(results%line(:n, :, time)))
-               if (any(ieee_is_finite(values) .neqv. crossed) .or. any(ieee_is_nan(values) .eqv. crossed)) &
-                  call mark_damaged(file, "line_"//trim(line_fields(k)))
-            end associate
-         end do
-      end associate
-   end subroutine check_rows
+      do k = 1, size(table%row)
+         if (table%row(k)%about%group == "line" .and. table%row(k)%about%name == "time") &
+            call c_f_pointer(table%row(k)%at, time, table%row(k)%length(:2))
+      end do
+      do k = 1, size(table%row)
+         associate (row => table%row(k))
+            if (any(row%about%group == ["work  ", "sample", "kept  "]) .or. product(row%length) == 0) cycle
+            if (.not. is_possible(row)) call mark_damaged(file, name_in_files(row%about))
+         end associate
+      end do
+
+   contains
+
+      logical function is_possible(row) result(good)
+         type(array_t), intent(in) :: row
+         integer(i1), pointer, contiguous :: i1_values(:, :)
+         integer(i4), pointer, contiguous :: i4_values(:, :)
+         integer(i8), pointer, contiguous :: i8_values(:)
+         real(sp), pointer, contiguous :: f4_values(:)
+         real(wp), pointer, contiguous :: f8_values(:, :)
+         integer(i8) :: shape(2), n
+
+         shape = [row%length(1), product(row%length(2:))]
+         n = shape(1)
+         if (row%axis(1) == "boulder") n = rows
+         good = .true.
+         select case (row%kind)
+         case ("i1")
+            call c_f_pointer(row%at, i1_values, shape)
+            if (row%about%name == "status") good = all(i1_values(:n, :) >= 1 .and. i1_values(:n, :) <= size(statuses))
+            if (row%about%name == "outcome") good = all(i1_values(:n, :) >= 0 .and. i1_values(:n, :) <= passed_over)
+         case ("i4")
+            call c_f_pointer(row%at, i4_values, shape)
+            good = all(i4_values(:n, :) >= merge(1, 0, any(row%about%name == ["source        ", "source_feature"])))
+         case ("i8")
+            call c_f_pointer(row%at, i8_values, [product(row%length)])
+            good = all(i8_values >= 0)
+         case ("f4")
+            call c_f_pointer(row%at, f4_values, [product(row%length)])
+            good = all(ieee_is_finite(f4_values))
+         case ("f8")
+            call c_f_pointer(row%at, f8_values, shape)
+            if (row%about%group == "line") then
+               associate (crossed => .not. ieee_is_nan(time(:n, :)))
+                  good = all(ieee_is_finite(f8_values(:n, :)) .eqv. crossed) &
+                         .and. all(ieee_is_nan(f8_values(:n, :)) .neqv. crossed)
+               end associate
+            else
+               good = all(ieee_is_finite(f8_values(:n, 1)))
+               if (good .and. row%about%group == "boulder") &
+                  good = .not. is_beyond(row%about%name, f8_values(:n, 1), grid)
+            end if
+         end select
+      end function is_possible
+   end subroutine check_arrays
 
    !> Boulders have volumes, and lie on the terrain (as out_of_range of python/rockfall/result/validate.py has it).
-   subroutine check_ranges(file, grid, boulder)
-      type(netcdf_file_t), intent(inout) :: file
+   pure logical function is_beyond(name, values, grid)
+      character(len=*), intent(in) :: name
+      real(wp), intent(in) :: values(:)
       type(grid_t), intent(in) :: grid
-      real(wp), intent(in) :: boulder(:, :)
-      integer :: k
-      logical :: wrong
 
-      do k = 1, size(boulder_fields)
-         associate (values => boulder(:, k))
-            select case (boulder_fields(k))
-            case ("volume")
-               wrong = any(values <= 0)
-            case ("start_x", "stop_x")
-               wrong = any(values < grid%west .or. values > grid%west + grid%nx*grid%cell)
-            case ("start_y", "stop_y")
-               wrong = any(values < grid%north - grid%ny*grid%cell .or. values > grid%north)
-            case ("start_z", "stop_z")
-               wrong = .false.
-            case default  ! lengths, times, speeds
-               wrong = any(values < 0)
-            end select
-         end associate
-         if (wrong) call mark_damaged(file, trim(boulder_fields(k)))
+      select case (name)
+      case ("volume"); is_beyond = any(values <= 0)
+      case ("start_x", "stop_x"); is_beyond = any(values < grid%west .or. values > grid%west + grid%nx*grid%cell)
+      case ("start_y", "stop_y"); is_beyond = any(values < grid%north - grid%ny*grid%cell .or. values > grid%north)
+      case ("start_z", "stop_z"); is_beyond = .false.
+      case default; is_beyond = any(values < 0)  ! lengths, times, speeds
+      end select
+   end function is_beyond
+
+   subroutine check_samples(file, run)
+      type(netcdf_file_t), intent(inout) :: file
+      type(run_t), intent(in) :: run
+
+      associate (sums => run%samples%sums, ended => run%samples%ended)
+         if (any(sums(2:, :, :, :) < 0) .or. any(shiftr(sums(2:4:2, :, :, :), 62) /= 0)) &
+            call mark_damaged(file, "sample_sums")
+         if (any(ended < 0) .or. sum(ended) /= run%done) call mark_damaged(file, "sample_ended")
+      end associate
+      if (.not. are_heaps(run%samples%largest)) call mark_damaged(file, "sample_largest")
+   end subroutine check_samples
+
+   !> Whether each column is a heap of numbers, -1 for none; sorted ones are.
+   pure logical function are_heaps(largest)
+      real(wp), intent(in) :: largest(:, :, :)
+      integer :: k
+
+      are_heaps = all(ieee_is_finite(largest)) .and. all(largest >= 0 .or. largest <= -1)
+      do k = 2, size(largest, 1)
+         are_heaps = are_heaps .and. all(largest(k, :, :) >= largest(k/2, :, :))
       end do
-   end subroutine check_ranges
+   end function are_heaps
 
    !> Places for what is to be read of cells.
-   subroutine make_room(file, results, tally)
+   subroutine make_room(file, run, cell)
       type(netcdf_file_t), intent(inout) :: file
-      type(results_t), intent(in) :: results
-      type(tally_t), intent(out) :: tally
+      type(run_t), intent(inout) :: run
+      integer(i8), allocatable, intent(out) :: cell(:)
       integer(i8) :: cells
       integer :: n, shared, status
 
-      cells = cells_of(results)
+      cells = product(int(run%nodes, i8))
       n = length_of(file, "tally")
-      shared = merge(length_of(file, "tally_shared"), 0, size(results%stamp) > 0)
+      shared = merge(length_of(file, "tally_shared"), 0, size(run%last_source) > 0)
       if (n < 0 .or. n > cells) call mark_damaged(file, "tally_cell")
       if (shared < 0 .or. shared > 2*cells) call mark_damaged(file, "tally_shared_cell")
       if (.not. sound(file)) return
-      allocate (tally%cell(n), tally%shared%cell(shared), tally%shared%source(shared), &
-                tally%shared%boulders(shared), stat=status)
+      allocate (cell(n), stat=status)
+      if (status == 0 .and. size(run%last_source) > 0) &
+         allocate (run%shared%cell(shared), run%shared%source(shared), run%shared%boulders(shared), stat=status)
       if (status /= 0) call mark_damaged(file, "(no memory) tally_cell")
    end subroutine make_room
 
    !> Whether cells are cells of the maps, in their order.
-   logical function in_order(file, cell, results)
+   logical function in_order(file, cell, run)
       type(netcdf_file_t), intent(inout) :: file
       integer(i8), intent(in) :: cell(:)
-      type(results_t), intent(in) :: results
+      type(run_t), intent(in) :: run
 
-      in_order = all(cell >= 0 .and. cell < cells_of(results))
+      in_order = all(cell >= 0 .and. cell < product(int(run%nodes, i8)))
       in_order = in_order .and. all(cell(2:) > cell(:size(cell) - 1))
       if (.not. in_order) call mark_damaged(file, "tally_cell")
    end function in_order
-
-   subroutine check_tallies(file, results)
-      type(netcdf_file_t), intent(inout) :: file
-      type(results_t), intent(in) :: results
-
-      if (any(results%counts < 0)) call mark_damaged(file, "tally_counts")
-      if (any(results%sums < 0)) call mark_damaged(file, "tally_sums")
-      if (.not. all(ieee_is_finite(results%maxima))) call mark_damaged(file, "tally_maxima")
-      if (any(results%bin_counts(:, :results%columns) < 0)) call mark_damaged(file, "tally_bin_counts")
-   end subroutine check_tallies
-
-   !> The marks of partial sources, which go on to be counted. They must be sources that the boulders done cut, with as
-   !> many boulders as they have among them, each with its cells in order.
-   subroutine restore_sources(file, inputs, results, shared)
-      type(netcdf_file_t), intent(inout) :: file
-      type(inputs_t), intent(in) :: inputs
-      type(results_t), intent(inout), target :: results
-      type(contributing_t), intent(in) :: shared
-      type(maps_t) :: maps
-      integer(i8) :: first, last, own
-      integer(i8), allocatable :: sources(:)
-      integer :: k, n, left
-      logical :: good
-
-      first = results%before + 1
-      last = results%before + results%done
-      sources = partial_sources(inputs%scene%release, first, last)
-      n = size(shared%cell)
-      good = all(shared%cell >= 0 .and. shared%cell < cells_of(results))
-      good = good .and. all(shared%source(2:) > shared%source(:n - 1) &
-                            .or. (shared%source(2:) == shared%source(:n - 1) &
-                                  .and. shared%cell(2:) > shared%cell(:n - 1)))
-      left = n
-      do k = 1, size(sources)
-         associate (release => inputs%scene%release, source => sources(k))
-            own = min(last, last_of(release, source)) - max(first, first_of(release, source)) + 1
-         end associate
-         left = left - count(shared%source == sources(k) .and. shared%boulders == own)
-      end do
-      if (.not. good .or. left /= 0) call mark_damaged(file, "tally_shared_cell")
-      if (.not. sound(file)) return
-      maps = map_tallies(results, [1, 1])
-      call settle(maps, inputs%scene%release, shared, -1)
-      do k = 1, n
-         associate (layer => merge(2, 1, shared%source(k) == results%head), nx => size(results%stamp, 1, i8))
-            results%stamp(mod(shared%cell(k), nx) + 1, shared%cell(k)/nx + 1, layer) = shared%source(k)
-         end associate
-      end do
-   end subroutine restore_sources
 end module rockfall_part_file

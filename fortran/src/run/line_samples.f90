@@ -7,12 +7,11 @@ module rockfall_line_samples
    use rockfall_math, only: pi, cube_root
    use rockfall_line, only: line_t
    use rockfall_boulder, only: release_t, feature_of
-   use rockfall_samples, only: samples_t, add_number, add_tail, n_sample_bins, n_coarse_bins, n_words, n_largest, &
-                               largest_unit
-   use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, statuses
+   use rockfall_samples, only: samples_t, add_number, add_tail, largest_unit
+   use rockfall_variables, only: boulder_fields, boulder_counts, line_fields
    implicit none
    private
-   public :: layout_t, layout_of, make_samples, add_samples, line_quantities, place_along
+   public :: layout_t, layout_of, add_samples, line_quantities, place_along
    public :: line_quantity, end_quantity, units_of, n_quantities, tails
 
    !> At a line; the first ones may have a tail that is looked at. At the end of a boulder.
@@ -84,28 +83,6 @@ contains
       end do
       layout%group_part = [((p, k=1, each), p=1, size(among))]
    end function layout_of
-
-   !> Empty samples of a run of so many boulders.
-   subroutine make_samples(layout, lines, boulders, samples, status)
-      type(layout_t), intent(in) :: layout
-      integer, intent(in) :: lines
-      integer(i8), intent(in) :: boulders
-      type(samples_t), intent(out) :: samples
-      integer, intent(out) :: status  !! 0 = there was memory
-
-      associate (parts => size(layout%part_last), groups => size(layout%group_part))
-         allocate (samples%bins(n_sample_bins, n_quantities, parts, lines + 1), stat=status)
-         if (status == 0) allocate (samples%groups(n_coarse_bins, n_quantities, groups, lines + 1), stat=status)
-         if (status == 0) allocate (samples%sums(n_words, n_quantities, parts, lines + 1), stat=status)
-         if (status == 0) allocate (samples%largest(min(boulders, int(n_largest, i8)), tails, lines), stat=status)
-         if (status /= 0) return
-         allocate (samples%ended(size(statuses)), source=0_i8)
-      end associate
-      samples%bins = 0
-      samples%groups = 0
-      samples%sums = 0
-      samples%largest = -1
-   end subroutine make_samples
 
    !> Add a boulder, from its rows. One that left the window of the terrain has no status, and is in no sample.
    pure subroutine add_samples(samples, layout, lines, origin, boulder, counts, crossing)

@@ -2,16 +2,16 @@
 !> Results as rows of numbers in map coordinates, the same for both programs.
 module rockfall_result
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-   use rockfall_kinds, only: wp
+   use rockfall_kinds, only: wp, i8
    use rockfall_terrain, only: terrain_t
-   use rockfall_boulder, only: kinetic_energy
+   use rockfall_boulder, only: release_t, feature_of, kinetic_energy
    use rockfall_outcome, only: boulder_result_t
    use rockfall_crossings, only: crossing_t
    use rockfall_scratch, only: contact_t
-   use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, vertex_fields, energy_fields
+   use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, vertex_fields, row_reals, row_integers
    implicit none
    private
-   public :: boulder_row, boulder_count_row, energy_row, line_row, vertex_row
+   public :: boulder_row, boulder_count_row, real_row, integer_row, line_row, vertex_row
 
 contains
 
@@ -37,15 +37,25 @@ contains
              fate%out_of_speed, fate%out_of_angle]
    end function boulder_count_row
 
-   !> The numbers of `energy_fields`.
-   pure function energy_row(fate) result(row)
+   !> The numbers of `row_reals`.
+   pure function real_row(dem, fate) result(row)
+      type(terrain_t), intent(in) :: dem
       type(boulder_result_t), intent(in) :: fate
-      real(wp) :: row(size(energy_fields))
+      real(wp) :: row(size(row_reals))
 
       associate (e => fate%energy)
-         row = [e%released, e%ground, e%trees, e%barriers, e%left]
+         row = [boulder_row(dem, fate), e%released, e%ground, e%trees, e%barriers, e%left]
       end associate
-   end function energy_row
+   end function real_row
+
+   !> The numbers of `row_integers`.
+   pure function integer_row(release, fate) result(row)
+      type(release_t), intent(in) :: release
+      type(boulder_result_t), intent(in) :: fate
+      integer :: row(size(row_integers))
+
+      row = [fate%impacts, fate%source, feature_of(release, int(fate%source, i8)), fate%trees_hit]
+   end function integer_row
 
    !> The numbers of `line_fields`; NaN where the boulder did not cross. Energies: Bourrier et al. 2009, eqs 1-3.
    pure function line_row(dem, fate, crossing) result(row)

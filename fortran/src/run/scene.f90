@@ -1,6 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> From a case and the arrays that it names to the scene that boulders fly over: the one way for both programs.
 module rockfall_scene
+   use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, sp, i1, i2, i4, i8
    use rockfall_error, only: error_t, fail
@@ -53,9 +54,12 @@ module rockfall_scene
       real(wp), pointer, contiguous :: tree_factor(:) => null()  !! of their species [-]
       character(len=:), allocatable :: sets_text, sets_name      !! the file of impact sets, and its name for messages
       integer :: draw = 0                                        !! of a file with several; 0: it has one only
+      character(len=:), allocatable :: ground_text, ground_names  !! as for grounds_of
       type(ground_text_t), allocatable :: grounds(:)             !! where there are others than the case's impact sets,
       integer(i1), allocatable :: material_ground(:)             !! and the 1-based one of each material, or
       integer(i1), pointer, contiguous :: cell_ground(:, :) => null()  !! of each cell; without any, the first
+   contains
+      procedure :: give
    end type scene_arrays_t
 
 contains
@@ -94,6 +98,65 @@ contains
       if (.not. allocated(error)) call set_impacts(case, arrays, scene, error)
       if (.not. allocated(error)) call set_grounds(case, arrays, scene, error)
    end subroutine scene_from
+
+   !> Take an array that is contiguous at a place, by its name; of elevations and zones the kind says which. Rasters and
+   !> trees stay the caller's, the others are copied.
+   subroutine give(arrays, name, kind, length, at)
+      class(scene_arrays_t), intent(inout) :: arrays
+      character(len=*), intent(in) :: name, kind  !! kind: i1, i2, i4, f4, f8
+      integer(i8), intent(in) :: length(3)        !! of its dimensions, the first runs fastest; 1 beyond the last
+      type(c_ptr), intent(in) :: at
+      real(wp), pointer, contiguous :: reals(:), table(:, :)
+      integer(i4), pointer, contiguous :: integers(:)
+      integer(i1), pointer, contiguous :: bytes(:)
+
+      call c_f_pointer(at, reals, length(:1))
+      call c_f_pointer(at, table, length(:2))
+      call c_f_pointer(at, integers, length(:1))
+      call c_f_pointer(at, bytes, length(:1))
+      select case (name)
+      case ("z")
+         if (kind == "f8") call c_f_pointer(at, arrays%z8, length(:2))
+         if (kind == "f4") call c_f_pointer(at, arrays%z4, length(:2))
+      case ("zone")
+         if (kind == "i1") call c_f_pointer(at, arrays%zone1, length(:2))
+         if (kind == "i2") call c_f_pointer(at, arrays%zone2, length(:2))
+      case ("values"); call c_f_pointer(at, arrays%values, length)
+      case ("sizes"); arrays%sizes = table
+      case ("source_x"); arrays%source_x = reals
+      case ("source_y"); arrays%source_y = reals
+      case ("area_ratio"); arrays%area_ratio = reals
+      case ("source_frequency"); arrays%source_frequency = reals
+      case ("source_volume"); arrays%source_volume = reals
+      case ("source_inertia"); arrays%source_inertia = reals
+      case ("source_density"); arrays%source_density = reals
+      case ("source_feature"); arrays%source_feature = integers
+      case ("feature_law"); arrays%feature_law = integers
+      case ("feature_value"); arrays%feature_value = table
+      case ("tree_x"); arrays%tree_x => reals
+      case ("tree_y"); arrays%tree_y => reals
+      case ("tree_dbh"); arrays%tree_dbh => reals
+      case ("tree_factor"); arrays%tree_factor => reals
+      case ("sets_text"); arrays%sets_text = text_of(bytes)
+      case ("sets_name"); arrays%sets_name = text_of(bytes)
+      case ("ground_length"); allocate (arrays%grounds, source=grounds_of(arrays%ground_text, integers, &
+                                                                          arrays%ground_names))
+      case ("ground_text"); arrays%ground_text = text_of(bytes)
+      case ("ground_names"); arrays%ground_names = text_of(bytes)
+      case ("material_ground"); arrays%material_ground = bytes
+      case ("cell_ground"); call c_f_pointer(at, arrays%cell_ground, length(:2))
+      end select
+   end subroutine give
+
+   pure function text_of(bytes) result(text)
+      integer(i1), intent(in) :: bytes(:)
+      character(len=size(bytes)) :: text
+      integer :: k
+
+      do k = 1, size(bytes)
+         text(k:k) = transfer(bytes(k), "a")
+      end do
+   end function text_of
 
    !> Grounds as they come: their texts one after the other, and for each a line with its name and one with its file.
    pure function grounds_of(text, length, names) result(grounds)

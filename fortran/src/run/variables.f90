@@ -4,7 +4,8 @@ module rockfall_variables
    use rockfall_kinds, only: i8
    implicit none
    private
-   public :: variable_t, variable_table, variable_text, stored_as, boulder_fields, boulder_counts, energy_fields, &
+   public :: variable_t, variable_table, variable_of, variable_text, stored_as, name_in_files
+   public :: boulder_fields, boulder_counts, energy_fields, row_reals, row_integers, real_groups, integer_groups, &
              line_fields, vertex_fields, map_fields, histogram_fields, statuses
    public :: scene_layout, part_layout, piece, max_packing
 
@@ -307,6 +308,15 @@ module rockfall_variables
       .or. variable_table%group == "count")
    character(len=27), parameter :: energy_fields(*) = pack(variable_table%name, &
       variable_table%group == "energy")
+   !> The columns of rows, the second ones but for the status, each with its group: the first is of every run.
+   character(len=27), parameter :: row_reals(*) = [boulder_fields, energy_fields]
+   character(len=11), parameter :: real_groups(*) = [spread("boulder    ", 1, size(boulder_fields)), &
+                                                     spread("energy     ", 1, size(energy_fields))]
+   logical, parameter :: is_row_integer(*) = variable_table%kind == "integer" .and. variable_table%name /= "status" &
+      .and. (variable_table%group == "boulder" .or. variable_table%group == "feature" &
+             .or. variable_table%group == "tree")
+   character(len=27), parameter :: row_integers(*) = pack(variable_table%name, is_row_integer)
+   character(len=11), parameter :: integer_groups(*) = pack(variable_table%group, is_row_integer)
    character(len=27), parameter :: line_fields(*) = pack(variable_table%name, &
       variable_table%group == "line")
    character(len=27), parameter :: vertex_fields(*) = pack(variable_table%name, &
@@ -327,6 +337,30 @@ contains
       stored_as = row%stored
       if (row%stored == "") stored_as = merge("i8", "f8", row%kind == "integer")
    end function stored_as
+
+   !> The row of a variable; there must be one.
+   pure type(variable_t) function variable_of(group, name) result(row)
+      character(len=*), intent(in) :: group, name
+      integer :: k
+
+      do k = 1, size(variable_table)
+         row = variable_table(k)
+         if (row%group == group .and. row%name == name) exit
+      end do
+   end function variable_of
+
+   !> What a variable is called in files.
+   pure function name_in_files(row) result(name)
+      type(variable_t), intent(in) :: row
+      character(len=:), allocatable :: name
+
+      name = trim(row%name)
+      select case (row%group)
+      case ("line", "barrier", "tally", "sample"); name = trim(row%group)//"_"//name
+      case ("vertex"); name = "trajectory_"//name
+      case ("histogram"); name = name//"_histogram"
+      end select
+   end function name_in_files
 
    !> A row of the table as text: group|name|type in part files|units|long_name|comment; "" past the end.
    pure function variable_text(k) result(text)

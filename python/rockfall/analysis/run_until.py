@@ -22,9 +22,9 @@ from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
+from rockfall.simulation.maps import tells_sources
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import Interrupted, check_tallies, run_chunks, start, trace
-from rockfall.simulation.source_maps import settle, shared_cells, tells_sources
 from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import make_result
 
@@ -137,7 +137,7 @@ def simulate_until(
             scene.forget_rasters()
             assert isinstance(tally.scene, Scene)
             tally.scene.forget_rasters()
-        settle(tally, shared_cells(tally))
+        tally.settle()
         result = make_result(tally)
     result.attrs |= {"until": rules, "until_met": int(all(one.met for one in verdicts))}
     if interrupted():
@@ -152,7 +152,7 @@ def _with_boulders(scene: Scene, n: int) -> Scene:
 
 def _next_tally(scene: Scene, last: Tally | None) -> Tally:
     """Where the boulders of the next stage go: one source adds to the tally of the last stage."""
-    if last is None or scene.x.size > 1 or tells_sources(last.maps):
+    if last is None or scene.x.size > 1 or tells_sources(scene.case):
         tally = start(scene, scene.case.case["threads"])
         if last is not None:
             tally.wall, tally.cpu = last.wall, last.cpu

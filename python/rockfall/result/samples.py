@@ -6,8 +6,7 @@ that parts add up to the whole, bit for bit."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,59 +26,6 @@ if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
 BASE_BITS = 62  # of the digits of sums, as in the kernel
-
-
-@dataclass
-class Samples:
-    """As in the kernel's samples_t and layout_t; place 0 is the end of boulders, then the lines."""
-
-    bins: np.ndarray  # (places, parts, quantities, bins)
-    groups: np.ndarray  # (places, groups, quantities, coarse bins)
-    sums: np.ndarray  # (places, parts, quantities, words)
-    largest: np.ndarray  # (lines, tails, numbers)
-    ended: np.ndarray  # by status
-    part_last: np.ndarray
-    group_part: np.ndarray
-
-    def variables(self) -> dict[str, np.ndarray]:
-        """Their arrays as files have them: of bins those that are not empty."""
-        found: dict[str, np.ndarray] = {}
-        for name, dense in (("", self.bins), ("group_", self.groups)):
-            flat = dense.reshape(-1)
-            found[f"{name}bin"] = np.flatnonzero(flat)
-            found[f"{name}count"] = flat[found[f"{name}bin"]]
-        for name in ("sums", "ended", "part_last", "group_part"):
-            found[name] = getattr(self, name)
-        found["largest"] = np.sort(self.largest)
-        return {f"sample_{name}": found[name] for name in variables.SAMPLE}
-
-    def add(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Add those of other boulders of the run, as `variables` has them."""
-        for name, dense in (("", self.bins), ("group_", self.groups)):
-            dense.reshape(-1)[arrays[f"sample_{name}bin"]] += arrays[f"sample_{name}count"]
-        other = arrays["sample_sums"]
-        for digit in (0, 2):
-            self.sums[..., digit : digit + 2] += other[..., digit : digit + 2]
-            self.sums[..., digit] += self.sums[..., digit + 1] >> BASE_BITS
-            self.sums[..., digit + 1] &= (1 << BASE_BITS) - 1
-        np.maximum(self.sums[..., 4], other[..., 4], out=self.sums[..., 4])
-        for mine, its in zip(self.largest, arrays["sample_largest"], strict=True):
-            for one, more in zip(mine, its, strict=True):  # of all together memory has no copies
-                one[:] = np.sort(np.concatenate([one, more]))[more.size :]
-        self.ended += arrays["sample_ended"]
-
-    def fits(self, arrays: Mapping[str, np.ndarray]) -> bool:
-        """Whether those of other boulders have the same parts and groups."""
-        return all(
-            np.array_equal(getattr(self, name), arrays[f"sample_{name}"])
-            for name in ("part_last", "group_part")
-        )
-
-    def make_room(self, boulders: int) -> None:
-        """Make room for the largest of so many boulders."""
-        more = min(boulders, SAMPLE_LARGEST) - self.largest.shape[2]
-        self.largest = np.sort(self.largest)
-        self.largest = np.pad(self.largest, ((0, 0), (0, 0), (max(0, more), 0)), constant_values=-1)
 
 
 def simulated(result: Held) -> int:
@@ -121,23 +67,6 @@ def rows_kept(case: Case, boulders: int) -> int | None:
     return None if kept == "all" else 0 if kept == "none" else min(kept, boulders)
 
 
-def empty_like(case: Case, boulders: int, part_last: np.ndarray, group_part: np.ndarray) -> Samples:
-    """Of a run of so many boulders, with these parts and groups."""
-    shape = lengths(case, boulders) | {"part": part_last.size, "group": group_part.size}
-    bins, groups, sums, largest, ended = (
-        np.zeros([shape[dim] for dim in dims], kind)
-        for dims, kind in (
-            (("place", "part", "quantity", "fine"), "i4"),
-            (("place", "group", "quantity", "coarse"), "i4"),
-            (DIMS["sums"], "i8"),
-            (DIMS["largest"], "f8"),
-            (DIMS["ended"], "i8"),
-        )
-    )
-    largest -= 1.0
-    return Samples(bins, groups, sums, largest, ended, part_last, group_part)
-
-
 #: Dimensions of arrays in files, after "sample_".
 DIMS: dict[str, tuple[str, ...]] = {
     "bin": ("entry",), "count": ("entry",),
@@ -160,17 +89,6 @@ def lengths(case: Case, boulders: int) -> dict[str, int]:
 def sample_dims(name: str) -> tuple[str, ...]:
     """The dimensions of a variable of samples in a file."""
     return tuple(f"sample_{dim}" for dim in DIMS[name])
-
-
-def sample_variables(samples: Samples | None) -> dict[str, Any]:
-    """Samples as variables of a result or a part; none where all rows are kept."""
-    if samples is None:
-        return {}
-    found = samples.variables()
-    return {
-        f"sample_{name}": (sample_dims(name), found[f"sample_{name}"], about)
-        for name, about in variables.SAMPLE.items()
-    }
 
 
 def possible(arrays: Mapping[str, np.ndarray], shape: Mapping[str, int], boulders: int) -> str:

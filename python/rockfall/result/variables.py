@@ -32,6 +32,11 @@ OUTCOME = {name: number for number, name in enumerate(_TABLE["outcome"], start=1
 EXCEEDED = "energy_exceeded"  # the map that has a layer for each threshold
 
 
+def about(group: str, name: str) -> dict[str, str]:
+    """The CF attributes of a variable."""
+    return _TABLE[group][name]
+
+
 def map_dims(name: str) -> tuple[str, ...]:
     """The dimensions of a map."""
     return ("threshold", "y", "x") if name == EXCEEDED else ("y", "x")

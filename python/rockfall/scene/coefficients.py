@@ -42,11 +42,11 @@ class SetFile(NamedTuple):
     def read(self, turning: str) -> tuple[Coefficients, int]:
         """Its numbers, with all that a rule of turning needs, and how many draws the file has.
         Raises a RockfallError that names file, group and key."""
-        *values, draws, code, message = _core.read_sets(
+        *values, ranges, draws, code, message = _core.read_sets(
             self.text or b"\n", self.name.encode(), turning, self.draw
         )
         check_kernel(code, message)
-        return Coefficients(*values), draws
+        return Coefficients(*values, *np.moveaxis(ranges, -1, 0)), draws
 
 
 def open_sets(path: Path) -> SetFile:

@@ -15,14 +15,7 @@ from rockfall.io.grid import Box
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
-ABSENT = {  # what the kernel takes for an array that a scene does not have
-    "z8": np.zeros((1, 1)), "z4": np.zeros((1, 1), "f4"), "zone1": np.zeros((1, 1), "i1"),
-    "zone2": np.zeros((1, 1), "i2"), "values": np.zeros((1, 1, 1), "f4"),
-    "area_ratio": np.zeros(1), "source_frequency": np.zeros(1), "source_feature": np.zeros(1, "i4"),
-    "feature_law": np.full(1, -1, "i4"), "feature_value": np.zeros((1, 9)),
-    "of_sources": np.zeros(1), "trees": np.zeros(1),
-    "material_ground": np.zeros(1, "i1"), "cell_ground": np.zeros((1, 1), "i1"),
-}  # fmt: skip
+NO_TERRAIN = np.zeros((1, 1), "f4")  # of a scene that has windows
 
 
 class KernelScene:
@@ -30,18 +23,17 @@ class KernelScene:
 
     def __init__(self, scene: Scene) -> None:
         self.name = scene.case.name
-        self._views = views(scene)
         grid = scene.grid
-        self.handle, code, message = _core.open_scene(
-            text=scene.case.text().encode(), name=self.name.encode(), **self._views,
-            west=grid.west, north=grid.north, cell=grid.cell, nodes=(grid.nx, grid.ny),
-            first=(scene.at[1] + 1, scene.at[0] + 1), sizes=np.asfortranarray(scene.sizes.T),
-            source_x=scene.x, source_y=scene.y,
-            **releases(scene), **of_sources(scene), **trees(scene),
-            sets_text=scene.sets.text or b"\n", sets_name=scene.sets.name.encode(),
-            draw=scene.sets.draw, **_grounds(scene),
-        )  # fmt: skip
-        check_kernel(code, message)
+        first = scene.at[1] + 1, scene.at[0] + 1
+        nodes = grid.nx, grid.ny
+        self.handle = _core.new_scene(
+            grid.west, grid.north, grid.cell, nodes, first, scene.sets.draw
+        )
+        self._arrays = {name: one for name, one in _arrays(scene).items() if one is not None}
+        for name, array in self._arrays.items():
+            _core.give(self.handle, name, *place_of(array))
+        text = scene.case.text().encode()
+        check_kernel(*_core.build_scene(self.handle, text, self.name.encode()))
         self._box: Box | None = None
         weakref.finalize(self, _core.close_scene, self.handle)
 
@@ -59,80 +51,70 @@ class KernelScene:
         check_kernel(code, message, self.name)
 
 
-def releases(scene: Scene) -> dict[str, np.ndarray]:
-    """How many boulders sources release, and what the features of a layer say of them."""
-    found = scene.features or (None,) * 4
-    names = "area_ratio", "source_frequency", "source_feature", "feature_law", "feature_value"
-    pairs = zip(names, (scene.area, scene.frequency, *found[1:]), strict=True)
-    given = {name: ABSENT[name] if one is None else one for name, one in pairs}
-    return given | {"feature_value": given["feature_value"].T}
+def place_of(array: np.ndarray) -> tuple[str, list[int], int]:
+    """Where an array is in memory, as the kernel wants it: kind, lengths (the first runs fastest),
+    address."""
+    return array.dtype.str[1:], [*array.shape[::-1], 1, 1, 1][:3], array.ctypes.data
 
 
-def of_sources(scene: Scene) -> dict[str, np.ndarray]:
-    """What the sources of a scene say of their boulders."""
-    found = scene.source_boulders
-    values = (None,) * 3 if found is None else (found.volume, found.inertia, found.density)
-    names = "source_volume", "source_inertia", "source_density"
-    pairs = zip(names, values, strict=True)
-    return {name: ABSENT["of_sources"] if one is None else one for name, one in pairs}
+def _arrays(scene: Scene) -> dict[str, np.ndarray | None]:
+    """All arrays of a scene by their names in the kernel, as it looks at them; None: there is none.
+    The texts of grounds come before their lengths."""
+    features, boulders, grounds = scene.features, scene.source_boulders, scene.grounds
+    names = "\n".join(f"{one.name}\n{one.file}" for one in grounds).encode()
+    found: dict[str, Any] = {
+        "z": (elevations(scene), None), "zone": (scene.zone, None), "values": (scene.values, "f4"),
+        "sizes": (scene.sizes, "f8"), "source_x": (scene.x, "f8"), "source_y": (scene.y, "f8"),
+        "area_ratio": (scene.area, "f8"), "source_frequency": (scene.frequency, "f8"),
+        "source_volume": (boulders and boulders.volume, "f8"),
+        "source_inertia": (boulders and boulders.inertia, "f8"),
+        "source_density": (boulders and boulders.density, "f8"),
+        "source_feature": (features and features.of, "i4"),
+        "feature_law": (features and features.law, "i4"),
+        "feature_value": (features and features.value, "f8"),
+        "sets_text": _bytes(scene.sets.text), "sets_name": _bytes(scene.sets.name.encode()),
+        "ground_text": _bytes(b"".join(one.text for one in grounds)),
+        "ground_names": _bytes(names),
+        "ground_length": ([len(one.text) for one in grounds] or None, "i4"),
+        "material_ground": (scene.material_ground, "i1"), "cell_ground": (scene.cell_ground, "i1"),
+        **{name: (one, "f8") for name, one in trees(scene).items()},
+    }  # fmt: skip
+    return {
+        name: None if one is None else np.require(one, kind, ["C", "A"])
+        for name, (one, kind) in found.items()
+    }
+
+
+def _bytes(text: bytes) -> tuple[np.ndarray, str]:
+    return np.frombuffer(text, "i1"), "i1"
 
 
 def trees(scene: Scene) -> dict[str, np.ndarray]:
     """The stems of a scene."""
-    values = scene.trees or [ABSENT["trees"]] * 4
     names = "tree_x", "tree_y", "tree_dbh", "tree_factor"
-    return {name: np.ascontiguousarray(one) for name, one in zip(names, values, strict=True)}
+    return dict(zip(names, scene.trees, strict=True)) if scene.trees else {}
 
 
-def elevations(scene: Scene) -> dict[str, np.ndarray]:
-    """Those of a scene as (x, y), in the precision that they have; none where it has windows."""
-    if not scene.z.size:
-        return {name: ABSENT[name] for name in ("z8", "z4")}
-    mine = "z4" if scene.z.dtype == np.float32 else "z8"
-    return {name: _view(scene.z, name) if name == mine else ABSENT[name] for name in ("z8", "z4")}
+def elevations(scene: Scene) -> np.ndarray:
+    """Those of a scene, in the precision that they have."""
+    return np.require(scene.z if scene.z.size else NO_TERRAIN, None, ["C", "A"])
 
 
-def on_raster(scene: Scene) -> dict[str, Any]:
-    """Elevations, and where they lie on the raster."""
-    nodes, at = (scene.grid.nx, scene.grid.ny), (scene.at[1] + 1, scene.at[0] + 1)
-    return {**elevations(scene), "nodes": nodes, "at": at}
+def on_raster(scene: Scene) -> tuple[np.ndarray, tuple]:
+    """Elevations, to be held as long as the kernel looks at them, and where they are in memory and
+    lie on the raster."""
+    z, grid = elevations(scene), scene.grid
+    place = grid.west, grid.north, grid.cell
+    nodes, at = (grid.nx, grid.ny), (scene.at[1] + 1, scene.at[0] + 1)
+    return z, (*place_of(z), place, nodes, at)
 
 
 def area_ratios(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Surface over plan area (Horn 1981) of the cells at places [m]."""
-    corner = {name: getattr(scene.grid, name) for name in ("west", "north", "cell")}
-    return _core.area_ratios(**on_raster(scene), **corner, source_x=x, source_y=y)
+    z, about = on_raster(scene)
+    return _core.area_ratios(*about, x, y)
 
 
 def known_at(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Whether boulders can start from places [m]: between four cells with an elevation."""
     return _core.known_at(scene.kernel.handle, x, y).astype(bool)
-
-
-def views(scene: Scene) -> dict[str, Any]:
-    """The rasters of a scene as the kernel looks at them: no copies that f2py would throw away."""
-    names = "zone1", "zone2", "values", "cell_ground"
-    found = {**elevations(scene), **{name: ABSENT[name] for name in names}}
-    if scene.zone is not None:
-        name = f"zone{scene.zone.dtype.itemsize}"
-        found[name] = _view(scene.zone, name)
-    if scene.values is not None:
-        found["values"] = _view(scene.values, "values")
-    if scene.cell_ground is not None:
-        found["cell_ground"] = _view(scene.cell_ground, "cell_ground")
-    return found
-
-
-def _grounds(scene: Scene) -> dict[str, Any]:
-    """What rebounds follow: texts one after the other, and their names and files by lines."""
-    material, grounds = scene.material_ground, scene.grounds
-    return {
-        "ground_text": np.frombuffer(b"".join(one.text for one in grounds) or b"\n", "i1"),
-        "ground_length": [len(one.text) for one in grounds] or [-1],
-        "ground_names": "\n".join(f"{one.name}\n{one.file}" for one in grounds).encode() or b"\n",
-        "material_ground": ABSENT["material_ground"] if material is None else material,
-    }
-
-
-def _view(raster: np.ndarray, name: str) -> np.ndarray:
-    return np.require(raster.T, ABSENT[name].dtype, ["F", "A"])

@@ -16,7 +16,6 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.result.dataset import put_netcdf
 from rockfall.simulation.part_file import boulders_in, make_part, read_part
-from rockfall.simulation.source_maps import restore_stamps, settle, shared_cells, tells_sources
 from rockfall.simulation.tally import Tally, origin_of
 
 REST = 20.0  # a save that took so long is followed by this many times as long without another
@@ -75,14 +74,8 @@ class Checkpoint:
             )
         part.add_to(tally)
         tally.done = self.saved = part.last - part.first + 1
-        if tells_sources(tally.maps):
-            shared = part.shared()
-            restore_stamps(tally.maps, shared)
-            if not all(
-                np.array_equal(one, shared[name]) for name, one in shared_cells(tally).items()
-            ):
-                raise RockfallError(f"{self.path}: is damaged: tally_shared_cell")
-            settle(tally, shared, -1)
+        if not tally.restore_sources(part.shared()):
+            raise RockfallError(f"{self.path}: is damaged: tally_shared_cell")
 
     def look(self, tally: Tally) -> None:
         """Write the file, if it is time to."""

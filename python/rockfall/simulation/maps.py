@@ -1,21 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps in the making: the kernel's tallies by cell."""
+"""Maps in the making: where the kernel's tallies by cell are in its stacks, and what parts add."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
-from rockfall.io.grid import Box
 
-MAX_ROWS = int(_core.constant("max_columns"))  # of class_counts, and one more can be counted
-ALL = Box(0, 0, 2**31 - 1, 2**31 - 1)  # any cells
 HITS = "tree_impacts"  # a map of counts; they are among the sums, which hold more
-HALVINGS = int(_core.constant("halvings"))  # of these rows, before they are too few to begin with
+SHARED = ("shared_cell", "shared_source", "shared_boulders")  # of the sources that a range cuts
 
 
 class Plan(NamedTuple):
@@ -47,56 +44,6 @@ def plan_of(case: Case) -> Plan:
     )
 
 
-@dataclass
-class Maps:
-    """The kernel's tallies by cell, in stacks (layers, ny, nx), where `plan` says; what the case
-    does not ask for has a single element."""
-
-    names: str  # of the maps, as the kernel wants them
-    plan: Plan
-    counts: np.ndarray
-    sums: np.ndarray
-    maxima: np.ndarray
-    class_counts: np.ndarray  # (cells, classes): rows are given away as cells are reached
-    column: np.ndarray  # (ny, nx): row of class_counts, from 1
-    columns: np.ndarray  # (1,): rows given away; one more than there are when they did not do
-    box: Box  # the cells of the terrain that they are of
-    #: (1 or 2, ny, nx): the source that was last counted there boulder by boulder; `head` has the
-    #: second layer to itself
-    stamp: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 1), "i4"))
-    head: int = 0
-
-    def arguments(self) -> dict[str, np.ndarray]:
-        """As the kernel wants them."""
-        return {
-            "map_counts": self.counts.T, "map_sums": self.sums.T,
-            "map_reals": self.maxima.T, "class_counts": self.class_counts.T,
-            "column": self.column.T, "columns": self.columns,
-        }  # fmt: skip
-
-    def run_arguments(self) -> dict[str, Any]:
-        """What a run of the kernel wants besides: where they lie, and to tell sources apart."""
-        return {"stamp": self.stamp.T, "head": self.head, "map_at": self.box.corners()["map_at"]}
-
-
-def no_maps(case: Case, box: Box = ALL) -> Maps:
-    """Empty tallies for the maps of a case, on these cells."""
-    names = case.output.get("maps", [])
-    shape, plan = box.shape if names else (1, 1), plan_of(case)
-
-    def stack(name: str, dtype: str) -> np.ndarray:
-        layers = plan.layers[name]
-        return np.zeros((layers, *shape) if layers else (1, 1, 1), dtype)
-
-    return Maps(
-        " ".join(names), plan, stack("counts", "i4"), stack("sums", "i8"), stack("maxima", "f4"),
-        class_counts=_class_counts(shape[0] * shape[1], plan.bins),
-        column=np.zeros(shape if plan.bins else (1, 1), "i4"),
-        columns=np.zeros(1, "i4"),
-        box=box,
-    )  # fmt: skip
-
-
 def boulders_per_cluster(case: Case, x: np.ndarray, y: np.ndarray) -> int:
     """How many boulders that started at these places count as one in intervals of cells: where
     sources are a sample, those of a place may all do the same, and maps do not know how they
@@ -116,17 +63,39 @@ def count_limits(
     return low.reshape(np.shape(counts)), high.reshape(np.shape(counts))
 
 
-def _class_counts(cells: int, classes: int) -> np.ndarray:
-    """Rows for all cells, or for half as many as the system grants (the run needs memory for other
-    things too): it takes the memory of a row when a boulder first passes the cell, and few may be
-    passed."""
-    if not classes:
-        return np.empty((1, 1), "i4")
-    rows = min(cells, MAX_ROWS)
-    for k in range(HALVINGS + 1):
-        try:
-            np.empty((rows >> k, classes), "i4")  # is it granted?
-        except MemoryError:
-            continue
-        return np.empty((rows >> k + (k > 0), classes), "i4")
-    raise MemoryError
+def tells_sources(case: Case) -> bool:
+    """Whether a map asks which source a boulder has."""
+    plan = plan_of(case).counts
+    return bool(plan["sources"] or plan["released"])
+
+
+def join_sources(case: Case, counts: np.ndarray, parts: Sequence[Mapping[str, np.ndarray]]) -> None:
+    """Count the sources that several parts cut once a cell, with all their boulders: what the parts
+    counted of them is taken out of the stack of counts, and put back once."""
+    plan = plan_of(case).counts
+    cell, source, boulders = (np.concatenate([part[name] for part in parts]) for name in SHARED)
+    layers = counts.reshape(len(counts), -1)
+    cells = layers.shape[1]
+    once_source, once_cell = np.divmod(np.unique(source * np.int64(cells) + cell), cells)
+    if plan["sources"]:
+        layer = layers[plan["sources"] - 1]
+        np.subtract.at(layer, cell, np.int32(1))
+        np.add.at(layer, once_cell, np.int32(1))
+    if plan["released"]:
+        numbers, total = _boulders_of(parts)
+        layer = layers[plan["released"] - 1]
+        np.subtract.at(layer, cell, boulders)
+        np.add.at(layer, once_cell, total[np.searchsorted(numbers, once_source)])
+
+
+def _boulders_of(parts: Sequence[Mapping[str, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the cut sources, and the boulders of each over all parts."""
+    rows = []
+    for part in parts:
+        source, first = np.unique(part["shared_source"], return_index=True)
+        rows.append((source, part["shared_boulders"][first]))
+    source, boulders = (np.concatenate(column) for column in zip(*rows, strict=True))
+    numbers, which = np.unique(source, return_inverse=True)
+    total = np.zeros(numbers.size, "i4")
+    np.add.at(total, which, boulders)
+    return numbers, total

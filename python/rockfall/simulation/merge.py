@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.result.samples import empty_like, rows_kept
-from rockfall.simulation.maps import no_maps
+from rockfall.simulation.maps import join_sources
 from rockfall.simulation.part_file import Part, read_part, when
-from rockfall.simulation.source_maps import join_sources
-from rockfall.simulation.tally import Tally, empty_tally
+from rockfall.simulation.run_state import Run
+from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import make_result
+
+LAYOUT = ("part_last", "group_part")  # of samples
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -62,7 +63,7 @@ class Joined:
         if self.first is None or self.tally is None:
             self.first, self.tally = part, _tally_for(part)
         what = self.first.origin.difference(part.origin)
-        if not what and (samples := self.tally.samples) and not samples.fits(part.arrays):
+        if not what and not _have_layout(self.tally, part):
             what = "sources"
         if what:
             raise RockfallError(
@@ -88,7 +89,8 @@ class Joined:
             raise RockfallError(
                 "merge: trajectories are missing: a run that was stopped ends with --resume"
             )
-        join_sources(tally.maps, self.shared)
+        if self.shared:
+            join_sources(tally.scene.case, tally.array("tally_counts"), self.shared)
         tally.done = tally.boulders
         tally.sort_rows()
         tally.trajectories = {number: self.trajectories[number] for number in numbers}
@@ -100,18 +102,20 @@ class Joined:
 def _tally_for(part: Part) -> Tally:
     """Room for all boulders of the run of a part."""
     origin = part.origin
-    try:
-        maps = no_maps(origin.case, origin.window)
-        kept, samples = rows_kept(origin.case, origin.boulders), None
-        if kept is not None:
-            layout = (part.arrays[f"sample_{name}"] for name in ("part_last", "group_part"))
-            samples = empty_like(origin.case, origin.boulders, *layout)
-        number = None if kept is None else np.zeros(kept, "i8")
-        tally = empty_tally(origin, maps, range(origin.boulders), 0, number, samples)
-    except (MemoryError, ValueError) as error:
-        raise RockfallError(f"merge: {origin.boulders} boulders do not fit in memory") from error
-    tally.crs = part.crs
-    return tally
+    layout = (part.arrays.get(f"sample_{name}", np.zeros(1, "i4")) for name in LAYOUT)
+    run = Run.joined(
+        origin.case, origin.boulders, origin.window, len(origin.grounds), bool(origin.features),
+        *layout,
+    )  # fmt: skip
+    return Tally(origin, run, origin.window, origin.boulders, crs=part.crs)
+
+
+def _have_layout(tally: Tally, part: Part) -> bool:
+    """Whether samples of a part have the parts and groups of sources that those of a run have."""
+    names = (f"sample_{name}" for name in LAYOUT)
+    return tally.number is None or all(
+        np.array_equal(tally.array(name), part.arrays[name]) for name in names
+    )
 
 
 def _check_whole(ranges: Sequence[tuple[int, int, str]], tally: Tally) -> None:

@@ -26,25 +26,15 @@ from rockfall.io.grid import Box, Grid
 from rockfall.result import variables
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import DAMAGED, georeference
-from rockfall.result.samples import (
-    lengths,
-    possible,
-    rows_kept,
-    sample_dims,
-    sample_variables,
-)
+from rockfall.result.samples import BASE_BITS, lengths, possible, rows_kept, sample_dims
 from rockfall.result.validate import are_crossings, out_of_range
 from rockfall.scene.scene import Features, InputWarning
-from rockfall.simulation.maps import Maps, plan_of
-from rockfall.simulation.source_maps import SHARED, settle, shared_cells
+from rockfall.simulation.maps import SHARED, plan_of
 from rockfall.simulation.tally import Origin
 from rockfall.simulation.tally_dataset import (
-    boulder_variables,
-    ground_variables,
-    histogram_variables,
-    line_variables,
-    outcome_variable,
     run_attributes,
+    sample_variables,
+    table_variables,
     trajectory_variables,
 )
 from rockfall.terrain.dams import DamShape
@@ -56,6 +46,8 @@ if TYPE_CHECKING:
 LAYOUT = int(_core.constant("part_layout"))  # of the file
 STACKS = ("counts", "sums", "maxima")  # of maps, by layer
 BEFORE = "tally_"  # the names of tallies
+ADDED = ("count", "ground", "histogram")  # groups of the table of variables: sums over boulders
+GROUPS = ("kept", "boulder", "energy", "feature", "tree", "line", "barrier", *ADDED)
 CLOCKS = ("wall_seconds", "cpu_seconds")
 NUMBERS = ("boulders_requested", "boulder_first", "boulder_last", "threads")
 LAYOUT_OF = {"part": "sample_part_last", "group": "sample_group_part"}  # of samples
@@ -68,25 +60,18 @@ PACKING = int(_core.constant("max_packing"))  # zlib packs no closer than this
 
 def make_part(tally: Tally) -> Contents:
     """The boulders done of a tally, which may go on."""
-    shared = shared_cells(tally)
-    settle(tally, shared)
+    shared = tally.settle()
     try:
-        found = tallies(tally.maps) | shared
+        found = tallies(tally) | shared
     finally:
-        settle(tally, shared, -1)
+        tally.settle(-1)
     grid, box = tally.scene.grid, tally.window
     window = [box.column, box.row, *box.shape[::-1]]
-    data = boulder_variables(tally) | ground_variables(tally) | sample_variables(tally.samples)
-    if tally.number is not None:
-        data["boulder"] = ("boulder", tally.numbers(), variables.KEPT["boulder"])
-    if tally.scene.case.lines:
-        data |= line_variables(tally) | outcome_variable(tally)
+    data = table_variables(tally, *GROUPS) | sample_variables(tally)
     data |= {
         BEFORE + name: (_dimensions(name), values, variables.TALLY[name])
         for name, values in found.items()
     }
-    if tally.scene.case.output["rebounds"]:
-        data |= histogram_variables(tally)
     data |= trajectory_variables(tally)
     data["crs"] = ((), np.int32(0), georeference(grid))
     places = {
@@ -96,28 +81,27 @@ def make_part(tally: Tally) -> Contents:
     return Contents(data, {"part_layout": LAYOUT} | run_attributes(tally) | places)
 
 
-def tallies(maps: Maps) -> dict[str, np.ndarray]:
+def tallies(tally: Tally) -> dict[str, np.ndarray]:
     """The tallies of the cells that boulders reached, which are `cell`: `counts`, `sums`, `maxima`
-    (layers, cells) and `bin_counts` (cells, classes), as far as there are any."""
-    cells = _reached(maps)
+    (layers, cells) and `bin_counts` (cells, bins), as far as there are any."""
+    found = {array.name: array.values for array in tally.arrays("tally", "work")}
+    cells = _reached(found)
     arrays = {"cell": cells}
     for name in STACKS:
-        stack = getattr(maps, name)
-        if stack.size > 1:
-            arrays[name] = stack.reshape(len(stack), -1)[:, cells]
-    if maps.column.size > 1:
-        column = maps.column.ravel()[cells]
-        arrays["bin_counts"] = np.where(column[:, None] > 0, maps.class_counts[column - 1], 0)
+        if name in found:
+            arrays[name] = found[name].reshape(len(found[name]), -1)[:, cells]
+    if "column" in found:
+        column = found["column"].ravel()[cells]
+        arrays["bin_counts"] = np.where(column[:, None] > 0, found["bin_counts"][column - 1], 0)
     return arrays
 
 
-def _reached(maps: Maps) -> np.ndarray:
+def _reached(found: Mapping[str, np.ndarray]) -> np.ndarray:
     """Cells in which any tally is not zero, counted from 0 by rows from the north-west."""
-    layers = [layer for name in STACKS for layer in getattr(maps, name)] + [maps.column]
+    layers = [layer for name in STACKS for layer in found.get(name, ())]
     reached = np.zeros(1, bool)
-    for layer in layers:
-        if layer.size > 1:
-            reached = reached | (layer.ravel() != 0)
+    for layer in layers + ([found["column"]] if "column" in found else []):
+        reached = reached | (layer.ravel() != 0)
     return np.flatnonzero(reached)
 
 
@@ -141,53 +125,36 @@ class Part:
     def add_to(self, tally: Tally) -> None:
         """Put rows to their places and add counts and tallies; those of sources that the part cuts
         are still to be joined, or gone on with."""
-        rows = self._rows_in(tally)
-        if tally.samples is not None:
-            tally.samples.add(self.arrays)
-        for what, table in (1, tally.boulder), (2, tally.count):
-            for k, name in enumerate(variables.fields(what)):
-                if name in variables.BOULDER:
-                    table[rows, k] = self.arrays[name]
-        if tally.scene.case.output["energy_balance"]:
-            for k, name in enumerate(variables.fields(5)):
-                tally.energy[rows, k] = self.arrays[name]
-        if self.origin.features is not None and isinstance(tally.scene, Origin):
-            tally.feature[rows] = self.arrays["source_feature"]
-        if tally.scene.case.has_forest:
-            tally.trees_hit[rows] = self.arrays["trees_hit"]
-        if tally.scene.case.lines:
-            for k, name in enumerate(variables.fields(3)):
-                tally.crossing[rows, :, k] = self.arrays[f"line_{name}"].T
-        if tally.scene.case.barrier:
-            tally.outcome[rows] = self.arrays["barrier_outcome"].T
-        for name in variables.COUNT:
-            tally.counted[name] = tally.counted.get(name, 0) + self.arrays[name]
-        for name in variables.GROUND if self.origin.grounds else ():
-            tally.by_ground += self.arrays[name]
-        if tally.scene.case.output["rebounds"]:
-            for k, name in enumerate(variables.HISTOGRAM):
-                counts = self.arrays[f"{name}_histogram"]
-                tally.histogram[k, : counts.size] += counts
-        _add_cells(tally.maps, self.arrays)
+        rows, found = self._rows_in(tally), {array.file_name: array for array in tally.run.arrays()}
+        for name, array in found.items():
+            if array.group in ADDED:
+                np.add(array.values, self.arrays[name], out=array.values)
+            elif "boulder" in array.dims and array.group != "kept":
+                array.values[..., rows] = self.arrays[name]
+        views = {name: array.values for name, array in found.items()}
+        if tally.number is not None:
+            _add_samples(views, self.arrays)
+        _add_cells(views, self.arrays)
         tally.wall += self.clocks["wall_seconds"]
         tally.cpu += self.clocks["cpu_seconds"]
 
     def _rows_in(self, tally: Tally) -> slice:
         """The places of its rows; where not all are kept, of those with its numbers, or of a run in
         parts, which come in any order, the next that are free (0)."""
-        if tally.number is None:
+        number = tally.number
+        if number is None:
             return slice(self.first - 1 - tally.before, self.last - tally.before)
         numbers = self.arrays["boulder"]
         if isinstance(tally.scene, Origin):
-            begin = int(np.count_nonzero(tally.number))
+            begin = int(np.count_nonzero(number))
             rows = slice(begin, begin + numbers.size)
-            if rows.stop > tally.number.size:
+            if rows.stop > number.size:
                 raise _damaged(self, "boulder")
-            tally.number[rows] = numbers
+            number[rows] = numbers
             return rows
-        begin = int(np.searchsorted(tally.number, self.first))
+        begin = int(np.searchsorted(number, self.first))
         rows = slice(begin, begin + numbers.size)
-        if not np.array_equal(tally.number[rows], numbers):
+        if not np.array_equal(number[rows], numbers):
             raise _damaged(self, "boulder")
         return rows
 
@@ -206,25 +173,41 @@ class Part:
         return dict(zip(numbers.tolist(), np.split(rows, begins[1:]), strict=True))
 
 
-def _add_cells(maps: Maps, arrays: Mapping[str, np.ndarray]) -> None:
+def _add_samples(views: Mapping[str, np.ndarray], arrays: Mapping[str, np.ndarray]) -> None:
+    """Add the samples of other boulders of the run."""
+    for name, dense in (("", "bins"), ("group_", "groups")):
+        views[dense].reshape(-1)[arrays[f"sample_{name}bin"]] += arrays[f"sample_{name}count"]
+    sums, more = views["sample_sums"], arrays["sample_sums"]
+    for digit in (0, 2):
+        sums[..., digit : digit + 2] += more[..., digit : digit + 2]
+        sums[..., digit] += sums[..., digit + 1] >> BASE_BITS
+        sums[..., digit + 1] &= (1 << BASE_BITS) - 1
+    np.maximum(sums[..., 4], more[..., 4], out=sums[..., 4])
+    for mine, its in zip(views["sample_largest"], arrays["sample_largest"], strict=True):
+        for one, other in zip(mine, its, strict=True):  # of all together memory has no copies
+            one[:] = np.sort(np.concatenate([one, other]))[other.size :]
+    np.add(views["sample_ended"], arrays["sample_ended"], out=views["sample_ended"])
+
+
+def _add_cells(views: Mapping[str, np.ndarray], arrays: Mapping[str, np.ndarray]) -> None:
     """Add tallies of cells."""
     cells = arrays[f"{BEFORE}cell"]
     for name in STACKS:
         if BEFORE + name in arrays:
-            stack = getattr(maps, name)
+            stack = views[BEFORE + name]
             flat = stack.reshape(len(stack), -1)
             join = np.maximum if name == "maxima" else np.add
             flat[:, cells] = join(flat[:, cells], arrays[BEFORE + name])
     if f"{BEFORE}bin_counts" in arrays:
-        column = maps.column.ravel()
+        column, counts = views["column"].reshape(-1), views[f"{BEFORE}bin_counts"]
         new = cells[column[cells] == 0]
-        used = int(maps.columns[0])
-        if used + new.size > len(maps.class_counts):
+        used = int(views["columns"][0])
+        if used + new.size > len(counts):
             raise RockfallError("the counts of quantile maps do not fit in memory")
         column[new] = np.arange(used + 1, used + new.size + 1)
-        maps.class_counts[used : used + new.size] = 0
-        maps.columns[0] += new.size
-        maps.class_counts[column[cells] - 1] += arrays[f"{BEFORE}bin_counts"]
+        counts[used : used + new.size] = 0
+        views["columns"][0] += new.size
+        counts[column[cells] - 1] += arrays[f"{BEFORE}bin_counts"]
 
 
 # ---- from a file

@@ -15,7 +15,6 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import RockfallError, check_kernel
 from rockfall.interrupts import interrupts
-from rockfall.result import variables
 from rockfall.result.samples import simulated
 from rockfall.result.variables import fields
 from rockfall.scene.plausible import input_warnings, warn_of
@@ -23,12 +22,11 @@ from rockfall.scene.reach import Survey, survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.windows import groups
-from rockfall.simulation.maps import no_maps
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.part_file import make_part
 from rockfall.simulation.progress import progress_bar
-from rockfall.simulation.source_maps import follow_sources, settle, shared_cells
-from rockfall.simulation.tally import Tally, empty_samples, empty_tally, kept_numbers, shard_range
+from rockfall.simulation.run_state import Run
+from rockfall.simulation.tally import Tally, shard_range
 from rockfall.simulation.tally_dataset import make_result
 
 if TYPE_CHECKING:
@@ -43,7 +41,6 @@ os.register_at_fork(before=_core.end_team)
 CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
 FIRST_CHUNK = 64  # boulders
 STATUS = fields(2).index("status")  # row of the kernel's integers
-COUNTED = len(fields(2)) - len(variables.COUNT)  # from this row on they are summed
 STOP = [fields(1).index(name) for name in ("stop_x", "stop_y")]  # of its reals
 LEFT_WINDOW = int(_core.constant("left_window"))  # status: to be flown again in a larger window
 
@@ -148,7 +145,7 @@ def simulate(
         if tally.boulders < scene.boulders:
             result = make_part(tally)
         else:
-            settle(tally, shared_cells(tally))
+            tally.settle()
             result = make_result(tally)
     if interrupted():
         raise Interrupted(result)
@@ -164,17 +161,9 @@ def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
     """Empty tallies of what the case asks for."""
     numbers, found = shard_range(scene, shard), survey(scene)
     check_tallies(scene, found)
-    try:
-        maps = no_maps(scene.case, found.box())
-        kept, samples = kept_numbers(scene, numbers), empty_samples(scene)
-        tally = empty_tally(scene, maps, numbers, threads, kept, samples)
-        follow_sources(maps, scene, numbers.start)
-        return tally
-    except (MemoryError, ValueError) as error:  # NumPy has the latter for sizes past all bounds
-        raise RockfallError(
-            f"{scene.case.name}: {scene.boulders} boulders and the requested maps do not fit in "
-            "memory"
-        ) from error
+    box = found.box()
+    run = Run.of_scene(scene, numbers, box, threads)
+    return Tally(scene, run, box, len(numbers), numbers.start, threads=threads)
 
 
 def check_tallies(scene: Scene, found: Survey) -> None:
@@ -209,7 +198,8 @@ def _fly(tally: Tally, first: int, size: int) -> int:
     windows = scene.windows
     if windows:
         scene, size = windows.around(scene, first, size)
-    left, stop = _call(tally, scene, first, size)
+    scene.kernel.keep_within(tally.box)
+    left, stop = tally.run.advance(scene, first, size)
     del scene  # no window stays while another is read
     if left.size:
         if windows is None:
@@ -220,82 +210,6 @@ def _fly(tally: Tally, first: int, size: int) -> int:
             while done < n:
                 done += _fly(tally, start_ + done, n - done)
     return size
-
-
-def _call(tally: Tally, scene: Scene, first: int, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Boulders `first` to `first + size - 1`, into their places. Returns the numbers of those that
-    left the window, which are in no tally, and where (2, n)."""
-    lines = len(tally.scene.case.lines)
-    scene.kernel.keep_within(tally.maps.box)
-    energy, trees_hit, outcome = _rooms(tally, first, size)
-    boulder, count, crossing, code, message = _core.run(
-        scene.kernel.handle, first, tally.threads, **tally.maps.arguments(),
-        **tally.maps.run_arguments(), histogram=tally.histogram.T, by_ground=tally.by_ground,
-        energy=energy.T, trees_hit=trees_hit, outcome=outcome.T, nl=max(1, lines), n=size,
-    )  # fmt: skip
-    scene.kernel.check(code, message)
-    if tally.maps.columns[0] > len(tally.maps.class_counts):
-        raise RockfallError(
-            f"{tally.scene.case.name}: &output maps: boulders reach more than "
-            f"{len(tally.maps.class_counts)} cells; the counts of quantile maps in more do not fit "
-            "in memory"
-        )
-    left = np.flatnonzero(count[STATUS] == LEFT_WINDOW)
-    if tally.number is None:
-        rows, done = slice(None), _places(tally, first, size)
-    else:
-        _add_samples(tally, scene, boulder, count, crossing)
-        done = slice(*np.searchsorted(tally.number, [first, first + size]).tolist())
-        rows = tally.number[done] - first
-        for whole, some in (
-            (tally.energy, energy), (tally.trees_hit, trees_hit), (tally.outcome, outcome),
-        ):  # fmt: skip
-            if some is not whole:
-                whole[done] = some[rows]
-    tally.boulder[done], tally.count[done] = boulder.T[rows], count.T[rows]
-    if tally.number is not None:
-        tally.count[done, COUNTED:] = 0
-    tally.crossing[done] = crossing.T[rows, :lines]
-    return first + left, boulder[STOP][:, left]
-
-
-def _places(tally: Tally, first: int, size: int) -> slice:
-    return slice(first - 1 - tally.before, first - 1 - tally.before + size)
-
-
-def _rooms(tally: Tally, first: int, size: int) -> tuple[np.ndarray, ...]:
-    """Where the kernel puts energies, hits of trees and outcomes of barriers, as far as there are
-    any: their places, or room of their own where not all rows are kept."""
-    case, asked = tally.scene.case, []
-    for array, is_asked in (
-        (tally.energy, case.output["energy_balance"]),
-        (tally.trees_hit, case.has_forest),
-        (tally.outcome, bool(case.barrier)),
-    ):
-        if not is_asked:
-            asked.append(array)
-        elif tally.number is None:
-            asked.append(array[_places(tally, first, size)])
-        else:
-            asked.append(np.zeros((size, *array.shape[1:]), array.dtype))
-    return tuple(asked)
-
-
-def _add_samples(
-    tally: Tally, scene: Scene, boulder: np.ndarray, count: np.ndarray, crossing: np.ndarray
-) -> None:
-    """Rows of a chunk to samples, and their counts to those of all boulders."""
-    samples = tally.samples
-    assert samples is not None
-    largest = samples.largest if samples.largest.size else np.zeros((1, 6, 1))  # f2py takes no 0
-    _core.add_samples(
-        scene.kernel.handle, boulder, count, crossing, samples.bins.T, samples.sums.T,
-        samples.groups.T, largest.T, samples.ended,
-    )  # fmt: skip
-    sums = count[:, count[STATUS] != LEFT_WINDOW].sum(axis=1, dtype="i8")
-    for name, total in zip(fields(2), sums, strict=True):
-        if name in variables.COUNT:
-            tally.counted[name] = tally.counted.get(name, 0) + total
 
 
 def trace(tally: Tally) -> None:

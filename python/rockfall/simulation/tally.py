@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a run has found so far: rows of its boulders, and what was added up over them."""
+"""A run that goes on, or is put together of parts: what the kernel found, and where it is from."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from rockfall.errors import RockfallError
 from rockfall.grounds import GroundRule
 from rockfall.io.grid import Box, Grid
 from rockfall.result.dataset import georeference
-from rockfall.result.samples import Samples, empty_like, rows_kept
-from rockfall.result.variables import fields
+from rockfall.result.samples import rows_kept
 from rockfall.scene.scene import Features, InputWarning, Scene
-from rockfall.simulation.maps import Maps
+from rockfall.simulation.maps import SHARED, tells_sources
+from rockfall.simulation.run_state import Array, Run
 from rockfall.terrain.dams import DamShape
 from rockfall.version import __version__
 
@@ -56,25 +56,14 @@ class Origin:
 
 @dataclass
 class Tally:
-    """What the kernel adds to from chunk to chunk, and the rows of the boulders done."""
+    """A run in the kernel, of a scene or of parts alone, and what is not the kernel's."""
 
     scene: Scene | Origin
-    maps: Maps
-    histogram: np.ndarray  # (6, bins)
-    boulder: np.ndarray  # (rows, fields): all boulders, or those that the case keeps
-    count: np.ndarray
-    crossing: np.ndarray  # (rows, lines, fields)
-    by_ground: np.ndarray  # rebounds on each ground of the scene; a single zero where it has none
-    energy: np.ndarray  # (rows, fields), or one row that nobody asked for
-    trees_hit: np.ndarray  # (rows,), or one where there are no trees
-    feature: np.ndarray  # (rows,) of a run of which there are parts alone; or one
-    outcome: np.ndarray  # (rows, barriers), or one where there are no barriers
+    run: Run
+    box: Box  # the cells of the terrain that its maps are of
     boulders: int  # that are to be done
-    number: np.ndarray | None = None  # of the boulder of each row; None: all of them
-    samples: Samples | None = None  # where not all rows are kept
     before: int = 0  # boulders of the run before those of this tally
     done: int = 0
-    counted: dict[str, Any] = field(default_factory=dict)  # in boulders whose `count` was not kept
     trajectories: dict[int, np.ndarray] = field(
         default_factory=dict
     )  # (vertices, fields) by boulder
@@ -84,70 +73,80 @@ class Tally:
     threads: int = 0
     crs: dict[str, Any] = field(default_factory=dict)  # said of the grid, where it has no CRS
 
+    def array(self, file_name: str) -> np.ndarray:
+        """A view of an array of the run, by its name in files."""
+        return self.run.array(file_name)
+
+    def arrays(self, *groups: str) -> list[Array]:
+        """The arrays of some groups of the table of variables; of rows those of boulders done."""
+        rows, found = self.rows, []
+        for array in self.run.arrays():
+            if array.group in groups:
+                some = array.values[..., :rows] if "boulder" in array.dims else array.values
+                found.append(array._replace(values=some))
+        return found
+
+    @property
+    def number(self) -> np.ndarray | None:
+        """Of the boulder of each row; None: all of them."""
+        if rows_kept(self.scene.case, self.scene.boulders) is None:
+            return None
+        return self.array("boulder")
+
     @property
     def rows(self) -> int:
         """Rows of the boulders done."""
-        if self.number is None:
+        number = self.number
+        if number is None:
             return self.done
-        return int(np.searchsorted(self.number, self.before + self.done, side="right"))
+        return int(np.searchsorted(number, self.before + self.done, side="right"))
 
     def numbers(self) -> np.ndarray:
         """The boulders of these rows."""
-        if self.number is None:
+        number = self.number
+        if number is None:
             return np.arange(self.before + 1, self.before + self.done + 1)
-        return self.number[: self.rows]
+        return number[: self.rows]
 
     def go_on(self, scene: Scene) -> None:
         """Make room for the boulders of a scene that are more of the same."""
-        rows, self.scene, self.boulders = self.rows, scene, scene.boulders
-        self.number = kept_numbers(scene, range(scene.boulders))
-        size = scene.boulders if self.number is None else self.number.size
-        asked = [name for name, is_asked in (
-            ("boulder", True), ("count", True), ("crossing", True),
-            ("energy", scene.case.output["energy_balance"]),
-            ("trees_hit", scene.case.has_forest), ("outcome", bool(scene.case.barrier)),
-        ) if is_asked]  # fmt: skip
-        for name in asked:
-            before = getattr(self, name)
-            more = np.zeros((size, *before.shape[1:]), before.dtype)
-            more[:rows] = before[:rows]
-            setattr(self, name, more)
-        if self.samples is not None:
-            self.samples.make_room(scene.boulders)
-
-    def samples_bytes(self) -> int:
-        """Bytes that samples take."""
-        if self.samples is None:
-            return 0
-        return sum(array.nbytes for array in vars(self.samples).values())
+        self.run, self.scene, self.boulders = self.run.continued(scene), scene, scene.boulders
 
     def sort_rows(self) -> None:
         """Put rows that came in any order into that of their boulders."""
         if self.number is None:
             return
         order = np.argsort(self.number)
-        for name in ("boulder", "count", "crossing", "energy", "feature", "trees_hit", "outcome"):
-            rows = getattr(self, name)
-            if len(rows) == order.size:
-                setattr(self, name, rows[order])
-        self.number = self.number[order]
+        for array in self.run.arrays():
+            if "boulder" in array.dims:
+                array.values[...] = array.values[..., order]
 
     def columns(self) -> dict[str, np.ndarray]:
-        """The kernel's numbers in each of these rows, by name."""
-        names, rows = fields(1) + fields(2), (*self.boulder.T, *self.count.T)
-        return {name: row[: self.rows] for name, row in zip(names, rows, strict=True)}
+        """The kernel's numbers in each of these rows, and sums over boulders, by name."""
+        return {array.name: array.values for array in self.arrays("boulder", "count")}
 
-    def feature_of(self, source: np.ndarray) -> np.ndarray:
-        """The feature of the source of each row."""
-        if isinstance(self.scene, Origin):
-            return self.feature[: self.rows]
-        assert self.scene.features is not None
-        return self.scene.features.of[source - 1]
+    def settle(self, sign: int = 1) -> dict[str, np.ndarray]:
+        """Leave only the boulders done of cut sources in the cells that they feed, as a part has
+        it, and tell these cells by source; with sign -1 all of them again, as a run that goes on.
+        {} where no map asks."""
+        if not tells_sources(self.scene.case):
+            return {}
+        assert isinstance(self.scene, Scene)
+        _core.settle(self.run.handle, self.scene.kernel.handle, self.done, sign)
+        return {name: self.array(f"tally_{name}").copy() for name in SHARED}
+
+    def restore_sources(self, shared: dict[str, np.ndarray]) -> bool:
+        """Go on from what `settle` told; False if it cannot be of the boulders done."""
+        if not shared or not shared["shared_cell"].size:
+            return True
+        assert isinstance(self.scene, Scene)
+        handles = self.run.handle, self.scene.kernel.handle
+        return bool(_core.restore_sources(*handles, self.done, *(shared[name] for name in SHARED)))
 
     @property
     def window(self) -> Box:
         """The cells of the terrain that maps cover; without any, all of them."""
-        return self.maps.box if self.maps.names else self.scene.grid.box
+        return self.box if self.scene.case.output.get("maps") else self.scene.grid.box
 
     @property
     def grid(self) -> Grid:
@@ -157,57 +156,6 @@ class Tally:
     def georeference(self) -> dict[str, Any]:
         """What says where the maps lie."""
         return georeference(self.grid) | self.crs
-
-
-def empty_tally(
-    scene: Scene | Origin,
-    maps: Maps,
-    numbers: range,
-    threads: int,
-    kept: np.ndarray | None = None,
-    samples: Samples | None = None,
-) -> Tally:
-    """Room for boulders of these numbers, counted from 0; rows of those kept (from 1) alone, and
-    samples of all."""
-    bins, barriers = _core.histogram_bins()[0], len(scene.case.barrier)
-    rows = len(numbers) if kept is None else kept.size
-    return Tally(
-        scene,
-        maps,
-        histogram=np.zeros((len(bins), max(bins)), "i8"),
-        boulder=np.empty((rows, len(fields(1)))),
-        count=np.zeros((rows, len(fields(2))), "i4"),
-        by_ground=np.zeros(max(1, len(scene.grounds)), "i8"),
-        energy=np.zeros((rows if scene.case.output["energy_balance"] else 1, len(fields(5)))),
-        feature=np.zeros(rows if isinstance(scene, Origin) and scene.features else 1, "i4"),
-        trees_hit=np.zeros(rows if scene.case.has_forest else 1, "i4"),
-        outcome=np.zeros((rows, barriers) if barriers else (1, 1), "i1"),
-        crossing=np.empty((rows, len(scene.case.lines), len(fields(3)))),
-        boulders=len(numbers),
-        number=kept,
-        samples=samples,
-        before=numbers.start,
-        threads=threads,
-    )
-
-
-def kept_numbers(scene: Scene, numbers: range) -> np.ndarray | None:
-    """Of the boulders of these numbers, counted from 0, those whose rows are kept, from 1: from
-    each source as many as its part of all, the first of it; None: all of them."""
-    kept = rows_kept(scene.case, scene.boulders)
-    if not kept:
-        return None if kept is None else np.zeros(0, "i8")
-    found, n = _core.recorded(scene.kernel.handle, numbers.start + 1, numbers.stop, kept)
-    return found[:n].astype("i8")
-
-
-def empty_samples(scene: Scene) -> Samples | None:
-    """Of the boulders of a scene; None where all rows are kept."""
-    if rows_kept(scene.case, scene.boulders) is None:
-        return None
-    (parts, groups), _, _ = _core.sample_layout(scene.kernel.handle, 1)
-    _, part_last, group_part = _core.sample_layout(scene.kernel.handle, max(parts, groups))
-    return empty_like(scene.case, scene.boulders, part_last[:parts], group_part[:groups])
 
 
 def shard_range(scene: Scene, shard: tuple[int, int]) -> range:

@@ -14,9 +14,9 @@ from rockfall.io.grid import row_blocks
 from rockfall.result import variables
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import CONVENTIONS, centre_variables, feature_names, provenance
-from rockfall.result.samples import sample_variables
+from rockfall.result.samples import sample_dims
 from rockfall.result.variables import fields
-from rockfall.simulation.maps import HITS, Maps, boulders_per_cluster
+from rockfall.simulation.maps import HITS, boulders_per_cluster, plan_of
 from rockfall.simulation.tally import Tally
 from rockfall.version import __version__
 
@@ -30,22 +30,22 @@ MAXIMA = {
 def make_result(tally: Tally, maps: bool = True) -> Contents:
     """Everything that a run found, as interface names of `variables`; with or without its maps,
     whose tallies are used up (`settle` comes before)."""
-    data = boulder_variables(tally)
+    data = table_variables(tally, "boulder", "count", "energy", "feature", "tree")
     data["boulder"] = ("boulder", tally.numbers(), variables.KEPT["boulder"])
-    data |= sample_variables(tally.samples)
-    data |= _grounds_themselves(tally) | ground_variables(tally)
+    data |= sample_variables(tally)
+    data |= _grounds_themselves(tally) | table_variables(tally, "ground")
     if tally.scene.features is not None:
         names = np.array(tally.scene.features.names, dtype=object)
         data["feature"] = ("feature", names, {"long_name": "polygon or point of sources"})
     if tally.scene.case.lines:
-        data |= _line_itself(tally) | line_variables(tally)
+        data |= _line_itself(tally) | table_variables(tally, "line")
     if tally.scene.case.barrier:
         data |= _barrier_variables(tally)
     data["crs"] = ((), np.int32(0), tally.georeference())
     if maps and tally.scene.case.output.get("maps"):
         _add_maps(data, tally)
     if tally.scene.case.output["rebounds"]:
-        data |= _bins() | histogram_variables(tally)
+        data |= _bins() | table_variables(tally, "histogram")
     data |= trajectory_variables(tally)
     bins = (name for name in data if name.endswith("_bin"))
     names = {"boulder", "line", "feature", "ground", "ground_model", "threshold", "x", "y", *bins}
@@ -53,25 +53,17 @@ def make_result(tally: Tally, maps: bool = True) -> Contents:
     return Contents(data, run_attributes(tally) | history, names)
 
 
-def boulder_variables(tally: Tally) -> dict[str, Any]:
-    """Of each row, and counts over all boulders done."""
+def table_variables(tally: Tally, *groups: str) -> dict[str, Any]:
+    """The kernel's arrays of some groups of the table of variables, rows of the boulders done."""
     data: dict[str, tuple] = {}
-    columns = tally.columns()
-    for name, about in variables.BOULDER.items():
-        values = columns[name].astype("i1") if name == "status" else columns[name]
-        flags = _flags(variables.STATUS) if name == "status" else {}
-        data[name] = ("boulder", values, about | flags)
-    for name, about in variables.COUNT.items():
-        before = tally.counted.get(name, np.int64(0))
-        data[name] = ((), before + columns[name].sum(dtype="i8"), about)
-    if tally.scene.case.output["energy_balance"]:
-        for name, values in zip(fields(5), tally.energy[: tally.rows].T, strict=True):
-            data[name] = ("boulder", values, variables.ENERGY[name])
-    if tally.scene.features is not None:
-        feature = tally.feature_of(columns["source"])
-        data["source_feature"] = ("boulder", feature, variables.FEATURE["source_feature"])
-    if tally.scene.case.has_forest:
-        data["trees_hit"] = ("boulder", tally.trees_hit[: tally.rows], variables.TREE["trees_hit"])
+    for group in groups:
+        for array in tally.arrays(group):
+            about: dict[str, Any] = {**variables.about(group, array.name)}
+            if array.name == "status":
+                about |= _flags(variables.STATUS)
+            if group == "histogram":
+                about |= {"units": "1", "long_name": f"rebounds by {about['long_name']}"}
+            data[array.file_name] = (array.dims, array.values, about)
     return data
 
 
@@ -83,11 +75,20 @@ def _flags(meanings: dict[str, int]) -> dict[str, Any]:
     }
 
 
-def ground_variables(tally: Tally) -> dict[str, Any]:
-    """Rebounds by what they followed, where the scene has several grounds."""
-    if not tally.scene.grounds:
+def sample_variables(tally: Tally) -> dict[str, Any]:
+    """Samples, of bins those that are not empty; none where all rows are kept."""
+    if tally.number is None:
         return {}
-    return {name: ("ground", tally.by_ground, about) for name, about in variables.GROUND.items()}
+    found = {array.name: array.values for array in tally.arrays("sample", "work")}
+    for name, dense in (("", "bins"), ("group_", "groups")):
+        flat = found[dense].reshape(-1)
+        found[f"{name}bin"] = np.flatnonzero(flat)
+        found[f"{name}count"] = flat[found[f"{name}bin"]]
+    found["largest"] = np.sort(found["largest"])
+    return {
+        f"sample_{name}": (sample_dims(name), found[name], about)
+        for name, about in variables.SAMPLE.items()
+    }
 
 
 def _grounds_themselves(tally: Tally) -> dict[str, Any]:
@@ -115,22 +116,12 @@ def _line_itself(tally: Tally) -> dict[str, Any]:
     return data
 
 
-def line_variables(tally: Tally) -> dict[str, Any]:
-    """First crossings of the evaluation lines."""
-    return {
-        f"line_{name}": (
-            ("line", "boulder"), tally.crossing[: tally.rows, :, k].T, variables.LINE[name]
-        )
-        for k, name in enumerate(fields(3))
-    }  # fmt: skip
-
-
 def _barrier_variables(tally: Tally) -> dict[str, Any]:
     """Of the lines that are barriers, what they are, and what they did."""
     case = tally.scene.case
     height, capacity = _core.barriers(case.text().encode(), len(case.lines))
     outcome = np.zeros((len(height), tally.rows), "i1")
-    outcome[height > 0] = tally.outcome[: tally.rows].T
+    outcome[height > 0] = tally.arrays("barrier")[0].values
     height[capacity == 0] = capacity[capacity == 0] = np.nan
     about = {**variables.BARRIER}
     about["outcome"] = about["outcome"] | _flags({"not_met": 0, **variables.OUTCOME})
@@ -141,26 +132,18 @@ def _barrier_variables(tally: Tally) -> dict[str, Any]:
     }
 
 
-def outcome_variable(tally: Tally) -> dict[str, Any]:
-    """What barriers did, as parts have it; {} without barriers."""
-    if not tally.scene.case.barrier:
-        return {}
-    values = tally.outcome[: tally.rows].T
-    return {"barrier_outcome": (("barrier", "boulder"), values, variables.BARRIER["outcome"])}
-
-
 def _add_maps(data: dict[str, Any], tally: Tally) -> None:
-    grid, box = tally.scene.grid, tally.maps.box
+    grid, box = tally.scene.grid, tally.box
     requested = tally.scene.case.output["maps"]
     # the same bits as of the whole grid
     data |= centre_variables(grid.x[box.columns], grid.y[box.rows])
-    min_passages, columns = tally.scene.case.output["min_passages"], tally.columns()
+    columns = tally.columns()
     per_cluster = boulders_per_cluster(tally.scene.case, columns["start_x"], columns["start_y"])
     if variables.EXCEEDED in requested:
         data |= threshold_variable(tally.scene.case)
     for name in variables.MAP:
         if name in requested:
-            data[name] = map_variable(name, tally.maps, tally.done, per_cluster, min_passages)
+            data[name] = map_variable(name, tally, per_cluster)
 
 
 def threshold_variable(case: Case) -> dict[str, tuple]:
@@ -169,15 +152,10 @@ def threshold_variable(case: Case) -> dict[str, tuple]:
     return {"threshold": ("threshold", values, {"units": "J", "long_name": "threshold of energy"})}
 
 
-def map_variable(
-    name: str, maps: Maps, boulders: int, per_cluster: int, min_passages: int
-) -> tuple:
-    """A map of the tallies of so many boulders, NaN where it has no number; the tallies themselves
-    are used up. `per_cluster` is that of `boulders_per_cluster`."""
-    if name == variables.EXCEEDED:
-        values, fewest, thin = maps.counts[maps.plan.counts[name] - 1 :], 0, 0
-    else:
-        values, fewest, thin = _map(name, maps, boulders, per_cluster, min_passages)
+def map_variable(name: str, tally: Tally, per_cluster: int) -> tuple:
+    """A map, NaN where it has no number; the tallies themselves are used up. `per_cluster` is that
+    of `boulders_per_cluster`."""
+    values, fewest, thin = _map(name, tally, per_cluster)
     known = {"min_passages": fewest if fewest > 1 else 0, "thin_below": thin}
     if name.endswith(("_low", "_high")) and per_cluster > 1:
         known["boulders_per_cluster"] = per_cluster
@@ -185,23 +163,24 @@ def map_variable(
     return variables.map_dims(name), values, variables.MAP[name] | about | {"grid_mapping": "crs"}
 
 
-def _map(
-    name: str, maps: Maps, boulders: int, per_cluster: int, min_passages: int
-) -> tuple[np.ndarray, int, int]:
+def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, int]:
     """A map, the passages that a number of it needs, and those below which it is hardly known."""
-    if name in maps.plan.counts:  # as it is: another copy would take memory
-        return maps.counts[maps.plan.counts[name] - 1], 0, 0
+    plan = plan_of(tally.scene.case)
+    if name == variables.EXCEEDED:
+        return tally.array("tally_counts")[plan.counts[name] - 1 :], 0, 0
+    if name in plan.counts:  # as it is: another copy would take memory
+        return tally.array("tally_counts")[plan.counts[name] - 1], 0, 0
     if name == HITS:
-        return maps.sums[maps.plan.sums[name] - 1], 0, 0
+        return tally.array("tally_sums")[plan.sums[name] - 1], 0, 0
     if name in MAXIMA:
-        values = maps.maxima[maps.plan.maxima[MAXIMA[name]] - 1]
+        values = tally.array("tally_maxima")[plan.maxima[MAXIMA[name]] - 1]
         for rows in row_blocks(values.shape):
             values[rows][values[rows] == 0] = np.nan
         return values, 0, 0
-    values = np.empty(maps.box.shape, "f4")
-    fewest, thin = _core.map_values(
-        name, boulders, per_cluster, min_passages, maps.names, **maps.arguments(), values=values.T
-    )
+    values = np.empty(tally.box.shape, "f4")
+    min_passages = tally.scene.case.output["min_passages"]
+    about = tally.done, per_cluster, min_passages, values.T
+    fewest, thin = _core.map(tally.run.handle, name, *about)
     return values, fewest, thin
 
 
@@ -216,15 +195,6 @@ def _bins() -> dict[str, Any]:
         data[dim] = (dim, (edges[:-1] + edges[1:]) / 2, about | {"bounds": f"{dim}_bounds"})
         pairs = np.stack([edges[:-1], edges[1:]], axis=1)  # CF: what they are, their bins say
         data[f"{dim}_bounds"] = ((dim, "bound"), pairs, {})
-    return data
-
-
-def histogram_variables(tally: Tally) -> dict[str, Any]:
-    """Counts of rebounds, in the bins."""
-    data, bins = {}, _core.histogram_bins()[0]
-    for k, (name, quantity) in enumerate(variables.HISTOGRAM.items()):
-        about = quantity | {"units": "1", "long_name": f"rebounds by {quantity['long_name']}"}
-        data[f"{name}_histogram"] = (f"{name}_bin", tally.histogram[k, : bins[k]], about)
     return data
 
 

@@ -23,9 +23,9 @@ from rockfall.scene.rebound import sphere_radius
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import threshold
 from rockfall.scene.sources.attributes import values_of
-from rockfall.simulation.maps import HITS
+from rockfall.simulation.maps import HITS, plan_of
 from rockfall.simulation.memory import machine_memory
-from rockfall.simulation.simulate import check_team, fields, run_chunks, start
+from rockfall.simulation.simulate import check_team, run_chunks, start
 from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import MAXIMA
 from rockfall.text.dams import dam_lines
@@ -64,7 +64,7 @@ def preview(scene: Scene) -> str:
         values |= {
             "ground": [one.name for one in scene.grounds],
             "ground_model": [one.model for one in scene.grounds],
-            "rebounds_by_ground": pilot.tally.by_ground,
+            "rebounds_by_ground": pilot.tally.array("rebounds_by_ground"),
         }
     rows = [
         ("terrain", _terrain(scene)),
@@ -100,26 +100,22 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     program; and when the rasters are gone, what is `made` of it in the end."""
     names = set(scene.case.output.get("maps", []))
     tally = start(scene, threads=1)
-    maps = tally.maps
-    layers = [maps.counts, maps.sums, maps.maxima, maps.column, maps.stamp]
-    made = len(names - {*maps.plan.counts, *MAXIMA, HITS}) * 4 * np.prod(maps.box.shape)
-    row = 8 * len(fields(1)) + 4 * len(fields(2)) + 8 * len(fields(3)) * len(scene.case.lines)
-    row += 4 * scene.case.has_forest + len(scene.case.barrier)
+    plan, held = plan_of(scene.case), {"maps": 0, "results": scene.x.nbytes + scene.y.nbytes}
+    for array in tally.run.arrays():
+        is_map = "y" in array.dims
+        if array.file_name != "tally_bin_counts":
+            held["maps" if is_map else "results"] += array.values.nbytes
+    made = len(names - {*plan.counts, *MAXIMA, HITS}) * 4 * np.prod(tally.box.shape)
     if scene.windows:
         rasters = scene.windows.bytes + READING
     else:
         layers_ = scene.z, scene.zone, scene.values, scene.cell_ground
         rasters = sum(a.nbytes for a in layers_ if a is not None)
-    counted = maps.class_counts.size > 1
     return {
         "rasters": rasters,
-        "maps": sum(layer.nbytes for layer in layers if layer.size > 1),
-        "classes": 4 * maps.class_counts.shape[1] * pilot.cells if counted else 0,
+        "classes": 4 * plan.bins * pilot.cells,
         "trees": 0 if scene.trees is None else scene.trees.bytes,
-        "results": row * len(tally.boulder)
-        + tally.samples_bytes()
-        + scene.x.nbytes
-        + scene.y.nbytes,
+        **held,
         "program": PROGRAM,
         "made": PACKAGES + made,
     }
@@ -158,7 +154,8 @@ def _follow(scene: Scene, number: int) -> Pilot:
     few = start(one, threads=1)
     run_chunks(few, None, lambda: False, lambda _: None)
     cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
-    few.by_ground[...] = 0  # sums, that the second time would count again
+    for array in few.arrays("count", "ground"):  # sums, that the second time would count again
+        array.values[...] = 0
     before = one.windows.reading if one.windows else 0.0
     run_chunks(few, None, lambda: False, lambda _: None)
     reading = one.windows.reading - before if one.windows else 0.0
@@ -170,10 +167,10 @@ def _all_cells(few: Tally, boulders: int) -> float:
     a gamma distribution: the passages of a cell are then negative binomial (Fisher, Corbet &
     Williams 1943). Its mean and shape are those which give as many cells passed at all, and passed
     once, as the few boulders did."""
-    place = few.maps.plan.counts["passages"] - 1
+    place = plan_of(few.scene.case).counts["passages"] - 1
     if place < 0:
         return 0.0
-    passages = few.maps.counts[place]
+    passages = few.array("tally_counts")[place]
     total, cells, once = passages.sum(dtype="i8"), (passages > 0).sum(), (passages == 1).sum()
     more = boulders / max(1, few.done)
     if more <= 1 or not 0 < once < total:
@@ -391,7 +388,7 @@ def _bytes(number: float) -> str:
 
 def _time(scene: Scene, pilot: Pilot) -> str:
     flight, maps = pilot.seconds * scene.boulders, len(scene.case.output.get("maps", []))
-    cells = maps * np.prod(pilot.tally.maps.box.shape) if maps else 0
+    cells = maps * np.prod(pilot.tally.box.shape) if maps else 0
     rest = START + ROW * scene.boulders + VALUE * cells + pilot.reading
     threads = scene.case.case["threads"] or CORES
     return (

@@ -36,10 +36,10 @@ def steep_blocks(
     scene: Scene, blocks: Iterable[tuple[slice, np.ndarray]]
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """Blocks of rows of possible source cells (above zero), less those that are not steep."""
-    about = {"cell": scene.grid.cell, "threshold": threshold(scene), **on_raster(scene)}
+    z, about = on_raster(scene)
     for rows, block in blocks:
         cells = np.asfortranarray((block > 0).T, np.int16)
-        _core.steep_cells(**about, first=rows.start + 1, cells=cells)
+        _core.steep_cells(*about, threshold(scene), rows.start + 1, cells)
         yield rows, cells.T
 
 

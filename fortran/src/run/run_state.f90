@@ -1,0 +1,641 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What a run has found so far: rows of its boulders, sums over them, tallies of maps. Both programs open it, let it
+!> advance in chunks of any order, and read its arrays by the table of `arrays_of`; one without a scene takes in parts.
+module rockfall_run_state
+   use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_size_t, c_associated, c_f_pointer
+   use rockfall_kinds, only: wp, sp, i1, i4, i8
+   use rockfall_error, only: error_t, fail
+   use rockfall_text, only: integer_text
+   use rockfall_scene_type, only: scene_t
+   use rockfall_outcome, only: boulder_result_t, left_window
+   use rockfall_crossings, only: crossing_t
+   use rockfall_maps, only: maps_t, lacks_slots
+   use rockfall_source_maps, only: contributing_t, contributing_cells, partial_sources, boulders_within, &
+                                   first_partial, settle_sources => settle
+   use rockfall_map_values, only: map_plan_t, map_plan, stack_layers, map_views, max_columns, halvings
+   use rockfall_histogram, only: bins, quantities, n_bins
+   use rockfall_boulder, only: release_t
+   use rockfall_variables, only: boulder_counts, line_fields, histogram_fields, statuses, row_reals, row_integers, &
+                                 real_groups, integer_groups
+   use rockfall_result, only: boulder_row, boulder_count_row, real_row, integer_row, line_row
+   use rockfall_ensemble, only: run_boulders, recorded_boulders
+   use rockfall_case_keys, only: map_names
+   use rockfall_case, only: case_t, keeps_all
+   use rockfall_samples, only: samples_t, add_tail, n_sample_bins, n_coarse_bins, n_words, n_largest
+   use rockfall_line, only: line_t
+   use rockfall_line_samples, only: layout_t, layout_of, add_samples, n_quantities, tails
+   use rockfall_state_table, only: table_t
+   use rockfall_scene, only: boulders_of
+   implicit none
+   private
+   public :: run_t, open_run, open_joined_run, continue_run, close_run, advance, arrays_of, rows_of, map_tallies
+   public :: settle, restore_sources
+
+   integer, parameter :: n_totals = size(boulder_counts) - 3  !! of boulder_counts: those summed over all boulders
+
+   !> A run, or a range of its boulders. What the case does not ask for has no columns, rows or cells.
+   type :: run_t
+      integer(i8) :: total = 0, before = 0, boulders = 0  !! all of the run, those before the range, those in it
+      integer(i8) :: done = 0                             !! of the range, from its first
+      integer :: threads = 1
+      real(wp) :: wall = 0.0_wp, cpu = 0.0_wp             !! [s]
+      ! Rows: of all boulders of the range, or of those with a `number`; then all are in samples.
+      integer(i8), allocatable :: number(:)
+      integer, allocatable :: real_columns(:), integer_columns(:)  !! which of row_reals and row_integers
+      real(wp), allocatable :: reals(:, :)                !! (rows, columns)
+      integer(i1), allocatable :: status(:)
+      integer(i4), allocatable :: integers(:, :)
+      real(wp), allocatable :: line(:, :, :)              !! (rows, lines, line_fields)
+      integer(i1), allocatable :: outcome(:, :)           !! (rows, barriers), as in crossing_t
+      ! Sums over the boulders done.
+      integer(i8) :: count(n_totals) = 0                  !! the last of boulder_counts
+      integer(i8) :: histogram(bins, quantities) = 0
+      logical :: histograms_requested = .false.
+      integer(i8), allocatable :: by_ground(:)            !! rebounds, where the scene has several grounds
+      type(layout_t) :: layout
+      type(samples_t) :: samples
+      ! Maps of the cells of a window.
+      integer :: at(2) = 1, nodes(2) = 0                  !! its first column and row; columns and rows
+      type(map_plan_t) :: plan                            !! where maps stand in these stacks
+      real(wp), allocatable :: thresholds(:)              !! of energy [J]
+      integer(i4), pointer, contiguous :: counts(:, :, :) => null()
+      integer(i8), pointer, contiguous :: sums(:, :, :) => null()
+      real(sp), pointer, contiguous :: maxima(:, :, :) => null()
+      integer(i4), pointer, contiguous :: bin_counts(:, :) => null(), column(:, :) => null()
+      integer(i4), pointer :: columns(:) => null()        !! one: those assigned
+      integer(i4), pointer, contiguous :: last_source(:, :, :) => null()  !! as in maps_t, with its first_partial
+      integer(i8) :: first_partial = 0
+      integer(i8) :: max_columns = max_columns            !! of `bin_counts`
+      type(contributing_t) :: shared                      !! by partial sources, since `settle`
+      ! Of the last chunk: those that left the window of the terrain, and where.
+      integer(i8), allocatable :: left(:)
+      real(wp), allocatable :: left_at(:, :)              !! (boulders, 2), map coordinates [m]
+      type(c_ptr), private :: block(12) = c_null_ptr      !! of memory
+   end type run_t
+
+   interface  ! memory that costs nothing before it is written to
+      type(c_ptr) function c_zeros(n, size) bind(c, name="calloc")
+         import :: c_ptr, c_size_t
+         integer(c_size_t), value :: n, size
+      end function c_zeros
+      type(c_ptr) function c_memory(size) bind(c, name="malloc")
+         import :: c_ptr, c_size_t
+         integer(c_size_t), value :: size
+      end function c_memory
+      subroutine c_free(block) bind(c, name="free")
+         import :: c_ptr
+         type(c_ptr), value :: block
+      end subroutine c_free
+   end interface
+
+contains
+
+   !> A run of a scene, or the `boulders` of it after the first `before`, none of them done. Maps cover a window:
+   !> first column and row, columns and rows.
+   subroutine open_run(case, scene, before, boulders, window, run, error)
+      type(case_t), intent(in) :: case
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: before, boulders
+      integer, intent(in) :: window(4)
+      type(run_t), intent(inout) :: run
+      type(error_t), allocatable, intent(out) :: error
+
+      call describe(case, scene, before, boulders, window, run)
+      call make_rows(case, n_grounds(scene), allocated(scene%release%feature), run, error)
+      if (.not. allocated(error)) call make_maps(run, error)
+      if (.not. allocated(error)) call make_samples(run, error)
+   end subroutine open_run
+
+   !> What a run of a scene is of.
+   subroutine describe(case, scene, before, boulders, window, run)
+      type(case_t), intent(in) :: case
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: before, boulders
+      integer, intent(in) :: window(4)
+      type(run_t), intent(inout) :: run
+
+      run%total = boulders_of(scene)
+      run%before = before
+      run%boulders = boulders
+      run%at = window(:2)
+      run%nodes = window(3:)
+      if (case%kept /= keeps_all) then
+         run%number = recorded_boulders(scene%release, case%kept, before + 1, before + boulders)
+         run%layout = layout_of(scene%release, size(case%lines) + 1)
+      end if
+      run%plan = map_plan(pack(map_names, case%map), size(case%thresholds))
+      run%thresholds = case%thresholds
+      if (any(run%plan%count(3:4) > 0)) run%first_partial = first_partial(scene%release, before + 1)
+   end subroutine describe
+
+   !> A run of `total` boulders of which there are parts alone; rows of parts come in any order.
+   subroutine open_joined_run(case, total, window, grounds, features, layout, run, error)
+      type(case_t), intent(in) :: case
+      integer(i8), intent(in) :: total
+      integer, intent(in) :: window(4)
+      integer, intent(in) :: grounds   !! how many; 0: the scene has no others than its sets
+      logical, intent(in) :: features  !! whether sources come from those of a layer
+      type(layout_t), intent(in) :: layout  !! of samples
+      type(run_t), intent(inout) :: run
+      type(error_t), allocatable, intent(out) :: error
+
+      run%total = total
+      run%boulders = total
+      run%done = total
+      run%at = window(:2)
+      run%nodes = window(3:)
+      run%layout = layout
+      if (case%kept /= keeps_all) allocate (run%number(min(case%kept, total)), source=0_i8)
+      run%plan = map_plan(pack(map_names, case%map), size(case%thresholds))
+      run%thresholds = case%thresholds
+      call make_rows(case, grounds, features, run, error)
+      if (.not. allocated(error)) call make_maps(run, error)
+      if (.not. allocated(error)) call make_samples(run, error)
+   end subroutine open_joined_run
+
+   !> A run of a scene that begins with what another found, whose boulders are the first of its own; tallies are taken
+   !> from it, so that it cannot go on itself.
+   subroutine continue_run(case, scene, other, run, error)
+      type(case_t), intent(in) :: case
+      type(scene_t), intent(in) :: scene
+      type(run_t), intent(inout) :: other
+      type(run_t), intent(inout) :: run
+      type(error_t), allocatable, intent(out) :: error
+      integer(i8) :: k, n
+      integer :: line, q
+
+      call describe(case, scene, other%before, boulders_of(scene) - other%before, [other%at, other%nodes], run)
+      call make_rows(case, n_grounds(scene), allocated(scene%release%feature), run, error)
+      if (allocated(error)) return
+      n = rows_of(other)
+      run%reals(:n, :) = other%reals(:n, :)
+      run%status(:n) = other%status(:n)
+      run%integers(:n, :) = other%integers(:n, :)
+      run%line(:n, :, :) = other%line(:n, :, :)
+      run%outcome(:n, :) = other%outcome(:n, :)
+      run%count = other%count
+      run%histogram = other%histogram
+      run%by_ground = other%by_ground
+      run%done = other%done
+      run%threads = other%threads
+      run%wall = other%wall
+      run%cpu = other%cpu
+      run%counts => other%counts
+      run%sums => other%sums
+      run%maxima => other%maxima
+      run%bin_counts => other%bin_counts
+      run%column => other%column
+      run%columns => other%columns
+      run%last_source => other%last_source
+      run%samples = other%samples
+      run%block(:11) = other%block(:11)
+      other%block(:11) = c_null_ptr
+      if (allocated(run%number)) call make_largest(run, error)
+      if (allocated(error) .or. .not. allocated(run%number)) return
+      do line = 1, size(run%samples%largest, 3)
+         do q = 1, tails
+            do k = 1, size(other%samples%largest, 1, i8)
+               call add_tail(run%samples%largest(:, q, line), other%samples%largest(k, q, line))
+            end do
+         end do
+      end do
+   end subroutine continue_run
+
+   subroutine close_run(run)
+      type(run_t), intent(inout) :: run
+      integer :: k
+
+      do k = 1, size(run%block)
+         if (c_associated(run%block(k))) call c_free(run%block(k))
+      end do
+      run%block = c_null_ptr
+   end subroutine close_run
+
+   ! ---- memory -------------------------------------------------------------------------------
+
+   !> Rows of the boulders, with the columns that the case asks for, and the sums.
+   subroutine make_rows(case, grounds, features, run, error)
+      type(case_t), intent(in) :: case
+      integer, intent(in) :: grounds
+      logical, intent(in) :: features
+      type(run_t), intent(inout) :: run
+      type(error_t), allocatable, intent(out) :: error
+      integer(i8) :: n
+      integer :: k, status
+
+      run%real_columns = pack([(k, k=1, size(row_reals))], real_groups == "boulder" .or. case%energy_balance)
+      run%integer_columns = pack([(k, k=1, size(row_integers))], integer_groups == "boulder" &
+                                 .or. (integer_groups == "feature" .and. features) &
+                                 .or. (integer_groups == "tree" .and. case%forest))
+      run%histograms_requested = case%rebounds
+      allocate (run%by_ground(grounds), source=0_i8)
+      n = run%boulders
+      if (allocated(run%number)) n = size(run%number, kind=i8)
+      allocate (run%reals(n, size(run%real_columns)), run%status(n), run%integers(n, size(run%integer_columns)), &
+                run%line(n, size(case%lines), size(line_fields)), &
+                run%outcome(n, count(case%lines%height > 0)), stat=status)
+      if (status /= 0) call lack_memory(run, error)
+   end subroutine make_rows
+
+   !> Empty maps.
+   subroutine make_maps(run, error)
+      type(run_t), intent(inout) :: run
+      type(error_t), allocatable, intent(out) :: error
+      integer(i8) :: cells
+      integer :: stacks(3), layers
+
+      stacks = stack_layers(run%plan)
+      cells = product(int(run%nodes, i8))
+      layers = 0
+      if (any(run%plan%count(3:4) > 0)) layers = merge(2, 1, run%first_partial > 0)
+      run%block(1) = zeros(cells*stacks(1), 4)
+      run%block(2) = zeros(cells*stacks(2), 8)
+      run%block(3) = zeros(cells*stacks(3), 4)
+      run%block(4) = zeros(merge(cells, 0_i8, run%plan%rows > 0), 4)
+      run%block(5) = zeros(cells*layers, 4)
+      run%block(6) = zeros(1_i8, 4)
+      associate (nx => run%nodes(1), ny => run%nodes(2))
+         call c_f_pointer(run%block(1), run%counts, [nx, ny, stacks(1)])
+         call c_f_pointer(run%block(2), run%sums, [nx, ny, stacks(2)])
+         call c_f_pointer(run%block(3), run%maxima, [nx, ny, stacks(3)])
+         call c_f_pointer(run%block(4), run%column, merge([nx, ny], 0, run%plan%rows > 0))
+         call c_f_pointer(run%block(5), run%last_source, [nx, ny, layers])
+         call c_f_pointer(run%block(6), run%columns, [1])
+      end associate
+      call make_columns(run, merge(cells, 0_i8, run%plan%rows > 0))
+      if (.not. all([c_associated(run%block(1)), c_associated(run%block(2)), c_associated(run%block(3)), &
+                     c_associated(run%block(4)), c_associated(run%block(5)), c_associated(run%block(6)), &
+                     c_associated(run%block(7))])) call lack_memory(run, error)
+   end subroutine make_maps
+
+   !> Counts of bins of all cells, or of half as many as the system grants (the run needs memory for other
+   !> things too): it takes the memory of a column when a boulder first passes the cell, and few may be passed.
+   subroutine make_columns(run, cells)
+      type(run_t), intent(inout) :: run
+      integer(i8), intent(in) :: cells
+      integer(i8) :: columns
+      integer :: k
+
+      columns = min(cells, run%max_columns)
+      run%block(7) = c_memory(bytes_of(columns*run%plan%rows, 4))
+      do k = 1, halvings
+         if (c_associated(run%block(7))) exit
+         columns = columns/2
+         run%block(7) = c_memory(bytes_of(columns*run%plan%rows, 4))
+         if (.not. c_associated(run%block(7))) cycle
+         call c_free(run%block(7))
+         columns = columns/2
+         run%block(7) = c_memory(bytes_of(columns*run%plan%rows, 4))
+      end do
+      call c_f_pointer(run%block(7), run%bin_counts, [int(run%plan%rows, i8), columns])
+   end subroutine make_columns
+
+   !> Empty samples, where not all rows are kept.
+   subroutine make_samples(run, error)
+      type(run_t), intent(inout) :: run
+      type(error_t), allocatable, intent(out) :: error
+      integer :: parts, groups, places
+
+      if (.not. allocated(run%number)) return
+      parts = size(run%layout%part_last)
+      groups = size(run%layout%group_part)
+      places = size(run%line, 2) + 1
+      associate (samples => run%samples, n => int(n_quantities, i8)*places)
+         run%block(8) = zeros(n_sample_bins*parts*n, 4)
+         run%block(9) = zeros(n_coarse_bins*groups*n, 4)
+         run%block(10) = zeros(n_words*parts*n, 8)
+         run%block(11) = zeros(size(statuses, kind=i8), 8)
+         if (.not. all([c_associated(run%block(8)), c_associated(run%block(9)), c_associated(run%block(10)), &
+                        c_associated(run%block(11))])) then
+            call lack_memory(run, error)
+            return
+         end if
+         call c_f_pointer(run%block(8), samples%bins, [n_sample_bins, n_quantities, parts, places])
+         call c_f_pointer(run%block(9), samples%groups, [n_coarse_bins, n_quantities, groups, places])
+         call c_f_pointer(run%block(10), samples%sums, [n_words, n_quantities, parts, places])
+         call c_f_pointer(run%block(11), samples%ended, [size(statuses)])
+      end associate
+      call make_largest(run, error)
+   end subroutine make_samples
+
+   !> Tails of samples, without a number.
+   subroutine make_largest(run, error)
+      type(run_t), intent(inout) :: run
+      type(error_t), allocatable, intent(out) :: error
+      integer(i8) :: n
+      integer :: lines
+
+      n = min(run%total, int(n_largest, i8))
+      lines = size(run%line, 2)
+      run%block(12) = c_memory(bytes_of(n*tails*lines, 8))
+      if (.not. c_associated(run%block(12))) then
+         call lack_memory(run, error)
+         return
+      end if
+      call c_f_pointer(run%block(12), run%samples%largest, [int(n), tails, lines])
+      run%samples%largest = -1
+   end subroutine make_largest
+
+   type(c_ptr) function zeros(n, bytes) result(block)
+      integer(i8), intent(in) :: n
+      integer, intent(in) :: bytes
+
+      block = c_zeros(int(max(1_i8, n), c_size_t), int(bytes, c_size_t))
+   end function zeros
+
+   pure integer(c_size_t) function bytes_of(n, bytes)
+      integer(i8), intent(in) :: n
+      integer, intent(in) :: bytes
+
+      bytes_of = max(1_i8, n)*bytes
+   end function bytes_of
+
+   subroutine lack_memory(run, error)
+      type(run_t), intent(in) :: run
+      type(error_t), allocatable, intent(out) :: error
+
+      call fail(error, integer_text(run%total)//" boulders and the requested maps do not fit in memory")
+   end subroutine lack_memory
+
+   pure integer function n_grounds(scene)
+      type(scene_t), intent(in) :: scene
+
+      n_grounds = 0
+      if (allocated(scene%grounds)) n_grounds = size(scene%grounds)
+   end function n_grounds
+
+   ! ---- boulders -----------------------------------------------------------------------------
+
+   !> Run boulders first .. first + n - 1 of the run on a scene, which may be a window of that of the run: those that
+   !> leave it are in no tally, and to be run again.
+   subroutine advance(run, scene, first, n, error)
+      type(run_t), intent(inout), target :: run
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: first, n
+      type(error_t), allocatable, intent(out) :: error
+      type(boulder_result_t), allocatable :: results(:)
+      type(crossing_t), allocatable :: crossings(:, :)
+      type(maps_t) :: maps
+      integer(i8) :: k, row
+      integer :: status
+      logical :: has_row
+
+      allocate (results(n), crossings(size(run%line, 2), n), stat=status)
+      if (status /= 0) then
+         call fail(error, integer_text(n)//" boulders of a chunk do not fit in memory")
+         return
+      end if
+      maps = map_tallies(run, run%at)
+      call run_boulders(scene, first, run%threads, results, crossings, maps, run%histogram, run%by_ground)
+      if (lacks_slots(maps)) then
+         call fail(error, "&output maps: boulders reach more than "//integer_text(size(run%bin_counts, 2)) &
+                   //" cells; the counts of quantile maps in more do not fit in memory")
+         return
+      end if
+      row = rows_before(run, first)
+      do k = 1, n
+         has_row = .not. allocated(run%number)
+         if (.not. has_row .and. row < size(run%status, kind=i8)) has_row = run%number(row + 1) == first + k - 1
+         if (has_row) then
+            row = row + 1
+            call keep_row(run, scene, results(k), crossings(:, k), row)
+         end if
+         if (results(k)%status == left_window) cycle
+         call add_counts(run, results(k))
+         if (allocated(run%number)) call add_sample(run, scene, results(k), crossings(:, k))
+      end do
+      run%left = pack([(first + k - 1, k=1, n)], results%status == left_window)
+      if (allocated(run%left_at)) deallocate (run%left_at)
+      allocate (run%left_at(size(run%left), 2))
+      run%left_at(:, 1) = pack(results%stop(1), results%status == left_window) + scene%dem%x0
+      run%left_at(:, 2) = pack(results%stop(2), results%status == left_window) + scene%dem%y0
+      run%done = max(run%done, first + n - 1 - run%before)
+   end subroutine advance
+
+   pure subroutine add_counts(run, result)
+      type(run_t), intent(inout) :: run
+      type(boulder_result_t), intent(in) :: result
+      integer :: counts(size(boulder_counts))
+
+      counts = boulder_count_row(result)
+      run%count = run%count + counts(size(counts) - n_totals + 1:)
+   end subroutine add_counts
+
+   !> The numbers of a boulder, to their places.
+   subroutine keep_row(run, scene, result, crossings, row)
+      type(run_t), intent(inout) :: run
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: result
+      type(crossing_t), intent(in) :: crossings(:)
+      integer(i8), intent(in) :: row
+      real(wp) :: reals(size(row_reals))
+      integer :: integers(size(row_integers)), k
+
+      reals = real_row(scene%dem, result)
+      integers = integer_row(scene%release, result)
+      run%reals(row, :) = reals(run%real_columns)
+      run%status(row) = int(result%status, i1)
+      run%integers(row, :) = integers(run%integer_columns)
+      do k = 1, size(crossings)
+         run%line(row, k, :) = line_row(scene%dem, result, crossings(k))
+      end do
+      if (allocated(scene%barriers)) run%outcome(row, :) = crossings(scene%barriers%line)%outcome
+   end subroutine keep_row
+
+   !> Add a boulder to the samples.
+   subroutine add_sample(run, scene, result, crossings)
+      type(run_t), intent(inout) :: run
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: result
+      type(crossing_t), intent(in) :: crossings(:)
+      real(wp) :: rows(size(line_fields), size(crossings))
+      type(line_t) :: none(0)
+      integer :: k
+
+      do k = 1, size(crossings)
+         rows(:, k) = line_row(scene%dem, result, crossings(k))
+      end do
+      associate (origin => [scene%dem%x0, scene%dem%y0], row => boulder_row(scene%dem, result))
+         if (allocated(scene%lines)) then
+            call add_samples(run%samples, run%layout, scene%lines, origin, row, boulder_count_row(result), rows)
+         else
+            call add_samples(run%samples, run%layout, none, origin, row, boulder_count_row(result), rows)
+         end if
+      end associate
+   end subroutine add_sample
+
+   !> Rows of the boulders before one.
+   pure integer(i8) function rows_before(run, number) result(rows)
+      type(run_t), intent(in) :: run
+      integer(i8), intent(in) :: number
+      integer(i8) :: last, middle
+
+      rows = number - 1 - run%before
+      if (.not. allocated(run%number)) return
+      rows = 0
+      last = size(run%number, kind=i8)
+      do while (rows < last)
+         middle = (rows + last)/2
+         if (run%number(middle + 1) < number) then
+            rows = middle + 1
+         else
+            last = middle
+         end if
+      end do
+   end function rows_before
+
+   !> Rows of the boulders done.
+   pure integer(i8) function rows_of(run)
+      type(run_t), intent(in) :: run
+
+      rows_of = rows_before(run, run%before + run%done + 1)
+   end function rows_of
+
+   ! ---- what there is ------------------------------------------------------------------------
+
+   !> All arrays of a run: rows, which have places for all boulders; sums; samples; then the stacks of maps.
+   function arrays_of(run) result(table)
+      type(run_t), intent(in), target :: run
+      type(table_t) :: table
+      integer :: k
+
+      if (allocated(run%number)) call table%add("kept", "boulder", ["boulder"], run%number)
+      do k = 1, size(run%real_columns)
+         associate (column => run%real_columns(k))
+            call table%add(real_groups(column), row_reals(column), ["boulder"], run%reals(:, k))
+         end associate
+      end do
+      call table%add("boulder", "status", ["boulder"], run%status)
+      do k = 1, size(run%integer_columns)
+         associate (column => run%integer_columns(k))
+            call table%add(integer_groups(column), row_integers(column), ["boulder"], run%integers(:, k))
+         end associate
+      end do
+      if (size(run%line, 2) > 0) then
+         do k = 1, size(line_fields)
+            call table%add("line", line_fields(k), [character(len=7) :: "boulder", "line"], run%line(:, :, k))
+         end do
+      end if
+      if (size(run%outcome, 2) > 0) &
+         call table%add("barrier", "outcome", [character(len=7) :: "boulder", "barrier"], run%outcome)
+      do k = 1, n_totals
+         call table%add("count", boulder_counts(size(boulder_counts) - n_totals + k), [character ::], run%count(k))
+      end do
+      if (size(run%by_ground) > 0) call table%add("ground", "rebounds_by_ground", ["ground"], run%by_ground)
+      if (run%histograms_requested) then
+         do k = 1, size(histogram_fields)
+            call table%add("histogram", histogram_fields(k), [trim(histogram_fields(k))//"_bin"], &
+                           run%histogram(:n_bins(k), k))
+         end do
+      end if
+      if (allocated(run%number)) call add_sample_arrays(run, table)
+      call add_map_arrays(run, table)
+      if (.not. allocated(run%left)) return
+      call table%add("work", "left", ["left"], run%left, "i8")
+      call table%add("work", "left_at", [character(len=4) :: "left", "axis"], run%left_at, "f8")
+   end function arrays_of
+
+   subroutine add_sample_arrays(run, table)
+      type(run_t), intent(in), target :: run
+      type(table_t), intent(inout) :: table
+      character(len=*), parameter :: of(*) = [character(len=15) :: "sample_quantity", "sample_part", "sample_place"]
+      character(len=*), parameter :: bins(*) = [character(len=15) :: "sample_fine", of], &
+                                     coarse(*) = [character(len=15) :: "sample_coarse", of(1), "sample_group", of(3)], &
+                                     sums(*) = [character(len=15) :: "sample_word", of], &
+                                     largest(*) = [character(len=15) :: "sample_rank", "sample_tail", "sample_line"]
+
+      call table%add("work", "bins", bins, run%samples%bins, "i4")
+      call table%add("work", "groups", coarse, run%samples%groups, "i4")
+      call table%add("sample", "sums", sums, run%samples%sums)
+      call table%add("sample", "largest", largest, run%samples%largest)
+      call table%add("sample", "ended", ["sample_status"], run%samples%ended)
+      call table%add("sample", "part_last", ["sample_part"], run%layout%part_last)
+      call table%add("sample", "group_part", ["sample_group"], run%layout%group_part)
+   end subroutine add_sample_arrays
+
+   !> Stacks of maps (columns, rows, layers), of which files have the cells that boulders reached; and, since `settle`,
+   !> the cells of partial sources.
+   subroutine add_map_arrays(run, table)
+      type(run_t), intent(in), target :: run
+      type(table_t), intent(inout) :: table
+      character(len=*), parameter :: cells(*) = [character(len=9) :: "x", "y"]
+
+      if (size(run%counts) > 0) &
+         call table%add("tally", "counts", [character(len=18) :: cells, "tally_counts_layer"], run%counts)
+      if (size(run%sums) > 0) &
+         call table%add("tally", "sums", [character(len=16) :: cells, "tally_sums_layer"], run%sums)
+      if (size(run%maxima) > 0) &
+         call table%add("tally", "maxima", [character(len=18) :: cells, "tally_maxima_layer"], run%maxima)
+      if (size(run%column) > 0) then
+         call table%add("tally", "bin_counts", [character(len=9) :: "tally_bin", "column"], run%bin_counts)
+         call table%add("work", "column", cells, run%column, "i4")
+         call table%add("work", "columns", ["one"], run%columns, "i4")
+      end if
+      if (size(run%last_source) > 0) &
+         call table%add("work", "last_source", [character(len=5) :: cells, "layer"], run%last_source, "i4")
+      if (.not. allocated(run%shared%cell)) return
+      call table%add("tally", "shared_cell", ["tally_shared"], run%shared%cell)
+      call table%add("tally", "shared_source", ["tally_shared"], run%shared%source)
+      call table%add("tally", "shared_boulders", ["tally_shared"], run%shared%boulders)
+   end subroutine add_map_arrays
+
+   ! ---- maps ---------------------------------------------------------------------------------
+
+   !> The kernel's view of the maps, which begin at a column and row.
+   function map_tallies(run, at) result(maps)
+      type(run_t), intent(in), target :: run
+      integer, intent(in) :: at(2)
+      type(maps_t) :: maps
+
+      maps = map_views(run%plan, run%thresholds, at, run%counts, run%sums, run%maxima, run%bin_counts, run%column, &
+                       run%columns(1))
+      maps%last_source(at(1):, at(2):, 1:) => run%last_source
+      maps%first_partial = run%first_partial
+   end function map_tallies
+
+   !> Leave only the boulders done of sources that these cut in the cells to which they contribute, as a part has it
+   !> (sign 1); they are `shared` from then on. Or all of them again (-1), for a run that goes on.
+   subroutine settle(run, release, sign)
+      type(run_t), intent(inout), target :: run
+      type(release_t), intent(in) :: release
+      integer, intent(in) :: sign
+      type(maps_t) :: maps
+
+      if (.not. any(run%plan%count(3:4) > 0)) return
+      maps = map_tallies(run, [1, 1])
+      if (sign > 0) run%shared = contributing_cells(maps, release, run%before + 1, run%before + run%done)
+      call settle_sources(maps, release, run%shared, sign)
+   end subroutine settle
+
+   !> Go on from the cells of partial sources that were read, as `shared`. They must be of sources that the boulders
+   !> done cut, with as many boulders as they have among them, each with its cells in order; else they are not `good`.
+   subroutine restore_sources(run, release, good)
+      type(run_t), intent(inout), target :: run
+      type(release_t), intent(in) :: release
+      logical, intent(out) :: good
+      integer(i8), allocatable :: sources(:)
+      integer :: k, n, left
+
+      associate (shared => run%shared, first => run%before + 1, last => run%before + run%done)
+         sources = partial_sources(release, first, last)
+         n = size(shared%cell)
+         good = all(shared%cell >= 0 .and. shared%cell < product(int(run%nodes, i8)))
+         good = good .and. all(shared%source(2:) > shared%source(:n - 1) &
+                               .or. (shared%source(2:) == shared%source(:n - 1) &
+                                     .and. shared%cell(2:) > shared%cell(:n - 1)))
+         left = n
+         do k = 1, size(sources)
+            left = left - count(shared%source == sources(k) &
+                                .and. shared%boulders == boulders_within(release, sources(k), first, last))
+         end do
+         good = good .and. left == 0
+         if (.not. good) return
+         do k = 1, n
+            associate (layer => merge(2, 1, shared%source(k) == run%first_partial), nx => int(run%nodes(1), i8))
+               run%last_source(mod(shared%cell(k), nx) + 1, shared%cell(k)/nx + 1, layer) = shared%source(k)
+            end associate
+         end do
+      end associate
+      call settle(run, release, -1)
+   end subroutine restore_sources
+end module rockfall_run_state

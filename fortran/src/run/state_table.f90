@@ -1,0 +1,71 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The arrays of a run, one row each: what it is (a row of the table of variables), its dimensions as files have them,
+!> and where it is. Files, views and checks are loops over these rows.
+module rockfall_state_table
+   use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_loc
+   use rockfall_kinds, only: i8
+   use rockfall_variables, only: variable_t, variable_of, stored_as, name_in_files
+   implicit none
+   private
+   public :: array_t, table_t, row_text
+
+   integer, parameter :: max_rank = 4
+
+   type :: array_t
+      type(variable_t) :: about           !! its group is "work" where no file has it
+      character(len=2) :: kind = ""       !! i1, i4, i8, f4, f8
+      integer :: rank = 0
+      character(len=40) :: axis(max_rank) = ""  !! names of its dimensions; the first runs fastest
+      integer(i8) :: length(max_rank) = 1
+      type(c_ptr) :: at = c_null_ptr
+   end type array_t
+
+   type :: table_t
+      type(array_t), allocatable :: row(:)
+   contains
+      procedure :: add
+   end type table_t
+
+contains
+
+   !> Add an array, which must be contiguous and stay where it is. Its kind is that of the table of variables, or
+   !> `kind` where that does not have it.
+   subroutine add(this, group, name, axes, values, kind)
+      class(table_t), intent(inout) :: this
+      character(len=*), intent(in) :: group, name
+      character(len=*), intent(in) :: axes(:)  !! names of dimensions
+      type(*), intent(in), target :: values(..)
+      character(len=*), intent(in), optional :: kind
+      type(array_t) :: row
+      integer :: k
+
+      row%rank = rank(values)
+      do k = 1, row%rank
+         row%axis(k) = axes(k)
+         row%length(k) = size(values, k, i8)
+      end do
+      if (product(row%length) > 0) row%at = c_loc(values)
+      if (present(kind)) then
+         row%about%group = group
+         row%about%name = name
+         row%kind = kind
+      else
+         row%about = variable_of(group, name)
+         row%kind = stored_as(row%about)
+      end if
+      if (.not. allocated(this%row)) allocate (this%row(0))
+      this%row = [this%row, row]
+   end subroutine add
+
+   !> A row as text: group, name, name in files, kind, dimensions.
+   pure function row_text(row) result(text)
+      type(array_t), intent(in) :: row
+      character(len=:), allocatable :: text
+      integer :: k
+
+      text = trim(row%about%group)//" "//trim(row%about%name)//" "//name_in_files(row%about)//" "//row%kind
+      do k = 1, row%rank
+         text = text//" "//trim(row%axis(k))
+      end do
+   end function row_text
+end module rockfall_state_table

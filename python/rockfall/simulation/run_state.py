@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A run in the kernel, which keeps what it has found, and views of its arrays by name."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.case import Case
+from rockfall.errors import check_kernel
+from rockfall.io.grid import Box
+from rockfall.scene.scene import Scene
+
+MAX_COLUMNS = int(_core.constant("max_columns"))  # of counts of bins, and one more can be counted
+
+
+class Array(NamedTuple):
+    """A row of the kernel's table of the arrays of a run, and a view of it."""
+
+    group: str  # and name, in the table of variables; "work": it is in no file
+    name: str
+    file_name: str
+    dims: tuple[str, ...]
+    values: np.ndarray
+
+
+class Run:
+    """The handle of a run; it is closed when neither the run nor a view of it is left."""
+
+    def __init__(self, opened: tuple[int, int, bytes], name: str) -> None:
+        handle, code, message = opened
+        check_kernel(code, message, name)
+        self.handle = handle
+        self.successor: Run | None = None  # which has taken its tallies
+        weakref.finalize(self, _core.close_run, handle)
+
+    @classmethod
+    def of_scene(cls, scene: Scene, numbers: range, box: Box, threads: int) -> Run:
+        """A run of the boulders of these numbers, counted from 0, with maps of some cells."""
+        handle, name = scene.kernel.handle, scene.case.name
+        about = numbers.start, len(numbers), window(box), threads, MAX_COLUMNS
+        return cls(_core.open_run(handle, *about), name)
+
+    @classmethod
+    def joined(
+        cls, case: Case, boulders: int, box: Box, grounds: int, features: bool, *layout: np.ndarray
+    ) -> Run:
+        """A run of which there are parts alone; `layout`: part_last and group_part of samples."""
+        about = case.text().encode(), boulders, window(box), grounds, features
+        return cls(_core.open_joined_run(*about, *layout), "merge")
+
+    def continued(self, scene: Scene) -> Run:
+        """A run of a scene of more boulders that begins with what this one found."""
+        self.successor = Run(_core.continue_run(scene.kernel.handle, self.handle), scene.case.name)
+        return self.successor
+
+    def arrays(self) -> Iterator[Array]:
+        """All arrays; those that the next chunk replaces, too."""
+        k = 1
+        while text := (found := _core.array(self.handle, k))[0].decode().split():
+            group, name, file_name, kind, *axes = text
+            shape = tuple(found[1][: len(axes)][::-1].tolist())
+            if 0 in shape:
+                values = np.empty(shape, kind)
+            else:
+                values = np.asarray(_Memory(self, int(found[2]), shape, np.dtype(kind).str))
+            yield Array(group, name, file_name, tuple(axes[::-1]), values)
+            k += 1
+
+    def array(self, file_name: str) -> np.ndarray:
+        """One of them."""
+        for array in self.arrays():
+            if array.file_name == file_name:
+                return array.values
+        raise KeyError(file_name)
+
+    def advance(self, scene: Scene, first: int, size: int) -> tuple[np.ndarray, np.ndarray]:
+        """Run boulders `first` (from 1) and following on a scene, which may be a window. Returns
+        the numbers of those that left it, which are in no tally, and where (2, n)."""
+        left, code, message = _core.advance(self.handle, scene.kernel.handle, first, size)
+        scene.kernel.check(code, message)
+        if not left:
+            return np.empty(0, "i8"), np.empty((2, 0))
+        return self.array("left").copy(), self.array("left_at").copy()
+
+
+class _Memory:
+    """Memory of a run, which lives as long as there are views of it."""
+
+    def __init__(self, run: Run, address: int, shape: tuple[int, ...], dtype: str) -> None:
+        self.run = run
+        self.__array_interface__: dict[str, Any] = {
+            "version": 3, "data": (address, False), "shape": shape, "typestr": dtype,
+        }  # fmt: skip
+
+
+def window(box: Box) -> list[int]:
+    """First column and row, from 1, columns and rows, as the kernel has them."""
+    return [box.column + 1, box.row + 1, *box.shape[::-1]]
