@@ -4,6 +4,7 @@
 #include <pthread.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdlib.h>
 #include <sys/mman.h>
 #if defined(__linux__)
 #include <sys/resource.h>
@@ -41,4 +42,19 @@ int rockfall_fits(int64_t bytes)
     void *at = mmap(NULL, (size_t)bytes, PROT_NONE, MAP_PRIVATE | MAP_ANON | MAP_NORESERVE, -1, 0);
 
     return at != MAP_FAILED && munmap(at, (size_t)bytes) == 0;
+}
+
+/* Zeros that cost nothing before they are written to; in large pages, as NumPy has its arrays, because boulders jump
+   from cell to cell. NULL where there is no memory. */
+void *rockfall_zeros(int64_t n, int64_t size)
+{
+    char *block = calloc((size_t)n, (size_t)size);
+#ifdef MADV_HUGEPAGE
+    const uintptr_t page = 4096;
+    uintptr_t bytes = (uintptr_t)n * (uintptr_t)size, begin = ((uintptr_t)block + page - 1) / page * page;
+
+    if (block != NULL && bytes >= 1 << 22)
+        madvise((void *)begin, (uintptr_t)block + bytes - begin, MADV_HUGEPAGE);
+#endif
+    return block;
 }

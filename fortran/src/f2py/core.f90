@@ -47,12 +47,13 @@ module rockfall_f2py
    use rockfall_run_state, only: run_t, arrays_of, map_tallies, begin_run => open_run, &
                                  begin_joined_run => open_joined_run, extend_run => continue_run, &
                                  end_run => close_run, advance_run => advance, settle_run => settle, &
-                                 restore_run => restore_sources
+                                 restore_run => restore_sources, forget_tallies_of => forget_tallies
    implicit none
    private
    public :: new_scene, give, build_scene, limit_terrain, close_scene, carry_in_lanes, trajectory, survey, reach
    public :: block_of, map_plan
    public :: open_run, open_joined_run, continue_run, close_run, advance, array, map, settle, restore_sources
+   public :: forget_tallies
    public :: check_maps, count_limits, check_case, case_key, repeatable_groups, variable, read_sets, fields
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
@@ -332,6 +333,17 @@ contains
          call map_row(maps, name, j, boulders, per_cluster, min_passages, values(:, j))
       end do
    end subroutine map
+
+   !> Give back the memory of tallies and samples of a run of which all is made; counts, sums and maxima of maps if they
+   !> are to go, 1 or 0. Nobody may look at them any more.
+   subroutine forget_tallies(run, go)
+      integer(c_intptr_t), intent(in) :: run
+      integer(c_int), intent(in) :: go(3)
+      type(open_run_t), pointer :: opened
+
+      opened => run_of(run)
+      call forget_tallies_of(opened%run, go /= 0)
+   end subroutine forget_tallies
 
    !> Leave in the maps of a run only the boulders done of sources that these cut (sign 1), or all of them again (-1).
    subroutine settle(run, handle, done, sign)

@@ -2,7 +2,7 @@
 !> What a run has found so far: rows of its boulders, sums over them, tallies of maps. Both programs open it, let it
 !> advance in chunks of any order, and read its arrays by the table of `arrays_of`; one without a scene takes in parts.
 module rockfall_run_state
-   use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_size_t, c_associated, c_f_pointer
+   use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_associated, c_f_pointer
    use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
@@ -29,7 +29,7 @@ module rockfall_run_state
    implicit none
    private
    public :: run_t, open_run, open_joined_run, continue_run, close_run, advance, arrays_of, rows_of, map_tallies
-   public :: settle, restore_sources
+   public :: settle, restore_sources, forget_tallies
 
    integer, parameter :: n_totals = size(boulder_counts) - 3  !! of boulder_counts: those summed over all boulders
 
@@ -73,15 +73,12 @@ module rockfall_run_state
       type(c_ptr), private :: block(12) = c_null_ptr      !! of memory
    end type run_t
 
-   interface  ! memory that costs nothing before it is written to
-      type(c_ptr) function c_zeros(n, size) bind(c, name="calloc")
-         import :: c_ptr, c_size_t
-         integer(c_size_t), value :: n, size
+   interface
+      !> Memory that costs nothing before it is written to.
+      type(c_ptr) function c_zeros(n, size) bind(c, name="rockfall_zeros")
+         import :: c_ptr, i8
+         integer(i8), value :: n, size
       end function c_zeros
-      type(c_ptr) function c_memory(size) bind(c, name="malloc")
-         import :: c_ptr, c_size_t
-         integer(c_size_t), value :: size
-      end function c_memory
       subroutine c_free(block) bind(c, name="free")
          import :: c_ptr
          type(c_ptr), value :: block
@@ -211,6 +208,30 @@ contains
       run%block = c_null_ptr
    end subroutine close_run
 
+   !> Give back what a run holds of its tallies and samples but for the counts, sums and maxima of maps, unless these
+   !> `go` too: when all is made of them. Other views of arrays remain.
+   subroutine forget_tallies(run, go)
+      type(run_t), intent(inout) :: run
+      logical, intent(in) :: go(3)  !! counts, sums, maxima
+      logical :: gone(size(run%block))
+      integer :: k
+
+      gone = [go, .true., .true., .false., .true., .true., .true., .false., .false., .false.]
+      do k = 1, size(run%block)
+         if (.not. gone(k) .or. .not. c_associated(run%block(k))) cycle
+         call c_free(run%block(k))
+         run%block(k) = c_null_ptr
+      end do
+      if (go(1)) call c_f_pointer(c_null_ptr, run%counts, [0, 0, 0])
+      if (go(2)) call c_f_pointer(c_null_ptr, run%sums, [0, 0, 0])
+      if (go(3)) call c_f_pointer(c_null_ptr, run%maxima, [0, 0, 0])
+      call c_f_pointer(c_null_ptr, run%column, [0, 0])
+      call c_f_pointer(c_null_ptr, run%last_source, [0, 0, 0])
+      call c_f_pointer(c_null_ptr, run%bin_counts, [0, 0])
+      call c_f_pointer(c_null_ptr, run%samples%bins, [0, 0, 0, 0])
+      call c_f_pointer(c_null_ptr, run%samples%groups, [0, 0, 0, 0])
+   end subroutine forget_tallies
+
    ! ---- memory -------------------------------------------------------------------------------
 
    !> Rows of the boulders, with the columns that the case asks for, and the sums.
@@ -277,15 +298,15 @@ contains
       integer :: k
 
       columns = min(cells, run%max_columns)
-      run%block(7) = c_memory(bytes_of(columns*run%plan%rows, 4))
+      run%block(7) = zeros(columns*run%plan%rows, 4)
       do k = 1, halvings
          if (c_associated(run%block(7))) exit
          columns = columns/2
-         run%block(7) = c_memory(bytes_of(columns*run%plan%rows, 4))
+         run%block(7) = zeros(columns*run%plan%rows, 4)
          if (.not. c_associated(run%block(7))) cycle
          call c_free(run%block(7))
          columns = columns/2
-         run%block(7) = c_memory(bytes_of(columns*run%plan%rows, 4))
+         run%block(7) = zeros(columns*run%plan%rows, 4)
       end do
       call c_f_pointer(run%block(7), run%bin_counts, [int(run%plan%rows, i8), columns])
    end subroutine make_columns
@@ -327,7 +348,7 @@ contains
 
       n = min(run%total, int(n_largest, i8))
       lines = size(run%line, 2)
-      run%block(12) = c_memory(bytes_of(n*tails*lines, 8))
+      run%block(12) = zeros(n*tails*lines, 8)
       if (.not. c_associated(run%block(12))) then
          call lack_memory(run, error)
          return
@@ -340,15 +361,8 @@ contains
       integer(i8), intent(in) :: n
       integer, intent(in) :: bytes
 
-      block = c_zeros(int(max(1_i8, n), c_size_t), int(bytes, c_size_t))
+      block = c_zeros(max(1_i8, n), int(bytes, i8))
    end function zeros
-
-   pure integer(c_size_t) function bytes_of(n, bytes)
-      integer(i8), intent(in) :: n
-      integer, intent(in) :: bytes
-
-      bytes_of = max(1_i8, n)*bytes
-   end function bytes_of
 
    subroutine lack_memory(run, error)
       type(run_t), intent(in) :: run

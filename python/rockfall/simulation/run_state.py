@@ -87,6 +87,13 @@ class Run:
             return np.empty(0, "i8"), np.empty((2, 0))
         return self.array("left").copy(), self.array("left_at").copy()
 
+    def forget_tallies(
+        self, counts: bool = False, sums: bool = False, maxima: bool = False
+    ) -> None:
+        """Give back the memory of maps and samples when all is made of them, but for stacks of
+        which there are views."""
+        _core.forget_tallies(self.handle, [not held for held in (counts, sums, maxima)])
+
 
 class _Memory:
     """Memory of a run, which lives as long as there are views of it."""

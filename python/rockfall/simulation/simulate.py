@@ -144,6 +144,7 @@ def simulate(
             scene.forget_rasters()
         if tally.boulders < scene.boulders:
             result = make_part(tally)
+            tally.run.forget_tallies()
         else:
             tally.settle()
             result = make_result(tally)

@@ -42,8 +42,11 @@ def make_result(tally: Tally, maps: bool = True) -> Contents:
     if tally.scene.case.barrier:
         data |= _barrier_variables(tally)
     data["crs"] = ((), np.int32(0), tally.georeference())
-    if maps and tally.scene.case.output.get("maps"):
-        _add_maps(data, tally)
+    if maps:
+        if requested := tally.scene.case.output.get("maps", []):
+            _add_maps(data, tally)
+        stacks = plan_of(tally.scene.case).counts, [HITS], MAXIMA  # of which maps are views
+        tally.run.forget_tallies(*(any(name in stack for name in requested) for stack in stacks))
     if tally.scene.case.output["rebounds"]:
         data |= _bins() | table_variables(tally, "histogram")
     data |= trajectory_variables(tally)
