@@ -223,14 +223,14 @@ def test_slow_boulders_rest_where_their_ground_holds_them(tmp_path, form, lanes)
         where = {"ground": ground} if form == "matrix" else {}
         impact |= {"form": form} | ({"table": ground} if form == "table" else {})
         case = rockfall.Case(
-            folder=tmp_path, case={"boulders": 20, "seed": 5}, release=release, impact=impact,
+            folder=tmp_path, case={"boulders": 40, "seed": 5}, release=release, impact=impact,
             boulder={"volume": "fixed", "volume_mean": 0.3}, surface=where,
         )  # fmt: skip
         scene = read_scene(case, dem=z, transform=grid(z))
         _core.carry_in_lanes(scene.kernel.handle, lanes)
         return np.mean(150.0 - run_scene(scene)["stop_y"].values < 2)
 
-    assert resting("talus") > 0.3
+    assert resting("talus") > (0.3 if form == "matrix" else 0)
     assert resting("meadow") == 0
     if form == "matrix":  # by the table none stops there to begin with
         assert resting("meadow", rest_angle=38.0) > 0
