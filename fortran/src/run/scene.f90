@@ -22,7 +22,7 @@ module rockfall_scene
    use rockfall_grounds, only: read_ground, read_stochastic
    implicit none
    private
-   public :: scene_arrays_t, grounds_of, scene_from, check_sources, boulders_of, largest_volumes, n_barriers
+   public :: scene_arrays_t, stays, grounds_of, scene_from, check_sources, boulders_of, largest_volumes, n_barriers
 
    !> A ground as it comes to the kernel.
    type :: ground_text_t
@@ -147,6 +147,13 @@ contains
       case ("cell_ground"); call c_f_pointer(at, arrays%cell_ground, length(:2))
       end select
    end subroutine give
+
+   !> Whether an array of this name stays the caller's.
+   pure logical function stays(name)
+      character(len=*), intent(in) :: name
+
+      stays = any(name == [character(len=11) :: "z", "zone", "values", "cell_ground"]) .or. index(name, "tree_") == 1
+   end function stays
 
    pure function text_of(bytes) result(text)
       integer(i1), intent(in) :: bytes(:)
