@@ -148,7 +148,7 @@ contains
       logical :: known, good
 
       associate (file => inputs%file, ny => inputs%arrays%grid%ny)
-         call take(inputs, "elevation", merge("f4", "f8", kind_of(file, "elevation") == nf90_float), inputs%cells, "z")
+         call take(inputs, "elevation", merge("f4", "f8", kind_of(file, "elevation") == nf90_float), inputs%cells)
          if (.not. sound(file)) return
          known = .false.
          good = .true.
@@ -162,40 +162,36 @@ contains
       end associate
    end subroutine read_elevations
 
-   !> Read an array along axes, and give it to the scene as `name`.
-   subroutine take(inputs, name_in_file, kind, axes, name, positive)
+   !> Read an array along axes, and give it to the scene.
+   subroutine take(inputs, name, kind, axes, positive)
       type(inputs_t), intent(inout) :: inputs
-      character(len=*), intent(in) :: name_in_file, kind  !! kind: i1, i2, i4, f4, f8
+      character(len=*), intent(in) :: name, kind  !! kind: i1, i2, i4, f4, f8
       type(axis_t), intent(in) :: axes(:)
-      character(len=*), intent(in), optional :: name      !! where it differs
-      logical, intent(in), optional :: positive           !! reals must be above zero
+      logical, intent(in), optional :: positive  !! reals must be above zero
       real(wp), pointer, contiguous :: values(:)
       integer, parameter :: kinds(*) = [nf90_byte, nf90_short, nf90_int, nf90_float, nf90_double]
       integer, parameter :: width(*) = [1, 2, 4, 4, 8]
       integer(i1), pointer, contiguous :: block(:)
-      character(len=:), allocatable :: called
       type(about_t) :: about
       integer(i8) :: length(3)
       integer :: k, status
 
-      called = name_in_file
-      if (present(name)) called = name
       k = findloc(["i1", "i2", "i4", "f4", "f8"], kind, dim=1)
-      about = about_t(name_in_file, kinds(k))
+      about = about_t(name, kinds(k))
       call check_shape(inputs%file, about, axes)
       if (.not. sound(inputs%file)) return
       length = 1
       length(:size(axes)) = axes%length
       allocate (block(width(k)*product(length)), stat=status)
-      if (status /= 0) call mark_damaged(inputs%file, "(no memory) "//name_in_file)
+      if (status /= 0) call mark_damaged(inputs%file, "(no memory) "//name)
       call pass(inputs%file, about, axes, block)
       if (.not. sound(inputs%file)) return
       if (present(positive)) then
          call c_f_pointer(c_loc(block), values, length(:1))
-         if (.not. all(is_place(values) .and. above_zero(values))) call mark_damaged(inputs%file, name_in_file)
+         if (.not. all(is_place(values) .and. above_zero(values))) call mark_damaged(inputs%file, name)
       end if
-      call inputs%arrays%give(called, kind, length, c_loc(block))
-      if (.not. stays(called)) deallocate (block)
+      call inputs%arrays%give(name, kind, length, c_loc(block))
+      if (.not. stays(name)) deallocate (block)
    end subroutine take
 
    !> Elevations of a row; NaN where there is none.
@@ -283,10 +279,10 @@ contains
          if (.not. sound(file)) return
          if (kind_of(file, "cell_size") /= 0) then
             allocate (arrays%sizes(n, materials), source=0.0_wp)
-            call take(inputs, "cell_size", "f4", [inputs%cells, size_axis], "values")
+            call take(inputs, "cell_size", "f4", [inputs%cells, size_axis])
             if (sound(file)) call check_values(inputs, n)
          else
-            call take(inputs, "material_size", "f8", [size_axis, axis_t("material", int(materials, i8))], "sizes")
+            call take(inputs, "material_size", "f8", [size_axis, axis_t("material", int(materials, i8))])
             if (.not. sound(file)) return
             if (kind_of(file, "zone") /= 0) then
                call read_zones(inputs, materials)
