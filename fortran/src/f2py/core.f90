@@ -479,7 +479,7 @@ contains
       integer(c_int), intent(in) :: nodes(2), at(2)    !! columns, rows of the raster; where these begin
       type(scene_arrays_t) :: arrays
 
-      call arrays%give("z", kind, length, place_of(address))
+      call arrays%give("elevation", kind, length, place_of(address))
       dem = terrain(place(1), place(2), place(3), arrays%z8, arrays%z4, nodes, at)
    end subroutine set_terrain
 

@@ -2,10 +2,11 @@
 !> The scene file, which `rockfall prepare` or another tool writes (docs/files.md): all that a scene needs beside its
 !> case. What the kernel relies on is checked here.
 module rockfall_scene_file
+   use, intrinsic :: iso_c_binding, only: c_loc, c_f_pointer
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
    use netcdf, only: nf90_global, nf90_inq_varid, nf90_noerr, nf90_char, nf90_byte, nf90_short, nf90_int, nf90_float, &
                      nf90_double
-   use rockfall_kinds, only: wp, sp, i1, i2, i8
+   use rockfall_kinds, only: wp, i1, i2, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, max_text
    use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, keep, sound, mark_damaged, &
@@ -19,12 +20,12 @@ module rockfall_scene_file
    use rockfall_case, only: case_t
    use rockfall_case_file, only: differing_key
    use rockfall_scene_type, only: scene_t
-   use rockfall_scene, only: scene_arrays_t, grounds_of, scene_from
+   use rockfall_scene, only: scene_arrays_t, stays, grounds_of, scene_from
    implicit none
    private
    public :: inputs_t, read_scene
 
-   !> A scene and what it was made of. What holds it must be a target.
+   !> A scene and what it was made of. What it looks at stays in memory.
    type :: inputs_t
       type(scene_t) :: scene
       type(scene_arrays_t) :: arrays
@@ -34,13 +35,6 @@ module rockfall_scene_file
       character(len=:), allocatable :: case_file, impact_set_checksum, input_checksums, decoded_checksums
       character(len=:), allocatable :: feature_names  !! of the layer of sources, a line each
       character(len=:), allocatable :: input_warnings, dams  !! JSON, for the result; "" where the file has none
-      real(wp), allocatable :: z8(:, :)
-      real(sp), allocatable :: z4(:, :)
-      integer(i1), allocatable :: zone1(:, :)
-      integer(i2), allocatable :: zone2(:, :)
-      real(sp), allocatable :: values(:, :, :)
-      integer(i1), allocatable :: cell_ground(:, :)
-      real(wp), allocatable :: tree(:, :)      !! x, y [m], dbh [cm], factor [-] of each (trees, 4)
    end type inputs_t
 
 contains
@@ -50,7 +44,7 @@ contains
       character(len=*), intent(in) :: name
       type(case_t), intent(in) :: case
       character(len=*), intent(in) :: text  !! of the case
-      type(inputs_t), intent(out), target :: inputs
+      type(inputs_t), intent(out) :: inputs
       type(error_t), allocatable, intent(out) :: error
 
       call open_netcdf(name, inputs%file, error)
@@ -69,7 +63,6 @@ contains
          error%message = error%message//" is missing, or not as a scene file has it"
          return
       end if
-      call point_to(inputs)
       call scene_from(case, inputs%arrays, inputs%scene, error)
    end subroutine read_scene
 
@@ -151,22 +144,11 @@ contains
    !> Elevations in the precision of the file, not all of them missing.
    subroutine read_elevations(inputs)
       type(inputs_t), intent(inout) :: inputs
-      type(about_t) :: about
-      integer :: status, j
+      integer :: j
       logical :: known, good
 
-      associate (file => inputs%file, nx => inputs%arrays%grid%nx, ny => inputs%arrays%grid%ny)
-         about = about_t("elevation", merge(nf90_float, nf90_double, kind_of(file, "elevation") == nf90_float))
-         call check_shape(file, about, inputs%cells)
-         if (.not. sound(file)) return
-         if (about%kind == nf90_float) then
-            allocate (inputs%z4(nx, ny), stat=status)
-            if (status == 0) call pass(file, about, inputs%cells, inputs%z4)
-         else
-            allocate (inputs%z8(nx, ny), stat=status)
-            if (status == 0) call pass(file, about, inputs%cells, inputs%z8)
-         end if
-         if (status /= 0) call mark_damaged(file, "(no memory) elevation")
+      associate (file => inputs%file, ny => inputs%arrays%grid%ny)
+         call take(inputs, "elevation", merge("f4", "f8", kind_of(file, "elevation") == nf90_float), inputs%cells)
          if (.not. sound(file)) return
          known = .false.
          good = .true.
@@ -180,16 +162,48 @@ contains
       end associate
    end subroutine read_elevations
 
+   !> Read an array along axes, and give it to the scene.
+   subroutine take(inputs, name, kind, axes, positive)
+      type(inputs_t), intent(inout) :: inputs
+      character(len=*), intent(in) :: name, kind  !! kind: i1, i2, i4, f4, f8
+      type(axis_t), intent(in) :: axes(:)
+      logical, intent(in), optional :: positive  !! reals must be above zero
+      real(wp), pointer, contiguous :: values(:)
+      integer, parameter :: kinds(*) = [nf90_byte, nf90_short, nf90_int, nf90_float, nf90_double]
+      integer, parameter :: width(*) = [1, 2, 4, 4, 8]
+      integer(i1), pointer, contiguous :: block(:)
+      type(about_t) :: about
+      integer(i8) :: length(3)
+      integer :: k, status
+
+      k = findloc(["i1", "i2", "i4", "f4", "f8"], kind, dim=1)
+      about = about_t(name, kinds(k))
+      call check_shape(inputs%file, about, axes)
+      if (.not. sound(inputs%file)) return
+      length = 1
+      length(:size(axes)) = axes%length
+      allocate (block(width(k)*product(length)), stat=status)
+      if (status /= 0) call mark_damaged(inputs%file, "(no memory) "//name)
+      call pass(inputs%file, about, axes, block)
+      if (.not. sound(inputs%file)) return
+      if (present(positive)) then
+         call c_f_pointer(c_loc(block), values, length(:1))
+         if (.not. all(is_place(values) .and. above_zero(values))) call mark_damaged(inputs%file, name)
+      end if
+      call inputs%arrays%give(name, kind, length, c_loc(block))
+      if (.not. stays(name)) deallocate (block)
+   end subroutine take
+
    !> Elevations of a row; NaN where there is none.
    pure function row_of(inputs, j) result(z)
       type(inputs_t), intent(in) :: inputs
       integer, intent(in) :: j
       real(wp) :: z(inputs%arrays%grid%nx)
 
-      if (allocated(inputs%z4)) then
-         z = inputs%z4(:, j)
+      if (associated(inputs%arrays%z4)) then
+         z = inputs%arrays%z4(:, j)
       else
-         z = inputs%z8(:, j)
+         z = inputs%arrays%z8(:, j)
       end if
    end function row_of
 
@@ -206,7 +220,7 @@ contains
       type(inputs_t), intent(inout) :: inputs
       type(axis_t) :: ground(1), material(1)
       integer, allocatable :: length(:), index(:)
-      integer :: n, status, j
+      integer :: n, j
 
       associate (file => inputs%file, arrays => inputs%arrays)
          if (kind_of(file, "ground_length") == 0) return
@@ -219,18 +233,16 @@ contains
          call pass(file, about_t("ground_length", nf90_int), ground, length)
          call take_texts(inputs, length)
          if (kind_of(file, "material_ground") /= 0 .and. sound(file)) then
-            allocate (arrays%material_ground(material(1)%length), source=0_i1)
-            call pass(file, about_t("material_ground", nf90_byte), material, arrays%material_ground)
+            call take(inputs, "material_ground", "i1", material)
+            if (.not. sound(file)) return
             if (any(arrays%material_ground < 1 .or. arrays%material_ground > n)) call mark_damaged(file, &
                "material_ground")
          end if
          if (kind_of(file, "cell_ground") == 0 .or. .not. sound(file)) return
-         allocate (inputs%cell_ground(arrays%grid%nx, arrays%grid%ny), stat=status)
-         if (status == 0) call pass(file, about_t("cell_ground", nf90_byte), inputs%cells, inputs%cell_ground)
-         if (status /= 0) call mark_damaged(file, "(no memory) cell_ground")
+         call take(inputs, "cell_ground", "i1", inputs%cells)
          if (.not. sound(file)) return
          do j = 1, arrays%grid%ny
-            index = inputs%cell_ground(:, j)
+            index = arrays%cell_ground(:, j)
             if (any(is_known(inputs, j) .and. (index < 1 .or. index > n))) call mark_damaged(file, "cell_ground")
          end do
       end associate
@@ -257,25 +269,21 @@ contains
       type(inputs_t), intent(inout) :: inputs
       type(case_t), intent(in) :: case
       type(axis_t) :: size_axis
-      integer :: n, materials, status
+      integer :: n, materials
 
       n = merge(3, 1, case%method == method_a)
       size_axis = axis_t("size", int(n, i8))
-      associate (file => inputs%file, grid => inputs%arrays%grid, arrays => inputs%arrays)
+      associate (file => inputs%file, arrays => inputs%arrays)
          materials = max(1, length_of(file, "material"))
          if (materials > huge(1_i2)) call mark_damaged(file, "its number of materials")
          if (.not. sound(file)) return
-         allocate (arrays%sizes(n, materials), source=0.0_wp)
          if (kind_of(file, "cell_size") /= 0) then
-            call check_shape(file, about_t("cell_size", nf90_float), [inputs%cells, size_axis])
-            if (.not. sound(file)) return
-            allocate (inputs%values(grid%nx, grid%ny, n), stat=status)
-            if (status == 0) call pass(file, about_t("cell_size", nf90_float), [inputs%cells, size_axis], inputs%values)
-            if (status /= 0) call mark_damaged(file, "(no memory) cell_size")
+            allocate (arrays%sizes(n, materials), source=0.0_wp)
+            call take(inputs, "cell_size", "f4", [inputs%cells, size_axis])
             if (sound(file)) call check_values(inputs, n)
          else
-            call pass(file, about_t("material_size", nf90_double), &
-                      [size_axis, axis_t("material", int(materials, i8))], arrays%sizes)
+            call take(inputs, "material_size", "f8", [size_axis, axis_t("material", int(materials, i8))])
+            if (.not. sound(file)) return
             if (kind_of(file, "zone") /= 0) then
                call read_zones(inputs, materials)
             else if (materials /= 1 .or. .not. all(is_size(inputs, arrays%sizes))) then
@@ -305,28 +313,18 @@ contains
    subroutine read_zones(inputs, materials)
       type(inputs_t), intent(inout) :: inputs
       integer, intent(in) :: materials
-      integer :: status, j
+      integer :: j
       integer :: zone(inputs%arrays%grid%nx)
       logical :: good(0:materials), here(inputs%arrays%grid%nx)
 
-      associate (file => inputs%file, nx => inputs%arrays%grid%nx, ny => inputs%arrays%grid%ny)
-         if (materials > huge(1_i1)) then
-            allocate (inputs%zone2(nx, ny), stat=status)
-            if (status == 0) call pass(file, about_t("zone", nf90_short), inputs%cells, inputs%zone2)
-         else
-            allocate (inputs%zone1(nx, ny), stat=status)
-            if (status == 0) call pass(file, about_t("zone", nf90_byte), inputs%cells, inputs%zone1)
-         end if
-         if (status /= 0) call mark_damaged(file, "(no memory) zone")
+      associate (file => inputs%file, arrays => inputs%arrays)
+         call take(inputs, "zone", merge("i2", "i1", materials > huge(1_i1)), inputs%cells)
          if (.not. sound(file)) return
          good(0) = .false.
-         good(1:) = [(all(is_size(inputs, inputs%arrays%sizes(:, j))), j=1, materials)]
-         do j = 1, ny
-            if (allocated(inputs%zone1)) then
-               zone = inputs%zone1(:, j)
-            else
-               zone = inputs%zone2(:, j)
-            end if
+         good(1:) = [(all(is_size(inputs, arrays%sizes(:, j))), j=1, materials)]
+         do j = 1, arrays%grid%ny
+            if (associated(arrays%zone1)) zone = arrays%zone1(:, j)
+            if (associated(arrays%zone2)) zone = arrays%zone2(:, j)
             here = is_known(inputs, j)
             if (any(zone < 0 .or. zone > materials)) call mark_damaged(file, "zone")
             if (.not. sound(file)) return
@@ -342,7 +340,7 @@ contains
 
       do k = 1, n
          do j = 1, inputs%arrays%grid%ny
-            if (any(is_known(inputs, j) .and. .not. is_size(inputs, real(inputs%values(:, j, k), wp)))) &
+            if (any(is_known(inputs, j) .and. .not. is_size(inputs, real(inputs%arrays%values(:, j, k), wp)))) &
                call mark_damaged(inputs%file, "cell_size")
          end do
       end do
@@ -352,27 +350,21 @@ contains
       type(inputs_t), intent(inout) :: inputs
       type(case_t), intent(in) :: case
       type(axis_t) :: source(1)
-      integer :: n, status
 
       associate (file => inputs%file, arrays => inputs%arrays)
-         n = length_of(file, "source")
-         source = [axis_t("source", int(n, i8))]
-         if (n < 1) call mark_damaged(file, "its number of sources")
-         call check_shape(file, about_t("source_x", nf90_double), source)
-         if (.not. sound(file)) return
-         allocate (arrays%source_x(n), arrays%source_y(n), stat=status)
-         if (status /= 0) call mark_damaged(file, "(no memory) source_x")
-         call pass(file, about_t("source_x", nf90_double), source, arrays%source_x)
-         call pass(file, about_t("source_y", nf90_double), source, arrays%source_y)
+         source = [axis_t("source", int(length_of(file, "source"), i8))]
+         if (source(1)%length < 1) call mark_damaged(file, "its number of sources")
+         call take(inputs, "source_x", "f8", source)
+         call take(inputs, "source_y", "f8", source)
          if (.not. sound(file)) return
          if (.not. all(is_place(arrays%source_x) .and. is_place(arrays%source_y))) &
             call mark_damaged(file, "source_x, or source_y,")
-         if (case%by_source) call read_of_sources(inputs, source, "source_volume", arrays%source_volume)
-         if (case%by_source) call read_of_sources(inputs, source, "source_inertia", arrays%source_inertia)
-         if (case%source_density) call read_of_sources(inputs, source, "source_density", arrays%source_density)
-         if (case%by_area) call read_of_sources(inputs, source, "area_ratio", arrays%area_ratio)
+         if (case%by_source) call take(inputs, "source_volume", "f8", source, positive=.true.)
+         if (case%by_source) call take(inputs, "source_inertia", "f8", source, positive=.true.)
+         if (case%source_density) call take(inputs, "source_density", "f8", source, positive=.true.)
+         if (case%by_area) call take(inputs, "area_ratio", "f8", source, positive=.true.)
          if (kind_of(file, "source_frequency") /= 0) &
-            call read_of_sources(inputs, source, "source_frequency", arrays%source_frequency)
+            call take(inputs, "source_frequency", "f8", source, positive=.true.)
          if (kind_of(file, "source_feature") /= 0) call read_features(inputs, source)
       end associate
    end subroutine read_sources
@@ -382,7 +374,7 @@ contains
       type(inputs_t), intent(inout) :: inputs
       type(axis_t), intent(in) :: source(1)
       type(axis_t) :: feature(1)
-      integer :: n, status
+      integer :: n
 
       associate (file => inputs%file, arrays => inputs%arrays)
          if (.not. sound(file)) return
@@ -392,19 +384,12 @@ contains
          if (kind_of(file, "feature_law") == 0) n = huge(1)
          if (n < 1) call mark_damaged(file, "its number of features")
          if (.not. sound(file)) return
-         allocate (arrays%source_feature(source(1)%length), stat=status)
-         if (status /= 0) call mark_damaged(file, "(no memory) source_feature")
-         call pass(file, about_t("source_feature", nf90_int), source, arrays%source_feature)
+         call take(inputs, "source_feature", "i4", source)
          if (.not. sound(file)) return
          if (any(arrays%source_feature < 1 .or. arrays%source_feature > n)) call mark_damaged(file, "source_feature")
          if (kind_of(file, "feature_law") == 0 .or. .not. sound(file)) return
-         call check_shape(file, about_t("feature_law", nf90_int), feature)
-         if (.not. sound(file)) return
-         allocate (arrays%feature_law(n), arrays%feature_value(9, n), stat=status)
-         if (status /= 0) call mark_damaged(file, "(no memory) feature_law")
-         call pass(file, about_t("feature_law", nf90_int), feature, arrays%feature_law)
-         call pass(file, about_t("feature_value", nf90_double), [axis_t("feature_field", 9_i8), feature], &
-                   arrays%feature_value)
+         call take(inputs, "feature_law", "i4", feature)
+         call take(inputs, "feature_value", "f8", [axis_t("feature_field", 9_i8), feature])
          if (.not. sound(file)) return
          if (any(arrays%feature_law < 0 .or. arrays%feature_law > list_volume)) call mark_damaged(file, "feature_law")
          associate (value => arrays%feature_value)
@@ -414,46 +399,21 @@ contains
       end associate
    end subroutine read_features
 
-   !> What sources say of their boulders: numbers above zero.
-   subroutine read_of_sources(inputs, source, name, values)
-      type(inputs_t), intent(inout) :: inputs
-      type(axis_t), intent(in) :: source(1)
-      character(len=*), intent(in) :: name
-      real(wp), allocatable, intent(inout) :: values(:)
-      integer :: status
-
-      associate (file => inputs%file)
-         if (.not. sound(file)) return
-         allocate (values(source(1)%length), stat=status)
-         if (status /= 0) call mark_damaged(file, "(no memory) "//name)
-         call pass(file, about_t(name, nf90_double), source, values)
-         if (.not. sound(file)) return
-         if (.not. all(is_place(values) .and. above_zero(values))) call mark_damaged(file, name)
-      end associate
-   end subroutine read_of_sources
-
    !> Stems; their diameters and factors are above zero.
    subroutine read_trees(inputs)
       type(inputs_t), intent(inout) :: inputs
-      character(len=*), parameter :: names(4) = [character(len=11) :: "tree_x", "tree_y", "tree_dbh", "tree_factor"]
       type(axis_t) :: tree(1)
-      integer :: n, k, status
 
-      associate (file => inputs%file)
-         n = length_of(file, "tree")
-         tree = [axis_t("tree", int(n, i8))]
-         if (n < 1) call mark_damaged(file, "its number of trees")
-         call check_shape(file, about_t("tree_x", nf90_double), tree)
+      associate (file => inputs%file, arrays => inputs%arrays)
+         tree = [axis_t("tree", int(length_of(file, "tree"), i8))]
+         if (tree(1)%length < 1) call mark_damaged(file, "its number of trees")
+         call take(inputs, "tree_x", "f8", tree)
+         call take(inputs, "tree_y", "f8", tree)
+         call take(inputs, "tree_dbh", "f8", tree, positive=.true.)
+         call take(inputs, "tree_factor", "f8", tree, positive=.true.)
          if (.not. sound(file)) return
-         allocate (inputs%tree(n, size(names)), stat=status)
-         if (status /= 0) call mark_damaged(file, "(no memory) tree_x")
-         do k = 1, size(names)
-            call pass(file, about_t(names(k), nf90_double), tree, inputs%tree(:, k))
-         end do
-         if (.not. sound(file)) return
-         if (.not. all(is_place(inputs%tree(:, :2)))) call mark_damaged(file, "tree_x, or tree_y,")
-         if (.not. all(is_place(inputs%tree(:, 3:)) .and. above_zero(inputs%tree(:, 3:)))) &
-            call mark_damaged(file, "tree_dbh, or tree_factor,")
+         if (.not. all(is_place(arrays%tree_x) .and. is_place(arrays%tree_y))) &
+            call mark_damaged(file, "tree_x, or tree_y,")
       end associate
    end subroutine read_trees
 
@@ -487,22 +447,4 @@ contains
       attribute = text_of(file, id, about)
    end subroutine read_letters
 
-   !> The views of the scene.
-   subroutine point_to(inputs)
-      type(inputs_t), intent(inout), target :: inputs
-
-      associate (arrays => inputs%arrays)
-         if (allocated(inputs%z8)) arrays%z8 => inputs%z8
-         if (allocated(inputs%z4)) arrays%z4 => inputs%z4
-         if (allocated(inputs%zone1)) arrays%zone1 => inputs%zone1
-         if (allocated(inputs%zone2)) arrays%zone2 => inputs%zone2
-         if (allocated(inputs%values)) arrays%values => inputs%values
-         if (allocated(inputs%cell_ground)) arrays%cell_ground => inputs%cell_ground
-         if (.not. allocated(inputs%tree)) return
-         arrays%tree_x => inputs%tree(:, 1)
-         arrays%tree_y => inputs%tree(:, 2)
-         arrays%tree_dbh => inputs%tree(:, 3)
-         arrays%tree_factor => inputs%tree(:, 4)
-      end associate
-   end subroutine point_to
 end module rockfall_scene_file

@@ -22,7 +22,7 @@ module rockfall_scene
    use rockfall_grounds, only: read_ground, read_stochastic
    implicit none
    private
-   public :: scene_arrays_t, grounds_of, scene_from, check_sources, boulders_of, largest_volumes, n_barriers
+   public :: scene_arrays_t, stays, grounds_of, scene_from, check_sources, boulders_of, largest_volumes, n_barriers
 
    !> A ground as it comes to the kernel.
    type :: ground_text_t
@@ -99,8 +99,8 @@ contains
       if (.not. allocated(error)) call set_grounds(case, arrays, scene, error)
    end subroutine scene_from
 
-   !> Take an array that is contiguous at a place, by its name; of elevations and zones the kind says which. Rasters and
-   !> trees stay the caller's, the others are copied.
+   !> Take an array that is contiguous at a place, by its name in scene files; of elevations and zones the kind says
+   !> which. Rasters and trees stay the caller's, the others are copied.
    subroutine give(arrays, name, kind, length, at)
       class(scene_arrays_t), intent(inout) :: arrays
       character(len=*), intent(in) :: name, kind  !! kind: i1, i2, i4, f4, f8
@@ -115,14 +115,14 @@ contains
       call c_f_pointer(at, integers, length(:1))
       call c_f_pointer(at, bytes, length(:1))
       select case (name)
-      case ("z")
+      case ("elevation")
          if (kind == "f8") call c_f_pointer(at, arrays%z8, length(:2))
          if (kind == "f4") call c_f_pointer(at, arrays%z4, length(:2))
       case ("zone")
          if (kind == "i1") call c_f_pointer(at, arrays%zone1, length(:2))
          if (kind == "i2") call c_f_pointer(at, arrays%zone2, length(:2))
-      case ("values"); call c_f_pointer(at, arrays%values, length)
-      case ("sizes"); arrays%sizes = table
+      case ("cell_size"); call c_f_pointer(at, arrays%values, length)
+      case ("material_size"); arrays%sizes = table
       case ("source_x"); arrays%source_x = reals
       case ("source_y"); arrays%source_y = reals
       case ("area_ratio"); arrays%area_ratio = reals
@@ -137,8 +137,8 @@ contains
       case ("tree_y"); arrays%tree_y => reals
       case ("tree_dbh"); arrays%tree_dbh => reals
       case ("tree_factor"); arrays%tree_factor => reals
-      case ("sets_text"); arrays%sets_text = text_of(bytes)
-      case ("sets_name"); arrays%sets_name = text_of(bytes)
+      case ("impact_sets"); arrays%sets_text = text_of(bytes)
+      case ("impact_sets_file"); arrays%sets_name = text_of(bytes)
       case ("ground_length"); allocate (arrays%grounds, source=grounds_of(arrays%ground_text, integers, &
                                                                           arrays%ground_names))
       case ("ground_text"); arrays%ground_text = text_of(bytes)
@@ -147,6 +147,14 @@ contains
       case ("cell_ground"); call c_f_pointer(at, arrays%cell_ground, length(:2))
       end select
    end subroutine give
+
+   !> Whether an array of this name stays the caller's.
+   pure logical function stays(name)
+      character(len=*), intent(in) :: name
+
+      stays = any(name == [character(len=11) :: "elevation", "zone", "cell_size", "cell_ground"]) &
+              .or. index(name, "tree_") == 1
+   end function stays
 
    pure function text_of(bytes) result(text)
       integer(i1), intent(in) :: bytes(:)

@@ -15,6 +15,13 @@ from rockfall.io.grid import Box
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
+#: Of the arrays of a scene that are not float64; "": of more than one, or of texts.
+KINDS = {
+    "cell_size": "f4", "source_feature": "i4", "feature_law": "i4", "ground_length": "i4",
+    "material_ground": "i1", "cell_ground": "i1",
+    **dict.fromkeys(("elevation", "zone", "impact_sets", "impact_sets_file"), ""),
+    "ground_text": "", "ground_names": "",
+}  # fmt: skip
 NO_TERRAIN = np.zeros((1, 1), "f4")  # of a scene that has windows
 
 
@@ -29,7 +36,7 @@ class KernelScene:
         self.handle = _core.new_scene(
             grid.west, grid.north, grid.cell, nodes, first, scene.sets.draw
         )
-        self._arrays = {name: one for name, one in _arrays(scene).items() if one is not None}
+        self._arrays = scene_arrays(scene)
         for name, array in self._arrays.items():
             _core.give(self.handle, name, *place_of(array))
         text = scene.case.text().encode()
@@ -57,47 +64,44 @@ def place_of(array: np.ndarray) -> tuple[str, list[int], int]:
     return array.dtype.str[1:], [*array.shape[::-1], 1, 1, 1][:3], array.ctypes.data
 
 
-def _arrays(scene: Scene) -> dict[str, np.ndarray | None]:
-    """All arrays of a scene by their names in the kernel, as it looks at them; None: there is none.
-    The texts of grounds come before their lengths."""
-    features, boulders, grounds = scene.features, scene.source_boulders, scene.grounds
+def scene_arrays(scene: Scene) -> dict[str, np.ndarray]:
+    """All arrays of a scene by their names in the kernel and in scene files. The texts of grounds
+    come before their lengths."""
+    boulders, grounds = scene.source_boulders, scene.grounds
     names = "\n".join(f"{one.name}\n{one.file}" for one in grounds).encode()
+    of_sources = () if boulders is None else boulders._asdict().items()
     found: dict[str, Any] = {
-        "z": (elevations(scene), None), "zone": (scene.zone, None), "values": (scene.values, "f4"),
-        "sizes": (scene.sizes, "f8"), "source_x": (scene.x, "f8"), "source_y": (scene.y, "f8"),
-        "area_ratio": (scene.area, "f8"), "source_frequency": (scene.frequency, "f8"),
-        "source_volume": (boulders and boulders.volume, "f8"),
-        "source_inertia": (boulders and boulders.inertia, "f8"),
-        "source_density": (boulders and boulders.density, "f8"),
-        "source_feature": (features and features.of, "i4"),
-        "feature_law": (features and features.law, "i4"),
-        "feature_value": (features and features.value, "f8"),
-        "sets_text": _bytes(scene.sets.text), "sets_name": _bytes(scene.sets.name.encode()),
+        "elevation": elevations(scene), "cell_size": scene.values, "zone": scene.zone,
+        "material_size": scene.sizes, "impact_sets": _bytes(scene.sets.text),
+        "impact_sets_file": _bytes(scene.sets.name.encode()),
         "ground_text": _bytes(b"".join(one.text for one in grounds)),
         "ground_names": _bytes(names),
-        "ground_length": ([len(one.text) for one in grounds] or None, "i4"),
-        "material_ground": (scene.material_ground, "i1"), "cell_ground": (scene.cell_ground, "i1"),
-        **{name: (one, "f8") for name, one in trees(scene).items()},
+        "ground_length": [len(one.text) for one in grounds] or None,
+        "material_ground": scene.material_ground, "cell_ground": scene.cell_ground,
+        "source_x": scene.x, "source_y": scene.y, "area_ratio": scene.area,
+        "source_frequency": scene.frequency, **{f"source_{name}": one for name, one in of_sources},
     }  # fmt: skip
+    if scene.features is not None:
+        _, of, law, value = scene.features
+        found |= {"source_feature": of, "feature_law": law, "feature_value": value}
+    if scene.trees is not None:
+        names = "tree_x", "tree_y", "tree_dbh", "tree_factor"
+        found |= zip(names, scene.trees, strict=True)
     return {
-        name: None if one is None else np.require(one, kind, ["C", "A"])
-        for name, (one, kind) in found.items()
+        name: np.require(one, KINDS.get(name, "f8") or None, ["C", "A"])
+        for name, one in found.items()
+        if one is not None
     }
 
 
-def _bytes(text: bytes) -> tuple[np.ndarray, str]:
-    return np.frombuffer(text, "i1"), "i1"
-
-
-def trees(scene: Scene) -> dict[str, np.ndarray]:
-    """The stems of a scene."""
-    names = "tree_x", "tree_y", "tree_dbh", "tree_factor"
-    return dict(zip(names, scene.trees, strict=True)) if scene.trees else {}
+def _bytes(text: bytes) -> np.ndarray:
+    return np.frombuffer(text, "i1")
 
 
 def elevations(scene: Scene) -> np.ndarray:
     """Those of a scene, in the precision that they have."""
-    return np.require(scene.z if scene.z.size else NO_TERRAIN, None, ["C", "A"])
+    z = scene.z if scene.z.size else NO_TERRAIN
+    return np.require(z, "f4" if z.dtype == np.float32 else "f8", ["C", "A"])
 
 
 def on_raster(scene: Scene) -> tuple[np.ndarray, tuple]:

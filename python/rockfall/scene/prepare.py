@@ -22,7 +22,7 @@ from rockfall.result.dataset import (
     provenance,
     put_netcdf,
 )
-from rockfall.scene.kernel_scene import trees
+from rockfall.scene.kernel_scene import scene_arrays
 from rockfall.scene.plausible import input_warnings
 from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
@@ -31,31 +31,44 @@ from rockfall.version import __version__
 
 LAYOUT = int(_core.constant("scene_layout"))  # of the file
 MARK = "! Prepared by rockfall"  # first words of a prepared case.nml
-ABOUT = {  # units, long name
-    "elevation": ("m", "elevation of cell centres"),
-    "zone": ("1", "material of the cell, counted from 1; 0: none"),
-    "cell_size": ("m", "mean rock radius, or Rg70, Rg20, Rg10, of the cell; infinite: it absorbs"),
-    "material_size": ("m", "mean rock radius, or Rg70, Rg20, Rg10; infinite: it absorbs"),
-    "source_x": ("m", "easting of the release"),
-    "source_y": ("m", "northing of the release"),
-    "area_ratio": ("1", "surface over plan area of the cell of the source"),
-    "source_frequency": ("1/year", "how often boulders come from the source"),
-    "source_feature": ("1", "polygon or point of the layer, counted from 1"),
-    "feature_law": ("1", "law of its volumes: fixed, normal, uniform, lognormal; 0: the case's"),
+ABOUT = {  # dimensions, units, long name
+    "elevation": ("y x", "m", "elevation of cell centres"),
+    "zone": ("y x", "1", "material of the cell, counted from 1; 0: none"),
+    "cell_size": (
+        "size y x",
+        "m",
+        "mean rock radius, or Rg70, Rg20, Rg10, of the cell; infinite: it absorbs",
+    ),
+    "material_size": (
+        "material size",
+        "m",
+        "mean rock radius, or Rg70, Rg20, Rg10; infinite: it absorbs",
+    ),
+    "source_x": ("source", "m", "easting of the release"),
+    "source_y": ("source", "m", "northing of the release"),
+    "area_ratio": ("source", "1", "surface over plan area of the cell of the source"),
+    "source_frequency": ("source", "1/year", "how often boulders come from the source"),
+    "source_feature": ("source", "1", "polygon or point of the layer, counted from 1"),
+    "feature_law": (
+        "feature",
+        "1",
+        "law of its volumes: fixed, normal, uniform, lognormal; 0: the case's",
+    ),
     "feature_value": (
+        "feature feature_field",
         "1",
         "mean, std, min, max of volumes, density, drop height, velocity east, north, up",
     ),
-    "source_volume": ("m3", "volume of the boulders of the source"),
-    "source_inertia": ("1", "their moment of inertia over mass and squared radius"),
-    "source_density": ("kg/m3", "their density"),
-    "ground_length": ("1", "bytes of the text of each ground; 0: the case's impact sets"),
-    "material_ground": ("1", "ground of the material, counted from 1"),
-    "cell_ground": ("1", "ground of the cell, counted from 1; 0: none"),
-    "tree_x": ("m", "easting of the stem"),
-    "tree_y": ("m", "northing of the stem"),
-    "tree_dbh": ("cm", "diameter of the stem at breast height"),
-    "tree_factor": ("1", "energy that the species takes over that of silver fir"),
+    "source_volume": ("source", "m3", "volume of the boulders of the source"),
+    "source_inertia": ("source", "1", "their moment of inertia over mass and squared radius"),
+    "source_density": ("source", "kg/m3", "their density"),
+    "ground_length": ("ground", "1", "bytes of the text of each ground; 0: the case's impact sets"),
+    "material_ground": ("material", "1", "ground of the material, counted from 1"),
+    "cell_ground": ("y x", "1", "ground of the cell, counted from 1; 0: none"),
+    "tree_x": ("tree", "m", "easting of the stem"),
+    "tree_y": ("tree", "m", "northing of the stem"),
+    "tree_dbh": ("tree", "cm", "diameter of the stem at breast height"),
+    "tree_factor": ("tree", "1", "energy that the species takes over that of silver fir"),
 }
 
 
@@ -82,20 +95,25 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
 
 def _scene_file(scene: Scene) -> Contents:
     """What the kernel takes beside the case."""
-    text = np.frombuffer(scene.sets.text, "S1")
-    about = {"long_name": "file of impact sets", "file": scene.sets.name}
+    arrays = scene_arrays(scene)
+    if "cell_size" in arrays:
+        del arrays["material_size"]
+        arrays.pop("zone", None)
     data: dict[str, tuple] = {
         "crs": ((), np.int32(0), georeference(scene.grid)),
         **centre_variables(scene.grid.x, scene.grid.y),
-        **_variables("y x", elevation=scene.z),
-        **_surface(scene),
-        **_grounds(scene),
-        **_variables("source", source_x=scene.x, source_y=scene.y),
-        **_releases(scene),
-        **_variables("source", **_of_sources(scene)),
-        **(_variables("tree", **trees(scene)) if scene.trees else {}),
-        "impact_sets": (("impact_sets_length",), text, about),
     }
+    for name, (dims, units, long_name) in ABOUT.items():
+        if name in arrays:
+            about = {"units": units, "long_name": long_name}
+            about |= {"grid_mapping": "crs"} if dims.endswith("y x") else {}
+            data[name] = (tuple(dims.split()), arrays[name], about)
+    about = {"long_name": "file of impact sets", "file": scene.sets.name}
+    data["impact_sets"] = (("impact_sets_length",), arrays["impact_sets"].view("S1"), about)
+    if scene.grounds:
+        names = arrays["ground_names"].tobytes().decode()
+        about = {"long_name": "grounds, one after the other", "names": names}
+        data["ground_text"] = (("ground_text_length",), arrays["ground_text"].view("S1"), about)
     attrs = {
         "Conventions": CONVENTIONS,
         "scene_layout": LAYOUT,
@@ -108,57 +126,6 @@ def _scene_file(scene: Scene) -> Contents:
         **feature_names(scene),
     }
     return Contents(data, attrs, ("x", "y"))
-
-
-def _releases(scene: Scene) -> dict[str, tuple]:
-    """How many boulders sources release, and what the features of a layer say of them."""
-    found = _variables("source", area_ratio=scene.area, source_frequency=scene.frequency)
-    if scene.features is not None:
-        found |= _variables("source", source_feature=scene.features.of)
-        found |= _variables("feature", feature_law=scene.features.law)
-        found |= _variables("feature feature_field", feature_value=scene.features.value)
-    return found
-
-
-def _of_sources(scene: Scene) -> dict[str, np.ndarray | None]:
-    """What sources say of their boulders."""
-    found = scene.source_boulders
-    return {} if found is None else {f"source_{name}": one for name, one in found._asdict().items()}
-
-
-def _surface(scene: Scene) -> dict[str, tuple]:
-    """What the ground is made of: sizes of each cell, or of materials, with or without zones."""
-    if scene.values is not None:
-        return _variables("size y x", cell_size=scene.values)
-    sizes = _variables("material size", material_size=scene.sizes)
-    return sizes | _variables("y x", zone=scene.zone)
-
-
-def _grounds(scene: Scene) -> dict[str, tuple]:
-    """What rebounds follow, where that is not the case's impact sets alone."""
-    if not scene.grounds:
-        return {}
-    text = np.frombuffer(b"".join(one.text for one in scene.grounds), "S1")
-    names = "\n".join(f"{one.name}\n{one.file}" for one in scene.grounds)
-    about = {"long_name": "grounds, one after the other", "names": names}
-    lengths = np.array([len(one.text) for one in scene.grounds], "i4")
-    return {
-        "ground_text": (("ground_text_length",), text, about),
-        **_variables("ground", ground_length=lengths),
-        **_variables("material", material_ground=scene.material_ground),
-        **_variables("y x", cell_ground=scene.cell_ground),
-    }
-
-
-def _variables(dims: str, **values: np.ndarray | None) -> dict[str, tuple]:
-    """Those of these that a scene has, with what they are."""
-    found, mapping = {}, {"grid_mapping": "crs"} if dims.endswith("y x") else {}
-    for name, one in values.items():
-        if one is not None:
-            units, long_name = ABOUT[name]
-            about = {"units": units, "long_name": long_name}
-            found[name] = (tuple(dims.split()), one, about | mapping)
-    return found
 
 
 def _prepared_files(folder: Path) -> list[Path]:
