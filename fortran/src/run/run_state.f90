@@ -97,8 +97,7 @@ contains
 
       call describe(case, scene, before, boulders, window, run)
       call make_rows(case, n_grounds(scene), allocated(scene%release%feature), run, error)
-      if (.not. allocated(error)) call make_maps(run, error)
-      if (.not. allocated(error)) call make_samples(run, error)
+      if (.not. allocated(error)) call make_tallies(run, error)
    end subroutine open_run
 
    !> What a run of a scene is of.
@@ -144,8 +143,7 @@ contains
       run%plan = map_plan(pack(map_names, case%map), size(case%thresholds))
       run%thresholds = case%thresholds
       call make_rows(case, grounds, features, run, error)
-      if (.not. allocated(error)) call make_maps(run, error)
-      if (.not. allocated(error)) call make_samples(run, error)
+      if (.not. allocated(error)) call make_tallies(run, error)
    end subroutine open_joined_run
 
    !> A run of a scene that begins with what another found, whose boulders are the first of its own; tallies are taken
@@ -173,8 +171,6 @@ contains
       run%by_ground = other%by_ground
       run%done = other%done
       run%threads = other%threads
-      run%wall = other%wall
-      run%cpu = other%cpu
       run%counts => other%counts
       run%sums => other%sums
       run%maxima => other%maxima
@@ -256,12 +252,12 @@ contains
       if (status /= 0) call lack_memory(run, error)
    end subroutine make_rows
 
-   !> Empty maps.
-   subroutine make_maps(run, error)
+   !> Empty maps, and samples where not all rows are kept.
+   subroutine make_tallies(run, error)
       type(run_t), intent(inout) :: run
       type(error_t), allocatable, intent(out) :: error
-      integer(i8) :: cells
-      integer :: stacks(3), layers
+      integer(i8) :: cells, n
+      integer :: stacks(3), layers, parts, groups, places, k
 
       stacks = stack_layers(run%plan)
       cells = product(int(run%nodes, i8))
@@ -282,10 +278,26 @@ contains
          call c_f_pointer(run%block(6), run%columns, [1])
       end associate
       call make_columns(run, merge(cells, 0_i8, run%plan%rows > 0))
-      if (.not. all([c_associated(run%block(1)), c_associated(run%block(2)), c_associated(run%block(3)), &
-                     c_associated(run%block(4)), c_associated(run%block(5)), c_associated(run%block(6)), &
-                     c_associated(run%block(7))])) call lack_memory(run, error)
-   end subroutine make_maps
+      if (.not. all([(c_associated(run%block(k)), k=1, 7)])) call lack_memory(run, error)
+      if (allocated(error) .or. .not. allocated(run%number)) return
+      parts = size(run%layout%part_last)
+      groups = size(run%layout%group_part)
+      places = size(run%line, 2) + 1
+      n = int(n_quantities, i8)*places
+      run%block(8) = zeros(n_sample_bins*parts*n, 4)
+      run%block(9) = zeros(n_coarse_bins*groups*n, 4)
+      run%block(10) = zeros(n_words*parts*n, 8)
+      run%block(11) = zeros(size(statuses, kind=i8), 8)
+      if (.not. all([(c_associated(run%block(k)), k=8, 11)])) call lack_memory(run, error)
+      if (allocated(error)) return
+      associate (samples => run%samples)
+         call c_f_pointer(run%block(8), samples%bins, [n_sample_bins, n_quantities, parts, places])
+         call c_f_pointer(run%block(9), samples%groups, [n_coarse_bins, n_quantities, groups, places])
+         call c_f_pointer(run%block(10), samples%sums, [n_words, n_quantities, parts, places])
+         call c_f_pointer(run%block(11), samples%ended, [size(statuses)])
+      end associate
+      call make_largest(run, error)
+   end subroutine make_tallies
 
    !> Counts of bins of all cells, or of half as many as the system grants (the run needs memory for other
    !> things too): it takes the memory of a column when a boulder first passes the cell, and few may be passed.
@@ -309,49 +321,17 @@ contains
       call c_f_pointer(run%block(7), run%bin_counts, [int(run%plan%rows, i8), columns])
    end subroutine make_columns
 
-   !> Empty samples, where not all rows are kept.
-   subroutine make_samples(run, error)
-      type(run_t), intent(inout) :: run
-      type(error_t), allocatable, intent(out) :: error
-      integer :: parts, groups, places
-
-      if (.not. allocated(run%number)) return
-      parts = size(run%layout%part_last)
-      groups = size(run%layout%group_part)
-      places = size(run%line, 2) + 1
-      associate (samples => run%samples, n => int(n_quantities, i8)*places)
-         run%block(8) = zeros(n_sample_bins*parts*n, 4)
-         run%block(9) = zeros(n_coarse_bins*groups*n, 4)
-         run%block(10) = zeros(n_words*parts*n, 8)
-         run%block(11) = zeros(size(statuses, kind=i8), 8)
-         if (.not. all([c_associated(run%block(8)), c_associated(run%block(9)), c_associated(run%block(10)), &
-                        c_associated(run%block(11))])) then
-            call lack_memory(run, error)
-            return
-         end if
-         call c_f_pointer(run%block(8), samples%bins, [n_sample_bins, n_quantities, parts, places])
-         call c_f_pointer(run%block(9), samples%groups, [n_coarse_bins, n_quantities, groups, places])
-         call c_f_pointer(run%block(10), samples%sums, [n_words, n_quantities, parts, places])
-         call c_f_pointer(run%block(11), samples%ended, [size(statuses)])
-      end associate
-      call make_largest(run, error)
-   end subroutine make_samples
-
    !> Tails of samples, without a number.
    subroutine make_largest(run, error)
       type(run_t), intent(inout) :: run
       type(error_t), allocatable, intent(out) :: error
-      integer(i8) :: n
-      integer :: lines
+      integer :: shape(3)
 
-      n = min(run%total, int(n_largest, i8))
-      lines = size(run%line, 2)
-      run%block(12) = zeros(n*tails*lines, 8)
-      if (.not. c_associated(run%block(12))) then
-         call lack_memory(run, error)
-         return
-      end if
-      call c_f_pointer(run%block(12), run%samples%largest, [int(n), tails, lines])
+      shape = [int(min(run%total, int(n_largest, i8))), tails, size(run%line, 2)]
+      run%block(12) = zeros(product(int(shape, i8)), 8)
+      if (.not. c_associated(run%block(12))) call lack_memory(run, error)
+      if (allocated(error)) return
+      call c_f_pointer(run%block(12), run%samples%largest, shape)
       run%samples%largest = -1
    end subroutine make_largest
 
