@@ -13,8 +13,8 @@ module rockfall_run_state
    use rockfall_map_values, only: map_plan_t, map_plan, stack_layers, map_views, max_columns, halvings
    use rockfall_histogram, only: bins, quantities, n_bins
    use rockfall_boulder, only: release_t
-   use rockfall_variables, only: boulder_counts, line_fields, histogram_fields, statuses, row_reals, row_integers, &
-                                 real_groups, integer_groups
+   use rockfall_variables, only: boulder_counts, line_fields, vertex_fields, histogram_fields, statuses, row_reals, &
+                                 row_integers, real_groups, integer_groups
    use rockfall_result, only: boulder_row, boulder_count_row, real_row, integer_row, line_row
    use rockfall_ensemble, only: run_boulders, recorded_boulders
    use rockfall_case_keys, only: map_names
@@ -52,6 +52,8 @@ module rockfall_run_state
       integer(i8), allocatable :: by_ground(:)            !! rebounds, where the scene has several grounds
       type(layout_t) :: layout
       type(samples_t) :: samples
+      real(wp), allocatable :: vertex(:, :)               !! (vertices, vertex_fields) of recorded boulders,
+      integer(i8), allocatable :: vertex_boulder(:)       !! where the run loop records them
       ! Maps of the cells of a window.
       integer :: at(2) = 1, nodes(2) = 0                  !! its first column and row; columns and rows
       type(map_plan_t) :: plan                            !! where maps stand in these stacks
@@ -522,6 +524,12 @@ contains
       end if
       if (allocated(run%number)) call add_sample_arrays(run, table)
       call add_map_arrays(run, table)
+      if (allocated(run%vertex)) then
+         if (size(run%vertex) > 0) call table%add("vertex", "boulder", ["trajectory_vertex"], run%vertex_boulder)
+         do k = 1, merge(size(vertex_fields), 0, size(run%vertex) > 0)
+            call table%add("vertex", vertex_fields(k), ["trajectory_vertex"], run%vertex(:, k))
+         end do
+      end if
       if (.not. allocated(run%left)) return
       call table%add("work", "left", ["left"], run%left, "i8")
       call table%add("work", "left_at", [character(len=4) :: "left", "axis"], run%left_at, "f8")
