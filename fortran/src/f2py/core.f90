@@ -467,19 +467,17 @@ contains
       if (code == 0 .and. size(minima) > 1) call take_minima(opened%dem, first, last, minima)
    end subroutine survey
 
-   !> Elevations somewhere in memory as a terrain.
-   subroutine set_terrain(dem, kind, length, address, place, nodes, at)
-      type(terrain_t), intent(out) :: dem
-      character(len=*), intent(in) :: kind             !! f4 or f8
-      integer(c_int64_t), intent(in) :: length(3)      !! columns, rows, 1
-      integer(c_intptr_t), intent(in) :: address
-      real(c_double), intent(in) :: place(3)           !! outer edges, cell size [m]
-      integer(c_int), intent(in) :: nodes(2), at(2)    !! columns, rows of the raster; where these begin
-      type(scene_arrays_t) :: arrays
+   !> The terrain of a scene that was given its elevations, and is not built.
+   function terrain_of(handle) result(dem)
+      integer(c_intptr_t), intent(in) :: handle
+      type(terrain_t) :: dem
+      type(open_scene_t), pointer :: opened
 
-      call arrays%give("elevation", kind, length, place_of(address))
-      dem = terrain(place(1), place(2), place(3), arrays%z8, arrays%z4, nodes, at)
-   end subroutine set_terrain
+      opened => scene_of(handle)
+      associate (arrays => opened%arrays, grid => opened%arrays%grid)
+         dem = terrain(grid%west, grid%north, grid%cell, arrays%z8, arrays%z4, [grid%nx, grid%ny], arrays%first)
+      end associate
+   end function terrain_of
 
    !> The first column and row and the last column and row, from 1, of the cells that boulders can reach.
    subroutine reach(handle, minima, head, box, nbx, nby)
@@ -621,34 +619,27 @@ contains
       slope = usual_threshold(cell)
    end subroutine slope_threshold
 
-   !> Of the cells above zero in rows `first` (1..) and following, set those to zero that are not steep; the terrain as
-   !> in set_terrain.
-   subroutine steep_cells(kind, length, address, place, nodes, at, threshold, first, cells, nx, ny)
+   !> Of the cells above zero in rows `first` (1..) and following, set those to zero that are not steep; of terrain_of.
+   subroutine steep_cells(handle, threshold, first, cells, nx, ny)
       !f2py threadsafe
-      character(len=*), intent(in) :: kind
-      integer(c_int), intent(in) :: nx, ny, first, nodes(2), at(2)
-      integer(c_int64_t), intent(in) :: length(3)
-      integer(c_intptr_t), intent(in) :: address
-      real(c_double), intent(in) :: place(3), threshold   !! [m], [degree]
+      integer(c_int), intent(in) :: nx, ny, first
+      integer(c_intptr_t), intent(in) :: handle
+      real(c_double), intent(in) :: threshold  !! [degree]
       integer(c_int16_t), intent(inout) :: cells(nx, ny)
-      type(terrain_t) :: dem
 
-      call set_terrain(dem, kind, length, address, place, nodes, at)
-      call keep_steep(dem, threshold, first, cells)
+      call keep_steep(terrain_of(handle), threshold, first, cells)
    end subroutine steep_cells
 
-   !> Surface over plan area of the cells of sources, in map coordinates [m]; the terrain as in set_terrain.
-   subroutine area_ratios(kind, length, address, place, nodes, at, source_x, source_y, ratio, ns)
+   !> Surface over plan area of the cells of sources, in map coordinates [m]; of terrain_of.
+   subroutine area_ratios(handle, source_x, source_y, ratio, ns)
       !f2py threadsafe
-      character(len=*), intent(in) :: kind
-      integer(c_int), intent(in) :: ns, nodes(2), at(2)
-      integer(c_int64_t), intent(in) :: length(3)
-      integer(c_intptr_t), intent(in) :: address
-      real(c_double), intent(in) :: place(3), source_x(ns), source_y(ns)
+      integer(c_int), intent(in) :: ns
+      integer(c_intptr_t), intent(in) :: handle
+      real(c_double), intent(in) :: source_x(ns), source_y(ns)
       real(c_double), intent(out) :: ratio(ns)
       type(terrain_t) :: dem
 
-      call set_terrain(dem, kind, length, address, place, nodes, at)
+      dem = terrain_of(handle)
       ratio = surface_ratios(dem, source_x - dem%x0, source_y - dem%y0)
    end subroutine area_ratios
 
