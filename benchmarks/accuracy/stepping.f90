@@ -19,7 +19,7 @@ program stepping
    use rockfall_checkpoint, only: checkpoint_t
    use rockfall_variables, only: row_integers
    use rockfall_run_state, only: run_t, close_run
-   use rockfall_run_loop, only: trajectories_t, run_case
+   use rockfall_run_loop, only: run_case
    implicit none
 
    !> Sums over flights from the same start, in steps less exact.
@@ -51,7 +51,6 @@ contains
       type(inputs_t), target :: inputs
       integer, parameter :: impacts = findloc(row_integers, "impacts", dim=1)
       type(run_t), target :: state
-      type(trajectories_t) :: trajectories
       type(checkpoint_t) :: none  !! its `every` is 0: nothing is saved
       character(len=:), allocatable :: text, scheme, part
       real(wp) :: step, cpu
@@ -73,14 +72,13 @@ contains
       cpu = huge(cpu)
       do k = 1, max(1, nint(number(5)))
          call close_run(state)
-         call run_case(case, inputs%arrays%grid, inputs%scene, [1_i8, 1_i8], none, state, trajectories, &
-                       error)
+         call run_case(case, inputs%arrays%grid, inputs%scene, [1_i8, 1_i8], none, state, error)
          if (allocated(error)) return
          cpu = min(cpu, state%cpu)
       end do
       print "(a,es24.16)", "cpu", cpu
       print "(a,i0)", "contacts ", sum(int(state%integers(:, impacts), i8))
-      call write_part(part, part//".new", case, text, inputs, state, error, trajectories)
+      call write_part(part, part//".new", case, text, inputs, state, error)
       if (.not. allocated(error) .and. scheme /= "exact") &
          call compare(scheme, step, inputs, min(state%boulders, nint(number(6), i8)))
    end subroutine run

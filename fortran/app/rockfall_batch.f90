@@ -38,7 +38,7 @@ program rockfall_batch
    use rockfall_part_file, only: write_part, is_result
    use rockfall_checkpoint, only: checkpoint_t, check_checkpoint, remove_checkpoint
    use rockfall_run_state, only: run_t
-   use rockfall_run_loop, only: trajectories_t, run_case
+   use rockfall_run_loop, only: run_case
    use rockfall_samples, only: sample_size, sample_sum
    use rockfall_line_samples, only: line_quantity, units_of
    use rockfall_variables, only: statuses, line_fields
@@ -110,7 +110,6 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(inputs_t), target :: inputs
       type(run_t), target :: state
-      type(trajectories_t) :: trajectories
       type(checkpoint_t) :: checkpoint
 
       call read_scene(scene, case, text, inputs, error)
@@ -123,9 +122,8 @@ contains
       checkpoint%inputs => inputs
       checkpoint%every = arguments%checkpoint
       checkpoint%say => warn
-      call run_case(case, inputs%arrays%grid, inputs%scene, arguments%shard, checkpoint, state, trajectories, error)
-      if (.not. allocated(error)) call write_part(output, temporary_name(output), case, text, inputs, &
-                                                state, error, trajectories)
+      call run_case(case, inputs%arrays%grid, inputs%scene, arguments%shard, checkpoint, state, error)
+      if (.not. allocated(error)) call write_part(output, temporary_name(output), case, text, inputs, state, error)
       if (allocated(error)) return
       call remove_checkpoint(checkpoint)
       if (arguments%quiet) return

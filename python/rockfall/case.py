@@ -38,7 +38,7 @@ class Key(NamedTuple):
 def key_table() -> tuple[Key, ...]:
     """Every key of a case file, in order."""
     rows: list[Key] = []
-    while text := _core.case_key(len(rows) + 1).decode().strip():
+    while text := _core.table_row("keys", len(rows) + 1).decode().strip():
         group, name, kind, most, *rest = text.split("|")
         rows.append(Key(group, name, kind, int(most), *rest))
     return tuple(rows)

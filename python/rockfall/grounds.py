@@ -69,7 +69,7 @@ def models() -> dict[str, int]:
 def parameters() -> tuple[Parameter, ...]:
     """Those of all models, without the model itself."""
     rows: list[Parameter] = []
-    while text := _core.ground_parameter(len(rows) + 2).decode().strip():
+    while text := _core.table_row("ground_parameters", len(rows) + 2).decode().strip():
         _, name, _, _, default, allowed, unit, meaning, _, takers = text.split("|")
         rows.append(Parameter(name, default, allowed, unit, meaning, takers))
     return tuple(rows)

@@ -54,14 +54,14 @@ module rockfall_f2py
    public :: block_of, map_plan
    public :: open_run, open_joined_run, continue_run, close_run, advance, array, map, settle, restore_sources
    public :: forget_tallies
-   public :: check_maps, count_limits, check_case, case_key, repeatable_groups, variable, read_sets, fields
+   public :: check_maps, count_limits, check_case, table_row, repeatable_groups, read_sets, fields
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
    public :: boulders_of_source, recorded, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
    public :: stand_counts, stand_numbers, shape_numbers
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, share, fraction_limits
    public :: sample_edges, sample_units, line_quantities, places_along
-   public :: check_numbers, ground_parameter, ground_model, barriers, barrier_outcomes, ead_energies
+   public :: check_numbers, ground_model, barriers, barrier_outcomes, ead_energies
 
    !> What the handle of a scene stands for.
    type :: open_scene_t
@@ -469,33 +469,29 @@ contains
       if (code == 0 .and. size(minima) > 1) call take_minima(opened%dem, first, last, minima)
    end subroutine survey
 
-   !> Elevations somewhere in memory as a terrain.
-   subroutine set_terrain(dem, kind, length, address, place, nodes, at)
-      type(terrain_t), intent(out) :: dem
-      character(len=*), intent(in) :: kind             !! f4 or f8
-      integer(c_int64_t), intent(in) :: length(3)      !! columns, rows, 1
-      integer(c_intptr_t), intent(in) :: address
-      real(c_double), intent(in) :: place(3)           !! outer edges, cell size [m]
-      integer(c_int), intent(in) :: nodes(2), at(2)    !! columns, rows of the raster; where these begin
-      type(scene_arrays_t) :: arrays
+   !> The terrain of a scene that was given its elevations, and is not built.
+   function terrain_of(handle) result(dem)
+      integer(c_intptr_t), intent(in) :: handle
+      type(terrain_t) :: dem
+      type(open_scene_t), pointer :: opened
 
-      call arrays%give("elevation", kind, length, place_of(address))
-      dem = terrain(place(1), place(2), place(3), arrays%z8, arrays%z4, nodes, at)
-   end subroutine set_terrain
+      opened => scene_of(handle)
+      associate (arrays => opened%arrays, grid => opened%arrays%grid)
+         dem = terrain(grid%west, grid%north, grid%cell, arrays%z8, arrays%z4, [grid%nx, grid%ny], arrays%first)
+      end associate
+   end function terrain_of
 
    !> The first column and row and the last column and row, from 1, of the cells that boulders can reach.
-   subroutine reach(nodes, west, north, cell, source_x, source_y, minima, head, box, ns, nbx, nby)
+   subroutine reach(handle, minima, head, box, nbx, nby)
       !f2py threadsafe
-      integer(c_int), intent(in) :: ns, nbx, nby
-      integer(c_int), intent(in) :: nodes(2)
-      real(c_double), intent(in) :: west, north, cell, source_x(ns), source_y(ns), minima(nbx, nby), head
+      integer(c_int), intent(in) :: nbx, nby
+      integer(c_intptr_t), intent(in) :: handle
+      real(c_double), intent(in) :: minima(nbx, nby), head
       integer(c_int), intent(out) :: box(4)
-      real(c_float), target :: none(1, 1)
-      type(terrain_t) :: dem
+      type(open_scene_t), pointer :: opened
 
-      none = 0
-      dem = terrain(west, north, cell, z4=none, nodes=nodes)
-      box = reach_box(dem, minima, head, source_x - dem%x0, source_y - dem%y0)
+      opened => scene_of(handle)
+      box = reach_box(opened%dem, minima, head, opened%scene%release%x, opened%scene%release%y)
    end subroutine reach
 
    !> Cells along a side of a block of cells, of which `survey` takes the least elevation.
@@ -625,34 +621,27 @@ contains
       slope = usual_threshold(cell)
    end subroutine slope_threshold
 
-   !> Of the cells above zero in rows `first` (1..) and following, set those to zero that are not steep; the terrain as
-   !> in set_terrain.
-   subroutine steep_cells(kind, length, address, place, nodes, at, threshold, first, cells, nx, ny)
+   !> Of the cells above zero in rows `first` (1..) and following, set those to zero that are not steep; of terrain_of.
+   subroutine steep_cells(handle, threshold, first, cells, nx, ny)
       !f2py threadsafe
-      character(len=*), intent(in) :: kind
-      integer(c_int), intent(in) :: nx, ny, first, nodes(2), at(2)
-      integer(c_int64_t), intent(in) :: length(3)
-      integer(c_intptr_t), intent(in) :: address
-      real(c_double), intent(in) :: place(3), threshold   !! [m], [degree]
+      integer(c_int), intent(in) :: nx, ny, first
+      integer(c_intptr_t), intent(in) :: handle
+      real(c_double), intent(in) :: threshold  !! [degree]
       integer(c_int16_t), intent(inout) :: cells(nx, ny)
-      type(terrain_t) :: dem
 
-      call set_terrain(dem, kind, length, address, place, nodes, at)
-      call keep_steep(dem, threshold, first, cells)
+      call keep_steep(terrain_of(handle), threshold, first, cells)
    end subroutine steep_cells
 
-   !> Surface over plan area of the cells of sources, in map coordinates [m]; the terrain as in set_terrain.
-   subroutine area_ratios(kind, length, address, place, nodes, at, source_x, source_y, ratio, ns)
+   !> Surface over plan area of the cells of sources, in map coordinates [m]; of terrain_of.
+   subroutine area_ratios(handle, source_x, source_y, ratio, ns)
       !f2py threadsafe
-      character(len=*), intent(in) :: kind
-      integer(c_int), intent(in) :: ns, nodes(2), at(2)
-      integer(c_int64_t), intent(in) :: length(3)
-      integer(c_intptr_t), intent(in) :: address
-      real(c_double), intent(in) :: place(3), source_x(ns), source_y(ns)
+      integer(c_int), intent(in) :: ns
+      integer(c_intptr_t), intent(in) :: handle
+      real(c_double), intent(in) :: source_x(ns), source_y(ns)
       real(c_double), intent(out) :: ratio(ns)
       type(terrain_t) :: dem
 
-      call set_terrain(dem, kind, length, address, place, nodes, at)
+      dem = terrain_of(handle)
       ratio = surface_ratios(dem, source_x - dem%x0, source_y - dem%y0)
    end subroutine area_ratios
 
@@ -811,22 +800,18 @@ contains
       energy = ead_energy
    end subroutine ead_energies
 
-   !> Row k of the table of keys: group|key|kind|most|default|allowed|unit|meaning|file; blank past the end.
-   subroutine case_key(k, text)
+   !> Row k of the table of keys (group|key|kind|most|default|allowed|unit|meaning|file), of that of a ground's
+   !> parameters (the same, then |models), or of that of result variables (as variable_text has it); blank past the end.
+   subroutine table_row(table, k, text)
+      character(len=*), intent(in) :: table
       integer(c_int), intent(in) :: k
       character(len=512), intent(out) :: text
 
       text = ""
-      if (k >= 1 .and. k <= n_keys) text = key_text(k)
-   end subroutine case_key
-
-   !> Row k of the table of a ground's parameters: that of a key, then |models; blank past the end.
-   subroutine ground_parameter(k, text)
-      integer(c_int), intent(in) :: k
-      character(len=512), intent(out) :: text
-
-      text = parameter_of_ground(k)
-   end subroutine ground_parameter
+      if (table == "keys" .and. k >= 1 .and. k <= n_keys) text = key_text(k)
+      if (table == "ground_parameters") text = parameter_of_ground(k)
+      if (table == "variables") text = variable_text(k)
+   end subroutine table_row
 
    !> Model k of grounds, and what it must know of the rocks there, as in rockfall_grounds; blank past the end.
    subroutine ground_model(k, text, rocks)
@@ -847,14 +832,6 @@ contains
 
       text = joined(repeatable, " ")
    end subroutine repeatable_groups
-
-   !> Row k of the table of result variables: group|name|type|units|long_name|comment; blank past the end.
-   subroutine variable(k, text)
-      integer(c_int), intent(in) :: k
-      character(len=512), intent(out) :: text
-
-      text = variable_text(k)
-   end subroutine variable
 
    !> The numbers of the five impact sets in a text, as in coefficients_t, for a rule of turning.
    subroutine read_sets(text, name, turning, draw, mean, covariance, incidence, lateral, ranges, draws, code, message)

@@ -14,7 +14,7 @@ module rockfall_part_file
    use rockfall_filesystem, only: replace_file, remove_file
    use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf, keep, &
                                    sound, mark_damaged, fail_damaged, pass, length_of, text_of, integers_of, real_of
-   use rockfall_variables, only: variable_of, stored_as, name_in_files, layout => part_layout, vertex_fields, &
+   use rockfall_variables, only: variable_of, stored_as, name_in_files, layout => part_layout, line_fields, &
                                  statuses
    use rockfall_barrier, only: passed_over
    use rockfall_ground, only: ground_t
@@ -25,7 +25,6 @@ module rockfall_part_file
    use rockfall_line_samples, only: layout_t
    use rockfall_state_table, only: array_t, table_t
    use rockfall_run_state, only: run_t, arrays_of, rows_of, settle, restore_sources
-   use rockfall_run_loop, only: trajectories_t
    implicit none
    private
    public :: write_part, read_part, boulders_in, is_result
@@ -36,14 +35,13 @@ module rockfall_part_file
 contains
 
    !> Put the boulders done into a file, whole and on disk before it takes its name, by way of `part`.
-   subroutine write_part(name, part, case, text, inputs, run, error, trajectories)
+   subroutine write_part(name, part, case, text, inputs, run, error)
       character(len=*), intent(in) :: name, part
       type(case_t), intent(in) :: case
       character(len=*), intent(in) :: text  !! of the case, as it is run
       type(inputs_t), intent(in) :: inputs
       type(run_t), intent(inout), target :: run
       type(error_t), allocatable, intent(out) :: error
-      type(trajectories_t), intent(inout), optional :: trajectories
       type(netcdf_file_t) :: file
       integer(i8), allocatable :: cell(:)
       logical :: done
@@ -55,7 +53,6 @@ contains
          cell = reached_cells(run)
          call pass_arrays(file, run, cell)
          call settle(run, inputs%scene%release, -1)
-         if (present(trajectories)) call write_trajectories(file, trajectories)
       end if
       call close_netcdf(file)
       done = sound(file)
@@ -159,20 +156,6 @@ contains
 
       window = [run%at - 1, run%nodes]
    end function window_of
-
-   subroutine write_trajectories(file, trajectories)
-      type(netcdf_file_t), intent(inout) :: file
-      type(trajectories_t), intent(inout) :: trajectories
-      type(axis_t) :: vertex(1)
-      integer :: k
-
-      if (size(trajectories%boulder) == 0) return
-      vertex = [axis_t("trajectory_vertex", size(trajectories%boulder, kind=i8))]
-      call pass(file, described("vertex", "boulder"), vertex, trajectories%boulder)
-      do k = 1, size(vertex_fields)
-         call pass(file, described("vertex", vertex_fields(k)), vertex, trajectories%vertex(:, k))
-      end do
-   end subroutine write_trajectories
 
    !> Cells in which any tally is not zero, counted from 0 by rows.
    pure function reached_cells(run) result(cells)
@@ -386,10 +369,8 @@ contains
       type(run_t), intent(inout), target :: run
       type(error_t), allocatable, intent(out) :: error
       type(netcdf_file_t) :: file
-      type(table_t) :: table
       type(layout_t) :: layout
       integer(i8), allocatable :: number(:), cell(:)
-      integer(i8) :: rows
       logical :: good
 
       call open_netcdf(name, file, error)
@@ -397,7 +378,6 @@ contains
       if (allocated(error)) return
       if (allocated(run%number)) number = run%number
       layout = run%layout
-      rows = rows_of(run)
       call make_room(file, run, cell)
       if (sound(file)) call pass_arrays(file, run, cell)
       if (sound(file) .and. allocated(number)) then
@@ -406,10 +386,7 @@ contains
          if (any(layout%group_part /= run%layout%group_part)) call mark_damaged(file, "sample_group_part")
          call check_samples(file, run)
       end if
-      if (sound(file)) then
-         table = arrays_of(run)
-         call check_arrays(file, inputs%arrays%grid, table, rows)
-      end if
+      if (sound(file)) call check_arrays(file, inputs%arrays%grid, run)
       if (sound(file) .and. allocated(run%shared%cell)) then
          call restore_sources(run, inputs%scene%release, good)
          if (.not. good) call mark_damaged(file, "tally_shared_cell")
@@ -460,18 +437,15 @@ contains
    end subroutine check_run
 
    !> Values are such as a run can have.
-   subroutine check_arrays(file, grid, table, rows)
+   subroutine check_arrays(file, grid, run)
       type(netcdf_file_t), intent(inout) :: file
       type(grid_t), intent(in) :: grid
-      type(table_t), intent(in) :: table
-      integer(i8), intent(in) :: rows
-      real(wp), pointer, contiguous :: time(:, :)
+      type(run_t), intent(in), target :: run
+      integer, parameter :: time = findloc(line_fields, "time", dim=1)
+      type(table_t) :: table
       integer :: k
 
-      do k = 1, size(table%row)
-         if (table%row(k)%about%group == "line" .and. table%row(k)%about%name == "time") &
-            call c_f_pointer(table%row(k)%at, time, table%row(k)%length(:2))
-      end do
+      table = arrays_of(run)
       do k = 1, size(table%row)
          associate (row => table%row(k))
             if (any(row%about%group == ["work  ", "sample", "kept  "]) .or. product(row%length) == 0) cycle
@@ -492,7 +466,7 @@ contains
 
          shape = [row%length(1), product(row%length(2:))]
          n = shape(1)
-         if (row%axis(1) == "boulder") n = rows
+         if (row%axis(1) == "boulder") n = rows_of(run)
          good = .true.
          select case (row%kind)
          case ("i1")
@@ -511,7 +485,7 @@ contains
          case ("f8")
             call c_f_pointer(row%at, f8_values, shape)
             if (row%about%group == "line") then
-               associate (crossed => .not. ieee_is_nan(time(:n, :)))
+               associate (crossed => .not. ieee_is_nan(run%line(:n, :, time)))
                   good = all(ieee_is_finite(f8_values(:n, :)) .eqv. crossed) &
                          .and. all(ieee_is_nan(f8_values(:n, :)) .neqv. crossed)
                end associate

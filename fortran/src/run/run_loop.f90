@@ -23,16 +23,10 @@ module rockfall_run_loop
    use rockfall_scene, only: check_sources, boulders_of, largest_volumes
    implicit none
    private
-   public :: trajectories_t, run_observer_t, run_case
+   public :: run_observer_t, run_case
 
    integer(i8), parameter :: first_chunk = 1024   !! boulders in one call
    real(wp), parameter :: chunk_seconds = 1.0_wp  !! that a call is to take: at its end threads wait for each other
-
-   !> The vertices of recorded boulders.
-   type :: trajectories_t
-      integer(i8), allocatable :: boulder(:)
-      real(wp), allocatable :: vertex(:, :)  !! (vertices, vertex_fields)
-   end type trajectories_t
 
    !> Who looks at a run while it goes on, and may have a part of it to begin with.
    type, abstract :: run_observer_t
@@ -54,14 +48,13 @@ contains
 
    !> Run the case, or part shard(1) of shard(2) ranges of its boulders, which differ by one boulder at most. It is
    !> refused when its results do not fit in memory.
-   subroutine run_case(case, grid, scene, shard, observer, run, trajectories, error)
+   subroutine run_case(case, grid, scene, shard, observer, run, error)
       type(case_t), intent(in) :: case
       type(grid_t), intent(in) :: grid  !! of the terrain
       type(scene_t), intent(inout) :: scene
       integer(i8), intent(in) :: shard(2)
       class(run_observer_t), intent(inout) :: observer
       type(run_t), intent(out), target :: run
-      type(trajectories_t), intent(out) :: trajectories
       type(error_t), allocatable, intent(out) :: error
       integer(i8) :: total, before
       integer :: window(4)
@@ -83,7 +76,7 @@ contains
       run%threads = team_size(case%threads)
       call observer%on_start(run, error)
       if (.not. allocated(error)) call run_all(case, scene, observer, run, error)
-      if (.not. allocated(error)) call trace(case, scene, run, trajectories, error)
+      if (.not. allocated(error)) call trace(case, scene, run, error)
    end subroutine run_case
 
    !> Put the case's name before an error's message.
@@ -151,11 +144,10 @@ contains
 
    !> Run some boulders once more, each alone, and keep their trajectories: first to count the vertices, then to keep
    !> them.
-   subroutine trace(case, scene, run, trajectories, error)
+   subroutine trace(case, scene, run, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
-      type(run_t), intent(in) :: run
-      type(trajectories_t), intent(out) :: trajectories
+      type(run_t), intent(inout) :: run
       type(error_t), allocatable, intent(out) :: error
       type(boulder_result_t) :: result
       type(scratch_t) :: scratch
@@ -173,7 +165,7 @@ contains
       end do
       n = 0
       if (status == 0) n = sum(int(vertices, i8))
-      if (status == 0) allocate (trajectories%vertex(n, size(vertex_fields)), trajectories%boulder(n), stat=status)
+      if (status == 0) allocate (run%vertex(n, size(vertex_fields)), run%vertex_boulder(n), stat=status)
       if (status /= 0) then
          call fail(error, case%file//": &output trajectories = " &
                    //integer_text(size(number, kind=i8))//": do not fit in memory")
@@ -183,9 +175,9 @@ contains
       do k = 1, size(number)
          call trace_boulder(scene, number(k), vertices(k), result, scratch)
          do j = 1, vertices(k)
-            trajectories%vertex(n + j, :) = vertex_row(scene%dem, scratch%record(j))
+            run%vertex(n + j, :) = vertex_row(scene%dem, scratch%record(j))
          end do
-         trajectories%boulder(n + 1:n + vertices(k)) = number(k)
+         run%vertex_boulder(n + 1:n + vertices(k)) = number(k)
          n = n + vertices(k)
       end do
    end subroutine trace

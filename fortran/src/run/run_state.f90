@@ -15,8 +15,8 @@ module rockfall_run_state
    use rockfall_map_values, only: map_plan_t, map_plan, stack_layers, map_views, max_columns, halvings
    use rockfall_histogram, only: bins, quantities, n_bins
    use rockfall_boulder, only: release_t
-   use rockfall_variables, only: boulder_counts, line_fields, histogram_fields, statuses, row_reals, row_integers, &
-                                 real_groups, integer_groups
+   use rockfall_variables, only: boulder_counts, line_fields, vertex_fields, histogram_fields, statuses, row_reals, &
+                                 row_integers, real_groups, integer_groups
    use rockfall_result, only: boulder_row, boulder_count_row, real_row, integer_row, line_row
    use rockfall_ensemble, only: run_boulders, recorded_boulders
    use rockfall_case_keys, only: map_names
@@ -54,6 +54,8 @@ module rockfall_run_state
       integer(i8), allocatable :: by_ground(:)            !! rebounds, where the scene has several grounds
       type(layout_t) :: layout
       type(samples_t) :: samples
+      real(wp), allocatable :: vertex(:, :)               !! (vertices, vertex_fields) of recorded boulders,
+      integer(i8), allocatable :: vertex_boulder(:)       !! where the run loop records them
       ! Maps of the cells of a window.
       integer :: at(2) = 1, nodes(2) = 0                  !! its first column and row; columns and rows
       type(map_plan_t) :: plan                            !! where maps stand in these stacks
@@ -99,8 +101,7 @@ contains
 
       call describe(case, scene, before, boulders, window, run)
       call make_rows(case, n_grounds(scene), allocated(scene%release%feature), run, error)
-      if (.not. allocated(error)) call make_maps(run, error)
-      if (.not. allocated(error)) call make_samples(run, error)
+      if (.not. allocated(error)) call make_tallies(run, error)
    end subroutine open_run
 
    !> What a run of a scene is of.
@@ -146,8 +147,7 @@ contains
       run%plan = map_plan(pack(map_names, case%map), size(case%thresholds))
       run%thresholds = case%thresholds
       call make_rows(case, grounds, features, run, error)
-      if (.not. allocated(error)) call make_maps(run, error)
-      if (.not. allocated(error)) call make_samples(run, error)
+      if (.not. allocated(error)) call make_tallies(run, error)
    end subroutine open_joined_run
 
    !> A run of a scene that begins with what another found, whose boulders are the first of its own; tallies are taken
@@ -175,8 +175,6 @@ contains
       run%by_ground = other%by_ground
       run%done = other%done
       run%threads = other%threads
-      run%wall = other%wall
-      run%cpu = other%cpu
       run%counts => other%counts
       run%sums => other%sums
       run%maxima => other%maxima
@@ -258,12 +256,12 @@ contains
       if (status /= 0) call lack_memory(run, error)
    end subroutine make_rows
 
-   !> Empty maps.
-   subroutine make_maps(run, error)
+   !> Empty maps, and samples where not all rows are kept.
+   subroutine make_tallies(run, error)
       type(run_t), intent(inout) :: run
       type(error_t), allocatable, intent(out) :: error
-      integer(i8) :: cells
-      integer :: stacks(3), layers
+      integer(i8) :: cells, n
+      integer :: stacks(3), layers, parts, groups, places, k
 
       stacks = stack_layers(run%plan)
       cells = product(int(run%nodes, i8))
@@ -284,10 +282,26 @@ contains
          call c_f_pointer(run%block(6), run%columns, [1])
       end associate
       call make_columns(run, merge(cells, 0_i8, run%plan%rows > 0))
-      if (.not. all([c_associated(run%block(1)), c_associated(run%block(2)), c_associated(run%block(3)), &
-                     c_associated(run%block(4)), c_associated(run%block(5)), c_associated(run%block(6)), &
-                     c_associated(run%block(7))])) call lack_memory(run, error)
-   end subroutine make_maps
+      if (.not. all([(c_associated(run%block(k)), k=1, 7)])) call lack_memory(run, error)
+      if (allocated(error) .or. .not. allocated(run%number)) return
+      parts = size(run%layout%part_last)
+      groups = size(run%layout%group_part)
+      places = size(run%line, 2) + 1
+      n = int(n_quantities, i8)*places
+      run%block(8) = zeros(n_sample_bins*parts*n, 4)
+      run%block(9) = zeros(n_coarse_bins*groups*n, 4)
+      run%block(10) = zeros(n_words*parts*n, 8)
+      run%block(11) = zeros(size(statuses, kind=i8), 8)
+      if (.not. all([(c_associated(run%block(k)), k=8, 11)])) call lack_memory(run, error)
+      if (allocated(error)) return
+      associate (samples => run%samples)
+         call c_f_pointer(run%block(8), samples%bins, [n_sample_bins, n_quantities, parts, places])
+         call c_f_pointer(run%block(9), samples%groups, [n_coarse_bins, n_quantities, groups, places])
+         call c_f_pointer(run%block(10), samples%sums, [n_words, n_quantities, parts, places])
+         call c_f_pointer(run%block(11), samples%ended, [size(statuses)])
+      end associate
+      call make_largest(run, error)
+   end subroutine make_tallies
 
    !> Counts of bins of all cells, or of half as many as the system grants (the run needs memory for other
    !> things too): it takes the memory of a column when a boulder first passes the cell, and few may be passed.
@@ -311,49 +325,17 @@ contains
       call c_f_pointer(run%block(7), run%bin_counts, [int(run%plan%rows, i8), columns])
    end subroutine make_columns
 
-   !> Empty samples, where not all rows are kept.
-   subroutine make_samples(run, error)
-      type(run_t), intent(inout) :: run
-      type(error_t), allocatable, intent(out) :: error
-      integer :: parts, groups, places
-
-      if (.not. allocated(run%number)) return
-      parts = size(run%layout%part_last)
-      groups = size(run%layout%group_part)
-      places = size(run%line, 2) + 1
-      associate (samples => run%samples, n => int(n_quantities, i8)*places)
-         run%block(8) = zeros(n_sample_bins*parts*n, 4)
-         run%block(9) = zeros(n_coarse_bins*groups*n, 4)
-         run%block(10) = zeros(n_words*parts*n, 8)
-         run%block(11) = zeros(size(statuses, kind=i8), 8)
-         if (.not. all([c_associated(run%block(8)), c_associated(run%block(9)), c_associated(run%block(10)), &
-                        c_associated(run%block(11))])) then
-            call lack_memory(run, error)
-            return
-         end if
-         call c_f_pointer(run%block(8), samples%bins, [n_sample_bins, n_quantities, parts, places])
-         call c_f_pointer(run%block(9), samples%groups, [n_coarse_bins, n_quantities, groups, places])
-         call c_f_pointer(run%block(10), samples%sums, [n_words, n_quantities, parts, places])
-         call c_f_pointer(run%block(11), samples%ended, [size(statuses)])
-      end associate
-      call make_largest(run, error)
-   end subroutine make_samples
-
    !> Tails of samples, without a number.
    subroutine make_largest(run, error)
       type(run_t), intent(inout) :: run
       type(error_t), allocatable, intent(out) :: error
-      integer(i8) :: n
-      integer :: lines
+      integer :: shape(3)
 
-      n = min(run%total, int(n_largest, i8))
-      lines = size(run%line, 2)
-      run%block(12) = zeros(n*tails*lines, 8)
-      if (.not. c_associated(run%block(12))) then
-         call lack_memory(run, error)
-         return
-      end if
-      call c_f_pointer(run%block(12), run%samples%largest, [int(n), tails, lines])
+      shape = [int(min(run%total, int(n_largest, i8))), tails, size(run%line, 2)]
+      run%block(12) = zeros(product(int(shape, i8)), 8)
+      if (.not. c_associated(run%block(12))) call lack_memory(run, error)
+      if (allocated(error)) return
+      call c_f_pointer(run%block(12), run%samples%largest, shape)
       run%samples%largest = -1
    end subroutine make_largest
 
@@ -544,6 +526,12 @@ contains
       end if
       if (allocated(run%number)) call add_sample_arrays(run, table)
       call add_map_arrays(run, table)
+      if (allocated(run%vertex)) then
+         if (size(run%vertex) > 0) call table%add("vertex", "boulder", ["trajectory_vertex"], run%vertex_boulder)
+         do k = 1, merge(size(vertex_fields), 0, size(run%vertex) > 0)
+            call table%add("vertex", vertex_fields(k), ["trajectory_vertex"], run%vertex(:, k))
+         end do
+      end if
       if (.not. allocated(run%left)) return
       call table%add("work", "left", ["left"], run%left, "i8")
       call table%add("work", "left_at", [character(len=4) :: "left", "axis"], run%left_at, "f8")

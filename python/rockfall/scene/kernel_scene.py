@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
@@ -30,15 +32,8 @@ class KernelScene:
 
     def __init__(self, scene: Scene) -> None:
         self.name = scene.case.name
-        grid = scene.grid
-        first = scene.at[1] + 1, scene.at[0] + 1
-        nodes = grid.nx, grid.ny
-        self.handle = _core.new_scene(
-            grid.west, grid.north, grid.cell, nodes, first, scene.sets.draw
-        )
         self._arrays = scene_arrays(scene)
-        for name, array in self._arrays.items():
-            _core.give(self.handle, name, *place_of(array))
+        self.handle = _new_scene(scene, self._arrays)
         text = scene.case.text().encode()
         check_kernel(*_core.build_scene(self.handle, text, self.name.encode()))
         self._box: Box | None = None
@@ -58,10 +53,15 @@ class KernelScene:
         check_kernel(code, message, self.name)
 
 
-def place_of(array: np.ndarray) -> tuple[str, list[int], int]:
-    """Where an array is in memory, as the kernel wants it: kind, lengths (the first runs fastest),
-    address."""
-    return array.dtype.str[1:], [*array.shape[::-1], 1, 1, 1][:3], array.ctypes.data
+def _new_scene(scene: Scene, arrays: dict[str, np.ndarray]) -> int:
+    """The handle of a scene that has these arrays, and is not built."""
+    grid, (row, column) = scene.grid, scene.at
+    nodes, first = (grid.nx, grid.ny), (column + 1, row + 1)
+    handle = _core.new_scene(grid.west, grid.north, grid.cell, nodes, first, scene.sets.draw)
+    for name, array in arrays.items():
+        lengths = [*array.shape[::-1], 1, 1, 1][:3]  # the first runs fastest
+        _core.give(handle, name, array.dtype.str[1:], lengths, array.ctypes.data)
+    return handle
 
 
 def scene_arrays(scene: Scene) -> dict[str, np.ndarray]:
@@ -71,7 +71,7 @@ def scene_arrays(scene: Scene) -> dict[str, np.ndarray]:
     names = "\n".join(f"{one.name}\n{one.file}" for one in grounds).encode()
     of_sources = () if boulders is None else boulders._asdict().items()
     found: dict[str, Any] = {
-        "elevation": elevations(scene), "cell_size": scene.values, "zone": scene.zone,
+        "elevation": _elevations(scene), "cell_size": scene.values, "zone": scene.zone,
         "material_size": scene.sizes, "impact_sets": _bytes(scene.sets.text),
         "impact_sets_file": _bytes(scene.sets.name.encode()),
         "ground_text": _bytes(b"".join(one.text for one in grounds)),
@@ -98,25 +98,25 @@ def _bytes(text: bytes) -> np.ndarray:
     return np.frombuffer(text, "i1")
 
 
-def elevations(scene: Scene) -> np.ndarray:
+def _elevations(scene: Scene) -> np.ndarray:
     """Those of a scene, in the precision that they have."""
     z = scene.z if scene.z.size else NO_TERRAIN
     return np.require(z, "f4" if z.dtype == np.float32 else "f8", ["C", "A"])
 
 
-def on_raster(scene: Scene) -> tuple[np.ndarray, tuple]:
-    """Elevations, to be held as long as the kernel looks at them, and where they are in memory and
-    lie on the raster."""
-    z, grid = elevations(scene), scene.grid
-    place = grid.west, grid.north, grid.cell
-    nodes, at = (grid.nx, grid.ny), (scene.at[1] + 1, scene.at[0] + 1)
-    return z, (*place_of(z), place, nodes, at)
+@contextmanager
+def terrain_of(scene: Scene) -> Iterator[int]:
+    """The handle of the elevations of a scene alone."""
+    arrays = {"elevation": _elevations(scene)}
+    handle = _new_scene(scene, arrays)
+    yield handle
+    _core.close_scene(handle)
 
 
 def area_ratios(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Surface over plan area (Horn 1981) of the cells at places [m]."""
-    z, about = on_raster(scene)
-    return _core.area_ratios(*about, x, y)
+    with terrain_of(scene) as terrain:
+        return _core.area_ratios(terrain, x, y)
 
 
 def known_at(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -36,10 +36,8 @@ class Survey:
         output = scene.case.output
         if "maps" not in output or output["map_extent"] == "terrain":
             return grid.box
-        column, row, last_column, last_row = _core.reach(
-            (grid.nx, grid.ny), grid.west, grid.north, grid.cell, scene.x, scene.y,
-            self.minima, self.head[0],
-        ).tolist()  # fmt: skip
+        found = _core.reach(scene.kernel.handle, self.minima, self.head[0])
+        column, row, last_column, last_row = found.tolist()
         return Box(row - 1, column - 1, last_row, last_column)
 
 

@@ -96,15 +96,13 @@ class Tally:
     @property
     def rows(self) -> int:
         """Rows of the boulders done."""
-        number = self.number
-        if number is None:
+        if (number := self.number) is None:
             return self.done
         return int(np.searchsorted(number, self.before + self.done, side="right"))
 
     def numbers(self) -> np.ndarray:
         """The boulders of these rows."""
-        number = self.number
-        if number is None:
+        if (number := self.number) is None:
             return np.arange(self.before + 1, self.before + self.done + 1)
         return number[: self.rows]
 

@@ -15,7 +15,7 @@ from rockfall.io.grid import NO_ID, Box, row_blocks
 from rockfall.io.layers import numbered_polygons, read_points
 from rockfall.io.tables import read_columns
 from rockfall.limits import MAX_REAL
-from rockfall.scene.kernel_scene import area_ratios, on_raster
+from rockfall.scene.kernel_scene import area_ratios, terrain_of
 from rockfall.scene.layers import LAYERS, layer_blocks, note_layer
 from rockfall.scene.scene import Scene, SourceBoulders
 from rockfall.scene.sources.attributes import Table, read_attributes
@@ -36,11 +36,11 @@ def steep_blocks(
     scene: Scene, blocks: Iterable[tuple[slice, np.ndarray]]
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """Blocks of rows of possible source cells (above zero), less those that are not steep."""
-    z, about = on_raster(scene)
-    for rows, block in blocks:
-        cells = np.asfortranarray((block > 0).T, np.int16)
-        _core.steep_cells(*about, threshold(scene), rows.start + 1, cells)
-        yield rows, cells.T
+    with terrain_of(scene) as terrain:
+        for rows, block in blocks:
+            cells = np.asfortranarray((block > 0).T, np.int16)
+            _core.steep_cells(terrain, threshold(scene), rows.start + 1, cells)
+            yield rows, cells.T
 
 
 def refuse_by_area(scene: Scene, what: str) -> None:
