@@ -148,7 +148,7 @@ contains
       end select
    end subroutine give
 
-   !> Whether an array of this name stays the caller's.
+   !> Return whether an array with this name remains the caller's.
    pure logical function stays(name)
       character(len=*), intent(in) :: name
 
