@@ -105,7 +105,7 @@ contains
    subroutine run_to(output, scene, case, text, arguments, error)
       character(len=*), intent(in) :: output, scene
       type(case_t), intent(in), target :: case
-      character(len=*), intent(in) :: text  !! of the case, as it is run
+      character(len=*), intent(in) :: text  !! of the case, with options of the command line
       type(arguments_t), intent(in) :: arguments
       type(error_t), allocatable, intent(out) :: error
       type(inputs_t), target :: inputs

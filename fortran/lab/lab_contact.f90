@@ -125,7 +125,7 @@ contains
       real(wp), intent(in) :: closing  !! rate of overlap at the end of the step [m/s]
       real(wp), intent(in) :: slip(3)  !! velocity of the first surface over the second, tangential [m/s]
       real(wp), intent(in) :: turn(3)  !! spin of the first body relative to the second [rad/s]
-      real(wp), intent(in) :: rotation(3) !! of the contact during the step: of and about its normal [rad]
+      real(wp), intent(in) :: rotation(3) !! of the contact normal during the step, and about it [rad]
       real(wp), intent(in) :: dt       !! [s]
       type(touch_t), intent(inout) :: touch
       real(wp), intent(out) :: normal  !! force between the bodies, never attractive [N]

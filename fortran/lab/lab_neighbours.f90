@@ -22,7 +22,7 @@ module lab_neighbours
 
    type :: neighbours_t
       real(wp) :: skin = 0      !! [m]
-      integer :: n_large = 0    !! number of bodies, the last ones, much larger than the others; compared with all
+      integer :: n_large = 0    !! the last bodies, much larger than the others; compared with all
       integer :: n_pairs = 0
       type(pair_t), allocatable :: pair(:)  !! (n_pairs or more), by i
       integer, allocatable :: row(:)        !! pairs row(i) to row(i + 1) - 1 belong to i

@@ -13,7 +13,7 @@ module rockfall_barrier
    !> broken_through if it broke through once, even if it also passed over.
    integer, parameter :: stopped_there = 1, broken_through = 2, passed_over = 3
 
-   !> Energy classes of falling rock protection kits, EAD 340059-00-0106: maximum energy level of classes 0 to 7 [J].
+   !> Energy classes of EAD 340059-00-0106, falling rock protection kits: maximum energy level of classes 0 to 7 [J].
    !> Class 8 is declared by the manufacturer: give its capacity.
    real(wp), parameter :: ead_energy(0:7) = 1000*[100.0_wp, 250.0_wp, 500.0_wp, 1000.0_wp, 1500.0_wp, 2000.0_wp, &
                                                   3000.0_wp, 4500.0_wp]

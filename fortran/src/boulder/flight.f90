@@ -15,11 +15,11 @@ module rockfall_flight
 
    !> Start of a flight.
    type :: flight_t
-      type(patch_t) :: patch           !! the patch it starts over
+      type(patch_t) :: patch           !! patch below the start
       real(wp) :: x, y, z              !! [m]
       real(wp) :: v(3)                 !! [m/s]
       real(wp) :: above = 0.0_wp       !! height above the patch, >= 0 [m]
-      real(wp) :: rate                 !! its rate of change, known exactly after a rebound [m/s]
+      real(wp) :: rate                 !! rate of change of `above`, known exactly after a rebound [m/s]
       real(wp) :: heading(2) = 0.0_wp  !! of the tangential velocity after the rebound, in plan; any length
    end type flight_t
 

@@ -27,13 +27,13 @@ module rockfall_rolling
       real(wp) :: direction(3)         !! from start to end, unit [-]
       type(flight_t) :: path           !! straight to its end at the mean speed, to be followed without gravity
       type(landing_t) :: landing       !! its end: start of the next flight, or edge of the known terrain
-      logical :: drawn = .false.       !! contact from a table, along
-      real(wp) :: length = 0.0_wp      !! this distance [m], and ends with
-      real(wp) :: v(3) = 0.0_wp        !! this velocity [m/s],
-      real(wp) :: w = 0.0_wp           !! W = R_b omega [m/s],
-      real(wp) :: heading(2) = 0.0_wp  !! heading, of any length, and
-      real(wp) :: above = 0.0_wp       !! height above the ground [m]; it stays on for
-      real(wp) :: waits = 0.0_wp       !! this time at its end [s]
+      logical :: drawn = .false.       !! contact from a table; the following are valid
+      real(wp) :: length = 0.0_wp      !! distance along the ground [m]
+      real(wp) :: v(3) = 0.0_wp        !! velocity at the end [m/s]
+      real(wp) :: w = 0.0_wp           !! W = R_b omega at the end [m/s]
+      real(wp) :: heading(2) = 0.0_wp  !! heading at the end, of any length
+      real(wp) :: above = 0.0_wp       !! height above the ground at the end [m]
+      real(wp) :: waits = 0.0_wp       !! time spent waiting at the end [s]
    end type roll_t
 
    !> State that a boulder on a table's ground keeps of its last contact.

@@ -23,7 +23,7 @@ module rockfall_checkpoint
    type, extends(run_observer_t) :: checkpoint_t
       character(len=:), allocatable :: name
       type(case_t), pointer :: case => null()
-      character(len=:), allocatable :: text         !! of the case, as it is run
+      character(len=:), allocatable :: text         !! of the case, with options of the command line
       type(inputs_t), pointer :: inputs => null()
       real(wp) :: every = 0                         !! [s]; 0 = never
       procedure(say_to), pointer, nopass :: say => null()

@@ -39,7 +39,7 @@ contains
    subroutine write_part(name, part, case, text, inputs, run, error, trajectories)
       character(len=*), intent(in) :: name, part
       type(case_t), intent(in) :: case
-      character(len=*), intent(in) :: text  !! of the case, as it is run
+      character(len=*), intent(in) :: text  !! of the case, with options of the command line
       type(inputs_t), intent(in) :: inputs
       type(run_t), intent(inout), target :: run
       type(error_t), allocatable, intent(out) :: error
@@ -382,7 +382,7 @@ contains
    !> rejected.
    subroutine read_part(name, text, inputs, run, error)
       character(len=*), intent(in) :: name
-      character(len=*), intent(in) :: text  !! of the case, as it is run
+      character(len=*), intent(in) :: text  !! of the case, with options of the command line
       type(inputs_t), intent(in) :: inputs
       type(run_t), intent(inout), target :: run
       type(error_t), allocatable, intent(out) :: error

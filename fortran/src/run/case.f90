@@ -61,7 +61,7 @@ module rockfall_case
       type(case_line_t), allocatable :: lines(:)  !! given inline: evaluation lines, then barriers
       character(len=:), allocatable :: unread    !! a layer with more lines, barriers or dams, for messages; "": none
       logical :: map(n_maps) = .false.           !! requested, in the order of map_names
-      logical :: whole_maps = .false.            !! also where no boulder can come
+      logical :: whole_maps = .false.            !! maps also cover cells that no boulder can reach
       integer :: min_passages = 1              !! for a mean or a quantile in a cell
       logical :: rebounds = .false.
       logical :: energy_balance = .false.

@@ -19,7 +19,7 @@ module rockfall_flights
 
    integer, parameter :: lanes = 64  !! number of simultaneous flights; a multiple of `width`
    integer, parameter :: width = 4   !! flights per instruction on the widest processors
-   integer, parameter :: few = 12    !! flights below which landed boulders are handled first, to refill the lanes
+   integer, parameter :: few = 12    !! flights in the air below which landed boulders are handled, to refill the lanes
 
    !> Cell that each flight leaves.
    type :: cell_t

@@ -92,7 +92,7 @@ contains
                                                      sum(kinetic_energy(result%boulder, crossing%v, crossing%omega)))
    end function stands_in_way
 
-   !> Record the barriers that a boulder passed over at every crossing.
+   !> Record the barriers that a boulder crossed but never hit as passed over.
    pure subroutine note_passed_over(scene, result, crossings)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: result

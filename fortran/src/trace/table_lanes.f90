@@ -57,7 +57,7 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: next_w = 0                    !! W after the contact [m/s]
       real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0        !! of the next flight [m/s]
       real(wp), dimension(lanes) :: speed2 = 0, rate = 0, above = 0  !! of the next flight [m2/s2], [m/s], [m]
-      logical, dimension(lanes) :: fast = .false., walks = .false.   !! as in table_contact_t; its path is in
+      logical, dimension(lanes) :: fast = .false., walks = .false.   !! as in table_contact_t; path in `roll`
       type(roll_t) :: roll(lanes)
    end type table_batch_t
 
