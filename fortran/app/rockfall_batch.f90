@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What a procedure without an error may say.
+!> Warnings, which are not errors.
 module warnings
    use, intrinsic :: iso_fortran_env, only: error_unit
    implicit none
@@ -16,7 +16,7 @@ contains
    end subroutine warn
 end module warnings
 
-!> The standalone program: runs a case over a scene file, to a part file. Only here anything is printed, or stopped.
+!> Standalone program: runs a case on a scene file and writes a part file. Only this file prints or stops the program.
 program rockfall_batch
    use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
@@ -50,11 +50,11 @@ program rockfall_batch
    call main(code)
    flush (output_unit)
    flush (error_unit)
-   call end_at_once(code)  ! HDF5 would try once more to write what did not fit, and crash
+   call end_at_once(code)  ! HDF5 would retry the failed writes and crash
 
 contains
 
-   !> All variables live here, and are gone before the program stops.
+   !> Main procedure; all variables are local, so that they are finalised before the program stops.
    subroutine main(code)
       integer, intent(out) :: code
       type(arguments_t) :: arguments
@@ -78,7 +78,7 @@ contains
       write (error_unit, "(2a)") "rockfall-batch: ", one_line(error%message)
    end subroutine main
 
-   !> Nothing is read before it is sure that the result can be written.
+   !> Run a case. Input is read only after checking that the result can be written.
    subroutine run(arguments, error)
       type(arguments_t), intent(in) :: arguments
       type(error_t), allocatable, intent(out) :: error
@@ -105,7 +105,7 @@ contains
    subroutine run_to(output, scene, case, text, arguments, error)
       character(len=*), intent(in) :: output, scene
       type(case_t), intent(in), target :: case
-      character(len=*), intent(in) :: text  !! of the case, as it is run
+      character(len=*), intent(in) :: text  !! of the case, with options of the command line
       type(arguments_t), intent(in) :: arguments
       type(error_t), allocatable, intent(out) :: error
       type(inputs_t), target :: inputs
@@ -159,8 +159,8 @@ contains
       write (output_unit, "(a)") (trim(help(k)), k=1, size(help))
    end subroutine print_help
 
-   !> Refuse a place where nothing can be written, what is read, what is not a part of ours, and a part that is there,
-   !> unless it is to be replaced. What a stopped run left beside its checkpoint may go: check_checkpoint decides.
+   !> Reject an output that cannot be written, is an input, is not a part file, or exists without --overwrite. A result
+   !> next to the checkpoint of a stopped run may be replaced: check_checkpoint decides.
    subroutine check_output(output, arguments, scene, error)
       character(len=*), intent(in) :: output, scene
       type(arguments_t), intent(in) :: arguments
@@ -186,7 +186,7 @@ contains
       if (status /= 0) call fail(error, output//": cannot be written (is its folder writable?)")
    end subroutine check_output
 
-   !> Names of the evaluation lines of which no part lies over the terrain, with commas between.
+   !> Names of the evaluation lines that lie completely outside the terrain, separated by commas.
    pure function lines_outside(case, grid) result(names)
       type(case_t), intent(in) :: case
       type(grid_t), intent(in) :: grid
@@ -200,7 +200,7 @@ contains
       if (names /= "") names = names(3:)
    end function lines_outside
 
-   !> What a user wants to see first.
+   !> Print the main results.
    subroutine summary(case, state)
       type(case_t), intent(in) :: case
       type(run_t), intent(in) :: state
@@ -225,7 +225,7 @@ contains
          " s of CPU, ", state%threads, " threads)"
    end subroutine summary
 
-   !> What the rebounds followed.
+   !> Print the ground types and their rebounds.
    subroutine ground_summary(grounds, rebounds)
       type(ground_t), intent(in) :: grounds(:)
       integer(i8), intent(in) :: rebounds(:)

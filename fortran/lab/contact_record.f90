@@ -1,11 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The record of a contact in a sequence of contacts, of a block on a ground or of a boulder on rocks: what both
-!> laboratories throw, when a contact ends, and what is kept of it.
+!> Record of a contact in a sequence of contacts, of a block on a ground or of a boulder on rocks: the definition of
+!> throws, of the end of a contact, and of the recorded quantities, for both laboratories.
 !>
-!> A contact begins when the body touches the ground, and ends when it leaves it for a flight: upwards from
-!> the mean surface and past the top of its path, longer and higher than the limits below. Smaller hops, and
-!> hollows that it flies over while it falls, belong to the contact. One that lasts too long is cut into
-!> records.
+!> A contact begins when the body touches the ground, and ends when it leaves it for a flight: upwards from the mean
+!> surface and past the top of its path, longer and higher than the limits below. Smaller hops, and hollows crossed in
+!> the air while falling, belong to the contact. A contact that lasts too long is cut into records.
 module lab_contact_record
    use rockfall_kinds, only: wp
    use rockfall_math, only: degree, sine_cosine
@@ -15,58 +14,58 @@ module lab_contact_record
    public :: from_flight, from_rolling, flies, rolls_on, stops
    public :: cut, hop_time, hop_height, rest_energy, max_time
 
-   !> How a contact begins and ends.
+   !> States at the beginning and the end of a contact.
    integer, parameter :: from_flight = 0, from_rolling = 1
    integer, parameter :: flies = 0, rolls_on = 1, stops = 2
 
-   !> What is thrown, and how.
+   !> Initial conditions of a throw.
    type :: throw_t
       real(wp) :: place(2) = 0                     !! in plan, on the patch [m]
-      real(wp) :: downhill(2) = [1.0_wp, 0.0_wp]   !! direction in which the plane falls, unit [-]
+      real(wp) :: downhill(2) = [1.0_wp, 0.0_wp]   !! direction of the fall line, unit [-]
       real(wp) :: slope = 0                        !! of the mean surface [degrees]
       real(wp) :: speed = 10                       !! [m/s]
-      real(wp) :: angle = 30                       !! of the path from the mean surface, 90 = at right angles [degrees]
+      real(wp) :: angle = 30                       !! of the path from the mean surface, 90 = perpendicular [degrees]
       real(wp) :: spin = 0                         !! W/V [-]
       real(wp) :: orientation(4) = [1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp]  !! unit quaternion [-]
       real(wp) :: gravity = 9.81_wp                !! [m/s2]
    end type throw_t
 
-   !> A contact. Directions are those of the mean surface: along the heading before it, and normal to it.
+   !> Contact. Directions refer to the mean surface: along the heading before the contact, and normal to it.
    type :: contact_t
       integer :: entry = from_flight
       integer :: exit = flies
-      real(wp) :: downhill = 0      !! from the place of the throw to its beginning, along the fall line [m]
-      real(wp) :: heading(2) = 0    !! before it: components downhill and to the left of that, unit [-]
+      real(wp) :: downhill = 0      !! from the start of the throw to that of the contact, along the fall line [m]
+      real(wp) :: heading(2) = 0    !! before the contact: components downhill and to the left of it, unit [-]
       real(wp) :: incoming(3) = 0   !! (V_t, V_n, W) [m/s]
-      real(wp) :: outgoing(3) = 0   !! (V_t, V_n, W), gravity's work along the slope taken out [m/s]
+      real(wp) :: outgoing(3) = 0   !! (V_t, V_n, W), without the work of gravity along the slope [m/s]
       real(wp) :: lateral = 0       !! sine of the angle of V_t from the heading before, left > 0 [-]
       real(wp) :: duration = 0      !! [s]
-      real(wp) :: advance = 0       !! along the heading before [m]
+      real(wp) :: advance = 0       !! along the heading before the contact [m]
       real(wp) :: rise = 0          !! of the centre [m]
-      real(wp) :: height = 0        !! of the centre above the mean surface at the beginning [m]
-      real(wp) :: energy = 0        !! kinetic, after / before [-]
+      real(wp) :: height = 0        !! of the centre above the mean surface at the start [m]
+      real(wp) :: energy = 0        !! kinetic, after/before [-]
    end type contact_t
 
-   !> A motion at the beginning or the end of a contact.
+   !> State of motion at the beginning or the end of a contact.
    type :: instant_t
       real(wp) :: time = 0, x(3) = 0, v(3) = 0, spin(3) = 0, energy = 0
    end type instant_t
 
-   !> A throw: what was thrown, and its contacts.
+   !> Throw: its body, initial conditions, and contacts.
    type :: thrown_t
-      integer :: body = 0                          !! block, or layer of rocks
+      integer :: body = 0                          !! index of the block, or of the layer of rocks
       type(throw_t) :: throw
-      integer :: n = 0                             !! contacts
-      logical :: complete = .true.                 !! false: its time ran out, or it could not be followed
-      type(contact_t), allocatable :: contacts(:)  !! the first n are
+      integer :: n = 0                             !! number of contacts
+      logical :: complete = .true.                 !! false: time limit reached, or the motion could not be computed
+      type(contact_t), allocatable :: contacts(:)  !! only the first n are valid
    end type thrown_t
 
    ! in units of sqrt(R_b/g), R_b and g R_b
-   real(wp), parameter :: cut = 1.5_wp             !! a contact that lasts longer is cut: 0.3 s for R_b = 0.4 m
-   real(wp), parameter :: hop_time = 0.1_wp        !! a flight lasts longer
-   real(wp), parameter :: hop_height = 0.02_wp     !! and is higher
-   real(wp), parameter :: rest_energy = 0.005_wp   !! of a kilogram of a block at rest
-   real(wp), parameter :: max_time = 500           !! of a throw
+   real(wp), parameter :: cut = 1.5_wp             !! longer contacts are cut: 0.3 s for R_b = 0.4 m
+   real(wp), parameter :: hop_time = 0.1_wp        !! minimum duration of a flight
+   real(wp), parameter :: hop_height = 0.02_wp     !! minimum height of a flight
+   real(wp), parameter :: rest_energy = 0.005_wp   !! per mass, below which a block is at rest
+   real(wp), parameter :: max_time = 500           !! time limit of a throw
 
 contains
 
@@ -86,7 +85,7 @@ contains
       gravity = throw%gravity*[s*throw%downhill(1), s*throw%downhill(2), -c]
    end function fall_line_gravity
 
-   !> Velocity [m/s] and spin [rad/s] of a throw, down the fall line.
+   !> Initial velocity [m/s] and spin [rad/s] of a throw, down the fall line.
    pure function thrown_velocity(throw, radius) result(v)
       type(throw_t), intent(in) :: throw
       real(wp), intent(in) :: radius  !! R_b [m]
@@ -97,7 +96,7 @@ contains
       v(4:6) = throw%speed*throw%spin/radius*[-throw%downhill(2), throw%downhill(1), 0.0_wp]
    end function thrown_velocity
 
-   !> Of an angle of 0 to 90 degrees.
+   !> Sine and cosine of an angle from 0 to 90 degrees.
    pure subroutine sine_and_cosine(angle, s, c)
       real(wp), intent(in) :: angle  !! [degrees]
       real(wp), intent(out) :: s, c  !! [-]
@@ -109,7 +108,7 @@ contains
       end if
    end subroutine sine_and_cosine
 
-   !> A contact from its beginning to its end.
+   !> Build the record of a contact from its beginning and end.
    pure type(contact_t) function record(radius, throw, entry, exit, first, last) result(c)
       real(wp), intent(in) :: radius  !! R_b [m]
       type(throw_t), intent(in) :: throw
@@ -138,7 +137,7 @@ contains
 
    contains
 
-      !> V_t is below zero where the block was thrown back; the frame of its heading stays.
+      !> Split a velocity; V_t is negative if the block was thrown back, and the frame of its heading is kept.
       pure subroutine split(v, heading, c)
          real(wp), intent(in) :: v(2), heading(2)
          type(contact_t), intent(inout) :: c
@@ -159,7 +158,7 @@ contains
          if (any(v /= 0)) t = v/sqrt(sum(v**2))
       end function unit_vector
 
-      !> W = R_b omega about the axis in the surface across a direction: > 0 forward.
+      !> W = R_b omega about the axis in the surface normal to a direction: > 0 forward.
       pure real(wp) function rolling(now, t)
          type(instant_t), intent(in) :: now
          real(wp), intent(in) :: t(2)

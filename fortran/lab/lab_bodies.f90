@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Spheres in space: z up. Velocities and forces have six components: translation, then rotation.
+!> Spheres in three dimensions, z up. Velocities and forces have six components: translation, then rotation.
 module lab_bodies
    use rockfall_kinds, only: wp
    use rockfall_math, only: pi
@@ -11,18 +11,18 @@ module lab_bodies
       integer :: n = 0
       real(wp), allocatable :: x(:, :)        !! (3, n) centres [m]
       real(wp), allocatable :: v(:, :)        !! (6, n) velocity [m/s], spin [rad/s]
-      real(wp), allocatable :: a(:, :)        !! (6, n) their rates [m/s2], [rad/s2]
+      real(wp), allocatable :: a(:, :)        !! (6, n) accelerations [m/s2], [rad/s2]
       real(wp), allocatable :: f(:, :)        !! (6, n) contact force [N], moment [N m]
       real(wp), allocatable :: radius(:)      !! [m]
       real(wp), allocatable :: mass(:)        !! [kg]
-      real(wp), allocatable :: inverse(:, :)  !! (6, n) 1/mass thrice, 1/inertia thrice
+      real(wp), allocatable :: inverse(:, :)  !! (6, n) 1/mass three times, 1/inertia three times
    end type bodies_t
 
    real(wp), parameter :: inertia_factor = 0.4_wp  !! I/(m r**2)
 
 contains
 
-   !> Spheres at rest.
+   !> Create spheres at rest.
    pure type(bodies_t) function bodies(x, radius, density) result(b)
       real(wp), intent(in) :: x(:, :)                !! (3, n) [m]
       real(wp), intent(in) :: radius(:), density(:)  !! [m], [kg/m3]

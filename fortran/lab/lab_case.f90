@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The laboratory's case file: its groups and keys in one table. Defaults are those of the types;
-!> what can be packed, fired and thrown is for their modules to say. A case with a group &throw throws boulders
-!> at its layers; one without fires single impacts at them.
+!> Case file of the laboratory: its groups and keys in one table. Defaults are those of the types; limits of packings,
+!> shots and throws are checked by their modules. A case with a group &throw throws boulders at its layers; others fire
+!> single impacts at them.
 module lab_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -44,42 +44,42 @@ module lab_case
       key_t("throw", "slope", "range"), key_t("throw", "speed", "range"), &
       key_t("throw", "angle", "range"), key_t("throw", "spin", "range")]
 
-   !> Keys that say something of single impacts alone, GROUP.KEY.
+   !> Keys that apply to single impacts only, GROUP.KEY.
    character(len=19), parameter :: impact_alone(*) = [character(len=19) :: &
       "lab.layers", "lab.points", "lab.impacts", "packing.mean_radius", "impact.speed", "impact.angle", "impact.spin", &
       "impact.patience", "impact.spent", "impact.past", "impact.wait"]
 
    real(wp), parameter :: default_ratios(5) = [1.0_wp, 2.0_wp, 3.0_wp, 4.0_wp, 5.0_wp]  !! R_b/R_m
    integer, parameter :: max_ratios = 1000
-   integer(i8), parameter :: max_shots = 10_i8**6  !! layers, points on each, and impacts at each
+   integer(i8), parameter :: max_shots = 10_i8**6  !! maximum number of layers, points on each, and impacts at each
 
-   !> A case as read.
+   !> Case as read.
    type :: lab_case_t
       character(len=:), allocatable :: file, title
       integer(i8) :: seed = 1
       real(wp), allocatable :: ratios(:)  !! R_b/R_m; `default_ratios` unless given
-      integer(i8) :: layers = 50          !! for each ratio
-      integer(i8) :: points = 8           !! on each layer
-      integer(i8) :: impacts = 15         !! at each point
+      integer(i8) :: layers = 50          !! per ratio
+      integer(i8) :: points = 8           !! per layer
+      integer(i8) :: impacts = 15         !! per point
       type(material_t) :: material
       type(packing_t) :: packing
-      type(shot_t) :: shot                !! see `shot_of_ratio`
+      type(shot_t) :: shot                !! template, see `shot_of_ratio`
       type(range_t) :: range
-      logical :: throwing = .false.       !! it has a group &throw
-      real(wp), allocatable :: throws(:)  !! for each ratio, or one number for all
+      logical :: throwing = .false.       !! the case has a group &throw
+      real(wp), allocatable :: throws(:)  !! per ratio, or one number for all
       integer(i8) :: on_layer = 20        !! throws at each layer
-      integer(i8) :: contacts = 8         !! of a throw, at most
-      real(wp) :: max_depth = 12          !! of a layer where it is less than &packing depth [R_m]
-      type(boulder_t) :: boulder          !! what is thrown; density and step are those of &impact
+      integer(i8) :: contacts = 8         !! maximum number per throw
+      real(wp) :: max_depth = 12          !! of a layer, if less than &packing depth [R_m]
+      type(boulder_t) :: boulder          !! thrown boulder; density and step are those of &impact
       type(throw_range_t) :: throw_range
    end type lab_case_t
 
 contains
 
-   !> The case in a text; one clear error for anything that is not as it must be.
+   !> Read a case from text, with one error for the first invalid item.
    pure subroutine read_lab_case(text, file, case, error)
       character(len=*), intent(in) :: text
-      character(len=*), intent(in) :: file  !! its name, for messages
+      character(len=*), intent(in) :: file  !! file name, for messages
       type(lab_case_t), intent(out) :: case
       type(error_t), allocatable, intent(out) :: error
       type(namelist_t) :: list
@@ -106,7 +106,7 @@ contains
       call check_lab_case(case, error)
    end subroutine read_lab_case
 
-   !> What is fired at a ratio R_b/R_m, but for speed, angle, spin and aim, which are drawn.
+   !> Template of the shots at a ratio R_b/R_m; speed, angle, spin and aim are drawn.
    pure type(shot_t) function shot_of_ratio(case, ratio) result(shot)
       type(lab_case_t), intent(in) :: case
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
@@ -116,8 +116,8 @@ contains
       shot%gravity = case%packing%gravity
    end function shot_of_ratio
 
-   !> What is packed at a ratio R_b/R_m. Boulders that are thrown have one size, whatever the rocks; a layer of small
-   !> rocks need not be as deep as the boulder is large: the base takes what comes down.
+   !> Packing at a ratio R_b/R_m. Thrown boulders have the same size for all rocks; a layer of small rocks may be less
+   !> deep than the boulder is large: the base absorbs waves.
    pure type(packing_t) function packing_of_ratio(case, ratio) result(packing)
       type(lab_case_t), intent(in) :: case
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
@@ -129,7 +129,7 @@ contains
       packing%depth = min(packing%depth, case%max_depth/ratio)
    end function packing_of_ratio
 
-   !> Refuse a key that would say nothing of throws.
+   !> Reject a key that does not apply to throws.
    pure subroutine refuse_impact_alone(group, error)
       type(group_t), intent(in) :: group
       type(error_t), allocatable, intent(out) :: error
@@ -144,7 +144,7 @@ contains
       end do
    end subroutine refuse_impact_alone
 
-   !> What a group says, in place of the defaults.
+   !> Apply the values of a group to the defaults.
    pure subroutine take_group(group, case, error)
       type(group_t), intent(in) :: group
       type(lab_case_t), intent(inout) :: case
@@ -224,7 +224,7 @@ contains
       end do
    end subroutine take_plan
 
-   !> Refuse a plan out of its bounds, and what cannot be packed, fired or thrown.
+   !> Check the limits of a plan, and that its layers, shots and throws are possible.
    pure subroutine check_lab_case(case, error)
       type(lab_case_t), intent(in) :: case
       type(error_t), allocatable, intent(out) :: error

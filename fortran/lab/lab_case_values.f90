@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Values of a laboratory's case file, as rows of numbers.
+!> Values of a laboratory case file, as rows of numbers.
 module lab_case_values
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -18,10 +18,10 @@ module lab_case_values
 
 contains
 
-   !> Numbers with the names of a row, each into its place.
+   !> Read the named numbers of a row.
    pure subroutine take_row(group, table, names, row, error)
       type(group_t), intent(in) :: group
-      type(key_t), intent(in) :: table(:)           !! which has the kinds of the keys
+      type(key_t), intent(in) :: table(:)           !! kinds of the keys
       character(len=*), intent(in) :: names(:)
       real(wp), intent(inout) :: row(:)  !! each in the [unit] of its key
       type(error_t), allocatable, intent(out) :: error
@@ -34,7 +34,7 @@ contains
       end do
    end subroutine take_row
 
-   !> A real, integer or logical as the number that a row holds.
+   !> Read a real, integer or logical as a number of a row.
    pure subroutine take_number(group, table, key, number, error)
       type(group_t), intent(in) :: group
       type(key_t), intent(in) :: table(:)
@@ -63,7 +63,7 @@ contains
       end select
    end subroutine take_number
 
-   !> Minimum, median and maximum of what is drawn, or minimum and maximum.
+   !> Read a range: minimum, median and maximum, or minimum and maximum.
    pure subroutine take_range(group, key, range, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
@@ -90,7 +90,7 @@ contains
       end if
    end subroutine take_range
 
-   !> Refuse a whole number of &lab out of its bounds.
+   !> Check the limits of an integer of &lab.
    pure subroutine check_whole(file, key, value, min, max, error)
       character(len=*), intent(in) :: file, key
       integer(i8), intent(in) :: value, min, max

@@ -1,8 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The law of a contact between two spheres, or a sphere and a plane, in space: Hertz along the
-!> normal, Mindlin's spring with Coulomb's limit in the tangent plane, and, on request, a viscous
-!> normal part and a resistance to rolling. Pure: the caller knows the geometry, and keeps what a
-!> contact remembers.
+!> Contact model for two spheres, or a sphere and a plane: Hertz along the normal, Mindlin's spring with Coulomb's
+!> limit in the tangent plane, and optionally viscous normal damping and rolling resistance. Pure: the caller provides
+!> the geometry, and stores the state of contacts.
 module lab_contact
    use rockfall_kinds, only: wp
    use rockfall_error, only: error_t, fail
@@ -17,12 +16,12 @@ module lab_contact
       real(wp) :: young = 1.0e9_wp   !! [Pa]
       real(wp) :: poisson = 0.25_wp  !! [-]
       real(wp) :: friction = 0.5_wp  !! Coulomb coefficient [-]
-      real(wp) :: damping = 0.0_wp   !! viscous share of the critical one [-]: see `press`
+      real(wp) :: damping = 0.0_wp   !! fraction of critical damping [-]: see `press`
       real(wp) :: rolling = 0.0_wp   !! max rolling moment / (R* normal force), rock on rock [-]
-      real(wp) :: boulder_rolling = 0.0_wp !! the same, boulder on rock [-]
+      real(wp) :: boulder_rolling = 0.0_wp !! as `rolling`, boulder on rock [-]
    end type material_t
 
-   !> What two given bodies share in every contact.
+   !> Contact parameters of a given pair of bodies.
    type :: law_t
       real(wp) :: hertz = 0    !! normal force / overlap**1.5 [N/m1.5]
       real(wp) :: mindlin = 0  !! tangential stiffness / overlap**0.5 [N/m1.5]
@@ -30,24 +29,24 @@ module lab_contact
       real(wp) :: bending = 0  !! rolling stiffness / overlap**0.5 [N m0.5]
       real(wp) :: friction = 0 !! max tangential / normal force [-]
       real(wp) :: rolling = 0  !! max rolling moment / normal force [m]
-      real(wp) :: share = 0    !! of the overlap that lies in the first body [-]
+      real(wp) :: share = 0    !! fraction of the overlap in the first body [-]
       real(wp) :: mass = 0     !! reduced mass m* [kg]
    end type law_t
 
-   !> What a contact remembers.
+   !> State of a contact.
    type :: touch_t
       real(wp) :: root = 0       !! square root of the overlap; 0: apart [m0.5]
       real(wp) :: shear(3) = 0   !! tangential force on the first body [N]
       real(wp) :: moment(3) = 0  !! rolling moment on the first body [N m]
    end type touch_t
 
-   ! Beyond, a contact's viscous or rolling part is stiffer than its normal spring, from which the
-   ! step is taken, and the motion goes wrong without any sign.
+   ! Beyond these, the viscous or rolling part of a contact is stiffer than its normal spring, which determines the
+   ! step, and the motion becomes wrong without notice.
    real(wp), parameter :: max_damping = 1, max_rolling = 2
 
 contains
 
-   !> Refuse what is no material.
+   !> Check the properties of a material.
    pure subroutine check_material(material, error)
       type(material_t), intent(in) :: material
       type(error_t), allocatable, intent(out) :: error
@@ -67,7 +66,7 @@ contains
       end if
    end subroutine check_material
 
-   !> The law between two spheres.
+   !> Contact parameters of two spheres.
    elemental type(law_t) function pair_law(material, r1, m1, r2, m2, rolling) result(law)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: r1, r2   !! radii [m]
@@ -78,7 +77,7 @@ contains
       law%share = r2/(r1 + r2)
    end function pair_law
 
-   !> The law between a sphere and a fixed plane.
+   !> Contact parameters of a sphere and a fixed plane.
    elemental type(law_t) function plane_law(material, r, m, rolling) result(law)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: r, m     !! [m], [kg]
@@ -88,18 +87,17 @@ contains
       law%share = 1
    end function plane_law
 
-   !> Hertz: F = 4/3 E* sqrt(R*) d**1.5. Mindlin without slip: k_t = 8 G* sqrt(R* d). The viscous
-   !> part of Tsuji et al. (1992), c = sqrt(5) damping sqrt(m* K) d**0.25 with K = F/d**1.5: in
-   !> terms of d**1.25 the collision is that of a linear oscillator with this share of critical
-   !> damping, at any speed (Antypov & Elliott 2011). Rolling as type C of Ai et al. (2011), a
-   !> spring with a limit, without their viscous part: k_r = 2.25 k_n (rolling R*)**2.
+   !> Hertz: F = 4/3 E* sqrt(R*) d**1.5. Mindlin without slip: k_t = 8 G* sqrt(R* d). Viscous part of Tsuji et al.
+   !> (1992), c = sqrt(5) damping sqrt(m* K) d**0.25 with K = F/d**1.5: in terms of d**1.25 the collision is a linear
+   !> oscillator with this fraction of critical damping, at any speed (Antypov & Elliott 2011). Rolling as type C of Ai
+   !> et al. (2011), a spring with a limit, without the viscous part: k_r = 2.25 k_n (rolling R*)**2.
    elemental type(law_t) function contact_law(material, radius, mass, rolling) result(law)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: radius, mass  !! R* [m], m* [kg]
       real(wp), intent(in) :: rolling       !! [-]
       real(wp) :: shear_modulus
 
-      ! G* of two alike
+      ! G* of two bodies of the same material
       shear_modulus = material%young/(4*(2 - material%poisson)*(1 + material%poisson))
       law%hertz = 4.0_wp/3*reduced_modulus(material)*sqrt(radius)
       law%mindlin = 8*shear_modulus*sqrt(radius)
@@ -117,10 +115,9 @@ contains
       reduced_modulus = material%young/(2*(1 - material%poisson**2))
    end function reduced_modulus
 
-   !> One time step of a contact. The normal force comes from the state at the end of the step, the
-   !> changes of the springs from the rates in its middle: of second order, both. A spring keeps its
-   !> force while the overlap grows and its length while it shrinks, so that no cycle of load and slip
-   !> yields energy. It turns with the contact.
+   !> Advance a contact by one time step. The normal force is that of the state at the end of the step, the increments
+   !> of the springs use the rates at its middle: both of second order. A spring keeps its force while the overlap grows
+   !> and its length while it shrinks, so that no cycle of load and slip yields energy. It rotates with the contact.
    pure subroutine press(law, n, overlap, closing, slip, turn, rotation, dt, touch, normal)
       type(law_t), intent(in) :: law
       real(wp), intent(in) :: n(3)     !! unit normal at the end of the step, first to second [-]
@@ -128,10 +125,10 @@ contains
       real(wp), intent(in) :: closing  !! rate of overlap at the end of the step [m/s]
       real(wp), intent(in) :: slip(3)  !! velocity of the first surface over the second, tangential [m/s]
       real(wp), intent(in) :: turn(3)  !! spin of the first body relative to the second [rad/s]
-      real(wp), intent(in) :: rotation(3) !! of the contact in the step: its normal's, and about it [rad]
+      real(wp), intent(in) :: rotation(3) !! of the contact normal during the step, and about it [rad]
       real(wp), intent(in) :: dt       !! [s]
       type(touch_t), intent(inout) :: touch
-      real(wp), intent(out) :: normal  !! force between the bodies, never attraction [N]
+      real(wp), intent(out) :: normal  !! force between the bodies, never attractive [N]
       real(wp) :: root, before, mean, kept, time
 
       root = sqrt(overlap)
@@ -143,11 +140,11 @@ contains
          mean = root
          if (root < before) then
             kept = root/before
-         else  ! the mean of sqrt(d) as d grows evenly
+         else  ! mean of sqrt(d) for a linear growth of d
             mean = 2*(overlap + before*(root + before))/(3*(root + before))
          end if
          time = dt
-         ! it began within the step
+         ! the contact began within the step
          if (before <= 0 .and. closing*dt > overlap) time = overlap/closing
          touch%shear = in_plane(moved(kept*touch%shear, (-law%mindlin*mean*time)*slip, rotation), n)
          call limit(touch%shear, law%friction*normal)
@@ -159,7 +156,7 @@ contains
       touch%root = root
    end subroutine press
 
-   !> A vector that changes evenly while it turns, to second order in the rotation.
+   !> Vector that changes linearly while it rotates, to second order in the rotation.
    pure function moved(before, change, rotation) result(now)
       real(wp), intent(in) :: before(3), change(3)  !! [N] or [N m]
       real(wp), intent(in) :: rotation(3)           !! [rad]
@@ -168,7 +165,7 @@ contains
       now = before + change + cross(rotation, before + 0.5_wp*(change + cross(rotation, before)))
    end function moved
 
-   !> The part of a vector in the plane of a normal.
+   !> Component of a vector in the plane of a normal.
    pure function in_plane(v, n)
       real(wp), intent(in) :: v(3), n(3)  !! any [unit], unit normal [-]
       real(wp) :: in_plane(3)
@@ -183,7 +180,7 @@ contains
       cross = [a(2)*b(3) - a(3)*b(2), a(3)*b(1) - a(1)*b(3), a(1)*b(2) - a(2)*b(1)]
    end function cross
 
-   !> Shorten a vector to a length.
+   !> Limit the length of a vector.
    pure subroutine limit(v, length)
       real(wp), intent(inout) :: v(3)  !! any [unit]
       real(wp), intent(in) :: length   !! >= 0, the same [unit]
@@ -193,7 +190,7 @@ contains
       if (square > length**2) v = v*(length/sqrt(square))
    end subroutine limit
 
-   !> Energy in the springs of a contact [J].
+   !> Elastic energy stored in a contact [J].
    elemental real(wp) function stored_energy(law, touch) result(energy)
       type(law_t), intent(in) :: law
       type(touch_t), intent(in) :: touch
@@ -206,7 +203,7 @@ contains
                                     + 0.5_wp*sum(touch%moment**2)/(law%bending*touch%root)
    end function stored_energy
 
-   !> Duration of Hertz's elastic collision [s]: 2.868 (m***2/(R* E***2 v))**(1/5).
+   !> Duration of an elastic Hertzian collision [s]: 2.868 (m***2/(R* E***2 v))**(1/5).
    elemental real(wp) function collision_time(material, radius, mass, speed) result(time)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: radius, mass  !! R* [m], m* [kg]
@@ -218,7 +215,7 @@ contains
       time = coefficient*exponential(logarithm(time)/5)
    end function collision_time
 
-   !> Time in which a Rayleigh wave goes half round a sphere [s].
+   !> Time in which a Rayleigh wave travels half round a sphere [s].
    elemental real(wp) function rayleigh_time(material, radius, density) result(time)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: radius, density  !! [m], [kg/m3]

@@ -1,7 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Many layers, many impacts. With `lab_throws` the only file of the laboratory with threads. A layer is a pure
-!> function of (seed, ratio, layer), an impact of (seed, layer, point, impact), so threads and chunks
-!> cannot change a bit.
+!> Many layers, many impacts. Only this file and `lab_throws` use threads in the laboratory. A layer is a pure function
+!> of (seed, ratio, layer), an impact of (seed, layer, point, impact), so threads and chunks cannot change a bit.
 module lab_ensemble
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -17,16 +16,16 @@ module lab_ensemble
 
    integer(i8), parameter :: for_point = 66, for_shot = 67  !! purposes of random numbers
 
-   !> Incident states: half of them below the middle value, uniform on either side of it.
+   !> Ranges of incident states: half of the draws below the median, uniform on either side of it.
    type :: range_t
       real(wp) :: speed(3) = [2.0_wp, 10.0_wp, 25.0_wp]  !! min, median, max [m/s]
       real(wp) :: angle(3) = [3.0_wp, 20.0_wp, 60.0_wp]  !! from the surface [degrees]
       real(wp) :: spin(3) = [-0.5_wp, 0.25_wp, 1.0_wp]   !! W/V [-]
    end type range_t
 
-   !> Which impact it is.
+   !> Identity of an impact.
    type :: identity_t
-      integer :: place = 1        !! of its layer among those given
+      integer :: place = 1        !! index of its layer among those given
       integer(i8) :: layer = 1    !! number of the layer, below 2**31
       integer(i8) :: point = 1    !! number of the point on the layer, below 2**32
       integer(i8) :: impact = 1   !! number of the impact at the point, below 2**32
@@ -34,7 +33,7 @@ module lab_ensemble
 
 contains
 
-   !> Refuse ranges of which some shot cannot be fired.
+   !> Reject ranges that include invalid shots.
    pure subroutine check_range(template, range, error)
       type(shot_t), intent(in) :: template
       type(range_t), intent(in) :: range
@@ -62,7 +61,7 @@ contains
       rises = limits(1) <= limits(2) .and. limits(2) <= limits(3)
    end function rises
 
-   !> The shot of an impact: all impacts at a point have the same aim and heading.
+   !> Draw the shot of an impact: all impacts at a point have the same aim and heading.
    pure type(shot_t) function draw_shot(template, range, key, id) result(shot)
       type(shot_t), intent(in) :: template
       type(range_t), intent(in) :: range
@@ -88,7 +87,7 @@ contains
       shot%spin = between(range%spin, uniform(word(3)))
    end function draw_shot
 
-   !> Half of the draws below the median, half above, each half uniform.
+   !> Draw a number: half of the draws below the median, half above, uniform in each half.
    pure real(wp) function between(limits, u)
       real(wp), intent(in) :: limits(3)  !! min, median, max, any [unit]
       real(wp), intent(in) :: u          !! uniform in (0, 1) [-]
@@ -100,8 +99,7 @@ contains
       end if
    end function between
 
-   !> Layers `first` to `first + size(layers) - 1`; the error is that of the first layer that
-   !> failed.
+   !> Pack layers `first` to `first + size(layers) - 1`; the error is that of the first layer that failed.
    subroutine pack_layers(packing, material, key, first, threads, layers, error)
       type(packing_t), intent(in) :: packing
       type(material_t), intent(in) :: material

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The Python interface of the laboratory: plain arrays, whose order `names` tells. No physics here.
+!> Python interface of the laboratory: plain arrays in the order given by `names`. No physics here.
 module lab_f2py
    use iso_c_binding, only: c_double, c_int, c_int32_t, c_int64_t
    use rockfall_error, only: error_t, fail, give_error
@@ -36,9 +36,9 @@ module lab_f2py
 
 contains
 
-   !> Names in the order of the arrays: 1 material, 2 packing, 3 shot, 4 ranges, 5 outcome, 6 its
-   !> counts, 7 layer; 8 the statuses of an outcome, from 1; of blocks 9 ground, 10 ranges of throws, 11 contact,
-   !> 12 its counts, 13 plan; of boulders thrown at rocks 15 what is thrown, 16 keys that have no use there.
+   !> Names in the order of the arrays: 1 material, 2 packing, 3 shot, 4 ranges, 5 outcome, 6 its counts, 7 layer; 8 the
+   !> statuses of an outcome, from 1; of blocks 9 ground, 10 ranges of throws, 11 contact, 12 its counts, 13 plan; of
+   !> boulders thrown at rocks 15 boulder, 16 keys that do not apply to them.
    subroutine names(kind, text)
       integer(c_int), intent(in) :: kind
       character(len=512), intent(out) :: text
@@ -63,9 +63,9 @@ contains
       end select
    end subroutine names
 
-   !> Defaults in the order of `names(kind)`, of its kinds 1 to 4, 10 and 13; 5 is the plan: seed, five ratios,
-   !> layers, points, impacts; 14 that of throws: seed, throws, contacts;
-   !> 15 of a boulder, 16 of its throws: throws, throws at a layer, contacts, greatest depth of a layer.
+   !> Defaults in the order of `names(kind)`, for its kinds 1 to 4, 10 and 13; 5 is the plan: seed, five ratios, layers,
+   !> points, impacts; 14 that of throws: seed, throws, contacts; 15 of a boulder, 16 of its throws: throws, throws at a
+   !> layer, contacts, maximum depth of a layer.
    subroutine defaults(kind, row)
       integer(c_int), intent(in) :: kind
       real(c_double), intent(out) :: row(16)
@@ -94,7 +94,7 @@ contains
       end select
    end subroutine defaults
 
-   !> Refuse the text of a laboratory case that is not as it must be.
+   !> Check the text of a laboratory case.
    subroutine check_case(text, name, code, message)
       character(len=*), intent(in) :: text, name
       integer(c_int), intent(out) :: code
@@ -106,7 +106,7 @@ contains
       call give_error(error, code, message)
    end subroutine check_case
 
-   !> 1 if the text is that of a case of blocks, 0 if not.
+   !> Return 1 if the text is a case of blocks, else 0.
    subroutine names_ground(text, name, yes)
       character(len=*), intent(in) :: text, name
       integer(c_int), intent(out) :: yes
@@ -114,7 +114,7 @@ contains
       yes = merge(1, 0, is_block_case(text, name))
    end subroutine names_ground
 
-   !> Refuse the text of a case of blocks that is not as it must be.
+   !> Check the text of a case of blocks.
    subroutine check_block_case(text, name, code, message)
       character(len=*), intent(in) :: text, name
       integer(c_int), intent(out) :: code
@@ -126,7 +126,7 @@ contains
       call give_error(error, code, message)
    end subroutine check_block_case
 
-   !> Threads that are used when `threads` are asked for.
+   !> Number of threads used for a requested number.
    subroutine team(threads, size)
       integer(c_int), intent(in) :: threads
       integer(c_int), intent(out) :: size
@@ -134,7 +134,7 @@ contains
       size = team_size(threads)
    end subroutine team
 
-   !> What a trouble number of an outcome means.
+   !> Description of the trouble code of an outcome.
    subroutine trouble_text(trouble, text)
       integer(c_int), intent(in) :: trouble
       character(len=512), intent(out) :: text
@@ -142,7 +142,7 @@ contains
       text = trouble_words(trouble)
    end subroutine trouble_text
 
-   !> Greatest number of bodies in a layer.
+   !> Maximum number of bodies in a layer.
    subroutine room_for_layer(packing, room, code, message)
       real(c_double), intent(in) :: packing(11)
       integer(c_int), intent(out) :: room, code
@@ -155,17 +155,17 @@ contains
       call give_error(error, code, message)
    end subroutine room_for_layer
 
-   !> Layers `first` to `first + n - 1` of a seed.
+   !> Pack layers `first` to `first + n - 1` of a seed.
    subroutine pack(material, packing, seed, first, threads, x, radius, bodies, facts, code, &
       message, room, n)
       !f2py threadsafe
-      integer(c_int), intent(in) :: room, n           !! bodies at most in a layer, layers
+      integer(c_int), intent(in) :: room, n           !! maximum number of bodies in a layer, number of layers
       real(c_double), intent(in) :: material(6), packing(11)
       integer(c_int64_t), intent(in) :: seed, first
       integer(c_int), intent(in) :: threads           !! 0: all
       real(c_double), intent(out) :: x(3, room, n)    !! centres [m]
       real(c_double), intent(out) :: radius(room, n)  !! [m]
-      integer(c_int32_t), intent(out) :: bodies(n)    !! in each layer
+      integer(c_int32_t), intent(out) :: bodies(n)    !! per layer
       real(c_double), intent(out) :: facts(6, n)      !! names(7)
       integer(c_int), intent(out) :: code
       character(len=512), intent(out) :: message
@@ -198,17 +198,17 @@ contains
       end do
    end subroutine pack
 
-   !> Impacts on layers: shot k is number impact(k) at point(k) of layer number layer(k), which is
-   !> given at place(k) = 1, 2, ... of the arrays.
+   !> Fire impacts at layers: shot k is number impact(k) at point(k) of layer number layer(k), which is element place(k)
+   !> of the arrays.
    subroutine impact(material, packing, shot, ranges, seed, threads, x, radius, bodies, facts, &
                      place, layer, point, number, outcome, counts, code, message, room, nl, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: room, nl, n
       real(c_double), intent(in) :: material(6), packing(11), ranges(9)
-      real(c_double), intent(in) :: shot(16)           !! its speed, angle, spin and aim are drawn
+      real(c_double), intent(in) :: shot(16)           !! template: speed, angle, spin and aim are drawn
       integer(c_int64_t), intent(in) :: seed
       integer(c_int), intent(in) :: threads            !! 0: all
-      real(c_double), intent(in) :: x(3, room, nl), radius(room, nl), facts(6, nl)  !! as from pack
+      real(c_double), intent(in) :: x(3, room, nl), radius(room, nl), facts(6, nl)  !! from `pack`
       integer(c_int32_t), intent(in) :: bodies(nl)
       integer(c_int32_t), intent(in) :: place(n)
       integer(c_int64_t), intent(in) :: layer(n), point(n), number(n)
@@ -247,8 +247,8 @@ contains
       end do
    end subroutine impact
 
-   !> Throws `first` to `first + n - 1` of a seed, each with its first contacts. The vertices and facets of
-   !> all blocks follow one another: vertices(k) and facets(k) of them are of block k.
+   !> Throw `first` to `first + n - 1` of a seed, each with its first contacts. The vertices and facets of all blocks
+   !> are concatenated: block k has vertices(k) and facets(k) of them.
    subroutine throw(ground, ranges, radius, density, x, corner, vertices, facets, heights, width, step, seed, first, &
                     threads, contacts, rows, counts, found, complete, inertia, code, message, nv, nf, nb, nc, np, n)
       !f2py threadsafe
@@ -259,12 +259,12 @@ contains
       integer(c_int32_t), intent(in) :: corner(3, nf)             !! from 1 for each block
       integer(c_int32_t), intent(in) :: vertices(nb), facets(nb)
       real(c_double), intent(in) :: heights(nc, nc, np), width    !! of patches [m]
-      real(c_double), intent(in) :: step                          !! time step over the usual one
+      real(c_double), intent(in) :: step                          !! time step relative to the default
       integer(c_int64_t), intent(in) :: seed, first
       integer(c_int), intent(in) :: threads                       !! 0: all
       real(c_double), intent(out) :: rows(16, contacts, n)        !! names(11)
       integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! names(12)
-      integer(c_int32_t), intent(out) :: found(n), complete(n)    !! contacts; 0: the time ran out
+      integer(c_int32_t), intent(out) :: found(n), complete(n)    !! number of contacts; 0: time limit reached
       real(c_double), intent(out) :: inertia(nb)                  !! mean principal moment/(m R_b**2)
       integer(c_int), intent(out) :: code
       character(len=512), intent(out) :: message
@@ -314,22 +314,22 @@ contains
       end do
    end subroutine throw
 
-   !> Throws of boulders at layers of rocks: the throw of number(k) is at layer number layer(k), which is given at
-   !> place(k) = 1, 2, ... of the arrays.
+   !> Throw boulders at layers of rocks: throw number(k) is at layer number layer(k), which is element place(k) of the
+   !> arrays.
    subroutine throw_at_rocks(material, packing, boulder, ranges, seed, threads, x, radius, bodies, facts, place, &
                              layer, number, contacts, rows, counts, found, complete, code, message, room, nl, n)
       !f2py threadsafe
-      integer(c_int), intent(in) :: room, nl, n, contacts         !! contacts: of a throw, at most
+      integer(c_int), intent(in) :: room, nl, n, contacts         !! contacts: maximum per throw
       real(c_double), intent(in) :: material(6), packing(11), boulder(5), ranges(12)
       integer(c_int64_t), intent(in) :: seed
       integer(c_int), intent(in) :: threads                       !! 0: all
-      real(c_double), intent(in) :: x(3, room, nl), radius(room, nl), facts(6, nl)  !! as from pack
+      real(c_double), intent(in) :: x(3, room, nl), radius(room, nl), facts(6, nl)  !! from `pack`
       integer(c_int32_t), intent(in) :: bodies(nl)
       integer(c_int32_t), intent(in) :: place(n), layer(n)
       integer(c_int64_t), intent(in) :: number(n)
       real(c_double), intent(out) :: rows(16, contacts, n)        !! names(11)
       integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! names(12)
-      integer(c_int32_t), intent(out) :: found(n), complete(n)    !! contacts; 0: cut short
+      integer(c_int32_t), intent(out) :: found(n), complete(n)    !! number of contacts; 0: incomplete
       integer(c_int), intent(out) :: code
       character(len=512), intent(out) :: message
       type(layer_t), allocatable :: layers(:)
@@ -383,8 +383,7 @@ contains
       layer%solid = facts(3)
    end function layer_of
 
-   !> What Fortran would otherwise read beyond its arrays, and numbers that would share random
-   !> words.
+   !> Check indices that would exceed the arrays, and numbers that would share random words.
    pure subroutine check_places(room, bodies, place, layer, point, number, error)
       integer(c_int), intent(in) :: room
       integer(c_int32_t), intent(in) :: bodies(:), place(:)

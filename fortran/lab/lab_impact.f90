@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A boulder, a sphere, hits a layer. It starts at its first contact, and is followed until it has left
-!> for good or has passed its peak. Velocities are (V_t, V_n, W) of the trajectory kernel: V_t the
-!> horizontal speed, V_n > 0 away from the surface, W = R_b omega about the horizontal normal of V_t,
-!> > 0 for forward rolling. How far V_t has turned is kept beside them.
+!> Impact of a boulder, a sphere, on a layer. It starts at the first contact, and is followed until the boulder has left
+!> for good or has passed its peak. Velocities are (V_t, V_n, W) as in the trajectory kernel: V_t the horizontal speed,
+!> V_n > 0 away from the surface, W = R_b omega about the horizontal normal of V_t, > 0 for forward rolling. The turn of
+!> V_t is recorded separately.
 module lab_impact
    use rockfall_kinds, only: wp
    use rockfall_error, only: error_t, fail
@@ -17,34 +17,34 @@ module lab_impact
    public :: shot_t, state_t, outcome_t, fire, first_contact, check_shot, fits, will_meet
    public :: rebounded, lifted, rolled_on, exploded, misfit, status_names
 
-   !> How an impact ended. Only the first three are results.
-   integer, parameter :: rebounded = 1  !! it left upwards, and would meet nothing on its way
-   integer, parameter :: lifted = 2     !! it lost contact upwards, but met the layer again
-   integer, parameter :: rolled_on = 3  !! it stayed in contact: rolled or ploughed on
-   integer, parameter :: exploded = 4   !! see `trouble`; its numbers mean nothing
+   !> Outcomes of an impact. Only the first three are results.
+   integer, parameter :: rebounded = 1  !! left upwards with a clear path
+   integer, parameter :: lifted = 2     !! lost contact upwards, but touched the layer again
+   integer, parameter :: rolled_on = 3  !! stayed in contact: rolled or ploughed
+   integer, parameter :: exploded = 4   !! see `trouble`; its numbers are meaningless
    integer, parameter :: misfit = 5     !! the sphere or its path does not fit the layer
    character(len=9), parameter :: status_names(5) = [character(len=9) :: &
       "rebounded", "lifted", "rolled_on", "exploded", "misfit"]
 
-   !> What is fired, and how it is followed.
+   !> Shot, and parameters of its simulation.
    type :: shot_t
       real(wp) :: radius = 1            !! R_b [m]
       real(wp) :: density = 2650        !! [kg/m3]
       real(wp) :: speed = 15            !! [m/s]
-      real(wp) :: angle = 45            !! of the path from the surface, 90 = vertical [degrees]
+      real(wp) :: angle = 45            !! of the path from the surface, 90 = perpendicular [degrees]
       real(wp) :: spin = 0              !! W/V [-]
-      real(wp) :: aim(2) = 0.5_wp       !! where the path meets the mean surface, of the width [-]
+      real(wp) :: aim(2) = 0.5_wp       !! intersection of the path with the mean surface, over the width [-]
       real(wp) :: heading(2) = [1.0_wp, 0.0_wp]  !! in plan, a unit vector [-]
       real(wp) :: gravity = 9.81_wp     !! [m/s2]
       real(wp) :: patience = 6         !! max duration / ((R_b + R_m)/speed)
-      real(wp) :: spent = 1.0e-4_wp     !! part of the incident energy that counts as none
-      real(wp) :: past = 0.5_wp !! part of its max upward energy left when that peak is past,
+      real(wp) :: spent = 1.0e-4_wp     !! fraction of the incident energy considered as none
+      real(wp) :: past = 0.5_wp !! fraction of its maximum upward energy below which the peak is past,
       real(wp) :: wait = 0.5_wp              !! and time since the peak / ((R_b + R_m)/speed)
-      real(wp) :: step_factor = 1.4_wp  !! step / what `safe_step` gives: a layer has no retries, this has
-      integer :: retries = 3            !! times that a step found too long is halved
+      real(wp) :: step_factor = 1.4_wp  !! step relative to `safe_step`: layers have no retries, shots do
+      integer :: retries = 3            !! maximum number of halvings of a step found too long
    end type shot_t
 
-   !> How the boulder moves at an instant.
+   !> Motion of the boulder at an instant.
    type :: state_t
       real(wp) :: v(3) = 0              !! (V_t, V_n, W) [m/s]
       real(wp) :: lateral = 0           !! sine of the angle of V_t from the heading before, left > 0 [-]
@@ -54,21 +54,21 @@ module lab_impact
       integer :: status = 0
       integer :: trouble = sound
       real(wp) :: incoming(3) = 0       !! (V_t, V_n, W) at the first contact [m/s]
-      type(state_t) :: peak             !! when its upward kinetic energy was greatest; if it never moved
+      type(state_t) :: peak             !! at maximum upward kinetic energy; if it never moved
                                         !! up, at the end
-      type(state_t) :: loss             !! when it first lost contact upwards; as peak if it never did
-      type(state_t) :: clear            !! when nothing lay in its way; as peak if it never was
+      type(state_t) :: loss             !! at the first upward loss of contact; else as peak
+      type(state_t) :: clear            !! when its path was clear; else as peak
       real(wp) :: duration = 0          !! from the first contact to the peak [s]
-      real(wp) :: travel = 0            !! along the surface, in this time [m]
-      real(wp) :: depth = 0             !! deepest point of the sphere below the mean surface [m]
-      real(wp) :: overlap = 0 !! deepest of two bodies / the smaller radius, as seen now and then
+      real(wp) :: travel = 0            !! along the surface, up to the peak [m]
+      real(wp) :: depth = 0             !! of the lowest point of the sphere below the mean surface [m]
+      real(wp) :: overlap = 0 !! maximum overlap / smaller radius, sampled at intervals
       integer :: halvings = 0           !! of the step
       integer :: steps = 0
    end type outcome_t
 
    real(wp), parameter :: opening_gap = 1.0e-9_wp  !! between sphere and layer at the start / R_b
-   integer, parameter :: max_retries = 30          !! the step is then 1e-9 of what it was
-   integer, parameter :: watch_interval = 32       !! steps between looks at energy and at the way out
+   integer, parameter :: max_retries = 30          !! the step is then 1e-9 of the initial one
+   integer, parameter :: watch_interval = 32       !! steps between checks of the energy and of the exit path
 
 contains
 
@@ -101,7 +101,7 @@ contains
       if (s%trouble /= sound) outcome%status = exploded
    end subroutine fire
 
-   !> Refuse what cannot be fired.
+   !> Check the parameters of a shot.
    pure subroutine check_shot(shot, error)
       type(shot_t), intent(in) :: shot
       type(error_t), allocatable, intent(out) :: error
@@ -125,7 +125,7 @@ contains
       end if
    end subroutine check_shot
 
-   !> Of the incidence angle.
+   !> Sine and cosine of the incidence angle.
    pure subroutine sine_and_cosine(shot, s, c)
       type(shot_t), intent(in) :: shot
       real(wp), intent(out) :: s, c  !! [-]
@@ -147,7 +147,7 @@ contains
       v(4:6) = shot%speed*shot%spin/shot%radius*[-shot%heading(2), shot%heading(1), 0.0_wp]
    end function incident
 
-   !> Centre of the sphere when it first touches the layer, or the floor, on its straight path [m].
+   !> Centre of the sphere at its first contact with the layer, or the floor, on its straight path [m].
    pure function first_contact(layer, shot) result(centre)
       type(layer_t), intent(in) :: layer
       type(shot_t), intent(in) :: shot
@@ -176,7 +176,7 @@ contains
       centre = p + d*(way - opening_gap*shot%radius)
    end function first_contact
 
-   !> The boulder stays away from its own image, and meets no two images of a rock.
+   !> Return whether the boulder is clear of its own image, and cannot touch two images of a rock.
    pure logical function fits(layer, packing, radius)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
@@ -186,7 +186,7 @@ contains
          < layer%box%width
    end function fits
 
-   !> Layer and sphere, ready to step.
+   !> Assemble layer and sphere for time stepping.
    pure subroutine load(layer, packing, material, shot, start, v, factor, s)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
@@ -273,7 +273,7 @@ contains
       if (.not. lost) outcome%loss = outcome%peak
    end subroutine follow
 
-   !> The boulder's motion in the frame of its heading; thrown back, V_t < 0 and the frame stays.
+   !> Motion of the boulder in the frame of its heading; if it is thrown back, V_t < 0 and the frame is kept.
    pure type(state_t) function state_of(s, shot) result(state)
       type(assembly_t), intent(in) :: s
       type(shot_t), intent(in) :: shot
@@ -291,9 +291,9 @@ contains
       end associate
    end function state_of
 
-   !> Would the sphere meet a body if all went on straight? In free flight gravity changes nothing
-   !> relative to flying bodies; that the sphere falls back to the layer is its next impact, not
-   !> this one. Looks as far as the next image on each side.
+   !> Return whether the sphere would hit a body if all moved on in straight lines. In free flight gravity does not
+   !> change motion relative to flying bodies; if the sphere falls back to the layer, that is its next impact. Considers
+   !> images up to the next one on each side.
    pure logical function will_meet(s)
       type(assembly_t), intent(in) :: s
       real(wp) :: p(3), u(3), along, square

@@ -1,40 +1,40 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Which bodies can touch: Verlet's list of the pairs, and of the bodies near the floor, whose gap was
-!> below a skin when the list was made. A gap closes by no more than its two bodies have moved, so the
-!> list holds as long as the two longest displacements together do not exceed the skin.
+!> Neighbour search by Verlet lists: pairs, and bodies near the floor, whose gap was below a skin when the list was
+!> made. A gap shrinks by at most the displacements of its two bodies, so the list is valid as long as the two largest
+!> displacements together do not exceed the skin.
 module lab_neighbours
    use rockfall_kinds, only: wp
    implicit none
    private
    public :: box_t, pair_t, neighbours_t, find_neighbours, outdated, find_pair, fold
 
-   !> A floor at z = 0, periodic in x and y.
+   !> Floor at z = 0, periodic in x and y.
    type :: box_t
-      real(wp) :: width = 1     !! of both sides [m]; 0: no sides, nothing is periodic
+      real(wp) :: width = 1     !! of both sides [m]; 0: not periodic
       logical :: floor = .true.
    end type box_t
 
    type :: pair_t
       integer :: i = 0, j = 0      !! i < j
-      real(wp) :: shift(2) = 0     !! added to x, y of j, so that it is the image next to i [m]
+      real(wp) :: shift(2) = 0     !! added to x, y of j to give the image nearest to i [m]
       real(wp) :: reach = 0        !! sum of the radii [m]
    end type pair_t
 
    type :: neighbours_t
       real(wp) :: skin = 0      !! [m]
-      integer :: n_large = 0    !! the last bodies, much larger than the others, are compared with all
+      integer :: n_large = 0    !! the last bodies, much larger than the others; compared with all
       integer :: n_pairs = 0
       type(pair_t), allocatable :: pair(:)  !! (n_pairs or more), by i
       integer, allocatable :: row(:)        !! pairs row(i) to row(i + 1) - 1 belong to i
-      integer, allocatable :: low(:)        !! bodies near the floor
+      integer, allocatable :: low(:)        !! indices of bodies near the floor
       real(wp), allocatable :: x0(:, :)     !! centres when the list was made [m]
    end type neighbours_t
 
-   integer, parameter :: far = 2  !! cells of the grid as far as the largest of the small bodies reach
+   integer, parameter :: far = 2  !! range in grid cells of the largest small body
 
 contains
 
-   !> True when a pair that is not in the list might touch, now or before.
+   !> Return whether a pair that is not in the list might touch, now or earlier.
    pure logical function outdated(list, x)
       type(neighbours_t), intent(in) :: list
       real(wp), intent(in) :: x(:, :)  !! centres [m]
@@ -53,7 +53,7 @@ contains
       outdated = sqrt(most) + sqrt(second) > list%skin
    end function outdated
 
-   !> Make the list anew; bodies that left the box come back on its other side.
+   !> Rebuild the list; bodies that left the box return on its other side.
    pure subroutine find_neighbours(list, box, x, radius)
       type(neighbours_t), intent(inout) :: list
       type(box_t), intent(in) :: box
@@ -78,7 +78,7 @@ contains
       list%x0 = x
    end subroutine find_neighbours
 
-   !> Bodies outside the periodic box, back into it.
+   !> Move bodies outside the periodic box back into it.
    pure subroutine fold(box, x)
       type(box_t), intent(in) :: box
       real(wp), intent(inout) :: x(:, :)  !! (3, n) centres [m]
@@ -86,8 +86,7 @@ contains
       if (box%width > 0) x(1:2, :) = x(1:2, :) - box%width*floor(x(1:2, :)/box%width)
    end subroutine fold
 
-   !> What to add to the plan position of a body so that it is its image next to another, both in the
-   !> box.
+   !> Shift of the plan position of a body to its image nearest to another body, both in the box.
    pure function nearest_image(box, d) result(shift)
       type(box_t), intent(in) :: box
       real(wp), intent(in) :: d(2)  !! position relative to the other [m]
@@ -97,7 +96,7 @@ contains
       if (box%width > 0) shift = merge(-sign(box%width, d), 0.0_wp, abs(d) > 0.5_wp*box%width)
    end function nearest_image
 
-   !> Pairs among small bodies, from a grid of cells half as wide as the largest could reach.
+   !> Find pairs among small bodies with a grid of cells half as wide as the range of the largest.
    pure subroutine sweep(list, box, x, radius, n_small, found, count)
       type(neighbours_t), intent(in) :: list
       type(box_t), intent(in) :: box
@@ -118,10 +117,10 @@ contains
          extent(1:2) = box%width
       end if
       cells = min(max(1, int(extent/side)), 200)
-      if (box%width > 0 .and. minval(cells(1:2)) < 2*far + 1) cells = 1  ! a cell would be met twice
+      if (box%width > 0 .and. minval(cells(1:2)) < 2*far + 1) cells = 1  ! otherwise a cell would be visited twice
       size_of = max(extent/cells, tiny(side))
       allocate (head(cells(1), cells(2), cells(3)), next(n_small), source=0)
-      do k = 1, n_small  ! each is compared with those that are in their cells already
+      do k = 1, n_small  ! each is compared with the bodies already in the cells
          c = min(1 + int((x(:, k) - origin)/size_of), cells)
          columns = around(c(1), cells(1), box)
          rows = around(c(2), cells(2), box)
@@ -143,7 +142,7 @@ contains
       end do
    end subroutine sweep
 
-   !> Cells of one direction around a cell; 0: none.
+   !> Cells along one direction around a cell; 0: none.
    pure function around(cell, cells, box) result(near)
       integer, intent(in) :: cell, cells
       type(box_t), intent(in) :: box
@@ -174,7 +173,7 @@ contains
       found(count) = pair_t(i, j, shift, reach)
    end subroutine keep_if_near
 
-   !> Order pairs by their first body: neighbours in memory, and quick to find.
+   !> Sort pairs by their first body, for locality and fast search.
    pure subroutine by_first_body(list, n, found)
       type(neighbours_t), intent(inout) :: list
       integer, intent(in) :: n
@@ -203,7 +202,7 @@ contains
       end do
    end subroutine by_first_body
 
-   !> Place of the pair (i, j), i < j, in the list; 0: not there.
+   !> Index of the pair (i, j), i < j, in the list; 0: not in the list.
    pure integer function find_pair(list, i, j) result(place)
       type(neighbours_t), intent(in) :: list
       integer, intent(in) :: i, j

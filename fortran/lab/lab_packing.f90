@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A soil of spheres: radii drawn from a grading, let fall on a floor in a periodic box until their
-!> energy is spent. The friction while they settle sets the compaction: 0 gives a dense layer, a large
-!> one a loose layer; the solid fraction is a result.
+!> Soil of spheres: radii are drawn from a grading, and the spheres fall on a floor in a periodic box until their
+!> energy is dissipated. The friction during settling controls the compaction: 0 gives a dense layer, large values a
+!> loose one; the solid fraction is a result.
 module lab_packing
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail, our_fault
@@ -18,37 +18,37 @@ module lab_packing
       box_width, skin_factor
 
    integer(i8), parameter :: for_layer = 65         !! purpose of the random numbers of a layer
-   real(wp), parameter :: skin_factor = 0.35_wp     !! skin of the list of neighbours / R_m
+   real(wp), parameter :: skin_factor = 0.35_wp     !! skin of the neighbour list / R_m
    real(wp), parameter :: expected_solid = 0.64_wp  !! volume of the spheres / volume of the layer
-   real(wp), parameter :: bodies_limit = 3.0e5_wp   !! in a layer
-   ! A small boulder needs rocks around it all the same.
+   real(wp), parameter :: bodies_limit = 3.0e5_wp   !! maximum number in a layer
+   ! A small boulder still needs rocks around it.
    real(wp), parameter :: min_width = 10            !! of the box / R_m
 
-   ! Aids to settle quickly; impacts have none of them.
+   ! Measures for fast settling; not used in impacts.
    real(wp), parameter :: drag = 0.5_wp             !! rate / sqrt(g/R_m): a terminal speed of 2 sqrt(g R_m)
-   real(wp), parameter :: resting_drag = 2          !! of a layer that has fallen and springs back
-   real(wp), parameter :: settling_damping = 0.3_wp !! min viscous part of the critical one of contacts
-   real(wp), parameter :: softness = 0.1_wp         !! Young's modulus while it falls / that of the material,
-   integer, parameter :: stages = 12, stage_steps = 60 !! raised in stages when it rests
-   ! Kinetic energy / (mass g R_m) of a layer that has fallen, and of one at rest: the floor then carries
-   ! the weight to 1e-2, of large layers to 1e-3.
+   real(wp), parameter :: resting_drag = 2          !! of a layer that springs back after the fall
+   real(wp), parameter :: settling_damping = 0.3_wp !! minimum fraction of critical damping of contacts
+   real(wp), parameter :: softness = 0.1_wp         !! Young's modulus during the fall / that of the material,
+   integer, parameter :: stages = 12, stage_steps = 60 !! raised in stages once at rest
+   ! Kinetic energy / (mass g R_m) of a layer that has fallen, and of one at rest: the floor then carries the weight
+   ! within 1e-2, for large layers 1e-3.
    real(wp), parameter :: fallen = 1.0e-4_wp, at_rest = 1.0e-5_wp
-   real(wp), parameter :: creep = 1.0e-3_wp         !! as much is taken for rest when patience ends
-   real(wp), parameter :: patience = 300            !! sqrt(R_m/g), beyond the fall
-   integer, parameter :: watch_interval = 64        !! steps
+   real(wp), parameter :: creep = 1.0e-3_wp         !! accepted as rest at the end of the time limit
+   real(wp), parameter :: patience = 300            !! time limit [sqrt(R_m/g)], in addition to the fall
+   integer, parameter :: watch_interval = 64        !! in steps
 
-   !> What a layer is made from.
+   !> Parameters of a layer.
    type :: packing_t
       real(wp) :: mean_radius = 0.25_wp !! R_m, by number [m]
-      real(wp) :: ratio = 5             !! R_b/R_m of the boulder that it is made for
+      real(wp) :: ratio = 5             !! R_b/R_m of the boulder for which it is made
       real(wp) :: grading = 5           !! max / min radius
       logical :: by_mass = .false.      !! radii uniform in mass (number as r**-3), not in number
       real(wp) :: width = 5             !! of the periodic box [R_b]
       real(wp) :: depth = 3             !! expected height of the surface [R_b]
       real(wp) :: density = 2650        !! [kg/m3]
-      real(wp) :: friction = 0.3_wp     !! while settling; rolling resistance in proportion
+      real(wp) :: friction = 0.3_wp     !! during settling; rolling resistance in proportion
       real(wp) :: gravity = 9.81_wp     !! [m/s2]
-      logical :: rigid_base = .false.   !! or one that absorbs what comes down
+      logical :: rigid_base = .false.   !! otherwise the base absorbs waves
       real(wp) :: base_speed = 300      !! of waves in the ground below an absorbing base [m/s]
    end type packing_t
 
@@ -66,7 +66,7 @@ module lab_packing
 
 contains
 
-   !> Refuse what cannot be packed.
+   !> Check the parameters of a layer.
    pure subroutine check_packing(packing, error)
       type(packing_t), intent(in) :: packing
       type(error_t), allocatable, intent(out) :: error
@@ -106,7 +106,7 @@ contains
       box_width = packing%mean_radius*max(packing%width*packing%ratio, min_width)
    end function box_width
 
-   !> Depth of the layer [m], at least that of two of its largest rocks.
+   !> Depth of the layer [m], at least two diameters of its largest rocks.
    pure real(wp) function layer_depth(packing)
       type(packing_t), intent(in) :: packing
       real(wp) :: limits(2)
@@ -115,7 +115,7 @@ contains
       layer_depth = max(packing%depth*packing%ratio*packing%mean_radius, 4*limits(2))
    end function layer_depth
 
-   !> Smallest and greatest radius [m].
+   !> Minimum and maximum radius [m].
    pure function size_limits(packing) result(limits)
       type(packing_t), intent(in) :: packing
       real(wp) :: limits(2)
@@ -126,7 +126,7 @@ contains
       end associate
    end function size_limits
 
-   !> A radius by inversion of its distribution [m].
+   !> Draw a radius by inversion of its distribution [m].
    pure real(wp) function draw_radius(packing, u) result(radius)
       type(packing_t), intent(in) :: packing
       real(wp), intent(in) :: u  !! uniform in (0, 1) [-]
@@ -140,10 +140,10 @@ contains
       end if
    end function draw_radius
 
-   !> Layer `number` of a seed: a pure function of its arguments.
+   !> Pack layer `number` of a seed: a pure function of its arguments.
    pure subroutine pack_layer(packing, material, key, number, layer, error)
       type(packing_t), intent(in) :: packing
-      type(material_t), intent(in) :: material  !! its friction is that of impacts
+      type(material_t), intent(in) :: material  !! with the friction of impacts
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
       type(layer_t), intent(out) :: layer
@@ -164,14 +164,14 @@ contains
       call describe(layer, s)
    end subroutine pack_layer
 
-   !> Bodies in loose rows above the floor, without overlap, enough of them to fill the depth.
+   !> Place bodies in loose rows above the floor, without overlap, enough to fill the depth.
    pure subroutine hang(packing, key, number, b)
       type(packing_t), intent(in) :: packing
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
       type(bodies_t), intent(out) :: b
       real(wp), allocatable :: x(:, :), r(:), v(:, :)
-      real(wp), parameter :: apart = 1.001_wp  ! of bodies in neighbouring rows
+      real(wp), parameter :: apart = 1.001_wp  ! spacing of neighbouring rows
       integer(i8) :: word(words_per_block), gap(words_per_block)  ! 1: radius; 2 to 4: velocity; 1: gap
       real(wp) :: width, volume, goal, corner(3), row, tallest, kick
       integer :: n
@@ -182,8 +182,8 @@ contains
       n = max_bodies(packing)
       allocate (x(3, n), r(n), v(3, n))
       volume = 0
-      corner = 0   ! of the next body's place: along the row, across the rows, above the shelves
-      row = 0      ! widest body of this row
+      corner = 0   ! position of the next body: along the row, across the rows, above the shelves
+      row = 0      ! largest body of this row
       tallest = 0  ! of this shelf
       n = 0
       do while (volume < goal)
@@ -211,14 +211,14 @@ contains
       b%v(1:3, :) = v(:, :n)
    end subroutine hang
 
-   !> Volume of the spheres of a layer, to be reached or just exceeded [m3].
+   !> Volume of the spheres of a layer, to be reached or slightly exceeded [m3].
    pure real(wp) function solid_volume(packing)
       type(packing_t), intent(in) :: packing
 
       solid_volume = expected_solid*box_width(packing)**2*layer_depth(packing)
    end function solid_volume
 
-   !> No layer has more bodies.
+   !> Maximum number of bodies in a layer.
    pure integer function max_bodies(packing)
       type(packing_t), intent(in) :: packing
 
@@ -247,11 +247,11 @@ contains
                     packing%gravity*sum(b%mass*b%x(3, :)))
    end subroutine start
 
-   !> Step until the kinetic energy is spent, or creeps.
+   !> Step until the kinetic energy is dissipated, or only creep remains.
    pure subroutine settle(packing, drag, spent, s, steps, error)
       type(packing_t), intent(in) :: packing
       real(wp), intent(in) :: drag   !! rate / sqrt(g/R_m) [-]
-      real(wp), intent(in) :: spent  !! kinetic energy that counts as none / (mass g R_m) [-]
+      real(wp), intent(in) :: spent  !! kinetic energy considered as none / (mass g R_m) [-]
       type(assembly_t), intent(inout) :: s
       integer, intent(inout) :: steps
       type(error_t), allocatable, intent(out) :: error
@@ -279,12 +279,11 @@ contains
             if (energy < spent*unit) return
          end if
       end do
-      if (energy < creep*unit) return  ! a body at its limit of slip creeps for ever
+      if (energy < creep*unit) return  ! a body at its slip limit creeps forever
       call fail(error, "packing: the layer did not come to rest in time")
    end subroutine settle
 
-   !> Raise Young's modulus to that of the material, in stages, so that the layer springs back without
-   !> being thrown up.
+   !> Raise Young's modulus to that of the material, in stages, so that the layer springs back without being thrown up.
    pure subroutine harden(packing, material, s, steps)
       type(packing_t), intent(in) :: packing
       type(material_t), intent(in) :: material
@@ -309,7 +308,7 @@ contains
       s%energy_limit = total_energy(s) + energy_tolerance*packing%gravity*sum(s%bodies%mass)*packing%mean_radius
    end subroutine harden
 
-   !> What there is now.
+   !> Store the packed layer and its properties.
    pure subroutine describe(layer, s)
       type(layer_t), intent(inout) :: layer
       type(assembly_t), intent(in) :: s

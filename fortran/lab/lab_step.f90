@@ -1,7 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Time stepping of spheres in contact: velocity Verlet, with the step taken from the stiffest
-!> contact and watched at every step. A run that explodes says so by `trouble`, and is then of no
-!> further use.
+!> Time stepping of spheres in contact: velocity Verlet, with the step determined by the stiffest contact and checked
+!> at every step. An unstable run sets `trouble`, and cannot be used further.
 module lab_step
    use rockfall_kinds, only: wp
    use lab_contact, only: material_t, law_t, touch_t, pair_law, plane_law, press, stored_energy, &
@@ -14,22 +13,21 @@ module lab_step
       deepest_share, safe_step, energy_tolerance, trouble_text
    public :: sound, leapt, too_soft, step_too_long, energy_grew
 
-   !> What may go wrong; the first is kept.
+   !> Trouble codes; the first one that occurs is kept.
    integer, parameter :: sound = 0, leapt = 1, too_soft = 2, step_too_long = 3, energy_grew = 4
 
-   real(wp), parameter :: steps_per_collision = 14 !! of the two smallest bodies at top speed
-   real(wp), parameter :: rayleigh_share = 0.2_wp     !! of the Rayleigh time of the smallest body
-   real(wp), parameter :: longest_leap = 0.2_wp       !! of the body's radius in a step
-   real(wp), parameter :: deepest_overlap = 1 !! of the smaller radius: Hertz's law ends long before
-   ! A body held by several such contacts swings up to 2.5 times, its spin 1.7 times as fast; Verlet
-   ! needs < 2.
-   real(wp), parameter :: greatest_phase = 0.4_wp     !! sqrt(k/m*) dt of a contact
-   real(wp), parameter :: energy_tolerance = 0.02_wp  !! growth, of what was put in
+   real(wp), parameter :: steps_per_collision = 14 !! of the two smallest bodies at maximum speed
+   real(wp), parameter :: rayleigh_share = 0.2_wp     !! fraction of the Rayleigh time of the smallest body
+   real(wp), parameter :: longest_leap = 0.2_wp       !! maximum displacement per step / radius of the body
+   real(wp), parameter :: deepest_overlap = 1 !! / smaller radius; Hertz's law fails long before
+   ! A body held by several such contacts oscillates up to 2.5 times as fast, its spin 1.7 times; Verlet requires < 2.
+   real(wp), parameter :: greatest_phase = 0.4_wp     !! maximum sqrt(k/m*) dt of a contact
+   real(wp), parameter :: energy_tolerance = 0.02_wp  !! maximum relative growth of the energy input
 
-   !> A body that stands on an absorbing base.
+   !> Body supported by an absorbing base.
    type :: base_t
       integer :: body = 0
-      real(wp) :: force = 0  !! what carried it at rest, upward [N]
+      real(wp) :: force = 0  !! supporting force at rest, upward [N]
       real(wp) :: drag = 0   !! [N s/m]
    end type base_t
 
@@ -38,18 +36,18 @@ module lab_step
       type(box_t) :: box
       type(material_t) :: material
       real(wp) :: gravity = 9.81_wp                !! [m/s2]
-      real(wp) :: tilt(3) = 0                      !! what gravity is more to the last body than to the others [m/s2]
-      real(wp) :: tilt_work = 0                    !! its work so far [J]
+      real(wp) :: tilt(3) = 0                      !! additional gravity of the last body [m/s2]
+      real(wp) :: tilt_work = 0                    !! work of the tilt so far [J]
       real(wp) :: dt = 0                           !! [s]
       type(neighbours_t) :: near
-      type(law_t), allocatable :: law(:)           !! of each pair
+      type(law_t), allocatable :: law(:)           !! per pair
       type(touch_t), allocatable :: touch(:)
-      real(wp), allocatable :: max_overlap(:)      !! that the step and Hertz's law allow [m]
-      type(law_t), allocatable :: floor_law(:)     !! of each body near the floor
+      real(wp), allocatable :: max_overlap(:)      !! limit by the step and by Hertz's law [m]
+      type(law_t), allocatable :: floor_law(:)     !! per body near the floor
       type(touch_t), allocatable :: floor_touch(:)
       real(wp), allocatable :: floor_max_overlap(:)
-      type(base_t), allocatable :: base(:)         !! of an absorbing base
-      logical, allocatable :: on_base(:)           !! of each body: it stands there
+      type(base_t), allocatable :: base(:)         !! supported by an absorbing base
+      logical, allocatable :: on_base(:)           !! per body: it is supported by the base
       real(wp) :: floor_force = 0                  !! upward force of the floor [N]
       real(wp) :: energy_limit = huge(1.0_wp)      !! [J]
       integer :: trouble = sound
@@ -57,7 +55,7 @@ module lab_step
 
 contains
 
-   !> A step for bodies of radius `radius` or more that meet at `speed` or less [s].
+   !> Safe step for bodies of radius `radius` or more that collide at `speed` or less [s].
    elemental real(wp) function safe_step(material, radius, density, speed) result(dt)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: radius, density, speed  !! [m], [kg/m3], > 0 [m/s]
@@ -67,8 +65,8 @@ contains
                rayleigh_time(material, radius, density)*rayleigh_share)
    end function safe_step
 
-   !> Ready to step: neighbours and forces of the initial state. `input` is the energy scale for the
-   !> watch on explosions: what moves or falls at the start [J].
+   !> Assemble the system: neighbours and forces of the initial state. `input` is the energy scale for the stability
+   !> check: the kinetic and potential energy at the start [J].
    pure subroutine assemble(s, bodies, box, material, gravity, dt, skin, n_large, input)
       type(assembly_t), intent(out) :: s
       type(bodies_t), intent(in) :: bodies
@@ -91,7 +89,7 @@ contains
       s%energy_limit = total_energy(s) + energy_tolerance*input
    end subroutine assemble
 
-   !> From now on gravity is tilted for the last body alone.
+   !> Tilt gravity for the last body only, from now on.
    pure subroutine set_tilt(s, tilt)
       type(assembly_t), intent(inout) :: s
       real(wp), intent(in) :: tilt(3)  !! [m/s2]
@@ -100,14 +98,14 @@ contains
       call set_rates(s)
    end subroutine set_tilt
 
-   !> One step.
+   !> Advance by one step.
    pure subroutine advance(s)
       type(assembly_t), intent(inout) :: s
       logical :: sound_step
 
       associate (b => s%bodies)
          call drift(b%n, s%dt, b%radius, b%a, b%v, b%x, sound_step)
-         if (.not. sound_step) then  ! a NaN comes here as well
+         if (.not. sound_step) then  ! also reached for NaN
             call note(s, leapt)
             return
          end if
@@ -118,12 +116,12 @@ contains
       end associate
    end subroutine advance
 
-   !> To the end of the step with the velocity in its middle.
+   !> Move bodies to the end of the step with the velocity at its middle.
    pure subroutine drift(n, dt, radius, a, v, x, sound_step)
       integer, intent(in) :: n
       real(wp), intent(in) :: dt, radius(n), a(6, n)  !! [s], [m], [m/s2] and [rad/s2]
       real(wp), intent(inout) :: v(6, n), x(3, n)     !! [m/s] and [rad/s], [m]
-      logical, intent(out) :: sound_step  !! none has leapt
+      logical, intent(out) :: sound_step  !! no body moved too far
       real(wp) :: leap(3)
       integer :: k
 
@@ -136,7 +134,7 @@ contains
       end do
    end subroutine drift
 
-   !> Rates from forces, and what they change in a time.
+   !> Compute accelerations from forces, and update velocities over a time.
    pure subroutine accelerate(n, gravity, tilt, time, f, inverse, a, v)
       integer, intent(in) :: n
       real(wp), intent(in) :: gravity, time   !! [m/s2], [s]
@@ -156,7 +154,7 @@ contains
       v(1:3, n) = v(1:3, n) + time*tilt
    end subroutine accelerate
 
-   !> Forces and rates of a state that was not stepped to.
+   !> Compute forces and accelerations of an initial state.
    pure subroutine set_rates(s)
       type(assembly_t), intent(inout) :: s
 
@@ -166,7 +164,7 @@ contains
       end associate
    end subroutine set_rates
 
-   !> The first trouble stays.
+   !> Record trouble; the first one is kept.
    elemental subroutine note(s, trouble)
       type(assembly_t), intent(inout) :: s
       integer, intent(in) :: trouble
@@ -187,7 +185,7 @@ contains
       if (beyond) call find_beyond(s)
    end subroutine find_forces
 
-   !> The pairs that touch, and the distance of their centres; the others forget.
+   !> Find the pairs in contact, and their centre distances; the others lose their state.
    pure subroutine find_touching(n, n_pairs, pair, x, touch, count, place, distance)
       integer, intent(in) :: n, n_pairs
       type(pair_t), intent(in) :: pair(n_pairs)
@@ -214,8 +212,7 @@ contains
       end do
    end subroutine find_touching
 
-   !> Forces of all pairs. `v` is the velocity in the middle of the step, `a` the acceleration at
-   !> its start.
+   !> Compute the forces of all pairs. `v` is the velocity at the middle of the step, `a` the acceleration at its start.
    pure subroutine pair_forces(n, n_pairs, pair, law, max_overlap, dt, x, v, a, radius, touch, f, beyond)
       integer, intent(in) :: n, n_pairs
       type(pair_t), intent(in) :: pair(n_pairs)
@@ -256,8 +253,8 @@ contains
       end do
    end subroutine pair_forces
 
-   !> Press a pair, given its geometry at the end of the step and its motion in the middle: the slip is
-   !> that of the surfaces in the middle, where the normal was another.
+   !> Compute the force of a pair, from its geometry at the end of the step and its motion at the middle: the slip is
+   !> that of the surfaces at the middle, where the normal was different.
    pure subroutine press_pair(law, n, d, overlap, closing, u, spin, other_spin, radius, dt, touch, normal)
       type(law_t), intent(in) :: law
       real(wp), intent(in) :: n(3), d, overlap, closing  !! [-], [m], [m], [m/s]
@@ -279,7 +276,7 @@ contains
                  spin - other_spin, rotation, dt, touch, normal)
    end subroutine press_pair
 
-   !> Forces of the rigid floor.
+   !> Compute the forces of the rigid floor.
    pure subroutine floor_forces(s, beyond)
       type(assembly_t), intent(inout) :: s
       logical, intent(inout) :: beyond
@@ -293,7 +290,7 @@ contains
             i = s%near%low(k)
             d = b%x(3, i)
             overlap = b%radius(i) - d
-            if (overlap <= 0 .or. s%on_base(i)) then  ! a base carries by itself
+            if (overlap <= 0 .or. s%on_base(i)) then  ! the base carries these bodies
                s%floor_touch(k) = touch_t()
                cycle
             end if
@@ -311,10 +308,10 @@ contains
       end associate
    end subroutine floor_forces
 
-   !> An absorbing base carries those that stood on the floor with the force that it then had, and takes
-   !> the waves that come down: a dashpot of impedance rho c for its area (Lysmer & Kuhlemeyer 1969).
-   !> Its force is that of the velocity at the end of the step, which it helps to make: stable for any
-   !> impedance. All other forces come before.
+   !> Compute the forces of an absorbing base: it carries the bodies that were on the floor with their force at that
+   !> time, and absorbs waves from above: a dashpot of impedance rho c per area (Lysmer & Kuhlemeyer 1969). Its force is
+   !> that of the velocity at the end of the step, which depends on it: stable for any impedance. All other forces come
+   !> before.
    pure subroutine base_forces(s)
       type(assembly_t), intent(inout) :: s
       real(wp) :: half, v(3)
@@ -333,8 +330,8 @@ contains
       end associate
    end subroutine base_forces
 
-   !> From now on the base absorbs: what stands on the floor stands on dashpots, which share its area
-   !> as their bodies' sections. The watch on energy goes on.
+   !> Make the base absorbing from now on: bodies on the floor are supported by dashpots, which divide its area in
+   !> proportion to the cross sections of the bodies. The energy check continues.
    pure subroutine set_absorbing_base(s, impedance)
       type(assembly_t), intent(inout) :: s
       real(wp), intent(in) :: impedance  !! rho c of the ground below [Pa s/m]
@@ -358,7 +355,7 @@ contains
       s%energy_limit = total_energy(s) + slack
    end subroutine set_absorbing_base
 
-   !> Some overlap exceeds what is allowed: by the law, or by the step?
+   !> Find the reason for an excessive overlap: Hertz's law or the step.
    pure subroutine find_beyond(s)
       type(assembly_t), intent(inout) :: s
       integer :: k
@@ -378,7 +375,7 @@ contains
       call note(s, merge(too_soft, step_too_long, soft))
    end subroutine find_beyond
 
-   !> A new list of neighbours; contacts keep what they remember.
+   !> Rebuild the neighbour list; contacts keep their state.
    pure subroutine renew(s)
       type(assembly_t), intent(inout) :: s
       type(neighbours_t) :: old
@@ -404,7 +401,7 @@ contains
       end do
    end subroutine renew
 
-   !> Laws and limits of the pairs of a new list; nothing touches yet.
+   !> Parameters and limits of the pairs of a new list, without contacts.
    pure subroutine make_laws(s)
       type(assembly_t), intent(inout) :: s
       integer :: k, n
@@ -431,7 +428,7 @@ contains
       end do
    end subroutine make_laws
 
-   !> The same contacts of a stiffer material: their springs keep their lengths.
+   !> Stiffen the material: springs keep their lengths.
    pure subroutine stiffen(s, young)
       type(assembly_t), intent(inout) :: s
       real(wp), intent(in) :: young  !! [Pa]
@@ -457,7 +454,7 @@ contains
       touch%moment = factor*touch%moment
    end subroutine scale_springs
 
-   !> Overlap up to which Hertz's law and the step hold [m]: k = 1.5 hertz sqrt(overlap).
+   !> Maximum overlap permitted by Hertz's law and the step [m]: k = 1.5 hertz sqrt(overlap).
    elemental real(wp) function overlap_limit(law, radius, dt) result(limit)
       type(law_t), intent(in) :: law
       real(wp), intent(in) :: radius, dt  !! of the smaller body [m], [s]
@@ -465,8 +462,8 @@ contains
       limit = min(deepest_overlap*radius, ((greatest_phase/dt)**2*law%mass/(1.5_wp*law%hertz))**2)
    end function overlap_limit
 
-   !> Kinetic, gravitational and elastic energy [J], less what the base has given at constant force, and the tilt of
-   !> gravity to the last body.
+   !> Kinetic, potential and elastic energy [J], less the work of the constant force of the base and of the tilt of
+   !> gravity on the last body.
    pure real(wp) function total_energy(s) result(energy)
       type(assembly_t), intent(in) :: s
 
@@ -478,7 +475,7 @@ contains
       end associate
    end function total_energy
 
-   !> Deepest overlap of two bodies / the smaller radius: how far from Hertz's small ones.
+   !> Maximum overlap of two bodies / the smaller radius, a measure of the validity of Hertz's law.
    pure real(wp) function deepest_share(s) result(deepest)
       type(assembly_t), intent(in) :: s
       integer :: k
@@ -492,14 +489,14 @@ contains
       end associate
    end function deepest_share
 
-   !> Energy may only be lost: to be called now and then.
+   !> Check that energy is not gained; called at intervals.
    pure subroutine watch_energy(s)
       type(assembly_t), intent(inout) :: s
 
       if (.not. total_energy(s) <= s%energy_limit) call note(s, energy_grew)
    end subroutine watch_energy
 
-   !> What `trouble` means, and what helps.
+   !> Description of `trouble`, with advice.
    pure function trouble_text(trouble) result(text)
       integer, intent(in) :: trouble
       character(len=:), allocatable :: text

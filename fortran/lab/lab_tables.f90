@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Names and order of the numbers of the Python interface.
+!> Names and order of the numbers in the Python interface.
 module lab_tables
    use rockfall_kinds, only: wp
    use rockfall_math, only: arcsine, degree
@@ -176,7 +176,7 @@ contains
       row = [b%radius, b%density, b%relief, b%step_factor, real(b%retries, wp)]
    end function boulder_row
 
-   !> Contact k of a throw, velocities over the speed before it, lengths over R_b.
+   !> Row of contact k of a throw, velocities over the speed before it, lengths over R_b.
    pure function contact_row(o, k, radius, strength) result(row)
       type(thrown_t), intent(in) :: o
       integer, intent(in) :: k

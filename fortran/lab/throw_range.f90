@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What is thrown, drawn at random: a pure function of (seed, purpose, number).
+!> Random initial conditions of throws: a pure function of (seed, purpose, number).
 module lab_throw_range
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -13,7 +13,7 @@ module lab_throw_range
 
    integer, parameter :: max_contacts = 1000
 
-   !> Slopes are uniform; speed, angle and spin have half of their draws below the median.
+   !> Ranges: slopes are uniform; for speed, angle and spin half of the draws are below the median.
    type :: throw_range_t
       real(wp) :: slope(2) = [5.0_wp, 45.0_wp]            !! of the mean surface: min, max [degrees]
       real(wp) :: speed(3) = [1.0_wp, 8.0_wp, 30.0_wp]    !! min, median, max [m/s]
@@ -24,7 +24,7 @@ module lab_throw_range
 
 contains
 
-   !> Refuse ranges of which some throw has no meaning.
+   !> Reject ranges that include invalid throws.
    pure subroutine check_throws(range, contacts, error)
       type(throw_range_t), intent(in) :: range
       integer, intent(in) :: contacts
@@ -51,8 +51,8 @@ contains
       rises = limits(1) <= limits(2) .and. limits(2) <= limits(3)
    end function rises
 
-   !> The throw of a number: its place is in the unit square, for the ground that it is thrown at; another
-   !> uniform number may choose that ground.
+   !> Draw throw `number`: its position is in the unit square, to be scaled to the ground; `choice` may select the
+   !> ground.
    pure subroutine draw_throw(range, key, purpose, number, throw, choice)
       type(throw_range_t), intent(in) :: range
       type(random_key_t), intent(in) :: key

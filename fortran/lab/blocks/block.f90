@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A rigid convex block: its surface as triangles, and what follows from it exactly, volume, centre of
-!> mass and inertia. Kept about its centre of mass along its principal axes.
+!> Rigid convex block: its surface as triangles, with the exact volume, centre of mass and inertia. Stored relative to
+!> its centre of mass along its principal axes.
 module lab_block
    use rockfall_kinds, only: wp
    use rockfall_error, only: error_t, fail
@@ -16,8 +16,8 @@ module lab_block
       real(wp), allocatable :: normal(:, :)   !! (3, facets) outwards, unit [-]
       real(wp), allocatable :: area(:)        !! (facets) [m2]
       real(wp) :: radius = 0                  !! R_b, of the sphere of the same volume [m]
-      real(wp) :: reach = 0                   !! of the farthest vertex from the centre [m]
-      real(wp) :: edge = 0                    !! the longest of a facet [m]
+      real(wp) :: reach = 0                   !! distance of the farthest vertex from the centre [m]
+      real(wp) :: edge = 0                    !! longest edge of a facet [m]
       real(wp) :: mass = 0                    !! [kg]
       real(wp) :: inertia(3) = 0              !! principal moments, ascending [kg m2]
    end type block_t
@@ -29,7 +29,7 @@ module lab_block
       real(wp) :: inertia(3, 3) = 0   !! about the centre [m5]
    end type solid_t
 
-   real(wp), parameter :: convex_within = 1.0e-6_wp  !! a vertex above a facet / R_b
+   real(wp), parameter :: convex_within = 1.0e-6_wp  !! maximum height of a vertex above a facet / R_b
 
    interface
       subroutine dsyev(jobz, uplo, n, a, lda, w, work, lwork, info)
@@ -44,8 +44,8 @@ module lab_block
 
 contains
 
-   !> A block of a given shape, scaled to the equivalent radius; refuses a surface that is not closed,
-   !> not counterclockwise, or not convex.
+   !> Make a block of a given shape, scaled to the equivalent radius; rejects surfaces that are not closed, not
+   !> counterclockwise, or not convex.
    subroutine make_block(x, corner, radius, density, block, error)
       real(wp), intent(in) :: x(:, :)         !! (3, vertices), in any unit of length
       integer, intent(in) :: corner(:, :)     !! (3, facets)
@@ -101,7 +101,7 @@ contains
       if (any(abs(side) > convex_within*radius**2)) call fail(error, "block: the surface is not closed")
    end subroutine make_block
 
-   !> Exact moments from the facets: tetrahedra between each facet and the origin.
+   !> Exact moments from the facets, by tetrahedra between each facet and the origin.
    pure type(solid_t) function solid_of(x, corner) result(solid)
       real(wp), intent(in) :: x(:, :)      !! (3, vertices) [m]
       integer, intent(in) :: corner(:, :)  !! (3, facets)
@@ -136,7 +136,7 @@ contains
       end do
    end function solid_of
 
-   !> Principal moments and a right-handed set of axes, whose signs do not depend on the library.
+   !> Principal moments and a right-handed set of axes, with signs independent of the library.
    subroutine principal_axes(inertia, moments, axes)
       real(wp), intent(in) :: inertia(3, 3)              !! any [unit]
       real(wp), intent(out) :: moments(3), axes(3, 3)    !! ascending; axes as columns [-]

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The case file of the laboratory of blocks: its groups and keys in one table. A case is one of blocks if
-!> its group &lab names a ground; whatever &ground does not give is that ground's.
+!> Case file of the laboratory of blocks: its groups and keys in one table. A case is one of blocks if its group &lab
+!> names a ground, which provides the defaults of &ground.
 module lab_block_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -37,7 +37,7 @@ module lab_block_case
       character(len=:), allocatable :: file, title, ground, shape, points
       integer(i8) :: seed = 1
       integer(i8) :: throws = 2000   !! about 50,000 contacts
-      integer(i8) :: contacts = 32   !! of a throw, at most
+      integer(i8) :: contacts = 32   !! maximum number per throw
       type(plan_t) :: plan
       type(ground_t) :: strength
       type(throw_range_t) :: range
@@ -45,7 +45,7 @@ module lab_block_case
 
 contains
 
-   !> Does the text of a case name a ground? Faults of the text are for its reader.
+   !> Return whether the text of a case names a ground. Errors in the text are left to its reader.
    pure logical function is_block_case(text, file)
       character(len=*), intent(in) :: text, file
       type(namelist_t) :: list
@@ -60,9 +60,9 @@ contains
       end do
    end function is_block_case
 
-   !> The case in a text; one clear error for anything that is not as it must be.
+   !> Read a case from text, with one error for the first invalid item.
    pure subroutine read_block_case(text, file, case, error)
-      character(len=*), intent(in) :: text, file  !! the name is for messages
+      character(len=*), intent(in) :: text, file  !! the file name is for messages
       type(block_case_t), intent(out) :: case
       type(error_t), allocatable, intent(out) :: error
       type(namelist_t) :: list
@@ -91,7 +91,7 @@ contains
       if (allocated(error)) error%message = file//": "//error%message
    end subroutine read_block_case
 
-   !> What a group says, in place of the defaults.
+   !> Apply the values of a group to the defaults.
    pure subroutine take_group(group, case, error)
       type(group_t), intent(in) :: group
       type(block_case_t), intent(inout) :: case

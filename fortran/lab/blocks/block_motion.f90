@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A block in motion: forces of the ground on all facets, and a step in time.
+!> Motion of a block: forces of the ground on all facets, and time stepping.
 module lab_block_motion
    use rockfall_kinds, only: wp
    use rockfall_math, only: pi
@@ -16,26 +16,26 @@ module lab_block_motion
       real(wp) :: v(3) = 0                          !! [m/s]
       real(wp) :: q(4) = [1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp]  !! orientation, a unit quaternion [-]
       real(wp) :: momentum(3) = 0                   !! angular, in the block's axes [kg m2/s]
-      real(wp) :: force(3) = 0                      !! of the ground [N]
-      real(wp) :: torque(3) = 0                     !! of the ground about the centre [N m]
-      real(wp) :: area = 0                          !! on which the ground acts [m2]
+      real(wp) :: force(3) = 0                      !! by the ground [N]
+      real(wp) :: torque(3) = 0                     !! by the ground about the centre [N m]
+      real(wp) :: area = 0                          !! contact area [m2]
       real(wp) :: clear = 0                         !! height of the lowest vertex above the ground [m]
-      logical :: wet = .false.                      !! does any part lie below the ground?
-      type(memory_t), allocatable :: memory(:)      !! of each facet
+      logical :: wet = .false.                      !! some part is below the ground
+      type(memory_t), allocatable :: memory(:)      !! per facet
       real(wp), allocatable :: vertex(:, :)         !! (vertices, 3) from the centre of mass, in space [m]
       real(wp), allocatable :: depth(:)             !! (vertices) along the ground's normal [m]
       real(wp), allocatable :: normal(:, :)         !! (3, vertices) of the ground below [-]
    end type motion_t
 
-   real(wp), parameter :: step_of_period = 0.15_wp  !! step / the shortest period of block and ground
-   real(wp), parameter :: least_area = 0.3_wp       !! on which it may act in the next step / R_b**2
-   real(wp), parameter :: step_of_radius = 0.05_wp  !! distance in a step / R_b
-   real(wp), parameter :: max_turn = 0.2_wp         !! in a step of free flight [rad]
-   real(wp), parameter :: caution = 0.8_wp          !! of the way to the ground that a free step may take
+   real(wp), parameter :: step_of_period = 0.15_wp  !! step / shortest period of block and ground
+   real(wp), parameter :: least_area = 0.3_wp       !! minimum contact area assumed for the next step / R_b**2
+   real(wp), parameter :: step_of_radius = 0.05_wp  !! maximum displacement per step / R_b
+   real(wp), parameter :: max_turn = 0.2_wp         !! maximum rotation per step of free flight [rad]
+   real(wp), parameter :: caution = 0.8_wp          !! maximum fraction of the distance to the ground per free step
 
 contains
 
-   !> The law of a ground for a block of this size.
+   !> Parameters of a ground for a block of this size.
    pure type(law_t) function law_of(ground, radius, density) result(law)
       type(ground_t), intent(in) :: ground
       real(wp), intent(in) :: radius, density  !! [m], [kg/m3]
@@ -47,7 +47,7 @@ contains
       law%plough = ground%plough
    end function law_of
 
-   !> A block at a place, in an orientation, with velocity and spin.
+   !> Start the motion of a block with position, orientation, velocity and spin.
    pure subroutine start_motion(block, law, x, v, q, spin, m)
       type(block_t), intent(in) :: block
       type(law_t), intent(in) :: law
@@ -62,8 +62,8 @@ contains
       allocate (m%vertex(size(block%x, 1), 3), m%depth(size(block%x, 1)), m%normal(3, size(block%x, 1)), source=0.0_wp)
    end subroutine start_motion
 
-   !> One step: half a kick, a drift, the forces there, half a kick. Of second order, and symplectic where
-   !> the ground is elastic.
+   !> Advance by one step: half a kick, a drift, the new forces, half a kick. Of second order, and symplectic if the
+   !> ground is elastic.
    pure subroutine advance(block, law, relief, gravity, dt, m)
       type(block_t), intent(in) :: block
       type(law_t), intent(in) :: law
@@ -80,7 +80,7 @@ contains
       if (m%wet) m%momentum = m%momentum + 0.5_wp*dt*matmul(m%torque, rotation_matrix(m%q))
    end subroutine advance
 
-   !> Forces of the ground after a step of dt, and how far the block is from it.
+   !> Compute the forces of the ground after a step of dt, and the distance of the block from it.
    pure subroutine feel_ground(block, law, relief, dt, m)
       type(block_t), intent(in) :: block
       type(law_t), intent(in) :: law
@@ -107,7 +107,7 @@ contains
       m%clear = huge(1.0_wp)
       do k = 1, size(m%depth)
          height = relief%top - (m%x(3) + m%vertex(k, 3))
-         if (height > -block%edge) then  ! else neither it nor a neighbour is submerged
+         if (height > -block%edge) then  ! otherwise neither it nor a neighbour is submerged
             call look_up(relief, m%x(1) + m%vertex(k, 1), m%x(2) + m%vertex(k, 2), height, slope(1), slope(2))
             height = height - (m%x(3) + m%vertex(k, 3))
             steep = 1/sqrt(1 + slope(1)**2 + slope(2)**2)
@@ -128,7 +128,7 @@ contains
       call press_facets(block, law, axes, spin, dt, m)
    end subroutine feel_ground
 
-   !> Sum of the forces on all facets that are submerged in part.
+   !> Sum the forces on all facets that are at least partly submerged.
    pure subroutine press_facets(block, law, axes, spin, dt, m)
       type(block_t), intent(in) :: block
       type(law_t), intent(in) :: law
@@ -161,8 +161,8 @@ contains
       end do
    end subroutine press_facets
 
-   !> Step in contact [s]: a part of the period of the block, rocking, on the area on which the ground acts
-   !> now, and of the time in which it moves by a small part of its radius.
+   !> Step in contact [s]: a fraction of the rocking period of the block on its current contact area, and of the time in
+   !> which it moves by a small part of its radius.
    pure real(wp) function contact_step(block, law, m) result(dt)
       type(block_t), intent(in) :: block
       type(law_t), intent(in) :: law
@@ -177,7 +177,7 @@ contains
       end associate
    end function contact_step
 
-   !> Step in the air [s]: no part can reach the ground in it, but at least `least`.
+   !> Step in the air [s]: short enough that no part can reach the ground, but at least `least`.
    pure real(wp) function free_step(block, relief, gravity, least, m) result(dt)
       type(block_t), intent(in) :: block
       type(relief_t), intent(in) :: relief
@@ -195,7 +195,7 @@ contains
       dt = max(dt, least)
    end function free_step
 
-   !> In space [rad/s].
+   !> Spin in space [rad/s].
    pure function spin_of(block, m) result(spin)
       type(block_t), intent(in) :: block
       type(motion_t), intent(in) :: m
@@ -204,7 +204,7 @@ contains
       spin = matmul(rotation_matrix(m%q), m%momentum/block%inertia)
    end function spin_of
 
-   !> Of translation and rotation [J].
+   !> Kinetic energy of translation and rotation [J].
    pure real(wp) function kinetic_energy(block, m)
       type(block_t), intent(in) :: block
       type(motion_t), intent(in) :: m

@@ -10,19 +10,19 @@ module lab_block_tables
    public :: plan_t, plan_of, plan_row, check_plan, plan_keys
    public :: ground_keys
 
-   !> Blocks, relief and time step: what is made of them is for others.
+   !> Parameters of blocks, relief and time step, which other modules interpret.
    type :: plan_t
       real(wp) :: radius = 0.4_wp        !! R_b of all blocks [m]
       real(wp) :: density = 2700         !! [kg/m3]
-      integer :: count = 64              !! random blocks of the shape
-      real(wp) :: edge = 1               !! longest of a facet, over R_b
+      integer :: count = 64              !! number of random blocks of the shape
+      real(wp) :: edge = 1               !! longest edge of a facet, over R_b
       real(wp) :: relief = 13.5_wp       !! standard deviation of the slope along a line [degrees]
-      real(wp) :: shortest = 2           !! wave, over R_b
-      real(wp) :: longest = 16           !! wave, over R_b
+      real(wp) :: shortest = 2           !! shortest wavelength, over R_b
+      real(wp) :: longest = 16           !! longest wavelength, over R_b
       real(wp) :: hurst = 0.8_wp         !! Hurst exponent between them
-      integer :: patches = 4             !! of relief
-      real(wp) :: step_factor = 1        !! time step over the usual one
-      real(wp) :: rest_angle = 38        !! steepest ground on which boulders by the table rest [degrees]
+      integer :: patches = 4             !! number of patches of relief
+      real(wp) :: step_factor = 1        !! time step relative to the default
+      real(wp) :: rest_angle = 38        !! maximum slope on which boulders using the table rest [degrees]
    end type plan_t
 
    integer, parameter :: long = 16

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What the ground does to the submerged part of a flat facet: pressure up to the yield pressure, elastic
-!> on retreat, and Coulomb friction with memory.
+!> Action of the ground on the submerged part of a flat facet: pressure up to the yield pressure, elastic unloading,
+!> and Coulomb friction with memory.
 module lab_pressure
    use rockfall_kinds, only: wp
    use lab_contact, only: cross
@@ -8,23 +8,23 @@ module lab_pressure
    private
    public :: law_t, memory_t, facet_t, part_t, submerged_part, press, untouched
 
-   !> The ground's law, ready for use.
+   !> Parameters of the ground, derived for a block.
    type :: law_t
       real(wp) :: stiffness = 0      !! k [Pa/m]
       real(wp) :: reserve = 0        !! p_y/k: the elastic path to yielding [m]
       real(wp) :: friction = 0       !! mu [-]
       real(wp) :: soil_density = 0   !! [kg/m3]
-      logical :: plough = .false.    !! pressure along the facet's normal; else along the ground's
+      logical :: plough = .false.    !! pressure along the facet's normal; otherwise along the ground's
    end type law_t
 
-   !> What a facet remembers while any part of it is submerged.
+   !> State of a facet while any part of it is submerged.
    type :: memory_t
       real(wp) :: reserve = 0        !! e: the pressure is at most k e [m]
-      real(wp) :: area = 0           !! on which the ground acted last [m2]
+      real(wp) :: area = 0           !! last contact area [m2]
       real(wp) :: drag(3) = 0        !! tangential force [N]
    end type memory_t
 
-   !> A facet and the ground below it at an instant.
+   !> Facet and the ground below it at an instant.
    type :: facet_t
       real(wp) :: x(3, 3) = 0        !! corners, from the centre of mass [m]
       real(wp) :: depth(3) = 0       !! of the corners, along the ground's normal; < 0 above it [m]
@@ -33,28 +33,28 @@ module lab_pressure
       real(wp) :: area = 0           !! [m2]
    end type facet_t
 
-   !> Integrals over the part of a facet that lies deeper than a level, of its depth below the level.
+   !> Integrals of the depth below a level, over the part of a facet below that level.
    type :: part_t
       real(wp) :: area = 0           !! [m2]
       real(wp) :: volume = 0         !! of the depth [m3]
-      real(wp) :: place(3) = 0       !! of the place [m3]
-      real(wp) :: moment(3) = 0      !! of depth times place [m4]
+      real(wp) :: place(3) = 0       !! of the position [m3]
+      real(wp) :: moment(3) = 0      !! of depth times position [m4]
    end type part_t
 
    real(wp), parameter :: shear = 0.8_wp       !! tangential stiffness over k
-   real(wp), parameter :: upright = 0.4_wp     !! pressure on an upright facet of a plough, of that on a flat one
+   real(wp), parameter :: upright = 0.4_wp     !! pressure on an upright ploughing facet, relative to a flat one
 
 contains
 
-   !> Memory of a facet that has not touched the ground. A ploughing facet gains its reserve by moving;
-   !> on hard ground it has all of it, and the depth alone says how much pressure there is.
+   !> State of a facet that has not touched the ground. A ploughing facet gains its reserve by moving; on hard ground it
+   !> has the full reserve, and the pressure depends on depth only.
    pure type(memory_t) function untouched(law)
       type(law_t), intent(in) :: law
 
       untouched = memory_t(reserve=merge(0.0_wp, law%reserve, law%plough))
    end function untouched
 
-   !> The part of a triangle deeper than a level: the depth is linear over it.
+   !> Part of a triangle below a level: the depth is linear on it.
    pure type(part_t) function submerged_part(x, depth, area, level) result(part)
       real(wp), intent(in) :: x(3, 3)          !! corners [m]
       real(wp), intent(in) :: depth(3), level  !! [m]
@@ -68,7 +68,7 @@ contains
       select case (deep)
       case (3)
          part = of_triangle(x, f, area)
-      case (2)  ! all of it but the corner that is not
+      case (2)  ! all except the corner that is not submerged
          part = of_triangle(x, f, area)
          dry = corner_part(x, f, area, minloc(f, 1))
          part = part_t(part%area - dry%area, part%volume - dry%volume, part%place - dry%place, &
@@ -78,7 +78,7 @@ contains
       end select
    end function submerged_part
 
-   !> The corner `i` of a triangle, cut off where the depth is 0.
+   !> Corner `i` of a triangle, cut off where the depth is 0.
    pure type(part_t) function corner_part(x, f, area, i) result(part)
       real(wp), intent(in) :: x(3, 3), f(3), area  !! [m], [m], [m2]
       integer, intent(in) :: i
@@ -95,7 +95,7 @@ contains
       part = of_triangle(y, [f(i), 0.0_wp, 0.0_wp], area*t*u)
    end function corner_part
 
-   !> Integrals over a whole triangle of a linear depth, which may be negative.
+   !> Integrals over a complete triangle of a linear depth, which may be negative.
    pure type(part_t) function of_triangle(x, f, area) result(part)
       real(wp), intent(in) :: x(3, 3), f(3), area  !! [m], [m], [m2]
       real(wp) :: s
@@ -107,8 +107,8 @@ contains
       part%moment = area/12*((s + f(1))*x(:, 1) + (s + f(2))*x(:, 2) + (s + f(3))*x(:, 3))
    end function of_triangle
 
-   !> Force and torque on a facet after a step in which the block moved with velocity and spin. What the
-   !> facet pushes aside acts in the middle of its submerged part, as friction does.
+   !> Force and torque on a facet after a step in which the block moved with velocity and spin. The resistance of
+   !> displaced ground and the friction act at the centre of the submerged part.
    pure subroutine press(law, facet, velocity, spin, dt, memory, force, torque)
       type(law_t), intent(in) :: law
       type(facet_t), intent(in) :: facet
@@ -149,17 +149,17 @@ contains
       torque = cross(lever, along) + cross(place, memory%drag)
    end subroutine press
 
-   !> Hard ground: pressure p = k min(d, e) along the ground's normal, d the depth. Where d < e it is a
-   !> spring; where d > e the ground has yielded, and e falls with the retreat of that part and recovers with
-   !> its advance, up to p_y/k. The energy stored, k/2 times the integral of min(d, e)**2, changes by just the
-   !> work of the pressure.
+   !> Hard ground: pressure p = k min(d, e) along the ground's normal, with the depth d. Where d < e it is a spring;
+   !> where d > e the ground has yielded, and e decreases with the retreat of that part and recovers with its advance,
+   !> up to p_y/k. The stored energy, k/2 times the integral of min(d, e)**2, changes exactly by the work of the
+   !> pressure.
    pure subroutine sink(law, facet, wet, velocity, spin, dt, memory, push, lever)
       type(law_t), intent(in) :: law
       type(facet_t), intent(in) :: facet
-      type(part_t), intent(in) :: wet                    !! the submerged part
+      type(part_t), intent(in) :: wet                    !! submerged part
       real(wp), intent(in) :: velocity(3), spin(3), dt   !! [m/s], [rad/s], [s]
       type(memory_t), intent(inout) :: memory
-      real(wp), intent(out) :: push, lever(3)            !! of a facet that faces the ground [N], [N m]
+      real(wp), intent(out) :: push, lever(3)            !! on a facet that faces the ground [N], [N m]
       type(part_t) :: yielded
       real(wp) :: change, volume
 
@@ -180,9 +180,9 @@ contains
       lever = law%stiffness*(wet%moment - yielded%moment + change*yielded%place)
    end subroutine sink
 
-   !> Soft ground: pressure p = k e along the facet's normal on its submerged part, e its advance, at most
-   !> p_y/k. Newly submerged parts share what force there is; those that emerge take theirs along: neither
-   !> adds to the energy stored.
+   !> Soft ground: pressure p = k e along the facet's normal on its submerged part, with its advance e, at most p_y/k.
+   !> Newly submerged parts share the existing force; those that emerge take theirs away: neither adds to the stored
+   !> energy.
    pure subroutine plough(law, area, advance, memory, push)
       type(law_t), intent(in) :: law
       real(wp), intent(in) :: area, advance  !! submerged, by its attitude [m2]; along its normal [m]
@@ -194,7 +194,7 @@ contains
       push = law%stiffness*memory%reserve*area
    end subroutine plough
 
-   !> Coulomb friction with memory: a tangential spring, cut off at mu times the push.
+   !> Coulomb friction with memory: a tangential spring, limited to mu times the push.
    pure subroutine rub(law, slip, along, area, push, dt, memory)
       type(law_t), intent(in) :: law
       real(wp), intent(in) :: slip(3), along(3)  !! velocity in the plane [m/s], normal of the plane [-]

@@ -8,7 +8,7 @@ module lab_rotation
 
 contains
 
-   !> Columns are the body's axes in space.
+   !> Rotation matrix; columns are the body's axes in space.
    pure function rotation_matrix(q) result(m)
       real(wp), intent(in) :: q(4)  !! (scalar, vector), unit [-]
       real(wp) :: m(3, 3)
@@ -18,8 +18,8 @@ contains
       m(:, 3) = [2*(q(2)*q(4) + q(1)*q(3)), 2*(q(3)*q(4) - q(1)*q(2)), 1 - 2*(q(2)**2 + q(3)**2)]
    end function rotation_matrix
 
-   !> Free rotation for a time: five turns about principal axes (Dullweber, Leimkuhler, McLachlan 1997).
-   !> Keeps the angular momentum in space to rounding; its error of energy is bounded for all times.
+   !> Free rotation over a time by five rotations about principal axes (Dullweber, Leimkuhler, McLachlan 1997).
+   !> Conserves the angular momentum in space to rounding; the energy error stays bounded.
    pure subroutine rotate_free(q, momentum, inertia, dt)
       real(wp), intent(inout) :: q(4), momentum(3)  !! [-], in the body's axes [kg m2/s]
       real(wp), intent(in) :: inertia(3), dt        !! principal moments [kg m2], [s]
@@ -32,8 +32,8 @@ contains
       q = q/sqrt(sum(q**2))
    end subroutine rotate_free
 
-   !> Turn about body axis i, with j and k the other two in cyclic order. The tangent of half the angle is
-   !> taken as half the angle, an error of third order in the step as the splitting's own.
+   !> Rotate about body axis i, with j and k the other two in cyclic order. The tangent of the half angle is
+   !> approximated by the half angle, an error of third order in the step like that of the splitting.
    pure subroutine turn(q, momentum, inertia, i, j, k, dt)
       real(wp), intent(inout) :: q(4), momentum(3)  !! [-], in the body's axes [kg m2/s]
       real(wp), intent(in) :: inertia(3), dt        !! [kg m2], [s]

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A block thrown at a tilted ground, and the records of its first contacts.
+!> Throw of a block at a tilted ground, and the records of its first contacts.
 module lab_throw
    use rockfall_kinds, only: wp
    use lab_block, only: block_t
@@ -16,18 +16,18 @@ module lab_throw
 
 contains
 
-   !> The first contacts of a throw, as many as fit; `complete` is false where the time ran out before.
+   !> Compute the first contacts of a throw, as many as fit; `complete` is false if the time limit was reached.
    pure subroutine follow_throw(block, law, relief, throw, step, contacts, n, complete)
       type(block_t), intent(in) :: block
       type(law_t), intent(in) :: law
       type(relief_t), intent(in) :: relief
       type(throw_t), intent(in) :: throw
-      real(wp), intent(in) :: step                  !! time step over the usual one [-]
+      real(wp), intent(in) :: step                  !! time step relative to the default [-]
       type(contact_t), intent(out) :: contacts(:)
-      integer, intent(out) :: n                     !! contacts
+      integer, intent(out) :: n                     !! number of contacts
       logical, intent(out) :: complete
       type(motion_t) :: m
-      type(instant_t) :: first, last                !! of this contact, as yet
+      type(instant_t) :: first, last                !! of the current contact so far
       real(wp) :: gravity(3), time, unit, dt, least, slow_since
       integer :: entry
       logical :: in_contact, high, cut_now, rests
@@ -75,7 +75,7 @@ contains
       complete = n == size(contacts)
    end subroutine follow_throw
 
-   !> Gravity on the tilted plane, and the block just above the ground at its place.
+   !> Set gravity on the tilted plane, and place the block just above the ground.
    pure subroutine set_out(block, law, relief, throw, gravity, m)
       type(block_t), intent(in) :: block
       type(law_t), intent(in) :: law
@@ -83,7 +83,7 @@ contains
       type(throw_t), intent(in) :: throw
       real(wp), intent(out) :: gravity(3)  !! [m/s2]
       type(motion_t), intent(out) :: m
-      real(wp), parameter :: gap = 1.0e-6_wp  !! left above the ground / R_b
+      real(wp), parameter :: gap = 1.0e-6_wp  !! initial gap above the ground / R_b
       real(wp) :: v(6)
 
       gravity = fall_line_gravity(throw)

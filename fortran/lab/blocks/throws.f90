@@ -1,6 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Many throws, drawn at random. A throw is a pure function of (seed, number), so threads and chunks
-!> cannot change a bit.
+!> Many random throws. A throw is a pure function of (seed, number), so threads and chunks cannot change a bit.
 module lab_throws
    use rockfall_kinds, only: wp, i8
    use rockfall_threads, only: team_size
@@ -19,14 +18,14 @@ module lab_throws
 
 contains
 
-   !> Throws `first` to `first + size(thrown) - 1`. Throw k takes block mod(k - 1, blocks) + 1.
+   !> Throw `first` to `first + size(thrown) - 1`. Throw k uses block mod(k - 1, blocks) + 1.
    subroutine throw_blocks(blocks, law, reliefs, range, contacts, step, key, first, threads, thrown)
       type(block_t), intent(in) :: blocks(:)
       type(law_t), intent(in) :: law
       type(relief_t), intent(in) :: reliefs(:)
       type(throw_range_t), intent(in) :: range
-      integer, intent(in) :: contacts  !! of a throw, at most
-      real(wp), intent(in) :: step     !! time step over the usual one [-]
+      integer, intent(in) :: contacts  !! maximum number per throw
+      real(wp), intent(in) :: step     !! time step relative to the default [-]
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: first
       integer, intent(in) :: threads   !! 0: all
@@ -46,7 +45,7 @@ contains
       !$omp end parallel do
    end subroutine throw_blocks
 
-   !> The throw of a number, and its patch.
+   !> Draw throw `number`, and its patch.
    pure subroutine draw_block_throw(range, key, number, reliefs, throw, patch)
       type(throw_range_t), intent(in) :: range
       type(random_key_t), intent(in) :: key
@@ -62,7 +61,7 @@ contains
       throw%orientation = any_orientation(key, number)
    end subroutine draw_block_throw
 
-   !> Uniform over all orientations: the direction of a point that is uniform in a ball of four dimensions.
+   !> Random orientation, uniform: the direction of a point that is uniform in a four-dimensional ball.
    pure function any_orientation(key, number) result(q)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A ground that yields: its strength, and its relief as a periodic patch of heights.
+!> Yielding ground: its strength, and its relief as a periodic patch of heights.
 module lab_yielding_ground
    use rockfall_kinds, only: wp
    use rockfall_error, only: error_t, fail
@@ -7,22 +7,22 @@ module lab_yielding_ground
    private
    public :: ground_t, relief_t, make_relief, check_ground, stiffness_of, look_up
 
-   !> How the ground answers.
+   !> Mechanical properties of the ground.
    type :: ground_t
       real(wp) :: yield_pressure = 1.0e6_wp  !! p_y [Pa]
       real(wp) :: restitution = 0.2_wp       !! of a sphere of the block's size at 5 m/s, vertically [-]
       real(wp) :: friction = 0.5_wp          !! Coulomb coefficient mu, block on ground [-]
-      real(wp) :: soil_density = 1800.0_wp   !! of what a block must push aside; 0: none [kg/m3]
-      logical :: plough = .true.             !! pressure along the facet's normal; else along the ground's
+      real(wp) :: soil_density = 1800.0_wp   !! density of soil that a block must displace; 0: none [kg/m3]
+      logical :: plough = .true.             !! pressure along the facet's normal; otherwise along the ground's
    end type ground_t
 
-   !> Heights at the middles of square cells, periodic, as a biquadratic B-spline: the slope is continuous.
+   !> Heights at the centres of square cells, periodic, as a biquadratic B-spline: the slope is continuous.
    type :: relief_t
       integer :: cells = 1                   !! along each side, a power of 2
       real(wp) :: cell = 1                   !! [m]
       real(wp), allocatable :: height(:, :)  !! (0:cells - 1, 0:cells - 1) coefficients, mean 0 [m]
-      real(wp) :: top = 0                    !! nothing is higher [m]
-      real(wp) :: steepest = 0               !! no slope is steeper, tangent [-]
+      real(wp) :: top = 0                    !! upper bound of the height [m]
+      real(wp) :: steepest = 0               !! upper bound of the slope, tangent [-]
    end type relief_t
 
    real(wp), parameter :: reference_speed = 5  !! of `restitution` [m/s]
@@ -44,8 +44,8 @@ contains
       end if
    end subroutine check_ground
 
-   !> Stiffness of the foundation [Pa/m] with which a sphere of radius R_b comes back with `restitution`
-   !> from a vertical impact at 5 m/s, if all of its print has yielded.
+   !> Stiffness of the foundation [Pa/m] for which a sphere of radius R_b rebounds with `restitution` from a vertical
+   !> impact at 5 m/s, if its entire contact area has yielded.
    pure real(wp) function stiffness_of(ground, radius, density) result(k)
       type(ground_t), intent(in) :: ground
       real(wp), intent(in) :: radius, density  !! of the block [m], [kg/m3]
@@ -55,7 +55,7 @@ contains
       k = ground%yield_pressure/(radius*ground%restitution**2)*sqrt(0.75_wp/s)
    end function stiffness_of
 
-   !> The relief of heights (cells, cells) on a patch of a width.
+   !> Build the relief from heights (cells, cells) on a patch of a given width.
    pure subroutine make_relief(height, width, relief, error)
       real(wp), intent(in) :: height(:, :)  !! [m]
       real(wp), intent(in) :: width         !! [m]
@@ -75,12 +75,12 @@ contains
       allocate (relief%height(0:relief%cells - 1, 0:relief%cells - 1))
       relief%height = height
       relief%top = maxval(height)
-      ! the spline's slope lies between those of its coefficients
+      ! the slope of the spline is bounded by those of its coefficients
       rise = [maxval(abs(height - cshift(height, 1, 1))), maxval(abs(height - cshift(height, 1, 2)))]
       relief%steepest = sqrt(sum(rise**2))/relief%cell
    end subroutine make_relief
 
-   !> Height and slope at a place.
+   !> Height and slope at a point.
    pure subroutine look_up(relief, x, y, height, slope_x, slope_y)
       type(relief_t), intent(in) :: relief
       real(wp), intent(in) :: x, y                          !! [m]

@@ -1,16 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A boulder, a sphere, thrown at a tilted layer of rocks, and the records of its first contacts.
+!> Throw of a boulder, a sphere, at a tilted layer of rocks, and the records of its first contacts.
 !>
-!> The layer has settled under gravity along its normal, and keeps it: gravity is tilted for the boulder alone. Spheres
-!> have a smaller angle of repose than rocks; under the slope's gravity a layer of them flows by itself on slopes where
-!> talus stands (docs/validation/lab.md). What the boulder moves feels the boulder's push along the slope, and
-!> not its own weight along it.
+!> The layer has settled under gravity along its normal, and keeps it: gravity is tilted for the boulder only. Spheres
+!> have a smaller angle of repose than rocks; under the gravity of the slope a layer of them would flow by itself on
+!> slopes on which talus is stable (docs/validation/lab.md). Rocks moved by the boulder feel its push along the slope,
+!> but not their own weight along it.
 !>
-!> Flights are exact. A boulder lands farther than the periodic layer is wide, on ground that it has not touched: each
-!> flight ends on the layer as it had settled. Within a contact, however long, displaced rocks stay displaced.
+!> Flights are exact. A boulder lands farther away than the width of the periodic layer, on untouched ground: each
+!> flight ends on the layer as settled. Within a contact, however long, displaced rocks stay displaced.
 !>
-!> Ground with a relief is made of facets, each a tilted patch of the layer. Every flight, and every record that rolls
-!> on, ends on another facet.
+!> Ground with a relief consists of facets, each a tilted patch of the layer. Every flight, and every record that
+!> continues by rolling, ends on another facet.
 module lab_rock_throw
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -29,52 +29,52 @@ module lab_rock_throw
    public :: boulder_t, check_boulder, follow_on_rocks, gap_to_layer, find_touch, facet_t, draw_facet, into_facet, &
       out_of_facet
 
-   !> What is thrown at rocks, and how it is followed.
+   !> Thrown boulder, and parameters of its simulation.
    type :: boulder_t
       real(wp) :: radius = 0.4_wp       !! R_b [m]
       real(wp) :: density = 2650        !! [kg/m3]
       real(wp) :: relief = 0            !! standard deviation of the facets' slope along a line [degrees]
-      real(wp) :: step_factor = 1.4_wp  !! step / what `safe_step` gives
-      integer :: retries = 3            !! times that a step found too long is halved
+      real(wp) :: step_factor = 1.4_wp  !! step relative to `safe_step`
+      integer :: retries = 3            !! maximum number of halvings of a step found too long
    end type boulder_t
 
-   !> A facet of the mean surface: how it is turned about a line in that surface.
+   !> Facet of the mean surface: its rotation about a line in that surface.
    type :: facet_t
-      real(wp) :: axis(3) = 0  !! times the sine of the turn [-]
-      real(wp) :: cosine = 1   !! of the turn [-]
+      real(wp) :: axis(3) = 0  !! times the sine of the rotation angle [-]
+      real(wp) :: cosine = 1   !! of the rotation angle [-]
    end type facet_t
 
-   !> The boulder in the frame of the mean surface: x(3) above it.
+   !> Motion of the boulder in the frame of the mean surface: x(3) above it.
    type :: motion_t
       real(wp) :: x(3) = 0, v(6) = 0  !! [m]; [m/s] and [rad/s]
       real(wp) :: time = 0            !! [s]
    end type motion_t
 
-   !> A throw as it goes on.
+   !> Current state of a throw.
    type :: course_t
       type(assembly_t) :: s
       type(motion_t) :: m
       type(facet_t) :: facet
-      type(instant_t) :: first, last    !! of this contact, as yet
+      type(instant_t) :: first, last    !! of the current contact so far
       integer :: entry = from_flight
       real(wp) :: slow_since = 0        !! [s]
-      real(wp) :: wait = 0              !! until then it does not leave the layer [s]
-      integer :: steps = 0              !! since it landed
+      real(wp) :: wait = 0              !! time until which it does not leave the layer [s]
+      integer :: steps = 0              !! number since the landing
       integer(i8) :: landings = 0
    end type course_t
 
    integer(i8), parameter :: for_facet = 71         !! purpose of random numbers
-   real(wp), parameter :: steepest = 2.5_wp         !! slope of a facet along a line / its deviation
-   integer, parameter :: max_facets = 1000          !! drawn for one that faces the boulder
-   real(wp), parameter :: opening_gap = 1.0e-7_wp   !! between boulder and layer where they meet / R_b
-   real(wp), parameter :: inside_step = 0.05_wp     !! on the way out of a place that the layer had filled / R_b
-   integer, parameter :: max_looks = 20000          !! on the way to a touch
-   real(wp), parameter :: retry_time = 0.1_wp       !! between looks for another facet / sqrt(R_b/g)
-   integer, parameter :: watch_interval = 32        !! steps between looks at energy and at the way out
+   real(wp), parameter :: steepest = 2.5_wp         !! maximum slope of a facet along a line / its deviation
+   integer, parameter :: max_facets = 1000          !! maximum number drawn to find one that faces the boulder
+   real(wp), parameter :: opening_gap = 1.0e-7_wp   !! between boulder and layer at the contact / R_b
+   real(wp), parameter :: inside_step = 0.05_wp     !! when leaving a volume that the layer had filled / R_b
+   integer, parameter :: max_looks = 20000          !! maximum number of gap evaluations up to a contact
+   real(wp), parameter :: retry_time = 0.1_wp       !! between attempts to find another facet / sqrt(R_b/g)
+   integer, parameter :: watch_interval = 32        !! steps between checks of the energy and of the exit path
 
 contains
 
-   !> Refuse a boulder that cannot be followed.
+   !> Check the parameters of a boulder.
    pure subroutine check_boulder(boulder, error)
       type(boulder_t), intent(in) :: boulder
       type(error_t), allocatable, intent(out) :: error
@@ -88,18 +88,18 @@ contains
       end if
    end subroutine check_boulder
 
-   !> The first contacts of a throw, as many as fit; `complete` is false where the time ran out before, or where no
-   !> step could follow it: it then has no contacts. A pure function of its arguments.
+   !> Compute the first contacts of a throw, as many as fit; `complete` is false if the time limit was reached, or if no
+   !> step was stable: then there are no contacts. A pure function of its arguments.
    pure subroutine follow_on_rocks(layer, packing, material, boulder, throw, key, number, contacts, n, complete)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
       type(material_t), intent(in) :: material
       type(boulder_t), intent(in) :: boulder
       type(throw_t), intent(in) :: throw
-      type(random_key_t), intent(in) :: key  !! with the number: of the facets
+      type(random_key_t), intent(in) :: key  !! with the number: random numbers of the facets
       integer(i8), intent(in) :: number      !! of the throw
       type(contact_t), intent(out) :: contacts(:)
-      integer, intent(out) :: n              !! contacts
+      integer, intent(out) :: n              !! number of contacts
       logical, intent(out) :: complete
       integer :: k, trouble
 
@@ -116,7 +116,7 @@ contains
       complete = .false.
    end subroutine follow_on_rocks
 
-   !> The same with a given step; an assembly in trouble ends it.
+   !> Follow a throw with a given step; trouble ends it.
    pure subroutine follow(layer, packing, material, boulder, thrown, key, number, factor, contacts, n, complete, &
                           trouble)
       type(layer_t), intent(in) :: layer
@@ -191,7 +191,7 @@ contains
 
    contains
 
-      !> A contact begins: on a facet that the path meets, or where the flight has ended.
+      !> Begin a contact: on a facet that the path hits, or where the flight has ended.
       pure subroutine land(c, on_straight_path)
          type(course_t), intent(inout) :: c
          logical, intent(in) :: on_straight_path
@@ -207,7 +207,7 @@ contains
          c%entry = from_flight
       end subroutine land
 
-      !> The same contact goes on on another facet, if one faces the boulder.
+      !> Continue the contact on another facet, if one faces the boulder.
       pure subroutine go_on(c, found)
          type(course_t), intent(inout) :: c
          logical, intent(out) :: found
@@ -230,8 +230,8 @@ contains
       end subroutine begin
    end subroutine follow
 
-   !> Whether a boulder that moves away from the layer has left it: nothing touches it or lies in its way, or it is
-   !> above the layer as that had settled, among rocks that fly with it.
+   !> Return whether a boulder that moves away from the layer has left it: nothing touches it or lies in its path, or it
+   !> is above the settled surface of the layer, among rocks that fly with it.
    pure logical function is_free(layer, boulder, s)
       type(layer_t), intent(in) :: layer
       type(boulder_t), intent(in) :: boulder
@@ -245,15 +245,15 @@ contains
       end associate
    end function is_free
 
-   !> Whether the boulder touches anything.
+   !> Return whether the boulder touches any body.
    pure logical function touches(s)
       type(assembly_t), intent(in) :: s
 
       touches = any(abs(s%bodies%f(:, s%bodies%n)) > 0)
    end function touches
 
-   !> Layer and boulder, ready to step. On a straight path the boulder is put where it first touches the layer on its
-   !> way to the mean surface, else it is there already.
+   !> Assemble layer and boulder for time stepping. On a straight path the boulder is placed where it first touches the
+   !> layer on its way to the mean surface, otherwise it is already there.
    pure subroutine load(layer, packing, material, boulder, throw, gravity, facet, factor, on_straight_path, m, s)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
@@ -298,7 +298,7 @@ contains
       if (.not. packing%rigid_base) call set_absorbing_base(s, packing%density*layer%solid*packing%base_speed)
    end subroutine load
 
-   !> One step, and where it takes the boulder: the layer is periodic, its path is not.
+   !> Advance by one step, and update the position of the boulder: the layer is periodic, its path is not.
    pure subroutine step_on(s, facet, m)
       type(assembly_t), intent(inout) :: s
       type(facet_t), intent(in) :: facet
@@ -324,9 +324,9 @@ contains
       now = instant_t(m%time, m%x, m%v(1:3), m%v(4:6), body_energy(s%bodies, s%bodies%n))
    end function instant_of
 
-   !> Whether a boulder that touches nothing leaves for a flight, and how long it flies, or how long it touches
-   !> nothing. Over facets, whose heights are not known, it flies if it rises, and lands where its centre has come down
-   !> to R_b above the mean surface, at the earliest at the top of its path.
+   !> Determine whether a boulder without contact leaves for a flight, and how long it flies, or how long it is without
+   !> contact. Over facets, whose heights are unknown, it flies if it rises, and lands when its centre has come down to
+   !> R_b above the mean surface, at the earliest at the top of its path.
    pure subroutine look_ahead(layer, boulder, gravity, m, last_touch, unit, leaves, time)
       type(layer_t), intent(in) :: layer
       type(boulder_t), intent(in) :: boulder
@@ -348,7 +348,7 @@ contains
                .and. m%time + time - last_touch > hop_time*unit
    end subroutine look_ahead
 
-   !> A part of a parabola.
+   !> Move along a parabola.
    pure subroutine fly(gravity, time, m)
       real(wp), intent(in) :: gravity(3), time  !! [m/s2], [s]
       type(motion_t), intent(inout) :: m
@@ -358,14 +358,15 @@ contains
       m%time = m%time + time
    end subroutine fly
 
-   !> When a sphere first touches the settled layer on its path. A sphere that begins within it, where the rocks have
-   !> been pushed aside, comes out first. Each look goes as far as the gap lets it at its speed, so no touch is missed.
+   !> Time of the first contact of a sphere with the settled layer on its path. A sphere that starts inside it, where
+   !> the rocks have been pushed aside, first comes out. Each step is limited by the gap and the speed, so no contact is
+   !> missed.
    pure subroutine find_touch(layer, radius, x, v, gravity, time, highest)
       type(layer_t), intent(in) :: layer
       real(wp), intent(in) :: radius                      !! [m]
       real(wp), intent(in) :: x(3), v(3), gravity(3)      !! [m], floor at 0; [m/s]; [m/s2]
       real(wp), intent(out) :: time     !! [s]
-      real(wp), intent(out) :: highest  !! gap on the way, as far as it was looked at [m]
+      real(wp), intent(out) :: highest  !! maximum gap on the part of the path examined [m]
       real(wp) :: gap, here(3), now(3), speed, pull, ceiling
       integer :: look
       logical :: outside
@@ -378,7 +379,7 @@ contains
       do look = 1, max_looks
          here = x + time*(v + 0.5_wp*time*gravity)
          now = v + time*gravity
-         if (here(3) > ceiling + radius) then  ! above all rocks: down to them at once
+         if (here(3) > ceiling + radius) then  ! above all rocks: skip directly to them
             highest = here(3) - ceiling
             time = time + fall_time(here(3) - ceiling - 0.5_wp*radius, now(3), gravity(3))
             outside = .true.
@@ -398,7 +399,7 @@ contains
       end do
    end subroutine find_touch
 
-   !> Time of the way down by a height [s].
+   !> Time to descend by a height [s].
    pure real(wp) function fall_time(height, v, gravity)
       real(wp), intent(in) :: height      !! > 0 [m]
       real(wp), intent(in) :: v, gravity  !! upward velocity [m/s], <= 0 [m/s2]; one of them leads down
@@ -410,7 +411,7 @@ contains
       end if
    end function fall_time
 
-   !> Distance from a sphere to the nearest rock of the settled layer in any image, or the floor; below zero within [m].
+   !> Distance from a sphere to the nearest rock of the settled layer in any image, or the floor; < 0 inside [m].
    pure real(wp) function gap_to_layer(layer, radius, x) result(gap)
       type(layer_t), intent(in) :: layer
       real(wp), intent(in) :: radius, x(3)  !! [m]
@@ -418,7 +419,7 @@ contains
       integer :: k
 
       width = layer%box%width
-      at = x(1:2) - width*floor(x(1:2)/width)  ! in the box, as the rocks are
+      at = x(1:2) - width*floor(x(1:2)/width)  ! position in the box, like the rocks
       gap = x(3) - radius
       do k = 1, size(layer%radius)
          dz = x(3) - layer%x(3, k)
@@ -431,15 +432,15 @@ contains
       end do
    end function gap_to_layer
 
-   !> A facet that a boulder meets: slopes along two lines are normal, cut off, and the chance that a facet is met goes
-   !> with the area that it shows to the path.
+   !> Draw a facet hit by a boulder: slopes along two lines are normal, truncated, and the probability of a hit is
+   !> proportional to the area of the facet projected along the path.
    pure subroutine draw_facet(relief, key, number, landing, v, facet, faces)
       real(wp), intent(in) :: relief            !! standard deviation of its slope along a line [degrees]
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number, landing
       real(wp), intent(in) :: v(3)              !! [m/s]
       type(facet_t), intent(out) :: facet
-      logical, intent(out) :: faces             !! none was found that does
+      logical, intent(out) :: faces             !! false if no facet facing the boulder was found
       integer(i8) :: word(words_per_block), draw
       real(wp) :: deviation, slope(2), normal(3), shown, most
       integer :: k
@@ -469,7 +470,7 @@ contains
       normal_deviate = sign(normal_quantile(max(min(u, 1 - u), 1.0e-10_wp)), u - 0.5_wp)
    end function normal_deviate
 
-   !> A vector in the frame of a facet, whose normal is up there.
+   !> Transform a vector to the frame of a facet, whose normal is up.
    pure function into_facet(facet, v) result(turned)
       type(facet_t), intent(in) :: facet
       real(wp), intent(in) :: v(3)  !! any [unit]
@@ -478,7 +479,7 @@ contains
       turned = facet%cosine*v + cross(facet%axis, v) + dot_product(facet%axis, v)/(1 + facet%cosine)*facet%axis
    end function into_facet
 
-   !> A vector out of the frame of a facet.
+   !> Transform a vector from the frame of a facet.
    pure function out_of_facet(facet, v) result(turned)
       type(facet_t), intent(in) :: facet
       real(wp), intent(in) :: v(3)  !! any [unit]

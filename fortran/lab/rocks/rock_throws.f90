@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Many throws at rocks, drawn at random. A throw is a pure function of (seed, number) and of its layer, which is one
-!> of (seed, ratio, layer), so threads and chunks cannot change a bit.
+!> Many random throws at rocks. A throw is a pure function of (seed, number) and of its layer, which is one of (seed,
+!> ratio, layer), so threads and chunks cannot change a bit.
 module lab_rock_throws
    use rockfall_kinds, only: wp, i8
    use rockfall_threads, only: team_size
@@ -18,7 +18,7 @@ module lab_rock_throws
 
 contains
 
-   !> Throws of the numbers `number`, each at the layer at its place among those given.
+   !> Throw the boulders of the given numbers, each at the layer with its index among those given.
    subroutine throw_on_rocks(layers, packing, material, boulder, range, contacts, key, place, layer, number, threads, &
                              thrown)
       type(layer_t), intent(in) :: layers(:)
@@ -26,10 +26,10 @@ contains
       type(material_t), intent(in) :: material
       type(boulder_t), intent(in) :: boulder
       type(throw_range_t), intent(in) :: range
-      integer, intent(in) :: contacts    !! of a throw, at most
+      integer, intent(in) :: contacts    !! maximum number per throw
       type(random_key_t), intent(in) :: key
-      integer, intent(in) :: place(:)    !! of its layer
-      integer, intent(in) :: layer(:)    !! and its number
+      integer, intent(in) :: place(:)    !! index of its layer
+      integer, intent(in) :: layer(:)    !! number of its layer
       integer(i8), intent(in) :: number(:)
       integer, intent(in) :: threads     !! 0: all
       type(thrown_t), intent(out) :: thrown(:)

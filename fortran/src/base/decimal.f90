@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Decimal text to numbers: correctly rounded, every fault told, nothing else accepted.
+!> Correctly rounded conversion of decimal text to numbers; reports every error and accepts nothing else.
 module rockfall_decimal
    use rockfall_kinds, only: wp, i8
    implicit none
@@ -7,30 +7,30 @@ module rockfall_decimal
    public :: parse_real, parse_integer, decimal_ok, decimal_malformed, decimal_overflow
 
    integer, parameter :: decimal_ok = 0         !! the number was read
-   integer, parameter :: decimal_malformed = 1  !! no decimal number (Inf and NaN are none)
-   integer, parameter :: decimal_overflow = 2   !! a number, too large for its type
+   integer, parameter :: decimal_malformed = 1  !! not a decimal number (Inf and NaN are not accepted)
+   integer, parameter :: decimal_overflow = 2   !! valid number, too large for its type
 
-   integer, parameter :: kept = 18               !! significant digits that an i8 holds for sure
-   integer, parameter :: largest_power = 308     !! of ten in the largest double
-   integer(i8), parameter :: largest_17_digits = 17976931348623157_i8  !! its first 17 digits
-   integer(i8), parameter :: exact = 2_i8**53    !! integers up to here are exact doubles
-   integer, parameter :: exact_power = 22        !! so are the powers of ten up to here
+   integer, parameter :: kept = 18               !! significant digits that always fit in an i8
+   integer, parameter :: largest_power = 308     !! largest power of ten in a double
+   integer(i8), parameter :: largest_17_digits = 17976931348623157_i8  !! first 17 digits of the largest double
+   integer(i8), parameter :: exact = 2_i8**53    !! integers up to this are exact doubles
+   integer, parameter :: exact_power = 22        !! powers of ten up to this are exact doubles
    integer, parameter :: i128 = selected_int_kind(38)
    integer :: k_
    real(wp), parameter :: ten_to(0:exact_power) = [(10.0_wp**k_, k_=0, exact_power)]
    integer(i128), parameter :: ten_to_whole(0:kept) = [(10_i128**k_, k_=0, kept)]
 
-   !> A decimal number taken apart: sign * mantissa * 10**power, if no digit was `dropped`.
+   !> Parsed decimal number: sign * mantissa * 10**power, if no digit was `dropped`.
    type :: decimal_t
       logical :: negative = .false., dropped = .false.
       integer(i8) :: mantissa = 0  !! the first `kept` significant digits
-      integer :: digits = 0        !! of the mantissa
+      integer :: digits = 0        !! number of digits of the mantissa
       integer :: power = 0
    end type decimal_t
 
 contains
 
-   !> A real number such as `-2`, `.5`, `1.5e3`, `1d-3`: the double nearest to what is written.
+   !> Parse a real number such as `-2`, `.5`, `1.5e3`, `1d-3` to the nearest double.
    pure subroutine parse_real(text, value, status)
       character(len=*), intent(in) :: text   !! without blanks
       real(wp), intent(out) :: value
@@ -50,7 +50,7 @@ contains
       else if (number%dropped .or. abs(number%power) > exact_power) then
          read (text, *) value
          return
-      else if (number%mantissa <= exact) then  ! two exact doubles, so one rounding
+      else if (number%mantissa <= exact) then  ! two exact doubles: a single rounding
          if (number%power < 0) value = real(number%mantissa, wp)/ten_to(-number%power)
          if (number%power >= 0) value = real(number%mantissa, wp)*ten_to(number%power)
       else if (number%power <= 0 .and. number%power >= -kept) then
@@ -62,7 +62,7 @@ contains
       if (number%negative) value = -value
    end subroutine parse_real
 
-   !> mantissa/10**power, rounded once; for 2**53 < mantissa < 10**18 and power from 0 to 18.
+   !> Compute mantissa/10**power with one rounding, for 2**53 < mantissa < 10**18 and power from 0 to 18.
    pure real(wp) function quotient(mantissa, power)
       integer(i8), intent(in) :: mantissa
       integer, intent(in) :: power
@@ -70,12 +70,12 @@ contains
 
       dividend = shiftl(int(mantissa, i128), 64)
       whole = dividend/ten_to_whole(power)
-      ! at least 57 bits: the last one is too low to matter but for saying that something follows
+      ! at least 57 bits, so the last bit can serve as a sticky bit for the remainder
       if (whole*ten_to_whole(power) /= dividend) whole = ior(whole, 1_i128)
       quotient = real(whole, wp)*2.0_wp**(-64)
    end function quotient
 
-   !> [+-]digits[.digits][(e|d)[+-]digits] with at least one digit before the exponent.
+   !> Parse [+-]digits[.digits][(e|d)[+-]digits], with at least one digit before the exponent.
    pure subroutine take_apart(text, number, ok)
       character(len=*), intent(in) :: text
       type(decimal_t), intent(out) :: number
@@ -130,7 +130,7 @@ contains
       character(len=*), intent(in) :: text
       integer, intent(out) :: exponent
       logical, intent(out) :: ok
-      integer, parameter :: beyond_all = 100000  ! overflow or zero, whatever the digits are
+      integer, parameter :: beyond_all = 100000  ! overflow or zero, for any digits
       integer :: i, first
 
       exponent = 0
@@ -146,7 +146,7 @@ contains
       if (text(1:1) == "-") exponent = -exponent
    end subroutine take_exponent
 
-   !> Found before the conversion, which would raise the overflow flag (and trap where that is on).
+   !> Detect overflow before the conversion, which would raise the overflow flag (and trap where trapping is enabled).
    pure logical function too_large(number)
       type(decimal_t), intent(in) :: number
       integer(i8) :: first_17
@@ -154,7 +154,7 @@ contains
 
       too_large = .false.
       if (number%mantissa == 0) return
-      power = number%power + number%digits - 1  ! of the leading digit
+      power = number%power + number%digits - 1  ! power of the leading digit
       if (number%digits > 17) then
          first_17 = number%mantissa/10_i8**(number%digits - 17)
       else
@@ -164,7 +164,7 @@ contains
                   (power == largest_power .and. first_17 > largest_17_digits)
    end function too_large
 
-   !> An integer of 64 bits; `3.7` and `3.0` are malformed.
+   !> Parse a 64-bit integer; `3.7` and `3.0` are malformed.
    pure subroutine parse_integer(text, value, status)
       character(len=*), intent(in) :: text  !! without blanks
       integer(i8), intent(out) :: value

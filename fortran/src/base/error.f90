@@ -6,8 +6,8 @@ module rockfall_error
    private
    public :: error_t, fail, give_error, bad_input, our_fault
 
-   integer, parameter :: bad_input = 2  !! the user can mend it; exit status 2
-   integer, parameter :: our_fault = 1  !! a defect of the program; exit status 1
+   integer, parameter :: bad_input = 2  !! invalid input that the user can correct; exit status 2
+   integer, parameter :: our_fault = 1  !! internal error of the program; exit status 1
 
    type :: error_t
       integer :: code = our_fault            !! bad_input or our_fault
@@ -16,11 +16,11 @@ module rockfall_error
 
 contains
 
-   !> Set `error`; `message` says what is wrong, where, and what is allowed, in one line.
+   !> Set `error`; `message` is one line: what is wrong, where, and what is allowed.
    pure subroutine fail(error, message, code)
       type(error_t), allocatable, intent(out) :: error
       character(len=*), intent(in) :: message
-      integer, intent(in), optional :: code  !! bad_input unless given
+      integer, intent(in), optional :: code  !! default bad_input
 
       allocate (error)
       error%code = bad_input
@@ -28,7 +28,7 @@ contains
       error%message = message
    end subroutine fail
 
-   !> An error as the Python interfaces give it: code 0 and no message mean success.
+   !> Convert an error for the Python interfaces: code 0 and an empty message mean success.
    pure subroutine give_error(error, code, message)
       type(error_t), allocatable, intent(in) :: error
       integer(c_int), intent(out) :: code

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Elementary functions from + - * / and sqrt alone, so that they give the same bits on every machine
-!> (libm chooses other last bits by processor type).
+!> Elementary functions built only from + - * / and sqrt, for bitwise identical results on all machines
+!> (libm picks implementations with different last bits by processor type).
 module rockfall_math
    use rockfall_kinds, only: wp, i8
    implicit none
@@ -16,13 +16,13 @@ module rockfall_math
    integer(i8), parameter :: fraction_mask = int(z"000FFFFFFFFFFFFF", i8)
    integer(i8), parameter :: bits_of_one = int(z"3FF0000000000000", i8)
    real(wp), parameter :: sqrt2 = 1.4142135623730951_wp
-   real(wp), parameter :: first_whole = 2.0_wp**fraction_bits  !! from here to twice it doubles are the whole numbers
+   real(wp), parameter :: first_whole = 2.0_wp**fraction_bits  !! doubles are the integers from here to twice this
    integer(i8), parameter :: bits_of_whole = int(z"4330000000000000", i8)
 
 contains
 
-   !> A whole number 0..2**52 - 1 as a real, exactly: no machine but the newest converts several 64-bit integers at a
-   !> time, and this every one does.
+   !> Convert an integer 0..2**52 - 1 exactly to a real. Most processors lack a vector conversion of 64-bit integers;
+   !> this form vectorises everywhere.
    elemental real(wp) function real_of(n)
       integer(i8), intent(in) :: n
 
@@ -82,12 +82,12 @@ contains
       integer :: n
 
       cube_root = exponential(logarithm(x)/3)
-      do n = 1, 2  ! Newton's steps take the rounding of logarithm and exponential away
+      do n = 1, 2  ! two Newton steps remove the rounding errors of logarithm and exponential
          cube_root = cube_root - (cube_root - x/(cube_root*cube_root))/3
       end do
    end function cube_root
 
-   !> Sine and cosine for |angle| <= 0.88 rad (50 degrees), by their series.
+   !> Sine and cosine for |angle| <= 0.88 rad (50 degrees), by Taylor series.
    elemental subroutine sine_cosine(angle, s, c)
       real(wp), intent(in) :: angle  !! [rad]
       real(wp), intent(out) :: s, c  !! [-]
@@ -102,7 +102,7 @@ contains
       c = 1 + q*(c2 + q*(c4 + q*(c6 + q*(c8 + q*(c10 + q*(c12 + q*(c14 + q*c16)))))))
    end subroutine sine_cosine
 
-   !> The angle of a sine [rad], within 2e-15: by half angles to 11 degrees and less, then by its series.
+   !> Arcsine [rad], within 2e-15: half angles down to 11 degrees or less, then the series.
    elemental real(wp) function arcsine(x) result(angle)
       real(wp), intent(in) :: x  !! -1..1 [-]
       real(wp) :: s, q, term
@@ -115,14 +115,14 @@ contains
       q = s*s
       term = s
       angle = s
-      do n = 1, 11  ! |s| <= 0.196: terms fall by 26 and more
+      do n = 1, 11  ! |s| <= 0.196: each term is at least 26 times smaller than the one before
          term = term*q*(2*n - 1)/(2*n)
          angle = angle + term/(2*n + 1)
       end do
       angle = 8*angle
    end function arcsine
 
-   !> Square of the sine of 0 to 90 degrees [-]; exact at both ends.
+   !> Squared sine [-] of an angle from 0 to 90 degrees; exact at both ends.
    elemental real(wp) function squared_sine(degrees)
       real(wp), intent(in) :: degrees  !! [degree]
       real(wp) :: s, c
@@ -131,7 +131,7 @@ contains
       squared_sine = merge(s, c, degrees <= 45)**2
    end function squared_sine
 
-   !> Tangent [-] of an angle from 0 to less than 90 degrees, without libm; 1 for 45 degrees to the last bit.
+   !> Tangent [-] of an angle from 0 to less than 90 degrees, without libm; exactly 1 at 45 degrees.
    elemental real(wp) function tangent(degrees)
       real(wp), intent(in) :: degrees
       real(wp) :: s, c

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Counter-based random numbers: a pure function of (seed, purpose; boulder, impact, draw), so a boulder
-!> is the same alone or in a crowd, on any thread, in any shard, after any restart.
+!> Counter-based random numbers: a pure function of (seed, purpose; boulder, impact, draw), so the result of a boulder
+!> does not depend on other boulders, threads, shards or restarts.
 module rockfall_random
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: logarithm, real_of
@@ -14,50 +14,50 @@ module rockfall_random
    public :: normal_restitution_word, tangential_restitution_word, obstacle_spread_word
    public :: tree_class_word, tree_within_word
 
-   !> Purposes: separate streams. The laboratory has those from 65 on.
+   !> Purposes: separate streams. Those from 65 on belong to the laboratory.
    integer(i8), parameter :: for_release = 1, for_impact = 2, for_scramble = 3
-   integer(i8), parameter :: for_ground = 5   !! what a boulder meets at an impact
-   integer(i8), parameter :: for_forest = 11  !! counter: cell, stem; stem 0: how many there are
-   integer(i8), parameter :: for_tree = 12    !! counter: boulder, trees hit so far and this one
-   integer, parameter :: purpose_bit = 24  !! of the counter's last word; below it are the blocks of a purpose
+   integer(i8), parameter :: for_ground = 5   !! properties of the ground at an impact
+   integer(i8), parameter :: for_forest = 11  !! counter: cell, stem; stem 0 gives the number of stems
+   integer(i8), parameter :: for_tree = 12    !! counter: boulder, number of this tree among those hit
+   integer, parameter :: purpose_bit = 24  !! of the purpose in the counter's last word; lower bits count its blocks
 
-   !> Where in a draw stands the word for what: another order gives other results.
+   !> Index of the word used for each quantity within a draw. Changing them changes results.
    integer, parameter :: volume_word = 1        !! of for_release: volume
    integer, parameter :: rebound_words = 3      !! of for_impact: words 1 to 3 are the normals of V_t, V_n, W
-   integer, parameter :: normal_restitution_word = 1      !! of for_impact, where a classical rebound draws: R_n,
+   integer, parameter :: normal_restitution_word = 1      !! of for_impact, for a classical rebound: R_n,
    integer, parameter :: tangential_restitution_word = 2  !! R_t,
-   integer, parameter :: obstacle_spread_word = 3         !! and the height of obstacles about that of their size
-   integer, parameter :: turn_word = 4          !! of for_impact: quantile of the turn; its last bit is the side
+   integer, parameter :: obstacle_spread_word = 3         !! and the obstacle height, scattered about the drawn size
+   integer, parameter :: turn_word = 4          !! of for_impact: quantile of the turn; its last bit selects the side
    integer, parameter :: obstacle_word = 1      !! of for_ground: obstacle size of method A
-   integer, parameter :: ratio_word = 2         !! of for_ground: which of two impact sets
-   integer, parameter :: roughness_word = 3     !! of for_ground: how it is tilted, to a classical rebound
+   integer, parameter :: ratio_word = 2         !! of for_ground: choice between two impact sets
+   integer, parameter :: roughness_word = 3     !! of for_ground: tilt of the ground in a classical rebound
    integer, parameter :: tree_class_word = 1    !! of for_tree: class of the turn
-   integer, parameter :: tree_within_word = 2   !! of for_tree: place within the class; its last bit is the side
+   integer, parameter :: tree_within_word = 2   !! of for_tree: position within the class; its last bit selects the side
 
    integer, parameter :: words_per_block = 4
-   integer, parameter :: rounds = 10  !! of Philox, as recommended: the fewest that pass all tests are 7
+   integer, parameter :: rounds = 10  !! recommended number for Philox; the minimum that passes all tests is 7
    integer(i8), parameter :: low32 = int(z"FFFFFFFF", i8)
 
-   !> The keys of the rounds of Philox, the same for a whole run.
+   !> Round keys of Philox, constant during a run.
    type :: random_key_t
       integer(i8) :: round(2, rounds) = 0
    end type random_key_t
 
-   !> Standard normal quantile as quintic pieces: one for each eighth of each binary octave of the tail
+   !> Standard normal quantile as piecewise quintics, one per eighth of each binary octave of the tail
    !> probability. Absolute error below 1e-10, tails to 6.3 standard deviations (2**-33).
    type :: normal_table_t
-      real(wp) :: c(6, 0:32*8 - 1)  !! ascending powers of (t - middle), t the tail over its octave, 1..2
+      real(wp) :: c(6, 0:32*8 - 1)  !! ascending powers of (t - middle), t the scaled tail probability, 1..2
    end type normal_table_t
 
-   !> Of the 52 bits of a fraction the first three say which eighth of the octave, the other 49 where in it.
+   !> Of the 52 fraction bits, the first three select the eighth of the octave, the other 49 the position in it.
    integer, parameter :: within_bits = 49
    integer(i8), parameter :: within_mask = 2_i8**within_bits - 1, bits_of_one = int(z"3FF0000000000000", i8)
-   integer, parameter :: first_piece = 1023*8  !! the exponent of 1.0 and three bits of the fraction
-   real(wp), parameter :: middle = 1 + 1/16.0_wp  !! of an eighth that was moved to 1 .. 1.125
+   integer, parameter :: first_piece = 1023*8  !! exponent of 1.0 and three fraction bits
+   real(wp), parameter :: middle = 1 + 1/16.0_wp  !! midpoint of an eighth scaled to 1 .. 1.125
 
 contains
 
-   !> The key of a seed.
+   !> Random key from a seed.
    pure type(random_key_t) function random_key(seed) result(key)
       integer(i8), intent(in) :: seed
       integer(i8), parameter :: step(2) = [int(z"9E3779B9", i8), int(z"BB67AE85", i8)]
@@ -80,7 +80,7 @@ contains
       call philox(key, x(1), x(2), x(3), x(4))
    end function philox4x32
 
-   !> The same of four scalars, which are the counter before and the words after.
+   !> Philox4x32-10 on four scalars, which hold the counter on entry and the words on return.
    elemental subroutine philox(key, c0, c1, c2, c3)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(inout) :: c0, c1, c2, c3
@@ -102,7 +102,7 @@ contains
       end do
    end subroutine philox
 
-   !> The words of draw `draw` (0, 1, ...) for a boulder's impact (impact 0: its release).
+   !> Random words of draw `draw` (0, 1, ...) for an impact of a boulder (impact 0: its release).
    pure function random_words(key, purpose, boulder, impact, draw) result(x)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: purpose, boulder, impact, draw
@@ -112,7 +112,7 @@ contains
       x = philox4x32(x, key)
    end function random_words
 
-   !> The counter of a draw: what `philox` turns into its random words.
+   !> Set the counter that `philox` turns into the random words of a draw.
    elemental subroutine set_counter(purpose, boulder, impact, draw, c0, c1, c2, c3)
       integer(i8), intent(in) :: purpose, boulder, impact, draw  !! as for random_words
       integer(i8), intent(out) :: c0, c1, c2, c3
@@ -130,14 +130,14 @@ contains
       side_of = 2*real_of(iand(word, 1_i8)) - 1
    end function side_of
 
-   !> A number in (0, 1) from a word: the middle of its 2**-32, so that neither end occurs.
+   !> Uniform number in (0, 1) from a word: the centre of its interval of 2**-32, so neither end occurs.
    elemental real(wp) function uniform(word)
       integer(i8), intent(in) :: word  !! 0..2**32-1
 
       uniform = (real_of(word) + 0.5_wp)*2.0_wp**(-32)
    end function uniform
 
-   !> A standard normal number [-] from a word, by inversion: one word, no rejection, no branch, monotone.
+   !> Standard normal number [-] from a word by inversion: one word, no rejection, no branch, monotone.
    elemental real(wp) function normal(table, word)
       type(normal_table_t), intent(in) :: table
       integer(i8), intent(in) :: word  !! 0..2**32-1
@@ -154,7 +154,7 @@ contains
       normal = sign(normal, side)
    end function normal
 
-   !> The table for `normal`: interpolates the quantile at six Chebyshev points of each piece.
+   !> Build the table for `normal` by interpolating the quantile at six Chebyshev points of each piece.
    pure function normal_table() result(table)
       type(normal_table_t) :: table
       ! cos((2k+1) pi/12)/16, k = 0..5, from square roots
@@ -178,7 +178,7 @@ contains
       end do
    end function normal_table
 
-   !> Coefficients of powers of x of the Newton form with differences f at the nodes.
+   !> Convert the Newton form with differences f at the nodes to coefficients of powers of x.
    pure function powers(f, node) result(c)
       real(wp), intent(in) :: f(0:5), node(0:5)  !! [-]
       real(wp) :: c(0:5)
@@ -220,7 +220,7 @@ contains
       end if
    end function normal_quantile
 
-   !> Horner's rule.
+   !> Evaluate a polynomial by Horner's rule.
    pure real(wp) function polynomial(c, x)
       real(wp), intent(in) :: c(0:7), x  !! ascending powers [-]
       integer :: k

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* What a thread and the process have room for, as Linux and macOS say it. */
+/* Stack size of the current thread, and whether the process can map more memory, on Linux and macOS. */
 #define _GNU_SOURCE
 #include <pthread.h>
 #include <stddef.h>
@@ -12,7 +12,7 @@
 #include <unistd.h>
 #endif
 
-/* Bytes of the stack of the calling thread; 0 where it is not known. */
+/* Stack size of the calling thread in bytes; 0 if unknown. */
 int64_t rockfall_stack(void)
 {
 #if defined(__APPLE__)
@@ -21,7 +21,7 @@ int64_t rockfall_stack(void)
     pthread_attr_t attributes;
     size_t bytes = 0;
 
-#if defined(__linux__) /* of the first thread glibc reads all mappings of the process, some milliseconds a run */
+#if defined(__linux__) /* for the main thread glibc parses all mappings of the process, which takes milliseconds */
     struct rlimit limit;
 
     if (syscall(SYS_gettid) == getpid() && getrlimit(RLIMIT_STACK, &limit) == 0)
@@ -36,7 +36,7 @@ int64_t rockfall_stack(void)
 #endif
 }
 
-/* Whether the address space of the process has so many bytes more; they are not taken. */
+/* Check whether the process can map this many more bytes; none are kept. */
 int rockfall_fits(int64_t bytes)
 {
     void *at = mmap(NULL, (size_t)bytes, PROT_NONE, MAP_PRIVATE | MAP_ANON | MAP_NORESERVE, -1, 0);
@@ -44,8 +44,8 @@ int rockfall_fits(int64_t bytes)
     return at != MAP_FAILED && munmap(at, (size_t)bytes) == 0;
 }
 
-/* Zeros that cost nothing before they are written to; in large pages, as NumPy has its arrays, because boulders jump
-   from cell to cell. NULL where there is no memory. */
+/* Allocate zeroed memory lazily, in huge pages as NumPy does, because boulders access cells at random.
+   NULL if out of memory. */
 void *rockfall_zeros(int64_t n, int64_t size)
 {
     char *block = calloc((size_t)n, (size_t)size);

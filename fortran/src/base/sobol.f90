@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Sobol' points, scrambled at random: words that fill their range more evenly than independent ones, each
+!> Scrambled Sobol' points: random words that fill their range more evenly than independent ones, each
 !> a pure function of (seed, source, dimension, index).
 module rockfall_sobol
    use rockfall_kinds, only: i8
@@ -9,14 +9,14 @@ module rockfall_sobol
    public :: sobol_t, sobol_sequence, sobol_word, scrambled, max_points
    public :: volume_dimension, obstacle_dimension, max_dimensions
 
-   integer, parameter :: bits = 32                     !! of a word
-   integer, parameter :: volume_dimension = 1          !! a boulder's volume; the words of its first rebound follow,
-   integer, parameter :: obstacle_dimension = volume_dimension + words_per_block + 1  !! and what it meets there
+   integer, parameter :: bits = 32                     !! per word
+   integer, parameter :: volume_dimension = 1          !! volume of a boulder; the words of its first rebound follow,
+   integer, parameter :: obstacle_dimension = volume_dimension + words_per_block + 1  !! then those of the ground there
    integer, parameter :: max_dimensions = obstacle_dimension
    integer(i8), parameter :: max_points = 2_i8**bits
-   integer, parameter :: levels = 7, trees = 5         !! a tree of seven levels has 127 nodes: a block of Philox
+   integer, parameter :: levels = 7, trees = 5         !! a tree of seven levels has 127 nodes: one block of Philox
 
-   !> A sequence; with `dimensions` = 0 it is not used.
+   !> Sobol' sequence; `dimensions` = 0 disables it.
    type :: sobol_t
       integer :: dimensions = 0
       integer(i8) :: direction(bits, max_dimensions) = 0  !! direction numbers
@@ -24,7 +24,7 @@ module rockfall_sobol
 
 contains
 
-   !> The sequence of Joe and Kuo (2008, doi:10.1137/070709359), direction numbers of new-joe-kuo-6.
+   !> Sobol' sequence of Joe and Kuo (2008, doi:10.1137/070709359), with the direction numbers new-joe-kuo-6.
    pure type(sobol_t) function sobol_sequence(dimensions) result(sobol)
       integer, intent(in) :: dimensions  !! 0 .. max_dimensions
       integer, parameter :: degree(2:max_dimensions) = [1, 2, 3, 3, 4]
@@ -48,8 +48,8 @@ contains
       end do
    end function sobol_sequence
 
-   !> Point `index` (0, 1, ...) in one dimension as it is, before scrambling; in the order of the Gray code
-   !> (Antonov and Saleev 1979), as other programs print it.
+   !> Unscrambled point `index` (0, 1, ...) in one dimension, in Gray-code order (Antonov and Saleev 1979), as other
+   !> programs list it.
    pure integer(i8) function sobol_word(sobol, index, dimension) result(word)
       type(sobol_t), intent(in) :: sobol
       integer(i8), intent(in) :: index   !! below max_points
@@ -66,21 +66,20 @@ contains
       end do
    end function sobol_word
 
-   !> Nested uniform scrambling (Owen 1995, doi:10.1007/978-1-4612-2552-2_19): each bit of a word is turned over
-   !> or not, by a random bit that belongs to all the bits above it. So a word is uniform, and points keep the
-   !> even spread they had. The random bits are those of Philox: one block for the tree of seven levels below
-   !> given bits.
+   !> Nested uniform scrambling (Owen 1995, doi:10.1007/978-1-4612-2552-2_19): each bit is flipped by a random bit
+   !> that depends on all higher bits. The words become uniform and the points stay evenly spread. The random bits come
+   !> from Philox: one block per tree of seven levels below the given bits.
    pure integer(i8) function scrambled(word, key, source, dimension)
       integer(i8), intent(in) :: word    !! 0..2**32-1
       type(random_key_t), intent(in) :: key
-      integer(i8), intent(in) :: source  !! each has a scramble of its own
+      integer(i8), intent(in) :: source  !! each source has its own scramble
       integer, intent(in) :: dimension
       integer(i8) :: flip(4), path, turned
       integer :: low, leaf, node, k
 
       path = shiftl(word, trees*levels - bits)
       turned = 0
-      do low = (trees - 1)*levels, 0, -levels  ! the lowest bit of each tree
+      do low = (trees - 1)*levels, 0, -levels  ! lowest bit of each tree
          flip = philox4x32([shiftr(path, low + levels), ibits(source, 0, bits), shiftr(source, bits), &
                             ior(shiftl(for_scramble, purpose_bit), int(64*dimension + low, i8))], key)  ! low < 64
          leaf = int(ibits(path, low, levels)) + 2**levels

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Text in memory: is it text at all, numbers and lists as text, and quoting it in messages.
+!> Text in memory: validation, conversion of numbers and lists, quoting in messages.
 module rockfall_text
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t, fail
@@ -7,16 +7,16 @@ module rockfall_text
    private
    public :: check_text, after_mark, lower, integer_text, joined, excerpt, line_of, first_repeated, max_text
 
-   integer, parameter :: max_text = 64*1024**2  !! [bytes] of a file of text; more is none of ours
+   integer, parameter :: max_text = 64*1024**2  !! [bytes] larger text files are rejected
 
-   !> An integer without blanks.
+   !> Format an integer without blanks.
    interface integer_text
       module procedure short_text, long_text
    end interface integer_text
 
 contains
 
-   !> Line k of a text, from 1; "" past its end.
+   !> Return line k of a text, counted from 1; "" past its end.
    pure function line_of(text, k) result(line)
       character(len=*), intent(in) :: text
       integer, intent(in) :: k
@@ -34,8 +34,8 @@ contains
       end do
    end function line_of
 
-   !> Index of the first name that an earlier one equals, 0 without one. By a table of hashes: time grows with their
-   !> number and no faster.
+   !> Index of the first name that repeats an earlier one; 0 if all are unique. Uses a hash table, so time is linear in
+   !> the number of names.
    pure integer function first_repeated(names) result(k)
       character(len=*), intent(in) :: names(:)
       integer :: table(2*size(names) + 1), slot, i
@@ -57,7 +57,7 @@ contains
       k = 0
    end function first_repeated
 
-   !> Refuse what is not text: control characters other than tabs and line ends, and broken UTF-8.
+   !> Reject invalid text: control characters other than tabs and line ends, and malformed UTF-8.
    pure subroutine check_text(text, file, error)
       character(len=*), intent(in) :: text
       character(len=*), intent(in) :: file  !! for the message
@@ -78,7 +78,7 @@ contains
       end do
    end subroutine check_text
 
-   !> Bytes of the character that starts at `text(i:i)`; 0 if it is none that a text file may hold.
+   !> Length in bytes of the character at `text(i:i)`; 0 if it is not allowed in a text file.
    pure integer function character_length(text, i) result(length)
       character(len=*), intent(in) :: text
       integer, intent(in) :: i
@@ -90,7 +90,7 @@ contains
       case (9, 10, 32:126)
          length = 1
          return
-      case (13)  ! only as a part of a line end
+      case (13)  ! only in a line end
          if (i == len(text)) then
             length = 1
          else if (text(i + 1:i + 1) == achar(10)) then
@@ -117,11 +117,11 @@ contains
          if (length == 0) return
          code = 64*code + iand(ichar(text(k:k)), 63)
       end do
-      if (code < ishft(1, 5*length - 4)) length = 0  ! a shorter form exists
-      if (code > 1114111 .or. (code >= 55296 .and. code <= 57343)) length = 0  ! no character
+      if (code < ishft(1, 5*length - 4)) length = 0  ! overlong encoding
+      if (code > 1114111 .or. (code >= 55296 .and. code <= 57343)) length = 0  ! not a Unicode character
    end function character_length
 
-   !> Where the text begins: after the byte-order mark if there is one.
+   !> Index of the first character after an optional byte-order mark.
    pure integer function after_mark(text)
       character(len=*), intent(in) :: text
 
@@ -130,7 +130,7 @@ contains
       if (text(:3) == char(239)//char(187)//char(191)) after_mark = 4
    end function after_mark
 
-   !> ASCII letters in lower case; the rest as it is.
+   !> Convert ASCII letters to lower case; other characters are unchanged.
    elemental function lower(text)
       character(len=*), intent(in) :: text
       character(len=len(text)) :: lower
@@ -159,7 +159,7 @@ contains
       text = trim(buffer)
    end function long_text
 
-   !> Names without trailing blanks, one after another.
+   !> Join names without trailing blanks by a separator.
    pure function joined(names, between) result(text)
       character(len=*), intent(in) :: names(:), between
       character(len=:), allocatable :: text
@@ -171,8 +171,8 @@ contains
       end do
    end function joined
 
-   !> Text fit for a message of one line: no line ends or tabs, and short. A cut is marked, and
-   !> splits no UTF-8 character.
+   !> Shorten text for a one-line message: no line ends or tabs. Truncation is marked and never splits a UTF-8
+   !> character.
    pure function excerpt(text)
       character(len=*), intent(in) :: text
       character(len=:), allocatable :: excerpt

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> How many threads a run uses, and whether the process has room for them: a thread that overruns its
-!> stack, or cannot be made, ends the process.
+!> Number of threads of a run, with a check of the available memory: a thread that overruns its stack, or cannot
+!> be created, ends the process.
 module rockfall_threads
    use, intrinsic :: iso_c_binding, only: c_int, c_int64_t
    use rockfall_error, only: error_t, fail
@@ -9,7 +9,7 @@ module rockfall_threads
    private
    public :: team_size, check_team, release_team, max_threads
 
-   integer, parameter :: max_threads = 1024  !! far beyond the cores of a machine: more is a mistake
+   integer, parameter :: max_threads = 1024  !! far above the cores of any machine: a larger number is a mistake
    integer(c_int64_t), parameter :: kilobyte = 1024
    integer(c_int64_t), parameter :: min_stack = 500*kilobyte  !! [bytes] "ulimit -s 512" is enough
 
@@ -25,8 +25,7 @@ module rockfall_threads
 
 contains
 
-   !> Threads for a run that requests so many; 0 requests all that OpenMP offers (OMP_NUM_THREADS, the
-   !> cores of the process).
+   !> Number of threads of a run; 0 requests all that OpenMP offers (OMP_NUM_THREADS, the cores of the process).
    integer function team_size(threads)
       !$ use omp_lib, only: omp_get_max_threads
       integer, intent(in) :: threads
@@ -35,8 +34,8 @@ contains
       !$ if (threads == 0) team_size = omp_get_max_threads()
    end function team_size
 
-   !> Refuse more threads than there may be, stacks that are too small, and more stacks than fit into the
-   !> address space. The stack is that of the calling thread and of a thread beside it.
+   !> Reject too many threads, too small stacks, and stacks that do not fit in the address space. Both the stack of the
+   !> calling thread and the stack size of new threads are checked.
    subroutine check_team(threads, error)
       integer, intent(in) :: threads                  !! as for team_size
       type(error_t), allocatable, intent(out) :: error
@@ -68,8 +67,8 @@ contains
       end if
    end subroutine check_team
 
-   !> End the threads that wait for the next run of the calling thread; that run starts others. A process that
-   !> is forked while they wait waits for them for ever.
+   !> End the idle threads of the calling thread's team; the next run starts new ones. A process forked while they
+   !> are idle would wait for them forever.
    subroutine release_team()
       !$ use omp_lib, only: omp_pause_resource_all, omp_pause_hard
       integer :: status
@@ -78,14 +77,14 @@ contains
       !$ status = omp_pause_resource_all(omp_pause_hard)
    end subroutine release_team
 
-   !> Bytes of the stack of the calling thread; very many where it is not known, or without limit.
+   !> Stack size of the calling thread [bytes]; huge if unknown or unlimited.
    integer(c_int64_t) function stack_of_this() result(bytes)
       bytes = c_stack()
       if (bytes == 0) bytes = huge(bytes)
       bytes = min(bytes, huge(bytes)/max_threads)
    end function stack_of_this
 
-   !> Whether the process may have so many bytes more; they are not taken.
+   !> Check whether the process can map this many more bytes; none are allocated.
    logical function fits(bytes)
       integer(c_int64_t), intent(in) :: bytes
 

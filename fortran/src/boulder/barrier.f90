@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Barriers: nets and walls that meet a boulder below their top edge, and take energy up to their capacity.
+!> Barriers: nets and walls that intercept boulders below their top edge and absorb energy up to their capacity.
 module rockfall_barrier
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t, within
@@ -9,29 +9,29 @@ module rockfall_barrier
    private
    public :: barrier_t, barrier_outcome, place_in_front, ead_energy, stopped_there, broken_through, passed_over
 
-   !> What a barrier did with a boulder. Of all crossings, the one that mattered: a boulder that came to rest there was
-   !> stopped, one that went through it once broke through, though it passed over it before or after.
+   !> Outcome at a barrier. Of several crossings the most severe counts: stopped if the boulder came to rest there,
+   !> broken_through if it broke through once, even if it also passed over.
    integer, parameter :: stopped_there = 1, broken_through = 2, passed_over = 3
 
    !> Energy classes of EAD 340059-00-0106, falling rock protection kits: maximum energy level of classes 0 to 7 [J].
-   !> Class 8 is declared by its maker: give its capacity.
+   !> Class 8 is declared by the manufacturer: give its capacity.
    real(wp), parameter :: ead_energy(0:7) = 1000*[100.0_wp, 250.0_wp, 500.0_wp, 1000.0_wp, 1500.0_wp, 2000.0_wp, &
                                                   3000.0_wp, 4500.0_wp]
 
-   !> Distance in front of a barrier from which a boulder flies on, over the width of the terrain [-]: far more than
-   !> places are rounded, and a micrometre on a slope of a kilometre.
+   !> Distance in front of a barrier at which a boulder continues, over the width of the terrain [-]: well above
+   !> coordinate rounding, and a micrometre on a slope of a kilometre.
    real(wp), parameter :: barrier_offset = 1.0e-9_wp
 
    type :: barrier_t
-      integer :: line = 0            !! its number among the lines of the scene
+      integer :: line = 0            !! index among the lines of the scene
       real(wp) :: height = 0.0_wp    !! of the top edge above the ground, vertical [m]
-      real(wp) :: capacity = 0.0_wp  !! energy that it takes at most [J]
+      real(wp) :: capacity = 0.0_wp  !! maximum energy that it absorbs [J]
    end type barrier_t
 
 contains
 
-   !> What becomes of a boulder at a barrier: a centre above the top edge passes over; below it all of an energy up to
-   !> the capacity is taken, and of a higher one the capacity.
+   !> Outcome for a boulder at a barrier: it passes over if its centre is above the top edge; otherwise the barrier
+   !> stops it up to its capacity, or is broken through and absorbs its capacity.
    elemental integer function barrier_outcome(height, capacity, passing_height, energy) result(outcome)
       real(wp), intent(in) :: height          !! of the top edge above the ground, vertical [m]
       real(wp), intent(in) :: capacity        !! [J]
@@ -47,8 +47,8 @@ contains
       end if
    end function barrier_outcome
 
-   !> A place in the air a little in front of a barrier that a boulder met: places are rounded, and what else lies
-   !> there, such as a line along the barrier, must still be ahead of the next flight.
+   !> Point in the air just in front of a barrier. Coordinates are rounded, and other features there, such as a line
+   !> along the barrier, must still be ahead of the next flight.
    pure type(landing_t) function place_in_front(dem, landing, v) result(place)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: landing  !! at the barrier

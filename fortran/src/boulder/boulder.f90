@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The boulder: a sphere of random volume, and where and how it is released
+!> Boulders: spheres of random volume, with their release points and conditions
 !> (Bourrier et al. 2009, sections 2 and 3.4).
 module rockfall_boulder
    use rockfall_kinds, only: wp, i8
@@ -17,14 +17,14 @@ module rockfall_boulder
    integer, parameter :: fixed_volume = 1, normal_volume = 2, uniform_volume = 3, lognormal_volume = 4, &
                          list_volume = 5
 
-   !> How volumes are distributed, and the density that turns them into masses.
+   !> Volume distribution, and the density that converts volumes to masses.
    type :: volume_distribution_t
       integer :: kind = fixed_volume
       real(wp) :: mean = 1.0_wp              !! fixed, normal, lognormal [m3]
       real(wp) :: std = 0.0_wp               !! normal (before truncation at zero), lognormal [m3]
       real(wp) :: min = 0.0_wp, max = 0.0_wp !! uniform [m3]
-      real(wp), allocatable :: list(:)       !! list: each with equal probability [m3]
-      !> [kg/m3]; the energies and volumes printed in the paper imply 2800.
+      real(wp), allocatable :: list(:)       !! list: all equally probable [m3]
+      !> [kg/m3]; the energies and volumes given in the paper imply 2800.
       real(wp) :: density = 2800.0_wp
    end type volume_distribution_t
 
@@ -34,34 +34,34 @@ module rockfall_boulder
       real(wp) :: mass = 0    !! [kg]
    end type boulder_t
 
-   !> What a source says of its boulders.
+   !> Boulder specified by a source.
    type :: source_boulder_t
       real(wp) :: volume = 0                !! [m3]
       real(wp) :: density = 0               !! [kg/m3]
       real(wp) :: inertia = inertia_factor  !! I/(m R_b**2), R_b of the sphere of its volume [-]
    end type source_boulder_t
 
-   !> What a layer says of the releases of some sources: those in a polygon, or that at a point.
+   !> Release attributes of the sources of one feature of a layer: those in a polygon, or the one at a point.
    type :: feature_t
       type(volume_distribution_t) :: volumes
       real(wp) :: drop_height = 0.0_wp       !! above the surface [m]
       real(wp) :: velocity(3) = 0.0_wp       !! east, north, up [m/s]
    end type feature_t
 
-   !> Boulders are numbered source by source. Every source releases the same number of them, boulder b has
-   !> source (b-1)/n + 1; or each its own, up to boulder `last` of it.
+   !> Releases. Boulders are numbered source by source: either every source releases the same number n, and boulder b
+   !> has source (b-1)/n + 1; or each source has its own number, and `last` is its last boulder.
    type :: release_t
-      real(wp), allocatable :: x(:), y(:)    !! of each source, local coordinates [m]
+      real(wp), allocatable :: x(:), y(:)    !! per source, local coordinates [m]
       integer(i8) :: boulders_per_source = 1
-      integer(i8), allocatable :: last(:)    !! of each source, never less than that before it
+      integer(i8), allocatable :: last(:)    !! per source, non-decreasing
       real(wp) :: drop_height = 0.0_wp       !! above the surface [m]
       real(wp) :: velocity(3) = 0.0_wp       !! east, north, up [m/s]
-      integer, allocatable :: feature(:)     !! of each source, where they come from a layer
+      integer, allocatable :: feature(:)     !! per source, if the sources come from a layer
    end type release_t
 
 contains
 
-   !> The source of a boulder; where sources release different numbers, by bisection.
+   !> Source of a boulder; by bisection if sources release different numbers.
    pure integer(i8) function source_of(release, boulder)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: boulder  !! 1..
@@ -83,7 +83,7 @@ contains
       end do
    end function source_of
 
-   !> The first boulder of a source.
+   !> First boulder of a source.
    pure integer(i8) function first_of(release, source)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: source  !! 1..
@@ -92,7 +92,7 @@ contains
       if (source > 1) first_of = last_of(release, source - 1) + 1
    end function first_of
 
-   !> The last boulder of a source.
+   !> Last boulder of a source.
    pure integer(i8) function last_of(release, source)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: source  !! 1..
@@ -104,7 +104,7 @@ contains
       end if
    end function last_of
 
-   !> What the layer says of the releases of a source.
+   !> Feature of the layer that a source belongs to.
    pure integer function feature_of(release, source)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: source  !! 1..
@@ -113,7 +113,7 @@ contains
       if (allocated(release%feature)) feature_of = release%feature(source)
    end function feature_of
 
-   !> How many boulders a source releases.
+   !> Number of boulders released by a source.
    pure integer(i8) function released_by(release, source)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: source  !! 1..
@@ -121,13 +121,13 @@ contains
       released_by = last_of(release, source) - first_of(release, source) + 1
    end function released_by
 
-   !> The boulder of a number: its volume, and the radius and mass of a sphere of it.
+   !> Draw boulder `number`: its volume, with the radius and mass of a sphere of that volume.
    pure type(boulder_t) function draw_boulder(distribution, table, key, number, first) result(boulder)
       type(volume_distribution_t), intent(in) :: distribution
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
-      integer(i8), intent(in), optional :: first  !! word of the first draw, in place of the usual one
+      integer(i8), intent(in), optional :: first  !! word of the first draw; default: the usual one
       integer(i8) :: word(words_per_block)
 
       word = random_words(key, for_release, number, 0_i8, 0_i8)
@@ -148,10 +148,10 @@ contains
       boulder%mass = distribution%density*boulder%volume
    end function draw_boulder
 
-   !> A boulder of a source that says what its boulders are.
+   !> Boulder of a source that specifies its boulders.
    pure type(boulder_t) function boulder_of(source, factor) result(boulder)
       type(source_boulder_t), intent(in) :: source
-      real(wp), intent(in) :: factor  !! of its volume over that of the source [-]
+      real(wp), intent(in) :: factor  !! volume over that given for the source [-]
 
       boulder%volume = factor*source%volume
       boulder%radius = cube_root(3*boulder%volume/(4*pi))
@@ -169,7 +169,7 @@ contains
       energy = [0.5_wp*boulder%mass*(v(1)**2 + v(2)**2 + v(3)**2), 0.5_wp*inertia_factor*boulder%mass*spin**2]
    end function kinetic_energy
 
-   !> The largest volume that can be drawn [m3].
+   !> Maximum volume that can be drawn [m3].
    pure real(wp) function max_volume(distribution, table) result(volume)
       type(volume_distribution_t), intent(in) :: distribution
       type(normal_table_t), intent(in) :: table
@@ -184,7 +184,7 @@ contains
       end select
    end function max_volume
 
-   !> The mean of the volumes [m3]; of a normal distribution, which loses what is below zero, an upper bound.
+   !> Mean volume [m3]; for a normal distribution, which is truncated at zero, an upper bound.
    pure real(wp) function mean_volume(distribution) result(volume)
       type(volume_distribution_t), intent(in) :: distribution
 
@@ -197,9 +197,9 @@ contains
       end select
    end function mean_volume
 
-   !> A normal volume above zero [m3]: drawn again until it is.
+   !> Normally distributed volume [m3], redrawn until it is positive.
    pure real(wp) function truncated_normal(distribution, table, key, number, first) result(volume)
-      type(volume_distribution_t), intent(in) :: distribution  !! mean > 0: at least every second draw succeeds
+      type(volume_distribution_t), intent(in) :: distribution  !! mean > 0: at least half of the draws succeed
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
@@ -215,7 +215,7 @@ contains
       end do
    end function truncated_normal
 
-   !> A lognormal volume [m3] whose own (arithmetic) mean and standard deviation are the given ones:
+   !> Lognormal volume [m3] with the given arithmetic mean and standard deviation:
    !> its logarithm has the variance s2 = ln(1 + (std/mean)**2) and the mean ln(mean) - s2/2.
    pure real(wp) function lognormal(distribution, z)
       type(volume_distribution_t), intent(in) :: distribution

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Rebounds by coefficients of restitution, as practice has them for ground that no rocky set describes: meadow, road,
-!> rock face. Each gives V_t, V_n, W after an impact from those before; W = R_b omega, > 0 for forward rolling, so that
-!> the point of contact slides at V_t - W. Coefficients scatter from rebound to rebound.
+!> Rebounds by coefficients of restitution, as used in practice for ground other than rocks: meadow, road, rock face.
+!> Each model computes V_t, V_n, W after an impact from those before; W = R_b omega, > 0 for forward rolling, so the
+!> contact point slides at V_t - W. Coefficients scatter from rebound to rebound.
 module rockfall_classical_rebound
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: pi, sine_cosine
@@ -14,44 +14,44 @@ module rockfall_classical_rebound
    public :: scatter_t, scatter, drawn, classical_t, classical_rebound, lengthen_hop, penetration, absorbs
    public :: by_sets, rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbing, by_table, by_ratio_table
 
-   !> What a rebound follows: impact sets, that is rockfall_impact; a model of this module; the boulder stays; or a
-   !> table, rockfall_impact_table, with or without parts for R_b/R_m.
+   !> Rebound models: impact sets (rockfall_impact); the models of this module; the boulder stays; or a table
+   !> (rockfall_impact_table), with or without parts for R_b/R_m.
    integer, parameter :: by_sets = 1, rockyfor3d = 2, pfeiffer_bowen = 3, bourrier_hungr = 4, constant = 5, &
                          absorbing = 6, by_table = 7, by_ratio_table = 8
 
-   !> Rockyfor3D marks with such an obstacle what no boulder leaves, such as a lake [m].
+   !> Obstacle height [m] that marks areas from which no boulder leaves, such as a lake, in Rockyfor3D.
    real(wp), parameter :: absorbing_obstacle = 100.0_wp
 
-   !> Speeds of Pfeiffer and Bowen (1989) [m/s]: 30, 20 and 250 feet a second.
+   !> Speeds of Pfeiffer and Bowen (1989) [m/s]: 30, 20 and 250 ft/s.
    real(wp), parameter :: normal_speed = 9.144_wp, friction_speed = 6.096_wp, scaling_speed = 76.2_wp
-   real(wp), parameter :: friction_offset = 1.2_wp  !! of theirs [-]
+   real(wp), parameter :: friction_offset = 1.2_wp  !! of Pfeiffer and Bowen [-]
 
-   !> Of Pichler et al. (2005), as Rockyfor3D has them: shape of the nose of a sphere, and compressibility of soils [-];
-   !> the indentation resistance of ground of R_n = 1 [Pa].
+   !> Parameters of Pichler et al. (2005) as in Rockyfor3D: nose shape of a sphere and compressibility of soils [-];
+   !> indentation resistance of ground with R_n = 1 [Pa].
    real(wp), parameter :: nose = 0.707_wp, compressibility = 1.2_wp, indentation_resistance = 55.0e9_wp
 
-   !> A number drawn anew at each rebound: normal, cut at both ends.
+   !> Truncated normal variable, drawn at each rebound.
    type :: scatter_t
       real(wp) :: mean = 0.0_wp, std = 0.0_wp
-      real(wp) :: first = 0.0_wp, words = 0.0_wp  !! the first random word that gives one within the ends; how many do
+      real(wp) :: first = 0.0_wp, words = 0.0_wp  !! first random word within the limits, and the number of such words
    end type scatter_t
 
-   !> A classical rebound. What its model does not have stays as it is.
+   !> Classical rebound. Components that its model does not use keep their defaults.
    type :: classical_t
       integer :: model = by_sets
-      type(scatter_t) :: normal       !! R_n [-]; of bourrier_hungr the speed that halves it [m/s]
-      type(scatter_t) :: tangential   !! R_t [-]; of rockyfor3d it follows from obstacles and penetration
+      type(scatter_t) :: normal       !! R_n [-]; for bourrier_hungr the speed at which it is 1/2 [m/s]
+      type(scatter_t) :: tangential   !! R_t [-]; for rockyfor3d computed from obstacles and penetration
       real(wp) :: friction = 0.0_wp   !! tangent of the friction angle [-]
       real(wp) :: soil_density = 0.0_wp      !! [kg/m3]
-      real(wp) :: obstacle_spread = 0.0_wp  !! obstacles differ by up to this fraction [-]
-      real(wp) :: roughness = 0.0_wp  !! by which the ground is tilted at most [rad]
+      real(wp) :: obstacle_spread = 0.0_wp  !! maximum relative deviation of obstacle heights [-]
+      real(wp) :: roughness = 0.0_wp  !! maximum tilt of the ground [rad]
       real(wp) :: min_hop = 0.0_wp    !! length of a hop over the boulder's radius [-]
    end type classical_t
 
 contains
 
-   !> Normal numbers between two ends, which hold the mean. Numbers rise with their random word, so those within the
-   !> ends are those of a range of words: found by halving, without a function of the system's library.
+   !> Normal variable truncated to limits that contain the mean. The variable increases with its random word, so the
+   !> limits correspond to a range of words, found by bisection without functions of the system's library.
    pure type(scatter_t) function scatter(table, mean, std, ends) result(this)
       type(normal_table_t), intent(in) :: table
       real(wp), intent(in) :: mean, std, ends(2)  !! any unit
@@ -66,7 +66,7 @@ contains
       this%words = real(beyond - first, wp)
    end function scatter
 
-   !> The first word whose normal number is not below a limit, or is above it; one past the last where there is none.
+   !> First word whose normal number is not below (or is above) a limit; one past the last word if there is none.
    pure integer(i8) function first_word(table, limit, inclusive) result(high)
       type(normal_table_t), intent(in) :: table
       real(wp), intent(in) :: limit  !! [-]
@@ -87,7 +87,7 @@ contains
       end do
    end function first_word
 
-   !> The number of a random word.
+   !> Value of the variable for a random word.
    pure real(wp) function drawn(this, table, word)
       type(scatter_t), intent(in) :: this
       type(normal_table_t), intent(in) :: table
@@ -97,7 +97,7 @@ contains
       if (this%words > 0) drawn = this%mean + this%std*normal(table, int(this%first + uniform(word)*this%words, i8))
    end function drawn
 
-   !> Whether a boulder stays where it lands, among obstacles of a height.
+   !> Return whether a boulder stays where it lands, given the obstacle height.
    pure logical function absorbs(this, obstacle)
       type(classical_t), intent(in) :: this
       real(wp), intent(in) :: obstacle  !! [m]
@@ -105,28 +105,28 @@ contains
       absorbs = this%model == absorbing .or. (this%model == rockyfor3d .and. obstacle >= absorbing_obstacle)
    end function absorbs
 
-   !> One rebound. The ground is tilted against its direction by a random angle (Pfeiffer and Bowen 1989; our
-   !> distribution is uniform): on a plane no rebound would else turn speed along the ground into speed away from it,
-   !> and hops would shrink to nothing within a finite way, whatever the slope. One that would gain energy, or not rise,
-   !> is limited as that of rockfall_impact.
+   !> One rebound. The ground is tilted against the direction of motion by a random angle (Pfeiffer and Bowen 1989; here
+   !> uniform): on a plane, a rebound would otherwise never convert tangential into normal velocity, and hops would
+   !> shrink to nothing within a finite distance on any slope. A rebound that would gain energy, or not rise, is limited
+   !> as in rockfall_impact.
    !>
-   !> W is that of a sphere with the energy of the boulder's rotation, as everywhere between rebounds; here the boulder
-   !> turns by its own inertia.
+   !> W is that of a sphere with the same rotational energy, as everywhere between rebounds; inside this procedure the
+   !> boulder rotates with its own inertia.
    pure subroutine classical_rebound(this, table, words, tilt, boulder, inertia, obstacle, v_in, out)
       type(classical_t), intent(in) :: this
       type(normal_table_t), intent(in) :: table
       integer(i8), intent(in) :: words(rebound_words)
-      real(wp), intent(in) :: tilt      !! of the ground, over its roughness, 0 to 1 [-]
+      real(wp), intent(in) :: tilt      !! tilt of the ground over its roughness, 0 to 1 [-]
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: inertia   !! I/(m R**2) [-]
-      real(wp), intent(in) :: obstacle  !! height of the obstacles there [m]
+      real(wp), intent(in) :: obstacle  !! obstacle height [m]
       real(wp), intent(in) :: v_in(3)   !! V_t, V_n, W [m/s]
       type(rebound_t), intent(out) :: out
       real(wp) :: s, c, side, spin, met(3)
 
       call sine_cosine(this%roughness*tilt, s, c)
       met = tilted(v_in, s, c)
-      side = sign(1.0_wp, met(1))  ! it may come down against its own way upon tilted ground
+      side = sign(1.0_wp, met(1))  !! on tilted ground it may land moving backwards
       spin = sqrt(inertia_factor/inertia)  ! R omega over W
       met = restored(this, table, words, boulder, inertia, obstacle, met*[side, 1.0_wp, side*spin])
       out%v = tilted(met*[side, 1.0_wp, side/spin], -s, c)
@@ -134,9 +134,9 @@ contains
       if (out%forced) call limit_rebound(out%v, v_in)
    end subroutine classical_rebound
 
-   !> A boulder that rolls goes from obstacle to obstacle: in hops of its radius, as Pfeiffer and Bowen (1989) have it.
-   !> They move it there; here it is thrown so far, by a part of its energy, if it has that: hops over even ground have
-   !> the length 2 V_t V_n/pull, but for what gravity adds on the way.
+   !> A rolling boulder moves from obstacle to obstacle in hops of its radius (Pfeiffer and Bowen 1989). They displace
+   !> it by that length; here part of its energy throws it that far, if it has enough: hops over even ground have the
+   !> length 2 V_t V_n/pull, apart from the acceleration along the slope.
    pure subroutine lengthen_hop(this, boulder, pull, v)
       type(classical_t), intent(in) :: this
       type(boulder_t), intent(in) :: boulder
@@ -153,7 +153,7 @@ contains
       v(2) = sqrt(normal2)
    end subroutine lengthen_hop
 
-   !> V_t, V_n, W seen from ground that is tilted against the way, by an angle of which sine and cosine are given.
+   !> Components V_t, V_n, W relative to ground tilted against the motion by an angle with the given sine and cosine.
    pure function tilted(v, s, c)
       real(wp), intent(in) :: v(3)  !! [m/s]
       real(wp), intent(in) :: s, c  !! [-]
@@ -163,7 +163,7 @@ contains
       if (abs(s) > 0) tilted(:2) = [c*v(1) + s*v(2), c*v(2) - s*v(1)]
    end function tilted
 
-   !> V_t, V_n, W after an impact, by the model, with its numbers drawn.
+   !> Compute V_t, V_n, W after an impact by the model, with its variables drawn.
    pure function restored(this, table, words, boulder, inertia, obstacle, v_in) result(v)
       type(classical_t), intent(in) :: this
       type(normal_table_t), intent(in) :: table
@@ -190,8 +190,8 @@ contains
       end select
    end function restored
 
-   !> As Rockyfor3D (Dorren 2016): obstacles MOH and the penetration D_p slow the boulder, of radius R, along the
-   !> ground, R_t = 1/(1 + (MOH + D_p)/R).
+   !> Rebound of Rockyfor3D (Dorren 2016): the obstacle height MOH and the penetration D_p slow a boulder of radius R
+   !> along the ground, R_t = 1/(1 + (MOH + D_p)/R).
    pure function obstacle_rebound(boulder, inertia, height, soil_density, r_n, v_in) result(v)
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: inertia       !! I/(m R**2) [-]
@@ -207,9 +207,9 @@ contains
       v(2) = slowed_normal(r_n, v_in(2))
    end function obstacle_rebound
 
-   !> Depth D_p [m] to which a boulder of diameter d and mass m penetrates soil (Pichler et al. 2005), at most its
-   !> radius: I = m V**2/(R_soil d**3), N = m/(rho_soil B d**3) without the corrections for blunt cones, and R_soil =
-   !> 55e9 R_n**7 Pa as Rockyfor3D has it. V is the whole speed. Theirs for what goes deeper than 0.707 d is not needed.
+   !> Penetration D_p [m] of a boulder of diameter d and mass m into soil (Pichler et al. 2005), at most its radius:
+   !> I = m V**2/(R_soil d**3), N = m/(rho_soil B d**3) without the corrections for blunt cones, and R_soil =
+   !> 55e9 R_n**7 Pa as in Rockyfor3D. V is the total speed. The formula for depths over 0.707 d is not needed.
    pure real(wp) function penetration(boulder, soil_density, r_n, speed2) result(depth)
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: soil_density  !! [kg/m3]
@@ -228,8 +228,8 @@ contains
       depth = min(depth*diameter, boulder%radius)
    end function penetration
 
-   !> Pfeiffer and Bowen (1989): the energy along the ground is scaled by how fast the boulder slides and by how hard
-   !> it hits, F_f = R_t + (1 - R_t)/(((V_t - W)/20 ft/s)**2 + 1.2), S_F = R_t/((V_n/(250 ft/s R_n))**2 + 1).
+   !> Rebound of Pfeiffer and Bowen (1989): tangential energy is scaled for sliding speed and for impact speed,
+   !> F_f = R_t + (1 - R_t)/(((V_t - W)/20 ft/s)**2 + 1.2), S_F = R_t/((V_n/(250 ft/s R_n))**2 + 1).
    pure function friction_rebound(r_n, r_t, inertia, v_in) result(v)
       real(wp), intent(in) :: r_n, r_t  !! [-]
       real(wp), intent(in) :: inertia   !! I/(m R**2) [-]
@@ -243,8 +243,8 @@ contains
       v(2) = slowed_normal(r_n, v_in(2))
    end function friction_rebound
 
-   !> The boulder leaves the ground rolling, with a share of its energy along it: V_t' = sqrt(R**2 (I omega**2 + m
-   !> V_t**2) share/(I + m R**2)), W' = V_t' (Pfeiffer and Bowen 1989).
+   !> Velocity of a boulder that leaves the ground rolling with a fraction `share` of its tangential energy: V_t' =
+   !> sqrt(R**2 (I omega**2 + m V_t**2) share/(I + m R**2)), W' = V_t' (Pfeiffer and Bowen 1989).
    pure function rolled(share, inertia, v_in) result(v)
       real(wp), intent(in) :: share    !! [-]
       real(wp), intent(in) :: inertia  !! I/(m R**2) [-]
@@ -254,7 +254,7 @@ contains
       v = sqrt((v_in(1)*v_in(1) + inertia*v_in(3)*v_in(3))*share/(1 + inertia))
    end function rolled
 
-   !> V_n' = -V_n R_n/(1 + (V_n/30 ft/s)**2) (Pfeiffer and Bowen 1989): hard hits crush ground and boulder.
+   !> Normal velocity V_n' = -V_n R_n/(1 + (V_n/30 ft/s)**2) (Pfeiffer and Bowen 1989): hard hits crush the ground.
    pure real(wp) function slowed_normal(r_n, v_n)
       real(wp), intent(in) :: r_n  !! [-]
       real(wp), intent(in) :: v_n  !! <= 0 [m/s]
@@ -262,9 +262,9 @@ contains
       slowed_normal = -v_n*r_n/(1 + (v_n/normal_speed)*(v_n/normal_speed))
    end function slowed_normal
 
-   !> Bourrier and Hungr (2011): R_n = v_half/(|V_n| + v_half); the point of contact sticks, and the boulder rolls,
-   !> where friction suffices, |R_t (V_t - W)| 2/7 (of a sphere) < tan(phi) (1 + R_n) |V_n|; else it slides, and
-   !> friction slows V_t and turns the boulder. Both meet where they part, as impulse and angular momentum ask.
+   !> Rebound of Bourrier and Hungr (2011): R_n = v_half/(|V_n| + v_half). If friction suffices, |R_t (V_t - W)| 2/7 (of
+   !> a sphere) < tan(phi) (1 + R_n) |V_n|, the contact point sticks and the boulder rolls; else it slides, and friction
+   !> slows V_t and spins the boulder up. Momentum and angular momentum make the two cases meet continuously.
    pure function sliding_rebound(v_half, r_t, friction, inertia, v_in) result(v)
       real(wp), intent(in) :: v_half    !! [m/s]
       real(wp), intent(in) :: r_t       !! [-]
@@ -276,7 +276,7 @@ contains
 
       r_n = v_half/(v_half - v_in(2))
       slip = r_t*(v_in(1) - v_in(3))
-      stick = slip*inertia/(1 + inertia)  ! the push that stops the sliding: of a sphere 2/7 of it
+      stick = slip*inertia/(1 + inertia)  ! impulse that stops the sliding: 2/7 of the slip for a sphere
       push = friction*(1 + r_n)*(-v_in(2))
       push = sign(min(push, abs(stick)), slip)
       v = [r_t*v_in(1) - push, -r_n*v_in(2), r_t*v_in(3) + push/inertia]

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Where a boulder heads after a rebound (Bourrier et al. 2009, section 3.3): it turns by a random angle to the
-!> side on which the steepest descent of the raster cell lies; or to either side, by angles measured in the
-!> laboratory. Headings are unit vectors in plan.
+!> Heading of a boulder after a rebound (Bourrier et al. 2009, section 3.3): it turns by a random angle towards the
+!> steepest descent of the raster cell; or to either side, by angles measured in the laboratory. Headings are unit
+!> vectors in plan.
 module rockfall_direction
    use rockfall_kinds, only: wp
    use rockfall_math, only: pi, degree, sine_cosine, squared_sine
@@ -12,60 +12,60 @@ module rockfall_direction
    public :: past_aspect, to_aspect, by_lab, turn_angle, lateral_angle, new_heading, unit_vector, any_heading, rotated
    public :: turn_past_aspect, divide_by_length, shortest, along_aspect
 
-   !> How boulders turn: by the printed classes, past the aspect where the angle is the larger (as the paper is
-   !> written) or ending at it; or as in the laboratory.
+   !> Turning rules: the printed classes, where a turn larger than the angle to the aspect goes past it (as written in
+   !> the paper) or ends at it; or the laboratory's deviations.
    integer, parameter :: past_aspect = 1, to_aspect = 2, by_lab = 3
 
-   !> A vector as short as this is divided by its length only with care [-]: far above the root of the smallest normal
+   !> Length below which a vector is rescaled before it is normalised [-]: far above the root of the smallest normal
    !> number, 1.5e-154.
    real(wp), parameter :: shortest = 1.0e-150_wp
 
-   !> A heading this near to the aspect [rad] lies along it: on a plane only rounding parts them, and its sign must
-   !> not choose a side for all boulders. Elevations in double precision make some 1e-12 of it.
+   !> A heading this close to the aspect [rad] is treated as along it: on a plane the difference is rounding only, and
+   !> its sign must not choose one side for all boulders. Double-precision elevations cause about 1e-12.
    real(wp), parameter :: along_aspect = 1.0e-9_wp
 
-   !> The printed classes of the turn: from which number in (0, 1) on the second and the third are drawn, the width of
-   !> the first two, and that of the third [degree].
+   !> Printed classes of the turn: thresholds in (0, 1) of the second and third, the width of the first two and of the
+   !> third [degree].
    real(wp), parameter :: second_class = 0.72_wp, third_class = 0.96_wp
    real(wp), parameter :: sector = 22.5_wp, last_sector = 5.0_wp
-   !> How fast the quantile of the turn rises within each class [rad].
+   !> Slope of the quantile function of the turn within each class [rad].
    real(wp), parameter :: in_first = sector*degree/second_class, &
                           in_second = sector*degree/(third_class - second_class), &
                           in_third = last_sector*degree/(1 - third_class)
 
-   integer, parameter :: lateral_classes = 9  !! of incidence, at most
-   !> Probabilities of the quantiles of a class: tenths, then the tail.
+   integer, parameter :: lateral_classes = 9  !! maximum number of incidence classes
+   !> Probabilities of the quantiles of a class: steps of a tenth, then the tail.
    real(wp), parameter :: probability(13) = [0.0_wp, 0.1_wp, 0.2_wp, 0.3_wp, 0.4_wp, 0.5_wp, 0.6_wp, 0.7_wp, &
                                              0.8_wp, 0.9_wp, 0.95_wp, 0.99_wp, 1.0_wp]
    integer, parameter :: lateral_quantiles = size(probability)
    real(wp), parameter :: per_probability(*) = 1/(probability(2:) - probability(:lateral_quantiles - 1))
 
-   !> Lateral deviations in the laboratory, by classes of the incidence angle.
+   !> Lateral deviations measured in the laboratory, by classes of the incidence angle.
    type :: lateral_t
-      real(wp) :: sine2(lateral_classes - 1) = 1.0_wp  !! squared sines of the angles between classes [-]
-      real(wp) :: angle(lateral_quantiles, lateral_classes) = 0.0_wp  !! quantiles of its amount [rad]
+      real(wp) :: sine2(lateral_classes - 1) = 1.0_wp  !! squared sines of the class limits [-]
+      real(wp) :: angle(lateral_quantiles, lateral_classes) = 0.0_wp  !! quantiles of the absolute deviation [rad]
    end type lateral_t
 
-   !> The rule and the random numbers of a turn.
+   !> Rule and random numbers of a turn.
    type :: turning_t
       integer :: rule = past_aspect
-      real(wp) :: u = 0.0_wp        !! how far, uniform in (0, 1) [-]
-      real(wp) :: side = 1.0_wp     !! 1 or -1: where there is no side to turn to [-]
-      real(wp) :: lateral = 0.0_wp  !! by_lab: how far [rad]
+      real(wp) :: u = 0.0_wp        !! amount, uniform in (0, 1) [-]
+      real(wp) :: side = 1.0_wp     !! 1 or -1: side of the turn where the ground gives none [-]
+      real(wp) :: lateral = 0.0_wp  !! by_lab: amount [rad]
    end type turning_t
 
 contains
 
-   !> Lateral deviations from degrees, as files have them.
+   !> Lateral deviations from angles in degrees, as in files.
    pure type(lateral_t) function lateral(incidence, angle) result(this)
-      real(wp), intent(in) :: incidence(lateral_classes - 1)             !! between classes, 0 to 90 [degree]
+      real(wp), intent(in) :: incidence(lateral_classes - 1)             !! class limits, 0 to 90 [degree]
       real(wp), intent(in) :: angle(lateral_quantiles, lateral_classes)  !! quantiles of each class [degree]
 
       this%sine2 = squared_sine(incidence)
       this%angle = angle*degree
    end function lateral
 
-   !> A lateral deviation [rad], by inversion of its distribution; straight between quantiles.
+   !> Lateral deviation [rad] by inversion of its distribution; linear between quantiles.
    pure real(wp) function lateral_angle(this, v_in, u)
       type(lateral_t), intent(in) :: this
       real(wp), intent(in) :: v_in(2)  !! V_t, V_n [m/s]
@@ -75,7 +75,7 @@ contains
       do class = 1, lateral_classes - 1  ! sin**2 of the incidence angle = V_n**2/(V_t**2 + V_n**2)
          if (v_in(2)**2 < this%sine2(class)*(v_in(1)**2 + v_in(2)**2)) exit
       end do
-      k = min(10, 1 + int(10*u))  ! tenths, then the tail
+      k = min(10, 1 + int(10*u))  ! steps of a tenth, then the tail
       if (u >= probability(11)) k = 11
       if (u >= probability(12)) k = 12
       associate (q => this%angle(k:k + 1, class))
@@ -83,8 +83,8 @@ contains
       end associate
    end function lateral_angle
 
-   !> The angle of a turn [rad] (section 3.3), by inversion of its distribution: 0-22.5 degrees with probability 0.72,
-   !> 22.5-45 with 0.24, 45-50 with 0.04; uniform inside a class, our choice (theory, chapter 6).
+   !> Angle of a turn [rad] (section 3.3) by inversion of its distribution: 0-22.5 degrees with probability 0.72,
+   !> 22.5-45 with 0.24, 45-50 with 0.04; uniform within a class, our choice (theory, chapter 6).
    elemental real(wp) function turn_angle(u)
       real(wp), intent(in) :: u  !! uniform in (0, 1) [-]
 
@@ -93,9 +93,8 @@ contains
       if (u >= third_class) turn_angle = 2*sector*degree + in_third*(u - third_class)
    end function turn_angle
 
-   !> The heading after a rebound (section 3.3; theory, chapter 6).
-   !> In a pit: unchanged. Upslope: uniform within 22.5 degrees of the heading before. Else as the rule says; by the
-   !> printed classes only where the cell has a descent.
+   !> Heading after a rebound (section 3.3; theory, chapter 6): in a pit unchanged; upslope uniform within 22.5 degrees
+   !> of the heading before; otherwise by the rule, and by the printed classes only if the cell has a descent.
    pure function new_heading(turning, heading, g, descent, pit) result(after)
       type(turning_t), intent(in) :: turning
       real(wp), intent(in) :: heading(2)     !! before, unit [-]
@@ -107,14 +106,14 @@ contains
       logical :: along
 
       aspect = unit_vector(descent)
-      if (pit .or. turning%rule == past_aspect .or. dot_product(g, heading) > 0) then  ! here all rules are one
+      if (pit .or. turning%rule == past_aspect .or. dot_product(g, heading) > 0) then  ! all rules agree here
          call turn_past_aspect(turning%u, turning%side, merge(1.0_wp, 0.0_wp, pit), heading(1), heading(2), &
                                g(1), g(2), aspect(1), aspect(2), after(1), after(2))
          return
       end if
       after = heading
       across = heading(1)*aspect(2) - heading(2)*aspect(1)
-      ! Angles count towards the descent: then a mirrored scene has mirrored trajectories.
+      ! Angles are positive towards the descent, so a mirrored scene has mirrored trajectories.
       side = sign(1.0_wp, across)
       along = abs(across) <= along_aspect
       if (turning%rule == by_lab) then
@@ -130,8 +129,8 @@ contains
       end if
    end function new_heading
 
-   !> The heading after a rebound by the rule past_aspect. One angle and one turn, whichever they are: then many
-   !> boulders turn at a time.
+   !> Heading after a rebound by the rule past_aspect. All cases share one angle and one turn, so the loop over boulders
+   !> vectorises.
    elemental subroutine turn_past_aspect(u, free_side, pit, east, north, g_east, g_north, aspect_east, aspect_north, &
                                          after_east, after_north)
       real(wp), intent(in) :: u, free_side               !! as in turning_t [-]
@@ -154,7 +153,7 @@ contains
       after_north = merge(north, s*east + c*north, pit > 0)
    end subroutine turn_past_aspect
 
-   !> The plan heading of the tangent over a heading, turned in the plane of the patch, as in the laboratory.
+   !> Plan heading of the tangent over a heading, rotated in the plane of the patch as in the laboratory.
    pure function rotated_on_patch(heading, g, angle) result(after)
       real(wp), intent(in) :: heading(2)  !! unit [-]
       real(wp), intent(in) :: g(2)        !! gradient of the patch [-]
@@ -164,12 +163,12 @@ contains
 
       call sine_cosine(angle/2, s, c)
       along = dot_product(g, heading)
-      ! cos times the tangent (heading, along) and sin times normal x tangent, in plan, but for a common factor
+      ! cos times the tangent (heading, along) plus sin times normal x tangent, in plan, up to a common factor
       after = unit_vector((1 - 2*s*s)*heading + (2*s*c/steepness_of(g(1), g(2))) &
                           *[-(heading(2) + g(2)*along), heading(1) + g(1)*along])
    end function rotated_on_patch
 
-   !> v turned anticlockwise.
+   !> Rotate v anticlockwise.
    pure function rotated(v, s, c)
       real(wp), intent(in) :: v(2)  !! any unit
       real(wp), intent(in) :: s, c  !! sine and cosine of the angle [-]
@@ -178,21 +177,21 @@ contains
       rotated = [c*v(1) - s*v(2), s*v(1) + c*v(2)]
    end function rotated
 
-   !> v divided by its length; zero stays zero.
+   !> Normalise v; zero stays zero.
    pure function unit_vector(v) result(unit)
       real(wp), intent(in) :: v(2)  !! any unit
       real(wp) :: unit(2)
       real(wp) :: length
 
       call divide_by_length(v(1), v(2), unit(1), unit(2), length)
-      if (.not. length > shortest) then  ! the squares of such numbers are zero or lose digits: first to order one
+      if (.not. length > shortest) then  ! squares of such numbers underflow: rescale to order one first
          unit = 0
          if (any(abs(v) > 0)) unit = v/maxval(abs(v))
          if (any(abs(v) > 0)) unit = unit/sqrt(unit(1)**2 + unit(2)**2)
       end if
    end function unit_vector
 
-   !> v divided by its length, if that is more than `shortest`.
+   !> Normalise v if it is longer than `shortest`.
    elemental subroutine divide_by_length(x, y, unit_x, unit_y, length)
       real(wp), intent(in) :: x, y             !! any unit
       real(wp), intent(out) :: unit_x, unit_y  !! [-]
@@ -205,7 +204,7 @@ contains
       unit_y = y*inverse
    end subroutine divide_by_length
 
-   !> A heading anywhere on the circle, for a vertical impact where nothing descends: an angle within 45 degrees of
+   !> Heading uniform on the circle, for a vertical impact on ground without descent: an angle within 45 degrees of
    !> east, where the series of sine and cosine hold, then quarter turns.
    pure function any_heading(u) result(heading)
       real(wp), intent(in) :: u  !! uniform in (0, 1) [-]

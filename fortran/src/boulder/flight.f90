@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Free flight: a parabola over bilinear patches. Along its straight plan path the height above a patch is
-!> a quadratic in time, so the landing is a root of a quadratic: no time step, no iteration, no tolerance.
+!> Free flight: a parabola over bilinear patches. Along its straight plan path the height above a patch is quadratic
+!> in time, so the landing is the root of a quadratic: no time step, no iteration, no tolerance.
 module rockfall_flight
    use rockfall_kinds, only: wp
    use rockfall_math, only: logarithm
@@ -11,29 +11,29 @@ module rockfall_flight
    public :: inverse_speed, exit_time, side_time, curvature, strikes, strike_time, highest, enter_patch, place_on_patch
 
    real(wp), parameter :: never = 1.0e30_wp  !! [s] longer than any flight; its square does not overflow
-   real(wp), parameter :: at_rest = 1.0e-200_wp  !! [m2/s2] a plan speed squared that adds nothing to a length
+   real(wp), parameter :: at_rest = 1.0e-200_wp  !! [m2/s2] squared plan speed that does not contribute to a length
 
-   !> The start of a flight.
+   !> Start of a flight.
    type :: flight_t
-      type(patch_t) :: patch           !! the patch it starts over
+      type(patch_t) :: patch           !! patch below the start
       real(wp) :: x, y, z              !! [m]
       real(wp) :: v(3)                 !! [m/s]
       real(wp) :: above = 0.0_wp       !! height above the patch, >= 0 [m]
-      real(wp) :: rate                 !! its rate of change, known exactly after a rebound [m/s]
+      real(wp) :: rate                 !! rate of change of `above`, known exactly after a rebound [m/s]
       real(wp) :: heading(2) = 0.0_wp  !! of the tangential velocity after the rebound, in plan; any length
    end type flight_t
 
-   !> The end of a flight: the first contact, or where it left the known terrain.
+   !> End of a flight: the first contact, or the exit from the known terrain.
    type :: landing_t
-      logical :: contact               !! false: left the domain
+      logical :: contact               !! false: it left the domain
       real(wp) :: time                 !! of flight [s]
       real(wp) :: x, y, z              !! [m]
-      type(patch_t) :: patch           !! the patch that was met
-      real(wp) :: u, w                 !! place in that patch, 0..1 [cells]
+      type(patch_t) :: patch           !! patch of the contact
+      real(wp) :: u, w                 !! position in that patch, 0..1 [cells]
       real(wp) :: jump_height          !! maximum height above the surface [m]
    end type landing_t
 
-   !> A flight over one patch: height above it = d0 + d1 s + d2 s**2 for s = t - t0 in 0..t1-t0.
+   !> Part of a flight over one patch: height above it = d0 + d1 s + d2 s**2 for s = t - t0 in 0..t1-t0.
    type :: span_t
       integer :: i, j         !! of the patch
       real(wp) :: t0, t1      !! since the start of the flight [s]
@@ -46,17 +46,17 @@ contains
    pure real(wp) function launch_rate(dem, patch, u, w, v)
       type(terrain_t), intent(in) :: dem
       type(patch_t), intent(in) :: patch
-      real(wp), intent(in) :: u, w  !! place in the patch, 0..1 [cells]
+      real(wp), intent(in) :: u, w  !! position in the patch, 0..1 [cells]
       real(wp), intent(in) :: v(3)  !! [m/s]
 
       launch_rate = v(3) - dot_product(gradient(dem, patch, u, w), v(1:2))
    end function launch_rate
 
-   !> Fly until the first contact after the start, or out of the known terrain.
+   !> Compute a flight up to its first contact after the start, or to the edge of the known terrain.
    !>
-   !> The walk keeps one invariant, which is why nothing can pass through the ground: the height at the
-   !> entry of a patch is >= 0. It comes from the exit of the patch before, where it was >= 0; rounding
-   !> below zero counts as zero. From zero, going down is a contact at once, going up is not.
+   !> The loop keeps one invariant, so that no boulder can pass through the ground: the height at the entry of a patch
+   !> is >= 0. It equals the height at the exit of the previous patch, which was >= 0; negative values from rounding
+   !> count as zero. At zero height, a descending boulder is in contact at once, a rising one is not.
    !>
    !> Over the patch z00 + a u + b w + c u w the path has u = u0 + p t, w = w0 + q t [cells], so the height above it,
    !> z(t) - z_patch(u(t), w(t)), is d0 + d1 s + d2 s**2 with d1 = vz - (a + c w) p - (b + c u) q and
@@ -115,7 +115,7 @@ contains
       if (contact) call put_on_surface(dem, landing)
    end subroutine fly
 
-   !> End a flight over the first n spans in the air, at a time within it.
+   !> End a flight in the air, at a time within its first n spans.
    pure subroutine end_flight(dem, gravity, start, time, spans, n, landing)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity     !! [m/s2]
@@ -147,7 +147,7 @@ contains
       end do
    end subroutine end_flight
 
-   !> The flight that goes on from where one ended in the air, with another velocity.
+   !> Continue from a point in the air with another velocity.
    pure type(flight_t) function flight_from(dem, landing, v, heading) result(flight)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: landing
@@ -164,29 +164,29 @@ contains
       flight%heading = heading
    end function flight_from
 
-   !> One over a speed [s/m]; 0 where a boulder is as good as at rest.
+   !> Inverse speed [s/m]; 0 if the boulder is practically at rest.
    elemental real(wp) function inverse_speed(v, cell)
       real(wp), intent(in) :: v     !! [m/s]
-      real(wp), intent(in) :: cell  !! its size [m]
+      real(wp), intent(in) :: cell  !! cell size [m]
 
       inverse_speed = 1/merge(v, 1.0_wp, abs(v)*never > cell)
       inverse_speed = merge(inverse_speed, 0.0_wp, abs(v)*never > cell)
    end function inverse_speed
 
-   !> Time at which a coordinate comes to an edge between patches [s].
+   !> Time at which a coordinate reaches an edge between patches [s].
    elemental real(wp) function exit_time(x, edge, cell, inverse)
       real(wp), intent(in) :: x, cell  !! at the start, size of a cell [m]
-      real(wp), intent(in) :: edge     !! its number, 0.. [-]
+      real(wp), intent(in) :: edge     !! index of the edge, 0.. [-]
       real(wp), intent(in) :: inverse  !! as from inverse_speed [s/m]
 
       exit_time = (edge*cell - x)*inverse
       exit_time = merge(exit_time, never, abs(inverse) > 0)
    end function exit_time
 
-   !> Time at which a coordinate comes to the side of patch interval k that it heads for [s].
+   !> Time at which a coordinate reaches the side of patch interval k in its direction of motion [s].
    elemental real(wp) function side_time(x, v, k, cell, inverse)
       real(wp), intent(in) :: x, v, cell  !! at the start [m], [m/s], size of a cell [m]
-      real(wp), intent(in) :: k           !! a whole number [-]
+      real(wp), intent(in) :: k           !! an integer [-]
       real(wp), intent(in) :: inverse     !! as from inverse_speed [s/m]
 
       side_time = exit_time(x, k + merge(0.0_wp, -1.0_wp, v > 0), cell, inverse)
@@ -201,12 +201,12 @@ contains
       curvature = -0.5_wp*gravity - c*p*q
    end function curvature
 
-   !> Whether d0 + d1 s + d2 s**2, d0 >= 0, goes below zero in 0..length, 1 or 0; as a number so that several can be
-   !> computed at a time.
+   !> Return 1 if d0 + d1 s + d2 s**2, d0 >= 0, becomes negative in 0..length, else 0; a number, so that loops
+   !> vectorise.
    elemental real(wp) function strikes(d0, d1, d2, length)
       real(wp), intent(in) :: d0, d1, d2  !! [m], [m/s], [m/s2]
       real(wp), intent(in) :: length      !! of the span [s]
-      real(wp) :: dips  ! between two ends above the ground
+      real(wp) :: dips  ! minimum inside the span
 
       dips = merge(1.0_wp, 0.0_wp, d1*d1 >= 4*d2*d0)
       dips = merge(dips, 0.0_wp, -d1 < 2*d2*length)
@@ -215,7 +215,7 @@ contains
       strikes = merge(1.0_wp, dips, d0 + length*(d1 + length*d2) < 0)
    end function strikes
 
-   !> When it does so first [s], if it does. Of both forms of a root the one without cancellation is taken.
+   !> First time at which the height becomes negative [s], if it does; uses the form of the root without cancellation.
    elemental real(wp) function strike_time(d0, d1, d2, length) result(s)
       real(wp), intent(in) :: d0, d1, d2  !! as in strikes
       real(wp), intent(in) :: length      !! likewise
@@ -227,11 +227,11 @@ contains
       s = min(numerator/denominator, length)
    end function strike_time
 
-   !> Maximum of d0 + d1 s + d2 s**2 in from..to [m]: at an end, or at the vertex s = -d1/(2 d2).
+   !> Maximum of d0 + d1 s + d2 s**2 in from..to [m]: at either end, or at the vertex s = -d1/(2 d2).
    elemental real(wp) function highest(d0, d1, d2, from, to)
       real(wp), intent(in) :: d0, d1, d2  !! [m], [m/s], [m/s2]
       real(wp), intent(in) :: from, to    !! 0 <= from <= to [s]
-      real(wp) :: vertex, within  ! whether it lies there: 1 or 0
+      real(wp) :: vertex, within  ! 1 if the vertex lies within the interval, else 0
 
       vertex = d0 - d1*d1/merge(4*d2, 1.0_wp, d2 < 0)
       within = merge(1.0_wp, 0.0_wp, d1 < -2*d2*to)
@@ -240,7 +240,7 @@ contains
       highest = merge(vertex, highest, within > 0)
    end function highest
 
-   !> The height above a patch that a flight enters, and its rate of change.
+   !> Height above a patch at its entry, and its rate of change.
    elemental subroutine enter_patch(x, y, z, v1, v2, v3, gravity, per_cell, t, i, j, z00, a, b, c, d0, d1)
       real(wp), intent(in) :: x, y, z, v1, v2, v3  !! the start of the flight [m], [m/s]
       real(wp), intent(in) :: gravity              !! [m/s2]
@@ -256,7 +256,7 @@ contains
       d1 = (v3 - gravity*t) - ((a + c*w)*(v1*per_cell) + (b + c*u)*(v2*per_cell))
    end subroutine enter_patch
 
-   !> Put a contact exactly on its patch, so that rounding does not add up over thousands of rebounds.
+   !> Place a contact exactly on its patch, so that rounding errors do not accumulate over thousands of rebounds.
    pure subroutine put_on_surface(dem, landing)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(inout) :: landing
@@ -271,10 +271,10 @@ contains
       end associate
    end subroutine put_on_surface
 
-   !> The place on a patch that is nearest in plan, as fractions of its sides and as coordinates.
+   !> Nearest point of a patch in plan, as fractions of its sides and as coordinates.
    elemental subroutine place_on_patch(x, y, cell, per_cell, i, j, z00, a, b, c, u, w, x_on, y_on, z_on)
       real(wp), intent(in) :: x, y                !! [m]
-      real(wp), intent(in) :: cell, per_cell      !! size of a cell, its inverse [m], [1/m]
+      real(wp), intent(in) :: cell, per_cell      !! cell size, its inverse [m], [1/m]
       real(wp), intent(in) :: i, j, z00, a, b, c  !! as in patch_t [-], [m]
       real(wp), intent(out) :: u, w               !! 0..1 [cells]
       real(wp), intent(out) :: x_on, y_on, z_on   !! [m]
@@ -286,7 +286,7 @@ contains
       z_on = height_at(z00, a, b, c, u, w)
    end subroutine place_on_patch
 
-   !> Length [m] of a parabola flown for a time: with the plan speed h and the vertical one w = v3 - g t, the integral
+   !> Length [m] of a parabola over a time: with the plan speed h and the vertical speed w = v3 - g t, the integral
    !> of s = sqrt(h**2 + w**2) over dt is (F(w0) - F(w1))/(2 g), F(w) = w s + h**2 ln(w + s). And since
    !> (w + s)(s - w) = h**2 at both ends, (w0 + s0)/(w1 + s1) = (s0 + s1 + g t)/(s0 + s1 - g t).
    pure real(wp) function arc_length(v, gravity, time)
@@ -297,7 +297,7 @@ contains
       arc_length = parabola_length(v(1)*v(1) + v(2)*v(2), v(3), gravity, time)
    end function arc_length
 
-   !> The same of the squared plan speed and the vertical speed.
+   !> Length [m] of a parabola from the squared plan speed and the vertical speed.
    elemental real(wp) function parabola_length(plan2, v3, gravity, time) result(length)
       real(wp), intent(in) :: plan2    !! [m2/s2]
       real(wp), intent(in) :: v3       !! at the start [m/s]
@@ -310,9 +310,9 @@ contains
       s0 = sqrt(plan2 + v3*v3)
       s1 = sqrt(plan2 + v1*v1)
       both = s0 + s1
-      ! A difference that rounding takes away belongs to a plan2 that adds nothing.
+      ! If rounding cancels the difference, plan2 is negligible.
       area = plan2*logarithm((both + fall)/max(both - fall, epsilon(both)*both, tiny(both)))
       if (.not. plan2 > at_rest) area = 0
-      length = max(0.0_wp, 0.5_wp*(v3*s0 - v1*s1 + area)/gravity)  ! of a hop the terms cancel
+      length = max(0.0_wp, 0.5_wp*(v3*s0 - v1*s1 + area)/gravity)  ! terms cancel for short hops
    end function parabola_length
 end module rockfall_flight

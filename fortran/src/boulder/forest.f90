@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Trees. Which stem a flight hits first, what energy the stem takes, and how far the boulder turns. In plan a stem is
-!> a disc and the boulder another, so the boulder's centre meets a disc whose radius is the sum of both.
+!> Trees: the first stem hit by a flight, the energy that it absorbs, and the turn of the boulder. In plan both stem and
+!> boulder are discs, so the boulder's centre meets a disc whose radius is the sum of both.
 module rockfall_forest
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: degree, exponential, logarithm, sine_cosine
@@ -11,37 +11,37 @@ module rockfall_forest
    public :: forest_t, stem_t, tree_law_t, tree_hit_t, tree_impact_t, build_forest, first_hit, tree_impact
    public :: max_stem_energy, energy_share, hit_type, frontal, lateral, scratch, class_ends
 
-   !> Types of a hit, by where on the stem the boulder touches it.
+   !> Types of a hit, by the position of the contact on the stem.
    integer, parameter :: frontal = 1, lateral = 2, scratch = 3
-   !> The classes of the turn lie between these angles [degree].
+   !> Class limits of the turn [degree].
    real(wp), parameter :: class_ends(0:3) = [0.0_wp, 22.5_wp, 67.5_wp, 76.0_wp]
 
    real(wp), parameter :: radius_per_dbh = 0.005_wp  !! [m/cm]
-   !> A flight that starts this near to the edge of a disc, as a part of its squared radius, starts inside: at the stem
-   !> that it has just hit only rounding says on which side it is [-].
+   !> Squared distance from the edge of a disc, over its squared radius, within which a flight counts as starting
+   !> inside: at the stem just hit, only rounding decides the side [-].
    real(wp), parameter :: on_edge = 1.0e-6_wp
-   !> A hit this near to the middle of a stem, as a part of the radius, has no side: only rounding says which [-].
+   !> Offset from the axis of a stem, over the radius, within which a hit has no side: only rounding decides it [-].
    real(wp), parameter :: in_the_middle = 1.0e-9_wp
-   real(wp), parameter :: along_rows = 1.0e-9_wp  !! a heading that changes no row of buckets [-]
-   real(wp), parameter :: min_side = 5.0_wp       !! of a bucket [m]: the room of a tree or two
-   integer, parameter :: buckets_per_stem = 2     !! about, at most
+   real(wp), parameter :: along_rows = 1.0e-9_wp  !! heading component below which the row of buckets never changes [-]
+   real(wp), parameter :: min_side = 5.0_wp       !! minimum size of a bucket [m]: one or two trees
+   integer, parameter :: buckets_per_stem = 2     !! approximate maximum
 
    type :: stem_t
-      real(wp) :: x = 0.0_wp, y = 0.0_wp          !! its axis, local coordinates [m]
+      real(wp) :: x = 0.0_wp, y = 0.0_wp          !! axis, local coordinates [m]
       real(wp) :: radius = 0.0_wp                 !! at breast height [m]
-      real(wp) :: max_energy = 0.0_wp             !! that it can take, hit in the middle [J]
+      real(wp) :: max_energy = 0.0_wp             !! maximum energy absorbed in a central hit [J]
    end type stem_t
 
-   !> What is the same for all stems.
+   !> Parameters common to all stems.
    type :: tree_law_t
-      real(wp) :: stem_height = huge(1.0_wp)      !! boulders that are higher pass over it [m]
-      real(wp) :: limit(2) = [0.58_wp, 0.75_wp]   !! of x: from here on a hit is lateral, and a scratch [-]
-      !> How often each class of the turn follows each type of hit (class, type), in any unit. As the widths of the
-      !> classes are, every angle up to 76 degrees is as likely as any other.
+      real(wp) :: stem_height = huge(1.0_wp)      !! boulders above this height pass over [m]
+      real(wp) :: limit(2) = [0.58_wp, 0.75_wp]   !! of x: lateral from the first, scratch from the second [-]
+      !> Frequency of each class of the turn by type of hit (class, type), in any unit. The default, the widths of the
+      !> classes, makes all angles up to 76 degrees equally likely.
       real(wp) :: weight(3, 3) = spread(class_ends(1:3) - class_ends(0:2), 2, 3)
    end type tree_law_t
 
-   !> Stems by the buckets of a grid: bucket (i, j) = (0.., 0..) has stem(first(k):first(k + 1) - 1), k = 1 + i + nx*j.
+   !> Stems in a grid of buckets: bucket (i, j) = (0.., 0..) has stem(first(k):first(k + 1) - 1), k = 1 + i + nx*j.
    type :: forest_t
       type(tree_law_t) :: law
       type(stem_t), allocatable :: stem(:)
@@ -52,27 +52,27 @@ module rockfall_forest
       real(wp) :: max_radius = 0.0_wp             !! of a stem [m]
    end type forest_t
 
-   !> Where a flight hits a stem.
+   !> Hit of a stem by a flight.
    type :: tree_hit_t
-      integer :: tree = 0                         !! its number in the forest; 0: none is hit
+      integer :: tree = 0                         !! index in the forest; 0: no hit
       real(wp) :: time = 0.0_wp                   !! since the start of the flight [s]
       real(wp) :: offset = 0.0_wp                 !! of the stem's axis from the path, > 0: to the left [m]
-      real(wp) :: height = 0.0_wp                 !! of the boulder's point above the ground [m]
+      real(wp) :: height = 0.0_wp                 !! of the contact point above the ground [m]
    end type tree_hit_t
 
-   !> What a hit does to a boulder.
+   !> Effect of a hit on a boulder.
    type :: tree_impact_t
-      real(wp) :: taken = 0.0_wp                  !! energy that the stem takes [J]
+      real(wp) :: taken = 0.0_wp                  !! energy absorbed by the stem [J]
       real(wp) :: sine = 0.0_wp, cosine = 1.0_wp  !! of the turn in plan, > 0: to the left [-]
-      logical :: breaks = .false.                 !! the stem: later flights of this boulder do not hit it
+      logical :: breaks = .false.                 !! the stem breaks: later flights of this boulder ignore it
    end type tree_impact_t
 
 contains
 
-   !> A forest; the diameters say how thick stems are, the factors how tough, beside silver fir. No function: its result
-   !> would be there twice for a moment.
+   !> Build a forest; `factor` is the strength of a stem relative to silver fir. A subroutine, to avoid a temporary copy
+   !> of the result.
    pure subroutine build_forest(x, y, origin, dbh, factor, law, this)
-      real(wp), intent(in) :: x(:), y(:)  !! map coordinates, one stem at least [m]
+      real(wp), intent(in) :: x(:), y(:)  !! map coordinates, at least one stem [m]
       real(wp), intent(in) :: origin(2)   !! of local coordinates [m]
       real(wp), intent(in) :: dbh(:)      !! diameters at breast height, > 0 [cm]
       real(wp), intent(in) :: factor(:)   !! [-]
@@ -110,7 +110,7 @@ contains
       end do
    end subroutine build_forest
 
-   !> The bucket of a place within the grid.
+   !> Bucket of a point within the grid.
    pure integer function bucket(this, x, y)
       type(forest_t), intent(in) :: this
       real(wp), intent(in) :: x, y  !! [m]
@@ -118,7 +118,7 @@ contains
       bucket = 1 + strip(this, 1, x) + this%nx*strip(this, 2, y)
    end function bucket
 
-   !> The column (axis 1) or row (axis 2) of buckets of a coordinate, from 0; beyond the grid the nearest.
+   !> Column (axis 1) or row (axis 2) of buckets of a coordinate, from 0; clamped to the grid.
    pure integer function strip(this, axis, coordinate)
       type(forest_t), intent(in) :: this
       integer, intent(in) :: axis
@@ -129,7 +129,7 @@ contains
       end associate
    end function strip
 
-   !> The greatest energy [J] that a stem of silver fir can take, hit in the middle
+   !> Maximum energy [J] absorbed by a stem of silver fir in a central hit
    !> (Dorren and Berger 2006, doi:10.1093/treephys/26.1.63): 38.7 DBH**2.31, DBH in cm.
    elemental real(wp) function max_stem_energy(dbh)
       real(wp), intent(in) :: dbh  !! > 0 [cm]
@@ -137,7 +137,7 @@ contains
       max_stem_energy = 38.7_wp*exponential(2.31_wp*logarithm(dbh))
    end function max_stem_energy
 
-   !> The share of that energy that it can take when the boulder touches it beside the middle (Dorren and Berger 2006).
+   !> Fraction of the maximum energy that a stem absorbs in an off-centre hit (Dorren and Berger 2006).
    elemental real(wp) function energy_share(x)
       real(wp), intent(in) :: x  !! from the middle of the stem (0) to its side (1) [-]
       real(wp), parameter :: ln10 = 2.30258509299404568402_wp
@@ -145,18 +145,18 @@ contains
       energy_share = max(0.0_wp, -0.046_wp + 1.026_wp/(1 + exponential(-8.007_wp*(0.58_wp - x)*ln10)))
    end function energy_share
 
-   !> The first stem whose disc the straight plan path of a flight enters from outside, below the stem's height. A stem
-   !> in whose disc the path starts is not hit: so the one just hit is not, until the boulder has left its disc.
+   !> Find the first stem whose disc the straight plan path of a flight enters from outside, below the stem's height.
+   !> Stems whose disc contains the start are ignored, so the stem just hit is ignored until the boulder has left it.
    !>
-   !> Row by row of buckets, in the order in which the path comes near to them: of each those columns that lie within
-   !> reach of the path while the row does, which follow each other in `stem`.
+   !> Rows of buckets are searched in the order in which the path approaches them: in each row the columns within reach
+   !> of the path, which are contiguous in `stem`.
    pure subroutine first_hit(this, spans, x, y, v, radius, broken, hit)
       type(forest_t), intent(in) :: this
       type(span_t), intent(in), contiguous :: spans(:)    !! of the flight
       real(wp), intent(in) :: x, y            !! its start [m]
       real(wp), intent(in) :: v(2)            !! plan velocity [m/s]
       real(wp), intent(in) :: radius          !! of the boulder [m]
-      integer, intent(in) :: broken(:)        !! stems that it does not hit
+      integer, intent(in) :: broken(:)        !! stems to ignore
       type(tree_hit_t), intent(out) :: hit
       real(wp) :: speed, heading(2), length, reach, near, from, to
       integer :: step, row, left, right, k
@@ -164,7 +164,7 @@ contains
       speed = sqrt(v(1)*v(1) + v(2)*v(2))
       if (.not. speed > 0) return
       heading = v/speed
-      length = speed*spans(size(spans))%t1    ! from here on to the first hit [m]
+      length = speed*spans(size(spans))%t1    ! of the remaining path up to the first hit [m]
       reach = (radius + this%max_radius)*(1 + on_edge)
       step = merge(1, -1, heading(2) > 0)
       do row = strip(this, 2, y - step*reach), strip(this, 2, y + heading(2)*length + step*reach), step
@@ -185,8 +185,8 @@ contains
       end do
    end subroutine first_hit
 
-   !> Take a stem for the first that is hit, if it is nearer than `length`. Of the two places at which the path crosses
-   !> the disc, s**2 - 2 along s + d**2 - r**2 = 0, the nearer by the form without cancellation.
+   !> Record a hit of this stem if it is nearer than `length`. The path crosses the disc where
+   !> s**2 - 2 along s + d**2 - r**2 = 0; the nearer root is computed in the form without cancellation.
    pure subroutine meet(stem, number, stem_height, spans, x, y, heading, speed, radius, broken, length, hit)
       type(stem_t), intent(in) :: stem
       integer, intent(in) :: number
@@ -229,10 +229,10 @@ contains
       end associate
    end function height_in
 
-   !> What a hit takes from a boulder, and where it turns: away from the stem.
+   !> Effect of a hit: the energy absorbed, and the turn, away from the stem.
    !>
-   !> Two discs touch on the line between their centres, so the boulder touches the stem at x = offset/(R_b + DBH/2) of
-   !> the stem's radius beside its middle. A frontal hit after which the boulder flies on breaks the stem.
+   !> Two discs touch on the line between their centres, so the contact is at x = offset/(R_b + DBH/2) of the stem's
+   !> radius from its axis. A frontal hit that the boulder survives breaks the stem.
    pure type(tree_impact_t) function tree_impact(law, stem, offset, radius, energy, word) result(impact)
       type(tree_law_t), intent(in) :: law
       type(stem_t), intent(in) :: stem
@@ -255,7 +255,7 @@ contains
       impact%cosine = 1 - 2*s*s
    end function tree_impact
 
-   !> frontal, lateral or scratch.
+   !> Type of a hit: frontal, lateral or scratch.
    pure integer function hit_type(law, x)
       type(tree_law_t), intent(in) :: law
       real(wp), intent(in) :: x  !! as in energy_share [-]
@@ -263,9 +263,9 @@ contains
       hit_type = frontal + count(x >= law%limit)
    end function hit_type
 
-   !> The angle of a turn [rad]: its class by the weights, uniform inside the class.
+   !> Angle of a turn [rad]: a class drawn by the weights, uniform within the class.
    pure real(wp) function turn_angle(weight, class, within)
-      real(wp), intent(in) :: weight(3)      !! of the classes, one at least > 0 [any unit]
+      real(wp), intent(in) :: weight(3)      !! of the classes, at least one > 0 [any unit]
       real(wp), intent(in) :: class, within  !! uniform in (0, 1) [-]
       integer :: k
 

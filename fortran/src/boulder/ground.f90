@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What the rebounds of a place follow: impact sets, a table of impacts, or a classical rebound.
+!> Ground types: rebounds by impact sets, by a table of impacts, or by a classical model.
 module rockfall_ground
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: tangent
@@ -13,20 +13,20 @@ module rockfall_ground
    private
    public :: ground_t, ground_rebound, is_stochastic, rest_slope_of, rest_on_rocks
 
-   real(wp), parameter :: rest_on_rocks = 38.0_wp  !! rest angle of ground of rocks, theirs of repose [degrees]
+   real(wp), parameter :: rest_on_rocks = 38.0_wp  !! rest angle of rocky ground: its angle of repose [degrees]
 
    type :: ground_t
       character(len=:), allocatable :: name
-      type(classical_t) :: classical              !! its model says whether the impact sets hold instead,
-      type(impact_set_t), allocatable :: sets(:)  !! of R_b/R_m = 1, ..., and
-      type(lateral_t), allocatable :: lateral(:)  !! their lateral deviations, where boulders turn by them
-      type(impact_table_t), allocatable :: table  !! instead of all
-      real(wp) :: rest_slope = 1.0e30_wp          !! tangent of its rest angle: where it is steeper no boulder rests [-]
+      type(classical_t) :: classical              !! its model selects between impact sets, table and coefficients
+      type(impact_set_t), allocatable :: sets(:)  !! impact sets for R_b/R_m = 1, ...
+      type(lateral_t), allocatable :: lateral(:)  !! their lateral deviations, if boulders turn by them
+      type(impact_table_t), allocatable :: table  !! impact table, if the model is one
+      real(wp) :: rest_slope = 1.0e30_wp          !! tangent of the rest angle: on steeper ground no boulder rests [-]
    end type ground_t
 
 contains
 
-   !> The tangent of a rest angle; at 90 degrees boulders rest anywhere.
+   !> Tangent of a rest angle; at 90 degrees boulders rest anywhere.
    pure real(wp) function rest_slope_of(angle)
       real(wp), intent(in) :: angle  !! [degrees]
 
@@ -34,27 +34,27 @@ contains
       if (angle < 90) rest_slope_of = tangent(angle)
    end function rest_slope_of
 
-   !> Whether impact sets hold.
+   !> Return whether the ground uses impact sets.
    pure logical function is_stochastic(ground)
       type(ground_t), intent(in) :: ground
 
       is_stochastic = ground%classical%model == by_sets
    end function is_stochastic
 
-   !> One rebound.
+   !> Compute one rebound.
    pure subroutine ground_rebound(ground, table, key, number, impact, words, tilt, boulder, inertia, obstacle, pull, &
                                   class, v_in, out)
       type(ground_t), intent(in) :: ground
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
-      integer(i8), intent(in) :: number, impact       !! of the boulder, of its contact
+      integer(i8), intent(in) :: number, impact       !! of the boulder and of its contact
       integer(i8), intent(in) :: words(rebound_words)  !! of the first draw
-      real(wp), intent(in) :: tilt                    !! of the ground, over its roughness, 0 to 1 [-]
+      real(wp), intent(in) :: tilt                    !! tilt of the ground over its roughness, 0 to 1 [-]
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: inertia                 !! of the boulder, I/(m R**2) [-]
-      real(wp), intent(in) :: obstacle                !! height of the obstacles there [m]
+      real(wp), intent(in) :: obstacle                !! obstacle height [m]
       real(wp), intent(in) :: pull                    !! gravity along the normal of the ground [m/s2]
-      integer, intent(in) :: class                    !! of the impact sets
+      integer, intent(in) :: class                    !! index of the impact set
       real(wp), intent(in) :: v_in(3)                 !! V_t, V_n, W [m/s]
       type(rebound_t), intent(out) :: out
 

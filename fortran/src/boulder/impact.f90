@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The stochastic impact model (Bourrier et al. 2009, eqs 4-7): V_out = A V_in with V = (V_t, V_n, W),
-!> W = R_b omega, and a random 3x3 matrix A, multivariate normal, whose distribution depends only on
-!> the size of the boulder over the size of the rocks on the slope.
+!> Stochastic impact model (Bourrier et al. 2009, eqs 4-7): V_out = A V_in with V = (V_t, V_n, W), W = R_b omega, and
+!> a multivariate normal random 3x3 matrix A, whose distribution depends only on the ratio of the size of the boulder
+!> to that of the rocks on the slope.
 module rockfall_impact
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail, our_fault
@@ -18,48 +18,48 @@ module rockfall_impact
 
    integer, parameter :: impact_ratios = 5  !! sets for R_b/R_m = 1, 2, 3, 4, 5
    integer, parameter :: max_draws = 32    !! draws of A before the last is limited; our choice (theory, chapter 5)
-   !> V_n of a limited rebound that did not leave the surface, over the incoming speed [-]; likewise.
+   !> V_n of a limited rebound that did not leave the surface, over the incoming speed [-]; our choice.
    real(wp), parameter :: min_normal = 0.01_wp
-   real(wp), parameter :: symmetry_tolerance = 1.0e-12_wp  !! of two entries, over the largest [-]
-   !> What an eigenvalue of a semidefinite matrix printed with seven digits may fall below zero, over the largest
-   !> entry [-].
+   real(wp), parameter :: symmetry_tolerance = 1.0e-12_wp  !! relative to the largest entry [-]
+   !> Rounding to seven printed digits can make an eigenvalue of a semidefinite matrix negative by this much, relative
+   !> to the largest entry [-].
    real(wp), parameter :: definite_tolerance = 1.0e-6_wp
-   !> Below it, over its scale, a pivot is what rounding leaves of zero [-].
+   !> Relative pivot size below which a pivot is zero up to rounding [-].
    real(wp), parameter :: pivot_tolerance = 64*epsilon(1.0_wp)
-   integer, parameter :: lapack_work = 90  !! of dsyev (at least 3n - 1) and dgelqf (at least n), n = 9
+   integer, parameter :: lapack_work = 90  !! work array size of dsyev (at least 3n - 1) and dgelqf (at least n), n = 9
 
-   !> The incident speeds, and angles from the surface, that a set was fitted on: squares of both ends, since these
-   !> need neither a root nor an arc to be compared.
+   !> Ranges of incident speed and of angle from the surface on which a set was fitted: squares of both ends, which are
+   !> compared without a root or an arc.
    type :: fitted_t
       real(wp) :: speed2(2) = [0.0_wp, huge(1.0_wp)]  !! [m2/s2]
       real(wp) :: sine2(2) = [0.0_wp, 1.0_wp]           !! [-]
    end type fitted_t
 
-   !> The distribution of (a1..a9), A by rows: A = m + L z with the mean m and the root L of its covariance C = L L^T,
-   !> lower triangular, and nine normal numbers z. And what follows from it for V_out = A V_in. All [-].
+   !> Distribution of (a1..a9), A by rows: A = m + L z with the mean m, the lower triangular root L of its covariance
+   !> C = L L^T, and nine normal numbers z; with derived quantities for V_out = A V_in. All [-].
    type :: impact_set_t
       real(wp) :: mean(9) = 0.0_wp
-      !> The covariances of V_out (11, 21, 31, 22, 32, 33), in the rows, are those of A times the products of
-      !> V_in (11, 22, 33, 21, 31, 32), in the columns.
+      !> Covariances of V_out (11, 21, 31, 22, 32, 33), rows, as linear functions of the products of V_in
+      !> (11, 22, 33, 21, 31, 32), columns.
       real(wp) :: covariance(6, 6) = 0.0_wp
-      real(wp) :: rounding(3) = 0.0_wp  !! of a variance of V_out, over |V_in|**2
+      real(wp) :: rounding(3) = 0.0_wp  !! rounding error of a variance of V_out, over |V_in|**2
       type(fitted_t) :: fitted
       real(wp) :: root(9, 9) = 0.0_wp
    end type impact_set_t
 
-   !> The distribution of V_out = A V_in for one V_in: normal, of the covariance S = F D F^T with the unit lower
-   !> triangular F and the diagonal D.
+   !> Distribution of V_out = A V_in for one V_in: normal, with the covariance S = F D F^T, F unit lower triangular, D
+   !> diagonal.
    type :: velocity_law_t
       real(wp) :: mean_t, mean_n, mean_w        !! [m/s]
       real(wp) :: std_t, std_n, std_w           !! sqrt(D) [m/s]
       real(wp) :: factor21, factor31, factor32  !! F [-]
    end type velocity_law_t
 
-   !> What one rebound did.
+   !> Result of one rebound.
    type :: rebound_t
       real(wp) :: v(3)            !! V_t, V_n, W after it [m/s]
-      integer :: draws = 1        !! of A
-      logical :: forced = .false. !! none of them was admissible: the last was limited
+      integer :: draws = 1        !! number of draws of A
+      logical :: forced = .false. !! no draw was admissible: the last was limited
    end type rebound_t
 
    interface  ! LAPACK
@@ -99,8 +99,8 @@ module rockfall_impact
 
 contains
 
-   !> A set from its mean and covariance. Factors by dpotrf; a covariance that is only semidefinite by the
-   !> pivoted dpstrf. Errors as of check_covariance.
+   !> Build a set from its mean and covariance. Factors by dpotrf, or by the pivoted dpstrf if the covariance is only
+   !> semidefinite. Errors as in check_covariance.
    subroutine impact_set(mean, covariance, set, error)
       real(wp), intent(in) :: mean(9), covariance(9, 9)  !! of a1..a9 [-]
       type(impact_set_t), intent(out) :: set
@@ -119,12 +119,12 @@ contains
       end do
       if (info == 0) then
          call set_covariance(set, covariance)
-      else  ! what rounding has made indefinite has no root: that of L is as near
+      else  ! no root exists for a matrix made indefinite by rounding: the product of L is as close
          call set_covariance(set, product_of(set%root))
       end if
    end subroutine impact_set
 
-   !> What `law_of` needs of the covariance C of A: S_ij = sum over k, l of C(3(i-1)+k, 3(j-1)+l) V_k V_l.
+   !> Precompute what `law_of` needs of the covariance C of A: S_ij = sum over k, l of C(3(i-1)+k, 3(j-1)+l) V_k V_l.
    pure subroutine set_covariance(set, c)
       type(impact_set_t), intent(inout) :: set
       real(wp), intent(in) :: c(9, 9)  !! [-]
@@ -145,7 +145,7 @@ contains
       end do
    end subroutine set_covariance
 
-   !> L L^T, summed in one order on every machine.
+   !> Product L L^T, summed in the same order on every machine.
    pure function product_of(root) result(c)
       real(wp), intent(in) :: root(9, 9)  !! [-]
       real(wp) :: c(9, 9)
@@ -158,9 +158,9 @@ contains
       end do
    end function product_of
 
-   !> The covariance of A that gives V_out = A V_in the distribution of A V_in + |V_in| e, |V|**2 = V_t**2 + V_n**2 +
-   !> W**2, e normal with covariance S (theory, chapter 5). A and e are drawn anew together, and |V_in| e is distributed
-   !> as E V_in, where E has independent columns of covariance S: so C + S (x) I.
+   !> Covariance of A that gives V_out = A V_in the distribution of A V_in + |V_in| e, |V|**2 = V_t**2 + V_n**2 +
+   !> W**2, e normal with covariance S (theory, chapter 5). A and e are drawn together for each impact, and |V_in| e is
+   !> distributed as E V_in, where E has independent columns of covariance S: so C + S (x) I.
    pure function with_noise(c, s) result(folded)
       real(wp), intent(in) :: c(9, 9), s(3, 3)  !! [-]
       real(wp) :: folded(9, 9)
@@ -172,7 +172,7 @@ contains
       end do
    end function with_noise
 
-   !> Errors: not symmetric (names the entry), indefinite (names the eigenvalue).
+   !> Check a covariance. Errors: not symmetric (names the entry), indefinite (names the eigenvalue).
    subroutine check_covariance(name, c, error)
       character(len=*), intent(in) :: name  !! of C, for messages
       real(wp), intent(in) :: c(:, :)       !! [-]
@@ -200,7 +200,7 @@ contains
       end do
    end subroutine check_symmetric
 
-   !> An eigenvalue below zero by more than rounding means that no random matrix has this covariance.
+   !> Check that no eigenvalue is negative beyond rounding; no random matrix has such a covariance.
    subroutine check_definite(name, c, error)
       character(len=*), intent(in) :: name
       real(wp), intent(in) :: c(:, :)  !! [-]
@@ -219,8 +219,8 @@ contains
       end if
    end subroutine check_definite
 
-   !> Lower triangular L with L L^T = C for a semidefinite C: dpstrf gives C = P M M^T P^T with a
-   !> trapezoid M, and dgelqf turns P M into L Q with an orthogonal Q, which does not matter.
+   !> Lower triangular L with L L^T = C for a semidefinite C: dpstrf gives C = P M M^T P^T with a trapezoidal M, and
+   !> dgelqf factors P M into L Q with an orthogonal Q, which can be dropped.
    subroutine semidefinite_root(c, root)
       real(wp), intent(in) :: c(9, 9)      !! [-]
       real(wp), intent(out) :: root(9, 9)  !! [-]
@@ -237,7 +237,7 @@ contains
       call dgelqf(9, 9, root, 9, reflectors, work, size(work), info)
    end subroutine semidefinite_root
 
-   !> What a set was fitted on, from the ends of both ranges.
+   !> Fitted ranges from the ends of speed and angle.
    pure type(fitted_t) function fitted(speed, angle)
       real(wp), intent(in) :: speed(2)  !! [m/s]
       real(wp), intent(in) :: angle(2)  !! from the surface [degree]
@@ -246,7 +246,7 @@ contains
       fitted%sine2 = squared_sine(angle)
    end function fitted
 
-   !> Whether an incoming velocity lies outside what a set was fitted on, in speed and in angle.
+   !> Check whether an incoming velocity lies outside the fitted ranges of speed and angle.
    pure subroutine beyond_fit(this, v_in, speed, angle)
       type(fitted_t), intent(in) :: this
       real(wp), intent(in) :: v_in(2)  !! V_t, V_n [m/s]
@@ -259,8 +259,8 @@ contains
       angle = normal2 < this%sine2(1)*speed2 .or. normal2 > this%sine2(2)*speed2
    end subroutine beyond_fit
 
-   !> The set that serves a ratio R_b/R_m: rounded, within 1..5 (theory, chapter 5); `outside`: beyond 0.5..5.5,
-   !> where no set is calibrated.
+   !> Impact set of a ratio R_b/R_m: rounded, within 1..5 (theory, chapter 5); `outside`: beyond 0.5..5.5, where no set
+   !> is calibrated.
    pure subroutine ratio_class(ratio, number, outside)
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
       integer, intent(out) :: number
@@ -270,8 +270,8 @@ contains
       number = int(0.5_wp + max(1.0_wp, min(real(impact_ratios, wp), ratio)))
    end subroutine ratio_class
 
-   !> The set that serves a ratio at random: of the two beside it the upper one with the probability of how near the
-   !> ratio comes to it, within 1..5.
+   !> Impact set of a ratio by stochastic interpolation: the lower or upper neighbour, with the probability given by
+   !> linear interpolation, within 1..5.
    pure integer function ratio_between(ratio, u) result(number)
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
       real(wp), intent(in) :: u      !! uniform in (0, 1) [-]
@@ -282,7 +282,7 @@ contains
       if (u < within - number) number = number + 1
    end function ratio_between
 
-   !> How often each set serves a ratio [-]: the nearest always, or the two beside it at random.
+   !> Probability of each set for a ratio [-]: the nearest set only, or its two neighbours.
    pure function ratio_weights(ratio, between) result(weight)
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
       logical, intent(in) :: between
@@ -300,12 +300,12 @@ contains
    end function ratio_weights
 
    !> One rebound: V_out = A V_in with a random A (eqs 4, 5). A draw is admissible if the boulder leaves the surface
-   !> and gains no kinetic energy; otherwise A is drawn again, and after 32 draws the last is limited.
+   !> without gaining kinetic energy; otherwise A is redrawn, and after 32 draws the last is limited.
    !>
-   !> The local frame: t along the tangential velocity before the impact, so V_t_in >= 0; n the surface normal, away
-   !> from the ground, so V_n_in <= 0; W = R_b omega, > 0 for forward rolling. With W all three are velocities, so A has
-   !> no dimension and a set serves boulders of any size (our choice; theory, chapter 5).
-   !> R_t = V_t_out/V_t_in and R_n = -V_n_out/V_n_in (eqs 6, 7) follow from A, they do not go in.
+   !> Local frame: t along the tangential velocity before the impact, so V_t_in >= 0; n the surface normal, away from
+   !> the ground, so V_n_in <= 0; W = R_b omega, > 0 for forward rolling. As W is a velocity too, A is dimensionless and
+   !> a set applies to boulders of any size (our choice; theory, chapter 5).
+   !> R_t = V_t_out/V_t_in and R_n = -V_n_out/V_n_in (eqs 6, 7) are results of A, not inputs.
    pure subroutine rebound(set, table, key, boulder, impact, words, v_in, out)
       type(impact_set_t), intent(in) :: set
       type(normal_table_t), intent(in) :: table
@@ -320,7 +320,7 @@ contains
       if (.not. is_admissible(v_in, out%v)) call draw_again(set, table, key, boulder, impact, v_in, out)
    end subroutine rebound
 
-   !> V_out of V_in and three independent standard normals.
+   !> Draw V_out for V_in from three independent standard normals.
    elemental subroutine first_draw(set, t_in, n_in, w_in, z1, z2, z3, t, n, w)
       type(impact_set_t), intent(in) :: set
       real(wp), intent(in) :: t_in, n_in, w_in  !! V_t, V_n, W before it [m/s]
@@ -330,7 +330,7 @@ contains
       call draw_velocity(law_of(set, t_in, n_in, w_in), z1, z2, z3, t, n, w)
    end subroutine first_draw
 
-   !> The draws after a first one that was not admissible.
+   !> Redraw after a first draw that was not admissible.
    pure subroutine draw_again(set, table, key, boulder, impact, v_in, out)
       type(impact_set_t), intent(in) :: set
       type(normal_table_t), intent(in) :: table
@@ -356,9 +356,8 @@ contains
       call limit_rebound(out%v, v_in)
    end subroutine draw_again
 
-   !> The distribution of A V_in: a linear function of the normal A, so normal itself, with the mean m V_in and the
-   !> covariance S of `set_covariance` (eqs 4, 5; theory, chapter 5). Three normal numbers draw from it what nine would
-   !> through A.
+   !> Distribution of A V_in: linear in the normal A, hence normal, with the mean m V_in and the covariance S of
+   !> `set_covariance` (eqs 4, 5; theory, chapter 5). Three normal numbers sample it, instead of nine for A.
    elemental type(velocity_law_t) function law_of(set, t, n, w) result(law)
       type(impact_set_t), intent(in) :: set
       real(wp), intent(in) :: t, n, w  !! V_t, V_n, W before it [m/s]
@@ -392,7 +391,7 @@ contains
       law%std_w = root_above(d3, zero3)
    end function law_of
 
-   !> 1/x, or 0 for an x that is zero but for rounding.
+   !> Return 1/x, or 0 if x is zero up to rounding.
    elemental real(wp) function inverse(x, zero)
       real(wp), intent(in) :: x, zero  !! any unit
 
@@ -400,14 +399,14 @@ contains
       inverse = merge(inverse, 0.0_wp, x > zero)
    end function inverse
 
-   !> The root of x, or 0 likewise.
+   !> Return the square root of x, or 0 if x is zero up to rounding.
    elemental real(wp) function root_above(x, zero)
       real(wp), intent(in) :: x, zero  !! any unit
 
       root_above = sqrt(merge(x, 0.0_wp, x > zero))
    end function root_above
 
-   !> V_out [m/s] of three normal numbers.
+   !> Compute V_out [m/s] from three normal numbers.
    elemental subroutine draw_velocity(law, z1, z2, z3, t, n, w)
       type(velocity_law_t), intent(in) :: law
       real(wp), intent(in) :: z1, z2, z3  !! independent standard normals [-]
@@ -421,7 +420,7 @@ contains
       w = law%mean_w + law%factor31*x1 + law%factor32*x2 + law%std_w*z3
    end subroutine draw_velocity
 
-   !> The same of arrays.
+   !> Compute V_out [m/s] as an array.
    pure function drawn(law, z) result(v)
       type(velocity_law_t), intent(in) :: law
       real(wp), intent(in) :: z(3)  !! independent standard normals [-]
@@ -437,31 +436,31 @@ contains
       twice_energy = energy_of(v(1), v(2), v(3))
    end function twice_energy
 
-   !> The same of scalars.
+   !> Twice the kinetic energy per mass [m2/s2], from components.
    elemental real(wp) function energy_of(t, n, w)
       real(wp), intent(in) :: t, n, w  !! V_t, V_n, W [m/s]
 
       energy_of = t*t + n*n + inertia_factor*w*w
    end function energy_of
 
-   !> Whether a boulder may rebound with a velocity (theory, chapter 5), 1 or 0: it leaves the surface and gains no
-   !> energy. A number, so that several can be computed at a time.
+   !> Return 1 if a rebound velocity is admissible (theory, chapter 5), else 0: it leaves the surface without gaining
+   !> energy. A number, so that loops vectorise.
    elemental real(wp) function admissible(t, n, w, energy_in)
       real(wp), intent(in) :: t, n, w    !! V_t, V_n, W after it [m/s]
-      real(wp), intent(in) :: energy_in  !! as of twice_energy, before it [m2/s2]
+      real(wp), intent(in) :: energy_in  !! twice_energy before it [m2/s2]
 
       admissible = merge(1.0_wp, 0.0_wp, n > 0)
       admissible = merge(admissible, 0.0_wp, energy_of(t, n, w) <= energy_in)
    end function admissible
 
-   !> Whether a rebound from one velocity to another is admissible.
+   !> Return whether a rebound from one velocity to another is admissible.
    pure logical function is_admissible(v_in, v_out)
       real(wp), intent(in) :: v_in(3), v_out(3)  !! V_t, V_n, W [m/s]
 
       is_admissible = admissible(v_out(1), v_out(2), v_out(3), twice_energy(v_in)) > 0
    end function is_admissible
 
-   !> The nearest thing to an admissible rebound: up at 1 % of the incoming speed, no more energy than before.
+   !> Limit a rebound: V_n becomes 1 % of the incoming speed if it does not leave the surface, and no energy is gained.
    pure subroutine limit_rebound(v, v_in)
       real(wp), intent(inout) :: v(3)  !! V_t, V_n, W after it [m/s]
       real(wp), intent(in) :: v_in(3)  !! before it [m/s]

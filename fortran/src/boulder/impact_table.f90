@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Contacts drawn from a table of contacts that happened in a laboratory (theory, chapter 5): the paper's random
-!> operator without its linearity. A contact finds the bin of its own velocity, draws one of the bin's records, and
-!> moves it to its own velocity by the least-squares map of the bin.
+!> Contacts drawn from a table of contacts simulated in a laboratory (theory, chapter 5): the paper's random operator
+!> without its linearity. A contact finds the bin of its velocity, draws one of the bin's records, and scales it to
+!> its own velocity by the least-squares map of the bin.
 !>
-!> Velocities are over U = sqrt(g R_b), times over sqrt(R_b/g), lengths over R_b: two contacts that are alike in these,
-!> and in the speed over what the ground yields to, are alike.
+!> Velocities are scaled by U = sqrt(g R_b), times by sqrt(R_b/g), lengths by R_b: contacts that agree in the scaled
+!> quantities, and in the ratio of the speed to the yield speed of the ground, are similar.
 module rockfall_impact_table
    use rockfall_kinds, only: wp, sp
    use rockfall_math, only: logarithm
@@ -14,32 +14,31 @@ module rockfall_impact_table
              compare_scales, energy
    public :: record_fields, pull_along, pull_across, follower, n_inputs, n_mapped, flies, rolls_on, stops
 
-   !> How a record ends, as the laboratory writes it.
+   !> Exit codes of a record, as written by the laboratory.
    integer, parameter :: flies = 0, rolls_on = 1, stops = 2
 
-   !> Places in a record: (V_t, V_n, W) before it, its speed, the height of its beginning; after it the velocity along
-   !> the heading before it, across it towards the descent, V_n, W; duration, advance, rise; gravity along and across,
-   !> over g; exit; the place of the record that followed in the laboratory, 0: none is known.
+   !> Fields of a record: before the contact (V_t, V_n, W), speed, height; after it the velocity along the incoming
+   !> heading and across it towards the descent, V_n, W; duration, advance, rise; gravity along and across, over g;
+   !> exit; index of the record that followed in the laboratory, 0: unknown.
    integer, parameter :: t_in = 1, n_in = 2, w_in = 3, speed_in = 4, height_in = 5, along_out = 6, across_out = 7, &
                          n_out = 8, w_out = 9, lasts = 10, advances = 11, rises = 12, pull_along = 13, &
                          pull_across = 14, exit_code = 15, follower = 16, record_fields = 16
 
-   integer, parameter :: n_inputs = 4  !! of the map of a bin: V_t, V_n, W, and the height where a block rolls
+   integer, parameter :: n_inputs = 4  !! of the map of a bin: V_t, V_n, W, and the height for a rolling block
    integer, parameter :: n_mapped = 3  !! along, V_n, W
-   integer, parameter :: window = 6      !! a contact draws from this part of its bin: the nearest in gravity along it
-   integer, parameter :: candidates = 3  !! of which the nearest in gravity across is taken
+   integer, parameter :: window = 6      !! 1/window of a bin is eligible: the nearest in gravity along the heading
+   integer, parameter :: candidates = 3  !! of these, the nearest in gravity across it is taken
 
-   !> A contact is like the one that followed in the laboratory where V, V_n and W differ by no more than the speed
-   !> there, or than `slow`; gravity along and across the heading by no more than `alike_pull`, over g; and the height
-   !> of what rolls by no more than `alike_height`, over R_b [-].
+   !> Tolerances within which a contact equals the one that followed in the laboratory: V, V_n and W differ by no more
+   !> than the speed there, or than `slow`; gravity along and across the heading by no more than `alike_pull`, over g;
+   !> the height of a rolling block by no more than `alike_height`, over R_b [-].
    real(wp), parameter :: alike_pull = 0.2_wp, alike_height = 0.6_wp
-   !> A block this slow, over sqrt(g R_b), moves as its hollow lets it, not in proportion to its velocity [-].
+   !> Speed over sqrt(g R_b) below which the relief governs the motion, which is then not proportional to velocity [-].
    real(wp), parameter :: slow = 0.5_wp
-   !> One that begins faster than this, over sqrt(g R_b), flies from place to place: no hollow holds it, and each
-   !> contact is drawn on its own [-].
+   !> Initial speed over sqrt(g R_b) above which no hollow holds a block, and each contact is drawn independently [-].
    real(wp), parameter :: quick = 2.0_wp
 
-   !> Bins of one kind of contacts. Each key has its edges within the bin of the key before.
+   !> Bins of one kind of contact. Edges of each key are given per bin of the previous key.
    type :: bins_t
       integer :: n(3) = 0
       real(wp), allocatable :: first_edge(:, :)         !! (n(1) - 1, ratios)
@@ -48,47 +47,47 @@ module rockfall_impact_table
    end type bins_t
 
    type :: impact_table_t
-      real(wp), allocatable :: ratio(:)    !! R_b/R_m of each part, rising; one that is zero: it does not matter [-]
-      real(wp) :: speed = 0.0_wp           !! sqrt(g R_b) in the laboratory where the speed itself is a key, or 0 [m/s]
+      real(wp), allocatable :: ratio(:)    !! R_b/R_m of each part, increasing; a single zero: not used [-]
+      real(wp) :: speed = 0.0_wp           !! sqrt(g R_b) in the laboratory if the absolute speed is a key, else 0 [m/s]
       real(wp) :: density = 1.0_wp         !! of the laboratory's blocks [kg/m3]
-      real(wp) :: inertia = 0.4_wp         !! of its blocks, I/(m R_b**2) [-]
-      real(wp) :: rest_angle = 90.0_wp     !! of its ground: where it is steeper a boulder that stops rolls on [degrees]
+      real(wp) :: inertia = 0.4_wp         !! of the laboratory's blocks, I/(m R_b**2) [-]
+      real(wp) :: rest_angle = 90.0_wp     !! of its ground: on steeper ground a boulder that stops rolls on [degrees]
       type(bins_t) :: flights, rolls       !! by (V_n/V)**2, W/V, speed; by speed, height, V_n
-      integer, allocatable :: first(:)     !! record of each bin, and past the last; flights before rolls, by ratio
+      integer, allocatable :: first(:)     !! first record of each bin, and end; flights before rolls, by ratio
       real(wp), allocatable :: map(:, :, :)     !! (n_inputs, n_mapped, bins)
-      real(wp), allocatable :: low(:, :), high(:, :)  !! ends of a bin's inputs, W over V (n_inputs, bins)
-      real(wp) :: fastest = huge(1.0_wp)   !! V**2 of the fastest record, as the key of speed
-      real(sp), allocatable :: record(:, :)     !! (record_fields, records), those of a bin by its pull_along
+      real(wp), allocatable :: low(:, :), high(:, :)  !! range of a bin's inputs, W over V (n_inputs, bins)
+      real(wp) :: fastest = huge(1.0_wp)   !! V**2 of the fastest record, scaled like the speed key
+      real(sp), allocatable :: record(:, :)     !! (record_fields, records), sorted by pull_along within a bin
       real(sp), allocatable :: pull_along(:), pull_across(:)  !! gravity along and across the heading, over g
    end type impact_table_t
 
-   !> A contact as it begins.
+   !> Start of a contact.
    type :: approach_t
       real(wp) :: v(3)              !! V_t, V_n, W [-]
       real(wp) :: speed             !! sqrt(V_t**2 + V_n**2) [-]
       real(wp) :: height = 0.0_wp   !! above the mean ground, of a block that rolls [-]
-      logical :: rolling = .false.  !! it goes on from a contact that was cut
-      real(wp) :: key               !! what makes V**2 the key of speed, of `speed_scales` [-]
-      real(wp) :: stretch           !! how much longer than its record it lasts, likewise [-]
+      logical :: rolling = .false.  !! continues a contact that was cut
+      real(wp) :: key               !! factor from V**2 to the speed key, from `compare_scales` [-]
+      real(wp) :: stretch           !! ratio of its duration to that of the record, likewise [-]
       real(wp) :: inertia           !! I/(m R_b**2) [-]
       real(wp) :: pull(2)           !! gravity along the heading, and across it towards the descent, over g [-]
-      integer :: next = 0           !! record that followed that of the contact before; 0: none
+      integer :: next = 0           !! record that followed that of the previous contact; 0: none
    end type approach_t
 
-   !> And as it ends.
+   !> End of a contact.
    type :: outcome_t
       real(wp) :: along, across, normal, w  !! velocity along the heading before, towards the descent, V_n, W [-]
       real(wp) :: duration, advance, rise   !! [-]
-      real(wp) :: height                    !! of the centre at its end, above the mean ground [-]
-      real(wp) :: allowed                   !! twice the kinetic energy, over m g R_b, that it may have
+      real(wp) :: height                    !! of the centre above the mean ground [-]
+      real(wp) :: allowed                   !! maximum of twice the kinetic energy, over m g R_b
       integer :: exit = flies
       integer :: next = 0                   !! record that followed in the laboratory; 0: none
    end type outcome_t
 
 contains
 
-   !> The part of a table that serves R_b/R_m: of the two beside it the upper one with the probability of how near the
-   !> ratio comes to it, in the logarithm.
+   !> Part of a table for a ratio R_b/R_m: the lower or upper neighbour, with the probability given by interpolation
+   !> linear in the logarithm of the ratio.
    pure integer function ratio_at(table, ratio, u) result(part)
       type(impact_table_t), intent(in) :: table
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
@@ -110,14 +109,13 @@ contains
       end associate
    end function ratio_at
 
-   !> The record that a contact follows: that which followed in the laboratory, or one that is drawn, by one random
-   !> number.
+   !> Choose the record of a contact: the one that followed in the laboratory, or one drawn with a single random number.
    pure subroutine choose_record(table, part, u, in, bin, record)
       type(impact_table_t), intent(in) :: table
-      integer, intent(in) :: part      !! of the table, as of ratio_at
+      integer, intent(in) :: part      !! part of the table, from ratio_at
       real(wp), intent(in) :: u        !! uniform in (0, 1) [-]
       type(approach_t), intent(in) :: in
-      integer, intent(out) :: bin      !! of the contact; 0: the boulder is as the block of the record
+      integer, intent(out) :: bin      !! bin of the contact; 0: the boulder is like the block of the record
       integer, intent(out) :: record
 
       record = in%next
@@ -131,7 +129,7 @@ contains
       end if
    end subroutine choose_record
 
-   !> What a record does to this boulder.
+   !> Apply a record to this boulder.
    pure subroutine follow_record(table, bin, record, in, out)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin, record  !! as from choose_record
@@ -155,8 +153,8 @@ contains
                     + min(1.0_wp, ratio*ratio)*hidden_gain(r, in%inertia)*hidden_part(in%pull(1), r(pull_along))
    end subroutine follow_record
 
-   !> The block of the record itself: what is slow is held by its hollow, so that a small difference in velocity or
-   !> slope changes nothing.
+   !> Copy the outcome of the record: a slow block is held by its hollow, so a small difference in velocity or slope
+   !> changes nothing.
    pure subroutine take_over(record, out)
       real(wp), intent(in) :: record(record_fields)
       type(outcome_t), intent(inout) :: out
@@ -169,12 +167,12 @@ contains
       out%w = record(w_out)
    end subroutine take_over
 
-   !> The record moved to the boulder's own velocity, by the map of its bin, and to its own slope.
+   !> Transfer the record to the boulder's velocity, by the map of its bin, and to its slope.
    pure subroutine move(table, bin, in, ratio, record, out)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin
       type(approach_t), intent(in) :: in
-      real(wp), intent(in) :: ratio   !! of its speed and that of the record [-]
+      real(wp), intent(in) :: ratio   !! ratio of its speed to that of the record [-]
       real(wp), intent(in) :: record(record_fields)
       type(outcome_t), intent(inout) :: out
       real(wp) :: scaled, change(n_inputs), shift(n_mapped)
@@ -182,7 +180,7 @@ contains
 
       associate (low => table%low(:, bin), high => table%high(:, bin))
          scaled = ratio
-         if (in%rolling) then  ! the fastest bin has no end: beyond it a contact is as its last at a larger scale
+         if (in%rolling) then  ! the fastest bin is open: beyond it a contact is a scaled copy of the fastest
             scaled = 1
             if (in%v(1) > high(1) .and. high(1) > 0) scaled = in%v(1)/high(1)
          end if
@@ -190,14 +188,14 @@ contains
                   - [scaled*record(t_in:w_in), record(height_in)]
       end associate
       if (.not. in%rolling) change(4) = 0
-      do k = 1, n_mapped  ! matmul of parts of an array is a call of the library
+      do k = 1, n_mapped  ! matmul of array sections would be a library call
          shift(k) = sum(change*table%map(:, k, bin))
       end do
       out%duration = record(lasts)
-      ! at one speed a contact lasts as R_b, not as its root
+      ! where the absolute speed is the key, duration scales with R_b, not with its square root
       if (.not. in%rolling) out%duration = out%duration*in%stretch
       out%height = merge(in%height, record(height_in), in%rolling) + out%rise
-      ! velocities scale with the speed, the work of gravity with the duration alone: that of the record is taken out
+      ! velocities scale with speed, the work of gravity with duration only: that of the record is removed
       out%along = scaled*record(along_out) + in%pull(1)*out%duration - scaled*record(pull_along)*record(lasts)
       out%across = scaled*record(across_out) + in%pull(2)*out%duration - scaled*record(pull_across)*record(lasts)
       out%normal = scaled*record(n_out)
@@ -209,7 +207,7 @@ contains
       end if
    end subroutine move
 
-   !> What a record gained beyond the work of gravity along the slope.
+   !> Energy that a record gained beyond the work of gravity along the slope.
    pure real(wp) function hidden_gain(record, inertia)
       real(wp), intent(in) :: record(record_fields), inertia
 
@@ -218,8 +216,8 @@ contains
                         - 2*max(0.0_wp, record(pull_along))*max(0.0_wp, record(advances)))
    end function hidden_gain
 
-   !> How much of what a record gained, beyond the work of gravity, a boulder may gain: the record had it of relief that
-   !> it stood on and of spin about other axes. All on ground as steep as the record's, nothing on the flat.
+   !> Fraction of the record's gain beyond the work of gravity that a boulder may gain: the record owes it to the relief
+   !> and to spin about other axes. All on ground as steep as the record's, nothing on flat ground.
    pure real(wp) function hidden_part(pull, of_record)
       real(wp), intent(in) :: pull, of_record  !! gravity along the heading, over g [-]
 
@@ -227,7 +225,7 @@ contains
       if (pull > 0) hidden_part = min(1.0_wp, pull/max(of_record, tiny(pull)))
    end function hidden_part
 
-   !> The bin of a contact. Its keys are compared times what they are over: no quotient is needed.
+   !> Bin of a contact. Keys are compared multiplied by their denominators, to avoid divisions.
    pure integer function bin_of(table, part, in) result(bin)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: part
@@ -255,8 +253,8 @@ contains
       bin = ((i - 1)*bins%n(2) + j - 1)*bins%n(3) + k
    end function bin_among
 
-   !> 1 + the number of edges, times a unit, below a value. All are compared: a way out of the loop would be guessed
-   !> wrong each time.
+   !> Return 1 + the number of edges, scaled by a unit, below a value. All edges are compared: an early exit would be
+   !> mispredicted.
    pure integer function place(edge, unit, value)
       real(wp), intent(in), contiguous :: edge(:)
       real(wp), intent(in) :: unit, value
@@ -268,8 +266,8 @@ contains
       end do
    end function place
 
-   !> A record of a bin: of three, evenly spaced among those whose gravity along the heading is the nearest, that whose
-   !> gravity across it is. What is slow answers to gravity as its slope lets it, not in proportion.
+   !> Choose a record of a bin: of three candidates, evenly spaced among the nearest in gravity along the heading, the
+   !> nearest in gravity across it. The response of slow blocks to gravity is not proportional.
    pure integer function chosen(table, bin, pull, u)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin
@@ -283,7 +281,7 @@ contains
       n = (last - first + window)/window
       along = real(pull(1), sp)
       from = first - n/2
-      do k = first, last  ! to compare all, several at a time, is faster than to find it by halves
+      do k = first, last  ! comparing all, vectorised, is faster than bisection
          from = from + merge(1, 0, table%pull_along(k) < along)
       end do
       from = max(first, min(from, last + 1 - n))
@@ -298,8 +296,8 @@ contains
       end do
    end function chosen
 
-   !> Whether a boulder goes on as the block of its last record did: the contact that followed there began as this one
-   !> does. So what sits in a hollow of the relief stays in it as long as it did in the laboratory.
+   !> Return whether a boulder follows the block of its last record: the contact that followed there begins like this
+   !> one. So a boulder in a hollow of the relief stays in it as long as it did in the laboratory.
    pure logical function goes_on(table, in)
       type(impact_table_t), intent(in) :: table
       type(approach_t), intent(in) :: in
@@ -317,11 +315,11 @@ contains
       end associate
    end function goes_on
 
-   !> The inputs of the map, no farther than the records of the bin reach.
+   !> Inputs of the map, clamped to the range of the bin's records.
    pure function within(input, unit, speed, low, high) result(x)
       real(wp), intent(in) :: input(n_inputs), low(n_inputs), high(n_inputs)  !! [-]
-      real(wp), intent(in) :: unit   !! of V_t and V_n of the bin [-]
-      real(wp), intent(in) :: speed  !! which is that of W [-]
+      real(wp), intent(in) :: unit   !! scale of V_t and V_n of the bin [-]
+      real(wp), intent(in) :: speed  !! scale of W [-]
       real(wp) :: x(n_inputs), of(n_inputs)
 
       of = [unit, unit, speed, 1.0_wp]
@@ -335,7 +333,7 @@ contains
       energy = along*along + across*across + normal*normal + inertia*w*w
    end function energy
 
-   !> Whether a contact is faster than any of the table.
+   !> Return whether a contact is faster than all records of the table.
    pure logical function beyond_table(table, in)
       type(impact_table_t), intent(in) :: table
       type(approach_t), intent(in) :: in
@@ -343,8 +341,8 @@ contains
       beyond_table = .not. in%rolling .and. in%key*(in%speed*in%speed) > table%fastest
    end function beyond_table
 
-   !> How a boulder compares with the laboratory's blocks where the ground yields to the speed itself: the key is the
-   !> speed there, with the density, so that S = rho_b V_n**2/(2 p_y) is the same.
+   !> Scale factors between a boulder and the laboratory's blocks if the ground yields at an absolute speed: the key is
+   !> the speed there, adjusted for density, so that S = rho_b V_n**2/(2 p_y) is equal.
    pure subroutine compare_scales(table, unit, density, key, stretch)
       type(impact_table_t), intent(in) :: table
       real(wp), intent(in) :: unit          !! sqrt(g R_b) [m/s]

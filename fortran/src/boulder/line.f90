@@ -14,9 +14,9 @@ module rockfall_line
 
 contains
 
-   !> A polyline from its vertices.
+   !> Build a polyline from its vertices.
    pure type(line_t) function line(x, y)
-      real(wp), intent(in) :: x(:), y(:)  !! two vertices or more [m]
+      real(wp), intent(in) :: x(:), y(:)  !! at least two vertices [m]
 
       allocate (line%x, source=x)
       allocate (line%y, source=y)
@@ -24,9 +24,9 @@ contains
       line%high = [maxval(x), maxval(y)]
    end function line
 
-   !> Where along the plan path from a to b a line is crossed first: fraction of the path in 0..1 [-], or 2 when
-   !> it is not crossed. Which side a point is on is a sign, with zero on the left, so that a path that ends
-   !> on the line and goes on from there crosses it once.
+   !> First crossing of a line by the plan path from a to b: fraction of the path in 0..1 [-], or 2 if there is none.
+   !> The side of a point is a sign, with zero on the left, so a path that ends on the line and continues from there
+   !> crosses it once.
    pure real(wp) function first_crossing(this, a, b) result(fraction)
       type(line_t), intent(in) :: this
       real(wp), intent(in) :: a(2), b(2)  !! [m]
@@ -34,7 +34,7 @@ contains
       fraction = next_crossing(this, a, b, -1.0_wp)
    end function first_crossing
 
-   !> The same after a fraction of the path.
+   !> First crossing after a given fraction of the path.
    pure real(wp) function next_crossing(this, a, b, after) result(fraction)
       type(line_t), intent(in) :: this
       real(wp), intent(in) :: a(2), b(2)  !! [m]
@@ -56,8 +56,8 @@ contains
       end do
    end function next_crossing
 
-   !> Whether the bounding boxes of a line and of a path from a to b touch, 1 or 0, as a number so that several can be
-   !> computed at a time; otherwise the path does not cross the line.
+   !> Return 1 if the bounding boxes of a line and of a path from a to b touch, else 0 and the path does not cross the
+   !> line; a number, so that loops vectorise.
    elemental real(wp) function comes_near(low1, low2, high1, high2, a1, a2, b1, b2) result(near)
       real(wp), intent(in) :: low1, low2, high1, high2  !! of the line [m]
       real(wp), intent(in) :: a1, a2, b1, b2            !! [m]
@@ -68,7 +68,7 @@ contains
       near = merge(near, 0.0_wp, max(a2, b2) >= low2)
    end function comes_near
 
-   !> Vertical component of a x b [m2]: twice the area of the triangle they span, > 0 where b is left of a.
+   !> Vertical component of a x b [m2], > 0 if b is left of a: twice the area of the triangle that they span.
    pure real(wp) function cross(a, b)
       real(wp), intent(in) :: a(2), b(2)  !! [m]
 

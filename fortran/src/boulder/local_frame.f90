@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The local frame of an impact: the plane of the surface normal and the tangential direction of travel. From the
-!> incoming velocity into it, and from the velocity after the impact to the next flight.
+!> Local frame of an impact: the plane of the surface normal and the tangential direction of motion. Transforms the
+!> incoming velocity into it, and the velocity after the impact to the next flight.
 module rockfall_local_frame
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t, cell_descent
@@ -12,9 +12,9 @@ module rockfall_local_frame
 
 contains
 
-   !> The incoming velocity in the local frame of the impact (Bourrier et al. 2009, eqs 4, 5; theory, chapter 5): the
-   !> plane of the surface normal n = (-g, 1)/sqrt(1 + |g|**2) and the tangential direction of travel t. So
-   !> V_n = v.n <= 0 and V_t = |v - V_n n| >= 0. Also the plan heading of t; zero when there is none.
+   !> Transform the incoming velocity to the local frame of the impact (Bourrier et al. 2009, eqs 4, 5; theory, chapter
+   !> 5): the plane of the surface normal n = (-g, 1)/sqrt(1 + |g|**2) and the tangential direction of motion t. So
+   !> V_n = v.n <= 0 and V_t = |v - V_n n| >= 0. `heading` is that of t in plan; zero if there is none.
    pure subroutine decompose(v, g, steepness, before, omega_r, v_in, heading)
       real(wp), intent(in) :: v(3)         !! [m/s]
       real(wp), intent(in) :: g(2)         !! gradient of the patch [-]
@@ -30,7 +30,7 @@ contains
       v_in(3) = rolled_before(omega_r, before(1), before(2), heading(1), heading(2))
    end subroutine decompose
 
-   !> V_t and V_n of a velocity, and the tangential part of it in plan.
+   !> Split a velocity into V_t and V_n, with its tangential part in plan.
    elemental subroutine in_local_frame(v1, v2, v3, g1, g2, steepness, tangential, normal, plan1, plan2)
       real(wp), intent(in) :: v1, v2, v3           !! [m/s]
       real(wp), intent(in) :: g1, g2               !! gradient of the patch [-]
@@ -50,8 +50,8 @@ contains
       normal = min(0.0_wp, normal)
    end subroutine in_local_frame
 
-   !> W before an impact [m/s]: what rolled forward seen from the heading before rolls backward seen from an opposite
-   !> one.
+   !> W before an impact [m/s]: forward rolling relative to the previous heading is backward rolling relative to an
+   !> opposite one.
    elemental real(wp) function rolled_before(omega_r, before1, before2, heading1, heading2) result(w)
       real(wp), intent(in) :: omega_r             !! W with respect to the heading before [m/s]
       real(wp), intent(in) :: before1, before2    !! heading after the last rebound,
@@ -61,7 +61,7 @@ contains
       if (before1*heading1 + before2*heading2 < 0) w = -omega_r
    end function rolled_before
 
-   !> A negative V_t after an impact turns the heading round, and with it the sense of W.
+   !> Make V_t non-negative after an impact by reversing the heading, and with it the sign of W.
    elemental subroutine face_forward(tangential, heading1, heading2, w)
       real(wp), intent(in) :: tangential             !! V_t [m/s]
       real(wp), intent(inout) :: heading1, heading2  !! before the impact [-]
@@ -74,8 +74,8 @@ contains
       w = forward*w
    end subroutine face_forward
 
-   !> The velocity after an impact from V_t, of either sign, over a heading, and V_n. The height above the patch grows
-   !> at v.(-g, 1) = V_n sqrt(1 + |g|**2) (theory, chapter 5).
+   !> Velocity after an impact from V_t, of either sign, along a heading, and V_n. The height above the patch grows at
+   !> v.(-g, 1) = V_n sqrt(1 + |g|**2) (theory, chapter 5).
    elemental subroutine launch_velocity(tangential, normal, heading1, heading2, g1, g2, steepness, v1, v2, v3, rate)
       real(wp), intent(in) :: tangential, normal  !! V_t, V_n [m/s]
       real(wp), intent(in) :: heading1, heading2  !! unit [-]
@@ -94,7 +94,7 @@ contains
       rate = normal*steepness
    end subroutine launch_velocity
 
-   !> The next flight: V_t_out in the tangent plane over the new heading h, along (h, g.h)/sqrt(1 + (g.h)**2), V_n_out
+   !> Next flight: V_t_out in the tangent plane over the new heading h, along (h, g.h)/sqrt(1 + (g.h)**2), and V_n_out
    !> along the normal (theory, chapters 5 and 6).
    pure subroutine outgoing_flight(dem, landing, at, g, steepness, before, turning, v_out, flight, omega_r)
       type(terrain_t), intent(in) :: dem
@@ -123,7 +123,7 @@ contains
       call start_from(landing, flight)
    end subroutine outgoing_flight
 
-   !> Start a flight on the ground, where the last one landed.
+   !> Start a flight on the ground at the last landing.
    pure subroutine start_from(landing, flight)
       type(landing_t), intent(in) :: landing
       type(flight_t), intent(inout) :: flight

@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Rest, or rolling on: what becomes of a boulder that is too slow after a rebound to fly on.
+!> Rest or rolling of a boulder that is too slow after a rebound to fly.
 !>
-!> One radius ahead, down the steepest descent of its patch, the ground lies lower by the drop d. Where d is at most the
-!> plan distance l times the tangent of the rest angle, friction holds the boulder; elsewhere it rolls there and meets
-!> the ground again. The energy is that of a sphere that rolls down a facet (Azzoni, La Barbera, Zaninetti 1995, Int. J.
-!> Rock Mech. Min. Sci. 32, 709-724), v1**2 = v0**2 + 2 g (d - tan(rest angle) l)/(1 + k), k = I/(m R_b**2): closed,
-!> without a time step.
+!> One radius ahead, down the steepest descent of its patch, the ground is lower by the drop d. If d is at most the plan
+!> distance l times the tangent of the rest angle, friction holds the boulder; otherwise it rolls there and meets the
+!> ground again. The energy is that of a sphere rolling down a facet (Azzoni, La Barbera, Zaninetti 1995, Int. J. Rock
+!> Mech. Min. Sci. 32, 709-724), v1**2 = v0**2 + 2 g (d - tan(rest angle) l)/(1 + k), k = I/(m R_b**2): closed form,
+!> no time step.
 module rockfall_rolling
    use rockfall_kinds, only: wp
    use rockfall_boulder, only: inertia_factor
@@ -17,39 +17,39 @@ module rockfall_rolling
    public :: roll_t, touch_t, find_roll, find_slide, slide_on_patch, falls_away, time_slide, launch, speed_within, &
              cut_roll
 
-   !> A drop this little above that which friction holds, as a part of it, is held [-]: on a plane at the rest angle
-   !> rounding must not decide.
+   !> Relative excess over the drop held by friction up to which a boulder is still held [-]: on a plane at the rest
+   !> angle, rounding must not decide.
    real(wp), parameter :: held = 1.0e-6_wp
 
    type :: roll_t
       logical :: rolls = .false.       !! false: the boulder rests
       real(wp) :: speed2(2) = 0.0_wp   !! squares of the rolling speed at its start and end [m2/s2]
       real(wp) :: direction(3)         !! from start to end, unit [-]
-      type(flight_t) :: path           !! straight to its end at the mean speed: to be followed without gravity
-      type(landing_t) :: landing       !! where it ends: there the next flight begins, or the known terrain ends
-      logical :: drawn = .false.       !! it is a contact from a table, over
-      real(wp) :: length = 0.0_wp      !! this distance [m], and ends with
-      real(wp) :: v(3) = 0.0_wp        !! this velocity [m/s],
-      real(wp) :: w = 0.0_wp           !! W = R_b omega [m/s],
-      real(wp) :: heading(2) = 0.0_wp  !! heading, of any length, and
-      real(wp) :: above = 0.0_wp       !! height above the ground [m]; it stays on for
-      real(wp) :: waits = 0.0_wp       !! this time [s]
+      type(flight_t) :: path           !! straight to its end at the mean speed, to be followed without gravity
+      type(landing_t) :: landing       !! its end: start of the next flight, or edge of the known terrain
+      logical :: drawn = .false.       !! contact from a table; the following are valid
+      real(wp) :: length = 0.0_wp      !! distance along the ground [m]
+      real(wp) :: v(3) = 0.0_wp        !! velocity at the end [m/s]
+      real(wp) :: w = 0.0_wp           !! W = R_b omega at the end [m/s]
+      real(wp) :: heading(2) = 0.0_wp  !! heading at the end, of any length
+      real(wp) :: above = 0.0_wp       !! height above the ground at the end [m]
+      real(wp) :: waits = 0.0_wp       !! time spent waiting at the end [s]
    end type roll_t
 
-   !> What a boulder on a table's ground knows of the contact before.
+   !> State that a boulder on a table's ground keeps of its last contact.
    type :: touch_t
-      integer :: ground = 0        !! on which it was; 0: none
+      integer :: ground = 0        !! its ground; 0: none
       integer :: next = 0          !! record that followed its record in the laboratory; 0: none
       real(wp) :: ratio = 0.0_wp   !! R_b/R_m [-]
       logical :: rolling = .false.
       real(wp) :: normal = 0.0_wp  !! V_n [m/s]
       real(wp) :: height = 0.0_wp  !! of its centre above the mean ground, over R_b [-]
-      real(wp) :: lift = 0.0_wp    !! by which it has risen since it landed, over R_b [-]
+      real(wp) :: lift = 0.0_wp    !! rise of its centre since it landed, over R_b [-]
    end type touch_t
 
 contains
 
-   !> Decide whether a boulder rests, and if not, where it rolls.
+   !> Decide whether a boulder rests; if not, find where it rolls.
    pure subroutine find_roll(dem, gravity, friction, radius, landing, speed2, w, roll)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity         !! [m/s2]
@@ -72,13 +72,13 @@ contains
       drop = landing%z - roll%landing%z
       if (roll%landing%contact) then
          roll%rolls = drop > friction*length*(1 + held)
-      else  ! what lies beyond is not known: as steep as the place where it is
+      else  ! unknown terrain ahead: assume the slope of the current position
          roll%rolls = steepness > friction*(1 + held) .or. out_of_sight(dem, roll%landing%patch)
       end if
       if (.not. roll%rolls) return
       roll%speed2(1) = (speed2 + inertia_factor*min(w*w, speed2))/(1 + inertia_factor)
       roll%speed2(2) = roll%speed2(1) + 2*gravity*max(0.0_wp, drop - friction*length)/(1 + inertia_factor)
-      mean = 0.5_wp*(sqrt(roll%speed2(1)) + sqrt(roll%speed2(2)))  ! the acceleration is constant
+      mean = 0.5_wp*(sqrt(roll%speed2(1)) + sqrt(roll%speed2(2)))  ! constant acceleration
       distance = sqrt(length*length + drop*drop)
       roll%direction = [roll%path%heading, -steepness]/sqrt(1 + steepness*steepness)
       if (distance > 0) roll%direction = [roll%path%heading*length, -drop]/distance
@@ -92,16 +92,16 @@ contains
       roll%path%rate = 0
    end subroutine find_roll
 
-   !> The path of a contact that a table gives: along a tangent of the ground, in a given time. It is followed at the
-   !> speed that has the mean energy of the contact, so that none is missed at a line; the rest of the time it waits.
+   !> Path of a contact from a table: along a tangent of the ground, in a given time. It is followed at the speed of the
+   !> mean energy of the contact, so that crossings of lines show that energy; the boulder waits for the remaining time.
    !>
-   !> `off`: there the ground falls away faster than gravity pulls the boulder after it, which leaves it at once.
+   !> `off`: the ground falls away faster than the boulder falls, so it leaves the ground at once.
    pure subroutine find_slide(dem, gravity, landing, t, length, time, speed, roll, off)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity         !! [m/s2]
       type(landing_t), intent(in) :: landing  !! the contact
       real(wp), intent(in) :: t(3)            !! unit tangent of the ground [-]
-      real(wp), intent(in) :: length, time    !! along it [m]; [s]
+      real(wp), intent(in) :: length, time    !! along the tangent [m]; [s]
       real(wp), intent(in) :: speed           !! [m/s]
       type(roll_t), intent(inout) :: roll
       logical, intent(out) :: off
@@ -131,7 +131,7 @@ contains
       roll%path%rate = 0
    end subroutine find_slide
 
-   !> The end of a slide: on the patch where it begins, or where it walks to.
+   !> End of a slide: on its first patch, or wherever `walk` ends.
    pure subroutine slide(dem, start, length, roll)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: start
@@ -150,15 +150,15 @@ contains
       if (.not. inside > 0) call walk(dem, start, length, roll)
    end subroutine slide
 
-   !> The end of a slide on a patch, if it lies inside of it.
+   !> End of a slide on its first patch, if it lies inside.
    elemental subroutine slide_on_patch(x, y, t1, t2, length, per_cell, i, j, z00, a, b, c, x_end, y_end, u, w, z, &
                                        inside)
-      real(wp), intent(in) :: x, y                !! its beginning [m]
+      real(wp), intent(in) :: x, y                !! its start [m]
       real(wp), intent(in) :: t1, t2, length      !! as in find_slide [-], [m]
       real(wp), intent(in) :: per_cell            !! [1/m]
       real(wp), intent(in) :: i, j, z00, a, b, c  !! as in patch_t [-], [m]
       real(wp), intent(out) :: x_end, y_end, z    !! [m]
-      real(wp), intent(out) :: u, w               !! place in the patch, 0..1 [cells]
+      real(wp), intent(out) :: u, w               !! position in the patch, 0..1 [cells]
       real(wp), intent(out) :: inside             !! 1 or 0
       real(wp) :: beyond
 
@@ -171,7 +171,7 @@ contains
       inside = merge(0.0_wp, 1.0_wp, beyond > 0)
    end subroutine slide_on_patch
 
-   !> Whether the ground falls away under a slide, 1 or 0.
+   !> Return 1 if the ground falls away under a slide, else 0.
    elemental real(wp) function falls_away(drop, t3, length, gravity, time)
       real(wp), intent(in) :: drop              !! of the ground [m]
       real(wp), intent(in) :: t3, length, time  !! as in find_slide [-], [m], [s]
@@ -180,7 +180,7 @@ contains
       falls_away = merge(1.0_wp, 0.0_wp, drop + length*t3 > 0.5_wp*gravity*time*time + held*length)
    end function falls_away
 
-   !> How far a slide is, and how long it takes and waits.
+   !> Length of a slide, its duration and the time that the boulder waits.
    elemental subroutine time_slide(t1, t2, length, drop, time, speed, distance, slides, waits)
       real(wp), intent(in) :: t1, t2, length, time, speed  !! as in find_slide [-], [m], [s], [m/s]
       real(wp), intent(in) :: drop                         !! of the ground [m]
@@ -188,12 +188,12 @@ contains
       real(wp), intent(out) :: slides, waits               !! [s]
 
       distance = sqrt(length*length*(t1*t1 + t2*t2) + drop*drop)
-      distance = merge(distance, 0.0_wp, length > 0)  ! without a length, the drop is what rounding leaves
+      distance = merge(distance, 0.0_wp, length > 0)  ! without length, the drop is a rounding error
       slides = distance/max(speed, tiny(speed)/epsilon(speed))
       waits = max(0.0_wp, time - slides)
    end subroutine time_slide
 
-   !> The flight after a roll.
+   !> Flight after a roll.
    pure type(flight_t) function launch(dem, roll, landing, v) result(flight)
       type(terrain_t), intent(in) :: dem
       type(roll_t), intent(in) :: roll
@@ -209,11 +209,11 @@ contains
       end if
    end function launch
 
-   !> Walk a distance along the heading, patch by patch, to its end or to the edge of the known terrain.
+   !> Move a distance along the heading, patch by patch, to its end or to the edge of the known terrain.
    pure subroutine walk(dem, start, length, roll)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: start
-      real(wp), intent(inout) :: length  !! in plan; afterwards as far as it came [m]
+      real(wp), intent(inout) :: length  !! in plan; on return the distance covered [m]
       type(roll_t), intent(inout) :: roll
       type(patch_t) :: patch, next
       real(wp) :: inverse(2), tx, ty
@@ -247,8 +247,8 @@ contains
       end associate
    end subroutine walk
 
-   !> Whether a patch of the terrain lies beyond the window that is at hand. A boulder at its edge then leaves the
-   !> window and is traced again: whether it rests is not known here.
+   !> Return whether a patch of the terrain lies outside the current window. A boulder at its edge then leaves the
+   !> window and is traced again, since whether it rests is unknown here.
    pure logical function out_of_sight(dem, patch)
       type(terrain_t), intent(in) :: dem
       type(patch_t), intent(in) :: patch
@@ -257,7 +257,7 @@ contains
                      .and. .not. in_window(dem, patch%i, patch%j)
    end function out_of_sight
 
-   !> The rolling speed [m/s] after a fraction of the way.
+   !> Rolling speed [m/s] after a fraction of the path.
    pure real(wp) function speed_within(roll, fraction)
       type(roll_t), intent(in) :: roll
       real(wp), intent(in) :: fraction  !! 0..1 [-]
@@ -278,7 +278,7 @@ contains
       landing%x = roll%path%x + time*roll%path%v(1)
       landing%y = roll%path%y + time*roll%path%v(2)
       call read_patch(dem, floor(landing%x*dem%per_cell) + 1, floor(landing%y*dem%per_cell) + 1, landing%patch)
-      if (.not. landing%patch%known) landing%patch = roll%path%patch  ! on the edge of the known terrain
+      if (.not. landing%patch%known) landing%patch = roll%path%patch  ! at the edge of the known terrain
       landing%u = within(dem, landing%x, landing%patch%i)
       landing%w = within(dem, landing%y, landing%patch%j)
       landing%z = height(landing%patch, landing%u, landing%w)

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Boulders that are no spheres: what their shape and sides say of volume and inertia.
+!> Non-spherical boulders: volume and moment of inertia from shape and side lengths.
 module rockfall_shape
    use rockfall_kinds, only: wp
    use rockfall_math, only: pi, cube_root
@@ -7,12 +7,12 @@ module rockfall_shape
    private
    public :: shape_volume, shape_inertia, shapes
 
-   !> Numbered as in Rockyfor3D, where 0 is a place from which nothing falls.
+   !> Shapes, numbered as in Rockyfor3D, where 0 marks a cell that is not a source.
    integer, parameter :: rectangular = 1, ellipsoid = 2, sphere = 3, disc = 4, shapes = 4
 
 contains
 
-   !> Volume of a boulder of three sides [m3]; a sphere has the mean of them as its diameter, a disc is an elliptic
+   !> Volume of a boulder with three side lengths [m3]. The diameter of a sphere is their mean; a disc is an elliptic
    !> cylinder.
    pure real(wp) function shape_volume(shape, d) result(volume)
       integer, intent(in) :: shape  !! 1..4
@@ -26,8 +26,8 @@ contains
       end select
    end function shape_volume
 
-   !> Moment of inertia I/(m R**2) [-], R that of the sphere of the same volume. A boulder turns now about this axis and
-   !> now about that: I is the mean of the three principal moments. No shape has less than the sphere, 2/5.
+   !> Moment of inertia I/(m R**2) [-], with R of the sphere of equal volume. The axis of rotation changes, so I is the
+   !> mean of the three principal moments. The sphere has the minimum, 2/5.
    pure real(wp) function shape_inertia(shape, d) result(inertia)
       integer, intent(in) :: shape  !! 1..4
       real(wp), intent(in) :: d(3)  !! sides, or axes; the shortest is the height of a disc [m]

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A contact from a table on the boulder's own ground: in its local frame, with its gravity, over its terrain
+!> Contact from a table, transferred to the boulder's own ground: its local frame, gravity and terrain
 !> (theory, chapter 5).
 module rockfall_table_contact
    use rockfall_kinds, only: wp
@@ -15,40 +15,40 @@ module rockfall_table_contact
    implicit none
    private
    public :: table_contact_t, table_contact, side_u
-   ! The steps of it:
+   ! Its steps:
    public :: keep_touch, end_touch, meet_plane, find_pull, draw_record, follow, limit_energy, after_fall, &
              share_energy, leave, height_of, velocity_after
 
-   !> What of the random numbers of a contact is for what: the record; the part of the table; where there is no side or
-   !> heading of its own.
+   !> Use of the random numbers of a contact: the record; the part of the table; side or heading, where the ground gives
+   !> none.
    integer, parameter :: record_u = 1, ratio_u = 2, side_u = 3
 
-   !> A boulder whose last contact was cut is still in it if it has not risen more than this since, over R_b [-]: what
-   !> the laboratory calls a flight is higher.
+   !> Rise over R_b up to which a boulder whose last contact was cut is still in it [-]: the laboratory records higher
+   !> rises as flights.
    real(wp), parameter :: hop = 0.02_wp
-   !> One that rolls against steeper ground meets it as if it flew where V_n is more than this part of V_t [-].
+   !> V_n over V_t above which a boulder that rolls against steeper ground meets it as if it flew [-].
    real(wp), parameter :: meets = 0.5_wp
 
-   !> Twice the kinetic energy over m g R_b below which the laboratory takes a block for one at rest [-].
+   !> Twice the kinetic energy over m g R_b below which the laboratory considers a block at rest [-].
    real(wp), parameter :: rest_energy = 0.01_wp
 
-   !> A boulder this slow goes nowhere, over sqrt(g R_b) [-]: times must be numbers.
+   !> Speed over sqrt(g R_b) below which a boulder does not move [-]; avoids divisions by zero.
    real(wp), parameter :: still = 1.0e-6_wp
 
-   !> What is limited to its energy loses this part of it: no contact is without loss, and what rocks comes to rest [-].
+   !> Energy fraction lost when a contact is limited: all contacts have losses, so a rocking boulder comes to rest [-].
    real(wp), parameter :: least_loss = 0.02_wp
 
    type :: table_contact_t
       real(wp) :: v_in(3), v_out(3)  !! V_t, V_n, W [m/s]
-      logical :: stops = .false.     !! if the ground lets it
-      logical :: limited = .false.   !! to its energy
-      logical :: fast = .false.      !! faster than the table knows
+      logical :: stops = .false.     !! it stops, if the ground permits
+      logical :: limited = .false.   !! energy was limited
+      logical :: fast = .false.      !! faster than all records of the table
    end type table_contact_t
 
 contains
 
-   !> Draw a contact, and find where it leads: `roll`. The touch is as from keep_touch, and then what the next contact
-   !> will know of this one.
+   !> Draw a contact, and find the path `roll` to its end. `touch` comes from keep_touch, and is updated for the next
+   !> contact.
    pure subroutine table_contact(dem, gravity, table, boulder, inertia, ratio, u, landing, v, before, omega_r, touch, &
                                  roll, contact)
       type(terrain_t), intent(in) :: dem
@@ -61,7 +61,7 @@ contains
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: v(3)            !! incoming velocity [m/s]
       real(wp), intent(in) :: before(2)       !! heading after the last contact, of any length
-      real(wp), intent(in) :: omega_r         !! W with respect to it [m/s]
+      real(wp), intent(in) :: omega_r         !! W relative to that heading [m/s]
       type(touch_t), intent(inout) :: touch
       type(roll_t), intent(inout) :: roll
       type(table_contact_t), intent(out) :: contact
@@ -90,7 +90,7 @@ contains
                         boulder%radius, total, left, speed, slide)
       contact%limited = left < total
       call find_slide(dem, gravity, landing, t, slide, out%duration*(unit/gravity), unit*speed, roll, off)
-      g_end = g  ! where the known terrain ends, the ground goes on as it was
+      g_end = g  ! beyond the known terrain, the gradient is continued
       associate (end => roll%landing)
          if (end%contact) g_end = gradient(dem, end%patch, end%u, end%w)
          falls = merge(1.0_wp, 0.0_wp, off)
@@ -111,13 +111,13 @@ contains
       roll%above = height_of(touch%lift, boulder%radius, rolls)
    end subroutine table_contact
 
-   !> What a boulder still knows of the contact before: it is still in it if it has hardly risen since; another ground
-   !> ends what followed in the laboratory.
+   !> Keep the state of the previous contact if it still applies: the boulder is still in that contact if it has hardly
+   !> risen since; a different ground ends the sequence of records.
    pure subroutine keep_touch(ground, ratio, radius, jump_height, touch)
       integer, intent(in) :: ground
       real(wp), intent(in) :: ratio        !! R_b/R_m [-]
       real(wp), intent(in) :: radius       !! R_b [m]
-      real(wp), intent(in) :: jump_height  !! since that contact [m]
+      real(wp), intent(in) :: jump_height  !! since the previous contact [m]
       type(touch_t), intent(inout) :: touch
 
       if (touch%ground /= ground .or. touch%ratio /= ratio) touch%next = 0
@@ -130,25 +130,25 @@ contains
       if (.not. touch%rolling) touch%lift = 0
    end subroutine keep_touch
 
-   !> Whether a boulder is still in contact: what falls off its ground, or runs against other ground, does not do what
-   !> followed in the laboratory.
+   !> Update whether a boulder is still in contact: leaving the ground, or hitting other ground, ends the sequence of
+   !> records of the laboratory.
    pure subroutine end_touch(off, rolls, touch)
-      logical, intent(in) :: off    !! as from find_slide
-      logical, intent(in) :: rolls  !! as from leave
+      logical, intent(in) :: off    !! from find_slide
+      logical, intent(in) :: rolls  !! from leave
       type(touch_t), intent(inout) :: touch
 
       if (off .or. (touch%rolling .and. .not. rolls)) touch%next = 0
       touch%rolling = rolls
    end subroutine end_touch
 
-   !> V_t and V_n of a velocity, and the unit tangent along which it meets a plane. A boulder that is still in its
-   !> contact keeps the V_n with which it is pressed to the ground.
+   !> Split a velocity into V_t and V_n, with the unit tangent of its motion on a plane. A boulder that is still in
+   !> contact keeps the V_n that presses it to the ground.
    elemental subroutine meet_plane(v1, v2, v3, g1, g2, steepness, touches, pressed, tangential, normal, t1, t2, t3)
       real(wp), intent(in) :: v1, v2, v3           !! [m/s]
       real(wp), intent(in) :: g1, g2, steepness    !! gradient of the plane, sqrt(1 + |g|**2) [-]
       real(wp), intent(in) :: touches, pressed     !! still in the contact before: 1 or 0; its V_n [m/s]
       real(wp), intent(out) :: tangential, normal  !! V_t, V_n [m/s]
-      real(wp), intent(out) :: t1, t2, t3          !! none where V_t is not more than `shortest` [-]
+      real(wp), intent(out) :: t1, t2, t3          !! zero if V_t is not above `shortest` [-]
       real(wp) :: plan1, plan2, inverse
 
       call in_local_frame(v1, v2, v3, g1, g2, steepness, tangential, normal, plan1, plan2)
@@ -159,7 +159,7 @@ contains
       t3 = g1*t1 + g2*t2
    end subroutine meet_plane
 
-   !> The unit tangent of a boulder that meets a plane along its normal: down the plane, anywhere on a flat one.
+   !> Unit tangent for an impact along the normal of a plane: down the plane, random on a flat one.
    pure function any_tangent(g, u) result(t)
       real(wp), intent(in) :: g(2)  !! gradient of the plane [-]
       real(wp), intent(in) :: u     !! uniform in (0, 1) [-]
@@ -171,11 +171,11 @@ contains
       t = t/sqrt(1 + t(3)*t(3))
    end function any_tangent
 
-   !> Gravity along a tangent and across it, and on which side the ground falls.
+   !> Components of gravity along and across a tangent, and the side of the descent.
    elemental subroutine find_pull(g1, g2, steepness, t1, t2, t3, u, along, across, side)
       real(wp), intent(in) :: g1, g2, steepness  !! as in meet_plane [-]
       real(wp), intent(in) :: t1, t2, t3         !! unit tangent [-]
-      real(wp), intent(in) :: u                  !! uniform in (0, 1), where it falls to no side [-]
+      real(wp), intent(in) :: u                  !! uniform in (0, 1), used if there is no descent to either side [-]
       real(wp), intent(out) :: along, across     !! over g; across towards the descent [-]
       real(wp), intent(out) :: side              !! of the descent: 1 left, -1 right [-]
       real(wp) :: left
@@ -187,16 +187,16 @@ contains
       side = merge(sign(1.0_wp, left), side, across > along_aspect)
    end subroutine find_pull
 
-   !> The record that a contact follows.
+   !> Draw the record of a contact.
    pure subroutine draw_record(table, boulder, inertia, unit, ratio, u, touch, in, bin, record, fast)
       type(impact_table_t), intent(in) :: table
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: inertia, unit, ratio  !! as in table_contact [-], sqrt(g R_b) [m/s], [-]
       real(wp), intent(in) :: u(words_per_block)    !! as in table_contact [-]
       type(touch_t), intent(in) :: touch
-      type(approach_t), intent(inout) :: in         !! v, speed, and pull; then complete
+      type(approach_t), intent(inout) :: in         !! v, speed, and pull on entry; complete on return
       integer, intent(out) :: bin, record
-      logical, intent(out) :: fast                  !! faster than the table knows
+      logical, intent(out) :: fast                  !! faster than all records of the table
 
       in%next = touch%next
       in%height = touch%height
@@ -207,7 +207,7 @@ contains
       call choose_record(table, ratio_at(table, ratio, u(ratio_u)), u(record_u), in, bin, record)
    end subroutine draw_record
 
-   !> What it does, and what the next contact will know of it.
+   !> Apply the record, and keep what the next contact needs.
    pure subroutine follow(table, bin, record, in, touch, out)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin, record
@@ -222,14 +222,13 @@ contains
       touch%next = out%next
    end subroutine follow
 
-   !> No more energy than there was, and a little less than that; the speed that has the mean energy of the contact, and
-   !> how far it goes.
+   !> Limit the energy to slightly less than before the contact; compute the speed of its mean energy, and its length.
    elemental subroutine limit_energy(along, across, normal, w, inertia, allowed, speed_in, advance, radius, total, &
                                      left, speed, slide)
       real(wp), intent(in) :: along, across, normal, w, inertia, allowed, advance  !! as in outcome_t [-]
-      real(wp), intent(in) :: speed_in      !! before it [-]
+      real(wp), intent(in) :: speed_in      !! before the contact [-]
       real(wp), intent(in) :: radius        !! R_b [m]
-      real(wp), intent(out) :: total, left  !! twice the kinetic energy over m g R_b: of these, and what is left of it
+      real(wp), intent(out) :: total, left  !! twice the kinetic energy over m g R_b: as drawn, and after limiting
       real(wp), intent(out) :: speed        !! [-]
       real(wp), intent(out) :: slide        !! along the ground [m]
       real(wp) :: part
@@ -242,20 +241,20 @@ contains
       slide = merge(slide, 0.0_wp, speed > still)
    end subroutine limit_energy
 
-   !> Where the ground falls by more, or less, than a plane would have, gravity has done so much more work; but not
-   !> where it falls away, and the boulder leaves it at once.
+   !> Correct the remaining energy for ground that falls by more, or less, than a plane; not where the ground falls away
+   !> and the boulder leaves it at once.
    elemental real(wp) function after_fall(left, more, off)
       real(wp), intent(in) :: left  !! as from limit_energy [-]
-      real(wp), intent(in) :: more  !! over R_b [-]
-      real(wp), intent(in) :: off   !! falls away: 1 or 0
+      real(wp), intent(in) :: more  !! additional drop over R_b [-]
+      real(wp), intent(in) :: off   !! the ground falls away: 1 or 0
 
       after_fall = merge(max(0.0_wp, left + 2*more), left, left > still*still)
       after_fall = merge(left, after_fall, off > 0)
    end function after_fall
 
-   !> The part of the velocity that has the energy that is left, and whether that is rest. What takes off lower than it
-   !> landed, in a hollow of the relief, has that much to climb to the mean ground. What is too slow for it lands in its
-   !> hollow again.
+   !> Scale the velocity to the remaining energy, and decide whether the boulder rests. If it takes off below the height
+   !> of its landing, in a hollow of the relief, it must climb to the mean ground; if it is too slow for that, it
+   !> lands in its hollow again.
    elemental subroutine share_energy(total, left, along, across, drawn, w, inertia, steepness, flies, lift, part, &
                                      normal, rests)
       real(wp), intent(in) :: total, left             !! as from limit_energy [-]
@@ -263,8 +262,8 @@ contains
       real(wp), intent(in) :: steepness               !! of the ground [-]
       real(wp), intent(in) :: flies                   !! 1 or 0
       real(wp), intent(inout) :: lift                 !! as in touch_t [-]
-      real(wp), intent(out) :: part                   !! [-]
-      real(wp), intent(out) :: normal                 !! V_n that is left [-]
+      real(wp), intent(out) :: part                   !! factor on the velocity [-]
+      real(wp), intent(out) :: normal                 !! remaining V_n [-]
       real(wp), intent(out) :: rests                  !! 1 or 0
       real(wp) :: part2, square, climbs
 
@@ -278,7 +277,7 @@ contains
       rests = merge(1.0_wp, 0.0_wp, energy(part*along, part*across, normal, part*w, inertia) < rest_energy)
    end subroutine share_energy
 
-   !> Height [m] above the ground from which the next flight starts.
+   !> Height [m] above the ground at which the next flight starts.
    elemental real(wp) function height_of(lift, radius, rolls)
       real(wp), intent(in) :: lift    !! as in touch_t [-]
       real(wp), intent(in) :: radius  !! R_b [m]
@@ -290,22 +289,22 @@ contains
    !> V_t, V_n, W after a contact [m/s].
    pure function velocity_after(unit, along, across, normal, w) result(v)
       real(wp), intent(in) :: unit                      !! [m/s]
-      real(wp), intent(in) :: along, across, normal, w  !! that are left [-]
+      real(wp), intent(in) :: along, across, normal, w  !! remaining [-]
       real(wp) :: v(3)
 
       v = unit*[sign(sqrt(along*along + across*across), along), normal, merge(-w, w, along < 0)]
    end function velocity_after
 
-   !> The velocity at the end of the contact. What flies takes its velocity along to the ground there; what rolls on
-   !> stays on it, and runs against it where it is steeper.
+   !> Velocity at the end of a contact. A flying boulder keeps its velocity relative to the ground there; a rolling one
+   !> stays on the ground, and runs against it where it is steeper.
    elemental subroutine leave(along, across, normal, g1, g2, steepness, t1, t2, t3, end1, end2, rolls, pressed, &
                               heading1, heading2, v1, v2, v3)
-      real(wp), intent(in) :: along, across, normal  !! after it, in the frame of its beginning, across to the left
-      real(wp), intent(in) :: g1, g2, steepness      !! of the ground where it began [-]
+      real(wp), intent(in) :: along, across, normal  !! after the contact, in its initial frame, across to the left
+      real(wp), intent(in) :: g1, g2, steepness      !! of the ground at its start [-]
       real(wp), intent(in) :: t1, t2, t3             !! the tangent there [-]
       real(wp), intent(in) :: end1, end2             !! gradient where it ends [-]
-      real(wp), intent(inout) :: rolls               !! 1 or 0: does it stay on the ground?
-      real(wp), intent(inout) :: pressed             !! V_n of what rolls on [m/s]
+      real(wp), intent(inout) :: rolls               !! stays on the ground: 1 or 0
+      real(wp), intent(inout) :: pressed             !! V_n of a rolling boulder [m/s]
       real(wp), intent(out) :: heading1, heading2    !! of any length
       real(wp), intent(out) :: v1, v2, v3            !! [m/s]
       real(wp) :: plan1, plan2, rise, there, speed, tangential, against, slope1, slope2, runs, up
@@ -320,7 +319,7 @@ contains
       pressed = merge(normal + against, pressed, rolls > 0)
       heading1 = merge(slope1, plan1, rolls > 0)
       heading2 = merge(slope2, plan2, rolls > 0)
-      speed = merge(merge(tangential, speed, runs > 0), speed, rolls > 0)  ! falling ground turns it
+      speed = merge(merge(tangential, speed, runs > 0), speed, rolls > 0)  ! falling ground deflects it
       up = merge(pressed, max(0.0_wp, normal), rolls > 0)
       rolls = merge(merge(rolls, 0.0_wp, pressed > -meets*tangential), rolls, runs > 0)
       up = merge(0.0_wp, up/there, rolls > 0)

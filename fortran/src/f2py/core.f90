@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The Python interface of the kernel: plain arrays, no physics.
+!> Python interface of the kernel: plain arrays, no physics.
 !>
-!> A scene is built once, by `new_scene`, `give` and `build_scene`, and known by a handle until `close_scene`; it looks
-!> at the arrays that it was given, which the caller keeps as they are. Runs only read it, so several may use it at
-!> once. A run is known by a handle likewise; its arrays are the kernel's, and the caller looks at them.
+!> A scene is built once, by `new_scene`, `give` and `build_scene`, and identified by a handle until `close_scene`; it
+!> refers to the arrays passed in, which the caller must keep unchanged. Runs only read it, so several may use it
+!> concurrently. A run also has a handle; its arrays belong to the kernel, and the caller gets views of them.
 module rockfall_f2py
    use ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_intptr_t, c_ptr, &
@@ -63,27 +63,27 @@ module rockfall_f2py
    public :: sample_edges, sample_units, line_quantities, places_along
    public :: check_numbers, ground_model, barriers, barrier_outcomes, ead_energies
 
-   !> What the handle of a scene stands for.
+   !> Scene behind a handle.
    type :: open_scene_t
       type(scene_t) :: scene
-      type(terrain_t) :: dem  !! its terrain, as far as the arrays reach
+      type(terrain_t) :: dem  !! its terrain, as far as the arrays extend
       type(case_t) :: case
       type(scene_arrays_t), allocatable :: arrays  !! until it is built
    end type open_scene_t
 
-   !> What the handle of a run stands for.
+   !> Run behind a handle.
    type :: open_run_t
       type(run_t) :: run
-      type(table_t) :: table  !! of its arrays
+      type(table_t) :: table  !! table of its arrays
    end type open_run_t
 
 contains
 
-   !> A scene to be given the arrays of scene_arrays_t, and then built, as a handle.
+   !> Create an empty scene; it receives the arrays of scene_arrays_t before it is built.
    subroutine new_scene(west, north, cell, nodes, first, draw, handle)
       real(c_double), intent(in) :: west, north, cell       !! outer edges, cell size [m]
-      integer(c_int), intent(in) :: nodes(2), first(2)      !! columns, rows of the raster; where arrays begin
-      integer(c_int), intent(in) :: draw                    !! of the impact sets; 0: the only one
+      integer(c_int), intent(in) :: nodes(2), first(2)      !! columns, rows of the raster; first ones of the arrays
+      integer(c_int), intent(in) :: draw                    !! draw of the impact sets; 0: the only one
       integer(c_intptr_t), intent(out) :: handle
       type(open_scene_t), pointer :: opened
 
@@ -95,7 +95,7 @@ contains
       handle = transfer(c_loc(opened), handle)
    end subroutine new_scene
 
-   !> Give a scene an array: its name, kind, lengths (the first runs fastest), and where it is.
+   !> Pass an array to a scene: its name, kind, lengths (the first varies fastest), and address.
    subroutine give(handle, name, kind, length, address)
       integer(c_intptr_t), intent(in) :: handle, address
       character(len=*), intent(in) :: name, kind
@@ -106,10 +106,10 @@ contains
       call opened%arrays%give(name, kind, length, place_of(address))
    end subroutine give
 
-   !> Build a scene of the text of a case and of what it was given; in error it is closed.
+   !> Build a scene from the text of a case and the arrays passed; on error it is closed.
    subroutine build_scene(handle, text, name, code, message)
       integer(c_intptr_t), intent(in) :: handle
-      character(len=*), intent(in) :: text, name            !! of the case, and what it is called in messages
+      character(len=*), intent(in) :: text, name            !! of the case, and its name in messages
       integer(c_int), intent(out) :: code                   !! 0 = success
       character(len=1024), intent(out) :: message
       type(open_scene_t), pointer :: opened
@@ -124,7 +124,8 @@ contains
       call give_error(error, code, message)
    end subroutine build_scene
 
-   !> Keep boulders to these columns and rows, those of the maps: the same for all runs of a scene, and before them.
+   !> Restrict boulders to these columns and rows, those of the maps: identical for all runs of a scene, and before
+   !> them.
    subroutine limit_terrain(handle, map_at, map_last)
       integer(c_intptr_t), intent(in) :: handle
       integer(c_int), intent(in) :: map_at(2), map_last(2)  !! first and last column, row
@@ -137,7 +138,7 @@ contains
       opened%scene%dem = dem
    end subroutine limit_terrain
 
-   !> Forget a scene; the handle stands for nothing afterwards.
+   !> Close a scene; the handle becomes invalid.
    subroutine close_scene(handle)
       integer(c_intptr_t), intent(in) :: handle
       type(open_scene_t), pointer :: opened
@@ -146,7 +147,7 @@ contains
       deallocate (opened)
    end subroutine close_scene
 
-   !> How boulders are carried on, as in rockfall_scene_type; no bit depends on it, which tests hold.
+   !> Set the execution mode, as in rockfall_scene_type; results do not depend on it, as tests verify.
    subroutine carry_in_lanes(handle, lanes)
       integer(c_intptr_t), intent(in) :: handle
       integer(c_int), intent(in) :: lanes
@@ -169,14 +170,14 @@ contains
       call c_f_pointer(place_of(handle), opened)
    end function scene_of
 
-   !> A run of a scene, or `boulders` of it after the first `before`, with maps of a window (first column and row,
-   !> columns and rows), as a handle.
+   !> Open a run of a scene, or of `boulders` of its boulders after the first `before`, with maps of a window (first
+   !> column and row, numbers of columns and rows).
    subroutine open_run(handle, before, boulders, window, threads, most_columns, run, code, message)
       integer(c_intptr_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: before, boulders
       integer(c_int), intent(in) :: window(4), threads
-      integer(c_int64_t), intent(in) :: most_columns  !! of counts of bins
-      integer(c_intptr_t), intent(out) :: run  !! 0 without one
+      integer(c_int64_t), intent(in) :: most_columns  !! maximum columns of bin counts
+      integer(c_intptr_t), intent(out) :: run  !! 0 on error
       integer(c_int), intent(out) :: code      !! 0 = success
       character(len=1024), intent(out) :: message
       type(open_scene_t), pointer :: scene
@@ -191,8 +192,8 @@ contains
       call give_run(opened, error, run, code, message)
    end subroutine open_run
 
-   !> A run of which there are parts alone: of a case without fault, `total` boulders, so many grounds (0: no others
-   !> than the sets), and sources of a layer's features or not (1 or 0).
+   !> Open a run of `total` boulders to be joined from parts: from a valid case, with the number of grounds (0: only
+   !> impact sets), and sources from the features of a layer or not (1 or 0).
    subroutine open_joined_run(text, total, window, grounds, features, part_last, group_part, run, code, message, np, ng)
       integer(c_int), intent(in) :: np, ng
       character(len=*), intent(in) :: text
@@ -216,7 +217,7 @@ contains
       call give_run(opened, error, run, code, message)
    end subroutine open_joined_run
 
-   !> A run of a scene that begins with what another found, which cannot go on itself.
+   !> Open a run of a scene that continues another run, which then cannot continue itself.
    subroutine continue_run(handle, other, run, code, message)
       integer(c_intptr_t), intent(in) :: handle, other
       integer(c_intptr_t), intent(out) :: run
@@ -233,7 +234,7 @@ contains
       call give_run(opened, error, run, code, message)
    end subroutine continue_run
 
-   !> The handle of a run, unless it is in error.
+   !> Return the handle of a run, unless there is an error.
    subroutine give_run(opened, error, run, code, message)
       type(open_run_t), pointer, intent(in) :: opened
       type(error_t), allocatable, intent(inout) :: error
@@ -249,7 +250,7 @@ contains
       call give_error(error, code, message)
    end subroutine give_run
 
-   !> Forget a run; the handle stands for nothing afterwards.
+   !> Close a run; the handle becomes invalid.
    subroutine close_run(run)
       integer(c_intptr_t), intent(in) :: run
       type(open_run_t), pointer :: opened
@@ -266,8 +267,8 @@ contains
       call c_f_pointer(place_of(run), opened)
    end function run_of
 
-   !> Run boulders first .. first + n - 1 on a scene, which may be a window of that of the run; how many of them left
-   !> it, to be run again.
+   !> Run boulders first .. first + n - 1 on a scene, which may be a window of that of the run; `left` is the number of
+   !> boulders that left it and must be rerun.
    subroutine advance(run, handle, first, n, left, code, message)
       !f2py threadsafe
       integer(c_intptr_t), intent(in) :: run, handle
@@ -287,8 +288,8 @@ contains
       call give_error(error, code, message)
    end subroutine advance
 
-   !> Array k of a run, from 1: as row_text has it, lengths of its dimensions (the first runs fastest), and where it is;
-   !> blank past the end. The first one begins a new list.
+   !> Array k of a run, from 1: description as from row_text, lengths of its dimensions (the first varies fastest), and
+   !> address; blank past the end. k = 1 builds a new list.
    subroutine array(run, k, text, length, address)
       integer(c_intptr_t), intent(in) :: run
       integer(c_int), intent(in) :: k
@@ -310,8 +311,8 @@ contains
       end associate
    end subroutine array
 
-   !> A map of reals of a run of so many boulders, of which those of a cluster may all do the same (1: they are
-   !> independent); `fewest`: passages for which a cell has a number, `thin`: those below which it is hardly known.
+   !> Real map of a run with a number of boulders, in clusters that may behave alike (1: independent). `fewest`: minimum
+   !> passages for a cell to have a value; `thin`: passages below which it is unreliable.
    subroutine map(run, name, boulders, per_cluster, min_passages, values, fewest, thin, nx, ny)
       !f2py threadsafe
       integer(c_int), intent(in) :: nx, ny
@@ -334,8 +335,8 @@ contains
       end do
    end subroutine map
 
-   !> Give back the memory of tallies and samples of a run of which all is made; counts, sums and maxima of maps if they
-   !> are to go, 1 or 0. Nobody may look at them any more.
+   !> Free the tallies and samples of a run once all results are computed; counts, sums and maxima of maps if `go` is 1.
+   !> Views of them become invalid.
    subroutine forget_tallies(run, go)
       integer(c_intptr_t), intent(in) :: run
       integer(c_int), intent(in) :: go(3)
@@ -345,7 +346,7 @@ contains
       call forget_tallies_of(opened%run, go /= 0)
    end subroutine forget_tallies
 
-   !> Leave in the maps of a run only the boulders done of sources that these cut (sign 1), or all of them again (-1).
+   !> Count in the maps of a run only the boulders done of partial sources (sign 1), or revert this (-1).
    subroutine settle(run, handle, done, sign)
       integer(c_intptr_t), intent(in) :: run, handle
       integer(c_int64_t), intent(in) :: done
@@ -359,7 +360,7 @@ contains
       call settle_run(opened%run, scene%scene%release, sign)
    end subroutine settle
 
-   !> Go on from the cells of sources that the boulders done cut; good: 1 or 0.
+   !> Restore the cells of sources that the boulders done cut; good: 1 or 0.
    subroutine restore_sources(run, handle, done, cell, source, boulders, good, n)
       integer(c_int), intent(in) :: n
       integer(c_intptr_t), intent(in) :: run, handle
@@ -380,7 +381,7 @@ contains
       good = merge(1, 0, is_good)
    end subroutine restore_sources
 
-   !> The edges of the bins of samples, in units.
+   !> Bin edges of samples, in units.
    subroutine sample_edges(edges)
       real(c_double), intent(out) :: edges(13057)
       integer :: k
@@ -388,14 +389,14 @@ contains
       edges = [(sample_edge(k), k=1, size(edges))]
    end subroutine sample_edges
 
-   !> Units of the quantities of samples, at lines and at ends, in one of their own.
+   !> Units of the quantities of samples, at lines and at ends, relative to their SI unit.
    subroutine sample_units(units)
       real(c_double), intent(out) :: units(12, 2)
 
       units = units_of
    end subroutine sample_units
 
-   !> The quantities at a line but the last, of boulders with these rows.
+   !> Quantities at a line, except the last, of boulders with these rows.
    subroutine line_quantities(crossing, volume, found, n)
       integer(c_int), intent(in) :: n
       real(c_double), intent(in) :: crossing(12, n)  !! line_fields
@@ -408,7 +409,7 @@ contains
       end do
    end subroutine line_quantities
 
-   !> How far along a line [m] the places are that are nearest to these; NaN of NaN.
+   !> Distances along a line [m] of the points on it nearest to given points; NaN for NaN.
    subroutine places_along(line_x, line_y, x, y, along, nv, n)
       integer(c_int), intent(in) :: nv, n
       real(c_double), intent(in) :: line_x(nv), line_y(nv), x(n), y(n)  !! [m]
@@ -423,7 +424,7 @@ contains
       end do
    end subroutine places_along
 
-   !> Run one boulder alone and keep the vertices of its trajectory, up to `room` of `recorded`; nothing is tallied.
+   !> Run one boulder and keep up to `room` of the `recorded` vertices of its trajectory; nothing is tallied.
    subroutine trajectory(handle, number, vertex, recorded, boulder, counts, room)
       !f2py threadsafe
       integer(c_int), intent(in) :: room
@@ -450,8 +451,8 @@ contains
       end associate
    end subroutine trajectory
 
-   !> Look at rows first to last of the terrain: lower the minima of blocks, check the sources there and raise
-   !> their energy head, as in rockfall_reach and check_sources.
+   !> Scan rows first to last of the terrain: update the minima of blocks, check the sources there and raise their
+   !> energy head, as in rockfall_reach and check_sources.
    subroutine survey(handle, first, last, minima, head, code, message, nbx, nby)
       !f2py threadsafe
       integer(c_int), intent(in) :: nbx, nby
@@ -494,7 +495,7 @@ contains
       box = reach_box(opened%dem, minima, head, opened%scene%release%x, opened%scene%release%y)
    end subroutine reach
 
-   !> Cells along a side of a block of cells, of which `survey` takes the least elevation.
+   !> Side length in cells of the blocks of which `survey` takes the minimum elevation.
    subroutine block_of(nodes, side)
       integer(c_int), intent(in) :: nodes(2)
       integer(c_int), intent(out) :: side
@@ -502,11 +503,12 @@ contains
       side = block_side(nodes)
    end subroutine block_of
 
-   !> The tallies that maps need: where the layers of map_plan_t are in their stacks, from 1 (0 = none), counts with the
-   !> first of those for thresholds of energy; the bins of counts for quantiles; and the layers of each stack.
+   !> Tallies needed by maps: indices of the layers of map_plan_t in their stacks, from 1 (0 = none), counts including
+   !> the first of those for energy thresholds; the bins of counts for quantiles; and the number of layers of each
+   !> stack.
    subroutine map_plan(names, thresholds, counts, sums, maxima, bins, layers)
       character(len=*), intent(in) :: names     !! of maps, separated by blanks
-      integer(c_int), intent(in) :: thresholds  !! how many
+      integer(c_int), intent(in) :: thresholds  !! number of thresholds
       integer(c_int), intent(out) :: counts(5), sums(7), maxima(5), bins, layers(3)
       type(map_plan_t) :: plan
 
@@ -527,7 +529,7 @@ contains
                                           k=1, size(map_fields))]), thresholds)
    end function plan_of
 
-   !> The limits of the 95 % intervals of fractions of the boulders of a run; those of a cluster may all do the same.
+   !> Limits of the 95 % intervals of fractions of the boulders of a run; boulders of a cluster may all behave alike.
    subroutine count_limits(counts, boulders, per_cluster, low, high, n)
       integer(c_int), intent(in) :: n
       integer(c_int32_t), intent(in) :: counts(n)
@@ -540,8 +542,8 @@ contains
       high = fraction_limit(counts/all, all/per_cluster, 1)
    end subroutine count_limits
 
-   !> Refuse a run whose maps its tallies cannot hold; `fall` is from the maximum energy head to the lowest
-   !> elevation [m].
+   !> Reject a run whose maps could overflow; `fall` is the height from the maximum energy head to the minimum elevation
+   !> [m].
    subroutine check_maps(handle, fall, code, message)
       integer(c_intptr_t), intent(in) :: handle
       real(c_double), intent(in) :: fall
@@ -559,7 +561,7 @@ contains
       call give_error(error, code, message)
    end subroutine check_maps
 
-   !> Trees of a stand (rockfall_stand): how many stems stand in each cell of a row of a raster of nx columns.
+   !> Number of stems in each cell of a row of a raster of nx columns, for a stand of trees (rockfall_stand).
    subroutine stand_counts(seed, nx, row, expected, even, counts, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: n
@@ -572,13 +574,13 @@ contains
       counts = [(stems_in_cell(random_key(seed), cell_number(nx, row, i), expected(i), even /= 0), i=1, n)]
    end subroutine stand_counts
 
-   !> And the four uniform numbers of each of these stems, cell by cell.
+   !> Four uniform numbers of each of these stems, cell by cell.
    subroutine stand_numbers(seed, nx, row, counts, numbers, n, nt)
       !f2py threadsafe
       integer(c_int), intent(in) :: n, nt
       integer(c_int64_t), intent(in) :: seed
       integer(c_int), intent(in) :: nx, row
-      integer(c_int32_t), intent(in) :: counts(n)       !! nt together
+      integer(c_int32_t), intent(in) :: counts(n)       !! sum nt
       real(c_double), intent(out) :: numbers(4, nt)
       integer :: i, k, stem
 
@@ -591,7 +593,7 @@ contains
       end do
    end subroutine stand_numbers
 
-   !> Volume [m3] and inertia I/(m R**2) [-] of boulders by shape and sides, as in rockfall_shape.
+   !> Volume [m3] and moment of inertia I/(m R**2) [-] of boulders by shape and sides, as in rockfall_shape.
    subroutine shape_numbers(shape, d, volume, inertia, n)
       integer(c_int), intent(in) :: n
       integer(c_int), intent(in) :: shape(n)
@@ -605,7 +607,7 @@ contains
       end do
    end subroutine shape_numbers
 
-   !> Cells are counted from 1 by rows from the north-west.
+   !> Number of a cell: from 1 by rows from the north-west.
    pure integer(c_int64_t) function cell_number(nx, row, column)
       integer(c_int), intent(in) :: nx, row
       integer, intent(in) :: column
@@ -613,7 +615,7 @@ contains
       cell_number = (row - 1)*int(nx, c_int64_t) + column
    end function cell_number
 
-   !> The slope from which cells of a size are steep, unless the case says another [degree].
+   !> Default slope threshold of sources for a cell size [degree].
    subroutine slope_threshold(cell, slope)
       real(c_double), intent(in) :: cell  !! [m]
       real(c_double), intent(out) :: slope
@@ -645,7 +647,7 @@ contains
       ratio = surface_ratios(dem, source_x - dem%x0, source_y - dem%y0)
    end subroutine area_ratios
 
-   !> Whether boulders can start from points, in map coordinates [m].
+   !> Return whether boulders can start from points, in map coordinates [m].
    subroutine known_at(handle, x, y, known, n)
       integer(c_int), intent(in) :: n
       integer(c_intptr_t), intent(in) :: handle
@@ -660,7 +662,7 @@ contains
       end associate
    end subroutine known_at
 
-   !> Whether a line of points [m] lies beyond one side of a raster.
+   !> Return whether a line of points [m] is on the outer side of one edge of a raster.
    subroutine outside(west, north, cell, nodes, x, y, is, n)
       integer(c_int), intent(in) :: n, nodes(2)
       real(c_double), intent(in) :: west, north, cell, x(n), y(n)
@@ -669,7 +671,7 @@ contains
       is = merge(1, 0, is_outside(grid_t(west, north, cell, nodes(1), nodes(2)), x, y))
    end subroutine outside
 
-   !> Boulders of a scene.
+   !> Number of boulders of a scene.
    subroutine boulders(handle, number)
       integer(c_intptr_t), intent(in) :: handle
       integer(c_int64_t), intent(out) :: number
@@ -679,7 +681,7 @@ contains
       number = boulders_of(opened%scene)
    end subroutine boulders
 
-   !> The first and last boulder of a source, all from 1.
+   !> First and last boulder of a source, from 1.
    subroutine boulders_of_source(handle, source, first, last)
       integer(c_intptr_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: source
@@ -691,7 +693,7 @@ contains
       last = last_of(opened%scene%release, source)
    end subroutine boulders_of_source
 
-   !> Of the boulders first..last those, n, whose trajectories are recorded where `room` of all are.
+   !> Numbers of the n boulders in first..last whose trajectories are recorded, if `room` of all are.
    subroutine recorded(handle, first, last, number, n, room)
       integer(c_intptr_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: first, last
@@ -708,7 +710,7 @@ contains
       end associate
    end subroutine recorded
 
-   !> Boulders in the first parts of a run of n.
+   !> Number of boulders in the first `part` of `of` parts of a run of n.
    subroutine share(n, part, of, boulders)
       integer(c_int64_t), intent(in) :: n, part, of
       integer(c_int64_t), intent(out) :: boulders
@@ -716,7 +718,7 @@ contains
       boulders = share_of(n, part, of)
    end subroutine share
 
-   !> The limits of the 95 % interval of a fraction of n.
+   !> Limits of the 95 % interval of a fraction of n.
    subroutine fraction_limits(fraction, n, low, high)
       real(c_double), intent(in) :: fraction, n
       real(c_double), intent(out) :: low, high
@@ -725,7 +727,7 @@ contains
       high = fraction_limit(fraction, n, 1)
    end subroutine fraction_limits
 
-   !> The sources of boulders, all from 1.
+   !> Sources of boulders, from 1.
    subroutine sources_of_boulders(handle, boulder, source, n)
       integer(c_int), intent(in) :: n
       integer(c_intptr_t), intent(in) :: handle
@@ -738,7 +740,7 @@ contains
       source = [(source_of(opened%scene%release, boulder(k)), k=1, n)]
    end subroutine sources_of_boulders
 
-   !> The first of some numbers that a key of the case may not have, from 1, and what it must be; 0: none.
+   !> First of some numbers that is invalid for a key of the case, from 1, and the rule that it violates; 0: none.
    subroutine check_numbers(group, name, values, first, rule, n)
       integer(c_int), intent(in) :: n
       character(len=*), intent(in) :: group, name
@@ -757,7 +759,7 @@ contains
       first = 0
    end subroutine check_numbers
 
-   !> Check the text of a case: code 0, or one line that says what is wrong.
+   !> Check the text of a case: code 0, or a one-line error message.
    subroutine check_case(text, name, code, message)
       character(len=*), intent(in) :: text, name
       integer(c_int), intent(out) :: code
@@ -769,10 +771,10 @@ contains
       call give_error(error, code, message)
    end subroutine check_case
 
-   !> Of each line of a case, the evaluation lines and then the barriers: height of the top edge [m] and capacity [J];
-   !> zero of an evaluation line.
+   !> Height of the top edge [m] and capacity [J] of each line of a case, evaluation lines first, then barriers; zero
+   !> for evaluation lines.
    subroutine barriers(text, height, capacity, n)
-      character(len=*), intent(in) :: text      !! of a case without fault
+      character(len=*), intent(in) :: text      !! of a valid case
       integer(c_int), intent(in) :: n
       real(c_double), intent(out) :: height(n), capacity(n)
       type(case_t) :: case
@@ -783,7 +785,7 @@ contains
       capacity = case%lines%capacity
    end subroutine barriers
 
-   !> What a barrier did with boulders that crossed it: number of the outcome in the table of variables.
+   !> Outcomes at a barrier of boulders that crossed it: number in the table of variables.
    subroutine barrier_outcomes(height, capacity, passing_height, energy, outcome, n)
       integer(c_int), intent(in) :: n
       real(c_double), intent(in) :: height, capacity             !! [m], [J]
@@ -793,7 +795,7 @@ contains
       outcome = int(barrier_outcome(height, capacity, passing_height, energy), c_int8_t)
    end subroutine barrier_outcomes
 
-   !> Energies that barriers of the classes of EAD 340059 take, from class 0 [J].
+   !> Maximum energies of the classes of EAD 340059, from class 0 [J].
    subroutine ead_energies(energy)
       real(c_double), intent(out) :: energy(8)
 
@@ -813,7 +815,7 @@ contains
       if (table == "variables") text = variable_text(k)
    end subroutine table_row
 
-   !> Model k of grounds, and what it must know of the rocks there, as in rockfall_grounds; blank past the end.
+   !> Model k of grounds, and the rock data that it requires, as in rockfall_grounds; blank past the end.
    subroutine ground_model(k, text, rocks)
       integer(c_int), intent(in) :: k
       character(len=32), intent(out) :: text
@@ -826,7 +828,7 @@ contains
       rocks = rocks_of_model(k)
    end subroutine ground_model
 
-   !> Names of the groups of which a case may have several.
+   !> Names of groups that may occur several times in a case.
    subroutine repeatable_groups(text)
       character(len=512), intent(out) :: text
 
@@ -836,8 +838,8 @@ contains
    !> The numbers of the five impact sets in a text, as in coefficients_t, for a rule of turning.
    subroutine read_sets(text, name, turning, draw, mean, covariance, incidence, lateral, ranges, draws, code, message)
       character(len=*), intent(in) :: text, name
-      character(len=*), intent(in) :: turning  !! as in a case
-      integer(c_int), intent(in) :: draw       !! 0: there must be one only
+      character(len=*), intent(in) :: turning  !! word as in a case
+      integer(c_int), intent(in) :: draw       !! 0: there must be only one
       real(c_double), intent(out) :: mean(9, 5), covariance(9, 9, 5), incidence(8, 5), lateral(13, 9, 5)
       real(c_double), intent(out) :: ranges(2, 5, 2)  !! of speeds, of angles
       integer(c_int), intent(out) :: draws, code
@@ -855,7 +857,7 @@ contains
       call give_error(error, code, message)
    end subroutine read_sets
 
-   !> How often each impact set serves a ratio R_b/R_m.
+   !> Probability of each impact set for a ratio R_b/R_m.
    subroutine weights_of_sets(ratio, between, weights)
       real(c_double), intent(in) :: ratio
       integer(c_int), intent(in) :: between  !! as in `run`
@@ -864,7 +866,7 @@ contains
       weights = ratio_weights(ratio, between /= 0)
    end subroutine weights_of_sets
 
-   !> The impact set, 1 to 5, that serves each ratio R_b/R_m.
+   !> Impact set, 1 to 5, of each ratio R_b/R_m.
    subroutine ratio_classes(ratio, class, n)
       integer(c_int), intent(in) :: n
       real(c_double), intent(in) :: ratio(n)
@@ -877,7 +879,7 @@ contains
       end do
    end subroutine ratio_classes
 
-   !> Whether boulders may rebound so: V_t, V_n, W [m/s] before and after.
+   !> Return whether rebounds are admissible: V_t, V_n, W [m/s] before and after.
    subroutine admissible_rebounds(v_in, v_out, may, n)
       integer(c_int), intent(in) :: n
       real(c_double), intent(in) :: v_in(3, n), v_out(3, n)
@@ -887,7 +889,7 @@ contains
       may = [(merge(1, 0, is_admissible(v_in(:, k), v_out(:, k))), k=1, n)]
    end subroutine admissible_rebounds
 
-   !> Make rebounds admissible as the kernel does.
+   !> Limit rebounds like the kernel.
    subroutine limit_rebounds(v_in, v_out, n)
       integer(c_int), intent(in) :: n
       real(c_double), intent(in) :: v_in(3, n)
@@ -899,14 +901,14 @@ contains
       end do
    end subroutine limit_rebounds
 
-   !> How often method A draws each obstacle size.
+   !> Probabilities of the obstacle sizes of method A.
    subroutine weights_of_sizes(weights)
       real(c_double), intent(out) :: weights(3)
 
       weights = size_weights
    end subroutine weights_of_sizes
 
-   !> Radius over what Rg measures, by the word of a case.
+   !> Ratio of radius to Rg, by the word of a case.
    subroutine size_to_radius(reading, factor)
       character(len=*), intent(in) :: reading
       real(c_double), intent(out) :: factor
@@ -914,40 +916,40 @@ contains
       factor = radius_of_reading(reading)
    end subroutine size_to_radius
 
-   !> A limit or mark of the kernel, by its name; NaN for others.
+   !> Constant of the kernel by name; NaN for unknown names.
    subroutine constant(name, value)
       character(len=*), intent(in) :: name
       real(c_double), intent(out) :: value
 
       select case (name)
-      case ("any_speed"); value = any_speed          ! [m/s] the end of the range of a set that tells none
+      case ("any_speed"); value = any_speed          ! [m/s] end of the range of a set without one
       case ("inertia_factor"); value = inertia_factor  ! [-]
       case ("min_normal"); value = min_normal
       case ("shapes"); value = shapes                ! of boulders
       case ("max_draws"); value = max_draws          ! of a rebound
-      case ("left_window"); value = left_window      ! status of a boulder to be run again in a larger window
+      case ("left_window"); value = left_window      ! status of a boulder to be rerun in a larger window
       case ("max_text"); value = max_text            ! [bytes]
       case ("max_elevation"); value = max_elevation  ! [m]
       case ("max_real"); value = max_real            ! of a case
       case ("z_95"); value = z_95                    ! [-]
-      case ("min_for_mean"); value = min_for_mean    ! boulders, for an interval that holds
+      case ("min_for_mean"); value = min_for_mean    ! boulders, for a reliable interval
       case ("min_for_std"); value = min_for_std
       case ("scene_layout"); value = scene_layout
       case ("part_layout"); value = part_layout
-      case ("piece"); value = piece                  ! values that share a checksum
+      case ("piece"); value = piece                  ! values per checksum
       case ("max_packing"); value = max_packing
       case ("sample_bins"); value = n_sample_bins
       case ("coarse_bins"); value = n_coarse_bins
       case ("sample_words"); value = n_words         ! of a sum, one of squares, and the maximum
-      case ("sample_largest"); value = n_largest     ! numbers of a tail that are kept themselves
-      case ("sample_tails"); value = n_tails         ! quantities at lines that have tails: the first
+      case ("sample_largest"); value = n_largest     ! largest values stored individually
+      case ("sample_tails"); value = n_tails         ! the first quantities at lines have tails
       case ("sample_quantities"); value = n_quantities
-      case ("max_columns"); value = max_columns      ! of counts of bins
+      case ("max_columns"); value = max_columns      ! of bin counts
       case default; value = ieee_value(value, ieee_quiet_nan)
       end select
    end subroutine constant
 
-   !> Names of the rows of `run`: 1 boulder, 2 counts, 3 crossing, 4 vertex, 5 energy; of samples: 6 at lines, 7 at
+   !> Names of the columns of rows: 1 boulder, 2 counts, 3 crossing, 4 vertex, 5 energy; of samples: 6 at lines, 7 at
    !> ends; blank past the end.
    subroutine fields(what, text)
       integer(c_int), intent(in) :: what
@@ -965,7 +967,7 @@ contains
       end select
    end subroutine fields
 
-   !> Threads that a run uses when it asks for `threads`.
+   !> Number of threads of a run for a requested number.
    subroutine team(threads, size)
       integer(c_int), intent(in) :: threads
       integer(c_int), intent(out) :: size
@@ -973,7 +975,7 @@ contains
       size = team_size(threads)
    end subroutine team
 
-   !> Whether the process has room for them: code 0, or one line that says what is wrong.
+   !> Check that the process has memory for the threads: code 0, or a one-line error message.
    subroutine team_fits(threads, code, message)
       integer(c_int), intent(in) :: threads
       integer(c_int), intent(out) :: code
@@ -984,7 +986,7 @@ contains
       call give_error(error, code, message)
    end subroutine team_fits
 
-   !> Before a fork: a child has none of the threads that wait here, and would wait for them.
+   !> End idle threads before a fork: the child does not have them, and would wait for them.
    subroutine end_team()
       call release_team()
    end subroutine end_team

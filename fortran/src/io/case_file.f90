@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The texts of two cases beside each other, and a case with values of the command line in place of its own.
+!> Comparison of the texts of two cases, and cases with values replaced by the command line.
 module rockfall_case_file
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -13,11 +13,11 @@ module rockfall_case_file
    private
    public :: read_case_file, differing_key
 
-   integer, parameter :: text_length = 4096  !! characters of a text, at most
+   integer, parameter :: text_length = 4096  !! maximum length of a text
 
 contains
 
-   !> The case in a file, with values for keys of &case ("" = as in the file), and its text.
+   !> Read the case in a file, with replaced values for keys of &case ("" = as in the file), and its text.
    subroutine read_case_file(file, boulders, total, seed, threads, text, case, error)
       character(len=*), intent(in) :: file, boulders, total, seed, threads
       character(len=:), allocatable, intent(out) :: text
@@ -39,9 +39,9 @@ contains
       call read_case(text, file, case, error)
    end subroutine read_case_file
 
-   !> Give a key of &case another value.
+   !> Replace the value of a key of &case.
    pure subroutine override(list, key, value)
-      type(namelist_t), intent(inout) :: list  !! has the group: a case must say how many boulders
+      type(namelist_t), intent(inout) :: list  !! contains the group: a case must give the number of boulders
       character(len=*), intent(in) :: key, value
       type(entry_t) :: entry
       integer :: g, e
@@ -63,7 +63,7 @@ contains
       end do
    end subroutine override
 
-   !> Take a key of &case out, for which another stands.
+   !> Remove a key of &case that is replaced by another.
    pure subroutine remove(list, key)
       type(namelist_t), intent(inout) :: list
       character(len=*), intent(in) :: key
@@ -78,7 +78,7 @@ contains
       end do
    end subroutine remove
 
-   !> Groups and values as the text of a namelist file.
+   !> Format groups and values as the text of a namelist file.
    pure function namelist_text(list) result(text)
       type(namelist_t), intent(in) :: list
       character(len=:), allocatable :: text
@@ -96,7 +96,7 @@ contains
       end do
    end function namelist_text
 
-   !> The values as written; the closing quote of the last is not in the text of an entry.
+   !> Values as written; the text of an entry lacks the closing quote of its last value.
    pure function values_text(entry) result(text)
       type(entry_t), intent(in) :: entry
       character(len=:), allocatable :: text
@@ -107,8 +107,8 @@ contains
       end associate
    end function values_text
 
-   !> The first key, as `&group key`, whose values differ between the texts of two cases, "" without one: of those
-   !> that decide the arrays of a scene file, or of all that a run must share to go on. "&case" where one is no case.
+   !> First key, as `&group key`, whose values differ between the texts of two cases, "" if none: among the keys that
+   !> determine the arrays of a scene file, or all that must agree to continue a run. "&case" if a text is not a case.
    pure function differing_key(one, other, of_arrays) result(name)
       character(len=*), intent(in) :: one, other
       logical, intent(in) :: of_arrays
@@ -125,7 +125,7 @@ contains
       do k = 1, size(key_table)
          associate (key => key_table(k))
             if (of_arrays .and. .not. key%of_scene) cycle
-            if (key%group == "case" .and. key%name == "threads") cycle  ! changes no number
+            if (key%group == "case" .and. key%name == "threads") cycle  ! does not affect results
             name = "&"//trim(key%group)//" "//trim(key%name)
             if (.not. same_values(groups_of(lists(1), key%group), groups_of(lists(2), key%group), key)) return
          end associate
@@ -141,7 +141,7 @@ contains
       groups = pack(list%group, list%group%name == name)
    end function groups_of
 
-   !> Whether groups of one name have the same values of a key, however they are written.
+   !> Return whether groups with the same name have equal values of a key, in any notation.
    pure logical function same_values(one, other, key) result(same)
       type(group_t), intent(in) :: one(:), other(:)
       type(key_t), intent(in) :: key
@@ -153,7 +153,7 @@ contains
       end do
    end function same_values
 
-   !> The values of a key as text that is the same for the same values; "" without one.
+   !> Canonical text of the values of a key; "" if absent.
    pure function plain(group, key) result(text)
       type(group_t), intent(in) :: group
       type(key_t), intent(in) :: key
@@ -176,7 +176,7 @@ contains
       case ("real")
          call get_real(group, trim(key%name), numbers, error)
          text = repeat(" ", 25*size(numbers))
-         write (text, "(*(es25.16e3))") numbers + 0.0_wp  ! no zero below zero
+         write (text, "(*(es25.16e3))") numbers + 0.0_wp  ! avoids negative zero
       case ("count")
          call get_text(group, trim(key%name), words, error)
          if (.not. allocated(error)) then

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What a long run has done so far, on disk: a part file that is replaced in one step, so that a run that was killed,
-!> whenever, goes on from the last one. One that cannot be written (a full disk) does not end the run.
+!> Checkpoint of a long run: a part file that is replaced atomically, so that a run killed at any time continues from
+!> the last one. Failure to write it (a full disk) does not end the run.
 module rockfall_checkpoint
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -17,25 +17,25 @@ module rockfall_checkpoint
    private
    public :: checkpoint_t, check_checkpoint, remove_checkpoint
 
-   !> A save that took so long is followed by this many times as long without another.
+   !> Minimum time between saves, as a multiple of the duration of the last save.
    real(wp), parameter :: rest = 20.0_wp
 
    type, extends(run_observer_t) :: checkpoint_t
       character(len=:), allocatable :: name
       type(case_t), pointer :: case => null()
-      character(len=:), allocatable :: text         !! of the case, as it is run
+      character(len=:), allocatable :: text         !! of the case, with options of the command line
       type(inputs_t), pointer :: inputs => null()
       real(wp) :: every = 0                         !! [s]; 0 = never
       procedure(say_to), pointer, nopass :: say => null()
-      integer(i8), private :: next = 0              !! when it is to be written [ticks]
-      integer(i8), private :: kept = 0              !! boulders in the last
+      integer(i8), private :: next = 0              !! time of the next save [ticks]
+      integer(i8), private :: kept = 0              !! boulders in the last save
    contains
       procedure :: on_start, on_chunk
    end type checkpoint_t
 
 contains
 
-   !> Refuse to overwrite, unasked, a run that was stopped, and anything that is none.
+   !> Refuse to overwrite a stopped run without --resume, and a file that is not a checkpoint.
    subroutine check_checkpoint(name, resume, error)
       character(len=*), intent(in) :: name
       logical, intent(in) :: resume
@@ -52,7 +52,7 @@ contains
       end if
    end subroutine check_checkpoint
 
-   !> Go on from the file, if there is one.
+   !> Continue from the file, if it exists.
    subroutine on_start(this, run, error)
       class(checkpoint_t), intent(inout) :: this
       type(run_t), intent(inout), target :: run
@@ -64,7 +64,7 @@ contains
       this%kept = run%done
    end subroutine on_start
 
-   !> Write the file if it is time to. After a signal it is time, and the run is to stop.
+   !> Save if it is due, or after a signal, which also stops the run.
    subroutine on_chunk(this, run, error)
       class(checkpoint_t), intent(inout) :: this
       type(run_t), intent(inout), target :: run
@@ -84,7 +84,7 @@ contains
       end if
    end subroutine on_chunk
 
-   !> Write what was done, if there is anything new, and if it is to be written at all.
+   !> Save the boulders done, if there are new ones and checkpoints are enabled.
    subroutine save(this, run)
       class(checkpoint_t), intent(inout) :: this
       type(run_t), intent(inout), target :: run
@@ -113,7 +113,7 @@ contains
       this%next = now + int(min(seconds*rate, 0.4_wp*huge(now)), i8)
    end subroutine wait_for
 
-   !> The run is done and written.
+   !> Remove the checkpoint once the results are written.
    subroutine remove_checkpoint(this)
       type(checkpoint_t), intent(in) :: this
       logical :: ok

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The command line of the standalone program, whose options are those of `rockfall run`; and text for people. It
-!> prints nothing itself.
+!> Command line of the standalone program, with the options of `rockfall run`; and text for people. Prints nothing
+!> itself.
 module rockfall_console
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -13,21 +13,21 @@ module rockfall_console
 
    character(len=*), parameter :: see_help = "; see rockfall-batch --help"
    character(len=*), parameter :: names(*) = [character(len=14) :: "output", "scene", "boulders", "boulders-total", &
-                                              "seed", "threads", "shard", "checkpoint"]  !! of options with a value
+                                              "seed", "threads", "shard", "checkpoint"]  !! options with a value
 
    type :: arguments_t
       character(len=:), allocatable :: case                     !! the case file
       character(len=:), allocatable :: output, scene            !! "" if not given
-      character(len=:), allocatable :: boulders, total, seed, threads  !! the same; integers
-      integer(i8) :: shard(2) = 1                               !! [1, 1]: all of it
-      real(wp) :: checkpoint = 60.0_wp                          !! from one to the next [s]; 0 = never
+      character(len=:), allocatable :: boulders, total, seed, threads  !! "" if not given; integers
+      integer(i8) :: shard(2) = 1                               !! [1, 1]: the whole run
+      real(wp) :: checkpoint = 60.0_wp                          !! interval [s]; 0 = never
       logical :: resume = .false., overwrite = .false., quiet = .false.
-      logical :: help = .false., version = .false.              !! asked for, and nothing else
+      logical :: help = .false., version = .false.              !! exclusive options
    end type arguments_t
 
 contains
 
-   !> The words of the command line.
+   !> Parse the command line.
    subroutine read_arguments(arguments, error)
       type(arguments_t), intent(out) :: arguments
       type(error_t), allocatable, intent(out) :: error
@@ -68,7 +68,7 @@ contains
       call get_command_argument(k, word)
    end function argument
 
-   !> `--name value`, `--name=value`, or the case file; k is left at the last word taken.
+   !> Parse `--name value`, `--name=value`, or the case file; k is left at the last argument used.
    subroutine take_word(word, arguments, k, error)
       character(len=*), intent(in) :: word
       type(arguments_t), intent(inout) :: arguments
@@ -138,7 +138,7 @@ contains
       end if
    end subroutine take_value
 
-   !> `folder/case.nml` -> `case`
+   !> Stem of a file name: `folder/case.nml` -> `case`
    pure function stem(path)
       character(len=*), intent(in) :: path
       character(len=:), allocatable :: stem
@@ -149,7 +149,7 @@ contains
       if (dot > 1) stem = stem(:dot - 1)
    end function stem
 
-   !> A message without line ends.
+   !> Remove line ends from a message.
    pure function one_line(message) result(text)
       character(len=*), intent(in) :: message
       character(len=len(message)) :: text
@@ -161,7 +161,7 @@ contains
       end do
    end function one_line
 
-   !> A number with so many decimals.
+   !> Format a number with a given number of decimals.
    pure function decimal(value, decimals) result(text)
       real(wp), intent(in) :: value
       integer, intent(in) :: decimals

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What Fortran does not have of POSIX: names, files that are on disk, and the number of the process.
+!> POSIX functions that Fortran lacks: names, durable files, and the process id.
 module rockfall_filesystem
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_int64_t, c_intptr_t, c_long, c_null_char
    use rockfall_text, only: integer_text
@@ -62,21 +62,21 @@ module rockfall_filesystem
 
    integer(c_int), parameter :: size_signal = 25        !! SIGXFSZ of Linux and BSD
    integer(c_intptr_t), parameter :: ignore_signal = 1  !! SIG_IGN
-   !> O_NONBLOCK of Linux and that of BSD; each means nothing to the other where a file is only read.
+   !> O_NONBLOCK of Linux and of BSD; the other system ignores the bit for files that are only read.
    integer(c_int), parameter :: without_waiting = 2048 + 4
 
 contains
 
-   !> From now on a file that outgrows the limit of the process (ulimit -f) is an error of writing,
-   !> as on a full disk, and does not kill the program.
+   !> Make exceeding the file size limit of the process (ulimit -f) a write error, as on a full disk, instead of a fatal
+   !> signal.
    subroutine fail_beyond_size_limit()
       integer(c_intptr_t) :: before
 
       before = c_signal(size_signal, ignore_signal)
    end subroutine fail_beyond_size_limit
 
-   !> Where a standard stream is closed (>&-), what is written there is lost, and does not go to a file that
-   !> is opened later under the same number.
+   !> Open closed standard streams (>&-), so that output to them is discarded and does not go to a file that is later
+   !> opened under the same descriptor.
    subroutine open_closed_streams()
       integer(c_int), parameter :: read_and_write = 2
       integer(c_int) :: file
@@ -95,14 +95,15 @@ contains
       call c_exit(int(code, c_int))
    end subroutine end_at_once
 
-   !> Remove a file; whether it worked.
+   !> Remove a file; return whether it succeeded.
    logical function remove_file(path) result(ok)
       character(len=*), intent(in) :: path
 
       ok = c_unlink(path//c_null_char) == 0
    end function remove_file
 
-   !> Give a file the name of another in its place, when it is on disk; whether it worked. Then the name is, too.
+   !> Replace a file atomically by another once it is on disk, and make the new name durable; return whether it
+   !> succeeded.
    logical function replace_file(from, to) result(ok)
       character(len=*), intent(in) :: from, to
 
@@ -111,7 +112,7 @@ contains
       if (ok) ok = sync(folder_of(to)//".")
    end function replace_file
 
-   !> Bring a file, or the names in a folder, to disk; whether it worked.
+   !> Flush a file, or the names in a folder, to disk; return whether it succeeded.
    logical function sync(path) result(ok)
       character(len=*), intent(in) :: path
       integer(c_int), parameter :: read_only = 0
@@ -136,8 +137,8 @@ contains
       inquire (file=path//"/.", exist=is_folder)
    end function is_folder
 
-   !> Whether `path` leads to what has no places to go to: a pipe, a socket, a terminal. To open a pipe for reading
-   !> would wait until someone writes.
+   !> Return whether `path` is not seekable: a pipe, a socket, a terminal. Opening a pipe for reading would block until
+   !> there is a writer.
    logical function is_pipe(path)
       character(len=*), intent(in) :: path
       integer(c_int) :: descriptor, status
@@ -149,20 +150,20 @@ contains
       status = c_close(descriptor)
    end function is_pipe
 
-   !> Whether two paths lead to one file, by whatever names.
+   !> Return whether two paths lead to the same file.
    logical function same_file(a, b)
       character(len=*), intent(in) :: a, b
-      integer(c_int64_t) :: of_a(64), of_b(64)  !! room for any `struct stat`
+      integer(c_int64_t) :: of_a(64), of_b(64)  !! large enough for any `struct stat`
 
       of_a = 0
       of_b = 0
       same_file = c_stat(a//c_null_char, of_a) == 0
       if (same_file) same_file = c_stat(b//c_null_char, of_b) == 0
-      ! Linux has device and inode there; BSD has mode and links beside the device, alike for one file
+      ! device and inode on Linux; on BSD the first word also has mode and links, which agree for one file
       if (same_file) same_file = all(of_a(:2) == of_b(:2))
    end function same_file
 
-   !> Whether a file that is open is the one of a name.
+   !> Return whether an open file is the one with a given name.
    logical function is_open_as(descriptor, path)
       integer(c_int), intent(in) :: descriptor
       character(len=*), intent(in) :: path
@@ -175,7 +176,7 @@ contains
       if (is_open_as) is_open_as = all(of_open(:2) == of_name(:2))
    end function is_open_as
 
-   !> The folder part of a path with its final slash; "" when there is none.
+   !> Folder of a path with its final slash; "" if there is none.
    pure function folder_of(path) result(folder)
       character(len=*), intent(in) :: path
       character(len=:), allocatable :: folder
@@ -183,7 +184,7 @@ contains
       folder = path(:index(path, "/", back=.true.))
    end function folder_of
 
-   !> A path without its folder.
+   !> File name of a path without its folder.
    pure function name_of(path) result(name)
       character(len=*), intent(in) :: path
       character(len=:), allocatable :: name
@@ -191,7 +192,7 @@ contains
       name = path(index(path, "/", back=.true.) + 1:)
    end function name_of
 
-   !> A hidden name beside a path.
+   !> Hidden file name in the same folder.
    pure function hidden_name(path) result(name)
       character(len=*), intent(in) :: path
       character(len=:), allocatable :: name
@@ -199,7 +200,7 @@ contains
       name = folder_of(path)//"."//name_of(path)
    end function hidden_name
 
-   !> One that no other process takes.
+   !> Hidden file name unique to this process.
    function temporary_name(path) result(name)
       character(len=*), intent(in) :: path
       character(len=:), allocatable :: name

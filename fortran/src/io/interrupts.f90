@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Ctrl-C, and SIGTERM, which batch systems send at a time limit: they must not lose work. And a file that is damaged in
-!> such a way that HDF5 crashes over it: it must be named. The only variables of a module: a signal can leave word
-!> nowhere else.
+!> Signals. Ctrl-C, and SIGTERM, which batch systems send at a time limit, must not lose work; and if HDF5 crashes on a
+!> damaged file, the message must name it. Module variables are needed only here: a signal handler cannot pass state
+!> otherwise.
 module rockfall_interrupts
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_size_t, c_intptr_t, c_funptr, c_funloc
    use rockfall_kinds, only: wp, i8
@@ -11,15 +11,15 @@ module rockfall_interrupts
    public :: note_interrupts, interrupt_status, begin_reading, end_reading, note_lock
 
    integer(c_int), parameter :: interrupt_signal = 2, terminate_signal = 15  !! SIGINT, SIGTERM
-   !> Seconds in which signals are one: `timeout` sends its own to a process and to its group.
+   !> Seconds within which signals count as one: `timeout` signals both a process and its group.
    real(wp), parameter :: together = 0.1_wp
 
-   integer, save, volatile :: status = 0    !! exit status after the first that came
-   integer(i8), save, volatile :: came = 0  !! when it did [ticks]
+   integer, save, volatile :: status = 0    !! exit status for the first signal
+   integer(i8), save, volatile :: came = 0  !! time of the first signal [ticks]
 
    integer(c_int), parameter :: crashes(4) = [6_c_int, 7_c_int, 8_c_int, 11_c_int]  !! SIGABRT, SIGBUS, SIGFPE, SIGSEGV
-   character(len=4096), save :: last_words = ""  !! of a crash
-   character(len=4096), save :: lock = ""        !! a file to be removed then
+   character(len=4096), save :: last_words = ""  !! message in case of a crash
+   character(len=4096), save :: lock = ""        !! file to remove in case of a crash
 
    interface
       integer(c_size_t) function c_write(file, text, bytes) bind(c, name="write")
@@ -32,7 +32,7 @@ module rockfall_interrupts
 
 contains
 
-   !> From now on a first Ctrl-C or SIGTERM is noted, no more; a second ends the process at once.
+   !> Record the first Ctrl-C or SIGTERM only; a second one ends the process at once.
    subroutine note_interrupts()
       type(c_funptr) :: action
       integer(c_intptr_t) :: before
@@ -42,12 +42,12 @@ contains
       before = c_signal(terminate_signal, transfer(action, before))
    end subroutine note_interrupts
 
-   !> 0, or the exit status of a program that stops because of the signal that came: 130, 143.
+   !> Exit status of a program that stops because of a signal: 130, 143; 0 without one.
    integer function interrupt_status()
       interrupt_status = status
    end function interrupt_status
 
-   !> Until `end_reading`, a crash is the fault of a file.
+   !> Attribute crashes to a file until `end_reading`.
    subroutine begin_reading(name)
       character(len=*), intent(in) :: name
       type(c_funptr) :: action
@@ -70,7 +70,7 @@ contains
       end do
    end subroutine end_reading
 
-   !> As signal() wants it.
+   !> Signal handler for crashes.
    subroutine take_crash(number) bind(c, name="")
       integer(c_int), value :: number
       integer(c_size_t) :: written
@@ -81,14 +81,14 @@ contains
       if (number /= 0) call end_at_once(2)
    end subroutine take_crash
 
-   !> The lock that this process holds, "" without one.
+   !> Set the lock file that this process holds; "" for none.
    subroutine note_lock(name)
       character(len=*), intent(in) :: name
 
       lock = name
    end subroutine note_lock
 
-   !> As signal() wants it.
+   !> Signal handler for Ctrl-C and SIGTERM.
    subroutine take_signal(number) bind(c, name="")
       integer(c_int), value :: number
       integer(i8) :: now, rate

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> One run at a time writes an output: two would destroy each other's files. A lock is an empty file beside it.
+!> Lock that allows one run at a time to write an output: an empty file next to it.
 module rockfall_lock
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_ptr, c_null_ptr, c_null_char, c_associated
    use rockfall_kinds, only: i8
@@ -12,7 +12,7 @@ module rockfall_lock
 
    integer(c_int), parameter :: exclusive = 2 + 4, open_again = 8  !! LOCK_EX + LOCK_NB, LOCK_UN
 
-   !> A lock that is held.
+   !> Lock held by this process.
    type :: lock_t
       private
       character(len=:), allocatable :: name
@@ -46,7 +46,7 @@ module rockfall_lock
 
 contains
 
-   !> Keep other processes, `rockfall run` too, out. However the process ends, the kernel opens the lock.
+   !> Lock out other processes, also those of `rockfall run`. The system releases the lock however the process ends.
    subroutine take_lock(name, say, lock, error)
       character(len=*), intent(in) :: name
       procedure(say_to) :: say
@@ -72,7 +72,7 @@ contains
          if (.not. held) exit
          call note_lock(name)
          if (is_open_as(c_fileno(lock%stream), name)) return
-         status = c_fclose(lock%stream)  ! who held it has removed it in between
+         status = c_fclose(lock%stream)  ! the previous holder removed the file in the meantime
       end do
       if (c_flock(c_fileno(lock%stream), open_again) /= 0) then
          call say(name//": cannot be locked on this file system; two runs on one output would destroy it")
@@ -83,7 +83,7 @@ contains
       call fail(error, name//": another run is at work on this output; wait for its end, or choose another")
    end subroutine take_lock
 
-   !> Let others in.
+   !> Release the lock.
    subroutine give_lock_back(lock)
       type(lock_t), intent(inout) :: lock
       logical :: ok

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> netCDF-4 files: what is read is checked before it is used, what is written carries checksums (Fletcher, by HDF5).
-!> After the first failure nothing more is asked of a file.
+!> netCDF-4 files: input is validated before use, output has checksums (Fletcher, by HDF5). After the first failure a
+!> file is not accessed again.
 module rockfall_netcdf_file
    use netcdf, only: nf90_open, nf90_create, nf90_close, nf90_nowrite, nf90_netcdf4, nf90_noclobber, nf90_nofill, &
                      nf90_set_fill, nf90_noerr, nf90_edimsize, nf90_char, nf90_string, nf90_byte, nf90_int, &
@@ -23,30 +23,30 @@ module rockfall_netcdf_file
 
    character(len=*), parameter :: head = char(137)//"HDF"
 
-   !> An open file.
+   !> Open file.
    type :: netcdf_file_t
       character(len=:), allocatable :: name
       integer :: id = -1
-      integer :: status = nf90_noerr      !! of the library, at the first failure
+      integer :: status = nf90_noerr      !! status of the library at the first failure
       logical :: writes = .false.
-      integer(i8), private :: bytes = 0   !! of a file that is read
-      character(len=:), allocatable, private :: at, damaged  !! the variable looked at last; that which is damaged
+      integer(i8), private :: bytes = 0   !! size of a file opened for reading
+      character(len=:), allocatable, private :: at, damaged  !! last variable accessed; damaged variable
    end type netcdf_file_t
 
-   !> A dimension.
+   !> Dimension.
    type :: axis_t
       character(len=40) :: name = ""
       integer(i8) :: length = 0
    end type axis_t
 
-   !> A variable. What is said of it is written, and not looked at when it is read.
+   !> Variable. Its attributes are written, but ignored on reading.
    type :: about_t
       character(len=40) :: name = ""
       integer :: kind = nf90_double
       character(len=80) :: units = "", long_name = "", comment = ""
    end type about_t
 
-   interface  ! values of any type; and texts of NC_STRING, which Python writes where a letter is not ASCII
+   interface  ! values of any type; and texts of NC_STRING, which Python writes for non-ASCII text
       integer(c_int) function c_put_values(file, variable, start, count, values) bind(c, name="nc_put_vara")
          import :: c_int, c_size_t
          integer(c_int), value :: file, variable
@@ -78,7 +78,7 @@ module rockfall_netcdf_file
 
 contains
 
-   !> Open a file to read from it. Only netCDF-4 is: the library would believe the header of any other.
+   !> Open a file for reading. Only netCDF-4 is accepted: the library does not validate the headers of other formats.
    subroutine open_netcdf(name, file, error)
       character(len=*), intent(in) :: name
       type(netcdf_file_t), intent(out) :: file
@@ -105,7 +105,7 @@ contains
       if (file%status /= nf90_noerr) call fail(error, name//": cannot be read as netCDF-4")
    end subroutine open_netcdf
 
-   !> Begin a new file. What has its name is removed first, so that nothing is written through a link.
+   !> Create a file. An existing file is removed first, so that nothing is written through a link.
    subroutine create_netcdf(name, file)
       character(len=*), intent(in) :: name
       type(netcdf_file_t), intent(out) :: file
@@ -128,7 +128,7 @@ contains
       file%id = -1
    end subroutine close_netcdf
 
-   !> Keep the first failure, and the variable at which it came.
+   !> Record the first failure, and the variable at which it occurred.
    subroutine keep(file, status)
       type(netcdf_file_t), intent(inout) :: file
       integer, intent(in) :: status
@@ -145,7 +145,7 @@ contains
       sound = file%status == nf90_noerr .and. .not. allocated(file%damaged)
    end function sound
 
-   !> Something in it cannot be.
+   !> Record an invalid value.
    subroutine mark_damaged(file, what)
       type(netcdf_file_t), intent(inout) :: file
       character(len=*), intent(in) :: what
@@ -153,7 +153,7 @@ contains
       if (sound(file)) file%damaged = what
    end subroutine mark_damaged
 
-   !> The error of a file that is not sound.
+   !> Set the error of a damaged file.
    subroutine fail_damaged(file, error)
       type(netcdf_file_t), intent(in) :: file
       type(error_t), allocatable, intent(out) :: error
@@ -163,13 +163,13 @@ contains
 
    ! ---- values -------------------------------------------------------------------------------
 
-   !> Write a variable, or read one that must be there as it would be written: of its type, along axes of these lengths
-   !> (the first runs fastest), in a file long enough to hold it. All of it, or a layer along the last axis.
+   !> Write a variable, or read one, which must exist with its type and with axes of these lengths (the first varies
+   !> fastest), in a file large enough to hold it. The complete variable, or one layer along the last axis.
    subroutine pass(file, about, axes, values, layer)
       type(netcdf_file_t), intent(inout) :: file
       type(about_t), intent(in) :: about
       type(axis_t), intent(in) :: axes(:)
-      type(*), intent(inout) :: values(*)  !! as many of this type
+      type(*), intent(inout) :: values(*)  !! array of this type and size
       integer, intent(in), optional :: layer
       integer(c_size_t) :: start(size(axes)), count(size(axes))
       integer :: id, n
@@ -196,7 +196,7 @@ contains
       end if
    end subroutine pass
 
-   !> A file in which a variable is not of this type and along these axes is not sound.
+   !> Mark the file as damaged if a variable does not have this type and these axes.
    subroutine check_shape(file, about, axes)
       type(netcdf_file_t), intent(inout) :: file
       type(about_t), intent(in) :: about
@@ -217,7 +217,7 @@ contains
       if (product(axes%length) > max_packing*file%bytes) call mark_damaged(file, trim(about%name))
    end subroutine check_shape
 
-   !> Begin a variable with a checksum; NaN stands for a missing value, or -1 among integers.
+   !> Define a variable with a checksum; fill value NaN, or -1 for integers.
    integer function variable(file, about, axes) result(id)
       type(netcdf_file_t), intent(inout) :: file
       type(about_t), intent(in) :: about
@@ -251,7 +251,7 @@ contains
       end select
    end function variable
 
-   !> The number of a dimension, which may be new.
+   !> Id of a dimension, which is defined if new.
    integer function dimension(file, axis) result(id)
       type(netcdf_file_t), intent(inout) :: file
       type(axis_t), intent(in) :: axis
@@ -264,9 +264,9 @@ contains
       end if
    end function dimension
 
-   ! ---- what else there is -------------------------------------------------------------------
+   ! ---- dimensions, types, attributes --------------------------------------------------------
 
-   !> The length of a dimension; -1 if there is none of that name.
+   !> Length of a dimension; -1 if it does not exist.
    integer function length_of(file, name) result(length)
       type(netcdf_file_t), intent(in) :: file
       character(len=*), intent(in) :: name
@@ -277,7 +277,7 @@ contains
       if (nf90_inquire_dimension(file%id, dim, len=length) /= nf90_noerr) length = -1
    end function length_of
 
-   !> The type of a variable; 0 if there is none of that name.
+   !> Type of a variable; 0 if it does not exist.
    integer function kind_of(file, name) result(kind)
       type(netcdf_file_t), intent(in) :: file
       character(len=*), intent(in) :: name
@@ -288,7 +288,7 @@ contains
       if (nf90_inquire_variable(file%id, id, xtype=kind) /= nf90_noerr) kind = 0
    end function kind_of
 
-   !> A text attribute of a variable, or of the file (nf90_global); "" if there is none.
+   !> Text attribute of a variable, or of the file (nf90_global); "" if it does not exist.
    function text_of(file, id, name) result(text)
       type(netcdf_file_t), intent(in) :: file
       integer, intent(in) :: id
@@ -314,7 +314,7 @@ contains
       end if
    end function text_of
 
-   !> A global attribute of n integers; -1 if there is none.
+   !> Global attribute of n integers; -1 if it does not exist.
    function integers_of(file, name, n) result(values)
       type(netcdf_file_t), intent(in) :: file
       character(len=*), intent(in) :: name
@@ -328,7 +328,7 @@ contains
       if (nf90_get_att(file%id, nf90_global, name, values) /= nf90_noerr) values = -1
    end function integers_of
 
-   !> A global attribute that is a real; -1 if there is none.
+   !> Global real attribute; -1 if it does not exist.
    real(wp) function real_of(file, name) result(value)
       type(netcdf_file_t), intent(in) :: file
       character(len=*), intent(in) :: name

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The part file (docs/files.md): results of some boulders of a run, with tallies that add up to those of all. A
-!> checkpoint, a shard's result and this program's result are one; `rockfall` reads and writes the same.
+!> Part file (docs/files.md): results of some boulders of a run, with tallies that add up to those of all. Checkpoints,
+!> results of shards and results of this program are part files; `rockfall` reads and writes them too.
 module rockfall_part_file
    use, intrinsic :: iso_c_binding, only: c_f_pointer
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
@@ -29,7 +29,7 @@ module rockfall_part_file
    private
    public :: write_part, read_part, boulders_in, is_result
 
-   character(len=*), parameter :: types(*) = ["i1", "i4", "i8", "f4", "f8"]  !! as `stored_as` has them
+   character(len=*), parameter :: types(*) = ["i1", "i4", "i8", "f4", "f8"]  !! as in `stored_as`
    integer, parameter :: kinds(*) = [nf90_byte, nf90_int, nf90_int64, nf90_float, nf90_double]
 
 contains
@@ -38,7 +38,7 @@ contains
    subroutine write_part(name, part, case, text, inputs, run, error)
       character(len=*), intent(in) :: name, part
       type(case_t), intent(in) :: case
-      character(len=*), intent(in) :: text  !! of the case, as it is run
+      character(len=*), intent(in) :: text  !! of the case, with options of the command line
       type(inputs_t), intent(in) :: inputs
       type(run_t), intent(inout), target :: run
       type(error_t), allocatable, intent(out) :: error
@@ -66,7 +66,7 @@ contains
       end if
    end subroutine write_part
 
-   !> What the part is of; the grid mapping of its terrain is that of the scene file.
+   !> Write the description of the part; the grid mapping of the terrain is copied from the scene file.
    subroutine describe(file, case, text, inputs, run)
       type(netcdf_file_t), intent(inout) :: file
       type(case_t), intent(in) :: case
@@ -120,7 +120,7 @@ contains
       end associate
    end subroutine describe
 
-   !> Date and time with their zone (ISO 8601).
+   !> Current date and time with time zone (ISO 8601).
    function local_time() result(text)
       character(len=25) :: text
       character(len=8) :: date
@@ -132,7 +132,7 @@ contains
              //zone(1:3)//":"//zone(4:5)
    end function local_time
 
-   !> Names and models of the grounds, a line each.
+   !> Write names and models of the ground types, one line each.
    subroutine describe_grounds(file, grounds)
       type(netcdf_file_t), intent(inout) :: file
       type(ground_t), intent(in) :: grounds(:)
@@ -149,7 +149,7 @@ contains
       call keep(file, nf90_put_att(file%id, nf90_global, "ground_models", models))
    end subroutine describe_grounds
 
-   !> First column and row, from 0, and number of columns and rows of the maps.
+   !> 0-based first column and row, and numbers of columns and rows of the maps.
    pure function window_of(run) result(window)
       type(run_t), intent(in) :: run
       integer :: window(4)
@@ -169,9 +169,9 @@ contains
       cells = pack([(k, k=0, size(reached, kind=i8) - 1)], reshape(reached, [size(reached)]))
    end function reached_cells
 
-   ! ---- to disk, and from it -----------------------------------------------------------------
+   ! ---- write and read -----------------------------------------------------------------------
 
-   !> A variable as its row of the table describes it.
+   !> Describe a variable from its row of the table.
    pure type(about_t) function described(group, name) result(about)
       character(len=*), intent(in) :: group, name
 
@@ -184,12 +184,12 @@ contains
       end associate
    end function described
 
-   !> All arrays of a run, rows of the boulders done and maps of some cells; and its samples, of bins those that are
-   !> not empty.
+   !> Transfer all arrays of a run: rows of the boulders done, maps in some cells, and samples, of which only non-empty
+   !> bins.
    subroutine pass_arrays(file, run, cell)
       type(netcdf_file_t), intent(inout) :: file
       type(run_t), intent(inout), target :: run
-      integer(i8), intent(inout) :: cell(:)  !! counted from 0, in order
+      integer(i8), intent(inout) :: cell(:)  !! 0-based, in order
       type(table_t) :: table
       type(axis_t) :: cells
       integer :: k
@@ -215,7 +215,7 @@ contains
       if (allocated(run%number)) call pass_bins(file, "group_", run%samples%groups, size(run%samples%groups, kind=i8))
    end subroutine pass_arrays
 
-   !> An array; of rows the first ones.
+   !> Transfer an array; of rows only the first ones.
    subroutine pass_array(file, row, rows)
       type(netcdf_file_t), intent(inout) :: file
       type(array_t), intent(in) :: row
@@ -231,7 +231,7 @@ contains
       step = bytes_of(row)*row%length(1)
       call c_f_pointer(row%at, bytes, [step*product(row%length(2:))])
       if (row%axis(1) == "boulder") axes%length = [rows, row%length(2:row%rank)]
-      if (row%axis(1) == "boulder" .and. row%rank == 2) then  ! the places of rows are more than there are
+      if (row%axis(1) == "boulder" .and. row%rank == 2) then  ! more rows are allocated than used
          do k = 1, int(row%length(2))
             call pass(file, about, axes, bytes((k - 1)*step + 1:), k)
          end do
@@ -250,7 +250,7 @@ contains
       bytes_of = merge(8, merge(4, 1, row%kind(2:) == "4"), row%kind(2:) == "8")
    end function bytes_of
 
-   !> A stack of maps: the values of the cells of each layer, as words of 32 bits.
+   !> Transfer a stack of maps: the values of the cells in each layer, as 32-bit words.
    subroutine pass_stack(file, row, cell, cells)
       type(netcdf_file_t), intent(inout) :: file
       type(array_t), intent(in) :: row
@@ -268,7 +268,7 @@ contains
       end do
    end subroutine pass_stack
 
-   !> Counts of bins, of all cells together.
+   !> Transfer bin counts of all cells.
    subroutine pass_bin_counts(file, run, cell, cells)
       type(netcdf_file_t), intent(inout) :: file
       type(run_t), intent(inout), target :: run
@@ -294,7 +294,7 @@ contains
       run%columns = size(cell)
    end subroutine pass_bin_counts
 
-   !> Counts of samples: the bins that are not empty, counted from 0, and what is in them.
+   !> Transfer the counts of samples: 0-based indices and contents of the non-empty bins.
    subroutine pass_bins(file, before, flat, n)
       type(netcdf_file_t), intent(inout) :: file
       character(len=*), intent(in) :: before
@@ -324,9 +324,9 @@ contains
       if (sound(file)) flat(bin + 1) = counts
    end subroutine pass_bins
 
-   ! ---- from disk ----------------------------------------------------------------------------
+   ! ---- read ---------------------------------------------------------------------------------
 
-   !> How many boulders a file of this layout holds; -1 if it is no such file.
+   !> Number of boulders in a file of this layout; -1 if it is not such a file.
    integer(i8) function boulders_in(name) result(n)
       character(len=*), intent(in) :: name
       type(netcdf_file_t) :: file
@@ -340,7 +340,7 @@ contains
       call close_netcdf(file)
    end function boulders_in
 
-   !> Whether a file is a part or a result of a run that rockfall wrote.
+   !> Return whether a file is a part or a result written by rockfall.
    logical function is_result(name)
       character(len=*), intent(in) :: name
       type(netcdf_file_t) :: file
@@ -361,10 +361,11 @@ contains
       value = sum(integers_of(file, name, 1))
    end function integer_of
 
-   !> A run goes on from a part of it that begins where it does; any other, and one that is damaged, is refused.
+   !> Read a part from which a run continues; it must start where the run starts. Others, and damaged ones, are
+   !> rejected.
    subroutine read_part(name, text, inputs, run, error)
       character(len=*), intent(in) :: name
-      character(len=*), intent(in) :: text  !! of the case, as it is run
+      character(len=*), intent(in) :: text  !! of the case, with options of the command line
       type(inputs_t), intent(in) :: inputs
       type(run_t), intent(inout), target :: run
       type(error_t), allocatable, intent(out) :: error
@@ -398,7 +399,7 @@ contains
       call close_netcdf(file)
    end subroutine read_part
 
-   !> It is of this run, and its boulders are the first of those to be done here.
+   !> Check that the file belongs to this run, and that its boulders are the first to be done here.
    subroutine check_run(file, text, inputs, run, error)
       type(netcdf_file_t), intent(inout) :: file
       character(len=*), intent(in) :: text
@@ -498,7 +499,8 @@ contains
       end function is_possible
    end subroutine check_arrays
 
-   !> Boulders have volumes, and lie on the terrain (as out_of_range of python/rockfall/result/validate.py has it).
+   !> Check that boulders have volumes, and lie on the terrain (like out_of_range in
+   !> python/rockfall/result/validate.py).
    pure logical function is_beyond(name, values, grid)
       character(len=*), intent(in) :: name
       real(wp), intent(in) :: values(:)
@@ -525,7 +527,7 @@ contains
       if (.not. are_heaps(run%samples%largest)) call mark_damaged(file, "sample_largest")
    end subroutine check_samples
 
-   !> Whether each column is a heap of numbers, -1 for none; sorted ones are.
+   !> Return whether each column is a heap of numbers, with -1 for none; sorted columns are heaps.
    pure logical function are_heaps(largest)
       real(wp), intent(in) :: largest(:, :, :)
       integer :: k
@@ -536,7 +538,7 @@ contains
       end do
    end function are_heaps
 
-   !> Places for what is to be read of cells.
+   !> Allocate memory for what is to be read of cells.
    subroutine make_room(file, run, cell)
       type(netcdf_file_t), intent(inout) :: file
       type(run_t), intent(inout) :: run
@@ -556,7 +558,7 @@ contains
       if (status /= 0) call mark_damaged(file, "(no memory) tally_cell")
    end subroutine make_room
 
-   !> Whether cells are cells of the maps, in their order.
+   !> Return whether cells are valid cells of the maps, in order.
    logical function in_order(file, cell, run)
       type(netcdf_file_t), intent(inout) :: file
       integer(i8), intent(in) :: cell(:)

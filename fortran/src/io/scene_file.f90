@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The scene file, which `rockfall prepare` or another tool writes (docs/files.md): all that a scene needs beside its
-!> case. What the kernel relies on is checked here.
+!> Scene file, written by `rockfall prepare` or another tool (docs/files.md): all input of a scene in addition to its
+!> case. Validates everything on which the kernel relies.
 module rockfall_scene_file
    use, intrinsic :: iso_c_binding, only: c_loc, c_f_pointer
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
@@ -25,21 +25,21 @@ module rockfall_scene_file
    private
    public :: inputs_t, read_scene
 
-   !> A scene and what it was made of. What it looks at stays in memory.
+   !> Scene with the input from which it was built. Arrays to which it refers stay in memory.
    type :: inputs_t
       type(scene_t) :: scene
       type(scene_arrays_t) :: arrays
       type(netcdf_file_t) :: file              !! open: its `crs` is copied to results
-      integer :: crs = -1                      !! number of that variable
+      integer :: crs = -1                      !! id of that variable
       type(axis_t) :: cells(2)                 !! x, y
       character(len=:), allocatable :: case_file, impact_set_checksum, input_checksums, decoded_checksums
-      character(len=:), allocatable :: feature_names  !! of the layer of sources, a line each
-      character(len=:), allocatable :: input_warnings, dams  !! JSON, for the result; "" where the file has none
+      character(len=:), allocatable :: feature_names  !! of the layer of sources, one line each
+      character(len=:), allocatable :: input_warnings, dams  !! JSON, for the result; "" if absent in the file
    end type inputs_t
 
 contains
 
-   !> The scene of a case from the file that was prepared for it.
+   !> Read the scene of a case from the file prepared for it.
    subroutine read_scene(name, case, text, inputs, error)
       character(len=*), intent(in) :: name
       type(case_t), intent(in) :: case
@@ -66,7 +66,7 @@ contains
       call scene_from(case, inputs%arrays, inputs%scene, error)
    end subroutine read_scene
 
-   !> It is a scene file, and of this case.
+   !> Check that the file is a scene file, prepared for this case.
    subroutine check_case(inputs, case, text, error)
       type(inputs_t), intent(inout) :: inputs
       type(case_t), intent(in) :: case
@@ -96,7 +96,7 @@ contains
       end associate
    end subroutine check_case
 
-   !> Whether a text may be a JSON object.
+   !> Return whether a text may be a JSON object.
    pure logical function is_object(text)
       character(len=*), intent(in) :: text
 
@@ -104,7 +104,7 @@ contains
       if (is_object) is_object = text(1:1) == "{" .and. text(len(text):) == "}"
    end function is_object
 
-   !> Where the raster lies: the GeoTransform of its grid mapping.
+   !> Read the position of the raster: the GeoTransform of its grid mapping.
    subroutine read_place(inputs)
       type(inputs_t), intent(inout) :: inputs
       character(len=:), allocatable :: text
@@ -133,7 +133,7 @@ contains
       end associate
    end subroutine read_place
 
-   !> A coordinate, within what a case may say.
+   !> Return whether a coordinate is within the range allowed in a case.
    elemental logical function is_place(value)
       real(wp), intent(in) :: value  !! [m]
 
@@ -141,7 +141,7 @@ contains
       if (is_place) is_place = abs(value) <= max_real
    end function is_place
 
-   !> Elevations in the precision of the file, not all of them missing.
+   !> Read elevations in the precision of the file; some must exist.
    subroutine read_elevations(inputs)
       type(inputs_t), intent(inout) :: inputs
       integer :: j
@@ -162,12 +162,12 @@ contains
       end associate
    end subroutine read_elevations
 
-   !> Read an array along axes, and give it to the scene.
+   !> Read an array along given axes, and pass it to the scene.
    subroutine take(inputs, name, kind, axes, positive)
       type(inputs_t), intent(inout) :: inputs
       character(len=*), intent(in) :: name, kind  !! kind: i1, i2, i4, f4, f8
       type(axis_t), intent(in) :: axes(:)
-      logical, intent(in), optional :: positive  !! reals must be above zero
+      logical, intent(in), optional :: positive  !! reals must be positive
       real(wp), pointer, contiguous :: values(:)
       integer, parameter :: kinds(*) = [nf90_byte, nf90_short, nf90_int, nf90_float, nf90_double]
       integer, parameter :: width(*) = [1, 2, 4, 4, 8]
@@ -194,7 +194,7 @@ contains
       if (.not. stays(name)) deallocate (block)
    end subroutine take
 
-   !> Elevations of a row; NaN where there is none.
+   !> Elevations of a row; NaN for no data.
    pure function row_of(inputs, j) result(z)
       type(inputs_t), intent(in) :: inputs
       integer, intent(in) :: j
@@ -215,7 +215,7 @@ contains
       known = .not. ieee_is_nan(row_of(inputs, j))
    end function is_known
 
-   !> What rebounds follow, where that is not the case's impact sets alone; everywhere, or by the material or the cell.
+   !> Read ground types, if not only the case's impact sets apply; everywhere, or by material or cell.
    subroutine read_grounds(inputs)
       type(inputs_t), intent(inout) :: inputs
       type(axis_t) :: ground(1), material(1)
@@ -248,7 +248,7 @@ contains
       end associate
    end subroutine read_grounds
 
-   !> The texts of the grounds, one after the other in the file, with the names that stand beside them.
+   !> Read the texts of the grounds, concatenated in the file, with their names.
    subroutine take_texts(inputs, length)
       type(inputs_t), intent(inout) :: inputs
       integer, intent(in) :: length(:)
@@ -263,8 +263,8 @@ contains
       end associate
    end subroutine take_texts
 
-   !> One of: zones and their sizes, sizes of each cell, the same size everywhere. Wherever there is terrain they are
-   !> above zero (infinite: it absorbs); zero, where some ground has no rocks.
+   !> Read the surface: zones and their sizes, or sizes per cell, or one size. On known terrain sizes are positive
+   !> (infinite: absorbing), or zero if some ground has no rocks.
    subroutine read_surface(inputs, case)
       type(inputs_t), intent(inout) :: inputs
       type(case_t), intent(in) :: case
@@ -293,7 +293,7 @@ contains
       end associate
    end subroutine read_surface
 
-   !> Whether a value may be a size of rocks.
+   !> Return whether a value is a valid rock size.
    impure elemental logical function is_size(inputs, value)
       type(inputs_t), intent(in) :: inputs
       real(wp), intent(in) :: value  !! [m]
@@ -302,7 +302,7 @@ contains
       if (allocated(inputs%arrays%grounds) .and. .not. ieee_is_nan(value)) is_size = value >= 0
    end function is_size
 
-   !> Also of NaN, which cannot be compared where floating-point exceptions end the program.
+   !> Return whether a value is positive; also for NaN, whose comparison could raise a trapped exception.
    elemental logical function above_zero(value)
       real(wp), intent(in) :: value
 
@@ -369,7 +369,7 @@ contains
       end associate
    end subroutine read_sources
 
-   !> The feature of each source, and what a layer says of these.
+   !> Read the feature of each source, and the attributes of the features.
    subroutine read_features(inputs, source)
       type(inputs_t), intent(inout) :: inputs
       type(axis_t), intent(in) :: source(1)
@@ -399,7 +399,7 @@ contains
       end associate
    end subroutine read_features
 
-   !> Stems; their diameters and factors are above zero.
+   !> Read trees; their diameters and factors are positive.
    subroutine read_trees(inputs)
       type(inputs_t), intent(inout) :: inputs
       type(axis_t) :: tree(1)
@@ -417,14 +417,14 @@ contains
       end associate
    end subroutine read_trees
 
-   !> The file of impact sets, as text.
+   !> Read the file of impact sets, as text.
    subroutine read_sets(inputs)
       type(inputs_t), intent(inout) :: inputs
 
       call read_letters(inputs%file, "impact_sets", inputs%arrays%sets_text, inputs%arrays%sets_name, "file")
    end subroutine read_sets
 
-   !> A text of any length, a letter an item, and an attribute of it.
+   !> Read a text of any length, stored one letter per element, and an attribute of it.
    subroutine read_letters(file, name, text, attribute, about)
       type(netcdf_file_t), intent(inout) :: file
       character(len=*), intent(in) :: name

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A small file of text as one string.
+!> Small text files as one string.
 module rockfall_text_file
    use, intrinsic :: iso_fortran_env, only: iostat_end
    use rockfall_kinds, only: i8
@@ -12,7 +12,7 @@ module rockfall_text_file
 
 contains
 
-   !> The whole of `file`, line ends and all.
+   !> Read a complete file, including line ends.
    subroutine read_text(file, text, error)
       character(len=*), intent(in) :: file
       character(len=:), allocatable, intent(out) :: text
@@ -45,7 +45,7 @@ contains
          if (size > 0) read (unit, iostat=status, iomsg=message) text
          if (status /= 0) call fail(error, file//": cannot be read: "//trim(message))
       end if
-      if (.not. allocated(error)) then  ! a pipe or a device does not know its size
+      if (.not. allocated(error)) then  ! the size of a pipe or a device is unknown
          read (unit, iostat=status, iomsg=message) extra
          if (status == 0) then
             call fail(error, file//": not a regular file, or it grew while it was read")

@@ -1,6 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A case, read from the text of its file: the values of its keys (rockfall_case_keys), and the rules that tie keys
-!> together, group by group.
+!> Case file: reads the values of its keys (rockfall_case_keys) and checks the rules between keys, group by group.
 module rockfall_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -21,18 +20,18 @@ module rockfall_case
    public :: case_t, case_line_t, read_case, turning_rule, radius_of_reading, keeps_all
 
    integer(i8), parameter :: keeps_all = huge(1_i8)
-   !> volume_std over volume_mean of a normal distribution: cut at zero it has 4.6 times the mean that was asked for.
+   !> Maximum volume_std/volume_mean of a normal distribution: truncation at zero then raises the mean to 4.6 times.
    integer, parameter :: max_spread = 5
 
-   !> An evaluation line, or a barrier: one that stops boulders.
+   !> Evaluation line, or barrier.
    type :: case_line_t
       character(len=:), allocatable :: name
       real(wp), allocatable :: x(:), y(:)  !! map coordinates [m]
-      real(wp) :: height = 0.0_wp          !! of a barrier [m]; 0: an evaluation line
+      real(wp) :: height = 0.0_wp          !! of a barrier [m]; 0: evaluation line
       real(wp) :: capacity = 0.0_wp        !! of a barrier [J]
    end type case_line_t
 
-   !> A case as read; file names as written, "" when absent.
+   !> Case as read; file names as written, "" if absent.
    type :: case_t
       character(len=:), allocatable :: file, title, dem, zones, table, zone_field, mean_radius, rg(:), sets, &
                                        cells, polygons, ground, ground_map, ground_table
@@ -47,36 +46,36 @@ module rockfall_case
       real(wp) :: stop_speed = 0.5_wp, rest_angle = -1.0_wp
       real(wp) :: gravity = 9.81_wp, drop_height = 0.0_wp, velocity(3) = 0.0_wp
       integer :: impact_limit = 100000
-      integer :: turning = past_aspect           !! rule of turning_t
-      logical :: by_table = .false.         !! rebounds follow a table of impacts where nothing else is said
+      integer :: turning = past_aspect           !! rule, as in turning_t
+      logical :: by_table = .false.         !! rebounds follow a table of impacts by default
       logical :: between_ratios = .false.
       type(volume_distribution_t) :: volumes
-      logical :: by_source = .false.             !! sources say what their boulders are; volumes are factors
-      logical :: by_feature = .false.            !! the layer of the sources says all volumes
-      logical :: source_density = .false.        !! also their density
-      logical :: at_points = .false.             !! the sources are points, not cells
-      logical :: forest = .false.                !! there are trees
+      logical :: by_source = .false.             !! sources specify their boulders; volumes are factors
+      logical :: by_feature = .false.            !! the layer of the sources gives all volumes
+      logical :: source_density = .false.        !! sources also give their density
+      logical :: at_points = .false.             !! sources are points, not cells
+      logical :: forest = .false.                !! the scene has trees
       type(tree_law_t) :: tree_law
       logical :: steep_cells = .false., by_area = .false.
       real(wp), allocatable :: slope_threshold   !! [degree]
-      type(case_line_t), allocatable :: lines(:)  !! evaluation lines, then barriers, whose coordinates are typed
-      character(len=:), allocatable :: unread    !! a layer with more of them or dams, for messages; "": none
-      logical :: map(n_maps) = .false.           !! which of map_names
-      logical :: whole_maps = .false.            !! also where no boulder can come
+      type(case_line_t), allocatable :: lines(:)  !! given inline: evaluation lines, then barriers
+      character(len=:), allocatable :: unread    !! a layer with more lines, barriers or dams, for messages; "": none
+      logical :: map(n_maps) = .false.           !! requested, in the order of map_names
+      logical :: whole_maps = .false.            !! maps also cover cells that no boulder can reach
       integer :: min_passages = 1              !! for a mean or a quantile in a cell
       logical :: rebounds = .false.
       logical :: energy_balance = .false.
       integer :: trajectories = 0
-      integer(i8) :: kept = keeps_all            !! boulders whose rows are kept
+      integer(i8) :: kept = keeps_all            !! number of boulders whose rows are kept
       real(wp), allocatable :: thresholds(:)     !! of the map energy_exceeded [J]
    end type case_t
 
 contains
 
-   !> The case in a text; one clear error for anything that is not as the table and the rules want it.
+   !> Read a case from text, with one error for the first violation of the table or the rules.
    pure subroutine read_case(text, file, this, error)
       character(len=*), intent(in) :: text
-      character(len=*), intent(in) :: file  !! its name, for messages
+      character(len=*), intent(in) :: file  !! file name, for messages
       type(case_t), intent(out) :: this
       type(error_t), allocatable, intent(out) :: error
       type(namelist_t) :: list
@@ -98,7 +97,7 @@ contains
       if (.not. allocated(error)) call check_scenarios(list, this, error)
    end subroutine read_case
 
-   !> The group of a name, which `complete` made sure is there.
+   !> Find a group by name; `complete` has added absent ones.
    pure type(group_t) function group_of(list, name)
       type(namelist_t), intent(in) :: list
       character(len=*), intent(in) :: name
@@ -109,12 +108,12 @@ contains
       end do
    end function group_of
 
-   ! From here on every value is known to be of its kind and range; what is left are the rules between keys.
+   ! From here on the kind and range of every value are checked; the rest are rules between keys.
 
    pure function text_of(group, key) result(value)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
-      character(len=:), allocatable :: value  !! "" when absent
+      character(len=:), allocatable :: value  !! "" if absent
       type(error_t), allocatable :: error
 
       value = ""
@@ -182,7 +181,7 @@ contains
       this%impact_limit = int(integer_of(group, "impact_limit"))
    end subroutine read_run
 
-   !> The rule of turning_t of `&impact turning`.
+   !> Rule of turning_t from `&impact turning`.
    pure integer function turning_rule(word)
       character(len=*), intent(in) :: word
 
@@ -193,15 +192,15 @@ contains
       end select
    end function turning_rule
 
-   !> Radius over Rg, by `&surface rg_reading`.
+   !> Ratio of radius to Rg from `&surface rg_reading`.
    pure real(wp) function radius_of_reading(word)
       character(len=*), intent(in) :: word
 
       radius_of_reading = merge(0.5_wp, 1.0_wp, word == "diameter")
    end function radius_of_reading
 
-   !> The material is given in one of three ways: zones with a table, rasters of values, or one value; in none, where
-   !> the ground is said to be one that needs to know of no rocks.
+   !> Read the surface, given in one of three ways: zones with a table, rasters of values, or one value; in none of them
+   !> if the default ground does not need rock sizes.
    pure subroutine read_surface(group, this, error)
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: this
@@ -264,7 +263,7 @@ contains
       call fail(error, about(group, key)//" is missing: needed "//why)
    end subroutine need
 
-   !> The distribution of volumes, with the keys that it needs and no others.
+   !> Read the volume distribution, with exactly the keys that it needs.
    pure subroutine read_boulder(group, release, this, error)
       type(group_t), intent(in) :: group, release
       type(case_t), intent(inout) :: this
@@ -314,7 +313,7 @@ contains
       if (this%by_source) call set_factors(group, this)
    end subroutine read_boulder
 
-   !> Sources say what their boulders are: their distribution of volumes is that of factors on these.
+   !> Read boulders specified by sources: the volume distribution is that of factors.
    pure subroutine set_factors(group, this)
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: this
@@ -368,7 +367,7 @@ contains
       this%velocity = reals_of(group, "velocity")
    end subroutine read_release
 
-   !> Trees are listed, or made of what is known of the stand; the rest is about hits.
+   !> Read the forest: trees are listed, or generated from stand data; other keys concern hits.
    pure subroutine read_forest(group, this, error)
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: this
@@ -407,7 +406,7 @@ contains
       end associate
    end subroutine read_forest
 
-   !> A raster, or one number everywhere: one of them where it is needed, none where it has no meaning.
+   !> Check a value given as a raster or as a constant: exactly one if it is needed, none if it is not valid.
    pure subroutine read_either(group, key, needed, allowed, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
@@ -428,7 +427,7 @@ contains
       end if
    end subroutine read_either
 
-   !> As many y as x, and at least so many of them.
+   !> Check that x and y have equal length, and the minimum number of points.
    pure subroutine check_points(group, least, error)
       type(group_t), intent(in) :: group
       integer, intent(in) :: least
@@ -442,7 +441,7 @@ contains
       end if
    end subroutine check_points
 
-   !> Evaluation lines, then barriers; what a dam may not be.
+   !> Read evaluation lines, then barriers; check that dams have only valid keys.
    pure subroutine read_lines(list, this, error)
       type(namelist_t), intent(in) :: list
       type(case_t), intent(inout) :: this
@@ -478,7 +477,7 @@ contains
       end do
    end subroutine read_lines
 
-   !> Groups of a name whose coordinates are typed.
+   !> Groups of a name whose coordinates are given inline.
    pure function typed(list, name) result(groups)
       type(namelist_t), intent(in) :: list
       character(len=*), intent(in) :: name
@@ -489,7 +488,7 @@ contains
                                   g=1, size(list%group))])
    end function typed
 
-   !> Lines, barriers and dams of layers. Their coordinates are read elsewhere, and checked as if they were typed.
+   !> Check lines, barriers and dams from layers. Their coordinates are read elsewhere, and checked like inline ones.
    pure subroutine check_layers(list, this, error)
       type(namelist_t), intent(in) :: list
       type(case_t), intent(inout) :: this
@@ -541,7 +540,7 @@ contains
          call refuse(group, "name", "must be at most "//integer_text(max_name)//" characters", error)
    end subroutine read_line
 
-   !> As many y as x, and two different points.
+   !> Check that x and y have equal length, with at least two different points.
    pure subroutine check_polyline(group, error)
       type(group_t), intent(in) :: group
       type(error_t), allocatable, intent(out) :: error
@@ -555,7 +554,7 @@ contains
          call refuse(group, "x", "a line must have two different points", error)
    end subroutine check_polyline
 
-   !> How high a barrier is, and how much energy it takes.
+   !> Read the height and the capacity of a barrier.
    pure subroutine read_barrier(group, barrier, error)
       type(group_t), intent(in) :: group
       type(case_line_t), intent(inout) :: barrier
@@ -587,7 +586,7 @@ contains
       this%whole_maps = text_of(group, "map_extent") == "terrain"
       this%min_passages = int(integer_of(group, "min_passages"))
       this%trajectories = int(integer_of(group, "trajectories"))
-      if (text_of(group, "kept") /= "all") this%kept = integer_of(group, "kept")  ! of 'none': 0
+      if (text_of(group, "kept") /= "all") this%kept = integer_of(group, "kept")  ! 0 for 'none'
       this%map = [(any(maps == map_names(k)), k=1, n_maps)]
       if (allocated(error) .or. this%kept == keeps_all .or. .not. any(this%map)) return
       if (text_of(release, "sources") == "sample") &
@@ -595,8 +594,8 @@ contains
                      //"the boulders of each place", error)
    end subroutine read_output
 
-   !> What `rockfall ensemble` varies; a run takes no notice of it. Factors are on what the case says of boulders, and
-   !> on what a layer of sources says, which is known when it has been read.
+   !> Check what `rockfall ensemble` varies; a run ignores it. Factors apply to the boulders of the case and of the
+   !> layer of sources, which is known only after it has been read.
    pure subroutine check_ensemble(group, release, this, error)
       type(group_t), intent(in) :: group, release
       type(case_t), intent(in) :: this
@@ -612,7 +611,7 @@ contains
       end if
    end subroutine check_ensemble
 
-   !> What a file of draws may hold is not uncertain besides.
+   !> Check that a quantity in a file of draws is not also varied by a key.
    pure subroutine check_draws(group, error)
       type(group_t), intent(in) :: group
       type(error_t), allocatable, intent(out) :: error
@@ -628,13 +627,13 @@ contains
       end do
    end subroutine check_draws
 
-   !> Thresholds for a map; the rest is for `rockfall hazard`, and a run takes no notice of it.
+   !> Read the thresholds of a map; the rest is for `rockfall hazard` and ignored by a run.
    pure subroutine read_hazard(group, list, this, error)
       type(group_t), intent(in) :: group
       type(namelist_t), intent(in) :: list
       type(case_t), intent(inout) :: this
       type(error_t), allocatable, intent(out) :: error
-      real(wp), parameter :: joules = 1000.0_wp  !! of a kJ
+      real(wp), parameter :: joules = 1000.0_wp  !! per kJ
 
       call check_rising(group, "thresholds", error)
       if (.not. allocated(error)) call check_rising(group, "return_periods", error)
@@ -654,13 +653,13 @@ contains
          call refuse(group, key, "each must be above the one before", error)
    end subroutine check_rising
 
-   !> A class for each intensity and return period, which does not fall where boulders are stronger or more frequent:
-   !> so the classes at both ends of an interval of frequencies enclose all between.
+   !> Check that there is a class for each intensity and return period, and that classes do not decrease with intensity
+   !> or frequency: then the classes at both ends of an interval of frequencies bound all classes between.
    pure subroutine check_matrix(group, error)
       type(group_t), intent(in) :: group
       type(error_t), allocatable, intent(out) :: error
       character(len=len(hazard_classes)), allocatable :: words(:)
-      integer, allocatable :: hazard(:, :)  !! rises with the class (return periods, intensities)
+      integer, allocatable :: hazard(:, :)  !! increases with the class (return periods, intensities)
       integer :: k, periods, intensities
 
       periods = value_count(group, "return_periods")
@@ -678,7 +677,7 @@ contains
       end if
    end subroutine check_matrix
 
-   !> What `rockfall hazard` runs.
+   !> Check the scenarios of `rockfall hazard`.
    pure subroutine check_scenarios(list, this, error)
       type(namelist_t), intent(in) :: list
       type(case_t), intent(in) :: this

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The keys of a case file: every group and key, its default and what it may be, in one table that both programs read.
+!> Keys of a case file: every group and key, its default and allowed values, in one table used by both programs.
 module rockfall_case_keys
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, i8
@@ -15,37 +15,37 @@ module rockfall_case_keys
    public :: key_t, key_table, n_keys, key_text, row_text, read_keys, check_key, repeatable, broken_rule
    public :: map_names, n_maps, max_thresholds, max_periods, hazard_classes, many, text_length, max_name, max_real
 
-   integer, parameter :: many = 100000                !! values of a list
-   integer, parameter :: text_length = 4096           !! characters of a text
-   integer, parameter :: max_name = 60                !! of that of a line or scenario
-   real(wp), parameter :: max_real = 1.0e12_wp        !! of any number, so that no product overflows
-   real(wp), parameter :: min_positive = 1.0e-12_wp   !! of a number that must be > 0
+   integer, parameter :: many = 100000                !! maximum number of values in a list
+   integer, parameter :: text_length = 4096           !! maximum length of a text
+   integer, parameter :: max_name = 60                !! maximum length of the name of a line or scenario
+   real(wp), parameter :: max_real = 1.0e12_wp        !! maximum absolute value, so that no product overflows
+   real(wp), parameter :: min_positive = 1.0e-12_wp   !! minimum of numbers that must be > 0
 
-   !> A key of the case file.
+   !> Key of the case file.
    type :: key_t
       character(len=8) :: group
       character(len=20) :: name
       character(len=7) :: kind      !! text, integer, real, logical, or count: words or an integer
-      integer :: most               !! values
+      integer :: most               !! maximum number of values
       character(len=90) :: default  !! as written in a case; "required", or "absent"
       character(len=100) :: allowed  !! "", a range ("> 0", ">= 0", "1 to 10"), or words ("A, B")
       character(len=6) :: unit
       character(len=100) :: meaning
-      logical :: of_scene = .false.  !! decides what stands in a scene file
-      character(len=12) :: file = ""  !! that it names: raster, layer, raster layer (either), points, table, sets
+      logical :: of_scene = .false.  !! affects the contents of a scene file
+      character(len=12) :: file = ""  !! kind of its file: raster, layer, raster layer (either), points, table, sets
    end type key_t
 
-   logical, parameter :: in_scene = .true.  !! for rows of the table
+   logical, parameter :: in_scene = .true.  !! readable value for rows of the table
 
    character(len=*), parameter :: map_names(*) = map_fields
    integer, parameter :: n_maps = size(map_names)
 
    integer, parameter :: max_thresholds = 8, max_periods = 8  !! between classes of intensity, of frequency
-   character(len=*), parameter :: hazard_classes = "residual, low, moderate, high"  !! rising
-   !> Below 30 kJ, 30 to 300 kJ, above 300 kJ, each up to 30, 100 and 300 years (docs/hazard.md says whence).
+   character(len=*), parameter :: hazard_classes = "residual, low, moderate, high"  !! increasing
+   !> Below 30 kJ, 30 to 300 kJ, above 300 kJ, each up to 30, 100 and 300 years (source: docs/hazard.md).
    character(len=*), parameter :: swiss_matrix = "'moderate', 2*'low', 'high', 2*'moderate', 3*'high'"
 
-   !> Groups of which a case may have several.
+   !> Groups that may occur several times in a case.
    character(len=*), parameter :: repeatable(*) = [character(len=8) :: "line", "barrier", "dam", "scenario"]
 
    type(key_t), parameter :: key_table(*) = [ &
@@ -269,11 +269,10 @@ module rockfall_case_keys
 
 contains
 
-   !> All groups and keys of a case with their values as written, those that are absent with their defaults; each is as
-   !> the table wants it.
+   !> Read all groups and keys of a case as text, with defaults for absent ones, and check them against the table.
    pure subroutine read_keys(text, file, list, error)
       character(len=*), intent(in) :: text
-      character(len=*), intent(in) :: file  !! its name, for messages
+      character(len=*), intent(in) :: file  !! file name, for messages
       type(namelist_t), intent(out) :: list
       type(error_t), allocatable, intent(out) :: error
 
@@ -285,7 +284,7 @@ contains
       if (.not. allocated(error)) call check_keys(list, error)
    end subroutine read_keys
 
-   !> A row of the table as text.
+   !> Format row k of the table as text.
    pure function key_text(k) result(text)
       integer, intent(in) :: k
       character(len=:), allocatable :: text
@@ -293,7 +292,7 @@ contains
       text = row_text(key_table(k))
    end function key_text
 
-   !> A key as text: group|key|kind|most|default|allowed|unit|meaning|file.
+   !> Format a key as text: group|key|kind|most|default|allowed|unit|meaning|file.
    pure function row_text(key) result(text)
       type(key_t), intent(in) :: key
       character(len=:), allocatable :: text
@@ -303,7 +302,7 @@ contains
              //"|"//trim(key%file)
    end function row_text
 
-   !> Add the groups that are absent and the defaults of keys that are absent.
+   !> Add absent groups, and the defaults of absent keys.
    pure subroutine complete(list, file)
       type(namelist_t), intent(inout) :: list
       character(len=*), intent(in) :: file
@@ -329,7 +328,7 @@ contains
       end do
    end subroutine complete
 
-   !> The defaults of the table as the text of a case.
+   !> Format the defaults of the table as the text of a case.
    pure function default_case() result(text)
       character(len=:), allocatable :: text
       type(key_t) :: key
@@ -351,7 +350,7 @@ contains
       text = text//" /"
    end function default_case
 
-   !> Every value is of the kind, number and range that the table says.
+   !> Check the kind, number and range of every value against the table.
    pure subroutine check_keys(list, error)
       type(namelist_t), intent(in) :: list
       type(error_t), allocatable, intent(out) :: error
@@ -431,7 +430,7 @@ contains
          call refuse(group, trim(key%name), "must be "//trim(key%allowed), error)
    end subroutine check_integers
 
-   !> Words, or an integer in a range.
+   !> Check a value that is one of several words, or an integer in a range.
    pure subroutine check_count(group, key, error)
       type(group_t), intent(in) :: group
       type(key_t), intent(in) :: key
@@ -473,7 +472,7 @@ contains
       end do
    end subroutine check_reals
 
-   !> What a number of a key must be and is not; "" where all is well.
+   !> Rule that a number of a key violates; "" if none.
    pure function broken_rule(key, value) result(rule)
       type(key_t), intent(in) :: key
       real(wp), intent(in) :: value
@@ -497,7 +496,7 @@ contains
       if (rule /= "" .and. key%unit /= "") rule = rule//" ["//trim(key%unit)//"]"
    end function broken_rule
 
-   !> The ends of "a to b", "> a" or ">= a"; `outer` gives those that are not told.
+   !> Parse the ends of "a to b", "> a" or ">= a"; `outer` supplies missing ends.
    pure function range_of(allowed, outer) result(range)
       character(len=*), intent(in) :: allowed
       real(wp), intent(in) :: outer(2)

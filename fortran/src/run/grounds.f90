@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What the rebounds of a place follow, from text: a file of impact sets, a packed table of impacts, or a classical
-!> rebound as a row of a table of grounds has it (docs/grounds.md),
-!> `&ground model = 'constant', r_n = 0.4, r_t = 0.9 /`. No text: the case's sets.
+!> Ground types from text: a file of impact sets, a packed table of impacts, or a classical model from a row of a table
+!> of grounds (docs/grounds.md), `&ground model = 'constant', r_n = 0.4, r_t = 0.9 /`. Empty text: the case's impact
+!> sets.
 module rockfall_grounds
    use rockfall_kinds, only: wp
    use rockfall_error, only: error_t, fail
@@ -23,16 +23,16 @@ module rockfall_grounds
    public :: read_ground, read_stochastic, ground_parameter, model_names
    public :: rocks_of_model, no_rocks, any_rocks, some_rocks
 
-   !> The models, in the order of their numbers.
+   !> Models, in the order of their numbers.
    character(len=*), parameter :: model_names(*) = [character(len=14) :: "impact_sets", "rockyfor3d", &
                                                     "pfeiffer_bowen", "bourrier_hungr", "constant", "absorbs", &
                                                     "impact_table", "ratio_table"]
-   !> What they must know of the rocks on the ground: nothing; their size, which may be zero; a size above zero.
+   !> Rock data that a model requires: none; a size, possibly zero; a positive size.
    integer, parameter :: no_rocks = 0, any_rocks = 1, some_rocks = 2
    integer, parameter :: rocks_of_model(size(model_names)) = &
                          [some_rocks, any_rocks, no_rocks, no_rocks, no_rocks, no_rocks, no_rocks, some_rocks]
 
-   !> A parameter as a key, and the models that take it.
+   !> Parameter as a key, with the models that use it.
    type :: parameter_t
       type(key_t) :: key
       character(len=64) :: models
@@ -41,7 +41,7 @@ module rockfall_grounds
    character(len=*), parameter :: with_r_n = "rockyfor3d, pfeiffer_bowen, constant", &
                                   with_r_t = "pfeiffer_bowen, bourrier_hungr, constant", &
                                   all_classical = "rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant"
-   real(wp), parameter :: min_divisor = 0.01_wp  !! of R_n where a model divides by it, and of half_speed [m/s]
+   real(wp), parameter :: min_divisor = 0.01_wp  !! of R_n in models that divide by it, and of half_speed [m/s]
 
    type(parameter_t), parameter :: table(*) = [ &
       parameter_t(key_t("ground", "model", "text", 1, "required", &
@@ -76,7 +76,7 @@ module rockfall_grounds
 
 contains
 
-   !> A row of the table of parameters as text: that of its key, then the models that take it; blank past the end.
+   !> Format row k of the table of parameters as text: its key, then the models that use it; blank past the end.
    pure function ground_parameter(k) result(text)
       integer, intent(in) :: k
       character(len=:), allocatable :: text
@@ -85,11 +85,11 @@ contains
       if (k >= 1 .and. k <= size(table)) text = row_text(table(k)%key)//"|"//trim(table(k)%models)
    end function ground_parameter
 
-   !> A ground from its text.
+   !> Read a ground type from text.
    subroutine read_ground(text, file, turning, numbers, ground, error)
       character(len=*), intent(in) :: text
-      character(len=*), intent(in) :: file              !! where it stands, for messages
-      integer, intent(in) :: turning                    !! rule of turning_t
+      character(len=*), intent(in) :: file              !! file and row, for messages
+      integer, intent(in) :: turning                    !! rule, as in turning_t
       type(normal_table_t), intent(in) :: numbers
       type(ground_t), intent(inout) :: ground
       type(error_t), allocatable, intent(out) :: error
@@ -114,11 +114,11 @@ contains
       end if
    end subroutine read_ground
 
-   !> Impact sets, factored, and how boulders turn by them.
+   !> Read and factor impact sets, with their lateral deviations.
    subroutine read_stochastic(text, file, turning, draw, ground, error)
       character(len=*), intent(in) :: text, file
-      integer, intent(in) :: turning  !! rule of turning_t
-      integer, intent(in) :: draw     !! of a file with several; 0: it has one only
+      integer, intent(in) :: turning  !! rule, as in turning_t
+      integer, intent(in) :: draw     !! draw to read; 0: the file must have only one
       type(ground_t), intent(inout) :: ground
       type(error_t), allocatable, intent(out) :: error
       type(coefficients_t), allocatable :: sets  !! too large for a small stack
@@ -139,7 +139,7 @@ contains
       ground%lateral = [(lateral(sets%incidence(:, k), sets%lateral(:, :, k)), k=1, impact_ratios)]
    end subroutine read_stochastic
 
-   !> The parameters of a model, all that it needs and no others.
+   !> Read the parameters of a model: all that it needs and no others.
    pure subroutine read_classical(group, numbers, classical, error)
       type(group_t), intent(in) :: group
       type(normal_table_t), intent(in) :: numbers
@@ -156,7 +156,7 @@ contains
          call check_parameter(group, table(k), model, error)
       end do
       if (allocated(error)) return
-      classical%model = findloc(model_names == model, .true., dim=1)  ! texts of two lengths confuse gfortran 12
+      classical%model = findloc(model_names == model, .true., dim=1)  ! gfortran 12 mishandles different text lengths
       select case (classical%model)
       case (rockyfor3d)
          call read_scatter(group, "r_n", min_divisor, numbers, classical%normal, error)
@@ -177,7 +177,7 @@ contains
       call read_scatter(group, "r_t", 0.0_wp, numbers, classical%tangential, error)
    end subroutine read_classical
 
-   !> A parameter is there if its model needs it, within its range, and not there if its model has none such.
+   !> Check that a parameter is given and within its range if the model needs it, and absent otherwise.
    pure subroutine check_parameter(group, parameter, model, error)
       type(group_t), intent(in) :: group
       type(parameter_t), intent(in) :: parameter
@@ -196,11 +196,11 @@ contains
       end if
    end subroutine check_parameter
 
-   !> A coefficient, its standard deviation and its ends, which hold it.
+   !> Read a coefficient, its standard deviation and its limits, which must contain it.
    pure subroutine read_scatter(group, name, least, numbers, found, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: name
-      real(wp), intent(in) :: least  !! that it may be [-]
+      real(wp), intent(in) :: least  !! minimum of the coefficient [-]
       type(normal_table_t), intent(in) :: numbers
       type(scatter_t), intent(inout) :: found
       type(error_t), allocatable, intent(out) :: error
@@ -217,7 +217,7 @@ contains
       end if
    end subroutine read_scatter
 
-   !> The value of a key, or its default.
+   !> Value of a key, or its default.
    pure real(wp) function value_of(group, name) result(value)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: name

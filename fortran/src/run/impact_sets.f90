@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Files of impact sets: one `&impact_set ratio, mean, covariance /` for each R_b/R_m = 1..5, and what it may hold
-!> besides: docs/impact_sets.md. A file may hold several draws of all five, for an ensemble.
+!> Files of impact sets: one `&impact_set ratio, mean, covariance /` for each R_b/R_m = 1..5, with optional keys (see
+!> docs/impact_sets.md). A file may hold several draws of all five, for an ensemble.
 module rockfall_impact_sets
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -15,38 +15,38 @@ module rockfall_impact_sets
 
    character(len=*), parameter :: keys(*) = [character(len=11) :: "ratio", "mean", "covariance", "noise", "draw", &
                                             "speed_range", "angle_range", "incidence", "lateral"]
-   integer, parameter :: lengths(7) = [1, 9, 45, 6, 1, 2, 2]  !! of the first; matrices by their lower triangle, by rows
-   integer, parameter :: required = 3               !! keys
+   integer, parameter :: lengths(7) = [1, 9, 45, 6, 1, 2, 2]  !! of the first keys; lower triangles of matrices, by rows
+   integer, parameter :: required = 3               !! number of required keys
    integer, parameter :: max_draws = 1000
-   real(wp), parameter :: most_speed = 1000.0_wp    !! [m/s] no boulder has more
+   real(wp), parameter :: most_speed = 1000.0_wp    !! [m/s] maximum speed of any boulder
 
-   real(wp), parameter :: any_speed = 1.0e100_wp  !! [m/s] above all, and its square is a number
+   real(wp), parameter :: any_speed = 1.0e100_wp  !! [m/s] unbounded; its square is finite
 
-   !> The numbers of five impact sets, as files have them.
+   !> Numbers of five impact sets, as in files.
    type :: coefficients_t
       real(wp) :: mean(9, impact_ratios) = 0.0_wp           !! of a1..a9
       real(wp) :: covariance(9, 9, impact_ratios) = 0.0_wp
-      !> Lateral deviations [degree]: the incidence angles between classes, 90 where there are fewer, and the
-      !> quantiles of each class, those of the last repeated.
+      !> Lateral deviations [degree]: the limits of the incidence classes, padded with 90, and the quantiles of each
+      !> class, padded with those of the last.
       real(wp) :: incidence(lateral_classes - 1, impact_ratios) = 90.0_wp
       real(wp) :: lateral(lateral_quantiles, lateral_classes, impact_ratios) = 0.0_wp
-      !> Least and most of the incident speed [m/s] and angle [degree] that each was fitted on.
+      !> Minimum and maximum incident speed [m/s] and angle [degree] that each set was fitted on.
       real(wp) :: speed_range(2, impact_ratios) = spread([0.0_wp, any_speed], 2, impact_ratios)
       real(wp) :: angle_range(2, impact_ratios) = spread([0.0_wp, 90.0_wp], 2, impact_ratios)
    end type coefficients_t
 
 contains
 
-   !> The numbers of the sets in a text, each checked by factoring it, with what the case's rule of turning needs.
-   !> There must be one draw only, or the one to read is told.
+   !> Read impact sets from text, check each by factoring it, and read what the rule of turning needs. The text must
+   !> have only one draw, unless `draw` selects one.
    subroutine read_sets(text, file, turning, draw, sets, error, draws)
       character(len=*), intent(in) :: text
-      character(len=*), intent(in) :: file  !! its name, for messages
-      integer, intent(in) :: turning           !! rule of turning_t
-      integer, intent(in) :: draw              !! the one to read; 0: there must be one only
+      character(len=*), intent(in) :: file  !! file name, for messages
+      integer, intent(in) :: turning           !! rule, as in turning_t
+      integer, intent(in) :: draw              !! draw to read; 0: there must be only one
       type(coefficients_t), intent(out) :: sets
       type(error_t), allocatable, intent(out) :: error
-      integer, intent(out), optional :: draws  !! that there are
+      integer, intent(out), optional :: draws  !! number of draws in the text
       type(namelist_t) :: list
       type(impact_set_t) :: set
       logical :: found(impact_ratios)
@@ -95,7 +95,7 @@ contains
                 "; a file needs ratios 1 to "//integer_text(impact_ratios))
    end subroutine read_sets
 
-   !> Check all groups, and find the draw that each belongs to.
+   !> Check all groups, and find the draw of each.
    subroutine read_draws(list, belongs, error)
       type(namelist_t), intent(in) :: list
       integer, allocatable, intent(out) :: belongs(:)
@@ -117,7 +117,7 @@ contains
       end do
    end subroutine read_draws
 
-   !> Only known keys, all that must be there, each with its number of values.
+   !> Check that a group has only known keys and all required ones, each with the correct number of values.
    pure subroutine check_group(group, error)
       type(group_t), intent(in) :: group
       type(error_t), allocatable, intent(out) :: error
@@ -166,7 +166,7 @@ contains
       call read_lateral(group, sets%incidence(:, ratio), sets%lateral(:, :, ratio), error)
    end subroutine read_set
 
-   !> Noise within an impact, if a set has it, becomes part of the covariance; each of the two must be one by itself.
+   !> Add the noise within an impact, if a set has it, to the covariance; each must be a valid covariance by itself.
    subroutine add_noise(group, covariance, error)
       type(group_t), intent(in) :: group
       real(wp), intent(inout) :: covariance(9, 9)
@@ -183,7 +183,7 @@ contains
       if (.not. allocated(error)) covariance = with_noise(covariance, noise)
    end subroutine add_noise
 
-   !> The symmetric matrix of a lower triangle by rows.
+   !> Symmetric matrix from its lower triangle by rows.
    pure function symmetric(values, n) result(matrix)
       real(wp), intent(in) :: values(:)
       integer, intent(in) :: n
@@ -198,7 +198,7 @@ contains
       end do
    end function symmetric
 
-   !> Both ends of what a set was fitted on, if it says so.
+   !> Read the range on which a set was fitted, if given.
    pure subroutine read_range(group, key, most, unit, range, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key, unit
@@ -216,8 +216,8 @@ contains
       end if
    end subroutine read_range
 
-   !> Lateral deviations, if a set has them: as many quantiles for each class of incidence, of which one is there
-   !> without `incidence`.
+   !> Read lateral deviations, if given: the same number of quantiles for each class of incidence; without `incidence`
+   !> there is one class.
    pure subroutine read_lateral(group, incidence, lateral, error)
       type(group_t), intent(in) :: group
       real(wp), intent(inout) :: incidence(:), lateral(:, :)
@@ -253,7 +253,7 @@ contains
       end do
    end subroutine read_lateral
 
-   !> A message of the factoring, with the set it is about.
+   !> Add the impact set concerned to a message of the factoring.
    pure function with_place(group, message) result(text)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: message

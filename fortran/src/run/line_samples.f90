@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What is kept of boulders whose rows are not: samples of what they did at each line and at their ends, in all, by
-!> part (the features or sources that statistics name), and coarsely by group of sources, for confidence intervals.
+!> Samples of boulders whose rows are not kept: quantities at each line and at their ends, over all boulders, by part
+!> (features or sources named in statistics), and coarsely by group of sources, for confidence intervals.
 module rockfall_line_samples
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, i4, i8
@@ -14,41 +14,41 @@ module rockfall_line_samples
    public :: layout_t, layout_of, add_samples, line_quantities, place_along
    public :: line_quantity, end_quantity, units_of, n_quantities, tails
 
-   !> At a line; the first ones may have a tail that is looked at. At the end of a boulder.
+   !> Quantities at a line, of which the first may have a tail; quantities at the end of a boulder.
    character(len=20), parameter :: line_quantity(*) = [character(len=20) :: &
       "speed", "jump_height", "passing_height", "energy_translational", "energy_rotational", "energy_total", "omega", &
       "rotational_share", "upper_edge", "normal_height", "normal_upper_edge", "position"]
    character(len=20), parameter :: end_quantity(*) = [character(len=20) :: &
       "plan_distance", "path_length", "travel_time", "speed_max", "jump_height_max", "volume", "impacts"]
    integer, parameter :: n_quantities = size(line_quantity), tails = 6
-   !> Units in one m/s, m, J, rad/s or 1: mm/s, mm, J, mrad/s, millionths; of ends mm, ms, mm/s, cm3, 1.
+   !> Units per m/s, m, J, rad/s or 1: mm/s, mm, J, mrad/s, millionths; at ends mm, ms, mm/s, cm3, 1.
    real(wp), parameter :: mega = 1.0e6_wp, kilo = 1.0e3_wp, one = 1.0_wp
    real(wp), parameter :: units_of(n_quantities, 2) = reshape( &
       [kilo, kilo, kilo, one, one, one, kilo, mega, kilo, kilo, kilo, kilo, &
        kilo, kilo, kilo, kilo, kilo, mega, one, one, one, one, one, one], [n_quantities, 2])
 
-   integer, parameter :: max_parts = 50, ranges = 20  !! of more features or sources, so many ranges are parts,
-   integer, parameter :: max_parted = 256             !! or fewer: parts times places, each of 0.6 MB
-   integer, parameter :: max_grouped = 2048           !! groups of sources times places, each of 10 kB
+   integer, parameter :: max_parts = 50, ranges = 20  !! with more features or sources, parts are this many ranges,
+   integer, parameter :: max_parted = 256             !! or fewer: parts times places, 0.6 MB each
+   integer, parameter :: max_grouped = 2048           !! groups of sources times places, 10 kB each
 
    integer, parameter :: volume = findloc(boulder_fields, "volume", dim=1)
    integer, parameter :: status = findloc(boulder_counts, "status", dim=1), &
                          impacts = findloc(boulder_counts, "impacts", dim=1), &
                          source = findloc(boulder_counts, "source", dim=1)
 
-   !> Which sources are of which part and group; a group is within a part.
+   !> Part and group of each source; a group belongs to one part.
    type :: layout_t
-      integer(i4), allocatable :: part(:), group(:)  !! of each source
-      integer(i4), allocatable :: part_last(:)       !! the last feature or source of each part
-      integer(i4), allocatable :: group_part(:)      !! the part of each group
+      integer(i4), allocatable :: part(:), group(:)  !! per source
+      integer(i4), allocatable :: part_last(:)       !! last feature or source of each part
+      integer(i4), allocatable :: group_part(:)      !! part of each group
    end type layout_t
 
 contains
 
-   !> Each source is a group as long as places times sources are few; else neighbours by number share one.
+   !> Build the layout: one group per source if places times sources are few, else neighbouring sources are grouped.
    pure function layout_of(release, places) result(layout)
       type(release_t), intent(in) :: release
-      integer, intent(in) :: places  !! lines and the end
+      integer, intent(in) :: places  !! number of lines, plus one for the end
       type(layout_t) :: layout
       integer :: things, most, n, each, k, p
       integer, allocatable :: seen(:), among(:)
@@ -84,7 +84,7 @@ contains
       layout%group_part = [((p, k=1, each), p=1, size(among))]
    end function layout_of
 
-   !> Add a boulder, from its rows. One that left the window of the terrain has no status, and is in no sample.
+   !> Add a boulder from its rows. A boulder that left the window of the terrain has no status and is ignored.
    pure subroutine add_samples(samples, layout, lines, origin, boulder, counts, crossing)
       type(samples_t), intent(inout) :: samples
       type(layout_t), intent(in) :: layout
@@ -116,13 +116,13 @@ contains
       end do
    end subroutine add_samples
 
-   !> Add what a boulder from a source did at a place.
+   !> Add the quantities of a boulder at a place.
    pure subroutine add_all(samples, layout, from, values, kind, place)
       type(samples_t), intent(inout) :: samples
       type(layout_t), intent(in) :: layout
       integer, intent(in) :: from         !! source
       real(wp), intent(in) :: values(:)
-      integer, intent(in) :: kind, place  !! 1 of lines, 2 of ends
+      integer, intent(in) :: kind, place  !! 1 for lines, 2 for ends
       real(wp), parameter :: limit = real(largest_unit, wp)
       integer :: q
 
@@ -132,8 +132,8 @@ contains
       end do
    end subroutine add_all
 
-   !> The quantities at a line but the last, from its row; NaN where there is none. A boulder that touches the ground
-   !> has its centre R / cos(slope) above it, vertically, and R normal to it; so has one that flies, above the place of
+   !> Quantities at a line, except the last, from its row; NaN if not available. The centre of a boulder in contact with
+   !> the ground is R / cos(slope) above it vertically, and R along the normal; in flight, these are above the point at
    !> its jump height.
    pure function line_quantities(row, boulder_volume) result(q)
       real(wp), intent(in) :: row(:)          !! line_fields
@@ -156,7 +156,7 @@ contains
       end associate
    end function line_quantities
 
-   !> How far along a line from its first vertex the place on it is that is nearest to a point [m].
+   !> Distance along a line [m] from its first vertex to the point of the line nearest to a given point.
    pure real(wp) function place_along(line, point) result(along)
       type(line_t), intent(in) :: line
       real(wp), intent(in) :: point(2)  !! [m]

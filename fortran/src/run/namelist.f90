@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Namelist text in memory, taken apart: groups, their keys, their values as written.
+!> Parser of namelist text in memory: groups, their keys, and values as written.
 !>
-!> Narrower than the language on purpose: what two readers could take in two ways is refused, such
-!> as null values, text over several lines, array subscripts, and the same key twice in a group.
+!> Deliberately narrower than the language: ambiguous input is rejected, such as null values, text over several lines,
+!> array subscripts, and repeated keys in a group.
 module rockfall_namelist
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t, fail
@@ -12,53 +12,53 @@ module rockfall_namelist
    private
    public :: namelist_t, group_t, entry_t, value_t, parse_namelist
 
-   integer, parameter :: name_length = 63         !! of groups and keys
+   integer, parameter :: name_length = 63         !! maximum length of names of groups and keys
    integer, parameter :: longest_value = 4096     !! [characters]
-   integer, parameter :: most_values = 10000000   !! of a file, repeat counts included
-   integer, parameter :: most_repeats = 100000    !! of one value
-   integer, parameter :: most_keys = 200          !! of a group
-   integer, parameter :: most_names = 100         !! of different groups
+   integer, parameter :: most_values = 10000000   !! maximum per file, including repeat counts
+   integer, parameter :: most_repeats = 100000    !! maximum repeat count
+   integer, parameter :: most_keys = 200          !! maximum per group
+   integer, parameter :: most_names = 100         !! maximum number of different groups
 
    character(len=*), parameter :: blanks = " "//achar(9)//achar(10)//achar(13)
    character(len=*), parameter :: word_end = blanks//",/=!&'"""
    character(len=*), parameter :: digits = "0123456789"
 
-   !> A raw value: `entry%text(first:last)`, without its quotes.
+   !> Raw value: `entry%text(first:last)`, without its quotes.
    type :: value_t
       integer :: first = 1, last = 0
       logical :: quoted = .false.
    end type value_t
 
-   !> `key = values`, as written.
+   !> Entry `key = values`, as written.
    type :: entry_t
       character(len=name_length) :: key = ""  !! lower case
       integer :: line = 0
       character(len=:), allocatable :: text    !! from the first value to the last
-      type(value_t), allocatable :: value(:)   !! at least one; repeat counts are written out
+      type(value_t), allocatable :: value(:)   !! at least one; repeat counts are expanded
    end type entry_t
 
-   !> `&name ... /`
+   !> Group `&name ... /`.
    type :: group_t
       character(len=:), allocatable :: file      !! for messages
       character(len=name_length) :: name = ""   !! lower case
       integer :: line = 0
-      logical :: repeated = .false.              !! the file has several groups of this name
-      type(entry_t), allocatable :: entry(:)     !! in the order of the file
+      logical :: repeated = .false.              !! the file has several groups with this name
+      type(entry_t), allocatable :: entry(:)     !! in file order
    end type group_t
 
    type :: namelist_t
-      type(group_t), allocatable :: group(:)     !! in the order of the file
+      type(group_t), allocatable :: group(:)     !! in file order
    end type namelist_t
 
-   !> Where the parser stands.
+   !> Position of the parser.
    type :: cursor_t
       integer :: pos = 1, line = 1
-      integer :: values = 0  !! found so far
+      integer :: values = 0  !! number of values so far
    end type cursor_t
 
 contains
 
-   !> All groups of `text`; time and memory grow with its length and no faster.
+   !> Parse all groups of `text`; time and memory are linear in its length.
    pure subroutine parse_namelist(text, file, list, error)
       character(len=*), intent(in) :: text
       character(len=*), intent(in) :: file  !! for messages
@@ -93,11 +93,11 @@ contains
       call mark_repeated(list%group, file, error)
    end subroutine parse_namelist
 
-   !> From `&` to the closing `/`.
+   !> Parse a group from `&` to the closing `/`.
    pure subroutine parse_group(text, file, at, entries, group, error)
       character(len=*), intent(in) :: text, file
       type(cursor_t), intent(inout) :: at
-      type(entry_t), intent(inout) :: entries(:)  !! room for one more than a group may have
+      type(entry_t), intent(inout) :: entries(:)  !! one more than a group may have
       type(group_t), intent(inout) :: group
       type(error_t), allocatable, intent(out) :: error
       type(cursor_t) :: start
@@ -136,7 +136,7 @@ contains
       call fail(error, place(file, group%line)//"&"//trim(group%name)//" is not closed by /")
    end subroutine parse_group
 
-   !> `key = value, value ...`, up to what begins the next key or ends the group.
+   !> Parse `key = value, value ...`, up to the next key or the end of the group.
    pure subroutine parse_entry(text, file, at, entry, error)
       character(len=*), intent(in) :: text, file
       type(cursor_t), intent(inout) :: at
@@ -176,7 +176,7 @@ contains
       entry%value%last = entry%value%last - first + 1
    end subroutine parse_entry
 
-   !> The values that begin at the cursor; the cursor ends at what follows them.
+   !> Parse the values from the cursor on, and move it past them.
    pure subroutine parse_values(text, file, at, values, error)
       character(len=*), intent(in) :: text, file
       type(cursor_t), intent(inout) :: at
@@ -223,7 +223,7 @@ contains
       values = values(:n)
    end subroutine parse_values
 
-   !> One value with its repeat count. A word that turns out to be a key is taken, too.
+   !> Parse one value with its repeat count. May also consume a word that turns out to be the next key.
    pure subroutine take_value(text, where, at, value, repeats, error)
       character(len=*), intent(in) :: text, where
       type(cursor_t), intent(inout) :: at
@@ -259,7 +259,7 @@ contains
       end if
    end subroutine take_value
 
-   !> From the opening quote to the closing one, on one line; a doubled quote stands for itself.
+   !> Parse a quoted text on one line; a doubled quote is a literal quote.
    pure subroutine take_quoted(text, where, at, value, error)
       character(len=*), intent(in) :: text, where
       type(cursor_t), intent(inout) :: at
@@ -312,7 +312,7 @@ contains
       repeats = int(count)
    end subroutine take_repeats
 
-   !> What no unquoted word may be.
+   !> Reject invalid unquoted words.
    pure subroutine check_word(word, where, error)
       character(len=*), intent(in) :: word, where
       type(error_t), allocatable, intent(out) :: error
@@ -325,7 +325,7 @@ contains
       end if
    end subroutine check_word
 
-   !> The last entry must not repeat a key, nor be one too many.
+   !> Check that the last entry does not repeat a key or exceed the maximum number of keys.
    pure subroutine check_key(entries, where, error)
       type(entry_t), intent(in) :: entries(:)
       character(len=*), intent(in) :: where
@@ -342,12 +342,12 @@ contains
       if (n > most_keys) call fail(error, where//": more than "//integer_text(most_keys)//" keys")
    end subroutine check_key
 
-   !> Groups that share their name are told apart by their line in messages.
+   !> Mark groups that share their name, so that messages identify them by line.
    pure subroutine mark_repeated(groups, file, error)
       type(group_t), intent(inout) :: groups(:)
       character(len=*), intent(in) :: file
       type(error_t), allocatable, intent(out) :: error
-      integer :: first(most_names)  ! group that first has a name
+      integer :: first(most_names)  ! first group with each name
       integer :: i, k, n
 
       n = 0
@@ -369,7 +369,7 @@ contains
       end do
    end subroutine mark_repeated
 
-   !> Past blanks, line ends and comments.
+   !> Skip blanks, line ends and comments.
    pure subroutine skip_blanks(text, at)
       character(len=*), intent(in) :: text
       type(cursor_t), intent(inout) :: at
@@ -392,7 +392,7 @@ contains
       end do
    end subroutine skip_blanks
 
-   !> Past all that can stand in an unquoted word; maybe nothing.
+   !> Skip the characters of an unquoted word, possibly none.
    pure subroutine take_word(text, at)
       character(len=*), intent(in) :: text
       type(cursor_t), intent(inout) :: at
@@ -412,7 +412,7 @@ contains
       if (at%pos <= len(text)) is_at = text(at%pos:at%pos) == sign
    end function is_at
 
-   !> A letter, then letters, digits and underscores.
+   !> Return whether a word is a letter followed by letters, digits and underscores.
    pure logical function is_name(word)
       character(len=*), intent(in) :: word
       character(len=*), parameter :: letters = "abcdefghijklmnopqrstuvwxyz"
@@ -442,7 +442,7 @@ contains
       place = file//": line "//integer_text(line)//": "
    end function place
 
-   !> `value` so many times after the first `n` of `values`, which grow by doubling.
+   !> Append a value `repeats` times after the first `n` of `values`, which grow by doubling.
    pure subroutine append(values, n, value, repeats)
       type(value_t), allocatable, intent(inout) :: values(:)
       integer, intent(inout) :: n
@@ -459,7 +459,7 @@ contains
       n = n + repeats
    end subroutine append
 
-   !> Handed over, not copied: values may be many.
+   !> Move entries without copying their values, which may be many.
    pure subroutine move_entries(from, to)
       type(entry_t), intent(inout) :: from(:)
       type(entry_t), intent(inout) :: to(:)

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A table of impacts as bytes, in which it comes to the kernel and lies in scene files (docs/impact_tables.md): a
-!> first line, counts, and the arrays one after the other, in the byte order of the machine. The file that users see is
-!> netCDF; python/rockfall/impact_tables.py packs it.
+!> Table of impacts as bytes, as passed to the kernel and stored in scene files (docs/impact_tables.md): a first line,
+!> counts, and the concatenated arrays, in native byte order. Users have a netCDF file;
+!> python/rockfall/impact_tables.py packs it.
 module rockfall_packed_table
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use rockfall_kinds, only: wp, sp, i4
@@ -19,14 +19,14 @@ module rockfall_packed_table
 
 contains
 
-   !> Whether a text is a packed table.
+   !> Return whether a text is a packed table.
    pure logical function is_packed_table(text)
       character(len=*), intent(in) :: text
 
       is_packed_table = index(text, first_line) == 1
    end function is_packed_table
 
-   !> The table of a packed one. Errors: damaged.
+   !> Unpack a table. Errors: damaged.
    pure subroutine read_packed_table(text, file, table, error)
       character(len=*), intent(in) :: text
       character(len=*), intent(in) :: file  !! for messages
@@ -70,7 +70,7 @@ contains
       call fail(error, file//": is a damaged table of impacts")
    end subroutine read_packed_table
 
-   !> What the kernel relies on: numbers, a record in each bin, and followers that are records.
+   !> Check the assumptions of the kernel: finite numbers, a record in each bin, and valid indices of following records.
    pure logical function is_sound(table, records, bins)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: records, bins
@@ -82,7 +82,7 @@ contains
                  .and. all(table%record(follower, :) >= 0 .and. table%record(follower, :) <= records)
    end function is_sound
 
-   !> Bytes of a packed table, with a last new line.
+   !> Size in bytes of a packed table, with a final newline.
    pure integer function expected_size(counts, bins) result(bytes)
       integer, intent(in) :: counts(n_counts), bins
       integer :: edges
@@ -115,7 +115,7 @@ contains
       end do
    end subroutine take_bins
 
-   !> The next numbers of a text: `at` is the last byte before them, and then their last.
+   !> Read integers from a text: `at` is the last byte before them on entry, and their last on return.
    pure subroutine take_integers(text, at, values)
       character(len=*), intent(in) :: text
       integer, intent(inout) :: at
@@ -129,7 +129,7 @@ contains
       at = at + 4*size(values)
    end subroutine take_integers
 
-   !> The same of reals; there are as many, as the size of the text has told.
+   !> Read reals from a text, whose size has been checked.
    pure subroutine take_reals(text, at, values)
       character(len=*), intent(in) :: text
       integer, intent(inout) :: at

@@ -15,7 +15,7 @@ module rockfall_result
 
 contains
 
-   !> The numbers of `boulder_fields`.
+   !> Values of `boulder_fields`.
    pure function boulder_row(dem, fate) result(row)
       type(terrain_t), intent(in) :: dem
       type(boulder_result_t), intent(in) :: fate
@@ -28,7 +28,7 @@ contains
              fate%speed_max, fate%jump_height_max]
    end function boulder_row
 
-   !> The numbers of `boulder_counts`.
+   !> Values of `boulder_counts`.
    pure function boulder_count_row(fate) result(row)
       type(boulder_result_t), intent(in) :: fate
       integer :: row(size(boulder_counts))
@@ -37,7 +37,7 @@ contains
              fate%out_of_speed, fate%out_of_angle]
    end function boulder_count_row
 
-   !> The numbers of `row_reals`.
+   !> Values of `row_reals`.
    pure function real_row(dem, fate) result(row)
       type(terrain_t), intent(in) :: dem
       type(boulder_result_t), intent(in) :: fate
@@ -48,7 +48,7 @@ contains
       end associate
    end function real_row
 
-   !> The numbers of `row_integers`.
+   !> Values of `row_integers`.
    pure function integer_row(release, fate) result(row)
       type(release_t), intent(in) :: release
       type(boulder_result_t), intent(in) :: fate
@@ -57,7 +57,7 @@ contains
       row = [fate%impacts, fate%source, feature_of(release, int(fate%source, i8)), fate%trees_hit]
    end function integer_row
 
-   !> The numbers of `line_fields`; NaN where the boulder did not cross. Energies: Bourrier et al. 2009, eqs 1-3.
+   !> Values of `line_fields`; NaN if the boulder did not cross. Energies: Bourrier et al. 2009, eqs 1-3.
    pure function line_row(dem, fate, crossing) result(row)
       type(terrain_t), intent(in) :: dem
       type(boulder_result_t), intent(in) :: fate
@@ -72,7 +72,7 @@ contains
              kinetic_energy(fate%boulder, crossing%v, crossing%omega)]
    end function line_row
 
-   !> The numbers of `vertex_fields`.
+   !> Values of `vertex_fields`.
    pure function vertex_row(dem, vertex) result(row)
       type(terrain_t), intent(in) :: dem
       type(contact_t), intent(in) :: vertex

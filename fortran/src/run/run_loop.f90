@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The standalone program's run: all boulders of a scene, in chunks.
+!> Run of the standalone program: all boulders of a scene, in chunks.
 module rockfall_run_loop
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail, our_fault
@@ -25,14 +25,14 @@ module rockfall_run_loop
    private
    public :: run_observer_t, run_case
 
-   integer(i8), parameter :: first_chunk = 1024   !! boulders in one call
-   real(wp), parameter :: chunk_seconds = 1.0_wp  !! that a call is to take: at its end threads wait for each other
+   integer(i8), parameter :: first_chunk = 1024   !! boulders in the first call
+   real(wp), parameter :: chunk_seconds = 1.0_wp  !! target duration of a call: at its end threads wait for each other
 
    !> Who looks at a run while it goes on, and may have a part of it to begin with.
    type, abstract :: run_observer_t
    contains
       procedure(see_run), deferred :: on_start  !! before the first chunk
-      procedure(see_run), deferred :: on_chunk  !! before each; an error when the run is to stop
+      procedure(see_run), deferred :: on_chunk  !! before each chunk; an error stops the run
    end type run_observer_t
 
    abstract interface
@@ -79,7 +79,7 @@ contains
       if (.not. allocated(error)) call trace(case, scene, run, error)
    end subroutine run_case
 
-   !> Put the case's name before an error's message.
+   !> Prefix an error message with the name of the case.
    subroutine name_case(case, error)
       type(case_t), intent(in) :: case
       type(error_t), allocatable, intent(inout) :: error
@@ -87,11 +87,11 @@ contains
       if (allocated(error)) error%message = case%file//": "//error%message
    end subroutine name_case
 
-   !> Look at the terrain: whether boulders can start from the sources, what maps could come to, and where they lie.
+   !> Scan the terrain: check the sources, bound the values of maps, and find the window of the maps.
    subroutine survey(case, scene, window, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
-      integer, intent(inout) :: window(4)  !! of maps: first column and row, columns and rows
+      integer, intent(inout) :: window(4)  !! window of the maps: first column and row, numbers of columns and rows
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: minima(:, :)
       real(wp) :: head
@@ -112,7 +112,7 @@ contains
       end associate
    end subroutine survey
 
-   !> Run the boulders that are not done, in chunks whose size follows the clock.
+   !> Run the remaining boulders, in chunks whose size adapts to their duration.
    subroutine run_all(case, scene, observer, run, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
@@ -142,7 +142,7 @@ contains
       end do
    end subroutine run_all
 
-   !> Run some boulders once more, each alone, and keep their trajectories: first to count the vertices, then to keep
+   !> Rerun the selected boulders individually and keep their trajectories: first to count the vertices, then to store
    !> them.
    subroutine trace(case, scene, run, error)
       type(case_t), intent(in) :: case

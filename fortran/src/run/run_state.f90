@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What a run has found so far: rows of its boulders, sums over them, tallies of maps. Both programs open it, let it
-!> advance in chunks of any order, and read its arrays by the table of `arrays_of`; one without a scene takes in parts.
+!> State of a run: rows of its boulders, sums over them, tallies of maps. Both programs open it, advance it in chunks of
+!> any order, and read its arrays through the table of `arrays_of`; without a scene it is joined from parts.
 module rockfall_run_state
    use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_associated, c_f_pointer
    use rockfall_kinds, only: wp, sp, i1, i4, i8
@@ -33,25 +33,25 @@ module rockfall_run_state
 
    integer, parameter :: n_totals = size(boulder_counts) - 3  !! of boulder_counts: those summed over all boulders
 
-   !> A run, or a range of its boulders. What the case does not ask for has no columns, rows or cells.
+   !> Run, or a range of its boulders. Arrays that the case does not need have size zero.
    type :: run_t
-      integer(i8) :: total = 0, before = 0, boulders = 0  !! all of the run, those before the range, those in it
-      integer(i8) :: done = 0                             !! of the range, from its first
+      integer(i8) :: total = 0, before = 0, boulders = 0  !! boulders of the whole run, before the range, in the range
+      integer(i8) :: done = 0                             !! boulders of the range done, from its first on
       integer :: threads = 1
       real(wp) :: wall = 0.0_wp, cpu = 0.0_wp             !! [s]
-      ! Rows: of all boulders of the range, or of those with a `number`; then all are in samples.
+      ! Rows: of all boulders of the range, or only of those in `number`; then all are in samples.
       integer(i8), allocatable :: number(:)
-      integer, allocatable :: real_columns(:), integer_columns(:)  !! which of row_reals and row_integers
+      integer, allocatable :: real_columns(:), integer_columns(:)  !! selected row_reals and row_integers
       real(wp), allocatable :: reals(:, :)                !! (rows, columns)
       integer(i1), allocatable :: status(:)
       integer(i4), allocatable :: integers(:, :)
       real(wp), allocatable :: line(:, :, :)              !! (rows, lines, line_fields)
       integer(i1), allocatable :: outcome(:, :)           !! (rows, barriers), as in crossing_t
-      ! Sums over the boulders done.
+      ! Sums over the boulders done:
       integer(i8) :: count(n_totals) = 0                  !! the last of boulder_counts
       integer(i8) :: histogram(bins, quantities) = 0
       logical :: histograms_requested = .false.
-      integer(i8), allocatable :: by_ground(:)            !! rebounds, where the scene has several grounds
+      integer(i8), allocatable :: by_ground(:)            !! rebounds, if the scene has several grounds
       type(layout_t) :: layout
       type(samples_t) :: samples
       real(wp), allocatable :: vertex(:, :)               !! (vertices, vertex_fields) of recorded boulders,
@@ -64,19 +64,19 @@ module rockfall_run_state
       integer(i8), pointer, contiguous :: sums(:, :, :) => null()
       real(sp), pointer, contiguous :: maxima(:, :, :) => null()
       integer(i4), pointer, contiguous :: bin_counts(:, :) => null(), column(:, :) => null()
-      integer(i4), pointer :: columns(:) => null()        !! one: those assigned
+      integer(i4), pointer :: columns(:) => null()        !! scalar: number assigned
       integer(i4), pointer, contiguous :: last_source(:, :, :) => null()  !! as in maps_t, with its first_partial
       integer(i8) :: first_partial = 0
-      integer(i8) :: max_columns = max_columns            !! of `bin_counts`
-      type(contributing_t) :: shared                      !! by partial sources, since `settle`
-      ! Of the last chunk: those that left the window of the terrain, and where.
+      integer(i8) :: max_columns = max_columns            !! maximum for `bin_counts`
+      type(contributing_t) :: shared                      !! cells of partial sources, set by `settle`
+      ! Boulders of the last chunk that left the window of the terrain, and where:
       integer(i8), allocatable :: left(:)
       real(wp), allocatable :: left_at(:, :)              !! (boulders, 2), map coordinates [m]
       type(c_ptr), private :: block(12) = c_null_ptr      !! of memory
    end type run_t
 
    interface
-      !> Memory that costs nothing before it is written to.
+      !> Zeroed memory, allocated lazily.
       type(c_ptr) function c_zeros(n, size) bind(c, name="rockfall_zeros")
          import :: c_ptr, i8
          integer(i8), value :: n, size
@@ -89,8 +89,8 @@ module rockfall_run_state
 
 contains
 
-   !> A run of a scene, or the `boulders` of it after the first `before`, none of them done. Maps cover a window:
-   !> first column and row, columns and rows.
+   !> Open a run of a scene, or of `boulders` of its boulders after the first `before`, with none done. Maps cover a
+   !> window: first column and row, numbers of columns and rows.
    subroutine open_run(case, scene, before, boulders, window, run, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
@@ -104,7 +104,7 @@ contains
       if (.not. allocated(error)) call make_tallies(run, error)
    end subroutine open_run
 
-   !> What a run of a scene is of.
+   !> Set the dimensions of a run from its scene.
    subroutine describe(case, scene, before, boulders, window, run)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
@@ -126,14 +126,14 @@ contains
       if (any(run%plan%count(3:4) > 0)) run%first_partial = first_partial(scene%release, before + 1)
    end subroutine describe
 
-   !> A run of `total` boulders of which there are parts alone; rows of parts come in any order.
+   !> Open a run of `total` boulders to be joined from parts, whose rows may be added in any order.
    subroutine open_joined_run(case, total, window, grounds, features, layout, run, error)
       type(case_t), intent(in) :: case
       integer(i8), intent(in) :: total
       integer, intent(in) :: window(4)
-      integer, intent(in) :: grounds   !! how many; 0: the scene has no others than its sets
-      logical, intent(in) :: features  !! whether sources come from those of a layer
-      type(layout_t), intent(in) :: layout  !! of samples
+      integer, intent(in) :: grounds   !! number of grounds; 0: only the impact sets
+      logical, intent(in) :: features  !! sources come from the features of a layer
+      type(layout_t), intent(in) :: layout  !! layout of samples
       type(run_t), intent(inout) :: run
       type(error_t), allocatable, intent(out) :: error
 
@@ -150,8 +150,8 @@ contains
       if (.not. allocated(error)) call make_tallies(run, error)
    end subroutine open_joined_run
 
-   !> A run of a scene that begins with what another found, whose boulders are the first of its own; tallies are taken
-   !> from it, so that it cannot go on itself.
+   !> Open a run of a scene that continues another one, whose boulders are its first; tallies are moved, so the other
+   !> run cannot continue itself.
    subroutine continue_run(case, scene, other, run, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
@@ -206,8 +206,8 @@ contains
       run%block = c_null_ptr
    end subroutine close_run
 
-   !> Give back what a run holds of its tallies and samples but for the counts, sums and maxima of maps, unless these
-   !> `go` too: when all is made of them. Other views of arrays remain.
+   !> Free the tallies and samples of a run; the counts, sums and maxima of maps only if `go` says so, once all results
+   !> are computed. Views of other arrays remain valid.
    subroutine forget_tallies(run, go)
       type(run_t), intent(inout) :: run
       logical, intent(in) :: go(3)  !! counts, sums, maxima
@@ -232,7 +232,7 @@ contains
 
    ! ---- memory -------------------------------------------------------------------------------
 
-   !> Rows of the boulders, with the columns that the case asks for, and the sums.
+   !> Allocate the rows of boulders, with the columns that the case needs, and the sums.
    subroutine make_rows(case, grounds, features, run, error)
       type(case_t), intent(in) :: case
       integer, intent(in) :: grounds
@@ -303,8 +303,8 @@ contains
       call make_largest(run, error)
    end subroutine make_tallies
 
-   !> Counts of bins of all cells, or of half as many as the system grants (the run needs memory for other
-   !> things too): it takes the memory of a column when a boulder first passes the cell, and few may be passed.
+   !> Allocate bin counts for all cells, or repeatedly half as many if memory is short (the run needs memory for other
+   !> data too): a column uses memory only once a boulder passes the cell, and few cells may be passed.
    subroutine make_columns(run, cells)
       type(run_t), intent(inout) :: run
       integer(i8), intent(in) :: cells
@@ -362,8 +362,8 @@ contains
 
    ! ---- boulders -----------------------------------------------------------------------------
 
-   !> Run boulders first .. first + n - 1 of the run on a scene, which may be a window of that of the run: those that
-   !> leave it are in no tally, and to be run again.
+   !> Run boulders first .. first + n - 1 of the run on a scene, which may be a window of that of the run: boulders that
+   !> leave it are not counted, and must be rerun.
    subroutine advance(run, scene, first, n, error)
       type(run_t), intent(inout), target :: run
       type(scene_t), intent(in) :: scene
@@ -417,7 +417,7 @@ contains
       run%count = run%count + counts(size(counts) - n_totals + 1:)
    end subroutine add_counts
 
-   !> The numbers of a boulder, to their places.
+   !> Store the rows of a boulder.
    subroutine keep_row(run, scene, result, crossings, row)
       type(run_t), intent(inout) :: run
       type(scene_t), intent(in) :: scene
@@ -460,7 +460,7 @@ contains
       end associate
    end subroutine add_sample
 
-   !> Rows of the boulders before one.
+   !> Number of rows of the boulders before a given one.
    pure integer(i8) function rows_before(run, number) result(rows)
       type(run_t), intent(in) :: run
       integer(i8), intent(in) :: number
@@ -480,16 +480,16 @@ contains
       end do
    end function rows_before
 
-   !> Rows of the boulders done.
+   !> Number of rows of the boulders done.
    pure integer(i8) function rows_of(run)
       type(run_t), intent(in) :: run
 
       rows_of = rows_before(run, run%before + run%done + 1)
    end function rows_of
 
-   ! ---- what there is ------------------------------------------------------------------------
+   ! ---- arrays -------------------------------------------------------------------------------
 
-   !> All arrays of a run: rows, which have places for all boulders; sums; samples; then the stacks of maps.
+   !> Table of all arrays of a run: rows (allocated for all boulders); sums; samples; then the stacks of maps.
    function arrays_of(run) result(table)
       type(run_t), intent(in), target :: run
       type(table_t) :: table
@@ -555,8 +555,8 @@ contains
       call table%add("sample", "group_part", ["sample_group"], run%layout%group_part)
    end subroutine add_sample_arrays
 
-   !> Stacks of maps (columns, rows, layers), of which files have the cells that boulders reached; and, since `settle`,
-   !> the cells of partial sources.
+   !> Add the stacks of maps (columns, rows, layers), of which files contain the cells reached by boulders; and, after
+   !> `settle`, the cells of partial sources.
    subroutine add_map_arrays(run, table)
       type(run_t), intent(in), target :: run
       type(table_t), intent(inout) :: table
@@ -583,7 +583,7 @@ contains
 
    ! ---- maps ---------------------------------------------------------------------------------
 
-   !> The kernel's view of the maps, which begin at a column and row.
+   !> View of the maps for the kernel, starting at a column and row.
    function map_tallies(run, at) result(maps)
       type(run_t), intent(in), target :: run
       integer, intent(in) :: at(2)
@@ -595,8 +595,8 @@ contains
       maps%first_partial = run%first_partial
    end function map_tallies
 
-   !> Leave only the boulders done of sources that these cut in the cells to which they contribute, as a part has it
-   !> (sign 1); they are `shared` from then on. Or all of them again (-1), for a run that goes on.
+   !> In the cells of partial sources, count only the boulders done (sign 1), as required for a part; these cells are
+   !> stored in `shared`. Sign -1 reverts this, for a run that continues.
    subroutine settle(run, release, sign)
       type(run_t), intent(inout), target :: run
       type(release_t), intent(in) :: release
@@ -609,8 +609,8 @@ contains
       call settle_sources(maps, release, run%shared, sign)
    end subroutine settle
 
-   !> Go on from the cells of partial sources that were read, as `shared`. They must be of sources that the boulders
-   !> done cut, with as many boulders as they have among them, each with its cells in order; else they are not `good`.
+   !> Restore the cells of partial sources from `shared`, as read from a file. Not `good` unless they belong to the
+   !> sources cut by the boulders done, with the correct numbers of boulders, and cells in order.
    subroutine restore_sources(run, release, good)
       type(run_t), intent(inout), target :: run
       type(release_t), intent(in) :: release

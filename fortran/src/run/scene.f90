@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> From a case and the arrays that it names to the scene that boulders fly over: the one way for both programs.
+!> Builds the scene from a case and the arrays that it names, for both programs.
 module rockfall_scene
    use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
@@ -24,47 +24,47 @@ module rockfall_scene
    private
    public :: scene_arrays_t, stays, grounds_of, scene_from, check_sources, boulders_of, largest_volumes, n_barriers
 
-   !> A ground as it comes to the kernel.
+   !> Ground type as passed to the kernel.
    type :: ground_text_t
       character(len=:), allocatable :: name
-      character(len=:), allocatable :: text, file  !! as for read_ground; "": the case's impact sets
+      character(len=:), allocatable :: text, file  !! as in read_ground; "": the case's impact sets
    end type ground_text_t
 
-   !> What a scene needs beside its case: from Python, or from a scene file. Views stay the caller's.
+   !> Input of a scene in addition to its case, from Python or from a scene file. Arrays of views belong to the caller.
    type :: scene_arrays_t
       type(grid_t) :: grid                                       !! of the whole raster
-      integer :: first(2) = 1                                    !! its column and row where the arrays begin
+      integer :: first(2) = 1                                    !! column and row of the first array element
       real(wp), pointer, contiguous :: z8(:, :) => null()        !! elevations [m], or
-      real(sp), pointer, contiguous :: z4(:, :) => null()        !! in single precision; NaN = none
+      real(sp), pointer, contiguous :: z4(:, :) => null()        !! in single precision; NaN = no data
       integer(i1), pointer, contiguous :: zone1(:, :) => null()  !! 1-based column of `sizes`, or
-      integer(i2), pointer, contiguous :: zone2(:, :) => null()  !! of more than 127
-      real(sp), pointer, contiguous :: values(:, :, :) => null() !! or sizes of each cell (nx, ny, 1 or 3) [m]
+      integer(i2), pointer, contiguous :: zone2(:, :) => null()  !! for more than 127 materials
+      real(sp), pointer, contiguous :: values(:, :, :) => null() !! or sizes per cell (nx, ny, 1 or 3) [m]
       real(wp), allocatable :: sizes(:, :)                       !! R_m, or Rg70, Rg20, Rg10 (1 or 3, materials) [m]
       real(wp), allocatable :: source_x(:), source_y(:)          !! map coordinates [m]
-      real(wp), allocatable :: area_ratio(:)                     !! surface over plan area, where they release by it
-      real(wp), allocatable :: source_frequency(:)               !! in any unit, by which they share boulders_total
-      real(wp), allocatable :: source_volume(:), source_inertia(:)  !! of their boulders, where they say it [m3], [-]
-      real(wp), allocatable :: source_density(:)                 !! and their density [kg/m3]
-      integer, allocatable :: source_feature(:)                  !! of a layer, where they come from one, from 1
-      integer, allocatable :: feature_law(:)                     !! of volumes, as in rockfall_boulder; 0: the case's
+      real(wp), allocatable :: area_ratio(:)                     !! surface over plan area, if releases depend on it
+      real(wp), allocatable :: source_frequency(:)               !! in any unit; weights that distribute boulders_total
+      real(wp), allocatable :: source_volume(:), source_inertia(:)  !! of their boulders, if given [m3], [-]
+      real(wp), allocatable :: source_density(:)                 !! density of their boulders, if given [kg/m3]
+      integer, allocatable :: source_feature(:)                  !! 1-based feature of a layer, if sources come from one
+      integer, allocatable :: feature_law(:)                     !! volume model (rockfall_boulder); 0: the case's
       real(wp), allocatable :: feature_value(:, :)               !! mean, std, min, max of volumes [m3],
       !! density [kg/m3], drop height [m], velocity [m/s] (9, features); NaN: the case's
       real(wp), pointer, contiguous :: tree_x(:) => null(), tree_y(:) => null()  !! stems, map coordinates [m]
       real(wp), pointer, contiguous :: tree_dbh(:) => null()     !! their diameters at breast height, > 0 [cm]
       real(wp), pointer, contiguous :: tree_factor(:) => null()  !! of their species [-]
-      character(len=:), allocatable :: sets_text, sets_name      !! the file of impact sets, and its name for messages
-      integer :: draw = 0                                        !! of a file with several; 0: it has one only
-      character(len=:), allocatable :: ground_text, ground_names  !! as for grounds_of
-      type(ground_text_t), allocatable :: grounds(:)             !! where there are others than the case's impact sets,
-      integer(i1), allocatable :: material_ground(:)             !! and the 1-based one of each material, or
-      integer(i1), pointer, contiguous :: cell_ground(:, :) => null()  !! of each cell; without any, the first
+      character(len=:), allocatable :: sets_text, sets_name      !! file of impact sets, and its name for messages
+      integer :: draw = 0                                        !! draw to read; 0: the file must have only one
+      character(len=:), allocatable :: ground_text, ground_names  !! as in grounds_of
+      type(ground_text_t), allocatable :: grounds(:)             !! if not only the case's impact sets apply,
+      integer(i1), allocatable :: material_ground(:)             !! with the 1-based ground of each material, or
+      integer(i1), pointer, contiguous :: cell_ground(:, :) => null()  !! of each cell; default: the first
    contains
       procedure :: give
    end type scene_arrays_t
 
 contains
 
-   !> The scene of a case. What the text of a case cannot know to be wrong is refused here.
+   !> Build the scene of a case. Errors that the text of the case alone does not reveal are reported here.
    subroutine scene_from(case, arrays, scene, error)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -99,12 +99,12 @@ contains
       if (.not. allocated(error)) call set_grounds(case, arrays, scene, error)
    end subroutine scene_from
 
-   !> Take an array that is contiguous at a place, by its name in scene files; of elevations and zones the kind says
-   !> which. Rasters and trees stay the caller's, the others are copied.
+   !> Set a component by its name in scene files to a contiguous array in memory; the kind selects the component for
+   !> elevations and zones. Rasters and trees remain the caller's, others are copied.
    subroutine give(arrays, name, kind, length, at)
       class(scene_arrays_t), intent(inout) :: arrays
       character(len=*), intent(in) :: name, kind  !! kind: i1, i2, i4, f4, f8
-      integer(i8), intent(in) :: length(3)        !! of its dimensions, the first runs fastest; 1 beyond the last
+      integer(i8), intent(in) :: length(3)        !! of its dimensions, the first varies fastest; 1 beyond the last
       type(c_ptr), intent(in) :: at
       real(wp), pointer, contiguous :: reals(:), table(:, :)
       integer(i4), pointer, contiguous :: integers(:)
@@ -148,7 +148,7 @@ contains
       end select
    end subroutine give
 
-   !> Whether an array of this name stays the caller's.
+   !> Return whether an array with this name remains the caller's.
    pure logical function stays(name)
       character(len=*), intent(in) :: name
 
@@ -166,7 +166,7 @@ contains
       end do
    end function text_of
 
-   !> Grounds as they come: their texts one after the other, and for each a line with its name and one with its file.
+   !> Split grounds: texts are concatenated, and `names` has two lines for each, its name and its file.
    pure function grounds_of(text, length, names) result(grounds)
       character(len=*), intent(in) :: text, names
       integer, intent(in) :: length(:)  !! of each text
@@ -182,7 +182,7 @@ contains
       end do
    end function grounds_of
 
-   !> Views of the elevations, and of what lies on them.
+   !> Set the views of the elevations and of the surface.
    subroutine set_ground(case, arrays, scene)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -201,7 +201,7 @@ contains
       end associate
    end subroutine set_ground
 
-   !> Sources in local coordinates, and how many boulders each releases.
+   !> Set the sources in local coordinates, and the number of boulders of each.
    pure subroutine set_release(case, arrays, scene)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -218,7 +218,7 @@ contains
       end associate
    end subroutine set_release
 
-   !> How many boulders each source releases: a number from each, or from each unit of its area; or its part of all.
+   !> Set the number of boulders per source: fixed, in proportion to its area, or a part of the total.
    pure subroutine set_numbers(case, arrays, release)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -240,7 +240,7 @@ contains
       end if
    end subroutine set_numbers
 
-   !> What a layer says of the boulders of its features, and of how they are released.
+   !> Set the boulders and release conditions given by the features of a layer.
    pure subroutine set_features(case, arrays, scene)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -269,7 +269,7 @@ contains
       end do
    end subroutine set_features
 
-   !> What sources say of their boulders.
+   !> Set the boulders given by sources.
    pure subroutine set_boulders(case, arrays, scene)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -283,7 +283,7 @@ contains
       if (case%source_density) scene%of_source%density = arrays%source_density
    end subroutine set_boulders
 
-   !> Evaluation lines, and the barriers among them.
+   !> Set the evaluation lines, and the barriers among them.
    pure subroutine set_lines(case, scene)
       type(case_t), intent(in) :: case
       type(scene_t), intent(inout) :: scene
@@ -310,7 +310,7 @@ contains
                         arrays%tree_factor, case%tree_law, scene%forest)
    end subroutine set_forest
 
-   !> Every feature says what its volumes are, where the case does not; each law has the numbers that it needs.
+   !> Check that features give volumes where the case does not, and that each distribution has its parameters.
    pure subroutine check_features(case, arrays, scene, error)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -327,7 +327,7 @@ contains
          call fail(error, case%file//": &boulder volume: the layer of sources does not say all that it leaves open")
    end subroutine check_features
 
-   !> Maps count boulders in 32 bits.
+   !> Check the number of boulders: maps count in 32 bits.
    pure subroutine check_number(case, scene, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
@@ -344,7 +344,7 @@ contains
                 //"boulders_total shares a number over all")
    end subroutine check_number
 
-   !> The impact sets, factored, and how boulders turn.
+   !> Set the factored impact sets, and the rule of turning.
    subroutine set_impacts(case, arrays, scene, error)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -359,7 +359,7 @@ contains
       if (allocated(usual%lateral)) call move_alloc(usual%lateral, scene%lateral)
    end subroutine set_impacts
 
-   !> What the rebounds of each place follow, where that is not the case's impact sets alone.
+   !> Set the ground types, if not only the case's impact sets apply.
    subroutine set_grounds(case, arrays, scene, error)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -396,7 +396,7 @@ contains
       if (case%rest_angle >= 0) ground%rest_slope = scene%rest_slope
    end subroutine set_ground_of
 
-   !> The volumes of a scene; where its sources say them, the largest and the heaviest rock.
+   !> Volume distribution of a scene; if sources give volumes, the largest and the heaviest of their boulders.
    pure type(volume_distribution_t) function largest_volumes(scene) result(volumes)
       type(scene_t), intent(in) :: scene
       integer :: k
@@ -413,7 +413,7 @@ contains
       volumes%density = maxval(scene%of_source%density)
    end function largest_volumes
 
-   !> Boulders of the whole run.
+   !> Number of boulders of the whole run.
    pure integer(i8) function boulders_of(scene)
       type(scene_t), intent(in) :: scene
 
@@ -421,7 +421,7 @@ contains
       if (size(scene%release%x) > 0) boulders_of = last_of(scene%release, size(scene%release%x, kind=i8))
    end function boulders_of
 
-   !> The height [m] above the ground of a source that the energy of its boulders at the start stands for.
+   !> Height [m] above the ground of a source equivalent to the initial energy of its boulders.
    pure real(wp) function lift_of(scene, source)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: source  !! 1..
@@ -442,8 +442,8 @@ contains
       if (allocated(scene%barriers)) n_barriers = size(scene%barriers)
    end function n_barriers
 
-   !> Sources that start from rows first to last of the raster lie on known terrain, a window of which is at
-   !> hand. Raises `head` to the maximum elevation that the energy of a boulder could lift it to.
+   !> Check that sources in rows first to last of the raster lie on known terrain, given a window of it. Raises `head`
+   !> to the maximum energy head of their boulders.
    pure subroutine check_sources(scene, first, last, head, error)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: first, last  !! rows from the north

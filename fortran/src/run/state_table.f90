@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The arrays of a run, one row each: what it is (a row of the table of variables), its dimensions as files have them,
-!> and where it is. Files, views and checks are loops over these rows.
+!> Table of the arrays of a run: description (a row of the table of variables), dimensions in files, and address.
+!> Files, views and checks are loops over its rows.
 module rockfall_state_table
    use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_loc
    use rockfall_kinds, only: i8
@@ -12,10 +12,10 @@ module rockfall_state_table
    integer, parameter :: max_rank = 4
 
    type :: array_t
-      type(variable_t) :: about           !! its group is "work" where no file has it
+      type(variable_t) :: about           !! group "work": not in files
       character(len=2) :: kind = ""       !! i1, i4, i8, f4, f8
       integer :: rank = 0
-      character(len=40) :: axis(max_rank) = ""  !! names of its dimensions; the first runs fastest
+      character(len=40) :: axis(max_rank) = ""  !! names of its dimensions; the first varies fastest
       integer(i8) :: length(max_rank) = 1
       type(c_ptr) :: at = c_null_ptr
    end type array_t
@@ -28,8 +28,8 @@ module rockfall_state_table
 
 contains
 
-   !> Add an array, which must be contiguous and stay where it is. Its kind is that of the table of variables, or
-   !> `kind` where that does not have it.
+   !> Add an array, which must be contiguous and must not be moved. Its kind is that of the table of variables, or
+   !> `kind` if it is not in that table.
    subroutine add(this, group, name, axes, values, kind)
       class(table_t), intent(inout) :: this
       character(len=*), intent(in) :: group, name
@@ -57,7 +57,7 @@ contains
       this%row = [this%row, row]
    end subroutine add
 
-   !> A row as text: group, name, name in files, kind, dimensions.
+   !> Format a row as text: group, name, name in files, kind, dimensions.
    pure function row_text(row) result(text)
       type(array_t), intent(in) :: row
       character(len=:), allocatable :: text

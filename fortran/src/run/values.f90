@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Typed values of the keys of a namelist group, and messages about them.
+!> Typed values of the keys of a namelist group, with error messages.
 module rockfall_values
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -10,10 +10,10 @@ module rockfall_values
    private
    public :: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, about, check_names
 
-   integer, parameter :: most_texts = 1000  !! of a list of texts
+   integer, parameter :: most_texts = 1000  !! maximum length of a list of texts
 
-   !> The value or values of a key. An absent key leaves `value` as it is: set the default before.
-   !> A message names file, group, key and value: `case.nml: &boulder density = 'a': must be ...`
+   !> Get the value or values of a key. An absent key leaves `value` unchanged: set the default before the call.
+   !> Messages give file, group, key and value: `case.nml: &boulder density = 'a': must be ...`
    interface get_text
       module procedure get_text_one, get_text_list
    end interface get_text
@@ -23,11 +23,11 @@ module rockfall_values
 
 contains
 
-   !> Only groups and keys of a table, each with its group beside it, and no group twice but those that may repeat.
+   !> Check that all groups and keys are in a table, and that only repeatable groups occur more than once.
    pure subroutine check_names(list, groups, keys, repeatable, rule, error)
       type(namelist_t), intent(in) :: list
-      character(len=*), intent(in) :: groups(:), keys(:)  !! a row for each key; rows of a group follow each other
-      character(len=*), intent(in) :: repeatable(:), rule !! groups that may repeat, and what to say of others
+      character(len=*), intent(in) :: groups(:), keys(:)  !! one row per key; rows of a group are consecutive
+      character(len=*), intent(in) :: repeatable(:), rule !! repeatable groups, and the message for others
       type(error_t), allocatable, intent(out) :: error
       integer :: g, e
 
@@ -58,7 +58,7 @@ contains
       end function place
    end subroutine check_names
 
-   !> Names with commas between and a sign before, each once.
+   !> List names once each, with a prefix and separated by commas.
    pure function known(names, sign) result(text)
       character(len=*), intent(in) :: names(:), sign
       character(len=:), allocatable :: text
@@ -77,7 +77,7 @@ contains
       has_key = key_index(group, key) > 0
    end function has_key
 
-   !> Number of values of `key`; 0 if it is absent.
+   !> Number of values of `key`; 0 if absent.
    pure integer function value_count(group, key)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
@@ -97,7 +97,7 @@ contains
       end do
    end function key_index
 
-   !> An error that shows `key` with its value, or value number `item` of several, and the `rule`.
+   !> Set an error that shows `key` with its value, or with value number `item` of several, and the `rule`.
    pure subroutine refuse(group, key, rule, error, item)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
@@ -120,7 +120,7 @@ contains
       call fail(error, message//": "//rule)
    end subroutine refuse
 
-   !> `case.nml: &group key`
+   !> Format `case.nml: &group key`.
    pure function about(group, name) result(text)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: name
@@ -131,7 +131,7 @@ contains
       text = text//"&"//trim(group%name)//" "//name
    end function about
 
-   !> The values as written, shortened; all of them if `item` is 0.
+   !> Values as written, shortened; all of them if `item` is 0.
    pure function shown(entry, item)
       type(entry_t), intent(in) :: entry
       integer, intent(in) :: item
@@ -170,7 +170,7 @@ contains
       raw = entry%text(entry%value(i)%first:entry%value(i)%last)
    end function raw
 
-   !> Where `key` stands (0: absent), and that it has a single value.
+   !> Find the index of `key` (0: absent), and check that it has a single value.
    pure subroutine find_one(group, key, k, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
@@ -195,7 +195,7 @@ contains
       if (k > 0 .and. .not. allocated(error)) call to_text(group, k, 1, value, error)
    end subroutine get_text_one
 
-   !> Texts of at most the caller's length, padded with blanks.
+   !> Get texts of at most the caller's length, padded with blanks.
    pure subroutine get_text_list(group, key, values, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
@@ -290,7 +290,7 @@ contains
       end select
    end subroutine get_logical
 
-   !> Value `i` of entry `k` as text, its doubled quotes made single.
+   !> Value `i` of entry `k` as text, with doubled quotes undone.
    pure subroutine to_text(group, k, i, value, error)
       type(group_t), intent(in) :: group
       integer, intent(in) :: k, i
@@ -336,7 +336,7 @@ contains
       end if
    end subroutine to_real
 
-   !> Inf and NaN, as the language writes them.
+   !> Return whether a word is Inf or NaN, as Fortran writes them.
    pure logical function is_not_finite(word)
       character(len=*), intent(in) :: word
       integer :: first

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Every variable of a result, in one table that both programs read: its units, and what it is.
+!> Table of all variables of a result, with units and descriptions, used by both programs.
 module rockfall_variables
    use rockfall_kinds, only: i8
    implicit none
@@ -9,24 +9,24 @@ module rockfall_variables
              line_fields, vertex_fields, map_fields, histogram_fields, statuses
    public :: scene_layout, part_layout, piece, max_packing
 
-   ! Of scene and part files.
+   ! Versions of scene and part files:
    integer(i8), parameter :: scene_layout = 2, part_layout = 4
-   integer(i8), parameter :: piece = 2_i8**17    !! values that share a checksum
-   integer(i8), parameter :: max_packing = 1100  !! zlib packs no closer than this
+   integer(i8), parameter :: piece = 2_i8**17    !! values per checksum
+   integer(i8), parameter :: max_packing = 1100  !! maximum compression ratio of zlib
 
-   !> A variable of a result.
+   !> Variable of a result.
    type :: variable_t
-      !> boulder, count (of all boulders), ground (the same, of each), energy (of each boulder, on request), tree (of
-      !> each, where there are trees), line (first crossing), line_vertex, barrier, map, histogram, vertex (of a
-      !> trajectory), tally (of a cell, in part files), kept and sample (where not all rows are kept); or status and
-      !> outcome, for what the status of a boulder may be, and what a barrier may do with it.
+      !> boulder, count (over all boulders), ground (per ground type), energy (per boulder, on request), tree (per
+      !> boulder, if there are trees), line (first crossing), line_vertex, barrier, map, histogram, vertex (of a
+      !> trajectory), tally (per cell, in part files), kept and sample (if not all rows are kept); or status and
+      !> outcome: values of the status of a boulder and of the outcome at a barrier.
       character(len=11) :: group
-      character(len=27) :: name       !! in files line_, trajectory_, tally_ before, _histogram after
+      character(len=27) :: name       !! in files prefixed by line_, trajectory_, tally_, followed by _histogram
       character(len=7) :: kind        !! real, integer, word
-      character(len=7) :: units       !! as CF wants them; of a histogram: those of its bins
+      character(len=7) :: units       !! in CF notation; of a histogram: those of its bins
       character(len=80) :: long_name
       character(len=80) :: comment = ""
-      character(len=2) :: stored = "" !! in part files as i1, i4, f4; else as f8, integers as i8
+      character(len=2) :: stored = "" !! type in part files: i1, i4, f4; default f8, or i8 for integers
    end type variable_t
 
    character(len=*), parameter :: ends = "the first and the last bin also hold what lies beyond"
@@ -45,8 +45,8 @@ module rockfall_variables
    character(len=*), parameter :: jump_heights = " of the passing boulders' maximum jump heights"
    character(len=*), parameter :: at_crossing = " at the first crossing"
 
-   !> In each group the reals and the integers have the order of the rows of rockfall_result;
-   !> histograms that of rockfall_histogram; statuses that of their numbers, from 1.
+   !> Within each group, reals and integers have the order of the rows of rockfall_result; histograms that of
+   !> rockfall_histogram; statuses that of their numbers, from 1.
    type(variable_t), parameter :: variable_table(*) = [ &
       variable_t("boulder", "volume", "real", "m3", "volume of the boulder"), &
       variable_t("boulder", "start_x", "real", "m", "easting of the release"), &
@@ -302,13 +302,13 @@ module rockfall_variables
 
    character(len=27), parameter :: boulder_fields(*) = pack(variable_table%name, &
       variable_table%group == "boulder" .and. variable_table%kind == "real")
-   !> Integers of each boulder; the last six are summed over all boulders.
+   !> Integers per boulder; the last six are summed over all boulders.
    character(len=27), parameter :: boulder_counts(*) = pack(variable_table%name, &
       (variable_table%group == "boulder" .and. variable_table%kind == "integer") &
       .or. variable_table%group == "count")
    character(len=27), parameter :: energy_fields(*) = pack(variable_table%name, &
       variable_table%group == "energy")
-   !> The columns of rows, the second ones but for the status, each with its group: the first is of every run.
+   !> Columns of rows, each with its group; the group of the first is present in every run.
    character(len=27), parameter :: row_reals(*) = [boulder_fields, energy_fields]
    character(len=11), parameter :: real_groups(*) = [spread("boulder    ", 1, size(boulder_fields)), &
                                                      spread("energy     ", 1, size(energy_fields))]
@@ -330,7 +330,7 @@ module rockfall_variables
 
 contains
 
-   !> The type of a variable in part files, as NumPy calls it.
+   !> Type of a variable in part files, in NumPy notation.
    elemental character(len=2) function stored_as(row)
       type(variable_t), intent(in) :: row
 
@@ -338,7 +338,7 @@ contains
       if (row%stored == "") stored_as = merge("i8", "f8", row%kind == "integer")
    end function stored_as
 
-   !> The row of a variable; there must be one.
+   !> Row of a variable, which must exist.
    pure type(variable_t) function variable_of(group, name) result(row)
       character(len=*), intent(in) :: group, name
       integer :: k
@@ -349,7 +349,7 @@ contains
       end do
    end function variable_of
 
-   !> What a variable is called in files.
+   !> Name of a variable in files.
    pure function name_in_files(row) result(name)
       type(variable_t), intent(in) :: row
       character(len=:), allocatable :: name
@@ -362,7 +362,7 @@ contains
       end select
    end function name_in_files
 
-   !> A row of the table as text: group|name|type in part files|units|long_name|comment; "" past the end.
+   !> Format a row of the table as text: group|name|type in part files|units|long_name|comment; "" past the end.
    pure function variable_text(k) result(text)
       integer, intent(in) :: k
       character(len=:), allocatable :: text

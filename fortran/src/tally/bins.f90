@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Logarithmic bins of positive numbers, four an octave, found from a number's own bits: counts merge exactly, and
-!> give quantiles. A bin is 14 to 25 % of its value wide.
+!> Logarithmic bins of positive numbers, four per octave, found from the bits of a number: counts merge exactly, and
+!> give quantiles. The width of a bin is 14 to 25 % of its value.
 module rockfall_bins
    use rockfall_kinds, only: wp, i4, i8
    implicit none
@@ -9,21 +9,21 @@ module rockfall_bins
    public :: energy, speed, jump_height, passing_height
 
    integer, parameter :: energy = 1, speed = 2, jump_height = 3, passing_height = 4  !! quantities [J], [m/s], [m]
-   !> Bins reach from 2**first for so many octaves: 64 J to 8.6 GJ, 0.25 to 256 m/s, heights 0.06 to 512 m.
+   !> Range of the bins: octaves from 2**first: 64 J to 8.6 GJ, 0.25 to 256 m/s, heights 0.06 to 512 m.
    integer, parameter :: first(4) = [6, -2, -4, -4], octaves(4) = [27, 10, 13, 13]
    integer, parameter :: per_octave = 4
-   !> Bits of a double below those of exponent and bin: 52 of the fraction less log2(per_octave).
+   !> Bits of a double below those of exponent and bin: the 52 fraction bits less log2(per_octave).
    integer, parameter :: bits_below = 50, exponent_bias = 1023
-   !> The first bin holds what lies below, the last one what lies above.
+   !> Number of bins; the first also holds smaller numbers, the last larger ones.
    integer, parameter :: n_log_bins(4) = per_octave*octaves + 2
 
 contains
 
-   !> The bin of a number >= 0, from 1.
+   !> Bin of a number >= 0, from 1.
    pure integer function log_bin(quantity, x)
       integer, intent(in) :: quantity
       real(wp), intent(in) :: x  !! [J], [m/s] or [m], by quantity
-      integer :: piece  !! octaves and quarters of them above 2**first
+      integer :: piece  ! quarter octaves above 2**first
 
       log_bin = 1
       if (x < log_bin_edge(quantity, 2)) return
@@ -31,8 +31,7 @@ contains
       log_bin = min(piece + 2, n_log_bins(quantity))
    end function log_bin
 
-   !> The lower edge of a bin, in the unit of the quantity; of the one past the last: that of the last, which has
-   !> no end.
+   !> Lower edge of a bin, in the unit of the quantity; past the last bin, that of the last, which is open-ended.
    pure real(wp) function log_bin_edge(quantity, bin)
       integer, intent(in) :: quantity, bin
       integer :: piece
@@ -44,20 +43,20 @@ contains
                          first(quantity) + piece/per_octave)
    end function log_bin_edge
 
-   !> The quantile p of the counted numbers, in the unit of the quantity, of the same rank as that at the
-   !> lines (type 7 of Hyndman and Fan 1996, doi:10.1080/00031305.1996.10473566), as if they lay evenly within each bin.
+   !> Quantile p of the counted numbers, in the unit of the quantity, with the rank definition used at the lines (type 7
+   !> of Hyndman and Fan 1996, doi:10.1080/00031305.1996.10473566), assuming a uniform distribution within each bin.
    pure real(wp) function log_bin_quantile(quantity, counts, p) result(x)
       integer, intent(in) :: quantity
-      integer(i4), intent(in) :: counts(:)  !! of each bin; at least one number
+      integer(i4), intent(in) :: counts(:)  !! per bin; at least one number
       real(wp), intent(in) :: p             !! probability, 0..1 [-]
 
       x = log_bin_value(quantity, counts, 0.5_wp + p*(sum(int(counts, i8)) - 1))
    end function log_bin_quantile
 
-   !> The number that so many of the counted ones lie below, in the unit of the quantity: the k-th is that of k - 1/2.
+   !> Value of a given rank among the counted numbers, in the unit of the quantity; the k-th number has rank k - 1/2.
    pure real(wp) function log_bin_value(quantity, counts, rank) result(x)
       integer, intent(in) :: quantity
-      integer(i4), intent(in) :: counts(:)  !! of each bin; at least one number
+      integer(i4), intent(in) :: counts(:)  !! per bin; at least one number
       real(wp), intent(in) :: rank
       integer(i8) :: before
       real(wp) :: low

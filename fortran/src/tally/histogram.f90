@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Histograms over all rebounds (Bourrier et al. 2009, section 3.6 and eqs 6-11).
+!> Histograms of all rebounds (Bourrier et al. 2009, section 3.6 and eqs 6-11).
 module rockfall_histogram
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: degree, sine_cosine
@@ -8,21 +8,21 @@ module rockfall_histogram
    private
    public :: histograms_t, histograms, count_rebound, bins, quantities, bin_width, n_bins
 
-   integer, parameter :: bins = 50, quantities = 6  !! bins of a quantity at most
-   !> Incidence angle [degree], tangential, normal and rotational fraction of the incident energy (eqs 8-11), R_t and
-   !> R_n (eqs 6, 7) [-]. Bins start at zero; the first and the last also hold what lies below and above.
+   integer, parameter :: bins = 50, quantities = 6  !! maximum number of bins; quantities
+   !> Quantities: incidence angle [degree]; tangential, normal and rotational fraction of the incident energy (eqs
+   !> 8-11); R_t and R_n (eqs 6, 7) [-]. Bins start at zero; the first and last also hold smaller and larger values.
    integer, parameter :: angle = 1, tangential = 2, normal = 3, rotational = 4, r_t = 5, r_n = 6
    real(wp), parameter :: bin_width(quantities) = [2.0_wp, 0.02_wp, 0.02_wp, 0.02_wp, 0.04_wp, 0.1_wp]
    integer, parameter :: n_bins(quantities) = [45, 50, 50, 50, 50, 50]
 
    type :: histograms_t
       integer(i8) :: count(bins, quantities) = 0
-      real(wp) :: sine2(n_bins(angle) - 1) = 0.0_wp  !! squared sines of the inner edges of the angle's bins [-]
+      real(wp) :: sine2(n_bins(angle) - 1) = 0.0_wp  !! squared sines of the inner edges of the angle bins [-]
    end type histograms_t
 
 contains
 
-   !> Empty histograms.
+   !> Create empty histograms.
    pure function histograms() result(this)
       type(histograms_t) :: this
       real(wp) :: s, c
@@ -35,8 +35,8 @@ contains
       end do
    end function histograms
 
-   !> Count one rebound. The incident energy is V_t**2 + V_n**2 + (I/m R_b**2) W**2 but for a factor; the angle is found
-   !> from the square of its sine, which needs no libm.
+   !> Count one rebound. The incident energy is V_t**2 + V_n**2 + (I/m R_b**2) W**2 up to a factor; the angle is found
+   !> from its squared sine, without libm.
    pure subroutine count_rebound(this, v_in, v_out)
       type(histograms_t), intent(inout) :: this
       real(wp), intent(in) :: v_in(3), v_out(3)  !! V_t, V_n, W before and after [m/s]

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What the sums and maxima of maps can come to, so that a run whose numbers they cannot hold is refused before it
-!> begins. No rebound adds energy (theory, chapter 5): the release and the lowest elevation bound all speeds.
+!> Upper bounds of the sums and maxima of maps, so that a run that could overflow them is rejected before it starts.
+!> No rebound adds energy (theory, chapter 5): the release and the lowest elevation bound all speeds.
 module rockfall_limits
    use rockfall_kinds, only: wp, sp, i8
    use rockfall_error, only: error_t, fail
@@ -15,9 +15,9 @@ module rockfall_limits
    private
    public :: check_tallies
 
-   !> [J], [mm/s], [mm]: below 2**63 by more than rounding to whole units can add.
+   !> Maximum sum [J], [mm/s], [mm]: below 2**63 with a margin for rounding to integers.
    real(wp), parameter :: max_sum = 9.0e18_wp
-   real(wp), parameter :: rounding = 0.5_wp  !! of each hit of a tree [J], [mm]; hits alone pass no 63 bits
+   real(wp), parameter :: rounding = 0.5_wp  !! per hit of a tree [J], [mm]; the number of hits alone fits in 63 bits
    !> Maps that show the sums of a plan.
    character(len=*), parameter :: names(10) = [character(len=23) :: "energy_mean", "speed_mean", "jump_height_mean", &
                                                "passing_height_mean", "tree_impact_height_mean", "tree_energy", &
@@ -27,14 +27,14 @@ module rockfall_limits
 
 contains
 
-   !> Refuse what the maps of a plan cannot hold.
+   !> Reject a run whose tallies could overflow.
    pure subroutine check_tallies(plan, distribution, gravity, fall, boulders, max_hits, error)
       type(map_plan_t), intent(in) :: plan
       type(volume_distribution_t), intent(in) :: distribution
       real(wp), intent(in) :: gravity        !! [m/s2]
       real(wp), intent(in) :: fall           !! from the highest energy head to the lowest elevation [m]
-      integer(i8), intent(in) :: boulders    !! of the whole run: all may pass one cell
-      integer, intent(in) :: max_hits        !! of trees, by a boulder: all may be in one cell
+      integer(i8), intent(in) :: boulders    !! of the whole run: all may pass the same cell
+      integer, intent(in) :: max_hits        !! maximum number of tree hits per boulder: all may be in one cell
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: one(4), together(size(names)), limit(size(names)), volume, hits
       character(len=:), allocatable :: advice
@@ -44,7 +44,7 @@ contains
       one(energy) = distribution%density*volume*gravity*fall
       one(speed) = sqrt(2*gravity*fall)
       one(jump_height) = fall
-      one(passing_height) = fall + volume**(1/3.0_wp)*steepest  ! a radius is below the side of a cube
+      one(passing_height) = fall + volume**(1/3.0_wp)*steepest  ! a radius is less than the side of a cube of the volume
       hits = real(boulders, wp)*max_hits
       together(:4) = boulders*one*per_unit
       together(energy) = min(together(energy), &
@@ -70,8 +70,8 @@ contains
       end if
    end subroutine check_tallies
 
-   !> What the sum of n independent volumes does not pass [m3]. Chernoff: from 2e times its mean on, it passes k times
-   !> the maximum of one with a probability below 2**-k; for k = 128, never.
+   !> Bound of the sum of n independent volumes [m3], by Chernoff: from 2e times its mean on, it exceeds k times the
+   !> maximum of one volume with a probability below 2**-k; k = 128 means practically never.
    pure real(wp) function sum_of_many(n, mean, max_one)
       integer(i8), intent(in) :: n
       real(wp), intent(in) :: mean, max_one  !! of one volume [m3]
@@ -79,7 +79,7 @@ contains
       sum_of_many = max(6*n*mean, 128*max_one)
    end function sum_of_many
 
-   !> Why the numbers are so large.
+   !> Explanation of the large numbers, for messages.
    pure function about(volume, fall) result(text)
       real(wp), intent(in) :: volume, fall  !! [m3], [m]
       character(len=:), allocatable :: text
@@ -87,7 +87,7 @@ contains
       text = " (volumes up to "//short(volume)//" m3 falling up to "//short(fall)//" m)"
    end function about
 
-   !> A number with three digits.
+   !> Format a number with three digits.
    pure function short(value) result(text)
       real(wp), intent(in) :: value  !! any unit
       character(len=:), allocatable :: text

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What a map shows: which tallies it needs, and how a row of it is made of them.
+!> Map values: the tallies that a map needs, and the computation of its rows.
 module rockfall_map_values
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp, i4, i8, i16
@@ -11,24 +11,24 @@ module rockfall_map_values
    public :: map_plan_t, map_plan, stack_layers, map_views, map_row, map_min_count, map_thin_below, fraction_limit
    public :: z_95, min_for_mean, min_for_std, max_columns, halvings
 
-   real(wp), parameter :: z_95 = 1.959964_wp  !! standard normal quantile of 0.975: 95 % lie within it [-]
-   integer, parameter :: min_for_mean = 10  !! passages below which no interval of a mean holds
-   integer, parameter :: min_for_std = 100  !! the same of a standard deviation
-   integer(i8), parameter :: max_columns = 2_i8**31 - 2       !! of counts of bins, and one more can be counted
-   integer, parameter :: halvings = 5  !! of the columns, before they are too few to begin with
+   real(wp), parameter :: z_95 = 1.959964_wp  !! standard normal quantile of 0.975, for 95 % intervals [-]
+   integer, parameter :: min_for_mean = 10  !! passages below which the interval of a mean is not reliable
+   integer, parameter :: min_for_std = 100  !! passages below which the interval of a standard deviation is not reliable
+   integer(i8), parameter :: max_columns = 2_i8**31 - 2       !! of bin counts, so that one more can still be counted
+   integer, parameter :: halvings = 5  !! of the number of columns, before the initial number is too small
 
-   !> Where each tally stands in its stack of layers; 0 = not requested.
+   !> Index of each tally in its stack of layers; 0 = not requested.
    type :: map_plan_t
-      integer :: count(4) = 0  !! passages, deposits, contributing sources, boulders of these
-      !> Of energy, speed, jump height, passing height; of the heights of hits of trees, what these took, hits.
+      integer :: count(4) = 0  !! passages, deposits, contributing sources, their boulders
+      !> Energy, speed, jump height, passing height; for tree hits: heights, absorbed energies, number.
       integer :: sum(7) = 0
-      integer :: square(4) = 0 !! the first of two layers for the squares of a quantity, among the sums
-      integer :: max(5) = 0    !! as `sum` without the last two
+      integer :: square(4) = 0 !! first of two layers for the squares of a quantity, among the sums
+      integer :: max(5) = 0    !! as `sum`, without the last two
       integer :: travel(3) = 0     !! steepest and flattest energy line, shortest time; among the maxima
-      integer :: exceeded = 0      !! the first of the layers for thresholds of energy, the last among the counts
-      integer :: thresholds = 0    !! how many
-      integer :: bins(4) = 0   !! the first row of its counts
-      integer :: rows = 0      !! of counts of bins
+      integer :: exceeded = 0      !! first of the layers for energy thresholds, the last among the counts
+      integer :: thresholds = 0    !! number of thresholds
+      integer :: bins(4) = 0   !! first row of the bin counts
+      integer :: rows = 0      !! of the bin counts
    end type map_plan_t
 
    enum, bind(c)
@@ -37,20 +37,20 @@ module rockfall_map_values
                     a_tree_sum
    end enum
 
-   !> Where the numbers of trees stand in a plan.
+   !> Indices of the tree quantities in a plan.
    integer, parameter :: tree_height = 5, tree_energy = 6, tree_impacts = 7
 
-   !> What a map is, from its name.
+   !> Kind of a map, parsed from its name.
    type :: kind_t
       integer :: is = a_count
       integer :: quantity = energy
       real(wp) :: probability = 0.0_wp  !! of a quantile [-]
-      integer :: side = 0               !! the quantile itself, -1 the lower limit of its interval, 1 the upper one
+      integer :: side = 0               !! 0: the quantile, -1 and 1: lower and upper limit of its interval
    end type kind_t
 
 contains
 
-   !> Names that are not listed say it: quantity_max, quantity_mean, quantity_std, quantity_q95, quantity_q95_low.
+   !> Parse a map name; composed names are quantity_max, quantity_mean, quantity_std, quantity_q95, quantity_q95_low.
    pure type(kind_t) function kind_of(name) result(kind)
       character(len=*), intent(in) :: name  !! one of map_fields of rockfall_variables
       integer :: q, percent
@@ -82,10 +82,10 @@ contains
       kind%probability = percent/100.0_wp
    end function kind_of
 
-   !> The tallies that some maps need.
+   !> Tallies needed by a list of maps.
    pure type(map_plan_t) function map_plan(names, thresholds) result(plan)
       character(len=*), intent(in) :: names(:)
-      integer, intent(in) :: thresholds  !! of energy
+      integer, intent(in) :: thresholds  !! number of energy thresholds
       type(kind_t) :: kind
       logical :: count(4), sum(7), square(4), max(5), bins(4), travel(3)
       integer :: k
@@ -133,7 +133,7 @@ contains
       end do
    end function map_plan
 
-   !> Layers of each stack: counts, sums, maxima.
+   !> Number of layers of each stack: counts, sums, maxima.
    pure function stack_layers(plan) result(layers)
       type(map_plan_t), intent(in) :: plan
       integer :: layers(3)
@@ -142,7 +142,7 @@ contains
                 maxval([plan%max, plan%travel])]
    end function stack_layers
 
-   !> 1, 2, ... for what is requested, in order.
+   !> Number the requested items 1, 2, ... in order.
    pure function places(requested)
       logical, intent(in) :: requested(:)
       integer :: places(size(requested))
@@ -151,8 +151,8 @@ contains
       places = [(merge(count(requested(:k)), 0, requested(k)), k=1, size(requested))]
    end function places
 
-   !> Maps as views of the stacks that a plan describes; what it has not may be of any size. The stacks begin
-   !> at column and row `at` of the raster.
+   !> Maps as views of the stacks described by a plan; unused stacks may have any size. The stacks start at column and
+   !> row `at` of the raster.
    function map_views(plan, thresholds, at, counts, sums, maxima, bin_counts, slot, slots) result(maps)
       type(map_plan_t), intent(in) :: plan
       real(wp), intent(in) :: thresholds(:)                              !! of energy [J]
@@ -193,7 +193,7 @@ contains
       maps%slots => slots
    end function map_views
 
-   !> The minimum of passages for which a cell of a map shows a number; 0 for maps that show all.
+   !> Minimum number of passages for a cell of a map to show a value; 0 for maps without a minimum.
    pure integer function map_min_count(name, min_passages)
       character(len=*), intent(in) :: name
       integer, intent(in) :: min_passages  !! requested by the case
@@ -205,8 +205,8 @@ contains
       if (kind%is == a_std) map_min_count = max(2, min_passages)
    end function map_min_count
 
-   !> The passages below which a number of a map is hardly known; 0 for maps that know all. A quantile needs as many
-   !> as both limits of its interval do.
+   !> Number of passages below which a map value is unreliable; 0 for maps that are always reliable. A quantile needs
+   !> enough passages for both limits of its interval.
    pure integer function map_thin_below(name, per_cluster) result(n)
       character(len=*), intent(in) :: name
       integer(i8), intent(in) :: per_cluster  !! as for limit_rank
@@ -224,7 +224,7 @@ contains
       end do
    end function map_thin_below
 
-   !> Row j of a map of reals; NaN where too few boulders passed.
+   !> Compute row j of a real map; NaN if too few boulders passed.
    pure subroutine map_row(maps, name, j, boulders, per_cluster, min_passages, row)
       type(maps_t), intent(in) :: maps
       character(len=*), intent(in) :: name
@@ -286,8 +286,8 @@ contains
       end select
    end subroutine map_row
 
-   !> Standard deviation (n - 1) of n whole numbers, from their sum and the two digits of that of their squares; exact
-   !> but for the last steps, so that equal numbers have none.
+   !> Standard deviation (n - 1) of n integers from their sum and the two digits of the sum of their squares; exact
+   !> except for the last operations, so that equal numbers give zero.
    elemental real(wp) function spread_of(total, high, low, n) result(std)
       integer(i8), intent(in) :: total, high, low
       integer(i4), intent(in) :: n
@@ -297,29 +297,28 @@ contains
       std = sqrt(real(n*squares - int(total, i16)**2, wp)/(real(n, wp)*(n - 1)))
    end function spread_of
 
-   !> How many of n numbers lie below a limit of the 95 % interval of their quantile p, about which as many do as in a
-   !> binomial distribution: the line statistics' rule for independent boulders. Below the first or above
-   !> the last of them there is no limit. Boulders of a cluster may all do the same, which makes the variance so many
-   !> times that of independent ones at most.
+   !> Rank of a limit of the 95 % interval of quantile p of n numbers, from the binomial distribution: the rule of the
+   !> line statistics for independent boulders. There is no limit below the first or above the last number. Boulders of
+   !> a cluster may all behave alike, which increases the variance by at most the cluster size.
    pure real(wp) function limit_rank(p, n, per_cluster, side)
       real(wp), intent(in) :: p    !! [-]
       integer(i8), intent(in) :: n
-      integer(i8), intent(in) :: per_cluster  !! boulders of a cluster; 1: they are independent
+      integer(i8), intent(in) :: per_cluster  !! boulders per cluster; 1: independent
       integer, intent(in) :: side  !! -1 lower, 1 upper
 
       limit_rank = n*p + side*z_95*sqrt(n*per_cluster*p*(1 - p))
    end function limit_rank
 
-   !> Whether it lies within the numbers.
+   !> Return whether a limit of the interval lies within the numbers.
    pure logical function has_limit(p, n, per_cluster, side)
       real(wp), intent(in) :: p    !! [-]
       integer(i8), intent(in) :: n, per_cluster
-      integer, intent(in) :: side  !! as of limit_rank
+      integer, intent(in) :: side  !! as in limit_rank
 
       has_limit = abs(limit_rank(p, n, per_cluster, side) - 0.5_wp*n) <= 0.5_wp*(n - 1)
    end function has_limit
 
-   !> Row j of a quantile of the passing boulders' maxima, or of a limit of its interval.
+   !> Compute row j of a quantile of the passing boulders' maxima, or of a limit of its interval.
    pure subroutine quantile_row(maps, kind, j, per_cluster, min_count, row)
       type(maps_t), intent(in) :: maps
       type(kind_t), intent(in) :: kind
@@ -345,7 +344,7 @@ contains
       end do
    end subroutine quantile_row
 
-   !> A limit of the 95 % interval of a fraction of n [-] (Wilson 1927, doi:10.1080/01621459.1927.10502953).
+   !> Limit of the 95 % interval of a fraction of n [-] (Wilson 1927, doi:10.1080/01621459.1927.10502953).
    elemental real(wp) function fraction_limit(p, n, side)
       real(wp), intent(in) :: p, n  !! [-]
       integer, intent(in) :: side   !! -1 lower, 1 upper

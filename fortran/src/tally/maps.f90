@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps. What boulders did in each raster cell, as counts, sums of integers, and maxima, so that no order
-!> of boulders changes a bit. A boulder counts once a cell: it gathers its own visits first.
+!> Maps: statistics of the boulders in each raster cell as counts, integer sums, and maxima, so that the order of
+!> boulders does not change a bit. A boulder counts once per cell: its visits are collected first.
 !>
-!> Threads that add to the same maps hold bands of rows, one at a time. A boulder's cells are neighbours, so it holds a
-!> band for many of them, which costs less than a locked instruction for each number.
+!> Threads that add to the same maps lock bands of rows, one at a time. A boulder's cells are neighbours, so one lock
+!> serves many of them, which costs less than an atomic update of each number.
 module rockfall_maps
    use omp_lib, only: omp_lock_kind, omp_init_lock, omp_set_lock, omp_unset_lock, omp_destroy_lock
    use rockfall_kinds, only: wp, sp, i4, i8
@@ -17,79 +17,78 @@ module rockfall_maps
    public :: add_visits, add_deposit, add_value, count_bin, keeps, lacks_slots, raise_cell, square_base
    public :: share, unshare, hold, let_go
 
-   real(wp), parameter :: per_unit(4) = [1.0_wp, 1000.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are of whole J, mm/s, mm
-   integer(i8), parameter :: square_base = 2_i8**31  !! sums of squares have two digits to this base
-   integer, parameter :: band_rows = 16  !! of a band
-   integer, parameter :: first_entries = 1024  !! of a table of visits to begin with; a power of two
-   !> Factor of the row in the hash of a cell: neighbours fall into different entries.
+   real(wp), parameter :: per_unit(4) = [1.0_wp, 1000.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are in whole J, mm/s, mm
+   integer(i8), parameter :: square_base = 2_i8**31  !! base of the two digits of sums of squares
+   integer, parameter :: band_rows = 16  !! per band
+   integer, parameter :: first_entries = 1024  !! initial size of a table of visits; a power of two
+   !> Factor of the row in the hash of a cell: neighbours get different entries.
    integer, parameter :: row_factor = 33
 
-   !> What is kept of one quantity: energy (translational and rotational) [J], speed [m/s], jump height or
-   !> passing height [m], of each boulder the maximum in the cell.
+   !> Tallies of one quantity: energy (translational and rotational) [J], speed [m/s], jump height or passing height
+   !> [m]; each boulder contributes its maximum in the cell.
    type :: layer_t
       integer(i8), pointer, contiguous :: sum(:, :) => null()  !! [J], [mm/s], [mm]
-      !> Of their squares (nx, ny, 2): the sum of the high digits, that of the low ones.
+      !> Sums of squares (nx, ny, 2): high digits, low digits.
       integer(i8), pointer, contiguous :: square(:, :, :) => null()
       real(sp), pointer, contiguous :: max(:, :) => null()     !! [J], [m/s], [m]
-      integer :: bin_offset = -1  !! its counts stand after this row of `bin_counts`; -1: not counted
+      integer :: bin_offset = -1  !! row of `bin_counts` before its counts; -1: not counted
    end type layer_t
 
-   !> The requested maps; the others are not associated. All (nx, ny), row 1 the northernmost.
+   !> Requested maps; the others are not associated. All (nx, ny), row 1 is the northernmost.
    type :: maps_t
       integer(i4), pointer, contiguous :: passages(:, :) => null()    !! boulders that passed
-      integer(i4), pointer, contiguous :: deposits(:, :) => null()    !! boulders that ended there at rest
-      integer(i4), pointer, contiguous :: sources(:, :) => null()     !! contributing: one of their boulders passed
+      integer(i4), pointer, contiguous :: deposits(:, :) => null()    !! boulders that came to rest there
+      integer(i4), pointer, contiguous :: sources(:, :) => null()     !! sources of which a boulder passed
       integer(i4), pointer, contiguous :: released(:, :) => null()    !! boulders of these sources
-      !> The last source that was counted here boulder by boulder (nx, ny, layers); see rockfall_source_maps.
+      !> Last source counted here boulder by boulder (nx, ny, layers); see rockfall_source_maps.
       integer(i4), pointer, contiguous :: last_source(:, :, :) => null()
-      integer(i8) :: first_partial = 0  !! a source that has the second layer to itself
+      integer(i8) :: first_partial = 0  !! source that owns the second layer
       type(layer_t) :: layer(4)
-      !> Boulders whose maximum energy exceeds each of `threshold` (nx, ny, thresholds).
+      !> Boulders whose maximum energy exceeds each `threshold` (nx, ny, thresholds).
       integer(i4), pointer, contiguous :: exceeded(:, :, :) => null()
-      real(wp), allocatable :: threshold(:)  !! rising [J]
-      !> How boulders came there, as rockfall_travel_maps keeps it: the steepest and the flattest energy line, the
-      !> shortest time.
+      real(wp), allocatable :: threshold(:)  !! increasing [J]
+      !> Arrival of boulders, in the encoding of rockfall_travel_maps: steepest and flattest energy line, shortest time.
       real(sp), pointer, contiguous :: steepest(:, :) => null(), flattest(:, :) => null(), shortest(:, :) => null()
-      integer(i8), pointer, contiguous :: tree_impacts(:, :) => null()  !! hits of trees, several of a boulder if so
-      type(layer_t) :: tree_height                                      !! of the boulder's point at each
-      integer(i8), pointer, contiguous :: tree_energy(:, :) => null()   !! that trees took [J]
-      !> Counts of bins (bins, slots): a cell gets a slot, and with it memory, when the first boulder passes
-      !> it. Which one depends on the order of boulders, what stands in it does not.
+      integer(i8), pointer, contiguous :: tree_impacts(:, :) => null()  !! hits of trees, including repeated hits
+      type(layer_t) :: tree_height                                      !! of the contact point
+      integer(i8), pointer, contiguous :: tree_energy(:, :) => null()   !! absorbed by trees [J]
+      !> Bin counts (bins, slots): a cell gets a slot, and with it memory, when the first boulder passes it. The slot
+      !> depends on the order of boulders, its contents do not.
       integer(i4), pointer, contiguous :: bin_counts(:, :) => null()
-      integer(i4), pointer, contiguous :: slot(:, :) => null()        !! of each cell; 0: none yet
-      integer(i4), pointer :: slots => null()  !! assigned; one more than there are when they were too few
-      !> Locks of bands of rows, 0-based; not associated where one thread adds alone.
+      integer(i4), pointer, contiguous :: slot(:, :) => null()        !! per cell; 0: none yet
+      integer(i4), pointer :: slots => null()  !! number assigned; one more than available on overflow
+      !> Locks of bands of rows, 0-based; not associated if only one thread adds.
       integer(omp_lock_kind), pointer, contiguous :: band(:) => null()
    end type maps_t
 
-   !> One boulder's maxima in one cell.
+   !> Maxima of one boulder in one cell.
    type :: visit_t
       integer :: at(2) = 0          !! column, row
-      integer :: entry = 0          !! of the table, where its number stands
+      integer :: entry = 0          !! index of its entry in the hash table
       real(wp) :: max(3) = 0.0_wp   !! speed**2, twice the energy per mass [m2/s2]; jump height [m]
    end type visit_t
 
-   !> The cells that one boulder visited, close together, and a hash table of their numbers.
+   !> Cells visited by one boulder, stored contiguously, with a hash table of their indices.
    type :: visits_t
       integer :: n = 0
-      type(visit_t), allocatable :: visit(:)  !! in order of the first visit; room for half as many as entries
-      integer, allocatable :: entry(:)        !! 0-based; a power of two of them; 0: free
+      type(visit_t), allocatable :: visit(:)  !! in order of the first visit; half the number of entries
+      integer, allocatable :: entry(:)        !! 0-based; the size is a power of two; 0: free
       integer :: entries = 0
-      integer :: last = 0                     !! the cell that it is over; 0 before the first
+      integer :: last = 0                     !! current cell; 0 before the first
       real(wp), allocatable :: time(:)        !! of the first visits, in their order [s]; only for a map of times
-      integer :: timed = 0                    !! how many of them are known
+      integer :: timed = 0                    !! number of known times
    end type visits_t
 
-   !> The cells under a straight path, on one axis.
+   !> Cells under a straight path, along one axis.
    type :: axis_t
-      integer :: cell = 0, step = 1       !! the one that it is over; to the next: 1 or -1
-      real(wp) :: cut = never             !! when it leaves it, since the start of the path [s]
-      real(wp) :: x = 0.0_wp, size = 1.0_wp, inverse = 0.0_wp  !! start, side of a cell [m], 1/v [s/m], 0 at rest
+      integer :: cell = 0, step = 1       !! current cell; step to the next: 1 or -1
+      real(wp) :: cut = never             !! time at which it leaves the cell, since the start of the path [s]
+      real(wp) :: x = 0.0_wp, size = 1.0_wp, inverse = 0.0_wp  !! start, cell size [m], 1/v [s/m], 0 at rest
    end type axis_t
 
 contains
 
-   !> From now on several threads add to the maps of a raster of so many rows.
+   !> Create the locks for several threads that add to the maps of a raster.
    subroutine share(maps, rows)
       type(maps_t), intent(inout) :: maps
       integer, intent(in) :: rows
@@ -101,7 +100,7 @@ contains
       end do
    end subroutine share
 
-   !> No longer.
+   !> Destroy the locks.
    subroutine unshare(maps)
       type(maps_t), intent(inout) :: maps
       integer :: k
@@ -112,7 +111,7 @@ contains
       deallocate (maps%band)
    end subroutine unshare
 
-   !> Hold the band of a row, and no other. To begin with none is held: -1.
+   !> Lock the band of a row, and release the one held before. Initially none is held: -1.
    subroutine hold(maps, row, held)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: row
@@ -125,7 +124,7 @@ contains
       call omp_set_lock(maps%band(held))
    end subroutine hold
 
-   !> Hold none.
+   !> Release the band held.
    subroutine let_go(maps, held)
       type(maps_t), intent(in) :: maps
       integer, intent(inout) :: held
@@ -135,7 +134,7 @@ contains
       held = -1
    end subroutine let_go
 
-   !> True if a map needs the cells along the trajectories.
+   !> Return whether a map needs the cells along the trajectories.
    pure logical function needs_visits(maps)
       type(maps_t), intent(in) :: maps
 
@@ -144,14 +143,14 @@ contains
                       .or. associated(maps%shortest)
    end function needs_visits
 
-   !> True if a map needs heights in these cells, too.
+   !> Return whether a map also needs heights in these cells.
    pure logical function needs_heights(maps)
       type(maps_t), intent(in) :: maps
 
       needs_heights = keeps(maps%layer(jump_height)) .or. keeps(maps%layer(passing_height))
    end function needs_heights
 
-   !> Begin the visits of a boulder.
+   !> Start the visits of a boulder.
    pure subroutine start_visits(visits)
       type(visits_t), intent(inout) :: visits
       integer :: k
@@ -165,9 +164,9 @@ contains
       visits%timed = 0
    end subroutine start_visits
 
-   !> Add the cells under a flight up to a time. A cell reaches half a cell round its node, so on each axis the path
-   !> goes over to the next one in the middle of a patch. Of the vertical speeds over a cell those at its two ends are
-   !> the extremes. Heights are those of the spans, where maps need them.
+   !> Add the cells under a flight up to a time. A cell extends half a cell around its node, so along each axis the path
+   !> changes cells in the middle of a patch. The vertical speeds at both ends of a cell are its extremes. Heights are
+   !> computed from the spans if maps need them.
    pure subroutine visit_path(visits, dem, gravity, start, time, spin, spans)
       type(visits_t), intent(inout) :: visits
       type(terrain_t), intent(in) :: dem
@@ -203,12 +202,12 @@ contains
       end do
    end subroutine visit_path
 
-   !> The maximum height [m] from time t of span k up to another time; then k and t say where to go on.
+   !> Maximum height [m] from time t of span k to another time; k and t are advanced to where the next call continues.
    pure subroutine climb(spans, until, k, t, top)
       type(span_t), intent(in), contiguous :: spans(:)
       real(wp), intent(in) :: until    !! since the start of the flight [s]
       integer, intent(inout) :: k
-      real(wp), intent(inout) :: t     !! likewise
+      real(wp), intent(inout) :: t     !! since the start of the flight [s]
       real(wp), intent(out) :: top
 
       top = 0
@@ -224,10 +223,10 @@ contains
       end do
    end subroutine climb
 
-   !> A path at its start, over patch interval i, on one axis.
+   !> Start of a path over patch interval i, along one axis.
    pure type(axis_t) function axis(x, v, size, i)
       real(wp), intent(in) :: x, v     !! its start [m], velocity [m/s]
-      real(wp), intent(in) :: size     !! of a cell [m]
+      real(wp), intent(in) :: size     !! cell size [m]
       integer, intent(in) :: i
 
       axis%x = x
@@ -238,12 +237,12 @@ contains
       call go_over(axis, .false.)
    end function axis
 
-   !> The cell that a path is over when it starts.
+   !> Cell in which a path starts.
    elemental real(wp) function first_cell(x, inverse, size, i) result(cell)
       real(wp), intent(in) :: x        !! its start [m]
-      real(wp), intent(in) :: inverse  !! as from inverse_speed [s/m]
-      real(wp), intent(in) :: size     !! of a cell [m]
-      real(wp), intent(in) :: i        !! of the patch, a whole number [-]
+      real(wp), intent(in) :: inverse  !! from inverse_speed [s/m]
+      real(wp), intent(in) :: size     !! cell size [m]
+      real(wp), intent(in) :: i        !! of the patch, an integer [-]
       real(wp) :: cut, step
 
       cell = i + merge(0.0_wp, 1.0_wp, (i - 0.5_wp)*size > x)
@@ -252,26 +251,26 @@ contains
       cell = cell + merge(step, 0.0_wp, cut <= 0)  ! it starts between two cells
    end function first_cell
 
-   !> When a path leaves the cell that it is over [s].
+   !> Time at which a path leaves its current cell [s].
    elemental real(wp) function leaving_time(x, inverse, size, cell)
       real(wp), intent(in) :: x        !! its start [m]
-      real(wp), intent(in) :: inverse  !! as from inverse_speed [s/m]
-      real(wp), intent(in) :: size     !! of a cell [m]
-      real(wp), intent(in) :: cell     !! a whole number [-]
+      real(wp), intent(in) :: inverse  !! from inverse_speed [s/m]
+      real(wp), intent(in) :: size     !! cell size [m]
+      real(wp), intent(in) :: cell     !! an integer [-]
 
       leaving_time = exit_time(x, cell + merge(-0.5_wp, -1.5_wp, inverse > 0), size, inverse)
    end function leaving_time
 
-   !> Go over to the next cell, if so, and foresee when the path leaves the one that it is over.
+   !> Move to the next cell if `so`, and compute the time at which the path leaves the current one.
    pure subroutine go_over(axis, so)
       type(axis_t), intent(inout) :: axis
       logical, intent(in) :: so
 
-      axis%cell = axis%cell + axis%step*merge(1, 0, so)  ! a product, not a branch: either comes half of the time
+      axis%cell = axis%cell + axis%step*merge(1, 0, so)  ! branchless: the outcome is unpredictable
       axis%cut = leaving_time(axis%x, axis%inverse, axis%size, real(axis%cell, wp))
    end subroutine go_over
 
-   !> Add one visit: raises the boulder's values in that cell.
+   !> Add one visit: update the boulder's maxima in that cell.
    pure subroutine visit_cell(visits, at, speed2, spin, jump_height)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: at(2)                !! column, row
@@ -282,7 +281,7 @@ contains
       call raise_values(visits, speed2, spin, jump_height)
    end subroutine visit_cell
 
-   !> Raise the values of the cell that the boulder is over.
+   !> Update the maxima in the current cell.
    pure subroutine raise_values(visits, speed2, spin, jump_height)
       type(visits_t), intent(inout) :: visits
       real(wp), intent(in) :: speed2, spin, jump_height  !! as in visit_cell
@@ -294,7 +293,7 @@ contains
       end associate
    end subroutine raise_values
 
-   !> Go to a cell, mostly the one that it is over: most flights start where the last one ended.
+   !> Enter a cell, mostly the current one: most flights start where the last one ended.
    pure subroutine enter_cell(visits, at)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: at(2)  !! column, row
@@ -305,14 +304,14 @@ contains
       call enter_other_cell(visits, at)
    end subroutine enter_cell
 
-   !> Go to another cell, of which the boulder may have no visit yet: then it gets the next number, in the free entry
-   !> where it belongs (open addressing).
+   !> Enter a different cell; at the first visit it gets the next index, in the first free entry of its hash chain (open
+   !> addressing).
    pure subroutine enter_other_cell(visits, at)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: at(2)  !! column, row
       integer :: k
 
-      if (visits%n == size(visits%visit)) call make_room(visits, 2*visits%entries)  ! half empty: short searches
+      if (visits%n == size(visits%visit)) call make_room(visits, 2*visits%entries)  ! at most half full: short searches
       k = iand(at(1) + row_factor*at(2), visits%entries - 1)
       do while (visits%entry(k) > 0)
          visits%last = visits%entry(k)
@@ -325,7 +324,7 @@ contains
       visits%visit(visits%n) = visit_t(at, k)
    end subroutine enter_other_cell
 
-   !> A table of so many entries with the same visits.
+   !> Rebuild the table with a new number of entries.
    pure subroutine make_room(visits, entries)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: entries  !! a power of two
@@ -344,7 +343,7 @@ contains
       visits%entries = entries
    end subroutine make_room
 
-   !> Add a boulder's visits to the maps; many threads may do so at once.
+   !> Add a boulder's visits to the maps; thread-safe.
    subroutine add_visits(maps, visits, mass)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: visits
@@ -375,7 +374,7 @@ contains
       end do
    end function has_layers
 
-   !> True if anything is kept of a quantity.
+   !> Return whether any tally of a quantity is requested.
    pure logical function keeps(layer)
       type(layer_t), intent(in) :: layer
 
@@ -406,7 +405,7 @@ contains
       if (associated(maps%exceeded)) call count_exceeded(maps, i, r, values(energy))
    end subroutine add_values
 
-   !> Count a boulder at each threshold that its energy exceeds.
+   !> Count a boulder for each threshold that its energy exceeds.
    subroutine count_exceeded(maps, i, r, value)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: i, r
@@ -423,7 +422,7 @@ contains
       type(layer_t), intent(in) :: layer
       integer, intent(in) :: i, r
       real(wp), intent(in) :: value  !! [J], [m/s] or [m]
-      real(wp), intent(in) :: units  !! of `sum` in one of the value [-]
+      real(wp), intent(in) :: units  !! units of `sum` per unit of the value [-]
       integer(i8) :: whole
 
       if (associated(layer%sum)) then
@@ -434,7 +433,7 @@ contains
       if (associated(layer%max)) call raise_cell(layer%max(i, r), real(value, sp))
    end subroutine add_value
 
-   !> Add the square of a number, which has more digits than an integer holds: with n = a*base + b it is
+   !> Add the square of a number, which may exceed an integer: with n = a*base + b it is
    !> (a*a*base + 2*a*b)*base + b*b.
    subroutine add_square(square, i, r, n)
       integer(i8), intent(in), pointer, contiguous :: square(:, :, :)  !! as in layer_t
@@ -466,7 +465,7 @@ contains
       end do
    end subroutine count_bins
 
-   !> Count a boulder in a cell that `count_bins` gave a slot, in the bin of one more quantity, if that has any.
+   !> Count a boulder in a cell to which `count_bins` assigned a slot, for another quantity, if that is requested.
    subroutine count_bin(maps, quantity, i, r, value)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: quantity, i, r
@@ -476,13 +475,13 @@ contains
 
       if (maps%layer(quantity)%bin_offset < 0) return
       slot = maps%slot(i, r)
-      if (slot == 0) return  ! there was none left
+      if (slot == 0) return  ! none was available
       bin = maps%layer(quantity)%bin_offset + log_bin(quantity, value)
       maps%bin_counts(bin, slot) = maps%bin_counts(bin, slot) + 1
    end subroutine count_bin
 
-   !> A cell's slot of counts, from now on; 0 when there is none left. Memory that was never touched
-   !> may hold anything.
+   !> Assign a slot of counts to a cell; 0 if none is available. Memory that has never been written may hold
+   !> anything.
    subroutine assign_slot(maps, i, r, slot)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: i, r
@@ -498,7 +497,7 @@ contains
       maps%slot(i, r) = slot
    end subroutine assign_slot
 
-   !> True if boulders passed more cells than there are slots: then the counts are of no use.
+   !> Return whether boulders passed more cells than there are slots, which makes the counts unusable.
    pure logical function lacks_slots(maps)
       type(maps_t), intent(in) :: maps
 
@@ -506,7 +505,7 @@ contains
       if (associated(maps%slots)) lacks_slots = maps%slots > size(maps%bin_counts, 2)
    end function lacks_slots
 
-   !> Raise a maximum; most visits do not, and then only read it.
+   !> Raise a maximum; most visits only read it.
    elemental subroutine raise_cell(maximum, value)
       real(sp), intent(inout) :: maximum  !! [J], [m/s], [m], or of rockfall_travel_maps
       real(sp), intent(in) :: value       !! likewise
@@ -514,7 +513,7 @@ contains
       if (value > maximum) maximum = value
    end subroutine raise_cell
 
-   !> Count a boulder that came to rest in a cell; many threads may do so at once.
+   !> Count a boulder that came to rest in a cell; thread-safe.
    subroutine add_deposit(maps, at)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: at(2)  !! column, row

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps of how high the centres of boulders passed a cell, vertically above the surface. A boulder whose point is at
-!> height h over a slope has its centre at h + R / cos(slope), as at the lines; the slope is that of the cell
-!> (Horn 1981).
+!> Maps of the passing height of boulder centres, vertically above the surface. A boulder whose lowest point is at
+!> height h over a slope has its centre at h + R / cos(slope), as at the lines; the slope is that of the cell (Horn
+!> 1981).
 module rockfall_passing_maps
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t
@@ -12,18 +12,18 @@ module rockfall_passing_maps
    private
    public :: needs_passing, add_passing, steepest
 
-   real(wp), parameter :: steepest = 1.0e3_wp  !! 1/cos(slope) of a cell [-], 89.94 degrees; steeper ones count as that
+   real(wp), parameter :: steepest = 1.0e3_wp  !! maximum 1/cos(slope) of a cell [-], 89.94 degrees; larger is clamped
 
 contains
 
-   !> True if any map is of passing heights.
+   !> Return whether any map shows passing heights.
    pure logical function needs_passing(maps)
       type(maps_t), intent(in) :: maps
 
       needs_passing = keeps(maps%layer(passing_height))
    end function needs_passing
 
-   !> Add the maximum heights of a boulder's centre in the cells that it visited; many threads may do so at once.
+   !> Add the maximum heights of a boulder's centre in the cells that it visited; thread-safe.
    subroutine add_passing(maps, visits, dem, radius)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: visits

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Samples of numbers that are not kept: counts in narrow bins, exact sums, and the largest of them. All are integers,
-!> or a set of the largest, so neither the order nor the parts in which numbers come can change a bit.
+!> Samples of numbers that are not stored individually: counts in narrow bins, exact sums, and the largest numbers. All
+!> are integers or a set, so neither the order nor the partition of the numbers changes a bit.
 module rockfall_samples
    use rockfall_kinds, only: wp, i4, i8, i16
    implicit none
@@ -8,18 +8,18 @@ module rockfall_samples
    public :: samples_t, add_number, add_tail, sample_bin, sample_edge, sample_size, sample_sum
    public :: n_sample_bins, n_coarse_bins, bins_per_coarse, n_words, n_largest, largest_unit
 
-   !> Bins of whole units: one each below 512, from there 256 an octave, so that none is wider than 0.4 % of its
-   !> numbers; up to 2**45, and down to -2**20.
+   !> Bins of integers: width 1 below 512, then 256 per octave, so that no bin is wider than 0.4 % of its numbers; up to
+   !> 2**45, and down to -2**20.
    integer, parameter :: per_octave = 256, first_octave = 8
    integer, parameter :: below_zero = 3328, from_zero = 9728
    integer, parameter :: n_sample_bins = below_zero + from_zero
    integer, parameter :: bins_per_coarse = 64, n_coarse_bins = n_sample_bins/bins_per_coarse
-   integer(i8), parameter :: largest_unit = 2_i8**45  !! larger numbers count as this
-   !> Of a sum, and of one of squares, two digits to the base 2**62; then the maximum.
+   integer(i8), parameter :: largest_unit = 2_i8**45  !! larger numbers are clamped
+   !> Words of a sum and of a sum of squares, two digits each to the base 2**62; then the maximum.
    integer, parameter :: n_words = 5, base_bits = 62
-   integer, parameter :: n_largest = 100000  !! numbers of a tail that are kept themselves
+   integer, parameter :: n_largest = 100000  !! number of largest values stored individually
 
-   !> Samples of `places` (the ends of boulders, then each line), of `quantities` at each.
+   !> Samples of `quantities` at each of `places` (the ends of boulders, then each line).
    type :: samples_t
       integer(i4), pointer, contiguous :: bins(:, :, :, :) => null()    !! (bins, quantities, parts, places)
       integer(i8), pointer, contiguous :: sums(:, :, :, :) => null()    !! (words, quantities, parts, places)
@@ -30,7 +30,7 @@ module rockfall_samples
 
 contains
 
-   !> The bin of a whole number of units, from 1.
+   !> Bin of an integer number of units, from 1.
    pure integer function sample_bin(number) result(bin)
       integer(i8), intent(in) :: number
       integer(i8) :: size
@@ -42,7 +42,7 @@ contains
       bin = below_zero + 1 + merge(bin, -min(bin, below_zero), number >= 0)
    end function sample_bin
 
-   !> The lower edge of a bin, in units; numbers were rounded to whole ones. Of the one past the last: its upper.
+   !> Lower edge of a bin, in units, before rounding to integers; past the last bin: its upper edge.
    pure real(wp) function sample_edge(bin) result(edge)
       integer, intent(in) :: bin
       integer :: place, octave
@@ -82,7 +82,7 @@ contains
       digits(2) = int(iand(total, 2_i16**base_bits - 1), i8)
    end subroutine add_digits
 
-   !> How many numbers a sample has, of all parts.
+   !> Size of a sample, over all parts.
    pure integer(i8) function sample_size(samples, quantity, place)
       type(samples_t), intent(in) :: samples
       integer, intent(in) :: quantity, place
@@ -90,7 +90,7 @@ contains
       sample_size = sum(int(samples%bins(:, quantity, :, place), i8))
    end function sample_size
 
-   !> Their sum, in units.
+   !> Sum of a sample, in units.
    pure real(wp) function sample_sum(samples, quantity, place)
       type(samples_t), intent(in) :: samples
       integer, intent(in) :: quantity, place
@@ -100,7 +100,7 @@ contains
       end associate
    end function sample_sum
 
-   !> Put a number into a heap of the largest, whose first one is the smallest.
+   !> Insert a number into a heap of the largest, whose root is the smallest.
    pure subroutine add_tail(heap, number)
       real(wp), intent(inout) :: heap(:)
       real(wp), intent(in) :: number  !! >= 0

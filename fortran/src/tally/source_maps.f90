@@ -1,10 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps by source: how many sources contribute to a cell (one of their boulders passed it), and how many boulders
-!> these release. A source counts once a cell, however its boulders are spread over threads, calls and parts.
+!> Maps by source: the number of sources that contribute to a cell (one of their boulders passed it), and the number of
+!> boulders that these release. A source counts once per cell, for any distribution of its boulders over threads, calls
+!> and parts.
 !>
-!> Boulders of a source follow each other. A source that one thread runs as a whole gathers its cells first.
-!> One that several threads or calls share leaves its number in `last_source` where it was counted; calls come in
-!> order, so a cell that has the number of a later source is done with the earlier one.
+!> Boulders of a source are consecutive. A source that one thread runs completely collects its cells first. A source
+!> shared by several threads or calls writes its number to `last_source` when it is counted; calls come in order, so a
+!> cell with the number of a later source is complete for earlier ones.
 module rockfall_source_maps
    use rockfall_kinds, only: wp, i4, i8
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
@@ -14,16 +15,16 @@ module rockfall_source_maps
    public :: contributing_t, counts_sources, gather, add_source, add_source_of_boulder, partial_sources, first_partial
    public :: contributing_cells, boulders_within, settle
 
-   !> The cells to which partial sources contribute, by source: those of which a range of boulders has some, not all.
+   !> Cells to which partial sources contribute, by source; partial: a range of boulders contains some of its boulders.
    type :: contributing_t
-      integer(i8), allocatable :: cell(:)      !! counted from 0, by rows from the north-west
+      integer(i8), allocatable :: cell(:)      !! 0-based, by rows from the north-west
       integer(i4), allocatable :: source(:)
-      integer(i4), allocatable :: boulders(:)  !! of the source, in the range
+      integer(i4), allocatable :: boulders(:)  !! of the source, within the range
    end type contributing_t
 
 contains
 
-   !> True if a map counts sources.
+   !> Return whether a map counts sources.
    pure logical function counts_sources(maps)
       type(maps_t), intent(in) :: maps
 
@@ -32,7 +33,7 @@ contains
 
    !> Add a boulder's cells to those of its source.
    pure subroutine gather(cells, visits)
-      type(visits_t), intent(inout) :: cells  !! begun with start_visits
+      type(visits_t), intent(inout) :: cells  !! started with start_visits
       type(visits_t), intent(in) :: visits
       integer :: k
 
@@ -41,7 +42,7 @@ contains
       end do
    end subroutine gather
 
-   !> Count a whole source in its cells; many threads may do so at once.
+   !> Count a complete source in its cells; thread-safe.
    subroutine add_source(maps, cells, boulders)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: cells
@@ -53,8 +54,8 @@ contains
       end do
    end subroutine add_source
 
-   !> Count a source in those cells of one of its boulders that it is not counted in yet. Threads may do so at
-   !> once, for the same source.
+   !> Count a source in those cells of one of its boulders in which it is not yet counted. Thread-safe for boulders of
+   !> the same source.
    subroutine add_source_of_boulder(maps, visits, source, boulders)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: visits
@@ -78,8 +79,8 @@ contains
       end do
    end subroutine add_source_of_boulder
 
-   !> The layer of `last_source` that knows a source: the second one belongs to `first_partial` alone, whose cells must
-   !> be known at the end of the run, when later sources have been in them.
+   !> Layer of `last_source` for a source: the second is reserved for `first_partial`, whose cells are needed at the end
+   !> of the run, when later sources may have visited them.
    pure integer function layer_of(maps, source) result(layer)
       type(maps_t), intent(in) :: maps
       integer(i8), intent(in) :: source
@@ -102,7 +103,7 @@ contains
       end if
    end subroutine count_in
 
-   !> The sources of which boulders first..last are some but not all: none, one or two.
+   !> Sources of which the range first..last contains some but not all boulders: none, one or two.
    pure function partial_sources(release, first, last) result(sources)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: first, last
@@ -120,8 +121,8 @@ contains
       sources = pack(ends, partial)
    end function partial_sources
 
-   !> The source in the middle of which a range of boulders begins, 0 without one: a later source must not take
-   !> its place in `last_source`.
+   !> Source in the middle of which a range of boulders begins, 0 if none: later sources must not overwrite it in
+   !> `last_source`.
    pure integer(i8) function first_partial(release, first)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: first
@@ -130,7 +131,7 @@ contains
       if (first == first_of(release, first_partial)) first_partial = 0
    end function first_partial
 
-   !> Boulders of a source in a range of boulders.
+   !> Number of boulders of a source within a range of boulders.
    pure integer(i8) function boulders_within(release, source, first, last) result(n)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: source, first, last
@@ -138,11 +139,11 @@ contains
       n = min(last, last_of(release, source)) - max(first, first_of(release, source)) + 1
    end function boulders_within
 
-   !> The cells to which the partial sources of a range of boulders contribute.
+   !> Cells to which the partial sources of a range of boulders contribute.
    pure function contributing_cells(maps, release, first, last) result(contributing)
       type(maps_t), intent(in) :: maps
       type(release_t), intent(in) :: release
-      integer(i8), intent(in) :: first, last  !! boulders done
+      integer(i8), intent(in) :: first, last  !! completed boulders
       type(contributing_t) :: contributing
       integer(i8), allocatable :: sources(:)
       integer(i8) :: n, own
@@ -150,7 +151,7 @@ contains
 
       sources = partial_sources(release, first, last)
       if (.not. counts_sources(maps)) sources = [integer(i8) ::]
-      do turn = 1, 2  ! count them, then note them
+      do turn = 1, 2  ! count first, then store
          n = 0
          do k = 1, size(sources)
             layer = layer_of(maps, sources(k))
@@ -170,8 +171,8 @@ contains
       end do
    end function contributing_cells
 
-   !> Of the boulders of partial sources, leave only those of the range in the cells to which they contribute (sign 1):
-   !> the denominator of a reach probability in a part of a run. Or all of them again (sign -1), for a run that goes on.
+   !> Reduce the boulders of partial sources to those of the range in the cells to which they contribute (sign 1): the
+   !> denominator of the reach probability in a part of a run. Sign -1 reverts this, for a run that continues.
    pure subroutine settle(maps, release, contributing, sign)
       type(maps_t), intent(inout) :: maps
       type(release_t), intent(in) :: release

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps of how boulders came to a cell: the steepest and the flattest energy line, and the shortest time. They are kept
-!> as maxima of positive numbers, whose order does not matter; 0 where none came.
+!> Maps of the arrival of boulders: steepest and flattest energy line, and shortest time. Stored as maxima of positive
+!> numbers, which do not depend on order; 0 if no boulder arrived.
 module rockfall_travel_maps
    use rockfall_kinds, only: wp, sp
    use rockfall_math, only: degree, arcsine
@@ -10,26 +10,26 @@ module rockfall_travel_maps
    private
    public :: needs_times, needs_travel, time_visits, add_travel, steepest_angle, flattest_angle, shortest_time
 
-   real(wp), parameter :: offset = 2.0_wp            !! that makes a sine or its negative positive [-]
-   real(wp), parameter :: steps = 2.0_wp**22         !! in which sines are kept: both sums are exact in single precision
+   real(wp), parameter :: offset = 2.0_wp            !! makes a sine or its negative positive [-]
+   real(wp), parameter :: steps = 2.0_wp**22         !! resolution of sines: both sums are exact in single precision
 
 contains
 
-   !> True if a map needs the times at which boulders came to cells.
+   !> Return whether a map needs arrival times.
    pure logical function needs_times(maps)
       type(maps_t), intent(in) :: maps
 
       needs_times = associated(maps%shortest)
    end function needs_times
 
-   !> True if any map is of how boulders came to cells.
+   !> Return whether any map needs the arrival of boulders.
    pure logical function needs_travel(maps)
       type(maps_t), intent(in) :: maps
 
       needs_travel = associated(maps%steepest) .or. associated(maps%flattest) .or. associated(maps%shortest)
    end function needs_travel
 
-   !> Note when a flight came to the cells that the boulder had not visited before it.
+   !> Record when a flight reached the cells that the boulder had not visited before.
    pure subroutine time_visits(visits, dem, start, v, begun, duration)
       type(visits_t), intent(inout) :: visits
       type(terrain_t), intent(in) :: dem
@@ -51,18 +51,18 @@ contains
       visits%timed = visits%n
    end subroutine time_visits
 
-   !> On one axis: when a straight path comes to a cell [s]; not above zero where it starts in it.
+   !> Time along one axis at which a straight path enters a cell [s]; not positive if it starts there.
    pure real(wp) function arrival(middle, cell, v)
-      real(wp), intent(in) :: middle  !! of the cell, from the start of the path [m]
-      real(wp), intent(in) :: cell    !! its side [m]
+      real(wp), intent(in) :: middle  !! cell centre relative to the start of the path [m]
+      real(wp), intent(in) :: cell    !! cell size [m]
       real(wp), intent(in) :: v       !! [m/s]
 
       arrival = 0
       if (abs(v) > 0) arrival = (middle - sign(0.5_wp*cell, v))/v
    end function arrival
 
-   !> Add how a boulder came to the cells that it visited; many threads may do so at once. The first is that of its
-   !> release, to which there is no line.
+   !> Add the arrival of a boulder in the cells that it visited; thread-safe. The first cell is that of its release, to
+   !> which there is no line.
    subroutine add_travel(maps, visits, dem, start)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: visits
@@ -87,7 +87,7 @@ contains
       call let_go(maps, held)
    end subroutine add_travel
 
-   !> Sine of the angle below the horizontal of the line from a release to the ground in the middle of a cell [-].
+   !> Sine of the angle below the horizontal of the line from a release to the ground at a cell centre [-].
    pure real(wp) function sine_of_line(dem, start, at) result(sine)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: start(3)  !! [m]
@@ -100,21 +100,21 @@ contains
       sine = anint(steps*d(3)/sqrt(d(1)*d(1) + d(2)*d(2) + d(3)*d(3)))/steps
    end function sine_of_line
 
-   !> The angle of the steepest energy line [degree], of what is kept.
+   !> Angle of the steepest energy line [degree], from its stored value.
    elemental real(sp) function steepest_angle(kept)
       real(sp), intent(in) :: kept  !! > 0 [-]
 
       steepest_angle = real(arcsine(kept - offset)/degree, sp)
    end function steepest_angle
 
-   !> The angle of the flattest energy line [degree], of what is kept.
+   !> Angle of the flattest energy line [degree], from its stored value.
    elemental real(sp) function flattest_angle(kept)
       real(sp), intent(in) :: kept  !! > 0 [-]
 
       flattest_angle = real(arcsine(offset - kept)/degree, sp)
    end function flattest_angle
 
-   !> The shortest time [s], of what is kept: 1/(1 + t).
+   !> Shortest time [s], from its stored value 1/(1 + t).
    elemental real(sp) function shortest_time(kept)
       real(sp), intent(in) :: kept  !! > 0 [1/s]
 

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps of trees: how often boulders hit some in each raster cell, how high, and what energy these took. As all maps
-!> they are counts, sums of integers, and maxima; a boulder gathers its hits first.
+!> Maps of trees: the number of hits in each raster cell, their heights, and the absorbed energy. Like all maps, they
+!> consist of counts, integer sums, and maxima; a boulder collects its hits first.
 module rockfall_tree_maps
    use rockfall_kinds, only: wp, sp, i8
    use rockfall_maps, only: maps_t, per_unit, add_value, hold, let_go
@@ -9,15 +9,15 @@ module rockfall_tree_maps
    private
    public :: tree_hits_t, needs_tree_hits, gather_tree_hit, add_tree_hits
 
-   integer, parameter :: first_room = 64  !! hits of a boulder, to begin with
+   integer, parameter :: first_room = 64  !! initial capacity for the hits of a boulder
 
    type :: placed_t
       integer :: at(2) = 0        !! column, row
-      real(wp) :: height = 0.0_wp !! of the boulder's point above the ground [m]
-      real(wp) :: taken = 0.0_wp  !! by the tree [J]
+      real(wp) :: height = 0.0_wp !! of the contact point above the ground [m]
+      real(wp) :: taken = 0.0_wp  !! energy absorbed by the tree [J]
    end type placed_t
 
-   !> The hits of one boulder.
+   !> Hits of one boulder.
    type :: tree_hits_t
       integer :: n = 0
       type(placed_t), allocatable :: hit(:)
@@ -25,7 +25,7 @@ module rockfall_tree_maps
 
 contains
 
-   !> True if a map needs the hits of trees.
+   !> Return whether a map needs the hits of trees.
    pure logical function needs_tree_hits(maps)
       type(maps_t), intent(in) :: maps
 
@@ -33,7 +33,7 @@ contains
                         associated(maps%tree_height%max)
    end function needs_tree_hits
 
-   !> One hit more.
+   !> Add a hit.
    pure subroutine gather_tree_hit(hits, at, height, taken)
       type(tree_hits_t), intent(inout) :: hits
       integer, intent(in) :: at(2)           !! column, row
@@ -50,7 +50,7 @@ contains
       hits%hit(hits%n) = placed_t(at, height, taken)
    end subroutine gather_tree_hit
 
-   !> Add a boulder's hits to the maps; many threads may do so at once.
+   !> Add a boulder's hits to the maps; thread-safe.
    subroutine add_tree_hits(maps, hits)
       type(maps_t), intent(in) :: maps
       type(tree_hits_t), intent(in) :: hits

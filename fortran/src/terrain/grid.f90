@@ -1,21 +1,21 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Where the cells of a raster lie.
+!> Geometry of a raster.
 module rockfall_grid
    use rockfall_kinds, only: wp
    implicit none
    private
    public :: grid_t, is_outside
 
-   !> North-up, square cells; row 1 is the northernmost and x runs fastest, as in files.
+   !> North-up raster of square cells; row 1 is the northernmost and x varies fastest, as in files.
    type :: grid_t
       real(wp) :: west = 0.0_wp, north = 0.0_wp  !! outer edges of the raster [m]
-      real(wp) :: cell = 1.0_wp                  !! edge of a cell [m]
+      real(wp) :: cell = 1.0_wp                  !! cell size [m]
       integer :: nx = 0, ny = 0                  !! columns, rows
    end type grid_t
 
 contains
 
-   !> Whether points, and all between them, lie beyond one side of the cells.
+   !> Return whether points, and all points between them, are on the outer side of one edge of the raster.
    pure logical function is_outside(grid, x, y)
       type(grid_t), intent(in) :: grid
       real(wp), intent(in) :: x(:), y(:)  !! map coordinates [m]

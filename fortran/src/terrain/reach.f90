@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Where boulders can come at all. No rebound adds energy (theory, chapter 5), so a boulder never rises above
-!> the elevation that its energy at the release could lift it to, and never passes terrain that is higher.
+!> Area that boulders can reach. No rebound adds energy (theory, chapter 5), so a boulder never rises above its initial
+!> energy head, and never passes higher terrain.
 module rockfall_reach
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t
@@ -8,30 +8,30 @@ module rockfall_reach
    private
    public :: block_side, take_minima, reach_box
 
-   integer, parameter :: max_blocks = 1024   !! along a side of the raster: 8 MB of minima at most
-   integer, parameter :: margin = 3           !! cells: of a patch, and round the cells of a patch
-   real(wp), parameter :: slack = 0.01_wp     !! [m] far more than rounding adds to the energy head
+   integer, parameter :: max_blocks = 1024   !! along a side of the raster: at most 8 MB of minima
+   integer, parameter :: margin = 3           !! cells: of a patch, and around the cells of a patch
+   real(wp), parameter :: slack = 0.01_wp     !! [m] far above the rounding error of the energy head
 
-   !> Blocks that were reached, and those of them whose neighbours are still to be looked at.
+   !> Blocks reached by a flood fill, and the stack of those whose neighbours are still to be visited.
    type :: flood_t
-      real(wp) :: level = 0.0_wp           !! what is higher is not reached [m]
+      real(wp) :: level = 0.0_wp           !! higher blocks are not reached [m]
       logical, allocatable :: reached(:, :)
       integer, allocatable :: stack(:, :)  !! column, row
-      integer :: n = 0                     !! on the stack
+      integer :: n = 0                     !! size of the stack
    end type flood_t
 
 contains
 
-   !> Cells along the side of a block of cells, of which only the lowest elevation is looked at.
+   !> Side length in cells of the blocks, of which only the minimum elevation is stored.
    pure integer function block_side(nodes)
       integer, intent(in) :: nodes(2)  !! columns, rows of the raster
 
       block_side = (maxval(nodes) + max_blocks - 1)/max_blocks
    end function block_side
 
-   !> Lower the minima of blocks [m] to the known elevations of rows first to last.
+   !> Update the minima of blocks [m] with the known elevations of rows first to last.
    pure subroutine take_minima(dem, first, last, minima)
-      type(terrain_t), intent(in) :: dem        !! all columns of these rows are at hand
+      type(terrain_t), intent(in) :: dem        !! with all columns of these rows
       integer, intent(in) :: first, last        !! rows from the north
       real(wp), intent(inout) :: minima(:, :)   !! (columns, rows) of blocks
       real(wp) :: z
@@ -47,20 +47,20 @@ contains
                   else
                      z = dem%z4(i, r)
                   end if
-                  if (z == z) lowest = min(lowest, z)  ! to order a NaN would be a floating-point exception
+                  if (z == z) lowest = min(lowest, z)  ! comparing a NaN by < would raise a floating-point exception
                end do
             end associate
          end do
       end do
    end subroutine take_minima
 
-   !> The rectangle of cells (first column, first row, last column, last row) that holds every cell that a
-   !> boulder can reach from these sources, and their neighbours: blocks that are lower than the energy head,
-   !> joined to one that a source is in.
+   !> Rectangle of cells (first column, first row, last column, last row) that contains every cell that boulders from
+   !> these sources can reach, and their neighbours: blocks below the energy head that are connected to a block with a
+   !> source.
    pure function reach_box(dem, minima, head, x, y) result(box)
-      type(terrain_t), intent(in) :: dem       !! where it lies; elevations need not be at hand
+      type(terrain_t), intent(in) :: dem       !! geometry only; elevations are not needed
       real(wp), intent(in) :: minima(:, :)     !! of all blocks [m]
-      real(wp), intent(in) :: head             !! energy head, the highest of all sources [m]
+      real(wp), intent(in) :: head             !! maximum energy head of all sources [m]
       real(wp), intent(in) :: x(:), y(:)       !! sources, local coordinates [m]
       integer :: box(4)
       type(flood_t) :: flood
@@ -72,7 +72,7 @@ contains
       side = block_side([dem%nx, dem%ny])
       do k = 1, size(x)
          here = [nint(x(k)*dem%per_cell) + 1, dem%ny - nint(y(k)*dem%per_cell)]
-         call enter(flood, minima, (here - 2)/side + 1, here/side + 1)  ! of the cells round it one is lower
+         call enter(flood, minima, (here - 2)/side + 1, here/side + 1)  ! one of the surrounding cells is lower
       end do
       do while (flood%n > 0)
          here = flood%stack(:, flood%n)
@@ -87,11 +87,11 @@ contains
       box(3:) = min([dem%nx, dem%ny], box(3:)*side + margin)
    end function reach_box
 
-   !> Go to those blocks of a rectangle that are low enough and new.
+   !> Push those blocks of a rectangle that are low enough and not yet visited.
    pure subroutine enter(flood, minima, first, last)
       type(flood_t), intent(inout) :: flood
       real(wp), intent(in) :: minima(:, :)       !! [m]
-      integer, intent(in) :: first(2), last(2)   !! block, also beyond the raster
+      integer, intent(in) :: first(2), last(2)   !! blocks, possibly beyond the raster
       integer :: i, r
 
       do r = max(1, first(2)), min(last(2), size(minima, 2))

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Sources from the terrain: cells as steep as rock faces are, and how many boulders each source releases by
-!> the surface of its cell. The same for both programs.
+!> Sources derived from the terrain: cells as steep as rock faces, and the number of boulders per source from the
+!> surface area of its cell. Shared by both programs.
 module rockfall_sources
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, i2, i8
@@ -12,16 +12,16 @@ module rockfall_sources
 
 contains
 
-   !> The slope [degree] from which cells of this size are taken as sources, 55 RES**-0.075: the larger the
-   !> cells, the flatter a face is in them (practice of Rockyfor3D; Dorren 2016, v5.2 revealed, ecorisQ).
+   !> Slope threshold [degree] of sources for a cell size, 55 RES**-0.075: the larger the cells, the flatter a face
+   !> appears (practice of Rockyfor3D; Dorren 2016, v5.2 revealed, ecorisQ).
    pure real(wp) function usual_threshold(cell) result(slope)
       real(wp), intent(in) :: cell  !! [m]
 
       slope = 55*exponential(-0.075_wp*logarithm(cell))
    end function usual_threshold
 
-   !> Of the cells above zero, set those to zero that are flatter than a threshold (Horn 1981), or whose 3x3
-   !> window is incomplete. Rows `first` and following.
+   !> Set the positive cells to zero that are flatter than a threshold (Horn 1981) or have an incomplete 3x3 window,
+   !> from row `first` on.
    pure subroutine keep_steep(dem, threshold, first, cells)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: threshold      !! [degree]
@@ -39,7 +39,7 @@ contains
             associate (cell => cells(i, r - first + 1))
                if (cell <= 0) cycle
                cell = 0
-               call read_patch(dem, i, dem%ny + 1 - r, patch)  ! Horn does not look at the cell itself
+               call read_patch(dem, i, dem%ny + 1 - r, patch)  ! Horn's method does not use the cell itself
                if (.not. patch%known) cycle
                call cell_descent(dem, [i, r], missing, descent, pit)
                if (ieee_is_nan(descent(1))) cycle
@@ -49,9 +49,9 @@ contains
       end do
    end subroutine keep_steep
 
-   !> Surface over plan area of the cells of sources, sqrt(1 + tan**2) [-] by Horn (1981); where the 3x3 window is
-   !> incomplete, by the patch beside the source, as for the descent of a cell. 1 off known terrain, where
-   !> no source may be.
+   !> Ratio of surface to plan area of the cells of sources, sqrt(1 + tan**2) [-] by Horn (1981); if the 3x3 window is
+   !> incomplete, from the patch next to the source, as for the descent of a cell. 1 outside the known terrain, where
+   !> sources are not allowed.
    pure function surface_ratios(dem, x, y) result(ratio)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x(:), y(:)  !! local coordinates [m]
@@ -70,8 +70,8 @@ contains
       end do
    end function surface_ratios
 
-   !> The last boulder of each source where n of them come from each unit of `ratio`: the sums of n*ratio,
-   !> rounded down, so that totals are right even with n = 1.
+   !> Last boulder of each source for n boulders per unit of `ratio`: cumulative sums of n*ratio, rounded down, so that
+   !> totals are correct even with n = 1.
    pure function last_boulders(ratio, n) result(last)
       real(wp), intent(in) :: ratio(:)  !! surface over plan area [-]
       integer(i8), intent(in) :: n
@@ -82,12 +82,12 @@ contains
       total = 0
       do k = 1, size(ratio)
          total = total + ratio(k)
-         last(k) = int(min(n*total, 0.5_wp*huge(1_i8)), i8)  ! too many are refused, not wrapped
+         last(k) = int(min(n*total, 0.5_wp*huge(1_i8)), i8)  ! excessive numbers are rejected later, not wrapped
       end do
    end function last_boulders
 
-   !> The last boulder of each source where n of them are shared in proportion to weights: the first n*w of them,
-   !> rounded down, where w is the fraction of all weights that the sources up to this one have.
+   !> Last boulder of each source for n boulders distributed in proportion to weights: n*w rounded down, where w is the
+   !> cumulative fraction of the weights.
    pure function shared_boulders(weight, n) result(last)
       real(wp), intent(in) :: weight(:)  !! > 0
       integer(i8), intent(in) :: n
@@ -106,7 +106,7 @@ contains
       end do
    end function shared_boulders
 
-   !> n*part/of without overflow: the boulders in the first of equal ranges.
+   !> Compute n*part/of without overflow: the number of boulders in the first of equal ranges.
    pure integer(i8) function share_of(n, part, of)
       integer(i8), intent(in) :: n, part, of
 

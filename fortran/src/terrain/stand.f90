@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A stand of trees of which only the stems a hectare are known: how many stand in a cell, and where. A pure function
-!> of the seed and the cell, so that neither the order of cells nor what else is read changes a tree.
+!> Stand of trees known only by its stems per hectare: the number of stems in a cell, and their positions. A pure
+!> function of the seed and the cell, so that neither the order of cells nor other input changes a tree.
 module rockfall_stand
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: exponential
@@ -9,15 +9,15 @@ module rockfall_stand
    private
    public :: stems_in_cell, stem_numbers
 
-   real(wp), parameter :: max_mean = 16.0_wp  !! of a Poisson number that one random number gives
+   real(wp), parameter :: max_mean = 16.0_wp  !! maximum mean of a Poisson number drawn from one random number
 
 contains
 
-   !> Stems in a cell of which `expected` are expected: a Poisson number, so that cells of any size give the same
-   !> forest, every stem anywhere with equal probability; or, `even`, that many and the fraction of one by chance.
+   !> Number of stems in a cell with a given expected number: Poisson distributed, so that the forest does not depend on
+   !> the cell size; or, if `even`, the integer part, plus one with the probability of the fraction.
    pure integer function stems_in_cell(key, cell, expected, even) result(stems)
       type(random_key_t), intent(in) :: key
-      integer(i8), intent(in) :: cell       !! its number in the raster
+      integer(i8), intent(in) :: cell       !! index in the raster
       real(wp), intent(in) :: expected      !! [-]
       logical, intent(in) :: even
       integer :: k, parts
@@ -27,13 +27,13 @@ contains
          stems = int(expected + uniform(count_word(key, cell, 1)))
          return
       end if
-      parts = ceiling(expected/max_mean)  ! their sum is Poisson, too
+      parts = ceiling(expected/max_mean)  ! their sum is also Poisson distributed
       do k = 1, parts
          stems = stems + poisson(expected/parts, uniform(count_word(key, cell, k)))
       end do
    end function stems_in_cell
 
-   !> Word k = 1, 2, ... for the number of stems of a cell.
+   !> Random word k = 1, 2, ... for the number of stems of a cell.
    pure integer(i8) function count_word(key, cell, k)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: cell
@@ -44,7 +44,7 @@ contains
       count_word = word(mod(k - 1, words_per_block) + 1)
    end function count_word
 
-   !> A Poisson number by inversion of its distribution.
+   !> Draw a Poisson number by inversion of its distribution.
    pure integer function poisson(mean, u) result(n)
       real(wp), intent(in) :: mean  !! 0..max_mean [-]
       real(wp), intent(in) :: u     !! uniform in (0, 1) [-]
@@ -60,8 +60,8 @@ contains
       end do
    end function poisson
 
-   !> Four uniform numbers in (0, 1) of stem 1, 2, ... of a cell: where it stands in it, eastward and northward, the
-   !> quantile of its diameter, and its species.
+   !> Four uniform numbers in (0, 1) of stem 1, 2, ... of a cell: its position eastward and northward, the quantile of
+   !> its diameter, and its species.
    pure function stem_numbers(key, cell, stem) result(u)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: cell

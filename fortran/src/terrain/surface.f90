@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What the slope is made of under a contact: the radius R_m of the rocks there, by method B (one mean
-!> radius) or method A (three obstacle sizes drawn with probability 0.7, 0.2, 0.1); Bourrier et al. 2009,
-!> section 3.4 and table 1. An infinite radius absorbs the boulder.
+!> Surface properties at a contact: the radius R_m of the rocks, by method B (one mean radius) or method A (three
+!> obstacle sizes with probabilities 0.7, 0.2, 0.1); Bourrier et al. 2009, section 3.4 and table 1. An infinite
+!> radius absorbs the boulder.
 module rockfall_surface
    use rockfall_kinds, only: wp, sp, i1, i2
    implicit none
@@ -10,29 +10,28 @@ module rockfall_surface
 
    integer, parameter :: method_a = 1, method_b = 2
 
-   !> Method A: from which number in (0, 1) on the second and the third obstacle size are drawn, and so how often each
-   !> (section 3.4: 70, 20 and 10 %).
+   !> Thresholds in (0, 1) of the second and third obstacle size of method A (section 3.4: 70, 20 and 10 %).
    real(wp), parameter :: second_from = 0.7_wp, third_from = 0.9_wp
    real(wp), parameter :: size_weights(3) = [second_from, third_from - second_from, 1 - third_from]
 
-   !> One of: the same everywhere (no array), zones with a table, or rasters of the values. Arrays begin
-   !> where those of the terrain do.
+   !> Surface given as a constant (no array), as zones with a table, or as rasters of the values. Arrays start at the
+   !> same cell as those of the terrain.
    type :: surface_t
       integer :: method = method_b
-      real(wp) :: size_to_radius = 0.5_wp  !! method A: 1/2 reads Rg as a diameter, 1 as a radius [-]
-      !> Sizes of each material [m]: (1, m) the mean radius, or (1:3, m) Rg70, Rg20, Rg10.
+      real(wp) :: size_to_radius = 0.5_wp  !! method A: 1/2 treats Rg as a diameter, 1 as a radius [-]
+      !> Sizes of each material [m]: (1, m) mean radius, or (1:3, m) Rg70, Rg20, Rg10.
       real(wp), allocatable :: sizes(:, :)
       integer(i1), pointer, contiguous :: zone1(:, :) => null()   !! (nx, ny) column of `sizes`, or
-      integer(i2), pointer, contiguous :: zone2(:, :) => null()   !! of more than 127
+      integer(i2), pointer, contiguous :: zone2(:, :) => null()   !! for more than 127 materials
       real(sp), pointer, contiguous :: values(:, :, :) => null()  !! (nx, ny, 1 or 3) sizes of each cell [m]
-      !> Where rebounds follow several grounds, the number of that of each material, or of each cell.
+      !> Index of the ground type per material, or per cell, if there are several.
       integer(i1), allocatable :: material_ground(:)
       integer(i1), pointer, contiguous :: cell_ground(:, :) => null()
    end type surface_t
 
 contains
 
-   !> R_m [m] at a raster cell for one rebound; `u` draws the obstacle size of method A (theory, chapter 7).
+   !> Rock radius R_m [m] at a raster cell for one rebound; `u` draws the obstacle size of method A (theory, chapter 7).
    pure real(wp) function rock_radius(surface, at, u)
       type(surface_t), intent(in) :: surface
       integer, intent(in) :: at(2)  !! column, row from the north
@@ -59,7 +58,7 @@ contains
       if (surface%method == method_a) rock_radius = rock_radius*surface%size_to_radius
    end function rock_radius
 
-   !> The ground whose rebounds a raster cell has; the first where there is no other.
+   !> Index of the ground type at a raster cell; 1 if there is only one.
    pure integer function ground_at(surface, at)
       type(surface_t), intent(in) :: surface
       integer, intent(in) :: at(2)  !! column, row from the north

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Terrain on a regular raster. Elevations belong to cell centres (nodes); between four nodes the surface
-!> is bilinear: a patch. Coordinates are local: x east, y north from the south-western node [m], so
-!> that the millions of a map projection cost no digits.
+!> Terrain on a regular raster. Elevations refer to cell centres (nodes); between four nodes the surface is bilinear: a
+!> patch. Coordinates are local: x east, y north from the south-western node [m], so that large map coordinates cost no
+!> precision.
 module rockfall_terrain
    use rockfall_kinds, only: wp, sp
    implicit none
@@ -10,18 +10,18 @@ module rockfall_terrain
    public :: fraction_of, height, height_at, node_height, gradient, slope_at, cell_of, cell_descent, read_window, horn
    public :: is_pit, steepness_of, max_elevation
 
-   real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] above or below zero; more is nodata that is not declared
+   real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] maximum absolute elevation; above it: undeclared nodata
 
-   !> A place this near to a side of a patch [cells] is on it: map coordinates of 1e7 m are known to 2e-9 m
-   !> only, so a source in a cell centre may lie that far from it.
+   !> Distance from a side of a patch within which a point counts as on it [cells]: map coordinates of 1e7 m have a
+   !> resolution of 2e-9 m, so a source at a cell centre may be off by that much.
    real(wp), parameter :: on_side = 1.0e-6_wp
 
-   !> A view of the caller's array, in the precision it came in. `z(i, r)`: column i from the west, row r
-   !> from the north, as files have it; NaN = no data. The array may be a window of the raster: columns,
-   !> rows and coordinates are those of the whole, so that no bit depends on the window.
+   !> View of the caller's array in its native precision. `z(i, r)`: column i from the west, row r from the north, as in
+   !> files; NaN = no data. The array may be a window of the raster: columns, rows and coordinates refer to the whole
+   !> raster, so that no bit depends on the window.
    type :: terrain_t
       integer :: nx = 0, ny = 0                           !! nodes of the raster
-      integer :: lo(2) = 1, hi(2) = 0                     !! patches that boulders may fly over: first, last
+      integer :: lo(2) = 1, hi(2) = 0                     !! first and last patch that boulders may fly over
       real(wp) :: cell = 1.0_wp                           !! node spacing [m]
       real(wp) :: per_cell = 1.0_wp                       !! 1/cell [1/m]
       real(wp) :: x0 = 0.0_wp, y0 = 0.0_wp                !! south-western node in map coordinates [m]
@@ -29,21 +29,21 @@ module rockfall_terrain
       real(sp), pointer, contiguous :: z4(:, :) => null() !! single precision
    end type terrain_t
 
-   !> z(u, w) = z00 + a u + b w + c u w over the patch between nodes (i, j) and (i+1, j+1), j from the
-   !> south; u, w in 0..1.
+   !> Bilinear patch z(u, w) = z00 + a u + b w + c u w between nodes (i, j) and (i+1, j+1), j from the south; u, w in
+   !> 0..1.
    type :: patch_t
       integer :: i = 0, j = 0
       real(wp) :: z00 = 0.0_wp, a = 0.0_wp, b = 0.0_wp, c = 0.0_wp  !! [m]
-      logical :: known = .false.  !! false where a corner has no data, or outside
+      logical :: known = .false.  !! false if a corner has no data, or outside
    end type patch_t
 
 contains
 
-   !> A terrain over elevations of a raster whose outer north-western corner is (west, north) in map
-   !> coordinates; of all of it, or of the window that begins at column and row `first`.
+   !> Build a terrain from the elevations of a raster whose outer north-western corner is (west, north) in map
+   !> coordinates; or of a window of it that starts at column and row `first`.
    function terrain(west, north, cell, z8, z4, nodes, first) result(dem)
       real(wp), intent(in) :: west, north, cell                  !! [m]
-      real(wp), intent(in), target, contiguous, optional :: z8(:, :)  !! one of the two [m]
+      real(wp), intent(in), target, contiguous, optional :: z8(:, :)  !! exactly one of the two [m]
       real(sp), intent(in), target, contiguous, optional :: z4(:, :)  !! [m]
       integer, intent(in), optional :: nodes(2), first(2)        !! of the whole raster; of the window
       type(terrain_t) :: dem
@@ -71,8 +71,8 @@ contains
       call keep_within(dem, from, from + across - 1)
    end function terrain
 
-   !> Keep boulders to patches round whose cells all neighbours are within these columns and rows; at an
-   !> edge of the raster there are none.
+   !> Restrict boulders to patches whose cells have all neighbours within these columns and rows, or beyond an edge of
+   !> the raster.
    pure subroutine keep_within(dem, first, last)
       type(terrain_t), intent(inout) :: dem
       integer, intent(in) :: first(2), last(2)  !! column, row from the north
@@ -83,7 +83,7 @@ contains
       if (first(2) > 1) dem%hi(2) = min(dem%hi(2), dem%ny - 1 - first(2))
    end subroutine keep_within
 
-   !> True for a patch that boulders may fly over, if it is known.
+   !> Return whether boulders may fly over a patch, if it is known.
    pure logical function in_window(dem, i, j)
       type(terrain_t), intent(in) :: dem
       integer, intent(in) :: i, j
@@ -91,8 +91,8 @@ contains
       in_window = i >= dem%lo(1) .and. j >= dem%lo(2) .and. i <= dem%hi(1) .and. j <= dem%hi(2)
    end function in_window
 
-   !> The patch at a point, and the place in it. A point beyond the raster gets the nearest patch; one on
-   !> the edge of known terrain (up to `on_side`) gets a known patch.
+   !> Find the patch at a point, and the position in it. Points outside the raster get the nearest patch; points on the
+   !> edge of the known terrain (up to `on_side`) get a known patch.
    pure subroutine locate(dem, x, y, patch, u, w)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x, y  !! [m]
@@ -102,7 +102,7 @@ contains
 
       i = max(1, min(dem%nx - 1, int(x*dem%per_cell) + 1))
       j = max(1, min(dem%ny - 1, int(y*dem%per_cell) + 1))
-      do k = 0, 3  ! itself, then its neighbours across a side and a corner
+      do k = 0, 3  ! the patch, then its neighbours across a side and a corner
          call read_patch(dem, i + mod(k, 2)*beyond(within(dem, x, i)), j + k/2*beyond(within(dem, y, j)), patch)
          if (patch%known) exit
       end do
@@ -111,7 +111,7 @@ contains
       w = within(dem, y, patch%j)
    end subroutine locate
 
-   !> The neighbour (-1 or 1) across the side that a place 0..1 lies on; 0 away from sides.
+   !> Step (-1 or 1) to the neighbour across the side on which a position 0..1 lies; 0 away from sides.
    pure integer function beyond(u)
       real(wp), intent(in) :: u  !! [cells]
 
@@ -120,7 +120,7 @@ contains
       if (u > 1 - on_side) beyond = 1
    end function beyond
 
-   !> Place 0..1 [cells] of a coordinate in patch interval k.
+   !> Position 0..1 [cells] of a coordinate in patch interval k.
    pure real(wp) function within(dem, x, k)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x  !! [m]
@@ -129,16 +129,16 @@ contains
       within = fraction_of(dem%per_cell, x, real(k, wp))
    end function within
 
-   !> The same of scalars.
+   !> Position 0..1 [cells] of a coordinate in an interval, from scalars.
    elemental real(wp) function fraction_of(per_cell, x, k)
       real(wp), intent(in) :: per_cell  !! [1/m]
       real(wp), intent(in) :: x         !! [m]
-      real(wp), intent(in) :: k         !! a whole number [-]
+      real(wp), intent(in) :: k         !! an integer [-]
 
       fraction_of = max(0.0_wp, min(1.0_wp, x*per_cell - (k - 1)))
    end function fraction_of
 
-   !> True inside the hull of the cell centres (nodata apart), or on its edge.
+   !> Return whether a point is inside the hull of the cell centres, or on its edge; ignores nodata.
    pure logical function on_terrain(dem, x, y)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x, y  !! [m]
@@ -148,7 +148,7 @@ contains
       on_terrain = all(at >= -on_side .and. at <= [dem%nx, dem%ny] - 1 + on_side)
    end function on_terrain
 
-   !> Whether a boulder can start from a point: between four nodes with an elevation.
+   !> Return whether a boulder can start from a point: between four nodes with known elevation.
    pure logical function is_known_at(dem, x, y)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x, y  !! [m]
@@ -161,7 +161,7 @@ contains
       is_known_at = patch%known
    end function is_known_at
 
-   !> The patch (i, j); unknown outside the window or beside nodata.
+   !> Read patch (i, j); unknown outside the window or next to nodata.
    pure subroutine read_patch(dem, i, j, patch)
       type(terrain_t), intent(in) :: dem
       integer, intent(in) :: i, j
@@ -183,10 +183,10 @@ contains
       patch%a = z10 - patch%z00
       patch%b = z01 - patch%z00
       patch%c = (z11 - z10) - patch%b
-      patch%known = patch%a + z11 == patch%a + z11 .and. patch%b == patch%b  ! a NaN equals nothing
+      patch%known = patch%a + z11 == patch%a + z11 .and. patch%b == patch%b  ! NaN differs from itself
    end subroutine read_patch
 
-   !> Height of a patch [m].
+   !> Elevation at a position in a patch [m].
    pure real(wp) function height(patch, u, w)
       type(patch_t), intent(in) :: patch
       real(wp), intent(in) :: u, w  !! 0..1 [cells]
@@ -194,7 +194,7 @@ contains
       height = height_at(patch%z00, patch%a, patch%b, patch%c, u, w)
    end function height
 
-   !> The same of scalars.
+   !> Elevation in a patch [m], from its coefficients.
    elemental real(wp) function height_at(z00, a, b, c, u, w)
       real(wp), intent(in) :: z00, a, b, c  !! as in patch_t [m]
       real(wp), intent(in) :: u, w          !! 0..1 [cells]
@@ -214,7 +214,7 @@ contains
       end if
    end function node_height
 
-   !> Gradient (dz/dx, dz/dy) [-] of a patch.
+   !> Gradient (dz/dx, dz/dy) [-] at a position in a patch.
    pure function gradient(dem, patch, u, w) result(g)
       type(terrain_t), intent(in) :: dem
       type(patch_t), intent(in) :: patch
@@ -225,7 +225,7 @@ contains
       g(2) = slope_at(patch%b, patch%c, u, dem%per_cell)
    end function gradient
 
-   !> The same along one axis, of scalars: dz/dx with a and w, dz/dy with b and u [-].
+   !> One component of the gradient: dz/dx with a and w, dz/dy with b and u [-].
    elemental real(wp) function slope_at(rise, twist, across, per_cell)
       real(wp), intent(in) :: rise, twist  !! a or b, and c, as in patch_t [m]
       real(wp), intent(in) :: across       !! w or u, 0..1 [cells]
@@ -234,14 +234,14 @@ contains
       slope_at = (rise + twist*across)*per_cell
    end function slope_at
 
-   !> sqrt(1 + |g|**2) [-] of a gradient, or 1/cos of its slope.
+   !> Steepness sqrt(1 + |g|**2) [-] of a gradient: 1/cos of the slope.
    elemental real(wp) function steepness_of(g1, g2)
       real(wp), intent(in) :: g1, g2  !! [-]
 
       steepness_of = sqrt(1 + g1*g1 + g2*g2)
    end function steepness_of
 
-   !> The raster cell (node) nearest to a place in a patch: column from the west, row from the north.
+   !> Raster cell (node) nearest to a position in a patch: column from the west, row from the north.
    pure function cell_of(dem, patch, u, w) result(at)
       type(terrain_t), intent(in) :: dem
       type(patch_t), intent(in) :: patch
@@ -254,13 +254,12 @@ contains
       if (w >= 0.5_wp) at(2) = at(2) - 1
    end function cell_of
 
-   !> The direction of steepest descent of a raster cell, by 3x3 finite differences (Horn 1981,
-   !> doi:10.1109/PROC.1981.11918), as the downhill vector -grad z, not normalised; and whether the cell is
-   !> a pit (none of its eight neighbours is lower). Where the window is incomplete: the patch's own
-   !> descent, and no pit.
+   !> Direction of steepest descent of a raster cell by 3x3 finite differences (Horn 1981,
+   !> doi:10.1109/PROC.1981.11918), as the downhill vector -grad z, not normalised; and whether the cell is a pit (none
+   !> of its eight neighbours is lower). If the window is incomplete: the descent of the patch, and no pit.
    pure subroutine cell_descent(dem, at, patch_gradient, descent, pit)
       type(terrain_t), intent(in) :: dem
-      integer, intent(in) :: at(2)              !! as from cell_of
+      integer, intent(in) :: at(2)              !! from cell_of
       real(wp), intent(in) :: patch_gradient(2) !! [-]
       real(wp), intent(out) :: descent(2)       !! [-]
       logical, intent(out) :: pit
@@ -277,17 +276,17 @@ contains
       pit = is_pit(z(2, 2), lowest) > 0
    end subroutine cell_descent
 
-   !> Whether a raster cell is a pit, 1 or 0: none of its eight neighbours is lower.
+   !> Return 1 if a raster cell is a pit (none of its eight neighbours is lower), else 0.
    elemental real(wp) function is_pit(middle, lowest)
       real(wp), intent(in) :: middle, lowest  !! elevations of the cell and of its lowest neighbour [m]
 
       is_pit = merge(1.0_wp, 0.0_wp, lowest >= middle)
    end function is_pit
 
-   !> Elevations of a raster cell and its eight neighbours [m]; all zero beside an edge of the raster or nodata.
+   !> Elevations of a raster cell and its eight neighbours [m]; all zero next to an edge of the raster or to nodata.
    pure subroutine read_window(dem, at, z, complete)
       type(terrain_t), intent(in) :: dem
-      integer, intent(in) :: at(2)         !! as from cell_of
+      integer, intent(in) :: at(2)         !! from cell_of
       real(wp), intent(out) :: z(3, 3)     !! columns west to east, rows north to south
       logical, intent(out) :: complete
       integer :: i, r
@@ -301,11 +300,11 @@ contains
       else
          z = dem%z4(i - 1:i + 1, r - 1:r + 1)
       end if
-      complete = sum(z) == sum(z)  ! a NaN equals nothing
+      complete = sum(z) == sum(z)  ! NaN differs from itself
       if (.not. complete) z = 0
    end subroutine read_window
 
-   !> The downhill vector by the eight neighbours of a cell, named by where they lie, and the lowest of them.
+   !> Downhill vector of a cell from its eight neighbours, named by direction, and the elevation of the lowest one.
    elemental subroutine horn(nw, n, ne, w, e, sw, s, se, per_cell, east, north, lowest)
       real(wp), intent(in) :: nw, n, ne, w, e, sw, s, se  !! [m]
       real(wp), intent(in) :: per_cell                    !! [1/m]
@@ -313,7 +312,7 @@ contains
       real(wp), intent(out) :: lowest                     !! [m]
       real(wp) :: per_eight
 
-      per_eight = 0.125_wp*per_cell  ! the weights 1, 2, 1 on both sides, two cells apart: 8 cells
+      per_eight = 0.125_wp*per_cell  ! weights 1, 2, 1 on both sides, two cells apart: 8 cells
       east = -((ne - nw) + 2*(e - w) + (se - sw))*per_eight
       north = -((nw - sw) + 2*(n - s) + (ne - se))*per_eight
       lowest = min(min(min(nw, n), min(ne, w)), min(min(e, sw), min(s, se)))

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A contact with the ground: look up what lies there, then rebound by impact sets, by a classical law or by a table of
-!> impacts; and fly on, roll on, or rest.
+!> Contact with the ground: find the ground properties; rebound by impact sets, a classical model or a table of
+!> impacts; then fly, roll, or rest.
 module rockfall_contact
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: squared_length
@@ -26,11 +26,11 @@ module rockfall_contact
    private
    public :: handle_impact, find_ground, find_class, close_impact, rest_or_roll
 
-   real(wp), parameter :: rockless_radius = 1.0e-9_wp  !! R_m of ground without rocks: smaller than any boulder [m]
+   real(wp), parameter :: rockless_radius = 1.0e-9_wp  !! R_m of ground without rocks: below that of any boulder [m]
 
 contains
 
-   !> A contact: absorbed, stopped, or off again on the next flight.
+   !> Handle a contact: the boulder is absorbed, stops, or starts its next flight or roll.
    pure subroutine handle_impact(scene, number, landing, v, omega_r, level, result, flight, roll, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -40,7 +40,7 @@ contains
       integer, value :: level               !! basic, ..., with_all
       type(boulder_result_t), intent(inout) :: result
       type(flight_t), intent(inout) :: flight
-      type(roll_t), intent(inout) :: roll   !! where it goes on so; else none
+      type(roll_t), intent(inout) :: roll   !! next roll, if any
       type(scratch_t), intent(inout) :: scratch
       integer(i8) :: word(words_per_block)
       integer :: at(2), class, ground
@@ -97,13 +97,13 @@ contains
       if (slow) call rest_or_roll(scene, ground, landing, squared_length(flight%v), omega_r, result, roll)
    end subroutine handle_impact
 
-   !> A contact that is drawn from a table: where it leads, or where the boulder stops.
+   !> Handle a contact drawn from a table: find its end, or where the boulder stops.
    pure subroutine contact_by_table(scene, here, number, ground, landing, v, ratio, u, omega_r, level, result, flight, &
                                     roll, scratch)
       type(scene_t), intent(in) :: scene
       type(ground_t), intent(in) :: here
       integer(i8), intent(in) :: number
-      integer, intent(in) :: ground          !! its number
+      integer, intent(in) :: ground          !! its index
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: v(3)           !! incoming velocity [m/s]
       real(wp), intent(in) :: ratio          !! R_b/R_m [-]
@@ -130,7 +130,7 @@ contains
       if (level >= with_all) then
          call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v, contact%v_in, &
                                         contact%v_out, ratio))
-         ! of a boulder that rolls on, V_n is in neither: it has it back at its next contact
+         ! V_n of a boulder that rolls on is in neither: it is restored at its next contact
          result%energy%ground = result%energy%ground + 0.5_wp*result%boulder%mass &
                                 *(before - squared_length(flight%v) - inertia_factor*omega_r*omega_r)
       end if
@@ -141,17 +141,17 @@ contains
       end if
    end subroutine contact_by_table
 
-   !> The ground of a raster cell, the rocks and obstacles there, and whether it absorbs the boulder.
+   !> Find the ground of a raster cell, its rocks and obstacles, and whether it absorbs the boulder.
    pure subroutine find_ground(scene, number, impact, at, level, ground, radius, obstacle, u_ground, status)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       integer, intent(in) :: impact
       integer, intent(in) :: at(2)          !! column, row from the north
       integer, value :: level               !! basic, ..., with_all
-      integer, intent(out) :: ground        !! 0: the scene has the case's impact sets alone
-      real(wp), intent(out) :: radius       !! R_m of the rocks; above zero where there are grounds [m]
-      real(wp), intent(out) :: obstacle     !! height of obstacles, where there are grounds [m]
-      real(wp), intent(out) :: u_ground(words_per_block)  !! random numbers for it [-]
+      integer, intent(out) :: ground        !! 0: the scene has only the case's impact sets
+      real(wp), intent(out) :: radius       !! R_m of the rocks; positive if the scene has several grounds [m]
+      real(wp), intent(out) :: obstacle     !! obstacle height, if the scene has several grounds [m]
+      real(wp), intent(out) :: u_ground(words_per_block)  !! random numbers for the ground [-]
       integer, intent(inout) :: status
 
       u_ground = 0
@@ -169,23 +169,23 @@ contains
       end if
    end subroutine find_ground
 
-   !> The impact set that serves a ratio R_b/R_m.
+   !> Choose the impact set of a ratio R_b/R_m.
    pure subroutine find_class(scene, ratio, u_ground, class, outside)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: ratio, u_ground(words_per_block)
       integer, intent(out) :: class
-      logical, intent(out) :: outside  !! of the ratios that sets are for
+      logical, intent(out) :: outside  !! outside the calibrated ratios
 
       call ratio_class(ratio, class, outside)
       if (scene%between_ratios) class = ratio_between(ratio, u_ground(ratio_word))
    end subroutine find_class
 
-   !> Whether a rebound lies beyond what its impact set was fitted on; a classical one has none, and no ratio.
+   !> Check whether a rebound is outside the fitted range of its impact set; classical models have no such range.
    pure subroutine see_ground_fit(ground, class, v_in, outside, fast, steep, ratio)
       type(ground_t), intent(in) :: ground
       integer, intent(in) :: class
       real(wp), intent(in) :: v_in(3)      !! V_t, V_n, W [m/s]
-      logical, intent(inout) :: outside    !! of the ratios that sets are for
+      logical, intent(inout) :: outside    !! outside the calibrated ratios
       logical, intent(out) :: fast, steep
       real(wp), intent(inout) :: ratio     !! R_b/R_m [-]
 
@@ -199,21 +199,21 @@ contains
       end if
    end subroutine see_ground_fit
 
-   !> Close an impact: a boulder that flies on has not yet had all the contacts that it may have.
+   !> Finish an impact: a boulder that flies on after its last permitted contact ends here.
    pure subroutine close_impact(scene, speed2, flies, result)
       type(scene_t), intent(in) :: scene
-      real(wp), intent(in) :: speed2  !! after it, |v|**2 [m2/s2]
-      logical, intent(in) :: flies    !! and does not come to rest, or roll on
+      real(wp), intent(in) :: speed2  !! |v|**2 after the impact
+      logical, intent(in) :: flies    !! neither rests nor rolls
       type(boulder_result_t), intent(inout) :: result
 
       result%speed_max = max(result%speed_max, speed2)
       if (flies .and. result%impacts >= scene%max_impacts) result%status = impact_limit
    end subroutine close_impact
 
-   !> Whether a boulder that is too slow to fly rests where it is, or rolls on.
+   !> Decide whether a boulder that is too slow to fly rests or rolls.
    pure subroutine rest_or_roll(scene, ground, landing, speed2, omega_r, result, roll)
       type(scene_t), intent(in) :: scene
-      integer, intent(in) :: ground    !! its number, where the scene has several
+      integer, intent(in) :: ground    !! its index, if the scene has several
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: speed2   !! |v|**2 [m2/s2]
       real(wp), intent(in) :: omega_r  !! W [m/s]

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Crossings of evaluation lines, and of the lines of barriers.
+!> Crossings of evaluation lines and of barriers.
 module rockfall_crossings
    use rockfall_kinds, only: wp, i1
    use rockfall_terrain, only: patch_t, locate, height, gradient, steepness_of
@@ -14,16 +14,16 @@ module rockfall_crossings
    !> First crossing of an evaluation line.
    type :: crossing_t
       logical :: crossed = .false.
-      integer(i1) :: outcome = 0       !! what the barrier there did, in all (rockfall_barrier); 0: it was not met
+      integer(i1) :: outcome = 0       !! outcome at the barrier (rockfall_barrier); 0: not hit
       real(wp) :: x = 0, y = 0, time = 0  !! local coordinates [m], since release [s]
       real(wp) :: v(3) = 0, omega = 0  !! [m/s], [rad/s]
-      real(wp) :: jump_height = 0      !! point above the surface [m]
+      real(wp) :: jump_height = 0      !! lowest point above the surface [m]
       real(wp) :: passing_height = 0   !! centre of the sphere above the surface, vertical [m]
    end type crossing_t
 
 contains
 
-   !> Record the lines that a flight crosses for the first time, up to a time.
+   !> Record the first crossings of lines along a flight, up to a time.
    pure subroutine record_crossings(scene, gravity, result, flight, landing, omega_r, crossings, until)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: gravity  !! of the path [m/s2]
@@ -46,11 +46,11 @@ contains
       end do
    end subroutine record_crossings
 
-   !> The state of a boulder in flight, `t` after the flight's start.
+   !> State of a boulder `t` after the start of a flight.
    !>
-   !> The passing height is that of the centre of the sphere (the paper measures from it). A sphere on a slope touches
-   !> it along the normal, so its centre lies R_b sqrt(1 + |g|**2) = R_b/cos(slope) above the surface, vertically; and
-   !> higher by the jump height where it flies (theory, chapter 10).
+   !> The passing height is that of the centre of the sphere, as in the paper. A sphere on a slope touches it along the
+   !> normal, so its centre is R_b sqrt(1 + |g|**2) = R_b/cos(slope) vertically above the surface, plus the jump height
+   !> in flight (theory, chapter 10).
    pure type(crossing_t) function crossing(scene, gravity, result, flight, t, omega_r) result(c)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: gravity  !! of the path [m/s2]

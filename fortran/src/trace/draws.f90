@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The random numbers of a boulder: for its volume, its rebounds, and the ground that it meets. With Sobol' sampling
-!> those of its volume and its first rebound are a scrambled Sobol' point.
+!> Random numbers of a boulder: volume, rebounds, and ground properties. With Sobol' sampling, those of its volume and
+!> its first rebound are a scrambled Sobol' point.
 module rockfall_draws
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_words, uniform, for_impact, for_ground, words_per_block, obstacle_word
@@ -13,7 +13,7 @@ module rockfall_draws
 
 contains
 
-   !> The boulder of a number, from a distribution of volumes.
+   !> Draw boulder `number` from a volume distribution.
    pure type(boulder_t) function drawn_boulder(scene, volumes, number) result(boulder)
       type(scene_t), intent(in) :: scene
       type(volume_distribution_t), intent(in) :: volumes
@@ -27,7 +27,7 @@ contains
       end if
    end function drawn_boulder
 
-   !> The words of a rebound.
+   !> Random words of a rebound.
    pure function impact_words(scene, number, impact) result(word)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -38,7 +38,7 @@ contains
       if (impact == 1 .and. scene%sobol%dimensions > 1) word = scrambled_words(scene, number)
    end function impact_words
 
-   !> The scrambled words of the first rebound. All at once: an index that varies would keep the usual words in memory.
+   !> Scrambled words of the first rebound. All at once: a variable index would keep the usual words in memory.
    pure function scrambled_words(scene, number) result(word)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -50,7 +50,7 @@ contains
       end do
    end function scrambled_words
 
-   !> Uniform numbers in (0, 1) [-] for the ground that a boulder meets at a contact.
+   !> Uniform numbers in (0, 1) [-] for the ground properties at a contact.
    pure function ground_uniforms(scene, number, impact) result(u)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -64,7 +64,7 @@ contains
       u = uniform(word)
    end function ground_uniforms
 
-   !> A word of the boulder's scrambled Sobol' point: its volume, then the words of its first rebound.
+   !> Word of the boulder's scrambled Sobol' point: its volume, then the words of its first rebound.
    pure integer(i8) function scrambled_word(scene, number, dimension)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Many boulders. The only file in which they share threads: boulders are independent, results have a place of their
-!> own, and tallies are exact, so threads and chunks cannot change a bit.
+!> Many boulders, distributed over threads, only in this file: boulders are independent, each result has its own
+!> element, and tallies are exact, so neither threads nor chunks change a bit.
 module rockfall_ensemble
    use, intrinsic :: iso_c_binding, only: c_int
    use rockfall_kinds, only: i8
@@ -22,21 +22,21 @@ module rockfall_ensemble
    private
    public :: run_boulders, trace_boulder, recorded_boulders
 
-   integer, parameter :: batch = 16        !! boulders that a thread takes at a time
-   !> Boulders of a source up to which one thread runs it alone, in a call of few boulders; in larger calls so many
-   !> that each thread has some `turns` sources of that size.
+   integer, parameter :: batch = 16        !! boulders assigned to a thread at a time
+   !> Largest source that one thread runs alone: `small` boulders in small calls; in larger ones a size that leaves
+   !> each thread about `turns` such sources.
    integer, parameter :: small = 256, turns = 8
 
-   !> What a thread works with.
+   !> Work space of a thread.
    type :: worker_t
-      procedure(trace_full), pointer, nopass :: trace => null()  !! where they go one by one
+      procedure(trace_full), pointer, nopass :: trace => null()  !! where boulders run one by one
       type(scratch_t) :: scratch
-      type(span_t), allocatable :: spans(:)  !! of the flight
+      type(span_t), allocatable :: spans(:)  !! spans of the flight
       type(totals_t) :: totals
    end type worker_t
 
    interface
-      !> Whether the processor has what the wide lanes were compiled for: 0 or 1.
+      !> Return 1 if the processor supports the instructions of the wide lanes, else 0.
       integer(c_int) function is_wide() bind(c, name="rockfall_is_wide")
          import :: c_int
       end function is_wide
@@ -44,8 +44,8 @@ module rockfall_ensemble
 
 contains
 
-   !> Run boulders `first` to `first + size(results) - 1`; add to maps and histogram counts. Those that left
-   !> the window of the terrain (status) are in no tally.
+   !> Run boulders `first` to `first + size(results) - 1`; add to maps and histogram counts. Boulders that left the
+   !> window of the terrain (see status) are not counted.
    subroutine run_boulders(scene, first, threads, results, crossings, maps, histogram_counts, by_ground)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first
@@ -54,7 +54,7 @@ contains
       type(crossing_t), intent(inout) :: crossings(:, :)     !! (lines, boulders)
       type(maps_t), intent(in) :: maps
       integer(i8), intent(inout) :: histogram_counts(:, :)   !! (bins, quantities)
-      integer(i8), intent(inout) :: by_ground(:)             !! rebounds, where the scene has several grounds
+      integer(i8), intent(inout) :: by_ground(:)             !! rebounds, if the scene has several grounds
 
       type(maps_t) :: shared_maps
       integer :: next
@@ -69,8 +69,8 @@ contains
       if (team_size(threads) > 1) call unshare(shared_maps)
    end subroutine run_boulders
 
-   !> One thread's part of the boulders. A procedure of its own, so that its work space starts as its
-   !> type says: a private copy would not.
+   !> Run one thread's part of the boulders. A separate procedure, so that its work space is default-initialised, which
+   !> private copies are not.
    subroutine run_thread(scene, first, threads, results, crossings, maps, histogram_counts, by_ground, next)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first
@@ -125,9 +125,9 @@ contains
       call add_boulder(scene, maps, result, worker%scratch, worker%totals)
    end subroutine run_one
 
-   !> One thread's part where maps count sources. All threads walk through the sources of the call in
-   !> step: small ones that are here as a whole they share out, each to a thread; the boulders of another
-   !> source they share, and wait for each other at its end, because the next one marks the same cells as its own.
+   !> Run one thread's part if maps count sources. All threads go through the sources in the same order. Small sources
+   !> that are complete in this call are distributed, one thread each; the boulders of other sources are distributed,
+   !> with a barrier at the end of each source, because the next one marks the same cells.
    subroutine run_by_source(scene, first, threads, results, crossings, maps, worker)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first
@@ -156,7 +156,7 @@ contains
             !$omp end do
             to = source
          else
-            ! as many sources at a time as have about a batch of boulders
+            ! group sources to about one batch of boulders
             sources = int(max(1_i8, batch*(to - source + 1)/max(1_i8, last_of(scene%release, to) - next + 1)))
             !$omp do schedule(dynamic, sources)
             do s = source, to
@@ -174,8 +174,8 @@ contains
       end do
    end subroutine run_by_source
 
-   !> The last of the sources from `source` on that have at most `max_small` boulders, all of them within
-   !> first..last; source - 1 without any.
+   !> Last of the consecutive sources from `source` on with at most `max_small` boulders each, all within first..last;
+   !> source - 1 if there are none.
    pure integer(i8) function last_of_small(release, source, first, last, max_small) result(to)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: source, first, last, max_small
@@ -189,8 +189,8 @@ contains
       end do
    end function last_of_small
 
-   !> Trace one boulder and keep its trajectory in `scratch%record`, of which the caller gives the size;
-   !> `scratch%recorded` says how many vertices there were.
+   !> Trace one boulder and keep its trajectory in `scratch%record`, allocated to the given size; `scratch%recorded` is
+   !> the number of its vertices.
    subroutine trace_boulder(scene, number, room, result, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -207,8 +207,8 @@ contains
       call trace_full(scene, number, result, scratch, spans)
    end subroutine trace_boulder
 
-   !> Of the boulders first..last those whose trajectories are recorded: `wanted` of all, from each source as many
-   !> as its part of the boulders, the first of it. Which they are does not depend on the range.
+   !> Numbers of the boulders in first..last whose trajectories are recorded: `wanted` in total, from each source in
+   !> proportion to its boulders, starting with its first. The choice does not depend on the range.
    pure function recorded_boulders(release, wanted, first, last) result(number)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: wanted, first, last
@@ -218,7 +218,7 @@ contains
 
       all = last_of(release, size(release%x, kind=i8))
       of = min(wanted, all)
-      do turn = 1, 2  ! count them, then note them
+      do turn = 1, 2  ! count first, then store
          n = 0
          if (last >= first) then
             do source = source_of(release, first), source_of(release, last)

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Flights of several boulders at a time. In each round all that are in the air cross the patch that they are over;
-!> those that met the ground there drop out, and the others close up. Each does what `fly` does, in the same order, so
-!> the bits are the same.
+!> Flights of several boulders at a time. In each round all flights cross their current patch; those that reach the
+!> ground are removed, and the others are compacted. Each flight performs the operations of `fly` in the same order, so
+!> results are bitwise identical.
 !>
 !> Compiled twice, like rockfall_lanes.
 module rockfall_flights
@@ -17,68 +17,68 @@ module rockfall_flights
    public :: flights_t, landings_t, take_off, take_off_again, take_off_from, fly_on, flight_of, landing_of
    public :: replace_landing, lanes, filled
 
-   integer, parameter :: lanes = 64  !! flights at a time; a multiple of `width`
-   integer, parameter :: width = 4   !! of them at a time are computed by the widest instructions
-   integer, parameter :: few = 12    !! in the air: worth waiting for others to join them
+   integer, parameter :: lanes = 64  !! number of simultaneous flights; a multiple of `width`
+   integer, parameter :: width = 4   !! flights per instruction on the widest processors
+   integer, parameter :: few = 12    !! flights in the air below which landed boulders are handled, to refill the lanes
 
-   !> A cell of each flight, that it leaves.
+   !> Cell that each flight leaves.
    type :: cell_t
-      real(wp), dimension(lanes) :: i = 0, j = 0     !! the next one, as in axis_t [-]
-      real(wp), dimension(lanes) :: so = 0           !! 1 or 0
-      real(wp), dimension(lanes) :: until = 0        !! when, if so [s]
-      real(wp), dimension(lanes) :: speed2 = 0       !! the greatest over it, squared [m2/s2]
-      real(wp), dimension(lanes) :: top = 0          !! greatest height over it [m]
+      real(wp), dimension(lanes) :: i = 0, j = 0     !! next cell, as in axis_t [-]
+      real(wp), dimension(lanes) :: so = 0           !! leaves the cell: 1 or 0
+      real(wp), dimension(lanes) :: until = 0        !! time of leaving it [s]
+      real(wp), dimension(lanes) :: speed2 = 0       !! maximum squared speed over the cell [m2/s2]
+      real(wp), dimension(lanes) :: top = 0          !! maximum height over the cell [m]
    end type cell_t
 
-   !> Those that are in the air. What a lane held before is left in it.
+   !> Flights in the air. Lanes are not cleared when they become free.
    type :: flights_t
       integer :: n = 0
-      integer :: begun = 0                                            !! those that did not just take off
-      integer :: lane(lanes) = 0                                      !! of the boulder
-      real(wp), dimension(lanes) :: x = 0, y = 0, z = 0               !! at the start [m]
-      real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0            !! likewise [m/s]
-      real(wp), dimension(lanes) :: inverse1 = 0, inverse2 = 0        !! of the speeds [s/m]
+      integer :: begun = 0                                            !! flights that have already been started
+      integer :: lane(lanes) = 0                                      !! lane of the boulder
+      real(wp), dimension(lanes) :: x = 0, y = 0, z = 0               !! start [m]
+      real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0            !! velocity at the start [m/s]
+      real(wp), dimension(lanes) :: inverse1 = 0, inverse2 = 0        !! inverse speeds [s/m]
       real(wp), dimension(lanes) :: i = 0, j = 0                      !! the patch [-]
       real(wp), dimension(lanes) :: z00 = 0, a = 0, b = 0, c = 0      !! as in patch_t [m]
       real(wp), dimension(lanes) :: t = 0, d0 = 0, d1 = 0             !! since the start [s]; height [m], its rate [m/s]
-      real(wp), dimension(lanes) :: jump_height = 0                   !! so far [m]
+      real(wp), dimension(lanes) :: jump_height = 0                   !! maximum so far [m]
       real(wp), dimension(lanes) :: next_i = 0, next_j = 0            !! the next patch [-]
-      real(wp), dimension(lanes) :: next_t = 0                        !! when it is entered, or the ground met [s]
+      real(wp), dimension(lanes) :: next_t = 0                        !! time of entering it, or of the contact [s]
       real(wp), dimension(lanes) :: contact = 0                       !! 1 or 0
-      ! Only where cells are noted:
-      real(wp), dimension(lanes) :: d2 = 0, end = 0                   !! [m/s2]; of the span over the patch [s]
-      real(wp), dimension(lanes) :: cell_i = 0, cell_j = 0            !! the cell, as in axis_t [-]
+      ! Only if cells are recorded:
+      real(wp), dimension(lanes) :: d2 = 0, end = 0                   !! [m2/s2]; end of the span over the patch [s]
+      real(wp), dimension(lanes) :: cell_i = 0, cell_j = 0            !! current cell, as in axis_t [-]
       real(wp), dimension(lanes) :: v3_in = 0                         !! vertical speed on entering it [m/s]
-      real(wp), dimension(lanes) :: top = 0                           !! greatest height over it so far [m]
-      type(cell_t) :: left(2)                                         !! up to two that it leaves over the patch
-      real(wp), dimension(lanes) :: speed2 = 0                        !! as in cell_t, of the one that it is over then
+      real(wp), dimension(lanes) :: top = 0                           !! maximum height over the cell so far [m]
+      type(cell_t) :: left(2)                                         !! up to two cells left over the patch
+      real(wp), dimension(lanes) :: speed2 = 0                        !! as in cell_t, for the cell after these
    end type flights_t
 
-   !> Those that ended.
+   !> Flights that have ended.
    type :: landings_t
       integer :: n = 0
       integer :: lane(lanes) = 0
-      real(wp), dimension(lanes) :: x0 = 0, y0 = 0, z0 = 0            !! where they began [m]
-      real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0            !! likewise [m/s]
-      real(wp), dimension(lanes) :: x = 0, y = 0, z = 0               !! where they ended [m]
-      real(wp), dimension(lanes) :: time = 0                          !! of flight [s]
+      real(wp), dimension(lanes) :: x0 = 0, y0 = 0, z0 = 0            !! start [m]
+      real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0            !! velocity at the start [m/s]
+      real(wp), dimension(lanes) :: x = 0, y = 0, z = 0               !! end [m]
+      real(wp), dimension(lanes) :: time = 0                          !! flight time [s]
       real(wp), dimension(lanes) :: i = 0, j = 0                      !! the patch [-]
       real(wp), dimension(lanes) :: z00 = 0, a = 0, b = 0, c = 0      !! as in patch_t; 0 without a contact [m]
-      real(wp), dimension(lanes) :: u = 0, w = 0                      !! place in it, 0..1 [cells]
+      real(wp), dimension(lanes) :: u = 0, w = 0                      !! position in it, 0..1 [cells]
       real(wp), dimension(lanes) :: jump_height = 0                   !! maximum [m]
-      real(wp), dimension(lanes) :: contact = 0                       !! 1, or 0: left the domain
+      real(wp), dimension(lanes) :: contact = 0                       !! 1, or 0: it left the domain
    end type landings_t
 
 contains
 
-   !> As many lanes as loops go over: computing the last few of a full width costs less than leaving them out.
+   !> Number of lanes rounded up to a full vector width; padding is cheaper than a remainder loop.
    pure integer function filled(n)
       integer, intent(in) :: n
 
       filled = (n + width - 1)/width*width
    end function filled
 
-   !> One more flight.
+   !> Add a flight.
    subroutine take_off(f, lane, start)
       type(flights_t), intent(inout) :: f
       integer, intent(in) :: lane
@@ -99,7 +99,7 @@ contains
       call lie_over(f, n, start%patch)
    end subroutine take_off
 
-   !> The next flight, from where the last one landed.
+   !> Add the next flight of a boulder from its last landing.
    subroutine take_off_again(f, l, k, v1, v2, v3, rate)
       type(flights_t), intent(inout) :: f
       type(landings_t), intent(in) :: l
@@ -126,13 +126,13 @@ contains
       f%c(n) = l%c(k)
    end subroutine take_off_again
 
-   !> The same from another place on its patch, or above it.
+   !> Add the next flight of a boulder from another point on its patch, or above it.
    subroutine take_off_from(f, l, k, x, y, z, above, v1, v2, v3, rate)
       type(flights_t), intent(inout) :: f
       type(landings_t), intent(in) :: l
       integer, intent(in) :: k
       real(wp), intent(in) :: x, y, z           !! on the patch [m]
-      real(wp), intent(in) :: above             !! it [m]
+      real(wp), intent(in) :: above             !! height above the patch [m]
       real(wp), intent(in) :: v1, v2, v3, rate  !! [m/s]
 
       call take_off_again(f, l, k, v1, v2, v3, rate)
@@ -142,7 +142,7 @@ contains
       f%d0(f%n) = above
    end subroutine take_off_from
 
-   !> The patch that a flight is over.
+   !> Set the patch that a flight is over.
    subroutine lie_over(f, k, patch)
       type(flights_t), intent(inout) :: f
       integer, intent(in) :: k
@@ -156,7 +156,8 @@ contains
       f%c(k) = patch%c
    end subroutine lie_over
 
-   !> Fly until most have met the ground, or left the known terrain; and note the cells on the way, if maps need them.
+   !> Advance the flights until most have landed or left the known terrain; record the cells on the way if maps need
+   !> them.
    subroutine fly_on(dem, gravity, w, f, l, scratch)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity                 !! [m/s2]
@@ -175,14 +176,15 @@ contains
       call touch_down(l, gravity, dem%cell, dem%per_cell)
    end subroutine fly_on
 
-   !> Patch by patch. Wherever it is called, what it notes is a constant, so that each gets a copy of its own.
+   !> Advance patch by patch. `cells` and `heights` are compile-time constants at each call, so the compiler specialises
+   !> the procedure.
    subroutine fly_rounds(dem, gravity, w, f, l, scratch, cells, heights)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity, w(:)
       type(flights_t), intent(inout) :: f
       type(landings_t), intent(inout) :: l
       type(scratch_t), intent(inout) :: scratch(:)
-      logical, value :: cells, heights  !! whether to note the cells, and the heights over them
+      logical, value :: cells, heights  !! record the cells, and the heights over them
 
       call begin(f, dem, scratch, cells)
       l%n = 0
@@ -199,7 +201,7 @@ contains
       f%begun = f%n
    end subroutine fly_rounds
 
-   !> Begin the flights that have just taken off.
+   !> Initialise the flights that have just been added.
    subroutine begin(f, dem, scratch, cells)
       type(flights_t), intent(inout) :: f
       type(terrain_t), intent(in) :: dem
@@ -227,7 +229,7 @@ contains
       end do
    end subroutine begin
 
-   !> Cross a patch, or meet the ground on it.
+   !> Cross a patch, or find the contact on it.
    subroutine cross(f, gravity, cell, per_cell)
       type(flights_t), intent(inout) :: f
       real(wp), intent(in) :: gravity, cell, per_cell  !! [m/s2], [m], [1/m]
@@ -262,8 +264,8 @@ contains
       end do
    end subroutine cross
 
-   !> Leave up to two cells over the patch: each axis has one middle of a patch. What is known of the cells is what
-   !> `visit_path` notes.
+   !> Leave up to two cells over the patch: each axis has one cell boundary, in the middle of the patch. Records the
+   !> same values of the cells as `visit_path`.
    subroutine leave_cells(f, gravity, cell, heights)
       type(flights_t), intent(inout) :: f
       real(wp), intent(in) :: gravity, cell  !! [m/s2], [m]
@@ -307,7 +309,7 @@ contains
          two = f%left(2)%so(k)
          top = f%top(k)
          top1 = max(top, highest(f%d0(k), f%d1(k), f%d2(k), 0.0_wp, min(first, end) - t))
-         top1 = merge(top1, top, first > t)  ! else it had left the cell at the end of the patch before
+         top1 = merge(top1, top, first > t)  ! otherwise it left the cell at the end of the previous patch
          top2 = max(0.0_wp, highest(f%d0(k), f%d1(k), f%d2(k), max(first, t) - t, min(second, end) - t))
          top3 = max(0.0_wp, highest(f%d0(k), f%d1(k), f%d2(k), max(second, t) - t, end - t))
          f%left(1)%top(k) = top1
@@ -317,21 +319,21 @@ contains
       end do
    end subroutine leave_cells
 
-   !> Leave the cell that a flight is over, if that is so before a time.
+   !> Leave the current cell of a flight if that happens before a given time.
    elemental subroutine leave_cell(x, y, inverse1, inverse2, cell, plan2, v3, gravity, end, i, j, v3_in, so, &
                                    until, speed2)
-      real(wp), intent(in) :: x, y                !! its start [m]
-      real(wp), intent(in) :: inverse1, inverse2  !! of its speeds [s/m]
-      real(wp), intent(in) :: cell                !! the size [m]
+      real(wp), intent(in) :: x, y                !! start of the flight [m]
+      real(wp), intent(in) :: inverse1, inverse2  !! inverse speeds [s/m]
+      real(wp), intent(in) :: cell                !! cell size [m]
       real(wp), intent(in) :: plan2               !! squared speed in plan [m2/s2]
       real(wp), intent(in) :: v3                  !! vertical speed at the start [m/s]
       real(wp), intent(in) :: gravity             !! [m/s2]
-      real(wp), intent(in) :: end                 !! since the start [s]
+      real(wp), intent(in) :: end                 !! the given time, since the start [s]
       real(wp), intent(inout) :: i, j             !! the cell, as in axis_t [-]
       real(wp), intent(inout) :: v3_in            !! vertical speed on entering it [m/s]
-      real(wp), intent(inout) :: so               !! 1, or 0: it does not
-      real(wp), intent(out) :: until              !! when, since the start [s]
-      real(wp), intent(out) :: speed2             !! the greatest over it, squared [m2/s2]
+      real(wp), intent(inout) :: so               !! leaves the cell: 1 or 0
+      real(wp), intent(out) :: until              !! time of leaving, since the start [s]
+      real(wp), intent(out) :: speed2             !! maximum squared speed over the cell [m2/s2]
       real(wp) :: tx, ty, east, north, v3_out
 
       tx = leaving_time(x, inverse1, cell, i)
@@ -349,7 +351,7 @@ contains
       j = j + so*north
    end subroutine leave_cell
 
-   !> Note the cells that were left for others.
+   !> Record the cells that flights have left for others.
    subroutine note_cells(left, f, ny, w, scratch)
       type(cell_t), intent(in) :: left
       type(flights_t), intent(in) :: f
@@ -359,7 +361,7 @@ contains
       integer :: which(lanes + 1), n, k, m
 
       n = 0
-      do k = 1, f%n  ! without a branch, as in `part`
+      do k = 1, f%n  ! branchless, as in `part`
          which(n + 1) = k
          n = n + int(left%so(k))
       end do
@@ -372,7 +374,7 @@ contains
       end do
    end subroutine note_cells
 
-   !> Note the cell where a flight ends.
+   !> Record the cell in which a flight ends.
    subroutine note_last(f, k, dem, gravity, w, scratch)
       type(flights_t), intent(inout) :: f
       integer, intent(in) :: k
@@ -383,7 +385,7 @@ contains
       real(wp) :: plan2, so, until, speed2
 
       plan2 = f%v1(k)*f%v1(k) + f%v2(k)*f%v2(k)
-      do  ! it may have left cells that take it no time
+      do  ! it may have left cells in which it spent no time
          so = 1
          call leave_cell(f%x(k), f%y(k), f%inverse1(k), f%inverse2(k), dem%cell, plan2, f%v3(k), gravity, f%next_t(k), &
                          f%cell_i(k), f%cell_j(k), f%v3_in(k), so, until, speed2)
@@ -395,7 +397,7 @@ contains
       call raise_values(scratch%visits, f%speed2(k), inertia_factor*w**2, f%top(k))
    end subroutine note_last
 
-   !> Part those that met the ground, or left the known terrain, from those that fly on.
+   !> Separate the flights that have landed or left the known terrain from the others.
    subroutine part(dem, gravity, w, f, l, scratch, cells)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity, w(:)
@@ -408,7 +410,7 @@ contains
 
       n_ended = 0
       n_on = 0
-      do k = 1, f%n  ! without a branch: either comes half of the time
+      do k = 1, f%n  ! branchless: the outcome is unpredictable
          ended(n_ended + 1) = k
          on(n_on + 1) = k
          n = int(f%contact(k))
@@ -452,7 +454,7 @@ contains
       f%n = n
    end subroutine part
 
-   !> A flight at its end.
+   !> Store the end of a flight.
    subroutine set_landing(f, k, contact, l)
       type(flights_t), intent(in) :: f
       integer, intent(in) :: k
@@ -480,7 +482,7 @@ contains
       l%contact(n) = contact
    end subroutine set_landing
 
-   !> The heights over the patches that they enter.
+   !> Heights over the patches that flights enter.
    subroutine enter(f, gravity, per_cell)
       type(flights_t), intent(inout) :: f
       real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
@@ -493,7 +495,7 @@ contains
       end do
    end subroutine enter
 
-   !> Where they landed: exactly on the patch.
+   !> Place landings exactly on their patches.
    subroutine touch_down(l, gravity, cell, per_cell)
       type(landings_t), intent(inout) :: l
       real(wp), intent(in) :: gravity, cell, per_cell  !! [m/s2], [m], [1/m]
@@ -515,7 +517,7 @@ contains
       end do
    end subroutine touch_down
 
-   !> A flight that ended, at its start; without its height above the ground there, and where it headed.
+   !> Return the start of a flight that has ended, without its height above the ground and its heading.
    pure type(flight_t) function flight_of(l, k) result(flight)
       type(landings_t), intent(in) :: l
       integer, intent(in) :: k
@@ -526,7 +528,7 @@ contains
       flight%v = [l%v1(k), l%v2(k), l%v3(k)]
    end function flight_of
 
-   !> The same at its end.
+   !> Return the end of a flight that has ended.
    pure type(landing_t) function landing_of(l, k) result(landing)
       type(landings_t), intent(in) :: l
       integer, intent(in) :: k

@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Boulders in lanes: a thread carries a pool of them on from contact to contact, several at a time. Those that have
-!> landed are taken together, and what is the same for all is computed in loops over them; then they join those that
-!> are still in the air. Each does what `trace` does, in the same order, so the bits are the same.
+!> Boulders in lanes: a thread advances a pool of boulders from contact to contact. Landed boulders are processed
+!> together in loops over their common operations; then they rejoin those still in the air. Each boulder goes through
+!> the operations of `trace` in the same order, so results are bitwise identical.
 !>
-!> Compiled twice, the second time for processors with AVX2, as the module rockfall_wide_lanes.
+!> Compiled twice: the second time for processors with AVX2, as the module rockfall_wide_lanes.
 module rockfall_lanes
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: philox, set_counter, for_impact, words_per_block, turn_word, normal, uniform, side_of
@@ -35,52 +35,52 @@ module rockfall_lanes
    private
    public :: run_in_lanes
 
-   integer, parameter :: batch = 16  !! boulders that a thread takes at a time
+   integer, parameter :: batch = 16  !! boulders assigned to a thread at a time
 
-   !> The boulders of a thread, each in a lane of its own until it ends.
+   !> Boulders of a thread, each in its own lane until it ends.
    type :: pool_t
-      integer :: place(lanes) = 0                       !! in the results
+      integer :: place(lanes) = 0                       !! index in the results
       real(wp) :: heading1(lanes) = 0, heading2(lanes) = 0  !! after the last rebound [-]
       real(wp) :: w(lanes) = 0                          !! W = R_b omega [m/s]
       integer :: free(lanes) = 0, n_free = 0            !! lanes without a boulder
-      integer :: from = 1, to = 0                       !! places of boulders that are the thread's, but not yet here
+      integer :: from = 1, to = 0                       !! indices of assigned boulders not yet started
    end type pool_t
 
-   !> All impact sets of a scene, those of a ground one after the other.
+   !> All impact sets of a scene, concatenated over its grounds.
    type :: laws_t
       type(impact_set_t), allocatable :: set(:)
-      integer, allocatable :: before(:)  !! sets before those of each ground; -1: it has none
+      integer, allocatable :: before(:)  !! number of sets before those of each ground; -1: the ground has none
    end type laws_t
 
-   !> The contacts of those that have landed, in their order.
+   !> Contacts of the landed boulders, in order of landing.
    type :: contacts_t
-      integer :: set(lanes)                                      !! of all; past them: no contact, or a classical one
-      integer :: ground(lanes)                                   !! of the scene, where it has several
-      logical :: outside(lanes)                                  !! of the ratios that sets are for
+      integer :: set(lanes)                                      !! impact set; past the last: none, or a classical one
+      integer :: ground(lanes)                                   !! index, if the scene has several
+      logical :: outside(lanes)                                  !! outside the calibrated ratios
       integer(i8), dimension(lanes) :: number = 0, impact = 0
       real(wp), dimension(lanes) :: length = 0                   !! of the flight [m]
-      real(wp), dimension(lanes) :: speed2_in = 0, speed2 = 0    !! at its end, of the next [m2/s2]
+      real(wp), dimension(lanes) :: speed2_in = 0, speed2 = 0    !! at its end; of the next flight [m2/s2]
       integer :: draws(lanes)
       logical :: forced(lanes)
-      real(wp), dimension(lanes) :: w = 0, next_w = 0            !! W = R_b omega before it, of the next [m/s]
+      real(wp), dimension(lanes) :: w = 0, next_w = 0            !! W = R_b omega before it; of the next flight [m/s]
       real(wp), dimension(lanes) :: heading1 = 0, heading2 = 0   !! [-]
       real(wp), dimension(lanes) :: g1 = 0, g2 = 0, steepness = 0  !! of the patch [-]
-      real(wp), dimension(lanes) :: tangential = 0, normal = 0   !! V_t, V_n before it [m/s]
+      real(wp), dimension(lanes) :: tangential = 0, normal = 0   !! V_t, V_n before the contact [m/s]
       real(wp), dimension(lanes) :: out1 = 0, out2 = 0, out3 = 0 !! V_t, V_n, W after it [m/s]
       real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0       !! of the next flight [m/s]
       real(wp), dimension(lanes) :: rate = 0                     !! likewise [m/s]
-      real(wp), dimension(lanes) :: usual = 0                    !! 1 or 0
+      real(wp), dimension(lanes) :: usual = 0                    !! 1 if handled by the loops, else 0
       real(wp), dimension(lanes) :: z1 = 0, z2 = 0, z3 = 0, u = 0, side = 0  !! random numbers [-]
       real(wp), dimension(lanes) :: ratio = 0                    !! R_b/R_m [-]
-      integer(i8) :: word(lanes, words_per_block) = 0            !! random
+      integer(i8) :: word(lanes, words_per_block) = 0            !! random words
       real(wp), dimension(lanes, 9) :: z = 0                     !! elevations of the cell and its neighbours [m]
    end type contacts_t
 
-   !> The draws of V_out, in the order of their impact sets.
+   !> Draws of V_out, sorted by impact set.
    type :: draws_t
       integer :: n = 0
-      integer :: contact(lanes) = 0                              !! of each
-      real(wp), dimension(lanes) :: tangential = 0, normal = 0, w = 0  !! V_t, V_n, W before it [m/s]
+      integer :: contact(lanes) = 0                              !! contact of each draw
+      real(wp), dimension(lanes) :: tangential = 0, normal = 0, w = 0  !! V_t, V_n, W before the contact [m/s]
       real(wp), dimension(lanes) :: z1 = 0, z2 = 0, z3 = 0       !! standard normal numbers [-]
       real(wp), dimension(lanes) :: out1 = 0, out2 = 0, out3 = 0 !! V_t, V_n, W after it [m/s]
       real(wp), dimension(lanes) :: admissible = 0               !! 1 or 0
@@ -88,14 +88,14 @@ module rockfall_lanes
 
 contains
 
-   !> One thread's part of the boulders: as many as it gets of `next`, which all threads share.
+   !> Run one thread's part of the boulders, in batches from the shared counter `next`.
    subroutine run_in_lanes(scene, first, results, crossings, maps, next, totals)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first                    !! number of the first boulder
       type(boulder_result_t), intent(inout) :: results(:)
       type(crossing_t), intent(inout) :: crossings(:, :)  !! (lines, boulders)
-      type(maps_t), intent(in) :: maps                    !! none by source
-      integer, intent(inout) :: next                      !! place of the next boulder
+      type(maps_t), intent(in) :: maps                    !! none counts sources
+      integer, intent(inout) :: next                      !! index of the next boulder
       type(totals_t), intent(inout) :: totals
       type(pool_t) :: pool
       type(scratch_t), allocatable :: scratch(:)          !! of each lane
@@ -137,7 +137,7 @@ contains
       end do
    end subroutine run_in_lanes
 
-   !> The impact sets of the scene: the case's, or those of its grounds.
+   !> Collect the impact sets of the scene: those of the case or of its grounds.
    pure type(laws_t) function laws_of(scene) result(laws)
       type(scene_t), intent(in) :: scene
       integer :: ground, n
@@ -161,7 +161,7 @@ contains
       end do
    end function laws_of
 
-   !> Whether any ground has a table of impacts.
+   !> Return whether any ground has a table of impacts.
    pure logical function has_tables(scene)
       type(scene_t), intent(in) :: scene
       integer :: ground
@@ -208,7 +208,7 @@ contains
       end do
    end subroutine refill
 
-   !> Where a boulder heads, and how it rotates.
+   !> Set the heading and the rotation of a boulder.
    subroutine set_out(pool, lane, heading1, heading2, w)
       type(pool_t), intent(inout) :: pool
       integer, intent(in) :: lane
@@ -220,7 +220,7 @@ contains
       pool%w(lane) = w
    end subroutine set_out
 
-   !> Record the lines that they crossed.
+   !> Record the line crossings of the landed boulders.
    subroutine cross_lines(scene, results, pool, l, scratch)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: results(:)
@@ -239,7 +239,7 @@ contains
       end do
    end subroutine cross_lines
 
-   !> Look up what lies where they landed.
+   !> Find the ground properties at the landings.
    subroutine look_up(scene, laws, first, results, pool, l, scratch, c)
       type(scene_t), intent(in) :: scene
       type(laws_t), intent(in) :: laws
@@ -284,7 +284,7 @@ contains
             call find_class(scene, c%ratio(k), u_ground, class, c%outside(k))
             c%set(k) = laws%before(c%ground(k)) + class
             call read_window(scene%dem, at, z, complete)
-            if (result%impacts == 1 .and. scene%sobol%dimensions > 1) z = 0  ! a flat cell is no usual one: see `turn`
+            if (result%impacts == 1 .and. scene%sobol%dimensions > 1) z = 0  ! flat: excluded from the loops of `turn`
             do row = 1, 3
                c%z(k, 3*row - 2) = z(1, row)
                c%z(k, 3*row - 1) = z(2, row)
@@ -294,7 +294,7 @@ contains
       end do
    end subroutine look_up
 
-   !> Those of the contacts that are by a table. The first one's random numbers may be of a Sobol' point.
+   !> Handle contacts by a table. The random numbers of a boulder's first contact may come from a Sobol' point.
    subroutine find_contacts_by_table(scene, results, pool, l, c, scratch, b)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: results(:)
@@ -318,7 +318,7 @@ contains
       end do
    end subroutine find_contacts_by_table
 
-   !> The ends of the flights, and the velocities there in the local frames.
+   !> Transform the velocities at the ends of the flights to the local frames.
    subroutine meet(l, gravity, per_cell, c)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
@@ -344,7 +344,7 @@ contains
       end do
    end subroutine meet
 
-   !> The random numbers of the contacts.
+   !> Draw the random numbers of the contacts.
    subroutine draw_numbers(scene, n, c)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: n
@@ -352,7 +352,7 @@ contains
       integer(i8) :: w1, w2, w3, w4
       integer :: k
 
-      ! Two at a time take twice as long as one by one; four do not, and the wide copy is made without the next line.
+      ! vectors of two take twice as long as scalars, those of four do not; the wide copy omits the next line
       !GCC$ novector
       do k = 1, filled(n)
          call set_counter(for_impact, c%number(k), c%impact(k), 0_i8, w1, w2, w3, w4)
@@ -375,14 +375,14 @@ contains
       end do
    end subroutine draw_numbers
 
-   !> The velocities after the contacts, by impact set.
+   !> Draw the velocities after the contacts, by impact set.
    subroutine draw(scene, laws, n, c, d)
       type(scene_t), intent(in) :: scene
       type(laws_t), intent(in) :: laws
       integer, intent(in) :: n
       type(contacts_t), intent(inout) :: c
       type(draws_t), intent(inout) :: d
-      integer :: first(size(laws%set) + 2)  ! of each set, and past them all
+      integer :: first(size(laws%set) + 2)  !! first draw of each set, and the end
       integer :: set, k, m
 
       call sort(laws, n, c, first, d)
@@ -402,7 +402,7 @@ contains
       end do
    end subroutine draw
 
-   !> The draws in the order of their impact sets.
+   !> Sort the draws by impact set.
    subroutine sort(laws, n, c, first, d)
       type(laws_t), intent(in) :: laws
       integer, intent(in) :: n
@@ -435,7 +435,7 @@ contains
       end do
    end subroutine sort
 
-   !> Draws first..last.
+   !> Compute draws first..last of one impact set.
    subroutine draw_of_set(set, d, first, last)
       type(impact_set_t), intent(in) :: set
       type(draws_t), intent(inout) :: d
@@ -451,7 +451,7 @@ contains
       end do
    end subroutine draw_of_set
 
-   !> Draw again what was not admissible.
+   !> Redraw a rebound that was not admissible.
    subroutine redraw(scene, laws, k, c)
       type(scene_t), intent(in) :: scene
       type(laws_t), intent(in) :: laws
@@ -469,8 +469,8 @@ contains
       c%forced(k) = out%forced
    end subroutine redraw
 
-   !> The next flights. What is not usual (a cell that is flat or has not all its neighbours, a vertical impact) is left
-   !> to the scalar procedures.
+   !> Compute the next flights. Special cases (flat cell, incomplete neighbourhood, vertical impact) are left to the
+   !> scalar procedures.
    subroutine turn(n, per_cell, c)
       integer, intent(in) :: n
       real(wp), intent(in) :: per_cell  !! [1/m]
@@ -502,7 +502,7 @@ contains
       end do
    end subroutine turn
 
-   !> Each boulder after its contact: on its next flight, or at its end.
+   !> Advance each boulder after its contact to its next flight, or end it.
    subroutine go_on(scene, laws, results, pool, l, c, by_table, flights, scratch)
       type(scene_t), intent(in) :: scene
       type(laws_t), intent(in) :: laws
@@ -557,7 +557,7 @@ contains
       end do
    end subroutine go_on
 
-   !> A boulder after a contact by a table.
+   !> Start the next flight of a boulder after a contact by a table, or end it.
    subroutine leave_table(scene, b, l, k, pool, result, flights, scratch)
       type(scene_t), intent(in) :: scene
       type(table_batch_t), intent(inout) :: b
@@ -607,7 +607,7 @@ contains
       call roll_alone(scene, l, k, pool, result, flight, b%roll(k), flights, scratch)
    end subroutine leave_table
 
-   !> A rebound that is not one of many, and the next flight.
+   !> Compute a rebound that the loops do not handle, and the next flight.
    subroutine rebound_alone(scene, number, l, k, pool, result, flights, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -634,7 +634,7 @@ contains
       if (result%status == 0) call take_off(flights, lane, flight)
    end subroutine rebound_alone
 
-   !> A roll, and the next flight.
+   !> Compute a roll, and the next flight.
    subroutine roll_alone(scene, l, k, pool, result, flight, roll, flights, scratch)
       type(scene_t), intent(in) :: scene
       type(landings_t), intent(inout) :: l
@@ -661,7 +661,7 @@ contains
       end if
    end subroutine roll_alone
 
-   !> Take boulders that have come to their end out of the pool.
+   !> Remove finished boulders from the pool.
    subroutine take_out(scene, results, crossings, maps, l, pool, scratch, totals)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(inout) :: results(:)

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Trees and barriers on the way of a boulder: which it meets first, and what that takes.
+!> Trees and barriers: which one a boulder hits first, and the effect of the hit.
 module rockfall_obstacles
    use rockfall_kinds, only: wp, i1, i8
    use rockfall_math, only: squared_length
@@ -20,20 +20,20 @@ module rockfall_obstacles
    private
    public :: obstacle_t, find_obstacle, meet_obstacle, note_passed_over, none
 
-   !> What a flight may end at before it meets the ground.
+   !> Kinds of obstacles that can end a flight before it reaches the ground.
    integer, parameter :: none = 0, barrier = 1, tree = 2
 
-   !> Where a flight ends in the air.
+   !> End of a flight in the air.
    type :: obstacle_t
       integer :: kind = none        !! barrier, tree
-      integer :: number = 0         !! of the barrier
+      integer :: number = 0         !! index of the barrier
       real(wp) :: time = never      !! since the start of the flight [s]
-      type(tree_hit_t) :: hit       !! of a tree
+      type(tree_hit_t) :: hit       !! hit of a tree
    end type obstacle_t
 
 contains
 
-   !> The first obstacle on a path, and the lines that are crossed up to there.
+   !> Find the first obstacle on a path, and record the line crossings up to it.
    pure subroutine find_obstacle(scene, gravity, result, flight, landing, omega_r, spans, scratch, obstacle)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: gravity  !! of the path [m/s2]
@@ -53,7 +53,7 @@ contains
          call record_crossings(scene, gravity, result, flight, landing, omega_r, scratch%crossings, obstacle%time)
    end subroutine find_obstacle
 
-   !> The first barrier that stands in the way of a flight, if it does before the obstacle.
+   !> Find the first barrier hit by a flight, if it is hit before `obstacle`.
    pure subroutine find_barrier(scene, gravity, result, flight, landing, omega_r, crossings, obstacle)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: gravity    !! of the path [m/s2]
@@ -69,7 +69,7 @@ contains
       do k = 1, size(scene%barriers)
          if (crossings(scene%barriers(k)%line)%outcome == broken_through) cycle
          fraction = -1
-         do  ! a bent barrier may be crossed several times
+         do  ! a polyline may be crossed several times
             fraction = next_crossing(scene%lines(scene%barriers(k)%line), [flight%x, flight%y], &
                                      [landing%x, landing%y], fraction)
             time = fraction*landing%time
@@ -82,7 +82,7 @@ contains
       end do
    end subroutine find_barrier
 
-   !> Whether a boulder that crosses a barrier does not pass over it.
+   !> Return whether a boulder crosses a barrier below its top edge.
    pure logical function stands_in_way(this, result, crossing)
       type(barrier_t), intent(in) :: this
       type(boulder_result_t), intent(in) :: result
@@ -92,7 +92,7 @@ contains
                                                      sum(kinetic_energy(result%boulder, crossing%v, crossing%omega)))
    end function stands_in_way
 
-   !> Barriers that a boulder crossed and that never stood in its way: it passed over them.
+   !> Record the barriers that a boulder crossed but never hit as passed over.
    pure subroutine note_passed_over(scene, result, crossings)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: result
@@ -107,7 +107,7 @@ contains
       end do
    end subroutine note_passed_over
 
-   !> The first tree on the way of a flight, if it is hit before the obstacle.
+   !> Find the first tree hit by a flight, if it is hit before `obstacle`.
    pure subroutine find_tree(forest, radius, flight, spans, felled, obstacle)
       type(forest_t), intent(in) :: forest
       real(wp), intent(in) :: radius  !! of the boulder [m]
@@ -121,7 +121,7 @@ contains
       if (hit%tree > 0 .and. hit%time < obstacle%time) obstacle = obstacle_t(tree, 0, hit%time, hit)
    end subroutine find_tree
 
-   !> An obstacle takes energy; with the rest the boulder flies on from there.
+   !> Apply the energy loss at an obstacle; with the remaining energy the boulder flies on from there.
    pure subroutine meet_obstacle(scene, number, obstacle, landing, v, omega_r, result, flight, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -165,7 +165,7 @@ contains
       call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v))
    end subroutine meet_obstacle
 
-   !> What a hit of a tree does, and what is to be known of it later.
+   !> Apply a hit of a tree, and record it.
    pure subroutine hit_tree(scene, number, hit, landing, energy, result, scratch, impact)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number

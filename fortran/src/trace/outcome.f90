@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What became of a boulder: its status, how far and how fast it went, and where its energy went (theory, chapter 10).
+!> Result of a boulder: its status, distances, speeds, and energy balance (theory, chapter 10).
 module rockfall_outcome
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t, patch_t, in_window
@@ -10,46 +10,46 @@ module rockfall_outcome
    public :: boulder_result_t, energy_balance_t, at_rest, departure, add_flight, count_outcome, close_balance
    public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier, left_window
 
-   !> Status, in the order of the table of rockfall_variables; 0 while a boulder is on its way.
+   !> Status codes, in the order of the table of rockfall_variables; 0 while a boulder moves.
    integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4, hit_nodata = 5, &
                          stopped_by_tree = 6, stopped_by_barrier = 7
-   integer, parameter :: left_window = -1  !! the terrain goes on, but is not at hand: to be traced again; in no result
+   integer, parameter :: left_window = -1  !! reached the edge of the loaded window: traced again; never in results
 
-   !> What became of the energy of a boulder: released = ground + trees + barriers + left [J].
+   !> Energy balance of a boulder: released = ground + trees + barriers + left [J].
    type :: energy_balance_t
-      real(wp) :: released = 0.0_wp  !! kinetic at the release, potential from there to the end
-      real(wp) :: ground = 0.0_wp, trees = 0.0_wp, barriers = 0.0_wp  !! what they took
-      real(wp) :: left = 0.0_wp      !! kinetic at the end
+      real(wp) :: released = 0.0_wp  !! kinetic energy at the release, plus potential energy from there to the end
+      real(wp) :: ground = 0.0_wp, trees = 0.0_wp, barriers = 0.0_wp  !! absorbed energy
+      real(wp) :: left = 0.0_wp      !! kinetic energy at the end
    end type energy_balance_t
 
-   !> What became of a boulder (theory, chapter 10).
+   !> Result of a boulder (theory, chapter 10).
    type :: boulder_result_t
       type(boulder_t) :: boulder
       integer :: status = 0
       integer :: impacts = 0               !! contacts with the slope
       integer :: source = 0                !! 1..
       real(wp) :: start(3) = 0.0_wp, stop(3) = 0.0_wp  !! local coordinates [m]
-      integer :: stop_cell(2) = 0          !! column, row; only with a contact
+      integer :: stop_cell(2) = 0          !! column, row; only valid with a contact
       real(wp) :: path_length = 0.0_wp     !! along the flights [m]
       real(wp) :: time = 0.0_wp            !! [s]
-      real(wp) :: speed_max = 0.0_wp       !! [m/s]; its square until the end
+      real(wp) :: speed_max = 0.0_wp       !! [m/s]; squared until the end
       real(wp) :: jump_height_max = 0.0_wp !! [m]
       integer :: rebounds = 0, redrawn = 0, forced = 0
-      integer :: out_of_range = 0, out_of_speed = 0, out_of_angle = 0  !! rebounds beyond what a set was fitted on
-      integer :: trees_hit = 0             !! each time counts
-      type(energy_balance_t) :: energy     !! where the scene has more than ground, or it is requested
+      integer :: out_of_range = 0, out_of_speed = 0, out_of_angle = 0  !! rebounds outside the fitted ranges
+      integer :: trees_hit = 0             !! repeated hits of a tree count
+      type(energy_balance_t) :: energy     !! if the scene has trees or barriers, or on request
    end type boulder_result_t
 
 contains
 
-   !> Whether a boulder has come to rest somewhere.
+   !> Return whether a boulder has come to rest.
    elemental logical function at_rest(status)
       integer, intent(in) :: status
 
       at_rest = any(status == [stopped, absorbed, stopped_by_tree, stopped_by_barrier])
    end function at_rest
 
-   !> Status of a boulder that comes to a patch that is not known.
+   !> Status of a boulder that reaches an unknown patch.
    pure integer function departure(dem, patch) result(status)
       type(terrain_t), intent(in) :: dem
       type(patch_t), intent(in) :: patch
@@ -58,7 +58,7 @@ contains
       if (in_window(dem, patch%i, patch%j)) status = hit_nodata
    end function departure
 
-   !> Add a flight.
+   !> Add a flight to the result.
    pure subroutine add_flight(length, time, speed2, jump_height, result)
       real(wp), intent(in) :: length, time  !! [m], [s]
       real(wp), intent(in) :: speed2        !! at its end, |v|**2 [m2/s2]
@@ -71,7 +71,7 @@ contains
       result%jump_height_max = max(result%jump_height_max, jump_height)
    end subroutine add_flight
 
-   !> Count a rebound, and what was odd about it.
+   !> Count a rebound, and whether it was outside the fitted ranges or limited.
    pure subroutine count_outcome(out, outside, fast, steep, result)
       type(rebound_t), intent(in) :: out
       logical, intent(in) :: outside, fast, steep
@@ -85,10 +85,10 @@ contains
       if (steep) result%out_of_angle = result%out_of_angle + 1
    end subroutine count_outcome
 
-   !> Close the energy balance: what is left at the end, and what was released down to there.
+   !> Close the energy balance with the energy left at the end and that released on the way.
    pure subroutine close_balance(gravity, z, v, omega_r, result)
       real(wp), intent(in) :: gravity  !! [m/s2]
-      real(wp), intent(in) :: z        !! of the end [m]
+      real(wp), intent(in) :: z        !! elevation of the end [m]
       real(wp), intent(in) :: v(3)     !! velocity there [m/s]
       real(wp), intent(in) :: omega_r  !! W there [m/s]
       type(boulder_result_t), intent(inout) :: result

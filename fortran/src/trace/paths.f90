@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The path of a boulder to its next contact or obstacle, in the air or along the ground, with all that is recorded on
+!> Path of a boulder to its next contact or obstacle, in the air or along the ground, with everything recorded along
 !> it.
 module rockfall_paths
    use rockfall_kinds, only: wp
@@ -19,7 +19,7 @@ module rockfall_paths
 
 contains
 
-   !> Fly, and record the visits of raster cells.
+   !> Fly, and record visits of raster cells.
    pure subroutine fly_over_cells(scene, flight, omega_r, begun, landing, scratch, spans)
       type(scene_t), intent(in) :: scene
       type(flight_t), intent(in) :: flight
@@ -39,7 +39,7 @@ contains
       call visit_cells(scene, scene%gravity, flight, omega_r, begun, landing%time, spans(:n), scratch)
    end subroutine fly_over_cells
 
-   !> Fly to the ground or to the first obstacle on the way there, and record the lines and cells up to there.
+   !> Fly to the ground or to the first obstacle, and record the lines and cells up to there.
    pure subroutine fly_to_obstacle(scene, result, flight, omega_r, landing, obstacle, scratch, spans)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: result
@@ -59,14 +59,14 @@ contains
          call visit_cells(scene, scene%gravity, flight, omega_r, result%time, landing%time, spans(:n), scratch)
    end subroutine fly_to_obstacle
 
-   !> Roll, or slide in a contact that a table gave, to its end, from where the boulder flies on, or to the first
-   !> obstacle on the way there. Lines and cells as on a flight; they get the mean speed, the end gets the exact one.
+   !> Follow a roll, or the slide of a contact by a table, to its end, where the next flight starts, or to the first
+   !> obstacle. Lines and cells get the mean speed, the end gets the exact speed.
    pure subroutine roll_on(scene, level, roll, result, flight, omega_r, landing, v, obstacle, scratch)
       type(scene_t), intent(in) :: scene
       integer, value :: level                 !! basic, ..., with_all
-      type(roll_t), intent(inout) :: roll     !! none afterwards
+      type(roll_t), intent(inout) :: roll     !! reset on return
       type(boulder_result_t), intent(inout) :: result
-      type(flight_t), intent(inout) :: flight !! with the velocity after the rebound; then the next, if it goes on
+      type(flight_t), intent(inout) :: flight !! with the velocity after the rebound; on return the next flight, if any
       real(wp), intent(inout) :: omega_r      !! W: after the rebound, and at the end [m/s]
       type(landing_t), intent(out) :: landing
       real(wp), intent(out) :: v(3)           !! velocity at the end [m/s]

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The work space of a boulder: what is recorded on its way from release to rest.
+!> Work space of a boulder: everything recorded between release and rest.
 module rockfall_scratch
    use rockfall_kinds, only: wp, i8
    use rockfall_flight, only: flight_t, span_t
@@ -16,11 +16,11 @@ module rockfall_scratch
    public :: scratch_t, contact_t, basic, with_lines, with_maps, with_all
    public :: clear, visit_cells, count_ground, record, replace_velocity
 
-   !> What may be recorded besides the boulder's result, if it is requested: nothing; lines and histograms; visits of
-   !> raster cells too; and all that the rest may ask for: vertices of the trajectory, obstacles, the energy balance.
+   !> Level of recording, in addition to the boulder's result: nothing; lines and histograms; also visits of raster
+   !> cells; also trajectory vertices, obstacles and the energy balance.
    integer, parameter :: basic = 0, with_lines = 1, with_maps = 2, with_all = 3
 
-   !> One vertex of a recorded trajectory: the release, each contact, each obstacle that it met, the end.
+   !> Vertex of a recorded trajectory: the release, each contact, each obstacle hit, the end.
    type :: contact_t
       real(wp) :: x = 0, y = 0, z = 0, time = 0  !! local coordinates [m], since release [s]
       real(wp) :: v(3) = 0                   !! velocity after it [m/s]
@@ -28,20 +28,20 @@ module rockfall_scratch
       real(wp) :: ratio = 0            !! R_b/R_m; 0 without a rebound
    end type contact_t
 
-   !> A boulder's work space; what a scene does not ask for is not allocated.
+   !> Work space of a boulder; components not needed by the scene are not allocated.
    type :: scratch_t
-      logical :: cells_requested = .false.       !! maps need visits of raster cells
-      logical :: heights_requested = .false.     !! and the heights over them
+      logical :: cells_requested = .false.       !! maps need visits of cells
+      logical :: heights_requested = .false.     !! maps need heights in these cells
       type(visits_t) :: visits
       type(histograms_t) :: histograms
       integer(i8), allocatable :: by_ground(:)   !! rebounds on each of the scene's grounds
       type(crossing_t), allocatable :: crossings(:)
-      integer, allocatable :: felled(:)          !! trees that it broke
-      logical :: tree_hits_requested = .false.   !! by maps
+      integer, allocatable :: felled(:)          !! broken trees
+      logical :: tree_hits_requested = .false.   !! maps need hits of trees
       type(tree_hits_t) :: tree_hits
-      type(contact_t), allocatable :: record(:)  !! allocated by who requests the trajectory
-      integer :: recorded = 0                    !! vertices there were, also beyond size(record)
-      type(touch_t) :: touch                     !! of a boulder on the ground of a table
+      type(contact_t), allocatable :: record(:)  !! allocated by the caller if it needs the trajectory
+      integer :: recorded = 0                    !! number of vertices, possibly above size(record)
+      type(touch_t) :: touch                     !! state on the ground of a table
    end type scratch_t
 
 contains
@@ -67,7 +67,7 @@ contains
       end if
    end subroutine clear
 
-   !> Record the raster cells under a flight, or along a roll, whose path has no gravity.
+   !> Record the raster cells under a flight, or along a roll, which is a path without gravity.
    pure subroutine visit_cells(scene, gravity, flight, omega_r, begun, time, spans, scratch)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: gravity  !! of the path [m/s2]
@@ -75,7 +75,7 @@ contains
       real(wp), intent(in) :: omega_r  !! W [m/s]
       real(wp), intent(in) :: begun    !! since the release [s]
       real(wp), intent(in) :: time     !! of the flight [s]
-      type(span_t), intent(in), contiguous :: spans(:)  !! of it
+      type(span_t), intent(in), contiguous :: spans(:)  !! spans of the flight
       type(scratch_t), intent(inout) :: scratch
 
       associate (visits => scratch%visits, spin => inertia_factor*omega_r**2)
@@ -97,7 +97,7 @@ contains
       scratch%by_ground(ground) = scratch%by_ground(ground) + 1
    end subroutine count_ground
 
-   !> Add a vertex to the record, if there is one; counts on when it is full, so that the caller knows what it needs.
+   !> Append a vertex to the record, if any; keeps counting when it is full, so that the caller learns the size needed.
    pure subroutine record(scratch, vertex)
       type(scratch_t), intent(inout) :: scratch
       type(contact_t), intent(in) :: vertex
@@ -107,7 +107,7 @@ contains
       if (scratch%recorded <= size(scratch%record)) scratch%record(scratch%recorded) = vertex
    end subroutine record
 
-   !> A boulder leaves the last vertex with another velocity: it rolls.
+   !> Replace the velocity at the last vertex by that of the roll that starts there.
    pure subroutine replace_velocity(scratch, v)
       type(scratch_t), intent(inout) :: scratch
       real(wp), intent(in) :: v(3)  !! [m/s]

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The start and the end of a boulder: what it is and where it is released, and where it came to its end.
+!> Start and end of a boulder: draw and release it, and finalise its result.
 module rockfall_start
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: squared_length
@@ -35,13 +35,13 @@ contains
          result%boulder = boulder_of(scene%of_source(result%source), result%boulder%volume)
       call first_flight(scene, result%source, flight)
       result%start = [flight%x, flight%y, flight%z]
-      result%speed_max = squared_length(flight%v)  ! the root is taken at the end
+      result%speed_max = squared_length(flight%v)  ! the square root is taken at the end
       if (flight%patch%known) return
       result%status = left_window
       result%stop = result%start
    end subroutine start_boulder
 
-   !> The start of the first flight: above the source, at rest or with the velocity of the release.
+   !> Start of the first flight: above the source, at rest or with the release velocity.
    pure subroutine first_flight(scene, source, flight)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: source

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Contacts by tables of impacts, several boulders at a time. Each takes the steps of `table_contact`, in the same
-!> order, so the bits are the same. Those with roots and quotients are loops over all. All records are chosen before
-!> the first is read, so that no boulder waits for memory alone; and a boulder walks over the terrain only where its
-!> contact does not end on the patch where it began, or where its path is looked at.
+!> Contacts by tables of impacts, for several boulders at a time. Each goes through the steps of `table_contact` in the
+!> same order, so results are bitwise identical. Steps with roots and divisions are loops over all contacts. All records
+!> are chosen before the first is read, so that memory accesses overlap; a boulder walks over the terrain only if its
+!> contact leaves its first patch, or if its path is needed.
 !>
 !> Compiled twice, like rockfall_lanes.
 module rockfall_table_lanes
@@ -23,11 +23,11 @@ module rockfall_table_lanes
    private
    public :: table_batch_t, clear_batch, add_contact, contacts_by_table, find_near
 
-   !> The contacts by a table of those that have landed, each at the place of its landing. What a place held before is
-   !> left in it.
+   !> Contacts by a table among the landings, each at the index of its landing. Elements are not cleared when they
+   !> become free.
    type :: table_batch_t
-      integer :: n = 0, landing(lanes) = 0                        !! places of the n contacts
-      logical, dimension(lanes) :: by_table = .false.             !! whether it is one of them
+      integer :: n = 0, landing(lanes) = 0                        !! indices of the n contacts
+      logical, dimension(lanes) :: by_table = .false.             !! the contact is by a table
       integer, dimension(lanes) :: ground = 0, bin = 0, record = 0
       type(boulder_t) :: boulder(lanes)
       type(touch_t) :: touch(lanes)
@@ -35,29 +35,29 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: ratio = 0                     !! R_b/R_m [-]
       real(wp), dimension(lanes) :: radius = 1, inertia = 0       !! R_b [m]; as in approach_t [-]
       real(wp), dimension(lanes) :: before1 = 0, before2 = 0      !! heading before, of any length
-      real(wp), dimension(lanes) :: touches = 0, pressed = 0      !! still in the contact before: 1 or 0; its V_n [m/s]
-      real(wp), dimension(lanes) :: tangential = 0, normal = 0, w = 0  !! V_t, V_n, W before it [m/s]
+      real(wp), dimension(lanes) :: touches = 0, pressed = 0      !! still in previous contact: 1 or 0; its V_n [m/s]
+      real(wp), dimension(lanes) :: tangential = 0, normal = 0, w = 0  !! V_t, V_n, W before the contact [m/s]
       real(wp), dimension(lanes) :: unit = 1                      !! sqrt(g R_b) [m/s]
       real(wp), dimension(lanes) :: t1 = 0, t2 = 0, t3 = 0        !! unit tangent [-]
-      real(wp), dimension(lanes) :: side = 0, pull = 0            !! of the descent; gravity along it, over g [-]
+      real(wp), dimension(lanes) :: side = 0, pull = 0            !! of the descent; gravity along tangent, over g [-]
       real(wp), dimension(lanes) :: speed_in = 0                  !! as in approach_t [-]
       real(wp), dimension(lanes) :: along = 0, across = 0, drawn = 0, w_drawn = 0  !! as in outcome_t; V_n, W [-]
       real(wp), dimension(lanes) :: allowed = 0, advance = 0, duration = 0         !! likewise [-]
       real(wp), dimension(lanes) :: lift = 0                      !! as in touch_t [-]
-      real(wp), dimension(lanes) :: flown = 0, rolls = 0, stops = 0  !! how it ends: 1 or 0
+      real(wp), dimension(lanes) :: flown = 0, rolls = 0, stops = 0  !! kind of its end: 1 or 0
       real(wp), dimension(lanes) :: total = 0, left = 0           !! energies, as in limit_energy [-]
-      real(wp), dimension(lanes) :: part = 0, n_left = 0          !! as from share_energy: of the velocity, V_n [-]
+      real(wp), dimension(lanes) :: part = 0, n_left = 0          !! from share_energy: factor on the velocity, V_n [-]
       real(wp), dimension(lanes) :: slide = 0, time = 0, speed = 0  !! as in find_slide [m], [s], [m/s]
-      real(wp), dimension(lanes) :: inside = 0, off = 0           !! it ends on its patch; falls away: 1 or 0
-      real(wp), dimension(lanes) :: x = 0, y = 0, z = 0           !! of its end [m]
-      real(wp), dimension(lanes) :: end1 = 0, end2 = 0            !! gradient there [-]
-      real(wp), dimension(lanes) :: length = 0, slides = 0, waits = 0  !! as from time_slide [m], [s]
-      real(wp), dimension(lanes) :: near = 0                      !! 1: comes near a line
-      real(wp), dimension(lanes) :: heading1 = 0, heading2 = 0    !! after it, of any length
-      real(wp), dimension(lanes) :: next_w = 0                    !! W after it [m/s]
+      real(wp), dimension(lanes) :: inside = 0, off = 0           !! ends on its first patch; ground falls away: 1 or 0
+      real(wp), dimension(lanes) :: x = 0, y = 0, z = 0           !! end [m]
+      real(wp), dimension(lanes) :: end1 = 0, end2 = 0            !! gradient at the end [-]
+      real(wp), dimension(lanes) :: length = 0, slides = 0, waits = 0  !! from time_slide [m], [s]
+      real(wp), dimension(lanes) :: near = 0                      !! 1: the path may cross a line
+      real(wp), dimension(lanes) :: heading1 = 0, heading2 = 0    !! after the contact, of any length
+      real(wp), dimension(lanes) :: next_w = 0                    !! W after the contact [m/s]
       real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0        !! of the next flight [m/s]
-      real(wp), dimension(lanes) :: speed2 = 0, rate = 0, above = 0  !! likewise [m2/s2], [m/s], [m]
-      logical, dimension(lanes) :: fast = .false., walks = .false.   !! as in table_contact_t; its path is in
+      real(wp), dimension(lanes) :: speed2 = 0, rate = 0, above = 0  !! of the next flight [m2/s2], [m/s], [m]
+      logical, dimension(lanes) :: fast = .false., walks = .false.   !! as in table_contact_t; path in `roll`
       type(roll_t) :: roll(lanes)
    end type table_batch_t
 
@@ -70,15 +70,15 @@ contains
       b%by_table = .false.
    end subroutine clear_batch
 
-   !> One more contact.
+   !> Add a contact.
    subroutine add_contact(b, k, ground, boulder, inertia, ratio, jump_height, w, heading1, heading2, touch)
       type(table_batch_t), intent(inout) :: b
-      integer, intent(in) :: k                    !! its place
+      integer, intent(in) :: k                    !! its index
       integer, intent(in) :: ground
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: inertia, ratio      !! I/(m R_b**2), R_b/R_m [-]
       real(wp), intent(in) :: jump_height, w      !! of the flight [m], W [m/s]
-      real(wp), intent(in) :: heading1, heading2  !! after the contact before, of any length
+      real(wp), intent(in) :: heading1, heading2  !! after the previous contact, of any length
       type(touch_t), intent(in) :: touch
 
       b%n = b%n + 1
@@ -98,13 +98,13 @@ contains
       b%pressed(k) = touch%normal
    end subroutine add_contact
 
-   !> What becomes of all of them.
+   !> Compute all contacts of a batch.
    subroutine contacts_by_table(scene, l, g1, g2, steepness, word, paths, b)
       type(scene_t), intent(in) :: scene
       type(landings_t), intent(in) :: l
       real(wp), dimension(lanes), intent(in) :: g1, g2, steepness  !! of the ground where they landed [-]
-      integer(i8), intent(in) :: word(lanes, words_per_block)      !! random
-      logical, intent(in) :: paths                                 !! are looked at, for maps
+      integer(i8), intent(in) :: word(lanes, words_per_block)      !! random words
+      logical, intent(in) :: paths                                 !! paths are needed for maps
       type(table_batch_t), intent(inout) :: b
 
       if (b%n == 0) return
@@ -118,7 +118,7 @@ contains
       call depart(l, g1, g2, steepness, b)
    end subroutine contacts_by_table
 
-   !> Their velocities in the local frames, over `unit` too.
+   !> Transform the velocities to the local frames, in units of `unit` too.
    subroutine approach(l, gravity, g1, g2, steepness, word, b)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity  !! [m/s2]
@@ -153,7 +153,7 @@ contains
       end do
    end subroutine approach
 
-   !> Leave what fell along the normal, and has no tangent, to `table_contact`.
+   !> Remove boulders that land along the normal, and so have no tangent; `table_contact` handles them.
    subroutine drop_vertical(b)
       type(table_batch_t), intent(inout) :: b
       integer :: m, n, k
@@ -204,7 +204,7 @@ contains
       end do
    end subroutine follow_records
 
-   !> Where they end, if that is on the patch where they began.
+   !> Find the ends of contacts that stay on their first patch.
    subroutine slide_on(l, gravity, per_cell, b)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
@@ -239,7 +239,7 @@ contains
       end do
    end subroutine slide_on
 
-   !> Which of some straight paths come near a line.
+   !> Find the straight paths that may cross a line.
    subroutine find_near(lines, n, x0, y0, x, y, near)
       type(line_t), intent(in) :: lines(:)
       integer, intent(in) :: n
@@ -261,7 +261,7 @@ contains
       end do
    end subroutine find_near
 
-   !> The others walk.
+   !> Walk the other contacts over the terrain.
    subroutine walk(scene, l, g1, g2, paths, b)
       type(scene_t), intent(in) :: scene
       type(landings_t), intent(in) :: l
@@ -289,7 +289,7 @@ contains
       end do
    end subroutine walk
 
-   !> Their velocities afterwards.
+   !> Compute the velocities after the contacts.
    subroutine depart(l, g1, g2, steepness, b)
       type(landings_t), intent(in) :: l
       real(wp), dimension(lanes), intent(in) :: g1, g2, steepness

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What a boulder adds to the tallies of a run when it has come to its end. One that left the window of the terrain
-!> adds nothing: it is traced again.
+!> Contribution of a finished boulder to the tallies of a run. A boulder that left the window of the terrain is not
+!> counted: it is traced again.
 module rockfall_tallies
    use rockfall_kinds, only: i8
    use rockfall_scene_type, only: scene_t
@@ -15,15 +15,15 @@ module rockfall_tallies
    private
    public :: totals_t, prepare, add_boulder
 
-   !> Of the boulders of one thread.
+   !> Totals over the boulders of one thread.
    type :: totals_t
       integer(i8) :: histogram(bins, quantities) = 0
-      integer(i8), allocatable :: by_ground(:)  !! rebounds, where the scene has several grounds
+      integer(i8), allocatable :: by_ground(:)  !! rebounds, if the scene has several grounds
    end type totals_t
 
 contains
 
-   !> A boulder's work space, with room for what a run requests of it.
+   !> Allocate what a run needs in a boulder's work space.
    subroutine prepare(scene, maps, scratch)
       type(scene_t), intent(in) :: scene
       type(maps_t), intent(in) :: maps
@@ -38,7 +38,7 @@ contains
       if (allocated(scene%grounds)) allocate (scratch%by_ground(size(scene%grounds)), source=0_i8)
    end subroutine prepare
 
-   !> Add a boulder; many threads may do so at once, each to totals of its own.
+   !> Add a boulder; thread-safe, if each thread has its own totals.
    subroutine add_boulder(scene, maps, result, scratch, totals)
       type(scene_t), intent(in) :: scene
       type(maps_t), intent(in) :: maps

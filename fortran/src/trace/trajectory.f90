@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> One boulder from release to rest: fly, land, look up what the slope is made of, rebound, turn, fly again.
+!> Trajectory of one boulder from release to rest: fly, land, find the ground properties, rebound, turn, fly again.
 !> A pure function of the scene and the boulder's number.
 module rockfall_trajectory
    use rockfall_kinds, only: wp, i8
@@ -21,7 +21,7 @@ module rockfall_trajectory
 
 contains
 
-   !> Trace boulder `number` (1..) from release to its end, and record all that is requested.
+   !> Trace boulder `number` (1..) from release to its end, and record everything requested.
    pure subroutine trace_full(scene, number, result, scratch, spans)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -32,7 +32,7 @@ contains
       call trace(scene, number, result, scratch, spans, with_all)
    end subroutine trace_full
 
-   !> The same without a record of the trajectory, obstacles, and energies.
+   !> Trace a boulder without recording trajectory, obstacles, and energies.
    pure subroutine trace_maps(scene, number, result, scratch, spans)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -43,7 +43,7 @@ contains
       call trace(scene, number, result, scratch, spans, with_maps)
    end subroutine trace_maps
 
-   !> The same without maps either.
+   !> Trace a boulder without maps, trajectory, obstacles, and energies.
    pure subroutine trace_lines(scene, number, result, scratch, spans)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -54,7 +54,7 @@ contains
       call trace(scene, number, result, scratch, spans, with_lines)
    end subroutine trace_lines
 
-   !> The same when only the boulder's result is requested.
+   !> Trace a boulder for its result only.
    pure subroutine trace_basic(scene, number, result, scratch, spans)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -65,12 +65,12 @@ contains
       call trace(scene, number, result, scratch, spans, basic)
    end subroutine trace_basic
 
-   !> Choose, once a run, the copy of `trace` in which the compiler has left out what the scene does not need. Tests
-   !> alone would not do: beside code that may run, the compiler does not keep a flight in registers.
+   !> Choose, once per run, the copy of `trace` without the code that the scene does not need. Run-time tests would not
+   !> suffice: next to code that may run, the compiler does not keep a flight in registers.
    subroutine choose_trace(scene, cells_requested, trace)
       type(scene_t), intent(in) :: scene
       logical, intent(in) :: cells_requested
-      procedure(trace_full), pointer, intent(out) :: trace  !! what the scene needs of `trace_full`
+      procedure(trace_full), pointer, intent(out) :: trace  !! variant that the scene needs
 
       trace => trace_basic
       if (allocated(scene%lines) .or. scene%histograms_requested) trace => trace_lines
@@ -79,7 +79,8 @@ contains
           .or. allocated(scene%of_source) .or. allocated(scene%features)) trace => trace_full
    end subroutine choose_trace
 
-   !> All that `trace_full` is. Wherever it is called `level` is a constant, so that each gets a copy of its own.
+   !> Common body of the trace_* procedures. `level` is a compile-time constant at each call, so the compiler
+   !> specialises it.
    pure subroutine trace(scene, number, result, scratch, spans, level)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
