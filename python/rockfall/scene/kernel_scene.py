@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A scene in the kernel: built once, of the text of its case and of arrays."""
+"""A scene in the kernel, built once from the text of its case and from arrays."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from rockfall.io.grid import Box
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
-NO_TERRAIN = np.zeros((1, 1), "f4")  # of a scene that has windows
+NO_TERRAIN = np.zeros((1, 1), "f4")  # for a scene in windows
 
 
 class KernelScene:
-    """The handle of a scene, and the arrays that the kernel looks at as long as there is one."""
+    """Handle of a scene, with the arrays that the kernel reads during its lifetime."""
 
     def __init__(self, scene: Scene) -> None:
         self.name = scene.case.name
@@ -41,25 +41,27 @@ class KernelScene:
         raise TypeError("a scene in the kernel belongs to its process; copies make their own")
 
     def keep_within(self, box: Box) -> None:
-        """Let boulders come no farther than the cells of maps: once, the same for all runs."""
+        """Confine boulders to the cells of maps; called once, the same for all runs."""
         if self._box != box:
             _core.limit_terrain(self.handle, **box.corners())
             self._box = box
 
     def check(self, code: int, message: bytes) -> None:
-        """Raise what a procedure of the kernel says is wrong with the scene."""
+        """Raise the error that a kernel procedure reports for the scene."""
         check_kernel(code, message, self.name)
 
 
 def place_of(array: np.ndarray) -> tuple[str, list[int], int]:
-    """Where an array is in memory, as the kernel wants it: kind, lengths (the first runs fastest),
-    address."""
+    """Kind, lengths (the first varies fastest) and address of an array, as the kernel expects
+    them.
+    """
     return array.dtype.str[1:], [*array.shape[::-1], 1, 1, 1][:3], array.ctypes.data
 
 
 def _arrays(scene: Scene) -> dict[str, np.ndarray | None]:
-    """All arrays of a scene by their names in the kernel, as it looks at them; None: there is none.
-    The texts of grounds come before their lengths."""
+    """All arrays of a scene by their kernel names; None if absent. The texts of grounds precede
+    their lengths.
+    """
     features, boulders, grounds = scene.features, scene.source_boulders, scene.grounds
     names = "\n".join(f"{one.name}\n{one.file}" for one in grounds).encode()
     found: dict[str, Any] = {
@@ -90,19 +92,20 @@ def _bytes(text: bytes) -> tuple[np.ndarray, str]:
 
 
 def trees(scene: Scene) -> dict[str, np.ndarray]:
-    """The stems of a scene."""
+    """Stem arrays of a scene."""
     names = "tree_x", "tree_y", "tree_dbh", "tree_factor"
     return dict(zip(names, scene.trees, strict=True)) if scene.trees else {}
 
 
 def elevations(scene: Scene) -> np.ndarray:
-    """Those of a scene, in the precision that they have."""
+    """Elevation arrays in (x, y) order and native precision; empty for windowed scenes."""
     return np.require(scene.z if scene.z.size else NO_TERRAIN, None, ["C", "A"])
 
 
 def on_raster(scene: Scene) -> tuple[np.ndarray, tuple]:
-    """Elevations, to be held as long as the kernel looks at them, and where they are in memory and
-    lie on the raster."""
+    """Elevations, to be kept alive while the kernel reads them, with their address and position on
+    the raster.
+    """
     z, grid = elevations(scene), scene.grid
     place = grid.west, grid.north, grid.cell
     nodes, at = (grid.nx, grid.ny), (scene.at[1] + 1, scene.at[0] + 1)
@@ -116,5 +119,5 @@ def area_ratios(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def known_at(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Whether boulders can start from places [m]: between four cells with an elevation."""
+    """Mark places [m] where boulders can start: between four cells with an elevation."""
     return _core.known_at(scene.kernel.handle, x, y).astype(bool)

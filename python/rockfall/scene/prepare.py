@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Any case as one that `rockfall-batch` runs alone: its text, and a scene file (docs/files.md)."""
+"""Conversion of any case for `rockfall-batch` alone: its text, and a scene file (docs/files.md)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.version import __version__
 
-LAYOUT = int(_core.constant("scene_layout"))  # of the file
+LAYOUT = int(_core.constant("scene_layout"))  # layout version of the file
 MARK = "! Prepared by rockfall"  # first words of a prepared case.nml
 ABOUT = {  # units, long name
     "elevation": ("m", "elevation of cell centres"),
@@ -62,9 +62,9 @@ ABOUT = {  # units, long name
 def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
     """Write `scene.nc` and `case.nml` to `folder`; returns these paths.
 
-    The scene file holds every number that the kernel takes, so rockfall-batch gives the same bits.
-    `arrays` are as in `rockfall.scene.read.read_scene`. A folder that holds something else than a
-    prepared case is refused.
+    The scene file holds all numbers of the kernel's input, so rockfall-batch gives identical
+    results. `arrays` are as in `rockfall.scene.read.read_scene`. A folder that holds anything other
+    than a prepared case is refused.
     """
     folder, inputs = Path(folder), list(input_files(case))
     former = _prepared_files(folder)
@@ -81,7 +81,7 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
 
 
 def _scene_file(scene: Scene) -> Contents:
-    """What the kernel takes beside the case."""
+    """Inputs of the kernel in addition to the case."""
     text = np.frombuffer(scene.sets.text, "S1")
     about = {"long_name": "file of impact sets", "file": scene.sets.name}
     data: dict[str, tuple] = {
@@ -111,7 +111,9 @@ def _scene_file(scene: Scene) -> Contents:
 
 
 def _releases(scene: Scene) -> dict[str, tuple]:
-    """How many boulders sources release, and what the features of a layer say of them."""
+    """Numbers of boulders released by sources, and release attributes of the features of a
+    layer.
+    """
     found = _variables("source", area_ratio=scene.area, source_frequency=scene.frequency)
     if scene.features is not None:
         found |= _variables("source", source_feature=scene.features.of)
@@ -121,13 +123,13 @@ def _releases(scene: Scene) -> dict[str, tuple]:
 
 
 def _of_sources(scene: Scene) -> dict[str, np.ndarray | None]:
-    """What sources say of their boulders."""
+    """Boulder properties given by sources."""
     found = scene.source_boulders
     return {} if found is None else {f"source_{name}": one for name, one in found._asdict().items()}
 
 
 def _surface(scene: Scene) -> dict[str, tuple]:
-    """What the ground is made of: sizes of each cell, or of materials, with or without zones."""
+    """Rock sizes of the ground: of each cell, or of materials, with or without zones."""
     if scene.values is not None:
         return _variables("size y x", cell_size=scene.values)
     sizes = _variables("material size", material_size=scene.sizes)
@@ -135,7 +137,7 @@ def _surface(scene: Scene) -> dict[str, tuple]:
 
 
 def _grounds(scene: Scene) -> dict[str, tuple]:
-    """What rebounds follow, where that is not the case's impact sets alone."""
+    """Grounds of the scene, where they differ from the case's impact sets."""
     if not scene.grounds:
         return {}
     text = np.frombuffer(b"".join(one.text for one in scene.grounds), "S1")
@@ -151,7 +153,7 @@ def _grounds(scene: Scene) -> dict[str, tuple]:
 
 
 def _variables(dims: str, **values: np.ndarray | None) -> dict[str, tuple]:
-    """Those of these that a scene has, with what they are."""
+    """Variables of those that a scene has, with their attributes."""
     found, mapping = {}, {"grid_mapping": "crs"} if dims.endswith("y x") else {}
     for name, one in values.items():
         if one is not None:
@@ -162,7 +164,7 @@ def _variables(dims: str, **values: np.ndarray | None) -> dict[str, tuple]:
 
 
 def _prepared_files(folder: Path) -> list[Path]:
-    """The files of the prepared case in a folder; one that holds something else is refused."""
+    """Files of the prepared case in a folder; a folder with other files is refused."""
     check_folder(folder)
     if not folder.exists() or not any(folder.iterdir()):
         return []
