@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The case: the input of a run. Keys, defaults and ranges are defined only in the kernel's
-table.
-"""
+table."""
 
 from __future__ import annotations
 
@@ -164,8 +163,7 @@ class Case:
 
     def replace(self, **groups: Any) -> Case:
         """Return a copy with other values: `case.replace(surface={"method": "A"})`; None removes a
-        key. A list replaces all groups of its name: `case.replace(line=[])`.
-        """
+        key. A list replaces all groups of its name: `case.replace(line=[])`."""
         lists = {group: groups.pop(group, None) for group in REPEATABLE}
         changed = {
             group: {**self._groups.get(group, {}), **groups.get(group, {})}
@@ -214,8 +212,7 @@ def namelist_text(
     indent: int = 4,
 ) -> str:
     """Text of a namelist file with the non-empty groups and repeated groups, line for line as
-    f90nml writes it. f90nml takes ten times as long, and a study makes many cases.
-    """
+    f90nml writes it. f90nml takes ten times as long, and a study makes many cases."""
     texts = [_group_text(name, one, " " * indent) for name, one in sorted(groups.items()) if one]
     for name, several in (lists or {}).items():
         texts += [_group_text(name, one, " " * indent) for one in several]
@@ -250,8 +247,7 @@ def _literal(value: Any) -> str:
 @lru_cache(maxsize=8)
 def _parse(text: str) -> dict[str, Any]:
     """Groups of a checked text; those that may be repeated are lists. A `Case` copies the groups.
-    Cached, because a result's case is used often and f90nml is slow.
-    """
+    Cached, because a result's case is used often and f90nml is slow."""
     import f90nml
 
     namelist = f90nml.reads(text)

@@ -67,8 +67,7 @@ def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
 
 def files_behind(result: Held) -> Iterator[Path]:
     """Files that the case of a result reads, relative to the folder of the run; none if this
-    version cannot read the case.
-    """
+    version cannot read the case."""
     if {"case", "case_file"} <= result.attrs.keys():
         try:
             case = case_of(result)

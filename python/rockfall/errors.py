@@ -17,8 +17,7 @@ class RockfallError(ValueError):
 
 def check_kernel(code: int, message: bytes, name: str = "") -> None:
     """Raise an error that the kernel reports for the scene; `name` is put before a line without
-    one.
-    """
+    one."""
     if code:
         text = message.decode(errors="replace").strip()
         raise RockfallError(f"{name}: {text}" if name else text, code)
@@ -26,8 +25,7 @@ def check_kernel(code: int, message: bytes, name: str = "") -> None:
 
 def need(what: str, extra: str, *packages: str) -> None:
     """Raise an error if required packages are missing; `extra` is the extra of rockfall that
-    installs them.
-    """
+    installs them."""
     try:
         for package in packages:
             import_module(package)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Grounds: rebound models used in place of the case's impact sets, and the tables that define them
-(docs/grounds.md). The kernel defines the parameters of each model and their ranges.
-"""
+(docs/grounds.md). The kernel defines the parameters of each model and their ranges."""
 
 from __future__ import annotations
 
@@ -146,8 +145,7 @@ class GroundTable:
 def find_ground(case: Case, table: GroundTable, name: str, where: str) -> GroundRule:
     """Ground with a given name: a table of impacts, with `&impact form = 'table'`; a row of the
     table of grounds; or impact sets, shipped or in a file. `where` is the place of the name, for
-    messages.
-    """
+    messages."""
     if found := find_table(case, name):
         return table_ground(name, found)
     if name in table.rows:

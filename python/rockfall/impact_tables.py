@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Tables of impacts: netCDF files, shipped or next to a case, and their packed bytes for the kernel
-(docs/impact_tables.md).
-"""
+(docs/impact_tables.md)."""
 
 from __future__ import annotations
 
@@ -150,8 +149,7 @@ def _names() -> list[str]:
 
 def find_table(case: Case, name: str) -> Path | None:
     """File of the table with a name: shipped, for the block shape of the case if there are several,
-    or next to the case; None if there is none, or the case uses none.
-    """
+    or next to the case; None if there is none, or the case uses none."""
     if case.impact["form"] != "table":
         return None
     shipped = shipped_tables()
@@ -176,8 +174,7 @@ def open_table(path: str | Path) -> ImpactTable:
 
 def open_tables(path: str | Path) -> tuple[ImpactTable, ...]:
     """Read all draws of a file written by `save_ensemble`, or the single table of another file. A
-    file is read once, and again when it has been replaced.
-    """
+    file is read once, and again when it has been replaced."""
     check_netcdf(path)
     state = os.stat(path)
     return _read_tables(os.path.abspath(path), path, (state.st_ino, state.st_mtime_ns))

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Handling of Ctrl-C, and of SIGTERM, which batch systems send at a time limit, without loss of
-work.
-"""
+work."""
 
 import os
 import signal
@@ -27,8 +26,7 @@ def exit_status() -> int:
 @contextmanager
 def interrupts() -> Iterator[Callable[[], bool]]:
     """Defer a first Ctrl-C or SIGTERM within the block; the yielded function returns True after
-    one. A second ends the process at once, even while the kernel runs. Nested blocks act as one.
-    """
+    one. A second ends the process at once, even while the kernel runs. Nested blocks act as one."""
     global _hit
     if threading.current_thread() is not threading.main_thread() or _hit is not None:
         yield (_hit or threading.Event()).is_set
@@ -73,8 +71,7 @@ def _end_at_second(reader: int) -> None:
 @contextmanager
 def stoppable() -> Iterator[None]:
     """Raise KeyboardInterrupt on SIGTERM within the block, as on Ctrl-C, so that partial files are
-    removed. It is raised only once, even for repeated signals.
-    """
+    removed. It is raised only once, even for repeated signals."""
     global _number
     _number, last = signal.SIGINT, -TOGETHER
     if threading.current_thread() is not threading.main_thread():

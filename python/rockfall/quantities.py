@@ -14,8 +14,7 @@ SHOWN = {"1": ("%", 100.0), "J": ("kJ", 1e-3), "m s-1": ("m/s", 1.0), "rad s-1":
 
 class Quantity(NamedTuple):
     """Description of a quantity; `units` are those of results, `decimals` those of the unit
-    shown.
-    """
+    shown."""
 
     label: str
     units: str
@@ -91,8 +90,7 @@ def with_unit(label: str, unit: str) -> str:
 
 def number(value: float, digits: int = 3, *, up: bool = False) -> str:
     """Format a number with `digits` significant digits, thousands separators and no exponent; "-"
-    if unknown. `up` never shows less than the value, for required minima.
-    """
+    if unknown. `up` never shows less than the value, for required minima."""
     value = float(value)
     if not math.isfinite(value):
         return "-"

@@ -120,8 +120,7 @@ def write_comparison(
     table: pd.DataFrame, path: str | Path, keep: Iterable[str | Path] = ()
 ) -> None:
     """Write `Comparison.table`, or ranks, as CSV, atomically, and over none of the files to
-    keep.
-    """
+    keep."""
     check_output(path, COMPARISON, keep)
     write_csv(table, path)
 
@@ -187,8 +186,7 @@ def _verdicts(
 ) -> tuple[bool | None, bool | None]:
     """Verdicts: whether the interval of the simulated number contains the observed one, and whether
     that of their difference (Zou and Donner 2008) contains 0. An observed number without an
-    interval is taken as exact; None if the simulated one has none.
-    """
+    interval is taken as exact; None if the simulated one has none."""
     if np.isnan(observed) or np.isnan(from_):
         return None, None
     low, high = (observed, observed) if np.isnan(low) else (low, high)
@@ -215,8 +213,7 @@ def _ks(
     share: np.ndarray,
 ) -> pd.DataFrame:
     """Two-sample Kolmogorov-Smirnov tests, and those printed for the method (paper, table 4).
-    `share` are the weights of the simulated boulders, in the test of distances.
-    """
+    `share` are the weights of the simulated boulders, in the test of distances."""
     import pandas as pd
 
     own = seen.tests[seen.tests["method"] == method]

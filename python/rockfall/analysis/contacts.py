@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Observed positions, stopping places and impact marks of boulders, compared with the maps of a
-result.
-"""
+result."""
 
 from __future__ import annotations
 
@@ -55,8 +54,7 @@ def stops_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 
 def contacts_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
     """x, y, reach_probability of impacts; speed and height [m/s, m] where known, with the
-    corresponding maps of the result; and other columns of the file.
-    """
+    corresponding maps of the result; and other columns of the file."""
     import pandas as pd
 
     if seen.contacts is None or not {*REACH} & set(result):
@@ -72,8 +70,7 @@ def contacts_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 
 def _with_kept(table: pd.DataFrame, seen: Observed, kind: str) -> pd.DataFrame:
     """Add the other columns of a file to a table; a name that is already used becomes
-    given_NAME.
-    """
+    given_NAME."""
     if kind not in seen.kept:
         return table
     ours = {*table.columns, "table", *VALUES}

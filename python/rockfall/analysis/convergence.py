@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Convergence of the numbers at the lines with the number of boulders and with the terrain model,
-and the cost of accuracy.
-"""
+and the cost of accuracy."""
 
 from __future__ import annotations
 
@@ -176,8 +175,7 @@ def _limits(found: dict[str, float], statistic: str) -> list[float]:
 
 def _sample(scene: Scene, boulders: int, seed: int, advance: Advance) -> tuple[np.ndarray, float]:
     """Values of boulders: (lines, quantities, boulders), NaN where they did not cross; CPU seconds
-    per boulder. They are simulated in pieces, each with the next seed; the sources take turns.
-    """
+    per boulder. They are simulated in pieces, each with the next seed; the sources take turns."""
     of = scene.x.size
     piece = max(1, PIECE // of)
     try:
@@ -246,8 +244,7 @@ def _errors(
 
 def _costs(error: pd.DataFrame, seconds: float, passed: Mapping[str, float]) -> pd.DataFrame:
     """Slopes, and the CPU time and number of boulders for an error, by error = c / sqrt(n);
-    `passed` is the fraction that crosses each line.
-    """
+    `passed` is the fraction that crosses each line."""
     import pandas as pd
 
     rows = []
@@ -275,8 +272,7 @@ def _costs(error: pd.DataFrame, seconds: float, passed: Mapping[str, float]) -> 
 def _covariance(size: np.ndarray, blocks: np.ndarray) -> np.ndarray:
     """Covariance of the logarithms of root-mean-square errors over blocks of normal errors:
     variance 1 / (2 blocks), and the same for two sizes in proportion to the boulders their blocks
-    have in common.
-    """
+    have in common."""
     boulders = size * blocks
     shared = np.minimum.outer(boulders, boulders) / np.maximum.outer(size, size)
     return shared / (2 * np.multiply.outer(blocks, blocks))
@@ -322,8 +318,7 @@ def _changes(
     values: np.ndarray, overall: np.ndarray, each: np.ndarray, size: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Relative changes of the numbers, and their standard errors, relative to (lines, numbers)
-    `overall` and their blocks `each`, from the values of the same boulders on another terrain.
-    """
+    `overall` and their blocks `each`, from the values of the same boulders on another terrain."""
     overall = np.where(overall == 0, np.nan, overall)  # a change from zero has no percentage
     with np.errstate(invalid="ignore"), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Degrees of freedom")  # no boulder crossed

@@ -93,8 +93,7 @@ def line_numbers(
     result: Held, line: int, quantity: str, source: Sources | None = None
 ) -> dict[str, float]:
     """A row of `line_statistics` for a quantity at the line of this index; `source` is that of each
-    boulder, if different from the result's.
-    """
+    boulder, if different from the result's."""
     return numbers(LineSamples(result, source).sample(line, quantity), quantity)
 
 
@@ -111,8 +110,7 @@ def numbers(sample: Sample, quantity: str) -> dict[str, float]:
 def sample_numbers(v: np.ndarray, source: Sources, signed: bool = False) -> dict[str, float]:
     """Mean, standard deviation, quantiles and maximum of values of boulders from these sources,
     with their intervals; numbers undefined for a single value are absent, limits from too few
-    values NaN. Unless `signed`, means and intervals are not below 0, which keeps their coverage.
-    """
+    values NaN. Unless `signed`, means and intervals are not below 0, which keeps their coverage."""
     return numbers_of(Values(v, source), signed)
 
 

@@ -69,8 +69,7 @@ class Remark(NamedTuple):
 
 def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """All remarks on the model, from the case and the variables of a result, or of boulders by
-    name.
-    """
+    name."""
     yield from rebound_remarks(values, case)
     yield from table_remarks(values)
     yield from forest_remarks(case)
@@ -80,8 +79,7 @@ def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """Remarks on the fractions of classical rebounds and the reliability of their coefficients;
-    none for runs with impact sets only.
-    """
+    none for runs with impact sets only."""
     if not (grounds := classical_grounds(values)):
         return
     followed = part_of(
@@ -98,8 +96,7 @@ def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 def table_remarks(values: Variables) -> Iterator[Remark]:
     """Remarks on the fractions of rebounds by tables of impacts and their field validation; none
-    without tables.
-    """
+    without tables."""
     if not (tables := table_grounds(values)):
         return
     drawn = part_of(
@@ -147,8 +144,7 @@ def forest_text() -> str:
 def forest_experiment() -> dict[tuple[str, str], dict[str, float]]:
     """Results of the published forest experiment and of the program, by quantity and case (bare,
     forest); columns experiment, simulated, standard_error. Written by
-    `cases/vaujany-forest/expected.py`.
-    """
+    `cases/vaujany-forest/expected.py`."""
     path = importlib.resources.files("rockfall") / "data" / "forest_experiment.csv"
     _, columns, rows = read_table(Path(str(path)))
     return {
@@ -192,8 +188,7 @@ class Extrapolation(NamedTuple):
 
 def fractions_outside(values: Variables) -> dict[str, float]:
     """Fractions of the rebounds by impact sets outside the fitted ranges: by range (of R_b/R_m),
-    speed and angle; `values` as for `extrapolations`.
-    """
+    speed and angle; `values` as for `extrapolations`."""
     rebounds = max(1.0, _stochastic(values))
     return {what: _total(values, f"rebounds_out_of_{what}") / rebounds for what in OUTSIDE}
 

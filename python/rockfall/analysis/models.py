@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Runs of a case by every rebound model, with common random numbers: the same boulders, from the
-same places, with the same random words, so that only the models differ.
-"""
+same places, with the same random words, so that only the models differ."""
 
 from __future__ import annotations
 
@@ -167,8 +166,7 @@ def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[t
 
 def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
     """The unchanged case, and the case by its impact sets with each method for which it has
-    sizes.
-    """
+    sizes."""
     if "ground" in case.surface:
         yield case.surface["ground"], own
     method = case.surface["method"]
@@ -182,8 +180,7 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
 
 def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
     """Scene with its impact sets in place of grounds, wherever its rocks have a suitable size;
-    obstacles that stop every boulder, and smooth ground, keep their grounds.
-    """
+    obstacles that stop every boulder, and smooth ground, keep their grounds."""
     rule = GroundRule(own.case.impact["sets"])
     names = [one.name for one in own.grounds]
     grounds = own.grounds if rule.name in names else (*own.grounds, rule)
@@ -232,8 +229,7 @@ def with_rocks(
     scene: Scene, small: GroundRule, large: GroundRule, varied: Collection[str] = ()
 ) -> Scene:
     """Scene with these grounds for its small and large rocks, in place of the grounds of these
-    names; by default in place of the default ground.
-    """
+    names; by default in place of the default ground."""
     varied = varied or {_usual(scene)}
     others = [one for one in scene.grounds if one.name not in varied]
     rules = dict.fromkeys((small, large))
@@ -266,8 +262,7 @@ def _filled(numbers: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 def _choice(scene: Scene, sizes: np.ndarray, small: int, large: int) -> np.ndarray:
     """Ground, of two, for rocks of these sizes; obstacle heights are diameters, as in
-    Rockyfor3D.
-    """
+    Rockyfor3D."""
     obstacles = sizes if scene.case.surface["method"] == "A" else sizes / radius_over_rg(scene.case)
     return np.where(obstacles >= LARGE, np.int8(large), np.int8(small))
 
@@ -320,8 +315,7 @@ def _fraction_difference(
     crossed: np.ndarray, other: np.ndarray, source: Sources
 ) -> dict[str, float]:
     """Difference of the fractions of boulders that crossed. If boulders change sides in one
-    direction only, it is that fraction: unlike normal intervals, this one is bounded by 0 and 1.
-    """
+    direction only, it is that fraction: unlike normal intervals, this one is bounded by 0 and 1."""
     gained, lost = crossed & ~other, other & ~crossed
     if gained.any() and lost.any():
         return _difference(crossed * 1.0 - other, source)
@@ -332,8 +326,8 @@ def _fraction_difference(
 
 def _mean_difference(value: np.ndarray, other: np.ndarray, source: Sources) -> dict[str, float]:
     """Difference of the means over the boulders that crossed by either model. Each mean is a ratio
-    of means over all boulders; the interval is that of their difference, linearised (Cochran 1977).
-    """
+    of means over all boulders; the interval is that of their difference, linearised (Cochran
+    1977)."""
     fewest = min(np.isfinite(one).sum() for one in (value, other))
     if not fewest:
         return dict.fromkeys(COLUMNS[-3:], np.nan)

@@ -52,8 +52,7 @@ MAX_HIGH = 3  # maximum ratio of the upper limit to the level
 
 class Fit(NamedTuple):
     """GPD of the values above a threshold: P(X > x | X > u) = (1 + shape (x - u) / scale)**(-1 /
-    shape); `p_value` is that of its Anderson-Darling test.
-    """
+    shape); `p_value` is that of its Anderson-Darling test."""
 
     threshold: float
     exceedances: int
@@ -64,8 +63,7 @@ class Fit(NamedTuple):
 
 class Level(NamedTuple):
     """Value exceeded by one in N boulders, with its 95 % interval; NaN if `refused` gives a
-    reason.
-    """
+    reason."""
 
     value: float = np.nan
     low: float = np.nan
@@ -144,8 +142,7 @@ def _row(sample: Sample, found: Tail) -> dict[str, float | str]:
 
 def tail(values: np.ndarray, source: Sources | None = None, levels: Sequence[int] = LEVELS) -> Tail:
     """Upper tail of the values (>= 0) of boulders; `source` is that of each, as from
-    `rockfall.analysis.precision.intervals.sources`, None = one source.
-    """
+    `rockfall.analysis.precision.intervals.sources`, None = one source."""
     return tail_of(Values(values, Sources.alone(values.size) if source is None else source), levels)
 
 
@@ -168,8 +165,7 @@ def tail_of(sample: Sample, levels: Sequence[int] = LEVELS) -> Tail:
 
 def _tried(sample: Sample, independent: float) -> Iterator[Fit]:
     """Fits above increasing thresholds, with decreasing numbers of exceedances; a sample of few
-    independent boulders may lack the values above the lowest.
-    """
+    independent boulders may lack the values above the lowest."""
     n, known = sample.n, UPPER * independent
     if known < MIN_ABOVE:
         return
@@ -184,8 +180,7 @@ def _tried(sample: Sample, independent: float) -> Iterator[Fit]:
 
 def _fit(excess: np.ndarray, threshold: float, weight: float) -> Fit:
     """Maximum-likelihood GPD, sought along the line of `_best_of`; the search variable is log(1 +
-    theta max) / log(n), which is near the shape.
-    """
+    theta max) / log(n), which is near the shape."""
     from scipy.optimize import minimize_scalar
 
     top, reach = excess.max(), np.log(excess.size)
@@ -205,16 +200,14 @@ def _fit(excess: np.ndarray, threshold: float, weight: float) -> Fit:
 
 def _best_of(theta: float, excess: np.ndarray) -> tuple[float, float, float]:
     """Maximum-likelihood shape and scale for a given theta = shape / scale, and the negative
-    log-likelihood per value, up to a constant (Grimshaw 1993).
-    """
+    log-likelihood per value, up to a constant (Grimshaw 1993)."""
     shape = np.log1p(theta * excess).mean()
     return shape, shape / theta, np.log(shape / theta) + shape
 
 
 def _end(excess: np.ndarray, fit: Fit, weight: float) -> tuple[float, float]:
     """Upper end point and the upper limit of its 95 % interval (profile likelihood); both infinite
-    if the latter is.
-    """
+    if the latter is."""
     from scipy.optimize import brentq
 
     theta = fit.shape / fit.scale
@@ -298,8 +291,7 @@ def _level(
     """Level exceeded by one in N: from the sample if enough values lie beyond, else from the tail.
     The interval covers those above the chosen and the highest threshold, because a misfit
     undetected in few values may still shift the level (heights of cases/vaujany: 89 % coverage
-    without, 93 % with).
-    """
+    without, 93 % with)."""
     below = 1 - 1 / N
     if independent >= ENOUGH * N:
         return Level(sample.quantile([below])[0], *sample.between(below, independent))
@@ -321,8 +313,7 @@ def _profiled(N: int, sample: Sample, independent: float, fit: Fit) -> Level:
     """Level of a GPD with its 95 % profile-likelihood interval (Coles 2001, section 4.3.3),
     including the binomial uncertainty of the fraction above the threshold. The likelihood is scaled
     to the independent boulders (Chandler and Bate 2007). Bartlett's factor, measured on GPD
-    samples, corrects for few values: without it intervals from 50 cover 92 to 94 %.
-    """
+    samples, corrects for few values: without it intervals from 50 cover 92 to 94 %."""
     from scipy.optimize import brentq, minimize_scalar
 
     n, k = sample.n, fit.exceedances
@@ -335,8 +326,7 @@ def _profiled(N: int, sample: Sample, independent: float, fit: Fit) -> Level:
     def best_of(theta: float, above: float) -> float:
         """Negative log-likelihood, minimised over the shape, for a level at a given height above
         the threshold and theta = shape / scale: log((1 + theta above)) / shape is the logarithm of
-        the fraction above the threshold over 1/N. Convex in 1 / shape: by Newton.
-        """
+        the fraction above the threshold over 1/N. Convex in 1 / shape: by Newton."""
         if theta not in sums:
             sums[theta] = float(np.log1p(theta * excess).sum())
         sign = math.copysign(1.0, theta)

@@ -49,8 +49,7 @@ class Sample(NamedTuple):
 
 def resampled(sample: Sample, random: np.random.Generator) -> np.ndarray:
     """Number of times each boulder occurs in another sample with the same number from each
-    source.
-    """
+    source."""
     counts = np.zeros(len(sample.source), int)
     for source in np.unique(sample.source):
         mine = np.flatnonzero(sample.source == source)
@@ -60,8 +59,7 @@ def resampled(sample: Sample, random: np.random.Generator) -> np.ndarray:
 
 class Distance:
     """Wasserstein distance of two weighted samples of one quantity: the area between their
-    distribution functions. (SciPy's would sort both again for each set of weights.)
-    """
+    distribution functions. (SciPy's would sort both again for each set of weights.)"""
 
     def __init__(self, seen: np.ndarray, made: np.ndarray) -> None:
         both = np.concatenate([seen, made])
@@ -126,8 +124,7 @@ def run_out(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
     """Stopping distances, and where places are known lateral offsets, of observed and simulated
     boulders; of the result those from sources with observed boulders. None if distances are
-    unknown.
-    """
+    unknown."""
     observed = observed_boulders(result, seen)
     if observed is None:
         return None
@@ -146,8 +143,8 @@ def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
 
 def pooled_samples(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> tuple[Sample, Sample] | None:
     """Pooled samples of several results of one site, each with its observations; lateral offsets
-    are perpendicular to the mean of all observed vectors. For a single result they equal `samples`.
-    """
+    are perpendicular to the mean of all observed vectors. For a single result they equal
+    `samples`."""
     if len(pairs) == 1:
         return samples(*pairs[0])
     parts = [part for part in (_ways(*pair) for pair in pairs) if part is not None]
@@ -193,8 +190,7 @@ def _in_frame(ways: Sample, across: np.ndarray) -> Sample:
 
 class Starts(NamedTuple):
     """Starts of boulders, as observers can distinguish them: a polygon or point of the source
-    layer, a cliff (adjacent source cells), or a point.
-    """
+    layer, a cliff (adjacent source cells), or a point."""
 
     group: np.ndarray  # of each boulder, from 0
     names: list[str]  # of the groups
@@ -241,8 +237,7 @@ def _cell(result: xr.Dataset) -> float:
 
 def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
     """Mask of the boulders of a result to compare with observed stopping places or distances: those
-    from the same starts, or all if these are unknown; and a description.
-    """
+    from the same starts, or all if these are unknown; and a description."""
     total = result.sizes["boulder"]
     if seen.stops is None or seen.starts is None:
         return np.ones(total, bool), ""
@@ -264,8 +259,7 @@ def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
 
 def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
     """Observed boulders: stopping distance, and where places are known the lateral offset [m], with
-    the number of the source; None if the distances are unknown.
-    """
+    the number of the source; None if the distances are unknown."""
     found = starts(result)
     if seen.stops is None or (seen.starts is None and len(found.places) > 1):
         if seen.distances is None:
@@ -280,8 +274,7 @@ def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
 
 def _observed_ways(seen: Observed, found: Starts) -> tuple[np.ndarray, np.ndarray]:
     """Vectors from releases to stopping places, and the group of the source nearest to each
-    release.
-    """
+    release."""
     assert seen.stops is not None
     given = seen.starts
     given = found.places[:1].repeat(len(seen.stops), axis=0) if given is None else given
@@ -313,8 +306,7 @@ def frames(result: xr.Dataset, seen: Observed) -> dict[int, Frame]:
 
 def way_of(result: xr.Dataset, frame: Frame, group: int, column: int) -> np.ndarray:
     """Distance (column 0) or lateral offset (1) [m] in a frame of each boulder of a result from
-    this group, NaN for others.
-    """
+    this group, NaN for others."""
     ways = np.column_stack(
         [result[f"stop_{axis}"].values - result[f"start_{axis}"].values for axis in "xy"]
     )
@@ -393,8 +385,7 @@ def moments(values: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
 
 def by_chance(seen: Sample, made: Sample, share: np.ndarray, random: np.random.Generator) -> float:
     """95 % quantile of the Wasserstein distance for the same number of boulders of the result, from
-    the same sources.
-    """
+    the same sources."""
     values, found = made.values[:, 0], []
     places = {s: np.flatnonzero(made.source == s) for s in np.unique(seen.source)}
     distance = Distance(values, values)

@@ -191,8 +191,7 @@ def evaluate(rules: list[Rule], result: Held) -> list[Verdict]:
 
 def _verdict(rule: Rule, known: LineSamples) -> Verdict:
     """Verdict on a rule; the need follows from the width. If the sources are sampled, the part due
-    to their differences does not decrease with more boulders.
-    """
+    to their differences does not decrease with more boulders."""
     n = known.boulders / max(known.sources, 1)
     row = numbers(known.sample(rule.line, rule.quantity), rule.quantity)
     width = half_width(row, rule.statistic)

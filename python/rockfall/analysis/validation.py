@@ -138,8 +138,7 @@ def _laws(case: Case, tables: Sequence[str], notes: list[str]) -> Iterator[tuple
 def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Number]:
     """Numbers of results of one site that can be compared with the observations of each, by line,
     quantity and statistic. Several results, for instance of different kinds of blocks, count as one
-    sample, in which each source is weighted by its observed frequency.
-    """
+    sample, in which each source is weighted by its observed frequency."""
     found: dict[Key, Number] = {}
     stopped = pooled_samples(pairs)
     if stopped is not None:
@@ -173,8 +172,7 @@ def run_out_numbers(
     observed: Sample, simulated: Sample, one_frame: bool = False
 ) -> dict[str, Number]:
     """Statistics of stopping distances, and of lateral offsets if several boulders came from each
-    source, or all share one frame.
-    """
+    source, or all share one frame."""
     share = weights(observed, simulated)
     numbers = distribution_numbers(observed.values[:, 0], simulated.values[:, 0], share)
     alike = len(observed.source) if one_frame else np.unique(observed.source, return_counts=True)[1]
@@ -197,8 +195,7 @@ def distribution_numbers(
     seen: np.ndarray, made: np.ndarray, share: np.ndarray
 ) -> dict[str, Number]:
     """Statistics of an observed sample and of a weighted simulated one, and their distances; errors
-    of observations come from resampled boulders.
-    """
+    of observations come from resampled boulders."""
     random, one = np.random.default_rng(0), np.ones(len(seen))
     drawn = [_numbers(random.choice(seen, len(seen)), one) for _ in range(RESAMPLES)]
     enough = min(len(seen), len(made)) >= FEWEST
@@ -227,8 +224,7 @@ def _numbers(values: np.ndarray, share: np.ndarray) -> dict[str, float]:
 
 def _of_printed(row: dict[str, Any], crossed: np.ndarray) -> Iterator[tuple[str, Number]]:
     """Comparison with a printed mean and deviation; exact if the number of boulders is not
-    given.
-    """
+    given."""
     n, std = row["n"], row["std"]
     errors = {"mean": std / np.sqrt(n), "std": std / np.sqrt(2 * max(n - 1, 1))}
     found = _numbers(crossed, np.ones(len(crossed))) if len(crossed) >= FEWEST else {}
@@ -239,8 +235,7 @@ def _of_printed(row: dict[str, Any], crossed: np.ndarray) -> Iterator[tuple[str,
 
 def over_runs(runs: Sequence[dict[Key, Number]]) -> Iterator[dict[str, Any]]:
     """Rows of a table (COLUMNS without the model): means over runs, which differ by their seed or
-    their terrain, their standard errors, and verdicts.
-    """
+    their terrain, their standard errors, and verdicts."""
     for key, one in runs[0].items():
         values = np.array([run[key].simulated for run in runs])
         mean, error = float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
@@ -251,8 +246,7 @@ def over_runs(runs: Sequence[dict[Key, Number]]) -> Iterator[dict[str, Any]]:
 
 def _verdict(statistic: str, seen: Number, simulated: float, error: float) -> str:
     """Verdict on a bound, if there is one: undecided where the interval of the error straddles
-    it.
-    """
+    it."""
     if statistic not in BOUNDS or not seen.observed > 0 or simulated != simulated:
         return ""
     off = abs(simulated / seen.observed - 1)

@@ -130,8 +130,7 @@ def write_report(
     models: Models | None = None,
 ) -> None:
     """Write the page of a result to `path` (.html, or .pdf) atomically; other arguments are as in
-    `report`.
-    """
+    `report`."""
     path = Path(path)
     check_page(path, files_behind(result))
     on_paper = path.suffix.lower() == PDF

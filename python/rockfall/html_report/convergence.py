@@ -34,8 +34,7 @@ LOOKS = {  # colour and dashes
 
 def sizes(source: Sources) -> list[int]:
     """Numbers of boulders, evenly spaced in their logarithm, up to all; complete turns of the
-    sources where there are enough.
-    """
+    sources where there are enough."""
     of, boulders = source.count, source.number.size
     n = np.geomspace(min(FIRST, boulders), boulders, STEPS).round().astype(int)
     n = np.where(n > of, n // of * of, n)
@@ -45,8 +44,7 @@ def sizes(source: Sources) -> list[int]:
 def mixed(source: Sources) -> np.ndarray:
     """Order of boulders in which each initial part is a sample of all: the sources take turns, in
     the same random order in each turn, and as often as they release boulders. The order within a
-    source is unchanged.
-    """
+    source is unchanged."""
     by_source = np.argsort(source.number, kind="stable")
     boulders = np.bincount(source.number)
     first = np.cumsum(boulders) - boulders
@@ -58,8 +56,7 @@ def mixed(source: Sources) -> np.ndarray:
 
 def known_of(number: np.ndarray, source: Sources) -> Sources:
     """Sources of the first boulders of `mixed`: strata only if all sources have the same number of
-    boulders; before that, the selection of sources is random.
-    """
+    boulders; before that, the selection of sources is random."""
     whole = number.size == source.number.size
     if source.sampled or whole or not np.ptp(np.bincount(number, minlength=source.count)):
         return Sources.of(number, source.sampled)
@@ -112,8 +109,7 @@ def _curve(
     axes: Axes, n: list[int], rows: list[dict[str, float]], name: str, scale: float
 ) -> float:
     """Plot a number with its 95 % band; returns the upper limit for the axis: at least twice the
-    highest number, since bands of few boulders are unbounded, and the end of the last band.
-    """
+    highest number, since bands of few boulders are unbounded, and the end of the last band."""
     value, low, high = (
         np.array([scale * row.get(f"{name}{end}", np.nan) for row in rows])
         for end in ("", "_low", "_high")

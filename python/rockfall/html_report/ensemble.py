@@ -60,8 +60,7 @@ def range_headline(result: xr.Dataset) -> Table:
 
 def _headline_numbers(result: xr.Dataset, line: str) -> Iterator[tuple[str, str]]:
     """Range of the draws and value of the unchanged case for each column of the headline; "-" if
-    too few boulders pass in some draw.
-    """
+    too few boulders pass in some draw."""
     for quantity, number in HEADLINE.values():
         name = "fraction" if quantity == "fraction" else f"{quantity}.{number}"
         one = result.sel(line=line, result=name)
@@ -73,8 +72,7 @@ def _headline_numbers(result: xr.Dataset, line: str) -> Iterator[tuple[str, str]
 
 def range_tables(result: xr.Dataset, rows: Rows) -> list[Table]:
     """Tables of an ensemble for each line: both uncertainties of its numbers, and the inputs behind
-    the epistemic one. None for other results.
-    """
+    the epistemic one. None for other results."""
     if not is_ensemble(result):
         return []
     found = []

@@ -70,8 +70,7 @@ def front_of(
     say: Speaker,
 ) -> Front:
     """Page 1 from these texts (title, question, warnings, answers, certainty) and tables, fitted to
-    their length in the language of the page.
-    """
+    their length in the language of the page."""
     fit = _fitter(say)
     west, east, south, north = reached(result)
     beside = (north - south) > UPRIGHT * (east - west)
@@ -142,8 +141,7 @@ def _most_passed(rows: Rows) -> list[int]:
 
 def _cut(tables: Sequence[Table], order: list[int], left: int) -> tuple[list[Table], list[Table]]:
     """Tables cut to a number of rows, with cells of one line and at least a row of the first one;
-    and the complete tables that are cut or left out.
-    """
+    and the complete tables that are cut or left out."""
     shown: list[Table] = []
     more: list[Table] = []
     for k, one in enumerate(tables):
@@ -177,8 +175,7 @@ def overview(
     room: Room,
 ) -> Iterator[tuple[str, Figure]]:
     """Map of page 1 and its title: hazard zones, or passages, or stopping places; None if the
-    result has none of these.
-    """
+    result has none of these."""
     if hazard is not None:
         yield "Zones of hazard", zones_figure(hazard, terrain, room)
     elif name := passed_map(result):

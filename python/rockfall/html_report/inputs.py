@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Inputs of a result: terrain, grounds, sources, boulders, obstacles; and the parties of the
-report.
-"""
+report."""
 
 from __future__ import annotations
 
@@ -119,8 +118,7 @@ def _range(values: np.ndarray) -> str:
 
 def doubtful_inputs(result: xr.Dataset, hazard: xr.Dataset | None) -> list[tuple[str, str]]:
     """Likely mistakes in the inputs, as `check`, `run` and `hazard` print them: place and text.
-    Reprojected layers are listed with the files.
-    """
+    Reprojected layers are listed with the files."""
     studies = [result] if hazard is None else [result, hazard]
     texts = (one.attrs.get("input_warnings", "[]") for one in studies)
     found = dict.fromkeys((where, text) for one in texts for where, text in json.loads(one))
@@ -179,8 +177,7 @@ def words_of(result: xr.Dataset) -> Iterator[str]:
 
 def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
     """Map of the grounds; None if there is a single one, or if the files of the run no longer
-    exist.
-    """
+    exist."""
     case = case_of(result)
     if FROM_ARRAY in result.attrs["case"] or "zones" not in case.surface:
         return None

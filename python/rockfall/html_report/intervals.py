@@ -42,8 +42,7 @@ def interval(row: Row, name: str, quantity: str) -> str:
 
 def estimate(row: Row, name: str, quantity: str) -> tuple[str, str]:
     """Number in the unit shown and its interval in brackets, with justified digits: the last one is
-    a twentieth to a half of the interval's half-width. `TOO_FEW` if there are too few boulders.
-    """
+    a twentieth to a half of the interval's half-width. `TOO_FEW` if there are too few boulders."""
     value, low, high = (
         QUANTITIES[quantity].factor * row.get(f"{name}{end}", math.nan)
         for end in ("", "_low", "_high")

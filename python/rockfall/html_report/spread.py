@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Spread over rebound models on the page, from the result of `rockfall models` for the same
-case.
-"""
+case."""
 
 from __future__ import annotations
 

@@ -109,8 +109,7 @@ def run_out(result: xr.Dataset) -> Iterator[str]:
 
 def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
     """Sentences on the certainty of the answer: the Monte Carlo error, and what it does not
-    include.
-    """
+    include."""
     boulders, known = simulated(result), LineSamples(result)
     shown = [[*map(str, row)] for row in headline(rows).rows]
     if is_ensemble(result):  # the answer is the range of the draws

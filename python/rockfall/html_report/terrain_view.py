@@ -107,7 +107,7 @@ def _numbers(values: np.ndarray, decimals: int = 1) -> list[float | None]:
 
 
 def _layout(result: xr.Dataset) -> dict[str, Any]:
-    """Layout with the camera looking uphill from the end of the trajectories."""
+    """Layout with the camera looking uphill from the side to which boulders went."""
     went = [np.nanmean(result[f"stop_{c}"].values - result[f"start_{c}"].values) for c in "xy"]
     east, north = AWAY * np.array(went) / max(np.hypot(*went), 1e-9)
     axis = {"visible": False, "showspikes": False}

@@ -54,8 +54,7 @@ BARRIER = (
 
 def warnings(result: xr.Dataset) -> list[str]:
     """Most important warnings: missing boulders, and large parts of a run outside the data of its
-    model.
-    """
+    model."""
     return [
         *_missing(result),
         *(f"{one.text}." for one in model_remarks(result, case_of(result)) if one.is_warning),
@@ -64,8 +63,7 @@ def warnings(result: xr.Dataset) -> list[str]:
 
 def cautions(result: xr.Dataset, rows: Rows, levels: pd.DataFrame) -> list[str]:
     """Limits to validity, in the order of their importance for a decision: unobserved events,
-    conditions at the edge of the model, assumed inputs, processes not modelled.
-    """
+    conditions at the edge of the model, assumed inputs, processes not modelled."""
     return [
         *_few(rows),
         *_ended(result),

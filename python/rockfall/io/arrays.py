@@ -55,8 +55,7 @@ def from_array(
 
 def elevation_dtype(stored: np.dtype | str, name: str) -> np.dtype:
     """Return float32 for types it represents exactly (including integers of 8 and 16 bits), else
-    float64.
-    """
+    float64."""
     stored = np.dtype(stored)
     if stored.kind not in "iuf":
         raise RockfallError(f"{name}: elevations are of type {stored}, real numbers are needed")

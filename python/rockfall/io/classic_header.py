@@ -21,8 +21,7 @@ class _Overstated(Exception):
 
 def overstates(path: str | Path) -> bool:
     """Return True if a file is classic netCDF (CDF-1, CDF-2, CDF-5) and its header claims more than
-    the file holds; False for unreadable files and other formats.
-    """
+    the file holds; False for unreadable files and other formats."""
     try:
         with open(path, "rb") as file:
             if widths := _VERSIONS.get(file.read(4)):
@@ -71,8 +70,7 @@ class _Header:
 
     def number(self, width: int) -> int:
         """Number of following items, which take at least a byte each: never more than the bytes
-        left.
-        """
+        left."""
         value = int.from_bytes(self.file.read(width), "big")
         self.left -= width
         if not value <= self.left:

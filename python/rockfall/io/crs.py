@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Coordinate reference systems: names, equality, requirements of the model, and their description
-in CF (1.8, appendix F).
-"""
+in CF (1.8, appendix F)."""
 
 from __future__ import annotations
 
@@ -156,15 +155,13 @@ def length_scale(grid: Grid) -> float:
 
 def grid_mapping(crs: CRS) -> dict[str, Any]:
     """Attributes of a CF grid mapping variable. The complete CRS is in `crs_wkt`; CF parameters are
-    added where they are equivalent.
-    """
+    added where they are equivalent."""
     return _parameters(_pyproj(crs)) | {"crs_wkt": crs.to_wkt(), "spatial_ref": crs.to_wkt()}
 
 
 def _parameters(crs: pyproj.CRS) -> dict[str, Any]:
     """`to_cf` without the systems it represents incorrectly: angles in units other than degrees,
-    the scale of a cone with one standard parallel, and the pole.
-    """
+    the scale of a cone with one standard parallel, and the pole."""
     if crs.geodetic_crs and any(a.unit_name == "grad" for a in crs.geodetic_crs.axis_info):
         return {}
     with warnings.catch_warnings():

@@ -26,8 +26,7 @@ def check_regular(path: str | Path) -> None:
 
 def check_netcdf(path: str | Path) -> None:
     """Refuse files that are not regular, and classic netCDF headers that claim more than the file
-    holds: libraries allocate that memory, and abort the process if there is not enough.
-    """
+    holds: libraries allocate that memory, and abort the process if there is not enough."""
     check_regular(path)
     if os.path.isfile(path) and overstates(path):
         raise RockfallError(
@@ -57,8 +56,7 @@ def read_text(path: str | Path) -> str:
 def atomic_write(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path of the same name, renamed to `path` if the block succeeds and removed
     if it fails. It is in a new folder next to `path` with access for its owner only, so that in a
-    shared folder nobody can place a link where format drivers will write.
-    """
+    shared folder nobody can place a link where format drivers will write."""
     path = Path(path)
     try:
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=TEMPORARY) as folder:

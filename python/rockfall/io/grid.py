@@ -24,8 +24,7 @@ _BLOCK = 1_000_000  # cells
 
 class Transform(NamedTuple):
     """Transform from (column, row) to (x, y), with the names of `affine.Affine`, whose import is
-    slow.
-    """
+    slow."""
 
     a: float
     b: float
@@ -95,15 +94,13 @@ class Grid:
 
     def cells(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Row and column of the cells that contain places [m]; places on the far edge are in the
-        last cell.
-        """
+        last cell."""
         row = np.floor((self.north - y) / self.cell).astype(int).clip(0, self.ny - 1)
         return row, np.floor((x - self.west) / self.cell).astype(int).clip(0, self.nx - 1)
 
     def matches(self, other: Grid) -> bool:
         """Return True if both grids have the same cells, up to `TOLERANCE` of a cell; ignores the
-        CRS.
-        """
+        CRS."""
         near = TOLERANCE * self.cell
         return self.shape == other.shape and all(
             abs(getattr(self, edge) - getattr(other, edge)) <= near

@@ -57,8 +57,7 @@ def burn_polygons(
     key: str = "",
 ) -> np.ndarray:
     """Integer `field` of the polygon that holds the centre of each cell (int32, `NO_ID` outside);
-    the last one where they overlap. Everything else is as in `_on_terrain`.
-    """
+    the last one where they overlap. Everything else is as in `_on_terrain`."""
     remarks = [] if remarks is None else remarks
     found = _on_terrain(path, [field], _POLYGONS, "polygons", grid, remarks, layer, key)
     numbers = _integers(str(path), field, found.values[field])
@@ -87,8 +86,8 @@ def numbered_polygons(
     path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Number, from 1, of the polygon that holds the centre of each cell (0: none), the last one
-    where they overlap; and the attributes of all polygons. Everything else is as in `_on_terrain`.
-    """
+    where they overlap; and the attributes of all polygons. Everything else is as in
+    `_on_terrain`."""
     found = _on_terrain(path, None, _POLYGONS, "polygons", grid, remarks, layer, key)
     size = len(found.shapes)
     kind = np.uint8 if size < 2**8 else np.int32
@@ -128,8 +127,7 @@ def read_lines(
     path: str | Path, layer: str | None, grid: Grid, remarks: list[str]
 ) -> tuple[list[list[np.ndarray]], dict[str, np.ndarray]]:
     """Lines of a layer (the only one, for None), with all their attributes by name. A line is a
-    list of its parts, (n, 2) coordinates [m]; connected parts are merged.
-    """
+    list of its parts, (n, 2) coordinates [m]; connected parts are merged."""
     found = _on_terrain(path, None, _LINES, "lines", grid, remarks, layer, "layer")
     return [_parts(shape) for shape in found.shapes], found.values
 
@@ -289,8 +287,7 @@ def _read(
 
 def _layer(path: str, layers: np.ndarray, what: str, asked: str | None, key: str) -> str:
     """Name of the requested layer, or of the only one with shapes (GeoPackages keep styles in
-    tables without shapes).
-    """
+    tables without shapes)."""
     names = [name for name, shape in layers if shape is not None]
     if not names:
         raise RockfallError(f"{path}: has no layer with {what}")

@@ -88,8 +88,7 @@ def overwriting(allowed: bool) -> Iterator[None]:
 
 def check_output(path: str | Path, kind: str, inputs: Iterable[str | Path] = ()) -> None:
     """Refuse an output path for a file of this kind before the work starts: a folder, a missing
-    folder, a path that is not writable, an input, or a file of another kind.
-    """
+    folder, a path that is not writable, an input, or a file of another kind."""
     path = Path(path)
     check_outputs({path: kind}, inputs)
     if kind == RESULT and not RESULT_NAME.search(path.name):
@@ -112,8 +111,7 @@ def check_outputs(
 ) -> None:
     """Refuse to overwrite an input under any name, files of other kinds than the new ones except
     for `former` files, which are known to be ours, and, unless `overwriting` allows it, any file.
-    Unchanged files (`same`) are permitted.
-    """
+    Unchanged files (`same`) are permitted."""
     taken = [path for path in kinds if os.path.lexists(path)]
     read = {_identity(path) for path in inputs if os.path.exists(path)} if taken else set()
     for path in taken:
@@ -219,8 +217,7 @@ def atomic_folder(
     last: str = "",
 ) -> Iterator[Path]:
     """Yield a temporary folder, whose files are moved to `folder` if the block succeeds, `last` at
-    the end, replacing `former` files. If it fails, nothing has changed.
-    """
+    the end, replacing `former` files. If it fails, nothing has changed."""
     folder = Path(folder)
     check_folder(folder)
     place = folder.resolve()

@@ -47,8 +47,7 @@ def dem_header(path: str | Path) -> tuple[Grid, np.dtype]:
 
 def packing_note(path: str | Path) -> list[str]:
     """A remark if stored numbers are not the values because of a companion file, which a look at
-    the raster alone would not reveal. Packing in netCDF files is explicit.
-    """
+    the raster alone would not reveal. Packing in netCDF files is explicit."""
     with open_raster(path) as raster:
         if not isinstance(raster.cells, GdalCells) or raster.cells.packing == (1.0, 0.0):
             return []

@@ -88,8 +88,7 @@ class GdalCells:
 
 class Alone:
     """Stand-in for GDAL's dataset of an ESRI ASCII grid without companion files. Importing GDAL
-    would take longer than reading a small grid.
-    """
+    would take longer than reading a small grid."""
 
     crs, units, dtypes = None, (None,), ("float64",)
 
@@ -123,8 +122,7 @@ class RasterFile:
 
     def blocks(self, box: Box | None = None) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         """Blocks (rows in memory, values, valid mask), north-up, valid until the next one. With a
-        box, its rows count from 0.
-        """
+        box, its rows count from 0."""
         box = box or self.grid.box
         scale, offset = self.cells.packing
         for rows, block, valid in self.cells.rows(self._in_file(box)):
@@ -195,8 +193,7 @@ def open_raster(path: str | Path) -> Iterator[RasterFile]:
 
 def raster_files(path: str | Path) -> set[str]:
     """All files that a raster is read from: itself, companion files, the tiles of a mosaic. A file
-    that cannot be opened is returned alone; its reader reports the error.
-    """
+    that cannot be opened is returned alone; its reader reports the error."""
     found, waiting = set(), {raster_file(str(path))}
     while waiting:
         found.add(file := waiting.pop())

@@ -28,8 +28,7 @@ _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eEdD][+-]?[0-9]+)?")
 
 def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
     """(line number, cells) of each line that is not blank; cells are separated by commas or
-    semicolons. Texts escaped by `spreadsheet_text` are restored.
-    """
+    semicolons. Texts escaped by `spreadsheet_text` are restored."""
     line = 1
     check_text_file(path)
     try:
@@ -98,8 +97,7 @@ class Row(NamedTuple):
 
 def read_table(path: str | Path) -> tuple[str, list[str], Iterator[Row]]:
     """Position of the header of a table, its columns in lower case, and the rows below: at least
-    one, each as long as the header.
-    """
+    one, each as long as the header."""
     lines = table_rows(path)
     number, header = next(lines, (1, []))
     columns = [name.lower() for name in header]
@@ -158,8 +156,7 @@ def write_csv(table: pd.DataFrame, path: str | Path) -> None:
 
 def spreadsheet_text(text: str) -> str:
     """Text with an apostrophe in front if a spreadsheet would run it as a formula. Not for numbers,
-    such as -1.5.
-    """
+    such as -1.5."""
     return f"'{text}" if _FORMULA.match(text) else text
 
 

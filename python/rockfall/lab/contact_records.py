@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Records of the contacts of thrown bodies, blocks on a ground or boulders on rocks: a dataset over
-`contact`, and its file.
-"""
+`contact`, and its file."""
 
 from __future__ import annotations
 
@@ -70,8 +69,7 @@ def contact_columns(
     rows: np.ndarray, counts: np.ndarray, found: np.ndarray, number: np.ndarray, body: str
 ) -> dict[str, np.ndarray]:
     """Columns of the contacts of throws, one throw after the other: rows (fields, contacts,
-    throws); `number` (throws,), and `body` is the name of the first count.
-    """
+    throws); `number` (throws,), and `body` is the name of the first count."""
     throw, order = np.nonzero(np.arange(rows.shape[1])[None, :] < found[:, None])
     counted = body, *names(COUNTS)[1:]
     return {

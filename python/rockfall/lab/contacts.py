@@ -35,8 +35,7 @@ CHECKSUM_MARK = "! SHA-256 of the contacts: "
 class Contacts:
     """Contacts of a file, as rebounds: `ratio` (n,) is the class of R_b/R_m of each, None if the
     file has none; `beyond` is the number of contacts with R_b/R_m below 0.5 or above 5.5, which no
-    set covers.
-    """
+    set covers."""
 
     name: str
     checksum: str
@@ -117,8 +116,7 @@ def _ground(rows: list[Row]) -> str:
 
 def tied(n: int, ties: Iterable[list[str]]) -> np.ndarray:
     """Groups (n,) of dependent contacts: those with the same name in any of the `ties`, directly or
-    through other contacts.
-    """
+    through other contacts."""
     which = [np.unique(names, return_inverse=True)[1] for names in ties]
     group = np.arange(n)
     while True:
@@ -133,8 +131,7 @@ def tied(n: int, ties: Iterable[list[str]]) -> np.ndarray:
 
 def fit_contacts(contacts: Contacts, nearest: bool = False) -> dict[int, ImpactSet]:
     """Fit the sets of all five ratios. A ratio without contacts is refused, or with `nearest` takes
-    the set of the nearest ratio that has contacts.
-    """
+    the set of the nearest ratio that has contacts."""
     given = contacts.by_ratio()
     for ratio in RATIOS:
         if not (ratio in given or ALL in given or nearest):
@@ -148,8 +145,7 @@ def fit_contacts(contacts: Contacts, nearest: bool = False) -> dict[int, ImpactS
 
 def _fit(where: str, impacts: Impacts) -> ImpactSet:
     """Fit a set with valid standard errors: they need groups to leave out, and where they exceed
-    the standard deviation of their quantity, the most likely set may diverge.
-    """
+    the standard deviation of their quantity, the most likely set may diverge."""
     try:
         found = fit_set(impacts)
     except RockfallError as error:
@@ -173,8 +169,7 @@ def _fit(where: str, impacts: Impacts) -> ImpactSet:
 
 def _nearest(ratio: int, given: Iterable[int]) -> int:
     """Nearest ratio with contacts; of two equally near, the larger, on which boulders travel
-    farther.
-    """
+    farther."""
     return min(given, key=lambda one: (abs(one - ratio), -one))
 
 
@@ -225,8 +220,7 @@ def _about(impacts: Impacts) -> str:
 
 def contacts_behind(path: Path, text: str) -> Contacts | None:
     """Contacts from which a set file with this text was made, which must be next to it unchanged;
-    None for a set file not made from contacts.
-    """
+    None for a set file not made from contacts."""
     name, checksum = (
         next((line[len(mark) :] for line in text.splitlines() if line.startswith(mark)), "")
         for mark in (CONTACTS_MARK, CHECKSUM_MARK)

@@ -87,8 +87,7 @@ def pack_layers(
     case: LabCase, ratio: float, first: int = 1, count: int = 1, threads: int = 0
 ) -> Layers:
     """Layers `first` to `first + count - 1` of the case's seed, deep and wide enough for a boulder
-    of this R_b/R_m, dropped and settled.
-    """
+    of this R_b/R_m, dropped and settled."""
     check_team(threads)
     room, code, message = _lab.room_for_layer(case.row(2, ratio))
     check_kernel(code, message, case.name)

@@ -56,8 +56,7 @@ class ImpactSet:
 @dataclass(frozen=True)
 class Impacts:
     """Data for the fit of a set: V_in and V_out (n, 3) [m/s], the layer or run of each, (n,), and
-    the amount of its lateral deviation, (n,) [degrees], NaN where unknown.
-    """
+    the amount of its lateral deviation, (n,) [degrees], NaN where unknown."""
 
     v_in: np.ndarray
     v_out: np.ndarray
@@ -72,8 +71,8 @@ class Impacts:
 
 def as_rebounds(impacts: Impacts) -> Impacts:
     """Impacts as rebounds of the model: one that did not leave the surface leaves it with 1 % of
-    its speed, like a forced rebound; one that gained energy by falling into the layer is left out.
-    """
+    its speed, like a forced rebound; one that gained energy by falling into the layer is left
+    out."""
     speed = np.sqrt((impacts.v_in[:, :2] ** 2).sum(axis=1))
     v_out = impacts.v_out.copy()
     v_out[:, 1] = np.maximum(v_out[:, 1], MIN_NORMAL * speed)
@@ -109,8 +108,7 @@ def fit_impacts(data: xr.Dataset, state: str = "peak") -> dict[int, ImpactSet]:
 
 def within_points(data: xr.Dataset, ratio: float, state: str = "peak") -> np.ndarray:
     """Covariance (3, 3) of V_out/|V_in| within points, about each point's least-squares map: the
-    noise of an impact, equal for all points.
-    """
+    noise of an impact, equal for all points."""
     one = data.sel(ratio=ratio)
     ended = np.isin(one["status"].values, [STATUS[name] for name in ENDED])
     total, freedom = np.zeros((3, 3)), 0
@@ -186,8 +184,7 @@ def _ranges(v_in: np.ndarray) -> list[tuple[float, float]]:
 
 def _directions(impacts: Impacts) -> tuple[np.ndarray, np.ndarray]:
     """V_in and V_out over the length of V_in: the model is linear in speed, so scatter grows with
-    it.
-    """
+    it."""
     length = np.sqrt((impacts.v_in**2).sum(axis=1, keepdims=True))
     if not (length > 0).all():
         raise RockfallError("an impact without incident velocity has no linear map")
@@ -229,8 +226,7 @@ def _parts(both: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _leap(start: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Squared extrapolation from two steps (Varadhan & Roland 2008, scheme S3), limited so that the
-    covariance remains valid.
-    """
+    covariance remains valid."""
     change, bend = first - start, second - 2 * first + start
     length = np.linalg.norm(change) / max(float(np.linalg.norm(bend)), 1e-300)
     while length > 1:
@@ -244,8 +240,7 @@ def _leap(start: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarra
 
 def _rejections(bad: np.ndarray) -> np.ndarray:
     """Number of draws rejected before an admissible one, (n, draws), averaged over the starting
-    point in the ring of draws: an unbiased estimate of the rejections before a rebound.
-    """
+    point in the ring of draws: an unbiased estimate of the rejections before a rebound."""
     draws = bad.shape[1]
     run = np.zeros(len(bad))
     times = np.zeros(bad.shape)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Lateral deviation at a rebound: quantiles by the incidence angle, for `&impact turning =
-'lab'`.
-"""
+'lab'`."""
 
 from __future__ import annotations
 

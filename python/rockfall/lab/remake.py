@@ -30,8 +30,7 @@ def remake(
     paths: Iterable[str | Path], threads: int = 0, progress: bool = False
 ) -> Iterator[tuple[Path, str, str]]:
     """Reproduce each set file or table. Yields its path, its origin if that is not a laboratory
-    case, and the first line in which the reproduction differs; "" if none does.
-    """
+    case, and the first line in which the reproduction differs; "" if none does."""
     for path, source in {Path(path): _source(Path(path)) for path in paths}.items():
         if isinstance(source, list):
             same = all(_is_made_again(path, table, threads, progress) for table in source)

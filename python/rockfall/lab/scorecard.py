@@ -32,8 +32,7 @@ UNITS = {"speed": "m/s", "passing_height": "m", "energy_translational": "kJ"}
 @dataclass(frozen=True)
 class Target:
     """Target range of a number: from `low` to `high`, or one-sided; `known` is the value printed in
-    the paper.
-    """
+    the paper."""
 
     name: str
     label: str
@@ -98,8 +97,7 @@ def targets(folder: str | Path) -> list[Target]:
 @dataclass(frozen=True)
 class Score:
     """Numbers of sets over slopes: (slopes,) each, NaN where too few boulders pass; and their
-    standard errors from the uncertainty of the sets, where known.
-    """
+    standard errors from the uncertainty of the sets, where known."""
 
     name: str
     numbers: dict[str, np.ndarray]
@@ -110,8 +108,7 @@ class Score:
 
     def error(self, name: str) -> float:
         """Standard error of the mean: from slopes and boulders, which decreases with more slopes,
-        and from the sets.
-        """
+        and from the sets."""
         values = self.numbers[name]
         count = np.isfinite(values).sum()
         if count < 2:
@@ -137,8 +134,7 @@ def score(
     **how,
 ) -> Score:  # fmt: skip
     """Numbers of sets on the given number of slopes, each with its own boulders; several draws of
-    the sets take turns. If a single set has standard errors, perturbed sets are run as well.
-    """
+    the sets take turns. If a single set has standard errors, perturbed sets are run as well."""
     if not draws:
         raise RockfallError("no impact sets to score")
     generator = np.random.default_rng(FIRST_SEED)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Throws of boulders at layers of rocks, with records of their contacts: for tables of impacts, and
-for sets.
-"""
+for sets."""
 
 from __future__ import annotations
 
@@ -96,8 +95,7 @@ def _chunks(
     interrupted: Callable[[], bool],
 ) -> Iterator[tuple[dict[str, np.ndarray], int]]:  # fmt: skip
     """Simulate the remaining throws, in the order of ratios and throws; yields contacts and the
-    number of throws.
-    """
+    number of throws."""
     team = max(1, _lab.team(threads))
     on_layer = case.throw["on_layer"]
     for k, ratio in enumerate(case.lab["ratios"]):
@@ -164,8 +162,7 @@ def open_sequences(path: str | Path) -> xr.Dataset:
 
 def rebounds_of(data: xr.Dataset, name: str) -> Contacts:
     """Contacts at the ends of flights, as rebounds for sets of R_b/R_m = 1 to 5; other ratios are
-    left out. Contacts on one layer are dependent.
-    """
+    left out. Contacts on one layer are dependent."""
     from_flight = (data["entry"].values == 0) & np.isin(data["ratio"].values, RATIOS)
     if not from_flight.any():
         raise RockfallError(f"{name}: no contacts of R_b/R_m = 1, 2, 3, 4 or 5, of which sets are")

@@ -73,8 +73,7 @@ def write_sets(
     path: str | Path, sets: dict[int, ImpactSet], provenance: list[str], *more: dict[int, ImpactSet]
 ) -> None:
     """Write an impact-set file: `provenance` as comments, then a group for each ratio; for an
-    ensemble, for each of its draws: `sets` and `more`.
-    """
+    ensemble, for each of its draws: `sets` and `more`."""
     text = [f"! {line}".rstrip() for line in provenance]
     for draw, one in enumerate((sets, *more), 1):
         for ratio, found in sorted(one.items()):
@@ -85,8 +84,7 @@ def write_sets(
 
 def _group(ratio: int, found: ImpactSet, draw: int | None = None) -> list[str]:
     """Text of a set, with twelve digits per number, enough for a covariance to remain
-    semidefinite.
-    """
+    semidefinite."""
     text = []
     if found.impacts:
         text += [f"! {found.impacts} impacts; standard errors of the means:"]

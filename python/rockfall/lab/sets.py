@@ -23,8 +23,7 @@ DRAWS = 4000  # of A, for the means of R_t and R_n
 @dataclass(frozen=True)
 class Sets:
     """The five sets of a file: means (5, 9) and covariances (5, 9, 9) of a1..a9, and error
-    covariances of the means (5, 9, 9) and lateral deviations, where the file has them.
-    """
+    covariances of the means (5, 9, 9) and lateral deviations, where the file has them."""
 
     name: str
     mean: np.ndarray

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Impact sets on the slope of cases/vaujany, by methods A and B of the paper: the numbers printed
-by Bourrier et al. (2009), and additional ones.
-"""
+by Bourrier et al. (2009), and additional ones."""
 
 from __future__ import annotations
 
@@ -181,8 +180,7 @@ def _turns(result: xr.Dataset) -> np.ndarray:
 
 def tangential_above(result: xr.Dataset, limit: float) -> float:
     """Fraction of the rebounds whose tangential fraction of the incident energy is larger; values
-    in the bin that contains the limit are taken as uniform.
-    """
+    in the bin that contains the limit are taken as uniform."""
     rebounds = result["tangential_share_histogram"].values
     low, high = result["tangential_share_bin_bounds"].values.T
     above = np.clip((high - limit) / (high - low), 0, 1)

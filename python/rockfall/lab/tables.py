@@ -43,8 +43,7 @@ class _Contacts:
 def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
     """Make a table from contacts: a file for each R_b/R_m where that matters, identified by its
     attribute `ratio` or its column; else a single file. At most `kept` contacts become records;
-    bins and maps use all. Raises a RockfallError where contacts are too few.
-    """
+    bins and maps use all. Raises a RockfallError where contacts are too few."""
     parts = sorted(_parts(files), key=lambda part: part[0])
     ratios = [ratio for ratio, _ in parts]
     if len(set(ratios)) < len(ratios) or (0.0 in ratios and len(ratios) > 1):
@@ -123,8 +122,7 @@ def _provenance(files: list[xr.Dataset]) -> dict[str, str | int]:
 
 def _dimensionless(data: xr.Dataset) -> _Contacts:
     """Velocities over U = sqrt(g R_b), times over sqrt(R_b/g). Each contact is mirrored so that the
-    ground falls to its left; the work of gravity that the laboratory excluded is restored.
-    """
+    ground falls to its left; the work of gravity that the laboratory excluded is restored."""
     radius, gravity = float(data.attrs["radius"]), float(data.attrs["gravity"])
     unit = np.sqrt(gravity * radius)
     column = {name: data[name].values.astype(float) for name in data}
@@ -201,8 +199,7 @@ def _sort_into_bins(
     contacts: _Contacts, kind: str, sizes: tuple[int, ...]
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Contacts in each bin of a kind, and the edges of each key: quantiles within the bin of the
-    key before.
-    """
+    key before."""
     keys = _keys(contacts, kind)
     groups = [np.flatnonzero(_of_kind(contacts, kind))]
     edges = []
@@ -240,8 +237,7 @@ def _kept_rows(contacts: _Contacts, group: np.ndarray, throws: np.ndarray) -> np
 
 def _with_followers(contacts: _Contacts, rows: np.ndarray, before: int) -> np.ndarray:
     """Records of contacts in order, each with the position of its follower in its throw, counted
-    from 1; 0: not kept. `before` records precede them.
-    """
+    from 1; 0: not kept. `before` records precede them."""
     place = {
         key: before + k + 1
         for k, key in enumerate(zip(contacts.sequence[rows], contacts.order[rows], strict=True))

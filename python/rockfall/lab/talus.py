@@ -38,8 +38,7 @@ class Talus:
 
     def profile(self, s: np.ndarray) -> np.ndarray:
         """Elevation [m] at plan distance `s` [m] with roads: benches, cut into the slope above
-        their axis and filled below.
-        """
+        their axis and filled below."""
         z = self.natural(s)
         for axis, width in ROADS.values():
             level = self.natural(np.array(axis))
@@ -60,8 +59,7 @@ class Talus:
 
 def relief(seed: int, cells: tuple[int, int], std: float) -> np.ndarray:
     """White noise through a Gaussian filter, of given rows and columns [m], independent of the
-    NumPy version. Also used for slopes of synthetic cases.
-    """
+    NumPy version. Also used for slopes of synthetic cases."""
     margin = 8  # more than five standard deviations of the filter: no edge effects
     shape = cells[0] + 2 * margin, cells[1] + 2 * margin
     raw = np.random.Philox(key=seed).random_raw(shape[0] * shape[1])

@@ -34,8 +34,7 @@ SHOWN = {name: QUANTITIES["fraction" if name == "boulders" else name] for name i
 
 def figure(found: Convergence, paths: Sequence[Path]) -> None:
     """Draw the measured numbers of each line against the number of boulders, and errors below.
-    Written to each of `paths`, in the format of its extension.
-    """
+    Written to each of `paths`, in the format of its extension."""
     page = _page(found)
     for path in paths:
         save(page, path, dpi=200)
@@ -99,8 +98,7 @@ def _errors(axes: Axes, table: pd.DataFrame, cost: pd.DataFrame, line: str) -> N
 
 def _terrains(axes: Axes, table: pd.DataFrame, line: str) -> None:
     """Draw the changes by each variant of the terrain, with the Monte Carlo error of the given
-    one.
-    """
+    one."""
     variants = list(dict.fromkeys(table["variant"]))
     labels = []
     for k, variant in enumerate(variants):

@@ -29,8 +29,7 @@ def passed_map(result: xr.Dataset) -> str | None:
 
 def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) -> Extent:
     """Extent of a map: everything that boulders reached and further places (n, 2), with a margin,
-    not too narrow; within the terrain if given.
-    """
+    not too narrow; within the terrain if given."""
     x = [result["start_x"].values, result["stop_x"].values]
     y = [result["start_y"].values, result["stop_y"].values]
     if "trajectory_x" in result:
@@ -51,8 +50,7 @@ def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) ->
 
 def around(x: np.ndarray, y: np.ndarray, cell: float, terrain: Terrain | None = None) -> Extent:
     """Extent of a map of these places, with a margin, not too narrow; within the terrain if
-    given.
-    """
+    given."""
     longest = max(np.ptp(x), np.ptp(y))
     margin = 0.06 * longest + 3 * cell
     shortest = SLENDEREST * (longest + 2 * margin) / 2

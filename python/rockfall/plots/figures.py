@@ -108,8 +108,7 @@ def write_figures(
     inputs: Iterable[str | Path] = (),
 ) -> list[Path]:
     """Write figures to a folder, created if missing, all of them or none, over no file of the
-    `inputs` and only over our figures; returns the files written.
-    """
+    `inputs` and only over our figures; returns the files written."""
     if format not in FORMATS:
         raise RockfallError(f"format = '{format}': must be one of {', '.join(FORMATS)}")
     need("figures need", "report", "matplotlib")

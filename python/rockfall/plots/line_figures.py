@@ -62,8 +62,7 @@ def distribution_figure(
 ) -> Figure:
     """Distribution of a quantity among the boulders that pass, with a panel for each line or for
     `which` of them, counted from 0; below it mean and standard deviation, and those which
-    `observed` has (see `rockfall.plots.figures`).
-    """
+    `observed` has (see `rockfall.plots.figures`)."""
     which = list(range(result.sizes["line"]) if which is None else which)
     about, names = QUANTITIES[quantity], [str(result["line"].values[k]) for k in which]
     ours = [about.factor * _finite(line_values(result, quantity, k)) for k in which]
@@ -100,8 +99,7 @@ def distribution_figure(
 @styled
 def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
     """Fraction of the boulders that travel at least a given distance, with its 95 % band, and
-    observed ones (see `rockfall.plots.figures`).
-    """
+    observed ones (see `rockfall.plots.figures`)."""
     figure = new_figure(WIDE, 2.9)
     axes = figure.add_subplot()
     _draw_passing(axes, result)
@@ -129,8 +127,7 @@ def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
 
 def _draw_passing(axes: Axes, result: xr.Dataset) -> None:
     """Draw the curve of `passing_figure`. The final distance of boulders that left the terrain is
-    unknown: beyond the nearest place where one left, the curve lies between two dotted ones.
-    """
+    unknown: beyond the nearest place where one left, the curve lies between two dotted ones."""
     gone, distance = left_terrain(result), stop_distances(result)
     shown, fraction, low, high = passing(result, distance)
     _, upper, _, high = passing(result, np.where(gone, np.inf, distance))
@@ -150,8 +147,7 @@ def passing(
     result: xr.Dataset, distance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Distances [m], the fraction of boulders that travel at least so far, and its 95 % limits,
-    given the `distance` of each boulder.
-    """
+    given the `distance` of each boulder."""
     source = sources(result)
     shown = np.linspace(0, stop_distances(result).max() or 1.0, STATIONS)
     fraction = [fraction_interval(distance >= one, source) for one in shown]
@@ -212,8 +208,7 @@ def _deviation(values: np.ndarray) -> float:
 
 def _bins(samples: list[np.ndarray]) -> np.ndarray:
     """Edges of bins of a round width, up to a value that one in 500 of any sample exceeds; as many
-    as the largest sample supports.
-    """
+    as the largest sample supports."""
     high = max((float(np.quantile(v, BEYOND)) for v in samples if v.size), default=1.0)
     low = min([0.0, *(float(v.min()) for v in samples if v.size)])
     largest = max(v.size for v in samples)
@@ -246,8 +241,7 @@ def _draw_rows(axes: Axes, rows: list[Row], deepest: int) -> None:
 
 def _passing(result: xr.Dataset, line: int) -> str:
     """Number of boulders that pass a line or reach a barrier, and their fraction with its 95 %
-    confidence interval.
-    """
+    confidence interval."""
     crossed = np.isfinite(result["line_speed"].values[line])
     fraction, low, high = (number(100 * f) for f in fraction_interval(crossed, sources(result)))
     do = "come" if line in barriers_of(result) else "pass"

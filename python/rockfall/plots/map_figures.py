@@ -115,8 +115,7 @@ def is_fraction(name: str) -> bool:
 
 def map_note(result: xr.Dataset, name: str) -> str:
     """Note on cells that are blank though they have values, and on the basis of the values of a
-    map.
-    """
+    map."""
     about = result[name].attrs
     notes = [str(about["comment"])] if "comment" in about else []
     if "min_passages" in about:
@@ -139,8 +138,7 @@ def map_values(result: xr.Dataset, name: str) -> tuple[np.ndarray, str]:
 
 def thin_cells(result: xr.Dataset, name: str) -> np.ndarray | None:
     """Mask (y, x) of cells with too few boulders for a reliable value of a map; None if the map has
-    no such cells, or the result does not count passages.
-    """
+    no such cells, or the result does not count passages."""
     fewest, passed = result[name].attrs.get("thin_below", 0), passed_map(result)
     if not fewest or passed is None:
         return None

@@ -23,8 +23,7 @@ PANELS = {"boulders": ("fraction", "fraction"), **{name: ("mean", name) for name
 @styled
 def models_figure(found: Models) -> Figure:
     """Row of panels for each line, and one for the run-out: numbers with 95 % intervals, a row for
-    each model; bars are means or fractions, open marks 95 % quantiles.
-    """
+    each model; bars are means or fractions, open marks 95 % quantiles."""
     lines = [line for line in dict.fromkeys(found.table["line"]) if line]
     deep = 0.55 + 0.17 * len(found.names)
     figure = new_figure(1.35 * WIDE, (deep + 0.35) * (len(lines) + 1))

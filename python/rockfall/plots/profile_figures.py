@@ -28,8 +28,7 @@ PANEL, TALLEST = 6.3, 4.5  # width and maximum height of the profile [inch]
 @styled
 def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure:
     """Profile at true scale, heights above the ground and speeds of the recorded trajectories,
-    against the plan distance from the release; without terrain, ground and heights are omitted.
-    """
+    against the plan distance from the release; without terrain, ground and heights are omitted."""
     curves = trajectories(result, MAX_TRAJECTORIES)
     ground = _ground_below(result, curves, terrain)
     high, furthest = _true_scale(curves)
@@ -50,8 +49,7 @@ def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure
 
 def _true_scale(curves: Sequence[Trajectory]) -> tuple[float, float]:
     """Height [inch] of a profile at true scale, and the distance [m] at which its axis must end to
-    show all of it.
-    """
+    show all of it."""
     drop = 1.1 * max((np.ptp(one.z) for one in curves), default=0.0)
     furthest = 1.03 * max((one.distance.max() for one in curves), default=0.0) or 1.0
     high = float(np.clip(PANEL * drop / furthest, 1.2, TALLEST))
@@ -62,8 +60,7 @@ def _ground_below(
     result: xr.Dataset, curves: Sequence[Trajectory], terrain: Terrain | None
 ) -> list[np.ndarray]:
     """Elevation [m] of the ground below trajectories; empty if the terrain is unknown or too coarse
-    for heights above it.
-    """
+    for heights above it."""
     if terrain is None or terrain[1].cell > 1.001 * cell_of(result):
         return []
     return [height(*terrain, one.x, one.y) for one in curves]

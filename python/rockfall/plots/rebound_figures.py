@@ -26,8 +26,7 @@ PAPER = {
 
 def beside_paper(result: xr.Dataset) -> bool:
     """Return True if the rebounds are comparable with values of the paper, which are by impact
-    sets.
-    """
+    sets."""
     return not classical_grounds(result)
 
 

@@ -115,8 +115,7 @@ def _inside(centres: np.ndarray, low: float, high: float) -> np.ndarray:
 
 def _check_place(result: xr.Dataset, path: Path, grid: Grid) -> None:
     """Check that the cells of the result's grid mapping, which starts where maps do, are cells of
-    the DEM.
-    """
+    the DEM."""
     west, cell, _, north, _, _ = map(float, result["crs"].attrs["GeoTransform"].split())
     column, row = round((west - grid.west) / grid.cell), round((grid.north - north) / grid.cell)
     part = grid.part(Box(row, column, grid.ny, grid.nx))

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
 
 class Crossings(NamedTuple):
     """Values of each boulder that crossed a line: source and volume [m3], position along the line
-    [m], speed [m/s], energies [J], heights above the ground [m].
-    """
+    [m], speed [m/s], energies [J], heights above the ground [m]."""
 
     source: Sources
     volume: np.ndarray
@@ -65,8 +64,7 @@ def quantile(values: np.ndarray, level: float, source: Sources) -> tuple[float, 
 
 def passes(came: Crossings, height: float, capacity: float) -> np.ndarray:
     """Mark boulders that a barrier of this height [m] and capacity [J] lets pass, over it or
-    through it, when they first reach it: the kernel's own rule, without its stop speed.
-    """
+    through it, when they first reach it: the kernel's own rule, without its stop speed."""
     if not came.n:
         return np.zeros(0, bool)
     outcome = barrier_outcomes(height, capacity, came.passing_height, came.energy_total)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Requirements of the standards for a barrier where these boulders pass: energy, height, EAD
-class.
-"""
+class."""
 
 from __future__ import annotations
 
@@ -22,8 +21,7 @@ def demand(came: Crossings, factors: Factors, density: float, volume: float | No
     """Design values, in SI units: v_d, m_d, E_d, h_d (of the centre, vertical, and normal to the
     slope), with the limits of their 95 % intervals; `height_needed` = h_d + f_min, and the EAD
     class that takes E_d. `volume` [m3] is that of the design block; None: a quantile of the
-    boulders that reach the line.
-    """
+    boulders that reach the line."""
     if volume is None:
         volume = quantile(came.volume, factors["quantile_volume"], came.source)[0]
     values = _uni if factors.conditions.standard == "UNI" else _onr
@@ -38,8 +36,7 @@ def demand(came: Crossings, factors: Factors, density: float, volume: float | No
 
 def class_for(energy: float, factors: Factors) -> float:
     """Lowest EAD class that takes a design energy [J]; ABOVE if none does, NaN if the energy is
-    unknown. Kits of class 0 are not tested at a SEL.
-    """
+    unknown. Kits of class 0 are not tested at a SEL."""
     first = 1 if factors.conditions.limit_state == "SEL" else 0
     enough = [k for k in range(first, ABOVE) if energy < usable(EAD_ENERGY[k], factors)]
     return np.nan if np.isnan(energy) else enough[0] if enough else ABOVE

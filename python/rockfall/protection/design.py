@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Design sheet of a result: loads at its lines, requirements of standards, and checks of its
-barriers.
-"""
+barriers."""
 
 from __future__ import annotations
 
@@ -129,8 +128,7 @@ def design(
 
 def _unconfirmed(result: xr.Dataset, case: Case, factors: Factors) -> Iterator[str]:
     """Unconfirmed assumptions of the loads. The user's own grounds are confirmed by declaring the
-    rebound back-analysed; shipped grounds and the forest never are.
-    """
+    rebound back-analysed; shipped grounds and the forest never are."""
     is_fitted = has_own_grounds(case) and factors.conditions.calibration == BACK_ANALYSED
     if classical_grounds(result) and not is_fitted:
         yield "rebounds"
@@ -217,8 +215,7 @@ def _verdict(
     asked: dict[str, Any], name: str, suffices: Callable[[float], bool]
 ) -> tuple[bool, bool]:
     """Verdict on a requirement, and whether it holds over the entire interval; unknown limits are
-    ignored.
-    """
+    ignored."""
     value, low, high = (asked[f"{name}{end}"] for end in ENDS)
     if suffices(value):
         return True, suffices(high)

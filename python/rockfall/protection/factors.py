@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Partial factors of the standards: a shipped table with the source of each number, which may be
-replaced.
-"""
+replaced."""
 
 from __future__ import annotations
 

@@ -21,8 +21,7 @@ COST_COLUMNS = ["class", "height", "cost"]
 def height_for(came: Crossings, capacity: float, residual: float) -> float:
     """Minimum height [m] of a barrier of this capacity [J] that at most the fraction `residual` of
     the boulders passes, over it or through it; NaN where too many break through. Needs one sort: of
-    the boulders it can stop, those left of `residual` may pass over.
-    """
+    the boulders it can stop, those left of `residual` may pass over."""
     heights = np.sort(came.passing_height[came.energy_total <= capacity])
     over = math.floor(residual * came.n * (1 + 1e-12)) - (came.n - heights.size)
     if not came.n or over < 0:
@@ -34,8 +33,7 @@ def choices(
     came: Crossings, residual: float, costs: Costs | None = None
 ) -> list[dict[str, float | bool]]:
     """For each EAD class the height that leaves at most `residual`, the actual residual fraction
-    with its 95 % interval, and the cost per metre; `cheapest` marks one.
-    """
+    with its 95 % interval, and the cost per metre; `cheapest` marks one."""
     rows: list[dict[str, float | bool]] = []
     for k, capacity in enumerate(EAD_ENERGY):
         height = height_for(came, capacity, residual)
@@ -53,8 +51,7 @@ def choices(
 
 def residual_of(passing: np.ndarray, source: Sources) -> tuple[float, float, float]:
     """Fraction of the boulders that pass a barrier, among those that reach it from these sources,
-    and its 95 % interval.
-    """
+    and its 95 % interval."""
     if not passing.size:
         return math.nan, math.nan, math.nan
     return fraction_interval(passing, source)
@@ -62,8 +59,7 @@ def residual_of(passing: np.ndarray, source: Sources) -> tuple[float, float, flo
 
 def _cost(ead_class: int, height: float, costs: Costs | None) -> float:
     """Cost per metre: the lowest price of a barrier of the class that is high enough; without
-    prices energy times height [kJ m], which favours no manufacturer. NaN if there is none.
-    """
+    prices energy times height [kJ m], which favours no manufacturer. NaN if there is none."""
     if math.isnan(height):
         return math.nan
     if costs is None:

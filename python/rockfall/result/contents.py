@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Contents of a result, from which netCDF files and xarray.Datasets are made. Importing xarray
-takes longer than a small run, so writing a file does not need it.
-"""
+takes longer than a small run, so writing a file does not need it."""
 
 from __future__ import annotations
 
@@ -52,8 +51,7 @@ class Contents:
 
     def dataset(self) -> xr.Dataset:
         """Dataset with the same values. Variables are made here because xarray would load Dask, if
-        installed, to check their type, which takes half a second.
-        """
+        installed, to check their type, which takes half a second."""
         import xarray as xr
 
         data = {

@@ -124,8 +124,7 @@ def write_result(result: Held, path: str | Path, kind: str = RESULT) -> None:
 def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
     """Write the complete data to a new file, not through a link; `name` is for messages. Uses
     netCDF4 directly: xarray would copy entire maps, and load Dask if installed, which takes longer
-    than writing.
-    """
+    than writing."""
     import netCDF4
 
     try:
@@ -143,8 +142,7 @@ def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
 
 def _attached(result: Held, name: str) -> dict[str, Any]:
     """Attributes of a variable in the file only: its missing value, and its auxiliary coordinates
-    (CF). Coordinates and texts have no missing values.
-    """
+    (CF). Coordinates and texts have no missing values."""
     variable = result.variables[name]
     if name in result.coords:
         return {}
@@ -164,8 +162,7 @@ def _attached(result: Held, name: str) -> dict[str, Any]:
 
 def _storage(variable: HeldVariable, checksums: Any) -> dict[str, Any]:
     """Storage options of a variable: rasters are compressed in tiles, and data from which another
-    run resumes have checksums (Fletcher, by HDF5).
-    """
+    run resumes have checksums (Fletcher, by HDF5)."""
     how: dict[str, Any] = {}
     if variable.dims[-2:] == ("y", "x"):
         tile = [1] * (variable.ndim - 2) + [min(TILE, size) for size in variable.shape[-2:]]

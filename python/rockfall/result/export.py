@@ -103,8 +103,7 @@ def _put_map(folder: Path, data: xr.Dataset, name: str) -> Iterator[Path]:
 
 def _passed(data: xr.Dataset, values: np.ndarray) -> np.ndarray:
     """Mask of cells that boulders passed, from the map of passages or, without it, from positive
-    values of any map.
-    """
+    values of any map."""
     known = [name for name in ("passages", "reach_probability") if name in data]
     return (_stored(data[known[0]])[0] if known else values) > 0
 

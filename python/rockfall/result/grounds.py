@@ -29,8 +29,7 @@ class GroundRebounds(NamedTuple):
 
 def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:
     """Rebounds of each ground, in the order of the scene; empty if the scene has only the case's
-    sets.
-    """
+    sets."""
     if "rebounds_by_ground" not in values:
         return []
     names, models, counts = (
@@ -53,8 +52,7 @@ def stochastic_fraction(values: Variables) -> float:
 
 def classical_grounds(values: Variables) -> list[GroundRebounds]:
     """Grounds with coefficients of restitution that made rebounds, the most frequent first;
-    absorbing grounds have none and are left out.
-    """
+    absorbing grounds have none and are left out."""
     found = [
         one
         for one in rebounds_by_ground(values)

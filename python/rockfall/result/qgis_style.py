@@ -26,8 +26,7 @@ def write_palette(raster: Path, words: Mapping[int, str], colours: Mapping[int, 
 
 def write_classes(raster: Path, classes: Classes, per_unit: float = 1.0) -> Path:
     """Write the style of a map in `per_unit` times the unit of its classes (0.01: fractions, not
-    per cent).
-    """
+    per cent)."""
     renderer = ElementTree.Element("rasterrenderer", type="singlebandpseudocolor")
     about = {"colorRampType": "DISCRETE", "classificationMode": "1", "clip": "0"}
     shader = ElementTree.SubElement(renderer, "rastershader")

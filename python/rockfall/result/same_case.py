@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Checks that compared results belong together: the same case, or variants on one site. They use
-the metadata of files: case, checksums of inputs, CRS, places.
-"""
+the metadata of files: case, checksums of inputs, CRS, places."""
 
 from __future__ import annotations
 
@@ -29,8 +28,7 @@ FILES = {  # checksums of files
 
 def check_same_case(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
     """Refuse a result (`what` names it) of another case than the first: another CRS, terrain,
-    ground, forest, sources, impact sets, or keys of its case.
-    """
+    ground, forest, sources, impact sets, or keys of its case."""
     _check_crs(first, other, what)
     for attribute, about in (("decoded_checksums", DECODED), ("input_checksums", FILES)):
         ours, theirs = (json.loads(one.attrs[attribute]) for one in (first, other))
@@ -43,8 +41,7 @@ def check_same_case(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
 
 def check_same_site(results: Mapping[str, xr.Dataset]) -> None:
     """Refuse results, by the names of their files, that are not variants on one site: another CRS,
-    or distant places.
-    """
+    or distant places."""
     for (name, one), (next_name, other) in pairwise(results.items()):
         _check_crs(one, other, next_name)
         if not _overlap(_extent(one), _extent(other)):

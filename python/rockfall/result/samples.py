@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Samples of boulder values at lines and at their ends, for runs that do not keep all rows
 (`&output kept`): counts in narrow bins, exact sums, the largest values. They are sums over
-boulders, so that parts add up exactly, bit for bit.
-"""
+boulders, so that parts add up exactly, bit for bit."""
 
 from __future__ import annotations
 
@@ -94,8 +93,7 @@ def sample_dims(name: str) -> tuple[str, ...]:
 
 def possible(arrays: Mapping[str, np.ndarray], shape: Mapping[str, int], boulders: int) -> str:
     """First variable of samples with values impossible for the given number of boulders; "" if
-    none.
-    """
+    none."""
     for before, count, of, fine in (
         ("", "count", "part", "fine"), ("group_", "group_count", "group", "coarse"),
     ):  # fmt: skip

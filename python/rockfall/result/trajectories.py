@@ -115,8 +115,7 @@ def gone(result: Held) -> int:
 
 def left_terrain(result: xr.Dataset) -> np.ndarray:
     """Boulders that left the known terrain, over its edge or into cells without elevation: their
-    full distance is unknown.
-    """
+    full distance is unknown."""
     ended = ends(result)
     return ended["left_domain"] | ended["hit_nodata"]
 

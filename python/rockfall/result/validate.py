@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Checks of the contents of a result, so that a damaged file is refused in one line before it is
-used.
-"""
+used."""
 
 from __future__ import annotations
 
@@ -169,8 +168,7 @@ def check_samples(data: xr.Dataset, path: str | Path) -> None:
 
 def out_of_range(name: str, values: np.ndarray, grid: Grid | None = None) -> str:
     """First value of a variable, along boulders or at lines, outside its range, and the rule; "" if
-    none. Places are checked if the `grid` of the terrain is known.
-    """
+    none. Places are checked if the `grid` of the terrain is known."""
     field = name.removeprefix("line_")
     if field in POSITIVE:
         wrong, rule = values <= 0, "must be > 0"

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """QGIS styles of the layers of a GeoPackage, in its table `layer_styles`, which QGIS reads when it
-loads a layer.
-"""
+loads a layer."""
 
 from __future__ import annotations
 
@@ -41,8 +40,7 @@ class Symbol(NamedTuple):
 
 class Style(NamedTuple):
     """Style of a layer's features: uniform, by the values of a field, or by intervals of an
-    expression; each with a label and a symbol.
-    """
+    expression; each with a label and a symbol."""
 
     of: str
     symbols: Iterable[tuple[object, str, Symbol]]

@@ -41,8 +41,7 @@ class SetFile(NamedTuple):
 
     def read(self, turning: str) -> tuple[Coefficients, int]:
         """Numbers of the set, with all that a turning rule needs, and the number of draws in the
-        file. Raises a RockfallError that names file, group and key.
-        """
+        file. Raises a RockfallError that names file, group and key."""
         *values, ranges, draws, code, message = _core.read_sets(
             self.text or b"\n", self.name.encode(), turning, self.draw
         )

@@ -160,8 +160,7 @@ class Ground:
 
 def falls_and_rises(sizes: np.ndarray) -> tuple[int, int]:
     """Number of places where sizes (Rg70, Rg20, Rg10 first) decrease, and where they increase;
-    places with equal sizes are not counted.
-    """
+    places with equal sizes are not counted."""
     falls = (sizes[1:] <= sizes[:-1]).all(axis=0) & (sizes[-1] < sizes[0])
     differ = (sizes[1:] != sizes[:-1]).any(axis=0) & ~np.isnan(sizes).any(axis=0)
     return int(np.count_nonzero(falls)), int(np.count_nonzero(differ & ~falls))
@@ -199,8 +198,7 @@ def _ground_numbers(band: Scene, at: tuple[np.ndarray, np.ndarray]) -> np.ndarra
 
 def _samples(band: Scene, box: Box) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of evenly spaced cells of the complete terrain that lie in a box and are
-    known together with their eight neighbours.
-    """
+    known together with their eight neighbours."""
     grid = band.grid
     step = max(1, int(np.sqrt(grid.nx * grid.ny / SAMPLES)))
     rows = np.arange(max(1, -(-box.row // step) * step), min(box.stop_row, grid.ny - 1), step)

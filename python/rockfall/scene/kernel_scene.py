@@ -53,15 +53,13 @@ class KernelScene:
 
 def place_of(array: np.ndarray) -> tuple[str, list[int], int]:
     """Kind, lengths (the first varies fastest) and address of an array, as the kernel expects
-    them.
-    """
+    them."""
     return array.dtype.str[1:], [*array.shape[::-1], 1, 1, 1][:3], array.ctypes.data
 
 
 def _arrays(scene: Scene) -> dict[str, np.ndarray | None]:
     """All arrays of a scene by their kernel names; None if absent. The texts of grounds precede
-    their lengths.
-    """
+    their lengths."""
     features, boulders, grounds = scene.features, scene.source_boulders, scene.grounds
     names = "\n".join(f"{one.name}\n{one.file}" for one in grounds).encode()
     found: dict[str, Any] = {
@@ -104,8 +102,7 @@ def elevations(scene: Scene) -> np.ndarray:
 
 def on_raster(scene: Scene) -> tuple[np.ndarray, tuple]:
     """Elevations, to be kept alive while the kernel reads them, with their address and position on
-    the raster.
-    """
+    the raster."""
     z, grid = elevations(scene), scene.grid
     place = grid.west, grid.north, grid.cell
     nodes, at = (grid.nx, grid.ny), (scene.at[1] + 1, scene.at[0] + 1)

@@ -112,8 +112,7 @@ def _scene_file(scene: Scene) -> Contents:
 
 def _releases(scene: Scene) -> dict[str, tuple]:
     """Numbers of boulders released by sources, and release attributes of the features of a
-    layer.
-    """
+    layer."""
     found = _variables("source", area_ratio=scene.area, source_frequency=scene.frequency)
     if scene.features is not None:
         found |= _variables("source", source_feature=scene.features.of)

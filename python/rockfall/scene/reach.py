@@ -32,8 +32,7 @@ class Survey:
 
     def box(self) -> Box:
         """Box of all cells that boulders can reach: no rebound adds energy, so no boulder rises
-        above its energy head at release (theory, chapter 5).
-        """
+        above its energy head at release (theory, chapter 5)."""
         scene, grid = self.scene, self.scene.grid
         output = scene.case.output
         if "maps" not in output or output["map_extent"] == "terrain":

@@ -91,8 +91,7 @@ def read_scene(
 
 def _windowed(scene: Scene, cells: int) -> Scene:
     """The scene without rasters, which are read in windows of the given number of cells; all rows
-    have been read and checked once.
-    """
+    have been read and checked once."""
     case = scene.case
     by_source = {"sources", "reach_probability_by_source"} & set(case.output.get("maps", []))
     if by_source:

@@ -52,8 +52,7 @@ def read_surface(scene: Scene, box: Box, rasters: dict[str, Any]) -> None:
 
 def read_grounds(scene: Scene) -> dict[int, Zone]:
     """Read the grounds of a scene, where they differ from the case's impact sets, and the ground of
-    each material. Returns its zones by id.
-    """
+    each material. Returns its zones by id."""
     case, surface = scene.case, scene.case.surface
     zones = read_zone_table(case.path(surface["table"])) if "zones" in surface else {}
     named = [zone for zone in zones.values() if zone.ground]
@@ -135,8 +134,7 @@ def _read_zones(
 
 def _check_sizes(scene: Scene, columns: tuple[str, ...], where: str, names: list[str]) -> None:
     """Check that used materials have the sizes that their grounds need; for grounds that need none,
-    missing sizes become zero.
-    """
+    missing sizes become zero."""
     for k, ground in sorted(_used(scene)):
         need = scene.grounds[ground].rocks if scene.grounds else 2
         missing = np.isnan(scene.sizes[k]).any()

@@ -49,8 +49,7 @@ class Windows:
     def around(self, scene: Scene, first: int, boulders: int) -> tuple[Scene, int]:
         """Scene with a window of its rasters for boulders from number `first` on, and the number of
         boulders it serves. Attributes other than rasters may differ from those of the previous
-        scene.
-        """
+        scene."""
         if scene is not self.scene:
             self._turn_to(scene)
         source = scene.source_of(first)
@@ -90,8 +89,7 @@ class Windows:
 
     def _fitting(self, source: int) -> tuple[range, Box]:
         """The longest run of sources from this one that fits in a window (at least one), and its
-        box.
-        """
+        box."""
         row, column = self.row[source:], self.column[source:]
         north, west, south, east = self.margins
         ny, nx = self.scene.grid.shape
@@ -122,8 +120,7 @@ class Windows:
 
 def bands(scene: Scene, cells: int) -> Iterator[tuple[Scene, Box]]:
     """All rows in order, in bands: scenes with rasters of about the given number of cells, which
-    hold those rows and their neighbours.
-    """
+    hold those rows and their neighbours."""
     ny, nx = scene.grid.shape
     rows = max(1, cells // nx - 2 * RIM)
     for first in range(0, ny, rows):

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Checkpoints of long runs: a part file that is replaced atomically, so that a killed run resumes
 from the last one. A failure to write it (a full disk) does not end the run. rockfall-batch uses the
-same files, and either program can resume the other's runs.
-"""
+same files, and either program can resume the other's runs."""
 
 from __future__ import annotations
 
@@ -59,8 +58,7 @@ class Checkpoint:
 
     def restore(self, tally: Tally) -> None:
         """Resume from the file, if it exists. A damaged file, or one of another case, input,
-        version or range of boulders, is refused.
-        """
+        version or range of boulders, is refused."""
         if not self.found():
             return
         part = read_part(self.path)
@@ -86,8 +84,7 @@ class Checkpoint:
 
     def save(self, tally: Tally) -> None:
         """Write the completed boulders, unless there are no new ones or checkpoints are
-        disabled.
-        """
+        disabled."""
         if np.isinf(self.every) or tally.done == self.saved:
             return
         begun = time.monotonic()

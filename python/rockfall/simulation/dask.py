@@ -68,8 +68,7 @@ def run_on_cluster(
 @contextmanager
 def _client(where: str) -> Iterator[Any]:
     """Client of the cluster at an address, or of a local cluster that lives as long as the
-    block.
-    """
+    block."""
     from distributed import Client, LocalCluster
     from distributed.security import Security
 
@@ -96,8 +95,7 @@ def _client(where: str) -> Iterator[Any]:
 
 def _straight(address: str) -> dict[str, Any]:
     """Options for direct transfer from local workers; elsewhere only the scheduler may be
-    reachable.
-    """
+    reachable."""
     here = re.match(r"(\w+://)?(127\.|localhost)", address) is not None
     return {"set_as_default": False, "direct_to_workers": here}
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Locks that let one run at a time write an output, since two would destroy each other's files. The
-same as in io/lock.f90.
-"""
+same as in io/lock.f90."""
 
 import fcntl
 import os
@@ -16,8 +15,7 @@ from rockfall.io.files import check_regular
 @contextmanager
 def locked(output: Path, say: Callable[[str], None]) -> Iterator[None]:
     """Lock an output against other processes, including rockfall-batch, with an empty file next to
-    it. The operating system releases the lock however the process ends.
-    """
+    it. The operating system releases the lock however the process ends."""
     path = output.with_name(f"{output.name}.lock")
     try:
         descriptor = _open(path)

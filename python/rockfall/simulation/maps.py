@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Maps of a running simulation: the kernel's tallies by cell in its stacks, and the sums over
-parts.
-"""
+parts."""
 
 from __future__ import annotations
 
@@ -19,8 +18,7 @@ SHARED = ("shared_cell", "shared_source", "shared_boulders")  # of the sources t
 
 class Plan(NamedTuple):
     """Tallies needed for the maps of a case: layers by name, from 1 in their stacks; 0: not
-    needed.
-    """
+    needed."""
 
     #: passages, deposits, sources; released: boulders of these sources; energy_exceeded: the first
     #: of those for thresholds
@@ -52,8 +50,7 @@ def boulders_per_cluster(case: Case, x: np.ndarray, y: np.ndarray) -> int:
     """Number of boulders from these places that count as one in the intervals of cells. With
     sampled sources, the boulders of a place may all behave alike, and maps do not record their
     differences; the number is then that of the place that released the most. With given sources it
-    is 1.
-    """
+    is 1."""
     if case.release["sources"] != "sample" or not len(x):
         return 1
     import pandas as pd
@@ -77,8 +74,7 @@ def tells_sources(case: Case) -> bool:
 
 def join_sources(case: Case, counts: np.ndarray, parts: Sequence[Mapping[str, np.ndarray]]) -> None:
     """Count each source that parts split once per cell, with all its boulders: the counts of the
-    parts are removed from the stack, and one joint count is added.
-    """
+    parts are removed from the stack, and one joint count is added."""
     plan = plan_of(case).counts
     cell, source, boulders = (np.concatenate([part[name] for part in parts]) for name in SHARED)
     layers = counts.reshape(len(counts), -1)

@@ -16,8 +16,7 @@ UNITS = {"": 1, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12}
 
 def machine_memory() -> float:
     """Bytes that this process may use: limited by the machine, its job (control group) and its
-    shell.
-    """
+    shell."""
     limits = [MACHINE_MEMORY]
     limits += [limit for limit in resource.getrlimit(resource.RLIMIT_AS)[:1] if limit > 0]
     with suppress(OSError):
@@ -29,8 +28,7 @@ def machine_memory() -> float:
 
 def limit_files(groups: str) -> list[Path]:
     """Files that may hold a limit of the process's control group or of a parent group, from the
-    text of /proc/self/cgroup: in the unified hierarchy, or in the older one for memory.
-    """
+    text of /proc/self/cgroup: in the unified hierarchy, or in the older one for memory."""
     files = []
     for pattern, root, name in (
         (r"^0::/(.*)$", Path("/sys/fs/cgroup"), "memory.max"),

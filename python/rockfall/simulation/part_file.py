@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Part files (docs/files.md): results of some boulders of a run, with tallies that sum to those of
-the complete run. Checkpoints, results of shards and results of rockfall-batch are part files.
-"""
+the complete run. Checkpoints, results of shards and results of rockfall-batch are part files."""
 
 from __future__ import annotations
 
@@ -84,8 +83,7 @@ def make_part(tally: Tally) -> Contents:
 
 def tallies(tally: Tally) -> dict[str, np.ndarray]:
     """Tallies of the cells that boulders reached, numbered by `cell`: `counts`, `sums`, `maxima`
-    (layers, cells) and `bin_counts` (cells, bins), as far as they exist.
-    """
+    (layers, cells) and `bin_counts` (cells, bins), as far as they exist."""
     found = {array.name: array.values for array in tally.arrays("tally", "work")}
     cells = _reached(found)
     arrays = {"cell": cells}
@@ -126,8 +124,7 @@ class Part:
 
     def add_to(self, tally: Tally) -> None:
         """Store rows at their places and add counts and tallies; those of sources that the part
-        splits are left to be joined or continued.
-        """
+        splits are left to be joined or continued."""
         rows, found = self._rows_in(tally), {array.file_name: array for array in tally.run.arrays()}
         for name, array in found.items():
             if array.group in ADDED:
@@ -143,8 +140,7 @@ class Part:
 
     def _rows_in(self, tally: Tally) -> slice:
         """Places of its rows. If only some rows are kept, those with its numbers; for a run in
-        parts, which arrive in any order, the next free ones (0).
-        """
+        parts, which arrive in any order, the next free ones (0)."""
         number = tally.number
         if number is None:
             return slice(self.first - 1 - tally.before, self.last - tally.before)
@@ -230,8 +226,7 @@ def boulders_in(path: Path) -> int | None:
 
 def read_part(part: Held | str | Path) -> Part:
     """Read a part from a Dataset or a file and check all its values; a RockfallError refuses other
-    or damaged files. Files are read directly, since xarray would take several times as long.
-    """
+    or damaged files. Files are read directly, since xarray would take several times as long."""
     if not isinstance(part, str | Path):
         head = _head(part.attrs, part["crs"].attrs if "crs" in part else {}, "a part")
         held: Mapping[Any, Any] = part.variables
@@ -347,8 +342,7 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
 
 def when(date: str) -> datetime:
     """Time of an attribute `date_created` (ISO 8601); the earliest possible if empty, a ValueError
-    if invalid.
-    """
+    if invalid."""
     if not date:
         return datetime.min.replace(tzinfo=UTC)
     found = datetime.fromisoformat(date)
@@ -434,8 +428,7 @@ def _check_shapes(
     size: int | None,
 ) -> None:
     """Check that all variables of its case are present, with their types and lengths, in a file (of
-    `size` bytes) that can hold them; others are dropped.
-    """
+    `size` bytes) that can hold them; others are dropped."""
     expected, lengths = _expected(part), _lengths(part)
     if "trajectory_boulder" in shapes:
         expected |= _typed("vertex", "trajectory_", "trajectory_vertex")
@@ -482,8 +475,7 @@ def _check_values(part: Part) -> None:
 
 def _are_sources(part: Part) -> bool:
     """Check that boulders come from sources in order, and from the expected ones where each source
-    releases the same number.
-    """
+    releases the same number."""
     sources, case = part.arrays["source"].astype(np.int64), part.origin.case
     if not (np.diff(sources) >= 0).all():
         return False

@@ -41,8 +41,7 @@ class Run:
     @classmethod
     def of_scene(cls, scene: Scene, numbers: range, box: Box, threads: int) -> Run:
         """Create a run of the boulders with these numbers, counted from 0, with maps of some
-        cells.
-        """
+        cells."""
         handle, name = scene.kernel.handle, scene.case.name
         about = numbers.start, len(numbers), window(box), threads, MAX_COLUMNS
         return cls(_core.open_run(handle, *about), name)
@@ -83,8 +82,7 @@ class Run:
     def advance(self, scene: Scene, first: int, size: int) -> tuple[np.ndarray, np.ndarray]:
         """Run the boulders from number `first` (from 1) on a scene, which may be a window. Returns
         the numbers of the boulders that left it, which are not tallied, and the places where they
-        left it (2, n).
-        """
+        left it (2, n)."""
         left, code, message = _core.advance(self.handle, scene.kernel.handle, first, size)
         scene.kernel.check(code, message)
         if not left:
@@ -95,8 +93,7 @@ class Run:
         self, counts: bool = False, sums: bool = False, maxima: bool = False
     ) -> None:
         """Free the memory of map tallies and samples once their results are made, except for stacks
-        with remaining views.
-        """
+        with remaining views."""
         _core.forget_tallies(self.handle, [not held for held in (counts, sums, maxima)])
 
 

@@ -193,8 +193,7 @@ def run_chunks(
 
 def _fly(tally: Tally, first: int, size: int) -> int:
     """Simulate boulders from number `first` on, and store them: `size` of them, or those whose
-    sources lie in one window of the terrain. Returns their number.
-    """
+    sources lie in one window of the terrain. Returns their number."""
     scene = tally.scene
     assert isinstance(scene, Scene)
     windows = scene.windows
@@ -245,8 +244,7 @@ def _fly_alone(
     scene: Scene, number: int
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
     """Vertices of a boulder, and the place where it left the window, if it did; no tally
-    changes.
-    """
+    changes."""
     vertex, recorded = np.empty((0, len(fields(4)))), 256
     while recorded > len(vertex):
         vertex = np.empty((recorded, len(fields(4))))

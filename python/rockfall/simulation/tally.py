@@ -41,8 +41,7 @@ class Origin:
 
     def difference(self, other: Origin) -> str:
         """First item in which another run differs, "" if none; threads and the layout of the case
-        text are ignored.
-        """
+        text are ignored."""
         for what in ("version", "boulders", "checksums", "decoded", "grid", "window"):
             one, its = getattr(self, what), getattr(other, what)
             if isinstance(one, dict):
@@ -58,8 +57,7 @@ class Origin:
 @dataclass
 class Tally:
     """A run in the kernel, of a scene or of parts alone, with the data that the kernel does not
-    hold.
-    """
+    hold."""
 
     scene: Scene | Origin
     run: Run
@@ -82,8 +80,7 @@ class Tally:
 
     def arrays(self, *groups: str) -> list[Array]:
         """Arrays of some groups of the table of variables; row arrays are limited to completed
-        boulders.
-        """
+        boulders."""
         rows, found = self.rows, []
         for array in self.run.arrays():
             if array.group in groups:
@@ -133,8 +130,7 @@ class Tally:
     def settle(self, sign: int = 1) -> dict[str, np.ndarray]:
         """Reduce the counts of split sources in their cells to the completed boulders, as a part
         stores them, and return these cells by source; with sign -1 restore the counts of all
-        boulders, to continue the run. {} if no map needs them.
-        """
+        boulders, to continue the run. {} if no map needs them."""
         if not tells_sources(self.scene.case):
             return {}
         assert isinstance(self.scene, Scene)
@@ -143,8 +139,7 @@ class Tally:
 
     def restore_sources(self, shared: dict[str, np.ndarray]) -> bool:
         """Continue from the result of `settle`; False if it does not match the completed
-        boulders.
-        """
+        boulders."""
         if not shared or not shared["shared_cell"].size:
             return True
         assert isinstance(self.scene, Scene)
@@ -168,8 +163,7 @@ class Tally:
 
 def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
     """Boulders of the I-th of N shards, counted from 0; the sizes of shards differ by at most
-    one.
-    """
+    one."""
     which, of = shard
     if not 1 <= which <= of:
         raise RockfallError(f"shard = {which}/{of}: must be I/N with I from 1 to N")

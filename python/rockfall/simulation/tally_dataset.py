@@ -29,8 +29,7 @@ MAXIMA = {
 
 def make_result(tally: Tally, maps: bool = True) -> Contents:
     """Complete results of a run, named as in `variables`; with or without its maps, whose tallies
-    are used up (`settle` comes before).
-    """
+    are used up (`settle` comes before)."""
     data = table_variables(tally, "boulder", "count", "energy", "feature", "tree")
     data["boulder"] = ("boulder", tally.numbers(), variables.KEPT["boulder"])
     data |= sample_variables(tally)
@@ -158,8 +157,7 @@ def threshold_variable(case: Case) -> dict[str, tuple]:
 
 def map_variable(name: str, tally: Tally, per_cluster: int) -> tuple:
     """A map, NaN where undefined; uses up its tallies. `per_cluster` is the value of
-    `boulders_per_cluster`.
-    """
+    `boulders_per_cluster`."""
     values, fewest, thin = _map(name, tally, per_cluster)
     known = {"min_passages": fewest if fewest > 1 else 0, "thin_below": thin}
     if name.endswith(("_low", "_high")) and per_cluster > 1:
@@ -170,8 +168,7 @@ def map_variable(name: str, tally: Tally, per_cluster: int) -> tuple:
 
 def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, int]:
     """A map, the minimum number of passages for a value, and the number below which a value is
-    uncertain.
-    """
+    uncertain."""
     plan = plan_of(tally.scene.case)
     if name == variables.EXCEEDED:
         return tally.array("tally_counts")[plan.counts[name] - 1 :], 0, 0

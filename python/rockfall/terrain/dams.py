@@ -144,8 +144,7 @@ def _face(
     before: np.ndarray, off: np.ndarray, crest: np.ndarray, wide: float, fall: float
 ) -> tuple[float, int]:
     """Median width in plan of the narrower face, by its keys, from the edge of the crest to the
-    terrain [m]; and its side, -1 or 1.
-    """
+    terrain [m]; and its side, -1 or 1."""
     above = crest[:, None] - fall * np.maximum(0.0, abs(off) - wide / 2) - before
     found = {}
     for side in (-1, 1):
@@ -166,8 +165,7 @@ def _slope(
     after: np.ndarray, own: np.ndarray, top: np.ndarray, off: np.ndarray, side: int
 ) -> float:
     """Median angle of a face [degree]: the chord from 10 to 90 % of the distance from crest to
-    toe.
-    """
+    toe."""
     mine = side * off >= 0
     z, of_dam, out = after[:, mine], own[:, mine], abs(off[mine])
     if side < 0:

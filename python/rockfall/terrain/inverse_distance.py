@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Terrain interpolated from surveyed points by inverse distance (Shepard 1968), as in the paper,
-section 3.4.
-"""
+section 3.4."""
 
 from __future__ import annotations
 
@@ -22,8 +21,7 @@ class Weights(NamedTuple):
 
 def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray:
     """Elevations (ny, nx) [m] at cell centres, from points (n, 3) [m]; NaN where none is near
-    enough. At a point the result is its elevation, and equal elevations are reproduced.
-    """
+    enough. At a point the result is its elevation, and equal elevations are reproduced."""
     from scipy.spatial import cKDTree
 
     tree, z = cKDTree(points[:, :2]), np.empty(grid.shape)
@@ -39,8 +37,7 @@ def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray
 
 def left_out(points: np.ndarray, weights: Weights) -> np.ndarray:
     """Leave-one-out error: height (n) [m] of the interpolation from the other points above each
-    point; NaN where no other is near enough.
-    """
+    point; NaN where no other is near enough."""
     from scipy.spatial import cKDTree
 
     number = min(weights.neighbours, len(points) - 1) + 1

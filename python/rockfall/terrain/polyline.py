@@ -8,8 +8,7 @@ import numpy as np
 
 def beside(points: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distances of points from a polyline, and distances of their nearest places along it from its
-    first vertex [m]; NaN where a point is NaN.
-    """
+    first vertex [m]; NaN where a point is NaN."""
     along, apart, before = np.full(points.shape, np.nan), np.full(points.shape, np.inf), 0.0
     for start, side in zip(vertices[:-1], np.diff(vertices), strict=True):
         if side == 0:

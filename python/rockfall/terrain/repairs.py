@@ -15,8 +15,7 @@ HALF = ((0, 1), (1, 0), (1, 1), (1, -1))  # half of the steps to the neighbourin
 
 def without_holes(z: np.ndarray, far: float) -> np.ndarray:
     """Fill holes enclosed by terrain from their surroundings, up to `far` cells from an edge (by
-    GDAL). Nothing is extrapolated beyond the terrain.
-    """
+    GDAL). Nothing is extrapolated beyond the terrain."""
     from rasterio.fill import fillnodata
     from scipy.ndimage import label
 
@@ -35,8 +34,7 @@ def without_holes(z: np.ndarray, far: float) -> np.ndarray:
 
 def without_pits(z: np.ndarray, deepest: float) -> np.ndarray:
     """Fill pits no deeper than `deepest` [m] up to their spill level; deeper ones, such as ditches
-    and quarries, remain.
-    """
+    and quarries, remain."""
     from scipy.ndimage import label, maximum
 
     level = _spill(z)
@@ -49,8 +47,7 @@ def without_pits(z: np.ndarray, deepest: float) -> np.ndarray:
 
 def _spill(z: np.ndarray) -> np.ndarray:
     """Lowest level at which water drains from each cell to the terrain's edge [m]: along a minimum
-    spanning tree of the cells, whose paths have the lowest passes.
-    """
+    spanning tree of the cells, whose paths have the lowest passes."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
@@ -86,8 +83,7 @@ def _pairs(number: np.ndarray) -> np.ndarray:
 
 def smoothed(z: np.ndarray, std: float) -> np.ndarray:
     """Smooth with a Gaussian of this standard deviation [cells] over known cells; missing
-    elevations remain missing.
-    """
+    elevations remain missing."""
     from scipy.ndimage import gaussian_filter
 
     known, base = ~np.isnan(z), np.nanmin(z)
@@ -100,8 +96,7 @@ def smoothed(z: np.ndarray, std: float) -> np.ndarray:
 
 def lowered(z: np.ndarray, grid: Grid, shape: Any, depth: float, floor: float) -> np.ndarray:
     """Lower cells whose centres lie in a polygon by a depth [m], and then at least to a floor [m];
-    NaN for values that are not given.
-    """
+    NaN for values that are not given."""
     from rasterio.features import geometry_mask
 
     inside = geometry_mask([shape], out_shape=z.shape, transform=grid.transform, invert=True)

@@ -15,8 +15,7 @@ from rockfall.text.table import table
 
 def back_text(found: Back) -> str:
     """Parameters and their posterior, the contribution of each set of data, and reasons for
-    caution.
-    """
+    caution."""
     members = count(len(found.members), "member")
     text = [
         f"{found.case.case['title'] or 'rockfall'}: {members} of {found.boulders:,} boulders, "

@@ -27,8 +27,7 @@ TERRAINS = {
 
 def text(found: Convergence) -> str:
     """The study, the Monte Carlo and the numerical errors, each as a table and its
-    interpretation.
-    """
+    interpretation."""
     of = f" from each of {found.sources:,} sources" if found.sources > 1 else ""
     parts = [f"{found.name}\n\nBy number of boulders{of}:\n", table(_study(found.study))]
     parts += ["", *_study_says(found.study)]

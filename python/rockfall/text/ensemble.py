@@ -61,8 +61,7 @@ def more_needed(found: xr.Dataset) -> str:
 
 def orders_reversed(found: xr.Dataset) -> Iterator[str]:
     """Warnings of a first-order index above the total, which is impossible in theory, with the
-    significance of the difference, for the result with the largest one.
-    """
+    significance of the difference, for the result with the largest one."""
     for line in map(str, found["line"].values) if "line" in found else ():
         within: list[str] = []
         beyond: list[str] = []
@@ -111,8 +110,7 @@ def sorted_inputs(at: xr.Dataset) -> list[str]:
 
 def indices_of(one: xr.Dataset, kind: str) -> Iterator[str]:
     """Indices of an input, for each result, with their intervals [%]; "-" if there is no epistemic
-    variance to explain.
-    """
+    variance to explain."""
     for value, error in zip(one[kind].values, one[f"{kind}_error"].values, strict=True):
         index, low, high = (100 * limit for limit in limits(value, error))
         if np.isnan(value):

@@ -41,8 +41,7 @@ def hazard_summary(found: xr.Dataset) -> str:
 
 def hazard_warnings(found: xr.Dataset) -> Iterator[str]:
     """Model remarks of `run` for each scenario, merged if all are equal; warnings of too few
-    boulders to identify safe cells, and of zones that show less than the map.
-    """
+    boulders to identify safe cells, and of zones that show less than the map."""
     yield from _of_model(found)
     yearly, longest = float(found["frequency"].sum()), float(found["return_period"].max())
     clusters = (found["boulders"] / found["boulders_per_cluster"]).values.tolist()

@@ -94,8 +94,7 @@ def sequences_summary(data: xr.Dataset) -> str:
 
 def fit_summary(data: xr.Dataset, sets: dict[int, ImpactSet], state: str) -> str:
     """a1..a9 of each ratio, and a check that does not use the fit: bounces on planes by the set and
-    by the impacts themselves.
-    """
+    by the impacts themselves."""
     lines = []
     for ratio, found in sets.items():
         impacts = as_rebounds(impacts_of(data, ratio, state))
@@ -112,8 +111,7 @@ def fit_summary(data: xr.Dataset, sets: dict[int, ImpactSet], state: str) -> str
 
 def contacts_summary(contacts: Contacts, sets: dict[int, ImpactSet]) -> str:
     """a1..a9 and checks of each set fitted to measured contacts, and the number of contacts
-    needed.
-    """
+    needed."""
     lines = []
     for ratio, impacts in contacts.by_ratio().items():
         found = sets[ratio or 1]  # all ratios are equal if none was measured
@@ -127,8 +125,7 @@ def contacts_summary(contacts: Contacts, sets: dict[int, ImpactSet]) -> str:
 
 def contacts_needed(found: ImpactSet) -> str:
     """Number of contacts that gives the means `AIMED` the standard error `AIM`, as errors fall with
-    its square root.
-    """
+    its square root."""
     numbers = []
     for name in AIMED:
         error = found.mean_error[COEFFICIENTS.index(name)]

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Boulders that pass lines by source, by class of volume, and along a line, as text and as
-files.
-"""
+files."""
 
 from __future__ import annotations
 
@@ -41,8 +40,7 @@ def print_groups(
     table: str | Path | None = None,
 ) -> None:
     """Print the boulders that pass the lines of a result by source or by class of volume; with
-    `table`, a CSV file, write line_statistics of these groups to it.
-    """
+    `table`, a CSV file, write line_statistics of these groups to it."""
     result, places = open_lines(path, table, {"": GROUP_TABLE})
     statistics = line_statistics(result, by, classes)
     print("\n".join(_groups(statistics, by)))
@@ -53,8 +51,7 @@ def print_profile(
     path: str | Path, line: str, width: float | None = None, table: str | Path | None = None
 ) -> None:
     """Print the boulders that pass each window of a line of a result; with `table`, a CSV file,
-    write them to it, and a figure next to it as NAME.png.
-    """
+    write them to it, and a figure next to it as NAME.png."""
     result, places = open_lines(path, table, {"": PROFILE, ".png": FIGURE})
     profile = line_profile(result, line, width)
     about = [ALONG, *filter(None, [kept_note(result)])]

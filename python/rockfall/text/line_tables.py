@@ -39,8 +39,7 @@ ENDS = "", "_low", "_high"
 
 def print_lines(path: str | Path, table: str | Path | None = None) -> None:
     """Print both tables of a result; with `table`, a CSV file, write line_statistics to it and
-    return_levels next to it as NAME_levels.csv, in the units of the result.
-    """
+    return_levels next to it as NAME_levels.csv, in the units of the result."""
     kinds = {"": LINE_TABLE, "_levels.csv": LEVEL_TABLE}
     result, places = open_lines(path, table, kinds)
     statistics, levels = line_statistics(result), return_levels(result)
@@ -55,8 +54,7 @@ def open_lines(
 ) -> tuple[xr.Dataset, list[Path]]:
     """Result with lines, and the paths of files of these kinds: `table`, and files with the same
     name and other endings; refused before the work if they may not be written. No paths without
-    `table`.
-    """
+    `table`."""
     first = table and _csv(Path(table))
     result = read_result(path)
     if "line" not in result:
@@ -71,8 +69,7 @@ def open_lines(
 
 def write_tables(path: str | Path, result: xr.Dataset, made: Mapping[Path, Any]) -> None:
     """Write tables, or objects that write themselves to a path, all or none, and print the
-    paths.
-    """
+    paths."""
     if not made:
         return
     with atomic_folder(next(iter(made)).parent, [Path(path), *files_behind(result)]) as part:

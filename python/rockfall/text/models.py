@@ -24,8 +24,7 @@ BARE = ("ks", "p")  # without a unit
 
 def models_text(found: Models) -> str:
     """A row per model for each line, and for the run-out; in brackets the difference from the
-    first, boulder by boulder.
-    """
+    first, boulder by boulder."""
     text = [f"{found.title}: {found.boulders:,} boulders by each model, 95 % intervals"]
     lines = [line for line in dict.fromkeys(found.table["line"]) if line]
     text += [table(_at_line(found, line)) for line in lines]
@@ -73,8 +72,7 @@ def _cell(row: pd.Series[Any], quantity: str) -> str:
 
 def validation_text(found: Validation) -> str:
     """Observed numbers for each place and quantity, and a row for each rebound model: means over
-    seeds and their standard errors.
-    """
+    seeds and their standard errors."""
     mean, std = (percent(BOUNDS[name]) for name in ("mean", "std"))
     seeds = f"seeds {found.seeds[0]} to {found.seeds[-1]}"
     text = [

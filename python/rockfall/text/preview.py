@@ -55,8 +55,7 @@ class Pilot:
 
 def preview(scene: Scene) -> str:
     """Page about a scene. Some of its boulders are simulated, for timing and statistics, without
-    output.
-    """
+    output."""
     case = scene.case
     check_team(case.case["threads"])
     pilot = _pilot(scene)
@@ -98,8 +97,7 @@ def preview(scene: Scene) -> str:
 
 def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     """Memory of a run in bytes: its rasters, map tallies, class counts, result rows, the program;
-    and `made`, for the outputs made after the rasters are freed.
-    """
+    and `made`, for the outputs made after the rasters are freed."""
     names = set(scene.case.output.get("maps", []))
     tally = start(scene, threads=1)
     plan, held = plan_of(scene.case), {"maps": 0, "results": scene.x.nbytes + scene.y.nbytes}
@@ -125,8 +123,7 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
 
 def _pilot(scene: Scene) -> Pilot:
     """Pilot run with a number of boulders that follows from the scene, not from a clock, so that
-    `check` always prints the same for a case.
-    """
+    `check` always prints the same for a case."""
     probe = _follow(scene, min(scene.boulders, PROBE_BOULDERS))
     rebounds = max(1.0, float(probe.tally.columns()["impacts"].mean()))
     number = min(scene.boulders, PILOT_BOULDERS, int(PILOT_REBOUNDS / rebounds))
@@ -135,8 +132,7 @@ def _pilot(scene: Scene) -> Pilot:
 
 def _follow(scene: Scene, number: int) -> Pilot:
     """Simulate boulders from random sources twice: the second time no memory is newly allocated, as
-    for most boulders of a long run.
-    """
+    for most boulders of a long run."""
     maps = scene.case.output.get("maps", [])
     output = {"maps": list(dict.fromkeys([*maps, "passages"])) if maps else None}
     drawn = np.sort(np.random.default_rng(0).integers(scene.x.size, size=number))
@@ -169,8 +165,7 @@ def _follow(scene: Scene, number: int) -> Pilot:
 def _all_cells(few: Tally, boulders: int) -> float:
     """Number of cells that all boulders would reach, if passages per cell follow a gamma
     distribution: counts are then negative binomial (Fisher, Corbet & Williams 1943). Its mean and
-    shape reproduce the numbers of cells passed at all, and passed once, by the few boulders.
-    """
+    shape reproduce the numbers of cells passed at all, and passed once, by the few boulders."""
     place = plan_of(few.scene.case).counts["passages"] - 1
     if place < 0:
         return 0.0
@@ -342,8 +337,7 @@ def _rebounds(values: dict[str, np.ndarray]) -> str:
 
 def _rocks(scene: Scene, volumes: np.ndarray) -> list[str]:
     """R_m, R_b/R_m and the neutral slope of each zone, or of the smallest, usual and largest rocks:
-    for the mean volume, and in brackets for the 5 and 95 % quantiles if they use other sets.
-    """
+    for the mean volume, and in brackets for the 5 and 95 % quantiles if they use other sets."""
     grounds, neutral = list(rocks_of(scene)), NeutralSlopes(scene)
     mean, *ends = sphere_radius(np.array([volumes.mean(), *np.quantile(volumes, [0.05, 0.95])]))
     lines = [_ground(one, neutral, mean, ends) for one in grounds[:MAX_ZONES]]

@@ -154,8 +154,7 @@ class Printed:
 
     def _standing(self, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Expected mean and logarithm of the standard deviation (runs, 1 or 2), and the joint
-        sampling errors of the observed and simulated ones (Bonett 2006, to first order).
-        """
+        sampling errors of the observed and simulated ones (Bonett 2006, to first order)."""
         size, mean, std, kurtosis = runs.T
         fewer = 1 / self.n + 1 / (self.worth * np.maximum(size, 1))
         expected = np.stack([mean, np.log(std)], axis=1)
@@ -189,8 +188,7 @@ Evidence = Counted | Printed
 
 def evidence(result: xr.Dataset, seen: Observed) -> tuple[list[Evidence], list[str]]:
     """Sets of data that a back-analysis can use, and notes on those that it cannot; `result` is a
-    run of the case.
-    """
+    run of the case."""
     notes: list[str] = []
     found = [*_of_stops(result, seen, notes), *_of_lines(result, seen, notes)]
     if seen.contacts is not None:
@@ -272,8 +270,7 @@ def predictive_p(
     one: Evidence, runs: np.ndarray, weight: np.ndarray, random: np.random.Generator
 ) -> float:
     """Posterior predictive probability that an equal number of boulders from the posterior deviate
-    from its prediction as much as the observed ones (Gelman, Meng and Stern 1996).
-    """
+    from its prediction as much as the observed ones (Gelman, Meng and Stern 1996)."""
     picked = random.choice(weight.size, REPLICATES, p=weight)
     observed, again = one.discrepancy(runs, picked, weight, random)
     return (1 + int(np.count_nonzero(again >= observed))) / (1 + REPLICATES)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Posterior of a back-analysis for each parameter, and its files: a table, all members, draws of
-the posterior, and a case whose ensemble uses these in place of the prior.
-"""
+the posterior, and a case whose ensemble uses these in place of the prior."""
 
 from __future__ import annotations
 
@@ -48,8 +47,7 @@ CONTRADICTED = 0.05  # of all sets of data together
 
 class Parameter(NamedTuple):
     """A parameter of the back-analysis: its column among the members, its name, its units, and its
-    value in the case if it is a factor, else None.
-    """
+    value in the case if it is a factor, else None."""
 
     column: str
     label: str
@@ -59,8 +57,7 @@ class Parameter(NamedTuple):
 
 def parameters(found: Back) -> Iterator[Parameter]:
     """Parameters in the order of the columns of the cube, without the impact set, since sets have
-    no order.
-    """
+    no order."""
     inputs, case = found.inputs, found.case
     sought = set(found.sought.tolist())
     volume, drop, source, sets, _, first, _ = inputs.ends[:7].tolist()
@@ -98,8 +95,7 @@ def posterior_table(found: Back) -> pd.DataFrame:
     quantiles of prior and posterior, ratio (of the posterior's 5-95 % range to the prior's, of
     logarithms for factors), moved (Kolmogorov-Smirnov distance of the two) and verdict. For impact
     sets ratio is the effective number (exp of the entropy) over that of the prior, and set_best the
-    most likely, from 0.
-    """
+    most likely, from 0."""
     import pandas as pd
 
     rows = [_row(found, one) for one in parameters(found)]
@@ -177,8 +173,7 @@ def _set_row(found: Back) -> dict[str, Any]:
 def weighted_quantile(values: np.ndarray, weight: np.ndarray, level: float) -> float:
     """Value below which a fraction of the weight lies, interpolated between the middles of the
     steps. Of n effective draws, level (n + 1) are below it (Weibull 1939), so that the next draw,
-    like the truth, is below it with this probability; ranges are wider for small n.
-    """
+    like the truth, is below it with this probability; ranges are wider for small n."""
     order = np.argsort(values)
     values, weight = values[order], weight[order]
     n = effective(weight)
@@ -209,8 +204,7 @@ def warnings(found: Back) -> Iterator[str]:
 
 def draws_table(found: Back) -> pd.DataFrame:
     """Draws of the posterior, each with equal probability (systematic resampling), in the form that
-    `&ensemble draws` reads.
-    """
+    `&ensemble draws` reads."""
     columns = [name for name in found.members if name.startswith(
         ("radius_", "volume", "drop_height", "source_east", "source_north", "set"))]  # fmt: skip
     random = np.random.default_rng((found.case.case["seed"], DRAWS))
@@ -227,8 +221,7 @@ def write_back(
     found: Back, folder: str | Path, inputs: Iterable[str | Path] = (), draw: Draw | None = None
 ) -> list[Path]:
     """Write TABLE, DRAWN, ALL and CASE to a folder, and DRAWING if `draw` is given, all of them or
-    none, and only over an earlier back-analysis.
-    """
+    none, and only over an earlier back-analysis."""
     folder = Path(folder)
     inputs = [*inputs, *input_files(found.case)]
     former = check_back(folder, inputs)
@@ -244,8 +237,7 @@ def write_back(
 
 def check_back(folder: Path, inputs: Iterable[str | Path]) -> list[Path]:
     """Refuse a folder with other contents, before the work starts; returns the files of an earlier
-    back-analysis.
-    """
+    back-analysis."""
     check_folder(folder)
     kinds = dict.fromkeys([folder / name for name in (TABLE, DRAWN, ALL, CASE)], POSTERIOR)
     kinds[folder / DRAWING] = FIGURE

@@ -24,8 +24,7 @@ WIDEST = 0.9  # of a kernel, by the standard deviation of all
 
 class Sampler:
     """Points for which the likelihood is requested, and their weights. `levels` is the number of
-    values of a direction without order, otherwise 0.
-    """
+    values of a direction without order, otherwise 0."""
 
     def __init__(self, first: np.ndarray, levels: np.ndarray) -> None:
         self.points, self.levels = first, levels  # (n, dimensions), of the prior
@@ -136,6 +135,5 @@ def normalised(logs: np.ndarray) -> np.ndarray:
 
 def effective(weight: np.ndarray) -> float:
     """Effective number of points: the number of equally weighted points with the same information
-    (Kong 1992).
-    """
+    (Kong 1992)."""
     return float(1 / (weight**2).sum()) if weight.any() else 0.0

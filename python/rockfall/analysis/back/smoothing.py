@@ -23,8 +23,7 @@ FIRST = (2.0, 5.0, 1.0, 0.3)  # initial values
 
 def smoothed(points: np.ndarray, levels: np.ndarray, log_likelihood: np.ndarray) -> np.ndarray:
     """Smoothed log-likelihoods of points (n, dimensions), -inf where the input is; a direction with
-    `levels`, such as impact sets, has unordered values.
-    """
+    `levels`, such as impact sets, has unordered values."""
     known = np.isfinite(log_likelihood)
     found = np.full(known.size, -np.inf)
     if not known.any():

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Back-analysis of a case: members of its ensemble, weighted by the likelihood of the observations,
-with more members where it is high.
-"""
+with more members where it is high."""
 
 from __future__ import annotations
 

@@ -70,8 +70,7 @@ def _conditional(values: np.ndarray, name: str, row: dict[str, float]) -> np.nda
 
 def _apart(numbers: np.ndarray, source: Sources) -> np.ndarray:
     """Numbers less the mean of their stratum, scaled so that their squares sum to the variance of
-    the overall mean; NaN for a stratum of one boulder.
-    """
+    the overall mean; NaN for a stratum of one boulder."""
     n = source.released
     mean = np.bincount(source.stratum, numbers, n.size) / np.maximum(n, 1)
     few = np.where(n > 1, np.sqrt(n / np.maximum(n - 1, 1)), np.nan)
@@ -111,8 +110,7 @@ def parts(y: np.ndarray, covariance: np.ndarray) -> Parts:
 
 class Indices(NamedTuple):
     """Parts, Sobol' indices and standard errors; indices are NaN where the epistemic variance is
-    not significant.
-    """
+    not significant."""
 
     parts: Parts
     epistemic_error: np.ndarray  # of the variance
@@ -146,8 +144,7 @@ def indices(y: np.ndarray, covariance: np.ndarray) -> Indices:
 
 def limits(value: float, error: float) -> tuple[float, float, float]:
     """An index with its 95 % interval, both clipped to 0 and 1; NaN where it is undecided: where
-    the interval is longer than half of that range.
-    """
+    the interval is longer than half of that range."""
     half = Z * error
     if not half <= RESOLVED:
         return np.nan, np.nan, np.nan

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Uncertainty of a result: runs over the uncertain inputs of a case, and the influence of each
-input.
-"""
+input."""
 
 from __future__ import annotations
 
@@ -278,8 +277,7 @@ def is_ensemble(result: xr.Dataset) -> bool:
 
 def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
     """One row for each line and result: its numbers, then the fractions of each input with 95 %
-    intervals, NaN where they are undecided. `help(rockfall.ensemble)` has an example.
-    """
+    intervals, NaN where they are undecided. `help(rockfall.ensemble)` has an example."""
     import pandas as pd
 
     names = ("case_value", "mean", "q05", "q95", "monte_carlo_std", "epistemic_std")
@@ -302,8 +300,7 @@ def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
 
 def write_ensemble(found: xr.Dataset, path: Path) -> None:
     """Write the complete ensemble as netCDF, or the table as CSV, by the file extension;
-    atomically.
-    """
+    atomically."""
     check_place(path, found.sizes["line"], files_behind(found))
     if path.suffix == ".nc":
         write_result(found, path, ENSEMBLE)
@@ -313,8 +310,7 @@ def write_ensemble(found: xr.Dataset, path: Path) -> None:
 
 def check_place(path: Path, lines: int, inputs: Iterable[Path] = ()) -> None:
     """Refuse an output path that cannot be written, before the runs start; `lines` is the number of
-    lines. An existing file is replaced if it is an earlier ensemble.
-    """
+    lines. An existing file is replaced if it is an earlier ensemble."""
     if path.suffix not in (".nc", ".csv"):
         raise RockfallError(f"{path}: must end in .nc (everything) or .csv (the table)")
     if path.suffix == ".csv" and not lines:

@@ -103,8 +103,7 @@ class Uncertain:
 
     def _tables(self) -> list[Grounds]:
         """Grounds replaced in each draw: tables for the default ground; each draw of a
-        `talus-ensemble` for `talus`, together with those of other ensembles.
-        """
+        `talus-ensemble` for `talus`, together with those of other ensembles."""
         case = self.scene.case
         usual = case.surface.get("ground", case.impact["table"])
         stand_ins: dict[str, list[GroundRule]] = {}
@@ -163,8 +162,7 @@ class Uncertain:
 
     def _design(self) -> np.ndarray:
         """Uniform numbers (runs, 2, numbers) of the inputs in A and B: a scrambled Sobol' sequence
-        (Owen 1998), independent of which inputs are uncertain, and extended by more runs.
-        """
+        (Owen 1998), independent of which inputs are uncertain, and extended by more runs."""
         from scipy.stats import qmc
 
         numbers, runs = int(self.ends[-1]), self.given["runs"]
@@ -181,14 +179,12 @@ class Uncertain:
 
     def draw(self, name: str, run: int, side: int) -> Draw:
         """An input of a run, as in A (side 0) or B (side 1). It depends on the seed of the case, on
-        the input, run and side; not on the number of runs or on other uncertain inputs.
-        """
+        the input, run and side; not on the number of runs or on other uncertain inputs."""
         return self.at(name, self.design[run, side], 2 * run + side)
 
     def at(self, name: str, point: np.ndarray, number: int) -> Draw:
         """An input at a point of the unit cube: uniform numbers of all inputs. `number` seeds what
-        the point does not determine: errors of the terrain, repeated shifts.
-        """
+        the point does not determine: errors of the terrain, repeated shifts."""
         k = INPUTS.index(name)
         numbers = point[self.ends[k] : self.ends[k + 1]]
         if name in STREAMS:
@@ -209,8 +205,7 @@ class Uncertain:
 
     def _radius(self, numbers: np.ndarray) -> Draw:
         """One factor for each row of the zone table, on R_m or on its three Rg; a single factor if
-        rasters or one value give the sizes.
-        """
+        rasters or one value give the sizes."""
         return self._radii_by(self._factor(numbers, "radius_factor"))
 
     def _radii_by(self, factor: np.ndarray) -> Draw:
@@ -221,8 +216,7 @@ class Uncertain:
 
     def _volume(self, numbers: np.ndarray) -> Draw:
         """A factor on all volumes, whether from the case, a layer or rasters; another on standard
-        deviations.
-        """
+        deviations."""
         size = self._factor(numbers[0], "volume_factor")
         spread = self._factor(numbers[1], "volume_std_factor")
         return self._volumes_by(float(size), float(spread))
@@ -314,8 +308,7 @@ def has_rocks(sizes: np.ndarray) -> bool:
 def read_draws(path: Path, radii: int, sets: int) -> list[dict[str, float]]:
     """Read joint draws of inputs, one per row, from a CSV file: factors radius_1 ... (of each row
     of the zone table), volume and volume_std, drop_height; source_east, source_north [m]; set, from
-    0; draw, a number that is not read. Groups may be missing, but only completely.
-    """
+    0; draw, a number that is not read. Groups may be missing, but only completely."""
     groups = (
         [f"radius_{i + 1}" for i in range(radii)], ["volume", "volume_std"], ["drop_height"],
         ["source_east", "source_north"], ["set"],

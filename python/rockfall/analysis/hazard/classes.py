@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Conversion of counts of boulders to frequencies with intervals, and of these to hazard
-classes.
-"""
+classes."""
 
 from __future__ import annotations
 
@@ -59,15 +58,13 @@ def frequencies(parts: Iterable[tuple[np.ndarray, int, int, float]]) -> Frequenc
 
 def intensities(frequency: np.ndarray, periods: np.ndarray) -> np.ndarray:
     """Intensity reached at least once in each period (periods, ...): 0 none, then from the weakest.
-    `frequency` (intensities, ...) is that of each intensity or a stronger one.
-    """
+    `frequency` (intensities, ...) is that of each intensity or a stronger one."""
     return np.stack([np.count_nonzero(frequency >= 1 / period, axis=0) for period in periods])
 
 
 def hazard_classes(frequency: np.ndarray, matrix: Matrix, passed: np.ndarray) -> np.ndarray:
     """Highest class over all pairs of intensity and period. Events rarer than all periods are
-    residual where boulders passed.
-    """
+    residual where boulders passed."""
     found = np.zeros(frequency.shape[1:], "i1")
     for column, intensity in enumerate(intensities(frequency, matrix.periods)):
         np.maximum(found, matrix.classes[intensity, column], out=found)
@@ -76,8 +73,7 @@ def hazard_classes(frequency: np.ndarray, matrix: Matrix, passed: np.ndarray) ->
 
 class Classes(NamedTuple):
     """Classes by the estimated frequencies, and by the lower and upper limits of their intervals,
-    which bound the class because no class decreases with frequency.
-    """
+    which bound the class because no class decreases with frequency."""
 
     value: np.ndarray
     low: np.ndarray
@@ -105,16 +101,14 @@ def intensity_words(case: Case) -> list[str]:
 
 def unseen(parts: Iterable[tuple[int, float]]) -> float:
     """Upper limit of the frequency [1/year] of an event that no boulder showed, for scenarios of
-    given numbers of boulders and frequencies.
-    """
+    given numbers of boulders and frequencies."""
     none = np.zeros(1, "i4")
     return float(frequencies((none, boulders, 1, yearly) for boulders, yearly in parts).high[0])
 
 
 def boulders_needed(yearly: float, period: float) -> int:
     """Number of boulders per scenario that shows that an event seen in none of them is rarer than
-    once in a period: the upper limit of none in n is z2/(n + z2).
-    """
+    once in a period: the upper limit of none in n is z2/(n + z2)."""
     upper = unseen([(1, 1.0)])  # z2/(1 + z2)
     z2 = upper / (1 - upper)
     return max(1, int(np.ceil(z2 * (yearly * period - 1))))

@@ -57,8 +57,7 @@ def read_objects(
     path: str | Path, layer: str | None, grid: Grid, intensities: int, remarks: list[str]
 ) -> Objects:
     """Read the objects in a layer (None: the only one), with vulnerabilities for the given number
-    of intensities.
-    """
+    of intensities."""
     import shapely
 
     shapes, columns = read_features(path, grid, remarks, layer, "--objects-layer")
@@ -169,8 +168,7 @@ def _numbers(
 
 def object_counts(objects: Objects, result: xr.Dataset, grid: Grid, maps: np.ndarray) -> np.ndarray:
     """Boulders of a run that hit each object, and those with more energy than each threshold
-    (intensities, objects); `maps` are the corresponding counts by cell (intensities, y, x).
-    """
+    (intensities, objects); `maps` are the corresponding counts by cell (intensities, y, x)."""
     thresholds = result["threshold"].values
     counts = np.zeros((1 + thresholds.size, len(objects)), "i4")
     rows, columns = grid.cells(*objects.places.T)
@@ -189,8 +187,7 @@ def object_counts(objects: Objects, result: xr.Dataset, grid: Grid, maps: np.nda
 def risks(objects: Objects, found: Frequencies) -> Frequencies | None:
     """Annual risk of each object: the sum over intensities of their frequency, times vulnerability,
     exposure and value; limits follow from those of frequencies, since vulnerability does not
-    decrease with intensity.
-    """
+    decrease with intensity."""
     if objects.vulnerability is None:
         return None
     more = np.diff(objects.vulnerability, axis=1, prepend=0.0).T  # than at the next lower intensity

@@ -72,8 +72,7 @@ def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
 
 def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]:
     """Properties that both a source layer and a scenario may give: name, keys of the scenario, and
-    a mask of sources for which the layer gives it.
-    """
+    a mask of sources for which the layer gives it."""
     found = scene.features
     if found is not None and found.law is not None and found.value is not None:
         yield "volume", VOLUMES, found.law[found.of - 1] > 0
@@ -82,8 +81,7 @@ def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]
 
 def _case(case: Case, scenario: dict[str, Any]) -> Case:
     """Case with the boulders of a scenario. A scenario that names a volume distribution defines all
-    its keys; another changes single keys of &boulder.
-    """
+    its keys; another changes single keys of &boulder."""
     boulder: dict[str, Any] = dict.fromkeys(VOLUMES) if "volume" in scenario else {}
     boulder |= {"rock_density": None} if "density" in scenario else {}
     boulder |= {key: scenario[key] for key in (*VOLUMES, "density") if key in scenario}
@@ -108,7 +106,6 @@ def _frequency(scenario: dict[str, Any], scene: Scene) -> float:
 
 def source_area(scene: Scene) -> float:
     """Area of the source cells [m2]: the surface area if they release boulders by it, which makes
-    their frequencies differ; the plan area if all release alike.
-    """
+    their frequencies differ; the plan area if all release alike."""
     cells = scene.x.size if scene.area is None else scene.area.sum()
     return float(cells) * scene.grid.cell**2

@@ -228,8 +228,7 @@ def _places(study: Study, run: _Run, matrix: Matrix) -> dict[str, tuple]:
 
 def _scenarios(study: Study, runs: list[_Run]) -> dict[str, np.ndarray]:
     """Properties and counts of each scenario, sufficient to apply other frequencies without another
-    run.
-    """
+    run."""
     return {
         "frequency": np.array([run.yearly for run in runs]),
         "boulders": np.array([run.boulders for run in runs]),

@@ -27,8 +27,7 @@ class Zones(NamedTuple):
 
 def zones_of(found: xr.Dataset, minimum_area: float) -> Zones:
     """Zones of a hazard class, each with at least an area [m2]: GDAL's sieve gives smaller patches
-    the class of their largest neighbour.
-    """
+    the class of their largest neighbour."""
     from rasterio.features import sieve
 
     numbers, grid = _north_up(found["hazard_class"])
@@ -38,8 +37,7 @@ def zones_of(found: xr.Dataset, minimum_area: float) -> Zones:
 
 def highest_classes(zones: Zones, found: xr.Dataset) -> np.ndarray:
     """Highest class on the map within each zone: of small patches, the class before they were
-    merged.
-    """
+    merged."""
     numbers, _ = _north_up(found["hazard_class"])
     highest = np.zeros(len(zones.cells) + 1, "u1")
     np.maximum.at(highest, zones.patch, numbers)
@@ -56,8 +54,7 @@ def lowered_area(found: xr.Dataset, minimum_area: float) -> np.ndarray:
 
 def uncertain_of(found: xr.Dataset) -> Zones:
     """Patches of cells with an uncertain class: their number is the lowest class, times the number
-    of classes, plus the highest.
-    """
+    of classes, plus the highest."""
     low, grid = _north_up(found["hazard_class_lower"])
     high, _ = _north_up(found["hazard_class_upper"])
     return _patches(np.where(low == high, 0, low * len(CLASSES) + high), grid)

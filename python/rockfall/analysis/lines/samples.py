@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Samples of the quantities at lines, for all boulders of a result or for groups: from their rows,
-or, if a run keeps no rows, from its counts and sums.
-"""
+or, if a run keeps no rows, from its counts and sums."""
 
 from __future__ import annotations
 
@@ -49,8 +48,7 @@ class LineSamples:
     @property
     def sources(self) -> int:
         """Number of sources; for counted boulders of sources with unequal releases, at most the
-        number of groups.
-        """
+        number of groups."""
         if self._source is not None:
             return self._source.count
         case = case_of(self.result)
@@ -67,8 +65,7 @@ class LineSamples:
 
     def groups(self, by: str, classes: Sequence[float] | None = None) -> list[Group]:
         """Groups of boulders, as in `rockfall.analysis.lines.groups.groups`; for counted boulders,
-        the parts of the sources in each.
-        """
+        the parts of the sources in each."""
         if not self._counted:
             return groups(self.result, by, classes)
         check_by(by, classes)

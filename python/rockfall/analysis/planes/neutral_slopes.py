@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Neutral slopes of a scene, on which a bounce loses what the next flight gains, compared with the
 slopes of its ground. On steeper ground boulders accelerate without limit: bouncing has no terminal
-velocity.
-"""
+velocity."""
 
 from __future__ import annotations
 
@@ -28,8 +27,7 @@ FIFTHS = {"smallest fifth": (0.0, 0.2), "middle": (0.2, 0.8), "largest fifth": (
 @dataclass(frozen=True)
 class Rocks:
     """Ground of one kind: its name, "" for all; R_m (1,), or for method A sizes (3,) [m]; and the
-    tangents of the slopes of some of its cells, evenly spaced.
-    """
+    tangents of the slopes of some of its cells, evenly spaced."""
 
     name: str
     radii: np.ndarray
@@ -46,8 +44,7 @@ def rocks_of(scene: Scene) -> Iterator[Rocks]:
     """Zones that occur in some cell, in the order of their table. For raster sizes: the fifths of
     the cells with the smallest, largest and middle rocks, by R_m or Rg70, each with the medians of
     its sizes, without absorbing cells. Ground with rebounds other than the case's impact sets is
-    left out.
-    """
+    left out."""
     surface, ground = scene.case.surface, scene.ground
     scale = radius_over_rg(scene.case) if surface["method"] == "A" else 1.0
     usual = _follows_sets(scene)
@@ -96,8 +93,7 @@ class NeutralSlopes:
 
     def weights(self, radius: float, radii: np.ndarray) -> np.ndarray:
         """Weights (5,) of the sets for a boulder of this radius [m], without absorbing rock
-        sizes.
-        """
+        sizes."""
         sizes = size_weights() if radii.size > 1 else np.ones(1)
         sets = [weight * set_weights(radius / r, self._between)
                 for weight, r in zip(sizes, radii, strict=True) if np.isfinite(r)]  # fmt: skip
@@ -109,8 +105,7 @@ class NeutralSlopes:
 
     def of(self, radius: float, radii: np.ndarray) -> float:
         """Neutral slope [degree] of boulders of this radius on rocks of these radii [m], from 5 to
-        75.
-        """
+        75."""
         return self._slope(tuple(self.weights(radius, radii).tolist()))
 
     def _find(self, weights: tuple[float, ...]) -> float:

@@ -127,8 +127,7 @@ def growth(rebound: Rebound, slope: float, boulders: int = 1000, seed: int = 1) 
 
 def neutral_slope(rebound: Rebound, boulders: int = 1000, seed: int = 1) -> float:
     """Slope on which speeds neither grow nor decay [degrees], from 5 to 75, by secants within a
-    bracket. (SciPy's brentq takes longer to import than this to run.)
-    """
+    bracket. (SciPy's brentq takes longer to import than this to run.)"""
     low, high, slope = FLATTEST, STEEPEST, USUAL
     rise, last = RISE, None
     while high - low > NEAR:

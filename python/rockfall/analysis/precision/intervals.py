@@ -36,8 +36,7 @@ WITHHELD = math.nan, math.nan  # limits from too few boulders
 @dataclass(frozen=True)
 class Sources:
     """Sources of boulders. A selection (`sources[which]`) keeps the released numbers: the number of
-    selected boulders is random too.
-    """
+    selected boulders is random too."""
 
     number: np.ndarray  # source of each boulder, from 0
     stratum: np.ndarray  # source, with sources of a single boulder merged with another
@@ -89,8 +88,7 @@ def strata(boulders: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True)
 class Sums:
     """Sums over the boulders of each stratum, or of each source if these are sampled, of a variable
-    less its mean: sufficient for its interval.
-    """
+    less its mean: sufficient for its interval."""
 
     n: np.ndarray  # boulders
     total: np.ndarray
@@ -111,8 +109,7 @@ class Sums:
         skewed: float = SKEWED,
     ) -> tuple[float, float]:
         """Limits of the interval of the mean, less the mean, of values of this shape; NaN for fewer
-        than `fewest` values, or sources if these are sampled. See `hall` for the others.
-        """
+        than `fewest` values, or sources if these are sampled. See `hall` for the others."""
         n = self.size
         if shape.apart < fewest:
             return WITHHELD
@@ -155,23 +152,20 @@ class Sums:
 
     def _within(self) -> np.ndarray:
         """Contribution of each stratum to the variance of the sum; released boulders outside the
-        selection contribute none (a domain: Cochran 1977, section 5A.14).
-        """
+        selection contribute none (a domain: Cochran 1977, section 5A.14)."""
         n = self.released
         scatter = np.maximum(self.squares - self.total**2 / np.maximum(n, 1), 0)
         return scatter * (n / np.maximum(n - 1, 1)) * (1 - 1 / n.sum())
 
     def _half_of_clusters(self) -> float:
         """Half-width of the interval of a mean from the variation between clusters; 0 for a single
-        one. For few clusters it uses Student's distribution with their number less one.
-        """
+        one. For few clusters it uses Student's distribution with their number less one."""
         clusters = int(np.count_nonzero(self.n))
         return student(clusters - 1) * self._error_of_clusters() if clusters > 1 else 0.0
 
     def _error_of_clusters(self) -> float:
         """Standard error of a mean from the variation between two or more clusters (linearised;
-        Cochran 1977).
-        """
+        Cochran 1977)."""
         sums = self.total[self.n > 0]
         return math.sqrt((sums**2).sum() * sums.size / (sums.size - 1)) / self.size
 
@@ -211,8 +205,7 @@ def hall(
     """Limits of the interval of a mean of n values with this standard error, less the mean: those
     of Student's t, with Hall's cubic correction for skewness (Hall 1992). The upper limit assumes a
     skewness of at least `skewed` coefficients of variation, above the lowest value; for `signed`
-    values the lower limit does the same, from the highest.
-    """
+    values the lower limit does the same, from the highest."""
     skewness = shape.skewness
     low = min(skewness, -skewed / shape.above) if signed else skewness
     high = max(skewness, skewed / shape.below)
@@ -225,8 +218,7 @@ def hall(
 
 def limits_of_printed(mean: float, std: float, n: float, signed: bool) -> tuple[float, float]:
     """Limits of the interval of a mean of n values from their mean and standard deviation alone;
-    unless `signed`, no value is below 0. NaN for too few.
-    """
+    unless `signed`, no value is below 0. NaN for too few."""
     if not n >= MIN_FOR_MEAN:
         return WITHHELD
     below = mean / std if std > 0 and mean > 0 and not signed else math.inf
@@ -244,8 +236,7 @@ def _inverse_of_cubic(t: float, a: float) -> float:
 
 def sources(result: Held) -> Sources:
     """Sources of the boulders of a result, by `source`. In a sample, sources at one place are
-    merged: the place was chosen, whatever volumes it releases.
-    """
+    merged: the place was chosen, whatever volumes it releases."""
     of, sampled = result["source"].values, are_sampled(result)
     if sampled:
         of = result["start_x"].values + 1j * result["start_y"].values
@@ -260,8 +251,7 @@ def are_sampled(result: Held) -> bool:
 
 def fraction_interval(holds: np.ndarray, source: Sources) -> tuple[float, float, float]:
     """Fraction of the boulders for which something holds, and the limits of its 95 % interval
-    (Wilson 1927).
-    """
+    (Wilson 1927)."""
     fraction = float(holds.mean())
     return fraction, *fraction_limits(fraction, effective_number(holds.astype(float), source))
 
@@ -288,8 +278,7 @@ def student(freedom: float) -> float:
 def between_ranks(ordered: np.ndarray, level: float, effective: float) -> tuple[float, float]:
     """Order statistics that enclose a quantile, interpolated between ranks, without which intervals
     of small samples would be too wide; NaN where the sample ends before them. (SciPy's
-    quantile_test does not interpolate, and has no strata.)
-    """
+    quantile_test does not interpolate, and has no strata.)"""
     n = ordered.size
     low, high = np.interp(
         ranks_around(n, level, effective), np.arange(1, n + 1), ordered, np.nan, np.nan
@@ -305,8 +294,7 @@ def ranks_around(n: int, level: float, effective: float) -> np.ndarray:
 
 def half_width(row: Mapping[str, float], name: str) -> float:
     """Half-width of a confidence interval, relative to its number: 0 for equal values, inf for the
-    number 0, NaN without an interval.
-    """
+    number 0, NaN without an interval."""
     value = row.get(name, np.nan)
     if name != "fraction" and row.get("std") == 0 and row["n"] >= CROSSED:
         return 0.0
@@ -318,8 +306,7 @@ def half_width(row: Mapping[str, float], name: str) -> float:
 
 def longer_side(row: Mapping[str, float], name: str) -> float:
     """Longer side of a number's interval, a conservative +-; NaN without one. In a skewed interval
-    the truth may be farther above than half its length.
-    """
+    the truth may be farther above than half its length."""
     value, low, high = (row.get(f"{name}{end}", np.nan) for end in ("", "_low", "_high"))
     return float(np.maximum(high - value, value - low))
 
@@ -327,8 +314,7 @@ def longer_side(row: Mapping[str, float], name: str) -> float:
 def boulders_needed(boulders: float, width: float, limit: float, crossed: float = np.inf) -> float:
     """Number of boulders for an interval as narrow as `limit`, from one of `width` with `boulders`:
     the width falls as 1/sqrt(n). If `crossed`, the boulders past the line, is given, the interval
-    is used from `CROSSED` on.
-    """
+    is used from `CROSSED` on."""
     return boulders * max((width / limit) ** 2, CROSSED / crossed if crossed else np.inf)
 
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Samples for statistics, from any source: values of each boulder, or the bins, sums and largest
-values that a run keeps in their place (rockfall.result.samples).
-"""
+values that a run keeps in their place (rockfall.result.samples)."""
 
 from __future__ import annotations
 
@@ -71,15 +70,13 @@ class Sample(ABC):
     @abstractmethod
     def limits_of_mean(self, signed: bool) -> tuple[float, float]:
         """Limits of the interval of the mean, less the mean; NaN for too few values. Values that
-        are not `signed` have a lower bound.
-        """
+        are not `signed` have a lower bound."""
 
     @abstractmethod
     def limits_of_variance(self) -> tuple[float, float]:
         """Limits of the interval of the mean of squared deviations from the trimmed mean, less that
         mean. The trimmed fraction falls with the number of values, so that the tail of a skewed
-        sample weighs as much as in its population (Bonett 2006).
-        """
+        sample weighs as much as in its population (Bonett 2006)."""
 
     @property
     def _cut(self) -> int:
@@ -138,8 +135,7 @@ class Values(Sample):
 class Counts(Sample):
     """Counts of boulders in place of their values. Mean, standard deviation and maximum are those
     of values in integer units, quantiles lie within their bin (0.4 % of them). Intervals use counts
-    of each group of sources in coarse bins, within which all groups have the same distribution.
-    """
+    of each group of sources in coarse bins, within which all groups have the same distribution."""
 
     def __init__(
         self,
@@ -152,8 +148,7 @@ class Counts(Sample):
         sampled: bool,
     ) -> None:
         """Counts in bins; words (parts, 5) of sums; counts in coarse bins of each group, with its
-        released number; units in one of the quantity; the largest values, none without a tail.
-        """
+        released number; units in one of the quantity; the largest values, none without a tail."""
         used = np.flatnonzero(bins)
         self._bins, self._low, self._width = bins[used], LOW[used], WIDTH[used]
         self._coarse = used // (bins.size // SAMPLE_COARSE)

@@ -145,8 +145,7 @@ class BlockCase:
 
     def replace(self, **groups: Mapping[str, Any]) -> BlockCase:
         """Return a copy with other values: `case.replace(ground={"friction": 0.6})`. Another ground
-        brings all its own values: changes to the previous one are dropped.
-        """
+        brings all its own values: changes to the previous one are dropped."""
         kept = dict(self._groups)
         if groups.get("lab", {}).get("ground", self.lab["ground"]) != self.lab["ground"]:
             del kept["ground"]

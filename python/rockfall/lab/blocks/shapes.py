@@ -77,8 +77,7 @@ def hull(points: np.ndarray, name: str = "block") -> Surface:
 
 def refine(surface: Surface, edge: float) -> Surface:
     """Halve triangles at their longest edge until none is longer than `edge` times R_b, the radius
-    of the sphere of the same volume, so that contact below the middle of a facet is detected.
-    """
+    of the sphere of the same volume, so that contact below the middle of a facet is detected."""
     vertices = list(surface.vertices)
     longest = edge * np.cbrt(3 * volume(surface) / (4 * np.pi))
     middles: dict[tuple[int, int], int] = {}

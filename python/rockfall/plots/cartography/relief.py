@@ -37,8 +37,7 @@ class Contours(NamedTuple):
 
 def shade(z: np.ndarray, cell: float) -> np.ndarray:
     """Brightness of a terrain with most light from the north-west and steep ground darker; nodata
-    is white.
-    """
+    is white."""
     down, right = np.gradient(z, cell)
     length = np.sqrt(1 + right**2 + down**2)
     light = np.zeros_like(length)

@@ -60,8 +60,7 @@ PAGE = Room()
 @dataclass
 class Sheet:
     """A drawn map: `scale` in metres per inch, `bottom` and `wide` of its frame [inch], `free` the
-    height of the space between the scale bar and the legend [inch].
-    """
+    height of the space between the scale bar and the legend [inch]."""
 
     figure: Figure
     axes: Axes
@@ -77,8 +76,7 @@ class Sheet:
     @property
     def bar(self) -> tuple[float, float, float]:
         """Position of the colour bar: left, bottom, width [inch]; wider than a narrow map, to fit
-        its numbers.
-        """
+        its numbers."""
         inner = self.figure.get_figwidth() - LEFT - RIGHT
         wide = max(self.wide, min(NARROWEST_BAR, inner))
         left = min(self.left + (self.wide - wide) / 2, LEFT + inner - wide)
@@ -104,8 +102,7 @@ def new_sheet(
     room: Room = PAGE,
 ) -> Sheet:
     """Sheet as wide as its space, with a map at a round scale, a legend of these handles and the
-    given space above it [inch]; the background of the map is drawn.
-    """
+    given space above it [inch]; the background of the map is drawn."""
     from matplotlib.figure import Figure
 
     west, east, south, north = extent
@@ -160,8 +157,7 @@ def crs_text(crs: Mapping[str, Any]) -> str:
 
 def finish(sheet: Sheet, crs: Mapping[str, Any]) -> None:
     """Draw contour labels in free places, the frame, the scale, and the coordinate system from the
-    attributes of the grid mapping.
-    """
+    attributes of the grid mapping."""
     if sheet.contours is not None:
         draw_contours(sheet.axes, sheet.contours)
         _name_contours(sheet, sheet.contours)
@@ -209,8 +205,7 @@ def _inner(low: float, high: float, step: float) -> list[float]:
 
 def _draw_strip(sheet: Sheet, crs: str) -> None:
     """Draw scale bar and number, contour interval, and arrow to grid north; below them the
-    coordinate system.
-    """
+    coordinate system."""
     from matplotlib.patches import Polygon, Rectangle
 
     figure, inches = sheet.figure, sheet.figure.dpi_scale_trans

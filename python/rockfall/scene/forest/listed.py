@@ -123,8 +123,7 @@ def _drawn_factors(
     scene: Scene, path: Path, found: Listed, inside: np.ndarray, rasters: dict[str, Any]
 ) -> np.ndarray:
     """Toughness factors drawn from the percentage of conifers, by the number of each tree in the
-    list.
-    """
+    list."""
     forest, grid, table = scene.case.forest, scene.grid, read_species(scene)
     if "conifers" not in forest and "uniform_conifers" not in forest:
         raise RockfallError(

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Layers given as GeoDataFrames or objects like them (a shapely `geometry`, a `crs`, columns). They
-are written to temporary files while a scene is read, so that they are treated like files.
-"""
+are written to temporary files while a scene is read, so that they are treated like files."""
 
 from __future__ import annotations
 
@@ -31,8 +30,7 @@ def is_frame(given: Any) -> bool:
 @contextmanager
 def frame_files(frames: Mapping[str, Any]) -> Iterator[dict[str, Path]]:
     """Write frames to files, by name, for the duration of the block; callers name the frames in
-    errors.
-    """
+    errors."""
     with TemporaryDirectory() as folder:
         files = {name: _write(frame, name, Path(folder)) for name, frame in frames.items()}
         try:
@@ -50,8 +48,7 @@ def of_frames(text: str, files: Mapping[str, Path]) -> str:
 
 def with_frames(frames: Mapping[str, Any], case: Case, read: Callable[[Case], Scene]) -> Scene:
     """Read the scene of a case with the layers of frames, by name: those of GROUPS in addition to
-    its own, the others (zones, trees, sources) in place of its own.
-    """
+    its own, the others (zones, trees, sources) in place of its own."""
     keys = {name: _key(name, frame) for name, frame in frames.items() if name not in GROUPS}
     with frame_files(frames) as files:
         scene = read(_naming(case, files, keys))
@@ -114,8 +111,7 @@ def _key(name: str, frame: Any) -> tuple[str, str]:
 
 def _naming(case: Case, files: Mapping[str, Path], keys: Mapping[str, tuple[str, str]]) -> Case:
     """Case that names files in place of frames; keys that select a layer of the replaced file are
-    removed.
-    """
+    removed."""
     groups: dict[str, Any] = {}
     if "sources" in files:
         groups["release"] = dict.fromkeys(PLACES & case.release.keys())

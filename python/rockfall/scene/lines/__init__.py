@@ -118,8 +118,7 @@ def _names(
 
 def _plain(value: Any, kind: str) -> Any:
     """An attribute in the type of the case; None if empty. Integer columns with empty values arrive
-    as reals.
-    """
+    as reals."""
     if (value := plain(value)) is None:
         return None
     if kind == "logical":

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Sources, releases, boulders, rocks on the slope and trees in units other than those of the
-keys.
-"""
+keys."""
 
 from __future__ import annotations
 
@@ -64,8 +63,7 @@ def _source_cells(scene: Scene) -> Iterator[InputWarning]:
 
 def _source_points(scene: Scene) -> Iterator[InputWarning]:
     """Points given several times with the same boulders; different boulders may start at one
-    place.
-    """
+    place."""
     release = scene.case.release
     if not {"x", "points"} & release.keys():
         return
@@ -172,8 +170,7 @@ def _volumes(scene: Scene) -> Iterator[InputWarning]:
 
 def _spreads(scene: Scene) -> Iterator[InputWarning]:
     """Normal distributions whose mean changes when they are truncated at zero; of features, the one
-    with the largest relative spread.
-    """
+    with the largest relative spread."""
     found: dict[str, tuple[float, str, float, float]] = {}
     for group, where, said in _distributions(scene):
         mean, std = said.get("volume_mean"), said.get("volume_std")
@@ -227,8 +224,7 @@ def _rocks(scene: Scene) -> Iterator[InputWarning]:
 
 def _order(scene: Scene) -> Iterator[InputWarning]:
     """Rg in the wrong order: larger where more frequent, nearly everywhere. Published tables do
-    this in some zones (Bourrier et al. 2009, table 1).
-    """
+    this in some zones (Bourrier et al. 2009, table 1)."""
     ground = scene.ground
     if scene.case.surface["method"] == "B":
         return

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Nets, walls and dams, hazard classes and uncertain inputs in units other than those of the
-keys.
-"""
+keys."""
 
 from __future__ import annotations
 

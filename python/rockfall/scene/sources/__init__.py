@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Sources from the terrain: steep cells, the number of boulders per area, and the size and shape of
-boulders.
-"""
+boulders."""
 
 from __future__ import annotations
 
@@ -37,8 +36,7 @@ def steep_blocks(
     scene: Scene, blocks: Iterable[tuple[slice, np.ndarray]]
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """Blocks of rows of possible source cells (above zero), with those that are not steep
-    removed.
-    """
+    removed."""
     z, about = on_raster(scene)
     for rows, block in blocks:
         cells = np.asfortranarray((block > 0).T, np.int16)
@@ -162,8 +160,7 @@ def _take_attributes(scene: Scene, table: Table, of: np.ndarray) -> None:
 
 def _read_boulders(scene: Scene, rasters: dict[str, Any]) -> None:
     """Read volume, inertia and density of the boulders of each source; sources of shape 0 have none
-    and are left out.
-    """
+    and are left out."""
     boulder = scene.case.boulder
     if "shape" in boulder:
         shape = _at_sources(scene, "shape", "shapes", np.int32, rasters)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Release attributes of polygons or points in a layer or table, by the names that docs/releases.md
-lists. Other attributes are ignored; the case supplies missing ones.
-"""
+lists. Other attributes are ignored; the case supplies missing ones."""
 
 from __future__ import annotations
 
@@ -86,8 +85,7 @@ class Table(NamedTuple):
 
 def read_attributes(scene: Scene, table: Table, of: np.ndarray) -> tuple[Features, np.ndarray]:
     """Features of a scene, given the feature of each source, and their frequencies (NaN if
-    missing).
-    """
+    missing)."""
     if attribute(table.columns, "velocity") is not None:
         raise RockfallError(
             f"{table.path}: attribute velocity: must be {', '.join(VELOCITY)} [m/s]"
@@ -104,8 +102,7 @@ def read_attributes(scene: Scene, table: Table, of: np.ndarray) -> tuple[Feature
 
 def values_of(scene: Scene) -> np.ndarray | None:
     """Density, drop height and velocity of each feature (features, 5), from the case where missing;
-    None if no feature has any.
-    """
+    None if no feature has any."""
     if scene.features is None or scene.features.value is None:
         return None
     boulder, release = scene.case.boulder, scene.case.release
@@ -124,8 +121,7 @@ def _key(name: str) -> tuple[str, str]:
 
 def _laws(scene: Scene, table: Table) -> tuple[np.ndarray, np.ndarray]:
     """Volume distribution of each feature (0: the case's), and its mean, std, min, max (4,
-    features), NaN where missing.
-    """
+    features), NaN where missing."""
     boulder, law = scene.case.boulder, np.zeros(table.size, int)
     given = np.array([table.numbers(name) for name in VOLUMES])
     usual = boulder["volume"] if boulder["volume"] in LAWS else "fixed"
@@ -164,8 +160,7 @@ def _volume(table: Table, k: int, name: str, value: Any) -> float:
 
 def _check_laws(scene: Scene, table: Table, law: np.ndarray, given: np.ndarray) -> None:
     """Check that each distribution has exactly the numbers it needs, by the rules of &boulder.
-    Features with the same keys need one check, with the smallest range of volumes.
-    """
+    Features with the same keys need one check, with the smallest range of volumes."""
     patterns = np.vstack([law, ~np.isnan(given)]).T
     firsts = np.unique(patterns[law > 0], axis=0, return_index=True)[1]
     some = set(np.flatnonzero(law > 0)[firsts].tolist())
