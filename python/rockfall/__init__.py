@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where falling rocks go, how fast, how high and how often."""
+"""Simulation of rockfall: where boulders go, how fast, how high and how often."""
 
 from importlib import import_module
 
-_MODULES = {  # of each public name, and the name there if it is another
+_MODULES = {  # module of each public name, and the name there if different
     "Case": "case",
     "Interrupted": "simulation.simulate",
     "RockfallError": "errors",
@@ -37,7 +37,7 @@ __all__ = list(_MODULES)
 
 
 def __getattr__(name: str) -> object:
-    """A public name, imported when it is first used: `rockfall --help` needs no NumPy (PEP 562)."""
+    """Import a public name on first use: `rockfall --help` needs no NumPy (PEP 562)."""
     if name not in _MODULES:
         raise AttributeError(f"module 'rockfall' has no attribute {name!r}")
     module, _, own = _MODULES[name].partition(":")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`python -m rockfall` is the command `rockfall`."""
+"""Entry point of `python -m rockfall`, the same as the command `rockfall`."""
 
 import sys
 

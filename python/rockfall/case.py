@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The case: the input of a run. Keys, defaults and ranges stand in the kernel's table alone."""
+"""The case: the input of a run. Keys, defaults and ranges are defined only in the kernel's
+table."""
 
 from __future__ import annotations
 
@@ -15,8 +16,8 @@ from rockfall.io.files import check_text_file
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
-FROM_ARRAY = "(array)"  # the DEM of a case that gets its elevations from `run(case, dem=...)`
-WIDTH = 72  # columns after which a list goes on in the next line
+FROM_ARRAY = "(array)"  # the DEM of a case whose elevations come from `run(case, dem=...)`
+WIDTH = 72  # columns after which a list continues on the next line
 REPEATABLE = tuple(_core.repeatable_groups().decode().split())  # groups that are lists
 
 
@@ -31,7 +32,7 @@ class Key(NamedTuple):
     allowed: str
     unit: str
     meaning: str
-    file: str  # that it names: raster, layer, raster layer (either), table, sets; ""
+    file: str  # kind of file: raster, layer, raster layer (either), table, sets; ""
 
 
 @cache
@@ -50,7 +51,7 @@ def file_keys() -> list[Key]:
 
 
 def read_case(path: str | Path) -> Case:
-    """The case in a namelist file. A RockfallError names file, group, key, value and the rule.
+    """Read the case in a namelist file. A RockfallError names file, group, key, value and the rule.
 
     >>> import rockfall
     >>> rockfall.read_case("case.nml").boulder["density"]
@@ -67,12 +68,12 @@ def read_case(path: str | Path) -> Case:
 
 
 def case_of(result: Held) -> Case:
-    """The case that a result holds; file names are relative to where the run found its case."""
+    """Case stored in a result; file names are relative to the folder of the run's case."""
     return case_in(result.attrs)
 
 
 def case_in(attrs: Mapping[str, Any]) -> Case:
-    """The same from its attributes."""
+    """Case stored in attributes; file names as in `case_of`."""
     text, name = str(attrs["case"]), str(attrs["case_file"])
     _checked(text.encode(errors="replace"), name)
     return _case(text, Path(name))
@@ -130,16 +131,16 @@ class Case:
 
     @property
     def has_forest(self) -> bool:
-        """Whether there are trees, listed or made."""
+        """Return True if there are trees, listed or generated."""
         return not {"trees", "stems", "uniform_stems"}.isdisjoint(self.forest)
 
     @property
     def lines(self) -> list[dict[str, Any]]:
-        """Where crossings are recorded: the evaluation lines, then the barriers."""
+        """Lines at which crossings are recorded: the evaluation lines, then the barriers."""
         return self.line + self.barrier
 
     def files(self) -> Iterator[tuple[Key, str]]:
-        """Every file that the case names, and by which key."""
+        """Files that the case names, with their keys."""
         for key in file_keys():
             groups = (
                 self.__dict__[key.group] if key.group in REPEATABLE else [self._groups[key.group]]
@@ -161,8 +162,8 @@ class Case:
         return f"<rockfall.Case {self.name}: {self.case['title']!r}>"
 
     def replace(self, **groups: Any) -> Case:
-        """With other values: `case.replace(surface={"method": "A"})`; None takes a key out. A list
-        takes the place of all groups of its name: `case.replace(line=[])`."""
+        """Return a copy with other values: `case.replace(surface={"method": "A"})`; None removes a
+        key. A list replaces all groups of its name: `case.replace(line=[])`."""
         lists = {group: groups.pop(group, None) for group in REPEATABLE}
         changed = {
             group: {**self._groups.get(group, {}), **groups.get(group, {})}
@@ -172,7 +173,7 @@ class Case:
         return Case(folder=self.folder, name=self.name, **changed)
 
     def text(self) -> str:
-        """The case as the text of a namelist file."""
+        """Case as the text of a namelist file."""
         lists = {group: [*map(plain_values, self.__dict__[group])] for group in REPEATABLE}
         return namelist_text(self._groups, lists)
 
@@ -182,7 +183,7 @@ class Case:
 
 
 def given_text(case: Case) -> str:
-    """The text of a case without the groups in which every key has its default."""
+    """Text of a case without the groups in which every key has its default."""
     defaults, groups = _defaults(), case._groups
     given = {
         group: values
@@ -199,8 +200,8 @@ def _check(text: bytes, name: str) -> None:
 
 
 def check_namelist(check: Callable[[bytes, bytes], tuple], text: bytes, name: str) -> None:
-    """Refuse a text in which a procedure of the kernel finds fault."""
-    if b"\0" in text:  # the kernel would see the text before it only
+    """Refuse a text that a procedure of the kernel rejects."""
+    if b"\0" in text:  # the kernel would stop reading there
         raise RockfallError(f"{name}: character code 0 is not text")
     check_kernel(*check(text or b"\n", name.encode()))
 
@@ -210,8 +211,8 @@ def namelist_text(
     lists: Mapping[str, Iterable[dict]] | None = None,
     indent: int = 4,
 ) -> str:
-    """Groups that are not empty, and those that are repeated, as the text of a namelist file, line
-    for line as f90nml writes them, which takes ten times as long: a study makes many cases."""
+    """Text of a namelist file with the non-empty groups and repeated groups, line for line as
+    f90nml writes it. f90nml takes ten times as long, and a study makes many cases."""
     texts = [_group_text(name, one, " " * indent) for name, one in sorted(groups.items()) if one]
     for name, several in (lists or {}).items():
         texts += [_group_text(name, one, " " * indent) for one in several]
@@ -235,7 +236,7 @@ def _group_text(name: str, values: Mapping[str, Any], indent: str) -> str:
 
 
 def _literal(value: Any) -> str:
-    """A value as a namelist has it."""
+    """A value in namelist format."""
     if isinstance(value, bool):
         return ".true." if value else ".false."
     if isinstance(value, str):
@@ -245,8 +246,8 @@ def _literal(value: Any) -> str:
 
 @lru_cache(maxsize=8)
 def _parse(text: str) -> dict[str, Any]:
-    """Groups of a text that has been checked; those that may be repeated are lists. A `Case` made
-    of them copies what it takes: a result's case is looked at often, and f90nml is slow."""
+    """Groups of a checked text; those that may be repeated are lists. A `Case` copies the groups.
+    Cached, because a result's case is used often and f90nml is slow."""
     import f90nml
 
     namelist = f90nml.reads(text)
@@ -261,13 +262,13 @@ def _parse(text: str) -> dict[str, Any]:
 
 @lru_cache(maxsize=8)
 def _checked(text: bytes, name: str) -> None:
-    """Check a text, once: a case of many lines takes long, and is made again and again."""
+    """Check a text, cached: a case of many lines takes long, and is made repeatedly."""
     _check(text, name)
 
 
 @cache
 def _defaults() -> dict[str, dict[str, Any]]:
-    """The defaults of each group."""
+    """Default values of each group."""
     texts: dict[str, str] = {}
     for key in key_table():
         if key.default not in ("required", "absent"):
@@ -277,13 +278,13 @@ def _defaults() -> dict[str, dict[str, Any]]:
 
 
 def _completed(group: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """A repeated group with its defaults, but where a layer may have the values."""
+    """A repeated group with its defaults, except for values that a layer may supply."""
     defaults = {} if "file" in values else _defaults().get(group, {})
     return _typed(group, defaults | dict(values))
 
 
 def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
-    """NumPy numbers, arrays, paths and tuples as a namelist file has them; nothing empty."""
+    """NumPy numbers, arrays, paths and tuples in types for a namelist file, without empty ones."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, Path):

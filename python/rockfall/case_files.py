@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The files that a case reads: no command writes over one of them."""
+"""Input files of a case, which no command overwrites."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ APPENDED = (".xml", ".aux.xml", "-wal", "-shm", "-journal")
 
 
 def input_files(case: Case) -> Iterator[Path]:
-    """Every file that a case reads, the case file first; some may not be there."""
+    """All files that a case reads, the case file first; some may not exist."""
     yield Path(case.name)
     for key, name in case.files():
         if name != FROM_ARRAY:
@@ -39,7 +39,7 @@ def input_files(case: Case) -> Iterator[Path]:
 
 
 def _named_grounds(case: Case) -> set[str]:
-    """What the case and its table of zones call the grounds, some of them impact sets."""
+    """Names of the grounds in the case and its table of zones, some of them impact sets."""
     names = {case.surface.get("ground", "")}
     if "table" in case.surface:
         with suppress(RockfallError):
@@ -49,10 +49,10 @@ def _named_grounds(case: Case) -> set[str]:
 
 
 def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
-    """The files that one value of a key names."""
+    """Files that one value of a key names."""
     path = case.path(name)
     if kind == "sets":
-        with suppress(RockfallError):  # who reads it says that it is not there
+        with suppress(RockfallError):  # its reader reports missing files
             yield find_table(case, name) or set_path(case, name)
     elif kind == "impact_table":
         if found := find_table(case, name):
@@ -66,8 +66,8 @@ def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
 
 
 def files_behind(result: Held) -> Iterator[Path]:
-    """The files that the case of a result reads, seen from where it was run; none where it has no
-    case that this version reads."""
+    """Files that the case of a result reads, relative to the folder of the run; none if this
+    version cannot read the case."""
     if {"case", "case_file"} <= result.attrs.keys():
         try:
             case = case_of(result)
@@ -76,12 +76,12 @@ def files_behind(result: Held) -> Iterator[Path]:
         yield from input_files(case)
         for key in json.loads(result.attrs.get("input_checksums", "{}")):
             group, _, name = key.partition(" ")
-            if group in REPEATABLE:  # the case has the coordinates of a layer in its place
+            if group in REPEATABLE:  # the case holds the coordinates of the layer
                 yield from _layer_files(case.path(name))
 
 
 def _layer_files(path: Path) -> Iterator[Path]:
-    """A layer of polygons and what lies beside it."""
+    """A polygon layer and its companion files."""
     yield path
     yield from (path.with_name(f"{path.name}{end}") for end in APPENDED)
     if path.suffix.lower() == ".shp":

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A case with a comment beside what needs one, as its author would write it."""
+"""Text of a case with comments, as its author would write it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
-VALUE_COLUMN = 44  # where comments begin
+VALUE_COLUMN = 44  # column at which comments begin
 
 
 class Entry(NamedTuple):
-    """A key and its value; one that is off stands in a comment."""
+    """A key and its value; a disabled one is written as a comment."""
 
     key: str
     value: Any
@@ -27,7 +27,7 @@ class Group(NamedTuple):
 
 
 def case_text(head: Iterable[str], groups: Iterable[Group], foot: Iterable[str]) -> str:
-    """The text of a case between comments."""
+    """Text of a case between comments."""
     lines = [_comment(one) for one in head]
     for group in groups:
         lines += ["", *_group_lines(group)]
@@ -36,7 +36,7 @@ def case_text(head: Iterable[str], groups: Iterable[Group], foot: Iterable[str])
 
 
 def _comment(text: str) -> str:
-    """On one line, whatever names of files and layers are in it."""
+    """Comment on one line, whatever the names of files and layers contain."""
     return f"! {' '.join(text.splitlines())}"
 
 
@@ -51,7 +51,7 @@ def _group_lines(group: Group) -> Iterator[str]:
 
 
 def _literal(value: Any) -> str:
-    """A value as a namelist has it."""
+    """A value in namelist format."""
     if isinstance(value, (list, tuple)):
         return ", ".join(map(_literal, value))
     if isinstance(value, bool):

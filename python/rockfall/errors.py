@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The one exception a user of rockfall meets, and what raises it in many places."""
+"""The exception that users of rockfall see, and shared functions that raise it."""
 
 from importlib import import_module
 
 
 class RockfallError(ValueError):
-    """One line that says what is wrong, where, and what is allowed.
+    """One line that names the problem, its place, and what is allowed.
 
-    `code` is the exit status: 2 when the input can be corrected, 1 when the fault is ours.
+    `code` is the exit status: 2 when the input can be corrected, 1 for an internal error.
     """
 
     def __init__(self, message: str, code: int = 2) -> None:
@@ -16,14 +16,16 @@ class RockfallError(ValueError):
 
 
 def check_kernel(code: int, message: bytes, name: str = "") -> None:
-    """Raise what the kernel says is wrong; `name` comes before a line that has none."""
+    """Raise an error that the kernel reports for the scene; `name` is put before a line without
+    one."""
     if code:
         text = message.decode(errors="replace").strip()
         raise RockfallError(f"{name}: {text}" if name else text, code)
 
 
 def need(what: str, extra: str, *packages: str) -> None:
-    """Refuse what needs packages that are not there; an extra of rockfall brings them."""
+    """Raise an error if required packages are missing; `extra` is the extra of rockfall that
+    installs them."""
     try:
         for package in packages:
             import_module(package)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Grounds: what rebounds follow where the case's impact sets are not what they follow, and the
-tables that say so (docs/grounds.md). What a model takes, and what it must be, the kernel says."""
+"""Grounds: rebound models used in place of the case's impact sets, and the tables that define them
+(docs/grounds.md). The kernel defines the parameters of each model and their ranges."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from rockfall.impact_tables import ImpactTable, find_table, open_table, open_tab
 from rockfall.io.files import check_text_file
 from rockfall.io.tables import Row, check_columns, read_table
 
-IMPACT_SETS = "impact_sets"  # the model of a ground that is none of a table of grounds
-TABLES = "impact_table", "ratio_table"  # those of tables of impacts, the second by R_b/R_m
-ABSORBS = "absorbs"  # the model of a ground that has no rebound
+IMPACT_SETS = "impact_sets"  # model of a ground outside the table of grounds
+TABLES = "impact_table", "ratio_table"  # models of tables of impacts, the second by R_b/R_m
+ABSORBS = "absorbs"  # model of a ground without rebound
 MAX_NAME = 60  # characters
-MAX_GROUNDS = 127  # of a scene: their numbers are bytes
-WORDS = ("name", "id", "model", "meaning", "source")  # columns that hold no number
+MAX_GROUNDS = 127  # maximum number per scene: their numbers are bytes
+WORDS = ("name", "id", "model", "meaning", "source")  # text columns
 
 
 class GroundRule(NamedTuple):
-    """A ground as the kernel takes it."""
+    """A ground as passed to the kernel."""
 
     name: str
     model: str = IMPACT_SETS
     text: bytes = (
         b""  # a file of impact sets, a packed table, or parameters; empty: the case's sets
     )
-    file: str = ""  # where that stands, for messages
+    file: str = ""  # source of the content, for messages
 
     @property
     def rocks(self) -> int:
-        """What must be known of the rocks there: 0 nothing, 1 their size, 2 a size above zero."""
+        """Required knowledge of the rocks there: 0 nothing, 1 their size, 2 a size above zero."""
         return models()[self.model]
 
 
@@ -56,7 +56,7 @@ class Parameter(NamedTuple):
 
 @cache
 def models() -> dict[str, int]:
-    """The models of grounds, and what each must know of the rocks there, as `GroundRule.rocks`."""
+    """Models of grounds, with their required knowledge of rocks as in `GroundRule.rocks`."""
     found: dict[str, int] = {}
     while True:
         name, rocks = _core.ground_model(len(found) + 1)
@@ -67,7 +67,7 @@ def models() -> dict[str, int]:
 
 @cache
 def parameters() -> tuple[Parameter, ...]:
-    """Those of all models, without the model itself."""
+    """Parameters of all models, without the model itself."""
     rows: list[Parameter] = []
     while text := _core.table_row("ground_parameters", len(rows) + 2).decode().strip():
         _, name, _, _, default, allowed, unit, meaning, _, takers = text.split("|")
@@ -77,23 +77,23 @@ def parameters() -> tuple[Parameter, ...]:
 
 @cache
 def repose() -> float:
-    """The rest angle of ground of rocks [degree], and of what says no other."""
+    """Rest angle of rocky ground [degree], also the default."""
     return next(float(one.default) for one in parameters() if one.name == "rest_angle")
 
 
 def shipped_grounds() -> Path:
-    """The table that is shipped with the program."""
+    """Path of the shipped table."""
     return Path(str(importlib.resources.files("rockfall") / "data" / "grounds.csv"))
 
 
 def other_tables() -> dict[str, Path]:
-    """Tables of grounds that are shipped beside the usual one, by the name that cases give them."""
+    """Other shipped tables of grounds, by their name in cases."""
     folder = shipped_grounds().parent
     return {path.stem.partition("_")[2]: path for path in sorted(folder.glob("grounds_*.csv"))}
 
 
 def table_path(case: Case) -> Path:
-    """The table of grounds of a case: its own, or one that is shipped."""
+    """Path of the table of grounds of a case: its own, or a shipped one."""
     own = case.surface.get("ground_table")
     if not own:
         return shipped_grounds()
@@ -101,7 +101,7 @@ def table_path(case: Case) -> Path:
 
 
 class GroundTable:
-    """The rows of a table of grounds, by name and by id."""
+    """Rows of a table of grounds, by name and by id."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -132,7 +132,7 @@ class GroundTable:
             self.names[int(number)] = name
 
     def ground(self, name: str) -> GroundRule:
-        """A row of the table. Its numbers are looked at in the kernel."""
+        """A row of the table. The kernel checks its numbers."""
         row = self.rows[name]
         model = row.choice("model", [one for one in models() if one not in (IMPACT_SETS, *TABLES)])
         given = [one.name for one in parameters() if row.cells.get(one.name)]
@@ -143,8 +143,9 @@ class GroundTable:
 
 
 def find_ground(case: Case, table: GroundTable, name: str, where: str) -> GroundRule:
-    """The ground of a name: a table of impacts, with `&impact form = 'table'`; a row of the table
-    of grounds; or impact sets, shipped or in a file. `where` says who names it."""
+    """Ground with a given name: a table of impacts, with `&impact form = 'table'`; a row of the
+    table of grounds; or impact sets, shipped or in a file. `where` is the place of the name, for
+    messages."""
     if found := find_table(case, name):
         return table_ground(name, found)
     if name in table.rows:
@@ -163,7 +164,7 @@ def find_ground(case: Case, table: GroundTable, name: str, where: str) -> Ground
 
 
 def usual_ground(case: Case) -> GroundRule:
-    """What rebounds follow where nothing else is said: the case's impact sets, or its table."""
+    """Default ground of a case: its impact sets, or its table."""
     if case.impact["form"] == "matrix":
         return GroundRule(case.impact["sets"])
     name = case.impact["table"]
@@ -177,12 +178,12 @@ def usual_ground(case: Case) -> GroundRule:
 
 
 def table_ground(name: str, path: Path) -> GroundRule:
-    """The ground of a table of impacts in a file."""
+    """Ground of a table of impacts in a file."""
     return _ground_of(name, path, open_table(path))
 
 
 def ensemble_grounds(name: str, path: Path) -> list[GroundRule]:
-    """The ground by each draw of an ensemble of tables; of a table by itself, that alone."""
+    """Grounds of all draws of an ensemble of tables; for a single table, one."""
     return [_ground_of(name, path, one) for one in open_tables(path)]
 
 
@@ -193,6 +194,6 @@ def _ground_of(name: str, path: Path, table: ImpactTable) -> GroundRule:
 
 
 def check_number(grounds: Iterable[GroundRule], where: str) -> None:
-    """Refuse more grounds than a scene can have."""
+    """Refuse more grounds than a scene may have."""
     if (number := len(list(grounds))) > MAX_GROUNDS:
         raise RockfallError(f"{where}: {number} grounds: at most {MAX_GROUNDS}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The files of impact sets that a case may name: shipped with the program, or beside the case."""
+"""Files of impact sets that a case may name: shipped with the program, or next to the case."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from rockfall.errors import RockfallError
 
 @cache
 def shipped_sets() -> dict[str, Path]:
-    """Files of the impact sets that are shipped with the program, by name."""
+    """Files of the shipped impact sets, by name."""
     folder = Path(str(importlib.resources.files("rockfall") / "data" / "impact_sets"))
     return {path.stem: path for path in sorted(folder.glob("*.nml"))}
 
 
 def find_set(case: Case, name: str) -> Path | None:
-    """The file of impact sets of a name: shipped, or beside the case; None: there is none."""
+    """File of the impact sets with a name: shipped, or next to the case; None if not found."""
     if name in shipped_sets():
         return shipped_sets()[name]
     return case.path(name) if os.path.isfile(case.path(name)) else None
 
 
 def set_path(case: Case, name: str | None = None, group: str = "impact") -> Path:
-    """The file of impact sets, the case's or those that a group names: shipped, or beside it."""
+    """File of impact sets, of the case or a given group: shipped, or next to the case."""
     name = name or case.impact["sets"]
     if path := find_set(case, name):
         return path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables of impacts: the netCDF files, shipped or beside a case, and their bytes for the kernel
+"""Tables of impacts: netCDF files, shipped or next to a case, and their packed bytes for the kernel
 (docs/impact_tables.md)."""
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ FIELDS = (
     "duration", "advance", "rise", "pull_along", "pull_across", "exit", "follower",
 )  # fmt: skip
 INPUTS, MAPPED = 4, 3  # V_t, V_n, W, height; along, V_n, W
-SHAPES = "compact", "elongated", "platy"  # of the blocks of shipped tables
-ENSEMBLE = "-ensemble"  # at the end of the name of one
+SHAPES = "compact", "elongated", "platy"  # block shapes of shipped tables
+ENSEMBLE = "-ensemble"  # suffix of the name of an ensemble
 KINDS = "flight", "roll"
-SCALES = "speed2", "density", "inertia", "fastest", "rest_angle"  # numbers of a whole table
+SCALES = "speed2", "density", "inertia", "fastest", "rest_angle"  # scalars of a table
 EDGES = tuple(f"{kind}_edge_{key}" for kind in KINDS for key in (1, 2, 3))
 
 
@@ -47,23 +47,23 @@ class ImpactTable:
     low: np.ndarray
     high: np.ndarray
     record: np.ndarray
-    speed2: float  # g R_b of the laboratory, where the speed itself is a key; or 0 [m2/s2]
+    speed2: float  # g R_b of the laboratory, if the speed itself is a key; else 0 [m2/s2]
     density: float  # of its blocks [kg/m3]
     inertia: float  # I/(m R_b^2) [-]
-    fastest: float  # V^2 of the fastest record that flew in, over g R_b [-]
-    rest_angle: float  # of the ground: boulders that stop roll on where it is steeper [degree]
+    fastest: float  # V^2 of the fastest incoming record, over g R_b [-]
+    rest_angle: float  # of the ground: stopped boulders roll on where it is steeper [degree]
     about: dict[str, Any] = field(default_factory=dict)
 
     @property
     def bins(self) -> dict[str, list[int]]:
-        """How many bins each key of a kind has."""
+        """Number of bins of each key of a kind."""
         return {
             kind: [self.edges[f"{kind}_edge_{key}"].shape[-1] + 1 for key in (1, 2, 3)]
             for kind in KINDS
         }
 
     def pack(self) -> bytes:
-        """The table as the kernel takes it."""
+        """Table in packed form for the kernel."""
         counts = [len(self.ratio), *self.bins["flight"], *self.bins["roll"], len(self.record)]
         scales = [getattr(self, name) for name in SCALES]
         parts = [
@@ -78,7 +78,7 @@ class ImpactTable:
         return FIRST_LINE + b"".join(part.tobytes() for part in parts) + b"\n"
 
     def _packed_edges(self, kind: str) -> np.ndarray:
-        """Ratio by ratio; within it each edge before those of the next key in its bin."""
+        """Edges by ratio; within it each edge before those of the next key in its bin."""
         first, second, third = (self.edges[f"{kind}_edge_{key}"] for key in (1, 2, 3))
         found: list[np.ndarray] = []
         for ratio in range(len(self.ratio)):
@@ -95,7 +95,7 @@ def save_table(table: ImpactTable, path: str | Path) -> None:
 
 
 def save_ensemble(tables: Sequence[ImpactTable], path: str | Path) -> None:
-    """Write draws of a table as netCDF, a group each: 1, 2, ..."""
+    """Write draws of a table as netCDF, one group each: 1, 2, ..."""
     with atomic_write(path) as part:
         for number, table in enumerate(tables, start=1):
             _write(table, part, group=str(number), mode="w" if number == 1 else "a")
@@ -124,18 +124,18 @@ def _write(table: ImpactTable, path: Path, **where: Any) -> None:
 
 @cache
 def shipped_tables() -> dict[str, Path]:
-    """Files of the tables that are shipped with the program, by name."""
+    """Files of the shipped tables, by name."""
     folder = Path(str(importlib.resources.files("rockfall") / "data" / "impact_tables"))
     return {path.stem: path for path in sorted(folder.glob("*.nc"))}
 
 
 def table_names() -> list[str]:
-    """What cases may call shipped tables: without the shape, which is the boulder's."""
+    """Names of shipped tables in cases: without the shape, which is that of the boulder."""
     return [name for name in _names() if not name.endswith(ENSEMBLE)]
 
 
 def ensemble_names() -> list[str]:
-    """The same of ensembles of tables, which only `&ensemble sets` takes."""
+    """Names of shipped ensembles of tables, which only `&ensemble sets` accepts."""
     return [name for name in _names() if name.endswith(ENSEMBLE)]
 
 
@@ -148,8 +148,8 @@ def _names() -> list[str]:
 
 
 def find_table(case: Case, name: str) -> Path | None:
-    """The file of a table of a name: shipped, for the shape of the case's blocks where there are
-    several, or beside the case; None: there is none, or the case takes none."""
+    """File of the table with a name: shipped, for the block shape of the case if there are several,
+    or next to the case; None if there is none, or the case uses none."""
     if case.impact["form"] != "table":
         return None
     shipped = shipped_tables()
@@ -162,7 +162,7 @@ def find_table(case: Case, name: str) -> Path | None:
 
 
 def open_table(path: str | Path) -> ImpactTable:
-    """The table of a file that `save_table` has written."""
+    """Read the table of a file written by `save_table`."""
     tables = open_tables(path)
     if len(tables) > 1:
         raise RockfallError(
@@ -173,8 +173,8 @@ def open_table(path: str | Path) -> ImpactTable:
 
 
 def open_tables(path: str | Path) -> tuple[ImpactTable, ...]:
-    """All draws of a file that `save_ensemble` has written, or the table of another. A file is read
-    once, and again when it has been replaced."""
+    """Read all draws of a file written by `save_ensemble`, or the single table of another file. A
+    file is read once, and again when it has been replaced."""
     check_netcdf(path)
     state = os.stat(path)
     return _read_tables(os.path.abspath(path), path, (state.st_ino, state.st_mtime_ns))
@@ -182,7 +182,7 @@ def open_tables(path: str | Path) -> tuple[ImpactTable, ...]:
 
 @lru_cache(maxsize=32)
 def _read_tables(place: str, path: str | Path, state: tuple[int, int]) -> tuple[ImpactTable, ...]:
-    """The same; what tells files apart is there for the cache."""
+    """Read all tables of a file; the first and last arguments are cache keys."""
     import netCDF4
     import xarray as xr
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ctrl-C, and SIGTERM, which batch systems send at a time limit: they must not lose work."""
+"""Handling of Ctrl-C, and of SIGTERM, which batch systems send at a time limit, without loss of
+work."""
 
 import os
 import signal
@@ -13,20 +14,19 @@ STOPS = signal.SIGINT, signal.SIGTERM
 #: Seconds in which signals are one: `timeout` sends its own to a process and to its group.
 TOGETHER = 0.1
 
-_number: int = signal.SIGINT  # of the last that came
+_number: int = signal.SIGINT  # the last signal received
 _hit: threading.Event | None = None  # within `interrupts`
 
 
 def exit_status() -> int:
-    """Of a process that a signal has ended, as shells have it: Ctrl-C 130, SIGTERM 143."""
+    """Exit status after a signal, as in shells: Ctrl-C 130, SIGTERM 143."""
     return 128 + _number
 
 
 @contextmanager
 def interrupts() -> Iterator[Callable[[], bool]]:
-    """Within the block a first Ctrl-C or SIGTERM raises nothing; the function tells whether one
-    came. A second ends the process at once, also while the kernel runs. A block within a block is
-    the same block."""
+    """Defer a first Ctrl-C or SIGTERM within the block; the yielded function returns True after
+    one. A second ends the process at once, even while the kernel runs. Nested blocks act as one."""
     global _hit
     if threading.current_thread() is not threading.main_thread() or _hit is not None:
         yield (_hit or threading.Event()).is_set
@@ -70,8 +70,8 @@ def _end_at_second(reader: int) -> None:
 
 @contextmanager
 def stoppable() -> Iterator[None]:
-    """Within the block SIGTERM raises KeyboardInterrupt, as Ctrl-C does: what is half-written is
-    removed. Either raises it once, though it be sent twice."""
+    """Raise KeyboardInterrupt on SIGTERM within the block, as on Ctrl-C, so that partial files are
+    removed. It is raised only once, even for repeated signals."""
     global _number
     _number, last = signal.SIGINT, -TOGETHER
     if threading.current_thread() is not threading.main_thread():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Limits of the machine, and limits and rules of the kernel that files and statistics share."""
+"""Limits of the machine, and limits and rules of the kernel shared by files and statistics."""
 
 import os
 
@@ -8,12 +8,12 @@ from rockfall._core import rockfall_f2py as _core
 MACHINE_MEMORY = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")  # bytes
 #: Of the machine that this process may use; macOS does not say it of a process.
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-MAX_TEXT = int(_core.constant("max_text"))  # bytes of a file of text
+MAX_TEXT = int(_core.constant("max_text"))  # maximum bytes of a text file
 MAX_ELEVATION = _core.constant("max_elevation")  # [m]; more is an undeclared nodata value
 MAX_REAL = _core.constant("max_real")  # of a case, and coordinates [m]
 PIECE = int(_core.constant("piece"))  # values of a part or a scene that share a checksum
 Z = _core.constant("z_95")  # of a normal distribution, 95 % within
-MIN_FOR_MEAN = int(_core.constant("min_for_mean"))  # boulders, for an interval that holds
+MIN_FOR_MEAN = int(_core.constant("min_for_mean"))  # boulders needed for a valid interval
 MIN_FOR_STD = int(_core.constant("min_for_std"))
 fraction_limits = _core.fraction_limits  # of the 95 % interval of a fraction of n (Wilson 1927)
 EAD_ENERGY = tuple(_core.ead_energies().tolist())  # of barriers of classes 0 to 7 [J]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is drawn of a result: the page, and figures as files."""
+"""Graphical products of a result: the report page, and figure files."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 class _Drawn(NamedTuple):
-    """What figures and pages are drawn of, in the order of their arguments."""
+    """Inputs of figures and pages, in the order of their arguments."""
 
     result: xr.Dataset
     terrain: Terrain | None
@@ -64,8 +64,8 @@ def report(
     hazard: Place = None,
     models: Place = None,
 ) -> Path:
-    """Write a result (a Dataset, or its netCDF file) as one HTML page, to be read offline, or as a
-    PDF, as the name of `path` ends.
+    """Write a result (a Dataset, or its netCDF file) as one offline HTML page, or as a PDF, by the
+    extension of `path`.
 
     `dem` is the terrain under maps (default: the case's, if it is there), `observed` are CSV files
     of observations that are drawn beside the result, `basemap` is a raster picture under maps,
@@ -111,8 +111,8 @@ def figures(
     basemap: Place = None,
     limits: Sequence[str] = (),
 ) -> list[Path]:
-    """Write every figure that a result can feed to a folder, as png, pdf or svg; returns the files.
-    The rest is as in `report`.
+    """Write every figure that a result supports to a folder, as png, pdf or svg; returns the files.
+    Other arguments are as in `report`.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -128,7 +128,7 @@ def figures(
 def _drawn(
     result: Result, dem: Place, observed: Files, basemap: Place, limits: Sequence[str]
 ) -> _Drawn:
-    """All that is asked for, read."""
+    """Read all inputs of figures and pages."""
     data = read_result(result) if isinstance(result, str | Path) else result
     seen = read_observed(*observed) if observed else None
     beside = Path(result).parent if isinstance(result, str | Path) else None
@@ -138,7 +138,7 @@ def _drawn(
 
 
 def _given(result: Result, dem: Place, observed: Files, basemap: Place) -> Iterator[str | Path]:
-    """The files that are read."""
+    """Given input files, which are read."""
     if isinstance(result, str | Path):
         yield result
     yield from observed

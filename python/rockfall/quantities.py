@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How quantities are called and shown, in all tables, texts and figures; and numbers as text."""
+"""Labels and units of quantities in all tables, texts and figures; and formatting of numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ SHOWN = {"1": ("%", 100.0), "J": ("kJ", 1e-3), "m s-1": ("m/s", 1.0), "rad s-1":
 
 
 class Quantity(NamedTuple):
-    """A quantity in words; `units` are those of results, `decimals` those of the unit shown."""
+    """Description of a quantity; `units` are those of results, `decimals` those of the unit
+    shown."""
 
     label: str
     units: str
@@ -22,12 +23,12 @@ class Quantity(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """The unit shown; "" where there is none."""
+        """Unit shown; "" if dimensionless."""
         return SHOWN.get(self.units, (self.units, 1.0))[0]
 
     @property
     def factor(self) -> float:
-        """From the units of results to the unit shown."""
+        """Factor from the units of results to the unit shown."""
         return SHOWN.get(self.units, (self.units, 1.0))[1]
 
     @property
@@ -37,12 +38,12 @@ class Quantity(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The symbol, or the label where there is none."""
+        """Symbol, or the label if there is none."""
         return self.symbol or self.label
 
     @property
     def short(self) -> str:
-        """The same with its unit."""
+        """Symbol or label, with the unit."""
         return with_unit(self.name, self.unit)
 
 
@@ -88,8 +89,8 @@ def with_unit(label: str, unit: str) -> str:
 
 
 def number(value: float, digits: int = 3, *, up: bool = False) -> str:
-    """So many significant digits, thousands set apart, no exponent; "-" for what is not known. `up`
-    never shows less than the value: for what is at least needed."""
+    """Format a number with `digits` significant digits, thousands separators and no exponent; "-"
+    if unknown. `up` never shows less than the value, for required minima."""
     value = float(value)
     if not math.isfinite(value):
         return "-"
@@ -107,7 +108,7 @@ TOO_FEW = "n too small"
 
 
 def round_step(rough: float) -> float:
-    """1, 2, 2.5 or 5 times a power of ten, the next above `rough`."""
+    """Smallest 1, 2, 2.5 or 5 times a power of ten above `rough`."""
     power = 10.0 ** math.floor(math.log10(max(rough, 1e-6)))
     return power * next(step for step in (1, 2, 2.5, 5, 10) if step * power >= 0.999 * rough)
 
@@ -118,7 +119,7 @@ def count(number: int, one: str, many: str | None = None) -> str:
 
 
 def percent(fraction: float) -> str:
-    """A fraction as a percentage, never rounded to all or nothing."""
+    """Fraction as a percentage, never rounded to 0 or 100 %."""
     shown = f"{100 * fraction:.1f}"
     if 0 < fraction < 1 and shown in ("0.0", "100.0"):
         return "< 0.1 %" if fraction < 0.5 else "> 99.9 %"
@@ -126,5 +127,5 @@ def percent(fraction: float) -> str:
 
 
 def part_of(part: int, whole: int, one: str) -> str:
-    """A part of so many things: 20 of 1,000 boulders (2.0 %)."""
+    """Part of a total: 20 of 1,000 boulders (2.0 %)."""
     return f"{part:,} of {count(whole, one)} ({percent(part / whole)})"

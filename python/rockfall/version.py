@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The version of the package, which stands in meson.build alone."""
+"""Version of the package, which is defined in meson.build only."""
 
 import sys
 from glob import iglob

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""rockfall in the Processing toolbox of QGIS. It calls the installed program and imports none of
-it: QGIS has a Python of its own."""
+"""Plugin that provides rockfall in the Processing toolbox of QGIS. It calls the installed program
+and imports none of it, since QGIS has its own Python."""
 
 
 def classFactory(iface):
-    """What QGIS calls when it loads the plugin; without a window `iface` is None."""
+    """Create the plugin for QGIS; without a window `iface` is None."""
     from rockfall_qgis.provider import Plugin
 
     return Plugin()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One algorithm for every command: its parameters become words of a command line."""
+"""Processing algorithms for all commands: their parameters become arguments of a command line."""
 
 import re
 from pathlib import Path
@@ -132,7 +132,7 @@ class CommandAlgorithm(QgsProcessingAlgorithm):
         return self.command.name in ("run", "export", "hazard")
 
     def _places(self, parameters, context):
-        """Where files and folders go."""
+        """Output paths of files and folders."""
         kinds = {"folder", "page"}
         return {
             one.name: self.parameterAsString(parameters, one.name, context)
@@ -141,11 +141,11 @@ class CommandAlgorithm(QgsProcessingAlgorithm):
         }
 
     def _maps(self, parameters, context):
-        """The folder of what is loaded."""
+        """Folder of the results to load."""
         return self.parameterAsString(parameters, "FOLDER", context)
 
     def _called(self, parameters, context, feedback):
-        """What the program says."""
+        """Call the program and return its output."""
         words = self._words(self.command.options, parameters, context, feedback)
         return self._program(feedback, self.command.name, *words)
 
@@ -153,7 +153,7 @@ class CommandAlgorithm(QgsProcessingAlgorithm):
         return call([self.program_path(), *words], feedback)
 
     def _words(self, options, parameters, context, feedback):
-        """The command line that parameters stand for."""
+        """Command line for the parameters."""
         for one in options:
             if parameters.get(one.name) in (None, ""):
                 continue
@@ -185,14 +185,15 @@ class CommandAlgorithm(QgsProcessingAlgorithm):
 
 
 def _raster_file(layer):
-    """The file of a raster layer."""
+    """File of a raster layer."""
     if layer is None or layer.dataProvider().name() != "gdal":
         raise QgsProcessingException("elevations must be a raster in a file")
     return layer.source()
 
 
 class RunAlgorithm(CommandAlgorithm):
-    """`rockfall run`, of a case or of layers that `rockfall new` makes one of; then the maps."""
+    """Algorithm of `rockfall run`, for a case or for layers from which `rockfall new` makes one;
+    loads the maps."""
 
     def checkParameterValues(self, parameters, context):
         given = {name for name, value in parameters.items() if value not in (None, "")}
@@ -221,7 +222,7 @@ class RunAlgorithm(CommandAlgorithm):
         return said
 
     def _draft(self, folder, parameters, context, feedback):
-        """A case of elevations and layers, in the folder."""
+        """Draft of a case from elevations and layers, in the folder."""
         case, layers, before = folder / "case.nml", folder / "layers.gpkg", {*folder.iterdir()}
         for path in case, layers:
             if path in before:
@@ -245,7 +246,7 @@ class RunAlgorithm(CommandAlgorithm):
 
 
 def _check_taken(given, said):
-    """Refuse what `rockfall new` has taken for something else than it was given for."""
+    """Refuse layers that `rockfall new` used for another purpose than intended."""
     for one in given:
         name = one.name.lower()
         for line in said:

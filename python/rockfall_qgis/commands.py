@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the toolbox offers: the commands of the program, and which parameter becomes which word of
-a command line. Plain data."""
+"""Commands of the program in the toolbox, and the command line arguments of their parameters. Plain
+data."""
 
 from dataclasses import dataclass
 

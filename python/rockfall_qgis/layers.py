@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers of the project to files for the program, and its files to layers with their styles."""
+"""Conversion of project layers to files for the program, and loading of its files as styled
+layers."""
 
 from pathlib import Path
 
@@ -15,13 +16,13 @@ from qgis.core import (
 
 
 def write_layer(source, path, name, context, feedback):
-    """Write the features of a source (any layer, or what is selected of it) to a GeoPackage."""
+    """Write the features of a source (any layer, or its selection) to a GeoPackage."""
     layer = source.materialize(QgsFeatureRequest(), feedback)
     fields = layer.fields()
     options = QgsVectorFileWriter.SaveVectorOptions()
     options.layerName = name
     options.driverName = "GPKG"
-    # GeoPackages number their features themselves
+    # GeoPackages number their features themselves.
     options.attributes = [k for k in range(fields.count()) if fields.at(k).name().lower() != "fid"]
     options.skipAttributeCreation = not options.attributes
     if Path(path).exists():
@@ -34,9 +35,9 @@ def write_layer(source, path, name, context, feedback):
 
 
 def load_results(folder, context):
-    """Have QGIS show every map and layer in a folder; returns what they are called by.
+    """Load every map and layer in a folder into QGIS; returns their names.
 
-    Processing loads files without the styles beside them, so they are loaded here.
+    Processing loads files without the styles next to them, so they are loaded here.
     """
     found = [QgsRasterLayer(str(path), path.stem) for path in sorted(Path(folder).glob("*.tif"))]
     for path in sorted(Path(folder).glob("*.gpkg")):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The program as a process of its own. It knows nothing of QGIS."""
+"""Runs of the program as a separate process, independent of QGIS."""
 
 import os
 import queue
@@ -17,15 +17,15 @@ INTERRUPTED = 130
 
 
 class Refused(Exception):
-    """The program has ended without success; what it said, in one line."""
+    """Raised if the program fails, with its message in one line."""
 
 
 class Interrupted(Exception):
-    """The program was cancelled; what it kept, in one line."""
+    """Raised if the program was cancelled, with what it kept in one line."""
 
 
 def call(words, feedback):
-    """Run the program with these words; returns what it prints.
+    """Run the program with these arguments; returns its output.
 
     `feedback` is QgsProcessingFeedback, or has its setProgress, pushInfo, pushWarning, isCanceled.
     """
@@ -47,14 +47,14 @@ def call(words, feedback):
 
 
 def _follow(process, feedback):
-    """Hand on what a process says until it ends; returns what it prints, and its last words."""
+    """Forward the messages of a process until it ends; returns its output, and its last message."""
     lines = queue.Queue()
     for stream in process.stdout, process.stderr:
         threading.Thread(target=_read, args=(stream, lines), daemon=True).start()
     printed, last, open_streams, asked = [], "", 2, False
     while open_streams:
         if feedback.isCanceled() and not asked:
-            process.send_signal(signal.SIGINT)  # once: a second would end it without saving
+            process.send_signal(signal.SIGINT)  # only once: a second would end it without saving
             asked = True
         try:
             stream, line = lines.get(timeout=0.1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The provider of Processing, and its one setting: where the program is."""
+"""Provider of Processing, and its one setting: the path of the program."""
 
 import shutil
 
@@ -13,7 +13,7 @@ PROGRAM = "ROCKFALL_PROGRAM"
 
 
 def program_path():
-    """The program by the setting, or else on the PATH; "" where there is none."""
+    """Path of the program from the setting, or else from PATH; "" if not found."""
     return ProcessingConfig.getSetting(PROGRAM) or shutil.which("rockfall") or ""
 
 
@@ -45,7 +45,7 @@ class Provider(QgsProcessingProvider):
 
 
 class Plugin:
-    """What QGIS starts and stops."""
+    """Plugin that QGIS starts and stops."""
 
     def __init__(self):
         self.provider = None

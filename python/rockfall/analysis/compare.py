@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A result beside what was observed: errors, tests, run-out, stopping places and impacts."""
+"""Comparison of a result with observations: errors, tests, run-out, stopping places and impacts."""
 
 from __future__ import annotations
 
@@ -59,15 +59,15 @@ class Comparison:
 
     title: str
     errors: pd.DataFrame  # mean, std, max at the lines; printed_error: of a paper's own method
-    ks: pd.DataFrame  # Kolmogorov-Smirnov of two samples; printed_p: that of a paper
-    passing: pd.DataFrame  # fraction of boulders that come at least so far [m] from their release
+    ks: pd.DataFrame  # Kolmogorov-Smirnov of two samples; printed_p: from a paper
+    passing: pd.DataFrame  # fraction of boulders that travel at least so far [m] from their release
     run_out: pd.DataFrame  # stopping distances and lateral spread, as in `run_out`
-    stops: pd.DataFrame  # fraction of boulders that pass the cell in which one was found
-    contacts: pd.DataFrame  # the same of impacts, with their speeds and heights
-    notes: tuple[str, ...]  # what a reader of the tables must know
+    stops: pd.DataFrame  # fraction of boulders that pass the cell of an observed one
+    contacts: pd.DataFrame  # fraction at impacts, with their speeds and heights
+    notes: tuple[str, ...]  # notes for readers of the tables
 
     def table(self) -> pd.DataFrame:
-        """All tables below each other; the column `table` tells them apart."""
+        """All tables concatenated; the column `table` distinguishes them."""
         import pandas as pd
 
         parts = {name: getattr(self, name) for name in TABLES}
@@ -76,7 +76,7 @@ class Comparison:
 
 
 def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
-    """Set a result beside observations: CSV files (docs/observed.md), or one `Observed`.
+    """Compare a result with observations: CSV files (docs/observed.md), or one `Observed`.
 
     Of printed numbers those observed are used, and those of the method, A or B, of the result.
 
@@ -119,8 +119,8 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
 def write_comparison(
     table: pd.DataFrame, path: str | Path, keep: Iterable[str | Path] = ()
 ) -> None:
-    """Write `Comparison.table`, or ranks, as CSV, whole or not at all, and over none of the files
-    to keep."""
+    """Write `Comparison.table`, or ranks, as CSV, atomically, and over none of the files to
+    keep."""
     check_output(path, COMPARISON, keep)
     write_csv(table, path)
 
@@ -184,9 +184,9 @@ def _summary_of(sample: tuple[tuple[str, str], np.ndarray]) -> dict:
 def _verdicts(
     observed: float, low: float, high: float, simulated: float, from_: float, to: float
 ) -> tuple[bool | None, bool | None]:
-    """Whether the interval of the simulated number holds the observed one, and whether that of
-    their difference (Zou and Donner 2008) holds 0. An observed number without an interval is taken
-    as exact; None where the simulated one has none."""
+    """Verdicts: whether the interval of the simulated number contains the observed one, and whether
+    that of their difference (Zou and Donner 2008) contains 0. An observed number without an
+    interval is taken as exact; None if the simulated one has none."""
     if np.isnan(observed) or np.isnan(from_):
         return None, None
     low, high = (observed, observed) if np.isnan(low) else (low, high)
@@ -198,7 +198,7 @@ def _verdicts(
 
 
 def _order(names: list[str]) -> Callable[[tuple[str, str]], tuple[int, int]]:
-    """Where a line and a quantity stand in a table."""
+    """Sort key of a line and a quantity in a table."""
     quantities = list(UNITS)
     return lambda key: (names.index(key[0]), quantities.index(key[1]))
 
@@ -213,7 +213,7 @@ def _ks(
     share: np.ndarray,
 ) -> pd.DataFrame:
     """Two-sample Kolmogorov-Smirnov tests, and those printed for the method (paper, table 4).
-    `share` are the weights of our boulders, in the test of distances."""
+    `share` are the weights of the simulated boulders, in the test of distances."""
     import pandas as pd
 
     own = seen.tests[seen.tests["method"] == method]
@@ -237,7 +237,7 @@ def _ks(
 def _test(
     observed: np.ndarray, simulated: np.ndarray, share: np.ndarray
 ) -> tuple[int, int, float, float]:
-    """Sizes, statistic and p; NaN where there is nothing to test."""
+    """Sizes, statistic and p; NaN if a sample is empty."""
     if not simulated.size:
         return observed.size, 0, np.nan, np.nan
     statistic, p = kolmogorov_smirnov(observed, simulated, share)
@@ -247,7 +247,7 @@ def _test(
 def _observed_distances(
     result: xr.Dataset, seen: Observed, source: Sources
 ) -> tuple[np.ndarray | None, list[str]]:
-    """Plan distances of observed boulders, from stopping places too where all have one release."""
+    """Plan distances of observed boulders, also from stopping places if all have one release."""
     if seen.stops is None:
         return seen.distances, []
     if seen.distances is not None:
@@ -265,7 +265,7 @@ def _observed_distances(
 def _passing(
     result: xr.Dataset, seen: Observed, distances: np.ndarray | None, source: Sources
 ) -> pd.DataFrame:
-    """Fraction of the boulders that come at least as far as those observed (paper, Fig. 9)."""
+    """Fraction of the boulders that travel at least as far as observed ones (paper, Fig. 9)."""
     import pandas as pd
 
     rows = []
@@ -285,7 +285,7 @@ def _passing(
 
 
 def _notes(result: xr.Dataset, seen: Observed, source: Sources) -> Iterator[str]:
-    """What the tables leave unsaid."""
+    """Notes that complete the tables."""
     if note := kept_note(result):
         yield note
     if not {*REACH} & set(result):

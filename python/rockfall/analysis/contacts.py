@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Places that boulders were seen at, found or left marks at, beside the maps of a result."""
+"""Observed positions, stopping places and impact marks of boulders, compared with the maps of a
+result."""
 
 from __future__ import annotations
 
@@ -15,15 +16,15 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-REACH = ("passages", "reach_probability")  # maps, either of which tells it
-VALUES = {  # observed -> maps of what passes a cell, the maximum last
+REACH = ("passages", "reach_probability")  # maps that give reach, either of them
+VALUES = {  # observed -> maps of values in a cell, the maximum last
     "speed": ("speed_mean", "speed_q50", "speed_q95", "speed_max_map"),
     "height": ("jump_height_mean", "jump_height_q50", "jump_height_q95", "jump_height_max_map"),
 }
 
 
 def at_places(result: xr.Dataset, name: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """A map in the cells of places [m]; NaN outside of it."""
+    """Values of a map in the cells of places [m]; NaN outside of it."""
     grid, flipped = grid_of(result[name])
     column, row = (x - grid.west) / grid.cell, (grid.north - y) / grid.cell
     inside = (column >= 0) & (column < grid.nx) & (row >= 0) & (row < grid.ny)
@@ -34,14 +35,14 @@ def at_places(result: xr.Dataset, name: str, x: np.ndarray, y: np.ndarray) -> np
 
 
 def reach_at(result: xr.Dataset, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Reach probability of the cells of places, from the map that has it; NaN outside of it."""
+    """Reach probability of the cells of places, from the available map; NaN outside of it."""
     name = next(name for name in REACH if name in result)
     reach = at_places(result, name, x, y)
     return reach / simulated(result) if name == "passages" else reach
 
 
 def stops_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
-    """x, y, reach_probability where boulders were found, and what else the file says of them."""
+    """x, y, reach_probability where boulders were found, and other columns of the file."""
     import pandas as pd
 
     if seen.stops is None or not {*REACH} & set(result):
@@ -52,8 +53,8 @@ def stops_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 
 
 def contacts_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
-    """x, y, reach_probability of impacts; speed and height [m/s, m] where known, beside the maps
-    of these that the result has; and what else the file says of them."""
+    """x, y, reach_probability of impacts; speed and height [m/s, m] where known, with the
+    corresponding maps of the result; and other columns of the file."""
     import pandas as pd
 
     if seen.contacts is None or not {*REACH} & set(result):
@@ -68,7 +69,8 @@ def contacts_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 
 
 def _with_kept(table: pd.DataFrame, seen: Observed, kind: str) -> pd.DataFrame:
-    """A table with the further columns of its file; one that has a name of ours as given_NAME."""
+    """Add the other columns of a file to a table; a name that is already used becomes
+    given_NAME."""
     if kind not in seen.kept:
         return table
     ours = {*table.columns, "table", *VALUES}

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How the numbers at the lines depend on the number of boulders and on the terrain model, and what
-their accuracy costs."""
+"""Convergence of the numbers at the lines with the number of boulders and with the terrain model,
+and the cost of accuracy."""
 
 from __future__ import annotations
 
@@ -38,20 +38,21 @@ STATISTICS = ("mean", "std", "q95")
 #: The numbers of a line, the fraction of the boulders that cross it first.
 NUMBERS = (("boulders", "fraction"), *((q, s) for q in QUANTITIES for s in STATISTICS))
 KEYS = ["line", "quantity", "statistic"]
-ERRORS = (0.1, 0.01, 0.001)  # whose cost is estimated
+ERRORS = (0.1, 0.01, 0.001)  # for which cost is estimated
 
 PIECE = 100_000  # boulders in memory at a time, about
-MIN_BLOCKS, MAX_BLOCKS = 32, 1000  # of a size, whose error is measured
-MIN_TURNS = 10 * MIN_BLOCKS  # of the sources, each with a boulder; the terrains get a tenth
-MIN_CROSSED = 20  # boulders of a block past the line, on average; for q95 above it, too
+MIN_BLOCKS, MAX_BLOCKS = 32, 1000  # blocks per size, for the measurement of errors
+MIN_TURNS = 10 * MIN_BLOCKS  # turns of the sources, each with a boulder; the terrains get a tenth
+MIN_CROSSED = 20  # mean number of boulders of a block past the line; for q95 above it, too
 PAIRS = 50  # blocks whose changes give the standard error of a change
 AS_GIVEN = "as given"  # the terrain of the case, among its variants
-SIZE = 10_000  # boulders to which errors and seconds are referred
+SIZE = 10_000  # reference number of boulders for errors and seconds
 
 
 @dataclass
 class Convergence:
-    """What was measured; each table has columns line, quantity, statistic (fraction of boulders).
+    """Measured convergence; each table has columns line, quantity, statistic (fraction of
+    boulders).
 
     - study: boulders from each source; value; low, high of its 95 % interval (the maximum has
       none); change from the row before, with fewer boulders.
@@ -72,8 +73,8 @@ class Convergence:
     sources: int
     reference: int  # boulders; as many in blocks
     paired: int  # boulders on each terrain
-    seconds: float  # of CPU, a boulder
-    refused: dict[str, str]  # variant of the terrain -> why it cannot be run
+    seconds: float  # of CPU per boulder
+    refused: dict[str, str]  # variant of the terrain -> reason for refusal
 
 
 def converge(
@@ -83,7 +84,7 @@ def converge(
     *,
     progress: bool = False,
 ) -> Convergence:
-    """Measure how the numbers at the lines of a case converge, as in `Convergence`.
+    """Measure the convergence of the numbers at the lines of a case, as in `Convergence`.
 
     The study simulates the first boulders of the case itself (as Bourrier et al. 2009 do for
     their site; by default as many from each source, or as a million in all allow). Statistical
@@ -148,7 +149,7 @@ def _run(scene: Scene, boulders: int, seed: int, advance: Advance) -> xr.Dataset
 
 
 def _study(scene: Scene, sizes: Sequence[int], advance: Advance) -> pd.DataFrame:
-    """The numbers of the first boulders from each source, with their intervals."""
+    """Numbers from the first boulders of each source, with their intervals."""
     import pandas as pd
 
     result = _run(scene, sizes[-1], scene.case.case["seed"], advance)
@@ -173,13 +174,13 @@ def _limits(found: dict[str, float], statistic: str) -> list[float]:
 
 
 def _sample(scene: Scene, boulders: int, seed: int, advance: Advance) -> tuple[np.ndarray, float]:
-    """What boulders did: (lines, quantities, boulders), NaN where they did not cross; CPU seconds
-    of a boulder. They come in pieces, each with the next seed; the sources take turns."""
+    """Values of boulders: (lines, quantities, boulders), NaN where they did not cross; CPU seconds
+    per boulder. They are simulated in pieces, each with the next seed; the sources take turns."""
     of = scene.x.size
     piece = max(1, PIECE // of)
     try:
         values = np.empty((len(scene.case.lines), len(QUANTITIES), boulders * of))
-    except (MemoryError, ValueError) as error:  # NumPy has the latter for sizes past all bounds
+    except (MemoryError, ValueError) as error:  # NumPy raises the latter for excessive sizes
         raise RockfallError(f"reference: {boulders * of} boulders do not fit in memory") from error
     seconds, done = 0.0, 0
     while done < boulders:
@@ -211,7 +212,7 @@ def _numbers(values: np.ndarray) -> np.ndarray:
 
 
 def _in_blocks(values: np.ndarray, size: int, limit: int) -> np.ndarray:
-    """The boulders (last dimension) as blocks of `size`, at most so many."""
+    """Boulders (last dimension) in blocks of `size`, at most `limit` blocks."""
     blocks = min(limit, values.shape[2] // size)
     return values[:, :, : blocks * size].reshape(*values.shape[:2], blocks, size)
 
@@ -219,7 +220,7 @@ def _in_blocks(values: np.ndarray, size: int, limit: int) -> np.ndarray:
 def _errors(
     values: np.ndarray, truth: np.ndarray, of: int, seconds: float, case: Case
 ) -> pd.DataFrame:
-    """The error of blocks of 100, 200, 500, ... boulders; `truth` is (lines, numbers)."""
+    """Errors of blocks of 100, 200, 500, ... boulders; `truth` is (lines, numbers)."""
     import pandas as pd
 
     rows = []
@@ -269,8 +270,9 @@ def _costs(error: pd.DataFrame, seconds: float, passed: Mapping[str, float]) -> 
 
 
 def _covariance(size: np.ndarray, blocks: np.ndarray) -> np.ndarray:
-    """Of the logarithms of errors that are root mean squares over so many blocks of normal errors:
-    1 / (2 blocks), and as much between two sizes as their blocks have boulders in common."""
+    """Covariance of the logarithms of root-mean-square errors over blocks of normal errors:
+    variance 1 / (2 blocks), and the same for two sizes in proportion to the boulders their blocks
+    have in common."""
     boulders = size * blocks
     shared = np.minimum.outer(boulders, boulders) / np.maximum.outer(size, size)
     return shared / (2 * np.multiply.outer(blocks, blocks))
@@ -279,7 +281,7 @@ def _covariance(size: np.ndarray, blocks: np.ndarray) -> np.ndarray:
 def _terrains(
     scene: Scene, boulders: int, cost: pd.DataFrame, advance: Advance
 ) -> tuple[pd.DataFrame, dict[str, str]]:
-    """The change of each number by each variant of the terrain; variants that are refused."""
+    """Change of each number by each variant of the terrain, and variants that are refused."""
     import pandas as pd
 
     name, other = other_digits(scene)
@@ -303,7 +305,7 @@ def _terrains(
     for variant, terrain in others.items():
         try:
             values, seconds = _sample(terrain, boulders, seed, advance)
-        except RockfallError as error:  # a source at the edge, beyond the outermost larger cells
+        except RockfallError as error:  # a source at the edge, outside the outermost larger cells
             refused[variant] = str(error)
             continue
         change, error = _changes(values, overall, each, size)
@@ -315,11 +317,11 @@ def _terrains(
 def _changes(
     values: np.ndarray, overall: np.ndarray, each: np.ndarray, size: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Relative changes of the numbers, and their standard errors, to (lines, numbers) `overall` and
-    their blocks `each`, from what the same boulders did on another terrain."""
-    overall = np.where(overall == 0, np.nan, overall)  # a change from nothing is in no percent
+    """Relative changes of the numbers, and their standard errors, relative to (lines, numbers)
+    `overall` and their blocks `each`, from the values of the same boulders on another terrain."""
+    overall = np.where(overall == 0, np.nan, overall)  # a change from zero has no percentage
     with np.errstate(invalid="ignore"), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Degrees of freedom")  # nobody crossed
+        warnings.filterwarnings("ignore", "Degrees of freedom")  # no boulder crossed
         change = _numbers(values[:, :, None])[..., 0] / overall - 1
         apart = (_numbers(_in_blocks(values, size, PAIRS)) - each) / overall[..., None]
         return change, np.nanstd(apart, axis=2, ddof=1) / np.sqrt(np.isfinite(apart).sum(axis=2))

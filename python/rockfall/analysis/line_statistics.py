@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the boulders did at the evaluation lines, in numbers with their uncertainty.
+"""Statistics of the boulders at the evaluation lines, with their uncertainty.
 
-Every interval is a 95 % confidence interval for as many other boulders, as
-`rockfall.analysis.precision.intervals` has it: it holds the Monte Carlo error.
+Each interval is a 95 % confidence interval over other samples of the same number of boulders, from
+`rockfall.analysis.precision.intervals`: it covers the Monte Carlo error.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ QUANTITIES = (
     "position",
 )
 
-SIGNED = ("omega", "position")  # no end of theirs is the lower one
+SIGNED = ("omega", "position")  # signed quantities: neither end is bounded
 
 
 def line_statistics(
@@ -92,13 +92,13 @@ def line_statistics(
 def line_numbers(
     result: Held, line: int, quantity: str, source: Sources | None = None
 ) -> dict[str, float]:
-    """A row of `line_statistics`: what is known of a quantity at the line of this index; `source`
-    is that of each boulder, where it is not that of the result."""
+    """A row of `line_statistics` for a quantity at the line of this index; `source` is that of each
+    boulder, if different from the result's."""
     return numbers(LineSamples(result, source).sample(line, quantity), quantity)
 
 
 def numbers(sample: Sample, quantity: str) -> dict[str, float]:
-    """Those of a quantity of boulders."""
+    """Statistics of a quantity of boulders."""
     row: dict[str, float] = {"n": sample.n, "fraction": sample.n / max(1, sample.released)}
     if sample.released:
         row["fraction_low"], row["fraction_high"] = fraction_limits(
@@ -109,14 +109,13 @@ def numbers(sample: Sample, quantity: str) -> dict[str, float]:
 
 def sample_numbers(v: np.ndarray, source: Sources, signed: bool = False) -> dict[str, float]:
     """Mean, standard deviation, quantiles and maximum of values of boulders from these sources,
-    with their intervals; those that one value cannot have are absent, limits that too few cannot
-    have NaN. Unless they are `signed`, no mean is below 0, and no interval: it holds its mean as
-    often."""
+    with their intervals; numbers undefined for a single value are absent, limits from too few
+    values NaN. Unless `signed`, means and intervals are not below 0, which keeps their coverage."""
     return numbers_of(Values(v, source), signed)
 
 
 def numbers_of(sample: Sample, signed: bool = False) -> dict[str, float]:
-    """The same of a sample that has values."""
+    """Statistics of a non-empty sample."""
     row = {"mean": sample.mean(), "max": sample.max()}
     for level, value in zip(QUANTILES, sample.quantile(QUANTILES), strict=True):
         name = quantile_name(level)
@@ -126,7 +125,7 @@ def numbers_of(sample: Sample, signed: bool = False) -> dict[str, float]:
     low, high = sample.limits_of_mean(signed)
     row["mean_low"], row["mean_high"] = row["mean"] + low, row["mean"] + high
     if not signed:
-        row["mean_low"] = np.maximum(0.0, row["mean_low"])  # of NaN NaN
+        row["mean_low"] = np.maximum(0.0, row["mean_low"])  # NaN stays NaN
     if sample.n > 1:
         row["std"] = sample.std()
         low, high = np.maximum(0.0, row["std"] ** 2 + np.array(sample.limits_of_variance()))
@@ -135,7 +134,7 @@ def numbers_of(sample: Sample, signed: bool = False) -> dict[str, float]:
 
 
 def withheld(row: Mapping[str, float]) -> list[str]:
-    """The numbers of a row that too few boulders know for an interval, or for one of its limits."""
+    """Numbers of a row for which too few boulders give an interval, or one of its limits."""
     return [
         name
         for name in ("mean", "std", *map(quantile_name, QUANTILES))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What must be said of the model of a run: by which rebounds its numbers came about and what these
-are worth, that forest is not validated, where the run leaves what its model was made from.
+"""Remarks on the validity of a run's model: the rebounds behind its numbers and their reliability,
+the unvalidated forest, and conditions outside the data of the model.
 
-`rockfall check` says it of its pilot run; `run`, `hazard`, `design` and the report of their
-results, `import-rockyfor3d` of the case that it makes.
+They are printed by `rockfall check` for its pilot run; by `run`, `hazard`, `design` and the report
+for their results; by `import-rockyfor3d` for its case.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
     Variables = Held | Mapping[str, ArrayLike]
 
-MAX_OUTSIDE = 0.2  # of the rebounds, before it is a warning
-MAX_FAST = 0.05  # of the boulders
-SLOW = 2.0  # [m/s]: who bounces past a line is faster
-MAX_SLOW = 0.1  # of those that pass, before their quantiles are no load to design by
+MAX_OUTSIDE = 0.2  # fraction of the rebounds from which it is a warning
+MAX_FAST = 0.05  # fraction of the boulders
+SLOW = 2.0  # [m/s]: bouncing boulders pass a line faster
+MAX_SLOW = 0.1  # fraction of passing boulders from which quantiles are no design load
 #: Upper envelope of observed maximum speeds [m/s] per degree of the mean slope (Dorren 2015,
 #: Rockyfor3D revealed, ecorisQ; it uses 0.64 to 0.8).
 SPEED_PER_DEGREE = 0.8
@@ -60,7 +60,7 @@ TABLES_IN_THE_FIELD = (
 
 
 class Remark(NamedTuple):
-    """What must be said of the model of a run."""
+    """A remark on the validity of a run's model."""
 
     text: str
     is_warning: bool
@@ -68,8 +68,8 @@ class Remark(NamedTuple):
 
 
 def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """All that must be said of the model, from the variables of a result, or of boulders by name,
-    and the case."""
+    """All remarks on the model, from the case and the variables of a result, or of boulders by
+    name."""
     yield from rebound_remarks(values, case)
     yield from table_remarks(values)
     yield from forest_remarks(case)
@@ -78,8 +78,8 @@ def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Which classical rebounds made which fraction, and what their coefficients are worth; nothing
-    of a run by impact sets alone."""
+    """Remarks on the fractions of classical rebounds and the reliability of their coefficients;
+    none for runs with impact sets only."""
     if not (grounds := classical_grounds(values)):
         return
     followed = part_of(
@@ -95,8 +95,8 @@ def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def table_remarks(values: Variables) -> Iterator[Remark]:
-    """Which tables of impacts made which fraction, and what the field says of them; nothing of a
-    run without."""
+    """Remarks on the fractions of rebounds by tables of impacts and their field validation; none
+    without tables."""
     if not (tables := table_grounds(values)):
         return
     drawn = part_of(
@@ -109,24 +109,24 @@ def table_remarks(values: Variables) -> Iterator[Remark]:
 
 
 def coefficients_remark(case: Case) -> str:
-    """What the coefficients of the classical grounds of a case are worth."""
+    """Reliability of the coefficients of the classical grounds of a case."""
     return f"{OWN if has_own_grounds(case) else QUOTED}; {UNDERSTATED}"
 
 
 def has_own_grounds(case: Case) -> bool:
-    """Whether the grounds are rows of a table of the user's, in place of the shipped one."""
+    """Return True if the grounds come from the user's table in place of the shipped one."""
     own = case.surface.get("ground_table")
     return bool(own) and own not in other_tables()
 
 
 def forest_remarks(case: Case) -> Iterator[Remark]:
-    """That forest is not validated; nothing without trees."""
+    """Remark that forest is not validated; none without trees."""
     if case.has_forest:
         yield Remark(forest_text(), True, is_counted=False)
 
 
 def forest_text() -> str:
-    """The experiment beside the program (cases/vaujany-forest), and what follows from it."""
+    """Comparison with the forest experiment (cases/vaujany-forest), and its consequences."""
     known = forest_experiment()
     there, here = (
         [f"{known['passing', of][column]:g} %" for of in ("bare", "forest")]
@@ -142,8 +142,8 @@ def forest_text() -> str:
 
 @cache
 def forest_experiment() -> dict[tuple[str, str], dict[str, float]]:
-    """What the published forest experiment had and what the program has, by quantity and case
-    (bare, forest); columns experiment, simulated, standard_error. Written by
+    """Results of the published forest experiment and of the program, by quantity and case (bare,
+    forest); columns experiment, simulated, standard_error. Written by
     `cases/vaujany-forest/expected.py`."""
     path = importlib.resources.files("rockfall") / "data" / "forest_experiment.csv"
     _, columns, rows = read_table(Path(str(path)))
@@ -179,7 +179,7 @@ def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 class Extrapolation(NamedTuple):
-    """A fraction of the rebounds or boulders, in words, and whether it is a warning."""
+    """A fraction of the rebounds or boulders, in words, and its status as a warning."""
 
     fraction: float
     text: str
@@ -187,14 +187,14 @@ class Extrapolation(NamedTuple):
 
 
 def fractions_outside(values: Variables) -> dict[str, float]:
-    """Fractions of the rebounds by impact sets outside what these were fitted on: by range (of
-    R_b/R_m), speed and angle; `values` as for `extrapolations`."""
+    """Fractions of the rebounds by impact sets outside the fitted ranges: by range (of R_b/R_m),
+    speed and angle; `values` as for `extrapolations`."""
     rebounds = max(1.0, _stochastic(values))
     return {what: _total(values, f"rebounds_out_of_{what}") / rebounds for what in OUTSIDE}
 
 
 def extrapolations(values: Variables) -> Iterator[Extrapolation]:
-    """What there is of them in the variables of a result, or of boulders by name.
+    """Extrapolations in the variables of a result, or of boulders by name.
 
     Counts may be sums, or of each boulder.
     """
@@ -214,7 +214,7 @@ def extrapolations(values: Variables) -> Iterator[Extrapolation]:
 
 
 def faster_than_observed(values: Variables) -> np.ndarray:
-    """Which boulders exceeded the envelope of observed speeds, (boulders,).
+    """Mask (boulders,) of boulders that exceeded the envelope of observed speeds.
 
     The mean slope is that of the straight line from the release to the end; a boulder that ended no
     lower has none, and is not counted.
@@ -226,7 +226,7 @@ def faster_than_observed(values: Variables) -> np.ndarray:
 
 
 def _stochastic(values: Variables) -> float:
-    """Rebounds by impact sets."""
+    """Number of rebounds by impact sets."""
     return stochastic_fraction(values) * _total(values, "rebounds")
 
 

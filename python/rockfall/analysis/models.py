@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One case by every rebound model, with common random numbers: the same boulders, from the same
-places, with the same random words, so that the models alone make the difference."""
+"""Runs of a case by every rebound model, with common random numbers: the same boulders, from the
+same places, with the same random words, so that only the models differ."""
 
 from __future__ import annotations
 
@@ -63,10 +63,10 @@ NO_DIFFERENCE = dict.fromkeys(COLUMNS[-3:], 0.0)
 
 @dataclass(frozen=True)
 class Models:
-    """What a case does by each model, in SI units.
+    """Results of a case by each model, in SI units.
 
     `low` and `high` are the limits of 95 % confidence intervals. `difference` is that from the
-    first model, boulder by boulder, so that what chance does to both alike is not in its interval.
+    first model, boulder by boulder, so that chance common to both is not in its interval.
     """
 
     title: str
@@ -74,7 +74,7 @@ class Models:
     names: tuple[str, ...]  # of the models
     table: pd.DataFrame  # COLUMNS; the run-out has no line
     notes: tuple[str, ...]
-    case: xr.Dataset  # without boulders: attributes and CRS of the first result, to know it by
+    case: xr.Dataset  # without boulders: attributes and CRS of the first result, to identify it
 
 
 def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) -> Models:
@@ -113,7 +113,7 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
 
 
 def write_models(found: Models, path: str | Path) -> None:
-    """Write models as netCDF, with the case that they are of: what a report takes."""
+    """Write models as netCDF, with their case, for a report."""
     columns: dict[str, tuple] = {
         name: ("row", found.table[name].to_numpy(object if name in TEXTS else float), {})
         for name in COLUMNS
@@ -125,7 +125,7 @@ def write_models(found: Models, path: str | Path) -> None:
 
 
 def read_models(path: str | Path) -> Models:
-    """The models of a file that `write_models` wrote."""
+    """Read models from a file written by `write_models`."""
     import xarray as xr
 
     check_netcdf(path)
@@ -144,7 +144,7 @@ def read_models(path: str | Path) -> Models:
 
 
 def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
-    """Scenes by the name of their model, the case's own first; `notes` takes what is to be said."""
+    """Scenes by the name of their model, the case's own first; `notes` collects remarks."""
     own = read_scene(case)
     table = GroundTable(table_path(case))
     chosen = [find_ground(case, table, name, "--ground") for name in grounds]
@@ -165,7 +165,8 @@ def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[t
 
 
 def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
-    """The case as it is, and by its impact sets with each method that it has sizes for."""
+    """The unchanged case, and the case by its impact sets with each method for which it has
+    sizes."""
     if "ground" in case.surface:
         yield case.surface["ground"], own
     method = case.surface["method"]
@@ -173,13 +174,13 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
         try:
             one = case.replace(surface={"method": way, "ground": None})
             yield f"impact sets, method {way}", read_scene(one)
-        except RockfallError:  # it has no sizes for them
+        except RockfallError:  # no sizes for this method
             continue
 
 
 def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
-    """The scene with its impact sets in place of grounds, wherever its rocks have a size that these
-    can take; obstacles that stop every boulder, and smooth ground, keep theirs."""
+    """Scene with its impact sets in place of grounds, wherever its rocks have a suitable size;
+    obstacles that stop every boulder, and smooth ground, keep their grounds."""
     rule = GroundRule(own.case.impact["sets"])
     names = [one.name for one in own.grounds]
     grounds = own.grounds if rule.name in names else (*own.grounds, rule)
@@ -208,12 +209,12 @@ def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[
 
 
 def _usual(scene: Scene) -> str:
-    """Name of what rebounds follow where no zone and no cell says otherwise."""
+    """Name of the default ground."""
     return str(scene.case.surface.get("ground", scene.case.impact["sets"]))
 
 
 def _own_share(scene: Scene) -> float:
-    """Of the terrain, where no zone and no cell names a ground [-]."""
+    """Fraction of the terrain where no zone and no cell names a ground [-]."""
     usual = _usual(scene)
     own = np.array([0, *(one.name == usual for one in scene.grounds)], bool)
     known = ~np.isnan(scene.z)
@@ -227,8 +228,8 @@ def _own_share(scene: Scene) -> float:
 def with_rocks(
     scene: Scene, small: GroundRule, large: GroundRule, varied: Collection[str] = ()
 ) -> Scene:
-    """The scene with these grounds for its small and large rocks, in place of the grounds of these
-    names; by default of what rebounds follow where no zone and no cell says otherwise."""
+    """Scene with these grounds for its small and large rocks, in place of the grounds of these
+    names; by default in place of the default ground."""
     varied = varied or {_usual(scene)}
     others = [one for one in scene.grounds if one.name not in varied]
     rules = dict.fromkeys((small, large))
@@ -255,19 +256,19 @@ def with_rocks(
 
 
 def _filled(numbers: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Numbers of grounds, those that are zero by others."""
+    """Ground numbers with zeros replaced by others."""
     return np.where(numbers, numbers, others).astype(np.int8)
 
 
 def _choice(scene: Scene, sizes: np.ndarray, small: int, large: int) -> np.ndarray:
-    """Which of two grounds rocks of these sizes have; obstacles are as high as Rockyfor3D has them:
-    diameters."""
+    """Ground, of two, for rocks of these sizes; obstacle heights are diameters, as in
+    Rockyfor3D."""
     obstacles = sizes if scene.case.surface["method"] == "A" else sizes / radius_over_rg(scene.case)
     return np.where(obstacles >= LARGE, np.int8(large), np.int8(small))
 
 
 def _rows(result: xr.Dataset, first: xr.Dataset) -> Iterator[dict[str, Any]]:
-    """The numbers of a result, and how they differ from those of the first."""
+    """Numbers of a result, and their differences from those of the first."""
     source = sources(result)
     for k, line in enumerate(result["line"].values if "line" in result else []):
         found = line_numbers(result, k, "speed", source)
@@ -302,7 +303,7 @@ def _row(numbers: dict[str, float], statistic: str) -> dict[str, float]:
 
 
 def _difference(each: np.ndarray, source: Sources) -> dict[str, float]:
-    """The mean of a difference of each boulder, with its interval; one boulder has none."""
+    """Mean difference over boulders, with its interval; a single boulder has none."""
     if not each.any():
         return NO_DIFFERENCE
     numbers = sample_numbers(each, source, signed=True)
@@ -313,8 +314,8 @@ def _difference(each: np.ndarray, source: Sources) -> dict[str, float]:
 def _fraction_difference(
     crossed: np.ndarray, other: np.ndarray, source: Sources
 ) -> dict[str, float]:
-    """That of the fractions of boulders that crossed. Where boulders change sides one way only, it
-    is the fraction that does: normal distributions know no end at 0 and 1, this interval does."""
+    """Difference of the fractions of boulders that crossed. If boulders change sides in one
+    direction only, it is that fraction: unlike normal intervals, this one is bounded by 0 and 1."""
     gained, lost = crossed & ~other, other & ~crossed
     if gained.any() and lost.any():
         return _difference(crossed * 1.0 - other, source)
@@ -324,8 +325,9 @@ def _fraction_difference(
 
 
 def _mean_difference(value: np.ndarray, other: np.ndarray, source: Sources) -> dict[str, float]:
-    """That of the means over the boulders that crossed by either model. Each mean is a ratio of
-    means over all boulders; the interval is that of their difference, linearised (Cochran 1977)."""
+    """Difference of the means over the boulders that crossed by either model. Each mean is a ratio
+    of means over all boulders; the interval is that of their difference, linearised (Cochran
+    1977)."""
     fewest = min(np.isfinite(one).sum() for one in (value, other))
     if not fewest:
         return dict.fromkeys(COLUMNS[-3:], np.nan)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What was observed in the field or printed in a paper, from CSV files: docs/observed.md."""
+"""Field observations, and printed results of papers, from CSV files: docs/observed.md."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ UNITS = {  # quantity -> unit -> its value in SI units
     "rotational_share": {"-": 1.0},
 }
 CONTACT = ("x", "y", "speed", "height")  # of an impact [m, m/s]
-START = ("start_x", "start_y")  # where a boulder that was found came from [m]
+START = ("start_x", "start_y")  # release of a boulder that was found [m]
 PASSING = {"fraction": 1.0, "percent": 100.0, "share": 1.0}  # columns, old one last: of all
 
 
@@ -44,16 +44,17 @@ class Observed:
     tests: pd.DataFrame  # line, method, quantity, p: Kolmogorov-Smirnov tests, as printed
     stops: np.ndarray | None  # (n, 2): x, y [m] where boulders came to rest
     distances: np.ndarray | None  # plan distances [m] from release to rest, sorted
-    passing: pd.DataFrame | None  # distance [m], fraction of boulders that come at least so far
-    lines: dict[str, str]  # name of each line -> file and row that name it first
+    passing: pd.DataFrame | None  # distance [m], fraction of boulders that travel at least so far
+    lines: dict[str, str]  # name of each line -> file and row that first name it
     starts: np.ndarray | None = None  # (n, 2): x, y [m] where those of `stops` were released
     contacts: pd.DataFrame | None = None  # x, y, and where known speed, height: impacts
-    kept: dict[str, pd.DataFrame] = field(default_factory=dict)  # further columns of each kind
+    kept: dict[str, pd.DataFrame] = field(default_factory=dict)  # other columns of each kind
     passing_n: float = np.nan  # boulders behind `passing`
 
 
 def read_observed(*given: str | Path | Observed) -> Observed:
-    """Observations from CSV files, each of a kind that its header tells; or those given as such.
+    """Read observations from CSV files, each of a kind that its header identifies; `Observed`
+    arguments are used directly.
 
     A RockfallError names file, line, column, value and what is allowed.
     """
@@ -115,7 +116,7 @@ def read_observed(*given: str | Path | Observed) -> Observed:
 
 
 def _quantity(row: Row) -> tuple[str, float, tuple[float, float]]:
-    """Quantity, the unit in SI units, and the limits of its values."""
+    """Quantity, its unit in SI units, and the limits of its values."""
     quantity = row.choice("quantity", UNITS)
     limits = {"omega": (-inf, inf), "rotational_share": (0.0, 1.0)}.get(quantity, (0.0, inf))
     return quantity, UNITS[quantity][row.choice("unit", UNITS[quantity])], limits
@@ -171,7 +172,7 @@ def _contact(row: Row) -> dict:
 
 
 class _Kind(NamedTuple):
-    """A kind of file: columns it must and may have, and what is read of a row."""
+    """A kind of file: required and optional columns, and the data read from a row."""
 
     name: str
     needed: tuple[str, ...]
@@ -180,7 +181,7 @@ class _Kind(NamedTuple):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Those that are read; others are kept as they are."""
+        """Columns that are read; others are kept unchanged."""
         return (*self.needed, *self.optional)
 
 
@@ -219,7 +220,7 @@ def _refuse_twice(records: list[dict], keys: tuple[str, ...]) -> None:
 
 
 def _refuse_rise(records: list[dict]) -> None:
-    """Fewer boulders come farther."""
+    """Refuse fractions that rise with distance."""
     ordered = sorted(records, key=lambda one: one["distance"])
     for near, far in zip(ordered, ordered[1:], strict=False):
         if far["fraction"] > near["fraction"]:

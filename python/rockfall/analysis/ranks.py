@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Several results beside the same observations: which is nearest to them, and whether that is sure.
+"""Ranking of several results by their distance from the same observations, with its certainty.
 
-Of each measure a result has a distance from what was observed. The observed boulders that are
-resampled are the same for all results, so that the difference of two results knows what they share.
+Each measure is a distance of a result from the observations. The resamples of observed boulders are
+common to all results, so that the difference of two results excludes their shared error.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ COLUMNS = ["measure", "result", "distance", "distance_low", "distance_high", "ra
 
 
 def rank_results(results: Mapping[str, xr.Dataset], seen: Observed) -> pd.DataFrame:
-    """COLUMNS, the results of each measure from the nearest on: Wasserstein distances of the
+    """COLUMNS, the results by each measure from the nearest on: Wasserstein distances of the
     stopping distances and of samples at lines, differences of printed means, in SI units; overall
     the mean of the distances, each over the mean of all results.
 
-    `rank_low` and `rank_high` are the ranks that a result may have: those of which the 95 %
-    interval of the difference holds 0 are not told apart. Results must be of one site, in one CRS.
+    `rank_low` and `rank_high` are the possible ranks of a result: results whose difference has a 95
+    % interval that contains 0 are tied. Results must be of one site, in one CRS.
     """
     import pandas as pd
 
@@ -98,7 +98,7 @@ def _resampled(seen: Sample, made: Sample) -> np.ndarray:
 
 
 def _mean_apart(printed: dict, values: np.ndarray, source: np.ndarray) -> np.ndarray:
-    """Of a printed mean: normal, where its n is known, else exact."""
+    """Distance from a printed mean: with a normal error if its n is known, else exact."""
     crossed = ~np.isnan(values)
     if not crossed.any():
         return np.full(1 + RESAMPLES, np.inf)

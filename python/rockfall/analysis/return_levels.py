@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Return levels: what one in N boulders exceeds, beyond what the sample itself can show.
+"""Return levels: the value exceeded by one in N boulders, extrapolated beyond the sample.
 
-The largest of n values grows with n. Beside it stands the level that one in N of the boulders that
-pass a line exceeds, from a generalised Pareto distribution (GPD) of what lies above a high
-threshold (Pickands 1975; Coles 2001, chapter 4). Where the data do not support that, it is refused.
-Boulders of common sources count as the number of independent ones that would know as much.
+The largest of n values grows with n. In addition this module gives the level that one in N of the
+boulders that pass a line exceeds, from a generalised Pareto distribution (GPD) of the values above
+a high threshold (Pickands 1975; Coles 2001, chapter 4). It is refused where the data do not support
+it. Boulders of common sources count as their effective number of independent ones.
 
-The fit is ours: that of SciPy takes four times as long, and none of its tests is of a GPD whose
-parameters were fitted to boulders that come in clusters.
+The fit is implemented here: SciPy's takes four times as long, and it has no test of a GPD whose
+parameters were fitted to clustered boulders.
 """
 
 from __future__ import annotations
@@ -42,17 +42,17 @@ QUANTITIES = (
 UPPER = 0.05  # fraction above the lowest threshold; with 0.1 and 0.25 levels are biased
 MIN_ABOVE, MAX_ABOVE = 50, 2000  # independent boulders above a threshold
 THRESHOLDS = 12  # tried
-FALSE = 0.05  # rate of thresholds that are rejected wrongly
-ENOUGH = 25  # independent boulders beyond a level: there the sample knows it without a tail
-MAX_PERIOD = 10  # times the independent boulders: no level beyond
+FALSE = 0.05  # rate of falsely rejected thresholds
+ENOUGH = 25  # independent boulders beyond a level that make a tail unnecessary
+MAX_PERIOD = 10  # maximum period over the number of independent boulders
 MAX_SHAPE = 0.5  # absolute value: theory of the fit (-0.5) and variance (+0.5) end there
 BARTLETT = 12  # over the number above the threshold: see _profiled
-MAX_HIGH = 3  # times the level: no level whose upper limit is higher
+MAX_HIGH = 3  # maximum ratio of the upper limit to the level
 
 
 class Fit(NamedTuple):
-    """The GPD of what lies above a threshold: P(X > x | X > u) = (1 + shape (x - u) / scale)**(-1 /
-    shape); `p_value` is that of Anderson and Darling's test of it."""
+    """GPD of the values above a threshold: P(X > x | X > u) = (1 + shape (x - u) / scale)**(-1 /
+    shape); `p_value` is that of its Anderson-Darling test."""
 
     threshold: float
     exceedances: int
@@ -62,7 +62,8 @@ class Fit(NamedTuple):
 
 
 class Level(NamedTuple):
-    """What one in N boulders exceeds, with its 95 % interval; NaN where `refused` says why."""
+    """Value exceeded by one in N boulders, with its 95 % interval; NaN if `refused` gives a
+    reason."""
 
     value: float = np.nan
     low: float = np.nan
@@ -72,10 +73,10 @@ class Level(NamedTuple):
 
 @dataclass(frozen=True)
 class Tail:
-    """The upper tail of a sample: the GPD above the chosen threshold and the levels of each N.
+    """Upper tail of a sample: the GPD above the chosen threshold and the levels of each N.
 
-    `tried` holds the fits above all thresholds, from the lowest. Where `refused` gives a reason,
-    levels are only those that the sample knows itself, and `fit` may be None.
+    `tried` holds the fits above all thresholds, from the lowest. If `refused` gives a reason,
+    levels are only those within the sample, and `fit` may be None.
     """
 
     n: int
@@ -134,19 +135,19 @@ def _row(sample: Sample, found: Tail) -> dict[str, float | str]:
         row["shape_low"], row["shape_high"] = found.shape_limits
         row["end"], row["end_high"] = found.end
     alone = [f"1 in {N:,}: {level.refused}" for N, level in found.levels.items() if level.refused]
-    # a text in every row: what pandas makes of a missing one among texts depends on its version
+    # a text in every row: pandas versions differ on missing texts
     row["refused"] = found.refused or "; ".join(alone)
     return row
 
 
 def tail(values: np.ndarray, source: Sources | None = None, levels: Sequence[int] = LEVELS) -> Tail:
-    """The upper tail of the values (>= 0) of boulders; `source` is that of each, as from
-    `rockfall.analysis.precision.intervals.sources`, none = one source."""
+    """Upper tail of the values (>= 0) of boulders; `source` is that of each, as from
+    `rockfall.analysis.precision.intervals.sources`, None = one source."""
     return tail_of(Values(values, Sources.alone(values.size) if source is None else source), levels)
 
 
 def tail_of(sample: Sample, levels: Sequence[int] = LEVELS) -> Tail:
-    """The same of a sample."""
+    """Upper tail of a sample; see `tail`."""
     _check(levels)
     n, independent = sample.n, 0.0
     if n:
@@ -163,8 +164,8 @@ def tail_of(sample: Sample, levels: Sequence[int] = LEVELS) -> Tail:
 
 
 def _tried(sample: Sample, independent: float) -> Iterator[Fit]:
-    """Fits above rising thresholds, by falling numbers of exceedances; of few independent boulders
-    among many a sample may not know the values above the lowest."""
+    """Fits above increasing thresholds, with decreasing numbers of exceedances; a sample of few
+    independent boulders may lack the values above the lowest."""
     n, known = sample.n, UPPER * independent
     if known < MIN_ABOVE:
         return
@@ -178,8 +179,8 @@ def _tried(sample: Sample, independent: float) -> Iterator[Fit]:
 
 
 def _fit(excess: np.ndarray, threshold: float, weight: float) -> Fit:
-    """The GPD of maximum likelihood, sought along the one line of `_best_of`; the place there is
-    log(1 + theta max) / log(n), which is near the shape."""
+    """Maximum-likelihood GPD, sought along the line of `_best_of`; the search variable is log(1 +
+    theta max) / log(n), which is near the shape."""
     from scipy.optimize import minimize_scalar
 
     top, reach = excess.max(), np.log(excess.size)
@@ -198,15 +199,15 @@ def _fit(excess: np.ndarray, threshold: float, weight: float) -> Fit:
 
 
 def _best_of(theta: float, excess: np.ndarray) -> tuple[float, float, float]:
-    """Most likely shape and scale where theta = shape / scale is given, and minus the
-    log-likelihood of one value, but for a constant (Grimshaw 1993)."""
+    """Maximum-likelihood shape and scale for a given theta = shape / scale, and the negative
+    log-likelihood per value, up to a constant (Grimshaw 1993)."""
     shape = np.log1p(theta * excess).mean()
     return shape, shape / theta, np.log(shape / theta) + shape
 
 
 def _end(excess: np.ndarray, fit: Fit, weight: float) -> tuple[float, float]:
-    """The value that nothing exceeds and the upper limit of its 95 % interval (profile likelihood);
-    both infinite where the latter is."""
+    """Upper end point and the upper limit of its 95 % interval (profile likelihood); both infinite
+    if the latter is."""
     from scipy.optimize import brentq
 
     theta = fit.shape / fit.scale
@@ -231,7 +232,7 @@ def _anderson_darling(excess: np.ndarray, shape: float, scale: float) -> float:
 
 
 def _p_value(a2: float, shape: float) -> float:
-    """Probability of a larger A2 where the GPD holds and both its parameters were fitted.
+    """Probability of a larger A2 if the GPD holds and both its parameters were fitted.
 
     A2 tends to a sum of chi-squares with the eigenvalues of a covariance as weights (Choulakian and
     Stephens 2001, section 3); its distribution is an integral (Imhof 1961, eq. 3.2).
@@ -264,7 +265,7 @@ def _chosen(tried: Sequence[Fit]) -> Fit | None:
 
 
 def _refusal(tried: Sequence[Fit], fit: Fit | None, independent: float) -> str | None:
-    """Why there is no tail."""
+    """Reason for refusing a tail; None if valid."""
     if not tried and UPPER * independent >= MIN_ABOVE:
         return f"ties leave no {MIN_ABOVE} boulders above a threshold"
     if not tried:
@@ -287,10 +288,10 @@ def _level(
     fit: Fit | None,
     refused: str | None,
 ) -> Level:
-    """What one in N exceeds: of the sample where enough lie beyond, of the tail elsewhere. The
-    interval encloses that above the chosen threshold and that above the highest, because a misfit
-    that no test sees in few values may still move the level (heights of cases/vaujany: 89 % of the
-    intervals held without, 93 % with)."""
+    """Level exceeded by one in N: from the sample if enough values lie beyond, else from the tail.
+    The interval covers those above the chosen and the highest threshold, because a misfit
+    undetected in few values may still shift the level (heights of cases/vaujany: 89 % coverage
+    without, 93 % with)."""
     below = 1 - 1 / N
     if independent >= ENOUGH * N:
         return Level(sample.quantile([below])[0], *sample.between(below, independent))
@@ -309,10 +310,10 @@ def _level(
 
 
 def _profiled(N: int, sample: Sample, independent: float, fit: Fit) -> Level:
-    """The level of a GPD and where its profile likelihood has fallen to that of 95 % (Coles 2001,
-    section 4.3.3), the fraction above the threshold being uncertain too (binomial). The likelihood
-    counts as that of the independent boulders (Chandler and Bate 2007). Bartlett's factor, measured
-    on GPD samples, is for few values: without it intervals from 50 hold 92 to 94 %."""
+    """Level of a GPD with its 95 % profile-likelihood interval (Coles 2001, section 4.3.3),
+    including the binomial uncertainty of the fraction above the threshold. The likelihood is scaled
+    to the independent boulders (Chandler and Bate 2007). Bartlett's factor, measured on GPD
+    samples, corrects for few values: without it intervals from 50 cover 92 to 94 %."""
     from scipy.optimize import brentq, minimize_scalar
 
     n, k = sample.n, fit.exceedances
@@ -323,9 +324,9 @@ def _profiled(N: int, sample: Sample, independent: float, fit: Fit) -> Level:
     sums: dict[float, float] = {}
 
     def best_of(theta: float, above: float) -> float:
-        """Minus the log-likelihood, the most likely shape taken, where the level lies so far above
-        the threshold and theta = shape / scale is given: log((1 + theta above)) / shape is the
-        logarithm of the fraction above the threshold over 1/N. Convex in 1 / shape: by Newton."""
+        """Negative log-likelihood, minimised over the shape, for a level at a given height above
+        the threshold and theta = shape / scale: log((1 + theta above)) / shape is the logarithm of
+        the fraction above the threshold over 1/N. Convex in 1 / shape: by Newton."""
         if theta not in sums:
             sums[theta] = float(np.log1p(theta * excess).sum())
         sign = math.copysign(1.0, theta)
@@ -346,7 +347,7 @@ def _profiled(N: int, sample: Sample, independent: float, fit: Fit) -> Level:
         return k * (scale + log_n) + slope * inverse + sign * total - (n - k) * beyond
 
     def theta_at(place: float) -> float:
-        """As in `_fit`."""
+        """Transform the search variable as in `_fit`."""
         theta = math.expm1(place * reach)
         return (theta if abs(theta) > 1e-9 else 1e-9) / top
 

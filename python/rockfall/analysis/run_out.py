@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How far and how wide boulders came, in the field and in a result; distances of distributions,
-and the Kolmogorov-Smirnov test of a sample and a weighted one.
+"""Run-out distances and lateral spread, observed and simulated; distances of distributions, and the
+Kolmogorov-Smirnov test of a sample and a weighted one.
 
-Intervals are those of resampled boulders (Efron 1979), observed and simulated ones, each within its
-source; fewer boulders than `rockfall.limits` has for a mean or a standard deviation have none. That
-of the Wasserstein distance is mirrored (the pivotal one), since chance makes the distance of two
-samples larger; `by_chance` is what 95 % of as many boulders of the result itself do not exceed:
-below it, the difference may be one of chance.
+Intervals come from resampled boulders (Efron 1979), observed and simulated ones, each within its
+source; none is given for fewer boulders than `rockfall.limits` requires for a mean or a standard
+deviation. That of the Wasserstein distance is mirrored (the pivotal one), since chance increases
+the distance of two samples; `by_chance` is the 95 % quantile for the same number of boulders of the
+result itself: below it, the difference may be due to chance.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 RESAMPLES = 200
 LIMITS = (0.025, 0.975)
-FARTHEST = 1e9  # [m]; beyond it squares and sums are no numbers
-MIN_BOULDERS = 2  # of a source, for its numbers
+FARTHEST = 1e9  # [m]; beyond it squares and sums overflow
+MIN_BOULDERS = 2  # per source, for its statistics
 UNDECIDED, DIFFERS = "undecided", "differs"
 ENDS = ("", "_low", "_high")
 COLUMNS = ["source", "statistic", "n_observed", "n_simulated"] + [
@@ -48,7 +48,8 @@ class Sample(NamedTuple):
 
 
 def resampled(sample: Sample, random: np.random.Generator) -> np.ndarray:
-    """How often each boulder is in another sample of as many from each source."""
+    """Number of times each boulder occurs in another sample with the same number from each
+    source."""
     counts = np.zeros(len(sample.source), int)
     for source in np.unique(sample.source):
         mine = np.flatnonzero(sample.source == source)
@@ -57,8 +58,8 @@ def resampled(sample: Sample, random: np.random.Generator) -> np.ndarray:
 
 
 class Distance:
-    """The Wasserstein distance of two weighted samples of one quantity: the area between their
-    distribution functions. (SciPy's would sort both anew for each of the weights.)"""
+    """Wasserstein distance of two weighted samples of one quantity: the area between their
+    distribution functions. (SciPy's would sort both again for each set of weights.)"""
 
     def __init__(self, seen: np.ndarray, made: np.ndarray) -> None:
         both = np.concatenate([seen, made])
@@ -97,11 +98,11 @@ def kolmogorov_smirnov(
 
 def run_out(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
     """COLUMNS: for each source, and for all, mean and standard deviation of the stopping distance,
-    the Wasserstein distance, lateral spread and offset [m]; empty where nothing of it was observed.
+    the Wasserstein distance, lateral spread and offset [m]; empty without observations.
 
-    Lateral is across the way from the release to the mean of the observed stopping places; the
-    spread is the standard deviation, the offset the mean. Of several sources the boulders of the
-    result weigh as many of each were observed.
+    Lateral is perpendicular to the line from the release to the mean of the observed stopping
+    places; the spread is the standard deviation, the offset the mean. With several sources the
+    boulders of the result are weighted by the numbers observed from each.
     """
     import pandas as pd
 
@@ -122,8 +123,8 @@ def run_out(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 
 def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
     """Stopping distances, and where places are known lateral offsets, of observed and simulated
-    boulders; of the result those from sources whose boulders were observed. None where distances
-    are not known."""
+    boulders; of the result those from sources with observed boulders. None if distances are
+    unknown."""
     observed = observed_boulders(result, seen)
     if observed is None:
         return None
@@ -141,8 +142,9 @@ def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
 
 
 def pooled_samples(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> tuple[Sample, Sample] | None:
-    """Samples of several results of one site as one, each result with what was observed of it;
-    lateral offsets are across the mean of all observed ways. One result has those of `samples`."""
+    """Pooled samples of several results of one site, each with its observations; lateral offsets
+    are perpendicular to the mean of all observed vectors. For a single result they equal
+    `samples`."""
     if len(pairs) == 1:
         return samples(*pairs[0])
     parts = [part for part in (_ways(*pair) for pair in pairs) if part is not None]
@@ -171,7 +173,7 @@ def pooled_samples(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> tuple[Sample
 
 
 def _ways(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
-    """Vectors from release to rest, observed and simulated; None where places are not known."""
+    """Vectors from release to rest, observed and simulated; None if places are unknown."""
     found = starts(result)
     if seen.stops is None or (seen.starts is None and len(found.places) > 1):
         return None
@@ -182,13 +184,13 @@ def _ways(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
 
 
 def _in_frame(ways: Sample, across: np.ndarray) -> Sample:
-    """Distances and lateral offsets of ways."""
+    """Distances and lateral offsets of vectors."""
     return Sample(np.column_stack([np.hypot(*ways.values.T), ways.values @ across]), ways.source)
 
 
 class Starts(NamedTuple):
-    """From where boulders came, as observers can tell it: a polygon or point of the layer of the
-    sources, a cliff (source cells that touch each other), or a point."""
+    """Starts of boulders, as observers can distinguish them: a polygon or point of the source
+    layer, a cliff (adjacent source cells), or a point."""
 
     group: np.ndarray  # of each boulder, from 0
     names: list[str]  # of the groups
@@ -197,7 +199,7 @@ class Starts(NamedTuple):
 
 
 def starts(result: xr.Dataset) -> Starts:
-    """The groups of sources of a result, in the order in which they come."""
+    """Groups of sources of a result, in order."""
     import pandas as pd
 
     number, place = pd.factorize(result["start_x"].values + 1j * result["start_y"].values)
@@ -216,7 +218,7 @@ def starts(result: xr.Dataset) -> Starts:
 
 
 def _touching(places: np.ndarray, cell: float) -> np.ndarray:
-    """The number of the patch of source cells to which each belongs, in the order of the cells."""
+    """Number of the patch of adjacent source cells of each, in the order of the cells."""
     import pandas as pd
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -234,8 +236,8 @@ def _cell(result: xr.Dataset) -> float:
 
 
 def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
-    """Which boulders of a result are set beside observed stopping places or distances: those from
-    where the observed ones came, or all where that is not known; and the same in words."""
+    """Mask of the boulders of a result to compare with observed stopping places or distances: those
+    from the same starts, or all if these are unknown; and a description."""
     total = result.sizes["boulder"]
     if seen.stops is None or seen.starts is None:
         return np.ones(total, bool), ""
@@ -257,7 +259,7 @@ def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
 
 def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
     """Observed boulders: stopping distance, and where places are known the lateral offset [m], with
-    the number of the source; None where the distances are not known."""
+    the number of the source; None if the distances are unknown."""
     found = starts(result)
     if seen.stops is None or (seen.starts is None and len(found.places) > 1):
         if seen.distances is None:
@@ -271,7 +273,8 @@ def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
 
 
 def _observed_ways(seen: Observed, found: Starts) -> tuple[np.ndarray, np.ndarray]:
-    """From releases to stopping places, and the group of the source nearest to each release."""
+    """Vectors from releases to stopping places, and the group of the source nearest to each
+    release."""
     assert seen.stops is not None
     given = seen.starts
     given = found.places[:1].repeat(len(seen.stops), axis=0) if given is None else given
@@ -285,14 +288,14 @@ def _nearest(given: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 
 class Frame(NamedTuple):
-    """The name of a group of sources, and the unit vector across the observed ways from it."""
+    """Name of a group of sources, and the unit vector perpendicular to its mean observed vector."""
 
     name: str
     across: np.ndarray
 
 
 def frames(result: xr.Dataset, seen: Observed) -> dict[int, Frame]:
-    """The frames of the groups of sources whose stopping places were observed."""
+    """Frames of the groups of sources whose stopping places were observed."""
     found = starts(result)
     if seen.stops is None or (seen.starts is None and len(found.places) > 1):
         return {}
@@ -302,8 +305,8 @@ def frames(result: xr.Dataset, seen: Observed) -> dict[int, Frame]:
 
 
 def way_of(result: xr.Dataset, frame: Frame, group: int, column: int) -> np.ndarray:
-    """The distance (column 0) or lateral offset (1) [m] in a frame of each boulder of a result from
-    this group, NaN of others."""
+    """Distance (column 0) or lateral offset (1) [m] in a frame of each boulder of a result from
+    this group, NaN for others."""
     ways = np.column_stack(
         [result[f"stop_{axis}"].values - result[f"start_{axis}"].values for axis in "xy"]
     )
@@ -312,7 +315,7 @@ def way_of(result: xr.Dataset, frame: Frame, group: int, column: int) -> np.ndar
 
 
 def _across(ways: np.ndarray) -> np.ndarray:
-    """The unit vector to the left of the mean way."""
+    """Unit vector to the left of the mean vector."""
     x, y = ways.mean(axis=0)
     return np.array([-y, x]) / (np.hypot(x, y) or 1.0)
 
@@ -360,13 +363,13 @@ def _rows(name: str, seen: Sample, made: Sample) -> Iterator[list]:
 
 
 def _limits(values: np.ndarray, enough: bool) -> list[float]:
-    """The first value, and the limits of the others: NaN, where too few boulders were resampled."""
+    """First value, and the limits of the others: NaN if too few boulders were resampled."""
     limits = np.quantile(values[1:], LIMITS).tolist() if enough else [np.nan, np.nan]
     return [float(values[0]), *limits]
 
 
 def weights(seen: Sample, made: Sample) -> np.ndarray:
-    """Of simulated boulders, so that each source counts as often as it was observed."""
+    """Weights of simulated boulders that give each source its observed frequency."""
     observed = np.bincount(seen.source, minlength=made.source.max() + 1)
     share = (observed / np.maximum(np.bincount(made.source), 1))[made.source]
     return share / share.mean()
@@ -381,8 +384,8 @@ def moments(values: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
 
 
 def by_chance(seen: Sample, made: Sample, share: np.ndarray, random: np.random.Generator) -> float:
-    """The Wasserstein distance that 95 % of as many boulders of the result, from the same sources,
-    do not exceed."""
+    """95 % quantile of the Wasserstein distance for the same number of boulders of the result, from
+    the same sources."""
     values, found = made.values[:, 0], []
     places = {s: np.flatnonzero(made.source == s) for s in np.unique(seen.source)}
     distance = Distance(values, values)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs that end when the confidence intervals at the lines are as narrow as requested."""
+"""Runs that end when the confidence intervals at the lines reach a requested width."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ if TYPE_CHECKING:
     from rockfall.result.contents import Contents, Held
 
 FIRST = 1000  # boulders of the first stage, over all sources
-CAP = 1_000_000  # boulders over all sources, where no cap is given
+CAP = 1_000_000  # boulders over all sources, if no cap is given
 
-# From the boulders of a stage to those of the next: min, max; what is within one stage.
+# Growth from one stage to the next: min, max; needs within the former take a single stage.
 MIN_GROWTH, MAX_GROWTH, NEAR = 1.05, 4.0, 1.25
-SHORT, MARGIN = 0.8, 1.02  # of the need: of one further off, of one that is near
-USELESS = 0.3  # where the error of boulders is below this part of the limit, more do not help
+SHORT, MARGIN = 0.8, 1.02  # fraction of the need: of a distant one, of a near one
+USELESS = 0.3  # below this ratio of the boulders' error to the limit, more boulders do not help
 
 STATISTICS = ("mean", "std", *map(quantile_name, QUANTILES))
 FORM = "QUANTITY.STATISTIC@LINE<PERCENT% or fraction@LINE<PERCENT%"
@@ -56,11 +56,11 @@ class Rule(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """How a result meets a rule.
+    """Verdict of a result on a rule.
 
-    `width` is the half-width over the number, NaN where there is none. `need` is the number of
-    boulders from each source that the rule needs: NaN where too few cross the line to tell, inf
-    where no number is enough.
+    `width` is the half-width over the number, NaN if there is none. `need` is the number of
+    boulders from each source that the rule needs: NaN if too few cross the line to tell, inf if no
+    number is enough.
     """
 
     rule: Rule
@@ -110,10 +110,10 @@ def run_scene_until(scene: Scene, rules: str, cap: int | None = None, **how: Any
 def simulate_until(
     scene: Scene, rules: str, cap: int | None = None, *, progress: bool = False, keep: bool = True
 ) -> Contents:
-    """What the run finds; see `run_until`. A scene that need not be kept loses its rasters.
+    """Results of the run; see `run_until`. The rasters of a scene that need not be kept are freed.
 
     The boulders of one source continue those of the stage before. With several sources each stage
-    starts again, for which source a boulder has follows from its number.
+    starts again, because the source of a boulder follows from its number.
     """
     refuse_by_area(scene, "--until")
     criteria = read_rules(rules, [line["name"] for line in scene.case.lines])
@@ -151,7 +151,7 @@ def _with_boulders(scene: Scene, n: int) -> Scene:
 
 
 def _next_tally(scene: Scene, last: Tally | None) -> Tally:
-    """Where the boulders of the next stage go: one source adds to the tally of the last stage."""
+    """Tally for the boulders of the next stage: one source adds to the tally of the last stage."""
     if last is None or scene.x.size > 1 or tells_sources(scene.case):
         tally = start(scene, scene.case.case["threads"])
         if last is not None:
@@ -163,10 +163,10 @@ def _next_tally(scene: Scene, last: Tally | None) -> Tally:
 
 
 def next_stage(verdicts: list[Verdict], n: int, cap: int) -> int:
-    """Boulders from each source of the stage after one of `n`; `n` itself where that is the last.
+    """Boulders from each source of the stage after one of `n`; `n` itself if that is the last.
 
-    A need that is far off is approached from below, in steps: the width that tells of it is itself
-    a guess, and boulders cannot be taken back.
+    A distant need is approached from below, in steps: the width from which it follows is itself an
+    estimate, and boulders cannot be removed.
     """
     needs = [one.need for one in verdicts if not one.met and not np.isinf(one.need)]
     if not needs:
@@ -177,21 +177,21 @@ def next_stage(verdicts: list[Verdict], n: int, cap: int) -> int:
 
 
 def verdicts_of(result: Held) -> list[Verdict]:
-    """The verdict of a result on each rule of its `run_until`, none where it has no rules."""
+    """Verdict of a result on each rule of its `run_until`; empty without rules."""
     if "until" not in result.attrs:
         return []
     return evaluate(read_rules(result.attrs["until"], list(result["line"].values)), result)
 
 
 def evaluate(rules: list[Rule], result: Held) -> list[Verdict]:
-    """The verdict of a result on each rule."""
+    """Verdict of a result on each rule."""
     known = LineSamples(result)
     return [_verdict(rule, known) for rule in rules]
 
 
 def _verdict(rule: Rule, known: LineSamples) -> Verdict:
-    """The need follows from the width. Where the sources are a sample of others, a part of it does
-    not fall with their boulders: what they differ by."""
+    """Verdict on a rule; the need follows from the width. If the sources are sampled, the part due
+    to their differences does not decrease with more boulders."""
     n = known.boulders / max(known.sources, 1)
     row = numbers(known.sample(rule.line, rule.quantity), rule.quantity)
     width = half_width(row, rule.statistic)
@@ -212,11 +212,11 @@ def _verdict(rule: Rule, known: LineSamples) -> Verdict:
 
 
 def read_rules(text: str, lines: list[str]) -> list[Rule]:
-    """The rules of a text such as 'speed.mean@EL1<2%, fraction@EL1<3%'; `lines` are known names.
+    """Rules of a text such as 'speed.mean@EL1<2%, fraction@EL1<3%'; `lines` are known names.
 
     Quantities and statistics are those of `rockfall.line_statistics`, apart from its maximum.
     """
-    parts = re.split(r",(?=\s*[\w.]+\s*@)", text)  # the name of a line may hold commas
+    parts = re.split(r",(?=\s*[\w.]+\s*@)", text)  # names of lines may contain commas
     return [_rule(part.strip(), lines) for part in parts]
 
 
@@ -228,7 +228,7 @@ def _rule(text: str, lines: list[str]) -> Rule:
     what, line, percent = found.groups()
     quantity, _, statistic = what.partition(".")
     if what in ("fraction", "share"):  # share: its old name
-        quantity, statistic = QUANTITIES[0], "fraction"  # a line has one
+        quantity, statistic = QUANTITIES[0], "fraction"  # the same for any quantity
     elif quantity not in QUANTITIES:
         known = ", ".join(QUANTITIES)
         raise RockfallError(

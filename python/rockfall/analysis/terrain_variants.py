@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The terrain of a scene with other digits or larger cells."""
+"""Variants of the terrain of a scene: other precision, or larger cells."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from rockfall.scene.scene import Scene
 
 
 def other_digits(scene: Scene) -> tuple[str, Scene]:
-    """The scene with elevations of the other precision, and which that is.
+    """Scene with elevations of the other precision, and the name of that.
 
-    Those of float64 are rounded. Those of float32 get back, at random, what their rounding took:
-    anything up to half of their last binary digit.
+    float64 elevations are rounded. float32 ones receive random digits in place of those lost by
+    rounding: up to half of their last binary digit.
     """
     if scene.z.dtype == np.float64:
         return "float32", replace(scene, z=scene.z.astype("f4"))
@@ -24,10 +24,10 @@ def other_digits(scene: Scene) -> tuple[str, Scene]:
 
 
 def larger_cells(scene: Scene, factor: int) -> Scene:
-    """The scene on cells of `factor` times the side, from the north-western corner on.
+    """Scene on cells of `factor` times the side, from the north-western corner.
 
-    Elevations are means of those that are known, zones the most frequent (of several the first in
-    the table), sizes of a raster of values their median.
+    Elevations are means of known ones, zones the most frequent (the first in the table if tied),
+    sizes in a raster the median.
     """
     z = _blocks(scene.z, factor, np.nan)
     ny, nx, _ = z.shape
@@ -45,7 +45,7 @@ def larger_cells(scene: Scene, factor: int) -> Scene:
 
 
 def _blocks(raster: np.ndarray, factor: int, fill: float) -> np.ndarray:
-    """(ny, nx, cells): the cells that each larger cell takes the place of."""
+    """(ny, nx, cells): the cells merged into each larger cell."""
     beyond = [(0, -size % factor) for size in raster.shape]
     padded = np.pad(raster, beyond, constant_values=fill)
     ny, nx = (size // factor for size in padded.shape)
@@ -54,7 +54,7 @@ def _blocks(raster: np.ndarray, factor: int, fill: float) -> np.ndarray:
 
 
 def _most_frequent(zone: np.ndarray) -> np.ndarray:
-    """The zone above 0 that most cells have, 0 where none has one: (ny, nx) of (ny, nx, cells)."""
+    """Most frequent zone above 0, 0 if there is none: (ny, nx) of (ny, nx, cells)."""
     best, highest = np.zeros(zone.shape[:2], zone.dtype), np.zeros(zone.shape[:2], int)
     for one in np.unique(zone[zone > 0]):
         count = np.count_nonzero(zone == one, axis=2)

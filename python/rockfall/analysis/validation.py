@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A site where boulders were observed, beside a case by every law of rebound, over fresh seeds."""
+"""Validation at a site with observed boulders: a case by every rebound model, over new seeds."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 
 SEEDS = 5
 FEWEST = 2  # seeds for an error, boulders for a distribution
-BOUNDS = {"mean": 0.10, "std": 0.25}  # of an error over what was observed
+BOUNDS = {"mean": 0.10, "std": 0.25}  # of an error relative to the observation
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
-APART = "ks", "p", "wasserstein"  # of both distributions
+APART = "ks", "p", "wasserstein"  # distances of both distributions
 RUN_OUT = "stopping_distance"
 COLUMNS = ["law", "line", "quantity", "statistic", "n_observed", "observed", "observed_error",
            "simulated", "simulated_error", "verdict"]  # fmt: skip
@@ -49,7 +49,7 @@ Key = tuple[str, str, str]  # line, quantity, statistic
 
 
 class Number(NamedTuple):
-    """A statistic: of how many observed boulders, their value, its error, and that of a run."""
+    """A statistic: number of observed boulders, observed value, its error, and simulated value."""
 
     n: float
     observed: float
@@ -59,12 +59,12 @@ class Number(NamedTuple):
 
 @dataclass(frozen=True)
 class Validation:
-    """Distributions at a site, observed and by each law, in SI units.
+    """Distributions at a site, observed and by each rebound model, in SI units.
 
-    `table` has COLUMNS: a row for each law, place (a line, or "" for the run-out), quantity and
-    statistic: mean, std, q05, q50, q95, of run-outs lateral_std (across the way to the mean of the
-    observed places), ks and its p, wasserstein. Errors are standard errors: of what was observed
-    from resampled boulders, of what was simulated over seeds. The verdict is on `BOUNDS`.
+    `table` has COLUMNS: a row for each model, place (a line, or "" for the run-out), quantity and
+    statistic: mean, std, q05, q50, q95, for run-outs lateral_std (perpendicular to the line to the
+    mean of the observed places), ks and its p, wasserstein. Errors are standard errors: of
+    observations from resampled boulders, of simulations over seeds. The verdict is on `BOUNDS`.
     """
 
     title: str
@@ -82,11 +82,12 @@ def validate(
     seeds: int = SEEDS,
     progress: bool = False,
 ) -> Validation:
-    """Run a case by its own law, its impact sets, each classical model, and each table of impacts
-    (those of these names, by default all that are shipped), over seeds that follow the case's, and
-    set each beside what was observed: places or distances of rest, samples and numbers at lines.
+    """Run a case by its own rebound model, its impact sets, each classical model, and each table of
+    impacts (those of these names, by default all shipped ones), over seeds following the case's,
+    and compare each with the observations: places or distances of rest, samples and numbers at
+    lines.
 
-    Raises a RockfallError where nothing that was observed can be set beside a run.
+    Raises a RockfallError if no observation can be compared with a run.
     """
     import pandas as pd
 
@@ -119,7 +120,7 @@ def validate(
 
 
 def _laws(case: Case, tables: Sequence[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
-    """Scenes by the name of their law, the case's own first."""
+    """Scenes by the name of their rebound model, the case's own first."""
     own_table = case.impact["form"] == "table"
     if own_table:
         yield f"table {case.impact['table']}", read_scene(case)
@@ -135,9 +136,9 @@ def _laws(case: Case, tables: Sequence[str], notes: list[str]) -> Iterator[tuple
 
 
 def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Number]:
-    """The numbers of results of one site that can be set beside what was observed of each, by line,
-    quantity and statistic. Several results, say of the kinds of blocks there, count as one sample,
-    in which each source weighs as often as it was observed."""
+    """Numbers of results of one site that can be compared with the observations of each, by line,
+    quantity and statistic. Several results, for instance of different kinds of blocks, count as one
+    sample, in which each source is weighted by its observed frequency."""
     found: dict[Key, Number] = {}
     stopped = pooled_samples(pairs)
     if stopped is not None:
@@ -170,8 +171,8 @@ def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Nu
 def run_out_numbers(
     observed: Sample, simulated: Sample, one_frame: bool = False
 ) -> dict[str, Number]:
-    """Statistics of stopping distances, and where several boulders came from each source, or all
-    share one frame, of lateral offsets."""
+    """Statistics of stopping distances, and of lateral offsets if several boulders came from each
+    source, or all share one frame."""
     share = weights(observed, simulated)
     numbers = distribution_numbers(observed.values[:, 0], simulated.values[:, 0], share)
     alike = len(observed.source) if one_frame else np.unique(observed.source, return_counts=True)[1]
@@ -182,7 +183,7 @@ def run_out_numbers(
 
 
 def _crossed(result: xr.Dataset, line: str, quantity: str) -> np.ndarray | None:
-    """Values of the boulders that crossed a line; None: the case has no such line."""
+    """Values of the boulders that crossed a line; None if the case has no such line."""
     lines = list(result["line"].values) if "line" in result else []
     if line not in lines:
         return None
@@ -193,8 +194,8 @@ def _crossed(result: xr.Dataset, line: str, quantity: str) -> np.ndarray | None:
 def distribution_numbers(
     seen: np.ndarray, made: np.ndarray, share: np.ndarray
 ) -> dict[str, Number]:
-    """The numbers of an observed sample and of a weighted simulated one, and how far these are
-    apart; errors of what was observed are those of resampled boulders."""
+    """Statistics of an observed sample and of a weighted simulated one, and their distances; errors
+    of observations come from resampled boulders."""
     random, one = np.random.default_rng(0), np.ones(len(seen))
     drawn = [_numbers(random.choice(seen, len(seen)), one) for _ in range(RESAMPLES)]
     enough = min(len(seen), len(made)) >= FEWEST
@@ -222,7 +223,8 @@ def _numbers(values: np.ndarray, share: np.ndarray) -> dict[str, float]:
 
 
 def _of_printed(row: dict[str, Any], crossed: np.ndarray) -> Iterator[tuple[str, Number]]:
-    """Of a mean and a deviation that were printed; exact where nobody says of how many boulders."""
+    """Comparison with a printed mean and deviation; exact if the number of boulders is not
+    given."""
     n, std = row["n"], row["std"]
     errors = {"mean": std / np.sqrt(n), "std": std / np.sqrt(2 * max(n - 1, 1))}
     found = _numbers(crossed, np.ones(len(crossed))) if len(crossed) >= FEWEST else {}
@@ -232,8 +234,8 @@ def _of_printed(row: dict[str, Any], crossed: np.ndarray) -> Iterator[tuple[str,
 
 
 def over_runs(runs: Sequence[dict[Key, Number]]) -> Iterator[dict[str, Any]]:
-    """Rows of a table (COLUMNS but the law): means over runs, which differ by their seed or their
-    terrain, their standard errors, and verdicts."""
+    """Rows of a table (COLUMNS without the model): means over runs, which differ by their seed or
+    their terrain, their standard errors, and verdicts."""
     for key, one in runs[0].items():
         values = np.array([run[key].simulated for run in runs])
         mean, error = float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
@@ -243,7 +245,8 @@ def over_runs(runs: Sequence[dict[Key, Number]]) -> Iterator[dict[str, Any]]:
 
 
 def _verdict(statistic: str, seen: Number, simulated: float, error: float) -> str:
-    """On a bound, where there is one: undecided where the interval of the error straddles it."""
+    """Verdict on a bound, if there is one: undecided where the interval of the error straddles
+    it."""
     if statistic not in BOUNDS or not seen.observed > 0 or simulated != simulated:
         return ""
     off = abs(simulated / seen.observed - 1)

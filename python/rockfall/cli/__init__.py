@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The command line: arguments in, exit status out. What a command does stands elsewhere."""
+"""The command line: arguments in, exit status out. The work of the commands is done in other
+packages."""
 
 from __future__ import annotations
 
@@ -22,12 +23,12 @@ _NO_MEMORY = "not enough memory for this case; `rockfall check` says what it nee
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit status. Whatever goes wrong is one line on stderr."""
+    """Run a command and return the exit status. All errors are reported in one line on stderr."""
     if not sys.warnoptions:
-        warnings.simplefilter("ignore")  # of the packages below us, to their programmers
+        warnings.simplefilter("ignore")  # from libraries, for their developers
     _open_closed_streams()
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # a name may have letters that it cannot take
+        sys.stdout.reconfigure(errors="replace")  # for names with unsupported letters
     try:
         with stoppable():
             arguments = make_parser().parse_args(argv)
@@ -46,21 +47,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError:
         return say(_NO_MEMORY, REFUSED)
     except BrokenPipeError:
-        _close_stdout()  # the reader has seen enough
+        _close_stdout()  # the reader closed the pipe
         return DONE
     except OSError as error:
         if error.errno == errno.ENOMEM:
             return say(_NO_MEMORY, REFUSED)
         if error.filename is not None:
             return _fault(error)
-        _close_stdout()  # takes no more
+        _close_stdout()  # accepts no more output
         return say(f"output: {error.strerror or error}", REFUSED)
     except Exception as error:
         return _fault(error)
 
 
 def _check_names(arguments: argparse.Namespace) -> None:
-    """Refuse names that are not text in UTF-8: netCDF and case files can hold no others."""
+    """Refuse names that are not UTF-8: netCDF and case files can hold no others."""
     encoding = sys.getfilesystemencoding()
     if encoding != "utf-8":
         raise RockfallError(f"file names are in {encoding} here: set LC_ALL=C.UTF-8")
@@ -79,13 +80,13 @@ def _fault(error: Exception) -> int:
 
 
 def _open_closed_streams() -> None:
-    """Where a standard stream is closed (>&-), what is written there is lost, and does not go to a
-    file that is opened later under the same number."""
+    """Redirect closed standard streams (>&-) to the null device, so that output is not written to a
+    file opened later under the same descriptor."""
     for name, mode in ("stdin", "r"), ("stdout", "w"), ("stderr", "w"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))
 
 
 def _close_stdout() -> None:
-    """Nobody takes what is still to be printed; Python must not try again when it exits."""
+    """Drop pending output of a closed stream, so that Python does not try again at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

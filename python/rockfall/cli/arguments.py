@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from rockfall.errors import RockfallError
 
-_Commands = argparse._SubParsersAction  # argparse has no public name for it
+_Commands = argparse._SubParsersAction  # no public name in argparse
 _RULES = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, fraction@EL1<3%%'"
 
 
@@ -21,7 +21,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Step(argparse.Action):
-    """An edit, kept with the others in the order of the command line."""
+    """An edit, stored with the others in the order of the command line."""
 
     def __call__(self, parser: Any, namespace: Any, value: Any, option: str | None = None) -> None:
         steps = [*(getattr(namespace, self.dest) or []), (str(option).lstrip("-"), value)]
@@ -29,7 +29,7 @@ class _Step(argparse.Action):
 
 
 class _Version(argparse.Action):
-    """`--version`, looked up only when asked for."""
+    """Option `--version`, whose value is looked up only when requested."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         print(f"rockfall {import_module('rockfall.version').__version__}")
@@ -39,8 +39,8 @@ class _Version(argparse.Action):
 def _add(
     commands: _Commands, module: str, name: str, does: str, what: str = "", writes: bool = True
 ) -> _Parser:
-    """A command, of a module in this folder, that reads one file, `what`; most may replace what
-    they wrote earlier."""
+    """Add a command from a module in this folder that reads one file, `what`; most commands may
+    replace their earlier output."""
     one = commands.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
     if what:
         one.add_argument(what.lower(), metavar=what, type=Path)
@@ -56,8 +56,8 @@ def _add_overwrite(command: argparse.ArgumentParser) -> None:
 
 
 def _command(module: str, name: str) -> Callable[[argparse.Namespace], int]:
-    """The function of a command. Its module is imported when it is called: `rockfall --help` needs
-    no NumPy, and a check no figures. No file is replaced but by `--overwrite`."""
+    """Function of a command. Its module is imported when it is called: `rockfall --help` needs no
+    NumPy, and a check no figures. Files are replaced only with `--overwrite`."""
 
     def run(given: argparse.Namespace) -> int:
         function = getattr(import_module(f"rockfall.cli.{module}"), f"{name}_command")
@@ -69,7 +69,7 @@ def _command(module: str, name: str) -> Callable[[argparse.Namespace], int]:
 
 
 def make_parser() -> argparse.ArgumentParser:
-    """The parser of the whole command line; its `command` takes the arguments it has read."""
+    """Parser of the complete command line; its `command` takes the parsed arguments."""
     parser = _Parser(
         prog="rockfall", description="Where falling rocks go, how fast, how high and how often."
     )
@@ -86,7 +86,7 @@ def make_parser() -> argparse.ArgumentParser:
 def _add_draft(commands: _Commands) -> None:
     about = "write a commented case for a DEM and layers of zones, sources, lines, barriers, trees"
     new = _add(commands, "draft", "new", about, "DEM", writes=False)
-    new.set_defaults(overwrite=True)  # a case never is; what was made beside one that is gone
+    new.set_defaults(overwrite=True)  # only output of a lost case, never a case
     about = "GeoPackage, GeoJSON, shapefile: each layer is known by shapes, attributes and name"
     new.add_argument("layers", metavar="LAYER", type=Path, nargs="*", help=about)
     new.add_argument("-o", "--output", metavar="CASE.nml", type=Path, required=True)
@@ -168,7 +168,7 @@ def _add_resume(command: argparse.ArgumentParser, place: str) -> None:
 
 
 def _add_overrides(command: argparse.ArgumentParser) -> None:
-    """What stands in place of the case's own."""
+    """Add the options that replace values of the case."""
     command.add_argument("--boulders", metavar="N", type=int, help="released from each source")
     about = "released from all sources together"
     command.add_argument("--boulders-total", metavar="N", type=int, help=about)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a case would run."""
+"""Preview of a case."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def dem_command(arguments: argparse.Namespace) -> int:
 
 
 def _source(arguments: argparse.Namespace) -> Dem:
-    """A raster, or the points of a CSV file, with what is to be known of them."""
+    """Read a raster, or the points of a CSV file, with their properties."""
     given = {key: getattr(arguments, key) for key in OF_POINTS}
     given = {key: value for key, value in given.items() if value is not None}
     if arguments.input.suffix.lower() not in (".csv", ".txt"):
@@ -66,7 +66,7 @@ def _source(arguments: argparse.Namespace) -> Dem:
 
 
 def _options(arguments: argparse.Namespace) -> Iterator[str]:
-    """What was said on the command line, for the history of the file."""
+    """Options of the command line, for the history of the file."""
     for key in OF_POINTS:
         if (value := getattr(arguments, key)) is not None:
             yield from (f"--{key}", str(value))

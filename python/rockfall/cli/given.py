@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The case that a command is given, and its scene."""
+"""Case given to a command, and its scene."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rockfall.simulation.memory import machine_memory, read_memory
 
 
 def overridden(arguments: argparse.Namespace) -> Case:
-    """The case with what the command line has in place of its own."""
+    """Case with values replaced by the command line."""
     case = read_case(arguments.case)
     keys = ("boulders", "boulders_total", "seed", "threads")
     given = {key: getattr(arguments, key) for key in keys}
@@ -26,7 +26,7 @@ def overridden(arguments: argparse.Namespace) -> Case:
 
 
 def scene_of(case: Case, arguments: argparse.Namespace) -> Scene:
-    """The scene of a case, with warnings of what is doubtful in it."""
+    """Scene of a case, with warnings about doubtful inputs."""
     memory = machine_memory() if arguments.memory is None else read_memory(arguments.memory)
     scene = read_scene(case, memory=memory)
     _warn_of(scene)
@@ -34,7 +34,7 @@ def scene_of(case: Case, arguments: argparse.Namespace) -> Scene:
 
 
 def warn_of_inputs(case: Case) -> None:
-    """Print what is doubtful in a case, before the many runs of a study."""
+    """Print warnings about doubtful inputs of a case, before the many runs of a study."""
     _warn_of(read_scene(case, memory=machine_memory()))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From scenarios to zones: the hazard of a case."""
+"""Hazard of a case, from scenarios to zones."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ from rockfall.simulation.memory import machine_memory, read_memory
 from rockfall.simulation.simulate import Interrupted
 from rockfall.text.hazard import hazard_summary
 
-DOTS = 200  # of figures, an inch
+DOTS = 200  # of figures, per inch
 
 
 def hazard_command(arguments: argparse.Namespace) -> int:
     need("a hazard needs", "vector", "pyogrio", "shapely")
     need("a hazard needs", "report", "matplotlib")
     case = overridden(arguments)
-    base_case(case)  # refuses what cannot be run, before a file is looked at
+    base_case(case)  # refuses invalid cases before a file is read
     folder = arguments.output or Path(f"{arguments.case.stem}_hazard")
     inputs = [*input_files(case), *([arguments.objects] if arguments.objects else [])]
     if arguments.write_cases:
@@ -66,7 +66,7 @@ def hazard_command(arguments: argparse.Namespace) -> int:
 
 
 def _write_cases(arguments: argparse.Namespace, case: Case, inputs: list[Path]) -> int:
-    """Each scenario as a case of its own, beside the case: for runs elsewhere."""
+    """Write each scenario as its own case, next to the case, for runs elsewhere."""
     study = read_study(case, arguments.objects, objects_layer=arguments.objects_layer)
     stem = arguments.case.with_suffix("")
     cases = {Path(f"{stem}_scenario{k}.nml"): one for k, one in enumerate(study.scenarios, start=1)}
@@ -87,7 +87,7 @@ def _run_to(
     inputs: list[Path],
 ) -> int:
     shown = not arguments.quiet
-    with interrupts():  # what has been done is kept
+    with interrupts():  # completed work is kept
         try:
             found = run_study(
                 study, results=arguments.results, progress=shown, checkpoints=checkpoints
@@ -119,7 +119,8 @@ def _interrupted(checkpoints: list[Checkpoint]) -> int:
 
 
 def _checkpoints(arguments: argparse.Namespace, folder: Path, case: Case) -> Iterator[Checkpoint]:
-    """One for each scenario, beside the folder; one that is there is not overwritten unasked."""
+    """Checkpoints of the scenarios, next to the folder; existing ones are overwritten only on
+    request."""
     if not arguments.checkpoint >= 0:
         raise RockfallError(f"--checkpoint {arguments.checkpoint}: must be >= 0 seconds")
     for k in range(1, len(case.scenario) + 1):
@@ -134,7 +135,7 @@ def _checkpoints(arguments: argparse.Namespace, folder: Path, case: Case) -> Ite
 
 
 def _check_place(folder: Path, case: Case, inputs: Iterable[str | Path]) -> None:
-    """Refuse what would keep the files from their places, before the runs and not after."""
+    """Refuse a folder to which the files cannot be written, before the runs start."""
     check_folder(folder)
     if not folder.resolve().parent.is_dir():
         raise RockfallError(f"{folder}: there is no folder {folder.parent}")

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a command says on stderr, and its exit status."""
+"""Messages of a command on stderr, and its exit status."""
 
 from __future__ import annotations
 
 import sys
 
-DONE, FAULT, REFUSED = 0, 1, 2  # `rockfall.interrupts.exit_status` has the interrupted
+DONE, FAULT, REFUSED = 0, 1, 2  # for interrupts see `rockfall.interrupts.exit_status`
 
 
 def say(line: str, status: int) -> int:
-    """One line, whatever the text, and the status to end with."""
+    """Print a text as one line to stderr, and return the exit status."""
     print("rockfall:", " ".join(line.splitlines()), file=sys.stderr)
     return status
 

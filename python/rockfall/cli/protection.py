@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What protects, of results: the design sheet."""
+"""Protection commands for results: the design sheet."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def design_command(arguments: argparse.Namespace) -> int:
 
 
 def design_files(found: Mapping[str, Design]) -> dict[str, str]:
-    """Names of what `write_design` writes, and their kinds."""
+    """Names of the files that `write_design` writes, and their kinds."""
     along = any(one.along is not None for one in found.values())
     files = {f"design_{name}.csv": DESIGN for name in TABLES if along or name != "along"}
     files["design_factors.csv"] = FACTORS
@@ -75,15 +75,15 @@ def design_files(found: Mapping[str, Design]) -> dict[str, str]:
 
 
 def numbered(found: Mapping[str, Design]) -> list[str]:
-    """A word for the file of each result: none if there is but one."""
+    """Suffix for the file of each result: none for a single one."""
     return [""] if len(found) == 1 else [f"_{k}" for k in range(1, len(found) + 1)]
 
 
 def write_design(
     found: Mapping[str, Design], folder: Path, results: Mapping[str, xr.Dataset]
 ) -> list[Path]:
-    """Write the tables of designs, by the names of their results, and the figures along lines;
-    all of them or none."""
+    """Write the tables of designs, by the names of their results, and the figures along lines; all
+    of them or none."""
     inputs = [Path(name) for name in found]
     inputs += [path for one in results.values() for path in files_behind(one)]
     files = design_files(found)
@@ -100,7 +100,7 @@ def write_design(
 
 
 def _joined(found: Mapping[str, Design], name: str) -> pd.DataFrame:
-    """A table of all results, that of a row in its first column."""
+    """Joined table of all results, with the result's name in the first column."""
     import pandas as pd
 
     tables = []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is made of a result: files, tables, figures, the page."""
+"""Products of a result: files, tables, figures, the page."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def lines_command(arguments: argparse.Namespace) -> int:
 
 
 def _edges(given: str | None) -> list[float] | None:
-    """Numbers between commas."""
+    """Numbers separated by commas."""
     if given is None:
         return None
     try:
@@ -113,12 +113,12 @@ def report_command(arguments: argparse.Namespace) -> int:
 
 
 def _path(arguments: argparse.Namespace) -> Path:
-    """That of the result."""
+    """Path of the result."""
     return getattr(arguments, "out.nc")
 
 
 def _beside(arguments: argparse.Namespace) -> dict[str, Any]:
-    """What is drawn with a result."""
+    """Inputs to be drawn with a result."""
     return {
         "dem": arguments.dem,
         "observed": arguments.observed or (),
@@ -130,7 +130,7 @@ def _beside(arguments: argparse.Namespace) -> dict[str, Any]:
 @contextmanager
 def _warnings_told() -> Iterator[None]:
     with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("ignore")  # of the packages below us
+        warnings.simplefilter("ignore")  # from libraries
         warnings.filterwarnings("always", module=r"rockfall\.products")
         yield
     for warning in said:

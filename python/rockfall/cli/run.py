@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From a case to its result."""
+"""Runs of a case to its result."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def run_command(arguments: argparse.Namespace) -> int:
 
 
 def _was_stopped(path: Path, arguments: argparse.Namespace) -> bool:
-    """Whether an output is what a stopped run left beside its checkpoint: `--resume` replaces it.
-    Without that option the checkpoint is refused, which says more."""
+    """Return True if an output was left by a stopped run with a checkpoint: `--resume` replaces it.
+    Without that option the checkpoint is refused, with a clearer message."""
     checkpoints = arguments.until is None and arguments.dask is None
     return checkpoints and checkpoint_of(path).exists()
 
@@ -72,7 +72,7 @@ def _shard(text: str) -> tuple[int, int]:
 
 
 def _checkpoint(arguments: argparse.Namespace, path: Path) -> Checkpoint | None:
-    """Where a run saves its work; one that is there is not overwritten unasked."""
+    """Checkpoint of a run; an existing one is overwritten only on request."""
     if arguments.until is not None or arguments.dask is not None:
         return None
     found = Checkpoint(path, arguments.checkpoint or math.inf, warn)
@@ -92,7 +92,7 @@ def _run_to(
     checkpoint: Checkpoint | None,
 ) -> int:
     scene = scene_of(case, arguments)
-    with interrupts():  # what has been done is also written
+    with interrupts():  # completed work is written too
         try:
             result = _simulate(scene, arguments, shard, checkpoint)
         except Interrupted as stop:
@@ -115,7 +115,7 @@ def _simulate(
     shard: tuple[int, int],
     checkpoint: Checkpoint | None,
 ) -> Contents:
-    """As many boulders as the case says, or as the rules of `--until` need."""
+    """Simulate as many boulders as the case specifies, or as the rules of `--until` need."""
     shown = not arguments.quiet
     if arguments.dask is not None:
         return run_on_cluster(scene, arguments.dask, progress=shown)
@@ -125,7 +125,7 @@ def _simulate(
 
 
 def _keep(result: Contents, path: Path, checkpoint: Checkpoint | None) -> int:
-    """Write what was done before Ctrl-C."""
+    """Write the completed boulders after Ctrl-C."""
     done, requested = simulated(result), result.attrs["boulders_requested"]
     if not done:
         raise KeyboardInterrupt

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Many runs of a case: over what is uncertain in it, and for how its numbers converge."""
+"""Studies with many runs of a case: uncertain inputs, and convergence of its numbers."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from rockfall.text.ensemble import ensemble_summary
 from rockfall.text.models import models_text, validation_text
 
 TABLES = ("study", "error", "cost", "numerical")
-FILES = {  # of a study of convergence, and their kinds
+FILES = {  # of a convergence study, and their kinds
     **{f"{table}.csv": STUDY for table in TABLES},
     **{f"convergence.{ending}": FIGURE for ending in ("png", "pdf")},
 }
@@ -147,7 +147,7 @@ def validate_command(arguments: argparse.Namespace) -> int:
 def write_convergence(
     found: Convergence, folder: Path, inputs: Iterable[str | Path] = ()
 ) -> list[Path]:
-    """Write all of FILES to a folder, or none; over no file of the `inputs` and nothing but an
+    """Write all of FILES to a folder, or none; over no file of the `inputs` and only over an
     earlier study."""
     inputs = list(inputs)
     check_writable(folder, inputs)
@@ -159,7 +159,7 @@ def write_convergence(
 
 
 def check_writable(folder: Path, inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse what would keep `write_convergence` from its files, before the runs and not after."""
+    """Refuse a folder to which `write_convergence` cannot write, before the runs start."""
     _check_folder(folder, FILES, "convergence", inputs)
 
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The first inputs of a project: a DEM of surveyed points, an edited one, and a commented case."""
+"""First inputs of a project: a DEM from surveyed points, an edited one, and a commented case."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Elevation models: of surveyed points, and edits of those that are there."""
+"""Elevation models: made from surveyed points, and edits of existing ones."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ from rockfall.terrain.repairs import lowered, smoothed, without_holes, without_p
 from rockfall.version import __version__
 
 MAX_CELLS = 400_000_000
-FAR = 3.0  # spacings of points, beyond which nothing is known
-NICE = (1.0, 2.0, 5.0, 10.0)  # sides of cells
+FAR = 3.0  # point spacings beyond which elevations are unknown
+NICE = (1.0, 2.0, 5.0, 10.0)  # leading digits of cell sides
 NODATA = -9999.0
-SURFACE = {"uniform_mean_radius": 1.0}  # of cases that are read for their dams only
+SURFACE = {"uniform_mean_radius": 1.0}  # for cases that are read only for their dams
 
 
 class Dem(NamedTuple):
-    """Elevations (ny, nx) [m], where they lie, and what marks that there are none in a file."""
+    """Elevations (ny, nx) [m], their grid, and the nodata value of a file."""
 
     z: np.ndarray
     grid: Grid
@@ -48,15 +48,15 @@ class Dem(NamedTuple):
 
 
 class Survey(NamedTuple):
-    """What is said of a DEM of points."""
+    """Summary of a DEM made from points."""
 
     points: int
     spacing: float  # [m]
-    errors: np.ndarray  # of leaving out one point after the other [m]; NaN: no other is near
+    errors: np.ndarray  # leave-one-out errors [m]; NaN: no other point is near
 
     @property
     def standard_error(self) -> float:
-        """Root of the mean square [m]."""
+        """Root mean square of the errors [m]."""
         return float(np.sqrt(np.nanmean(self.errors**2)))
 
 
@@ -69,8 +69,8 @@ def dem_of_points(
     within: float | None = None,
     crs: str | None = None,
 ) -> tuple[Dem, Survey]:
-    """A DEM of the points of a CSV file (columns x, y, z [m]) by inverse distance to a power, of
-    the nearest points, none farther than `within` [m] (default: three spacings of the points).
+    """Make a DEM from the points of a CSV file (columns x, y, z [m]) by inverse distance to a
+    power, from the nearest points within `within` [m] (default: three spacings of the points).
 
     The default of `cell` [m] is 1, 2 or 5 times a power of ten, at most the mean spacing.
     """
@@ -100,7 +100,7 @@ def dem_of_points(
 
 
 def read_source(path: str | Path, crs: str | None = None) -> Dem:
-    """The DEM in a raster file, with a CRS where the file names none."""
+    """Read the DEM in a raster file, with a CRS if the file has none."""
     z, grid = read_dem(path)
     if crs is not None:
         if grid.crs is not None:
@@ -113,8 +113,8 @@ def read_source(path: str | Path, crs: str | None = None) -> Dem:
 
 
 def edited(dem: Dem, steps: Iterable[tuple[str, Any]], remarks: list[str]) -> Dem:
-    """After some EDITS, one after the other: (name, what it takes); what is odd in a layer is added
-    to `remarks`."""
+    """DEM after some EDITS, applied in turn: (name, argument); oddities of a layer are added to
+    `remarks`."""
     for name, given in steps:
         dem = dem._replace(z=EDITS[name](dem, given, remarks))
     return dem
@@ -123,7 +123,7 @@ def edited(dem: Dem, steps: Iterable[tuple[str, Any]], remarks: list[str]) -> De
 def write_dem(
     dem: Dem, path: str | Path, made_from: str | Path, options: Iterable[str] = ()
 ) -> None:
-    """A DEM as GeoTIFF, whole or not at all, with what it was made from."""
+    """Write a DEM as GeoTIFF, atomically, with its provenance."""
     made = shlex.join(["dem", str(made_from), *options])
     tags = {
         "TIFFTAG_SOFTWARE": SIGNATURE, "units": "m", "long_name": "elevation",
@@ -135,7 +135,7 @@ def write_dem(
 
 
 def check_place(path: str | Path, source: str | Path, steps: Iterable[tuple[str, Any]]) -> None:
-    """Refuse a place for a DEM before the work."""
+    """Refuse an output path for a DEM before the work starts."""
     if Path(path).suffix.lower() not in (".tif", ".tiff"):
         raise RockfallError(f"{path}: is no name for a GeoTIFF; it must end in .tif")
     layers = [given for _, given in steps if isinstance(given, Path)]
@@ -143,7 +143,7 @@ def check_place(path: str | Path, source: str | Path, steps: Iterable[tuple[str,
 
 
 def _read_points(path: str | Path) -> np.ndarray:
-    """x, y and z of each row of a table."""
+    """Read x, y and z from each row of a table."""
     where, columns, rows = read_table(path)
     for axis in "xyz":
         if columns.count(axis) != 1:
@@ -153,7 +153,7 @@ def _read_points(path: str | Path) -> np.ndarray:
 
 
 def _nice(spacing: float) -> float:
-    """1, 2 or 5 times a power of ten, at most so much."""
+    """Round down to 1, 2 or 5 times a power of ten."""
     unit = 10.0 ** math.floor(math.log10(spacing))
     return max(factor * unit for factor in NICE if factor * unit <= spacing)
 
@@ -190,7 +190,7 @@ def _smooth(dem: Dem, std: float, _: list[str]) -> np.ndarray:
 
 
 def _dam(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
-    """With the dams of a layer, as &dam file has them: a case of them alone checks their keys."""
+    """Elevations with the dams of a layer, as in &dam file: a temporary case checks their keys."""
     x, y = [float(dem.grid.x[0])], [float(dem.grid.y[0])]
     case = Case(
         name=str(path), case={"boulders": 1}, surface=SURFACE, boulder={"volume_mean": 1.0},
@@ -207,7 +207,7 @@ def _dam(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
 
 
 def _cut(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
-    """Lowered within polygons, or beside lines: by `depth` or to `level` [m]."""
+    """Elevations lowered within polygons, or along lines: by `depth` or to `level` [m]."""
     shapes, columns = read_features(path, dem.grid, remarks)
     columns = {name.lower(): values for name, values in columns.items()}
     z = dem.z
@@ -234,7 +234,7 @@ def _cut(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
 
 
 def _attribute(path: Path, columns: dict[str, np.ndarray], name: str, k: int) -> float:
-    """A number of a feature; NaN where it has none."""
+    """Number of a feature; NaN if it has none."""
     if name not in columns:
         return math.nan
     if columns[name].dtype.kind not in "iuf":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The text of a first case: each value with why it is so, and what else is allowed."""
+"""Text of a first case: each value with its reason and the allowed alternatives."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ from rockfall.draft.zones import Zones
 from rockfall.io.grid import Grid
 
 VOLUME = 1.0  # [m3]
-RADIUS = 0.25  # [m]: with VOLUME, R_b/R_m is 2.5, within what impact sets hold
+RADIUS = 0.25  # [m]: with VOLUME, R_b/R_m is 2.5, within the range of impact sets
 MAPS = ("passages", "deposits", "reach_probability", "energy_mean", "energy_q95", "jump_height_q95")
 TRAJECTORIES = 200
 
 
 @dataclass
 class New:
-    """A case in the making."""
+    """A draft of a case."""
 
     dem: Path
     out: Path
     grid: Grid
-    used: dict[str, list[Layer]] = field(default_factory=dict)  # by what they are for
+    used: dict[str, list[Layer]] = field(default_factory=dict)  # by their use
     zones: Zones | None = None
-    notes: list[str] = field(default_factory=list)  # what each layer was taken for
-    remarks: list[str] = field(default_factory=list)  # what is odd
-    sources: int = 0  # how many there are, once that is known
-    boulders: int = 1  # of all of them
+    notes: list[str] = field(default_factory=list)  # use of each layer
+    remarks: list[str] = field(default_factory=list)  # oddities
+    sources: int = 0  # number of sources, once known
+    boulders: int = 1  # total number
     threshold: float = 1.0  # of steep cells [degree]
-    volumes: int = 0  # of sources whose layer says the volume of their boulders
+    volumes: int = 0  # number of sources whose layer gives the volume of their boulders
 
     @staticmethod
     def has_key(group: str, name: str) -> bool:
-        """Whether a case knows a key."""
+        """Return True if a key exists in cases."""
         return any((key.group, key.name) == (group, name) for key in key_table())
 
 
 def new_text(new: New, place: Path) -> str:
-    """The case as it stands in a folder."""
+    """Text of the case for a folder."""
     groups = [
         _case(new), Group("terrain", [_entry("terrain", "dem", _name(new.dem, place))]),
         _surface(new, place),
@@ -55,7 +55,7 @@ def new_text(new: New, place: Path) -> str:
 
 
 def _entry(group: str, key: str, value: Any, why: str = "", on: bool = True) -> Entry:
-    """A key with what was chosen, and what the table of keys says of it."""
+    """A key with its chosen value, and its description from the table of keys."""
     about = next(one for one in key_table() if (one.group, one.name) == (group, key))
     unit = f" [{about.unit}]" if about.unit else ""
     parts = why, f"{about.meaning}{unit}", about.allowed
@@ -63,12 +63,12 @@ def _entry(group: str, key: str, value: Any, why: str = "", on: bool = True) -> 
 
 
 def _name(file: Path, place: Path) -> str:
-    """A file as a case in a folder names it."""
+    """Name of a file in a case in a given folder."""
     return Path(os.path.relpath(file.resolve(), place.resolve())).as_posix()
 
 
 def _layer(layer: Layer, group: str, key: str) -> Iterator[Entry]:
-    """Which layer of a file, where it has several."""
+    """Layer name, for a file with several."""
     if not layer.alone:
         yield _entry(group, key, layer.name)
 
@@ -178,7 +178,7 @@ def _forest(new: New, place: Path) -> Iterator[Group]:
 
 
 def _drawn(new: New, place: Path) -> Iterator[Group]:
-    """Lines, barriers and dams: what a group does not say, the attributes do."""
+    """Lines, barriers and dams: values that a group does not give come from attributes."""
     for kind, group in SEVERAL.items():
         for layer in new.used.get(kind, ()):
             entries = [_entry(group, "file", _name(layer.path, place))]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A first case for a DEM and layers, which runs as it is and says what else there is."""
+"""First case for a DEM and layers, which runs unchanged and mentions further options."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from rockfall.scene.read import read_scene
 from rockfall.scene.sources import threshold
 from rockfall.simulation.memory import machine_memory
 
-TOTAL = 100_000  # boulders of a first run
+TOTAL = 100_000  # boulders in a first run
 
 
 def new_case(dem: str | Path, layers: Iterable[str | Path], out: str | Path) -> New:
@@ -51,7 +51,7 @@ def new_case(dem: str | Path, layers: Iterable[str | Path], out: str | Path) -> 
 
 
 def _take(new: New, layer: Layer) -> None:
-    """Note what a layer is for; of zones, sources and trees there can be one."""
+    """Record the use of a layer; only one is allowed for zones, sources and trees."""
     kind, why = kind_of(layer)
     if kind in new.used and kind not in SEVERAL:
         kind, why = "", f"{kind} are already those of {new.used[kind][0]}"
@@ -63,8 +63,8 @@ def _take(new: New, layer: Layer) -> None:
 
 
 def _write(new: New, place: Path) -> None:
-    """Write the case to a folder, and read all that it names. What it says of the sources follows
-    from them: it is written twice."""
+    """Write the case to a folder, and read everything that it names. Its text depends on the
+    sources found, so it is written twice."""
     path = place / new.out.name
     path.write_text(new_text(new, place), encoding="utf-8")
     try:

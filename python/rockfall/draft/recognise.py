@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a layer is for in a case: by its shapes, its attributes and its name."""
+"""Recognition of the use of a layer in a case, by its shapes, its attributes and its name."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from rockfall.scene.layers import LAYERS
 
 ZONES, SOURCES, LINES = "zones", "sources", "lines"
 BARRIERS, DAMS, TREES, OBJECTS = "barriers", "dams", "trees", "objects"
-SEVERAL = {LINES: "line", BARRIERS: "barrier", DAMS: "dam"}  # groups of which there may be several
-OF_ZONES = (*RADII, "ground")  # attributes, of which zones have one
-SYMBOLS = {"mean_radius": "r_m"}  # by which the field writes them, too
-WORDS = {  # with which names begin: English, German, French, Italian
+SEVERAL = {LINES: "line", BARRIERS: "barrier", DAMS: "dam"}  # groups that may occur several times
+OF_ZONES = (*RADII, "ground")  # attributes, of which zones have at least one
+SYMBOLS = {"mean_radius": "r_m"}  # common field symbols for them
+WORDS = {  # prefixes of names: English, German, French, Italian
     SOURCES: ("source", "cliff", "release", "scarp", "quelle", "fels", "wand", "ausbruch", "anriss",
               "falaise", "depart", "parete", "distacco", "sorgent"),
     BARRIERS: ("barrier", "net", "fence", "wall", "netz", "zaun", "mauer", "filet", "mur", "rete",
@@ -32,12 +32,12 @@ WORDS = {  # with which names begin: English, German, French, Italian
               "edific", "casa"),
 }  # fmt: skip
 NAMES = ("name", "bezeichnun", "nom", "nome", "label")  # attributes with the name of a line
-SHORT = 10  # letters of an attribute in a shapefile, at most
+SHORT = 10  # maximum length of attribute names in a shapefile
 
 
 @dataclass
 class Layer:
-    """A layer on the terrain; attributes by their names in small letters."""
+    """A layer on the terrain; attributes by their lower-case names."""
 
     path: Path
     name: str
@@ -51,24 +51,24 @@ class Layer:
 
     @property
     def shape(self) -> str:
-        """Point, Line or Polygon; "" where they are mixed."""
+        """Point, Line or Polygon; "" if mixed."""
         kinds = {one.geom_type.removeprefix("Multi").removesuffix("String") for one in self.shapes}
         return kinds.pop() if len(kinds) == 1 else ""
 
     def attribute(self, key: str) -> str | None:
-        """The attribute that gives a key, by its name there."""
+        """Name of the attribute that gives a key."""
         names = (key, key[:SHORT], SYMBOLS.get(key))
         return next((name for name in names if name in self.columns), None)
 
     def has(self, key: str) -> bool:
-        """Whether each feature has a number for a key."""
+        """Return True if each feature has a number for a key."""
         name = self.attribute(key)
         if name is None or self.columns[name].dtype.kind not in "iuf":
             return False
         return not np.isnan(self.columns[name].astype(float)).any()
 
     def is_called(self, kind: str) -> bool:
-        """Whether a word of its name, or of its file's, says what it is."""
+        """Return True if a word in its name, or in its file's, indicates this kind."""
         words = re.split(r"[\W\d_]+", f"{self.name} {self.path.stem}".lower())
         return any(word.startswith(WORDS[kind]) for word in words)
 
@@ -86,7 +86,7 @@ def read_layers(path: Path, grid: Grid, remarks: list[str]) -> Iterator[Layer]:
 
 
 def kind_of(layer: Layer) -> tuple[str, str]:
-    """What a layer is for, "" for nothing; and what is to be said of that."""
+    """Use of a layer, "" if none; and a remark about it."""
     if layer.shape == "Polygon":
         return _polygons(layer)
     if layer.shape == "Line":

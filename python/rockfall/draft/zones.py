@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zones of polygons that say themselves what they are made of: the table that a case wants."""
+"""Zones from polygons with their own ground attributes: the table that a case needs."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ ID = "zone"  # the attribute with the id
 
 
 class Zones(NamedTuple):
-    """How a case names zones."""
+    """Zones in the form that a case names them."""
 
-    copy: Path | None  # of the polygons with ids, where their own will not do
+    copy: Path | None  # of the polygons, with ids if theirs are unsuitable
     field: str  # attribute with the id
     table: Path
     method: str
-    rest: int | None  # zone of cells in no polygon: the commonest; None where there are none
-    outside: int  # how many those cells are
+    rest: int | None  # zone of cells outside polygons: the most frequent; None if there are none
+    outside: int  # number of those cells
 
 
 def zones_of(layer: Layer, grid: Grid, z: np.ndarray, stem: str, place: Path) -> Zones:
-    """Write the table of the zones of a layer to a folder and, where polygons have no ids that tell
-    them apart, the polygons with ids."""
+    """Write the zone table of a layer to a folder and, if polygons have no distinct ids, the
+    polygons with ids."""
     columns = [one for one in OF_ZONES if layer.attribute(one)]
     rows = [_row(layer, columns, k) for k in range(len(layer.shapes))]
     ids = _own_ids(layer, rows)
@@ -64,7 +64,7 @@ def zones_of(layer: Layer, grid: Grid, z: np.ndarray, stem: str, place: Path) ->
 
 
 def _row(layer: Layer, columns: list[str], k: int) -> tuple[str, ...]:
-    """What a polygon is made of, as a table has it."""
+    """Ground attributes of a polygon as a table row."""
     cells = []
     for column in columns:
         value = layer.columns[str(layer.attribute(column))][k]
@@ -77,7 +77,7 @@ def _row(layer: Layer, columns: list[str], k: int) -> tuple[str, ...]:
 
 
 def _names(layer: Layer, ids: list[int]) -> dict[int, str]:
-    """What each zone is called, where the layer says it and none has two names."""
+    """Name of each zone, if the layer has unambiguous ones."""
     column = next((layer.columns[name] for name in NAMES if name in layer.columns), None)
     if column is None:
         return {}
@@ -88,7 +88,7 @@ def _names(layer: Layer, ids: list[int]) -> dict[int, str]:
 
 
 def _own_ids(layer: Layer, rows: list[tuple[str, ...]]) -> list[int] | None:
-    """The ids that polygons have, if none stands for different rows."""
+    """Ids of the polygons, if none stands for different rows."""
     values = layer.columns.get(ID)
     if values is None or values.dtype.kind not in "iu":
         return None
@@ -99,11 +99,11 @@ def _own_ids(layer: Layer, rows: list[tuple[str, ...]]) -> list[int] | None:
 def _rest(
     layer: Layer, grid: Grid, z: np.ndarray, copy: Path | None, field: str
 ) -> tuple[int | None, int]:
-    """The commonest zone, for cells in no polygon, and how many those are."""
+    """Most frequent zone, for cells outside polygons, and the number of those cells."""
     name, path = (None, copy) if copy else (layer.name, layer.path)
     try:
         found = burn_polygons(path, grid, field, [], layer=name)[~np.isnan(z)]
-    except RockfallError as error:  # the copy goes again
+    except RockfallError as error:  # remove the copy
         raise RockfallError(str(error).replace(str(path), str(layer))) from error
     zones, cells = np.unique(found[found != NO_ID], return_counts=True)
     outside = int(np.count_nonzero(found == NO_ID))

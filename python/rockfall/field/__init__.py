@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Data of field experiments and events: where they are published, and how they come here."""
+"""Data of field experiments and events: published archives and their download."""

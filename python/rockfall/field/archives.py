@@ -20,8 +20,8 @@ class RemoteFile(NamedTuple):
 
 @dataclass(frozen=True)
 class Archive:
-    """The files that are used of a published data set. `doi` is that of the data; `origin` says
-    where the files come from; `tried` whether this program has ever read the real ones."""
+    """Files used from a published data set. `doi` is that of the data; `origin` is the source of
+    the files; `tried` is True if this program has ever read the real ones."""
 
     title: str
     doi: str

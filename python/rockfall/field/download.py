@@ -10,16 +10,17 @@ from pathlib import Path
 from rockfall.errors import RockfallError, need
 from rockfall.field.archives import ARCHIVES, Archive, RemoteFile
 
-FOLDER = "ROCKFALL_FIELD_DATA"  # environment variable: a folder that is used in place of downloads
-CACHE = "rockfall"  # name of the folder of downloads among the user's caches
+FOLDER = "ROCKFALL_FIELD_DATA"  # environment variable: a folder used in place of downloads
+CACHE = "rockfall"  # name of the download folder in the user's cache
 
 
 def fetch(name: str, folder: str | Path | None = None) -> dict[str, Path]:
     """Return the files of an archive by their local names.
 
-    They come from `folder`, or that of the environment variable ROCKFALL_FIELD_DATA, itself or its
-    subfolder of the archive's name; without either they are downloaded into the user's cache, once.
-    Every file is checked against its checksum. A RockfallError names what is missing or differs.
+    They are taken from `folder`, or that of the environment variable ROCKFALL_FIELD_DATA, directly
+    or in its subfolder of the archive's name; without either they are downloaded into the user's
+    cache, once. Every file is checked against its checksum. A RockfallError names missing or
+    different files.
     """
     if name not in ARCHIVES:
         raise RockfallError(f"no archive {name!r}; known: {', '.join(ARCHIVES)}")
@@ -32,7 +33,7 @@ def fetch(name: str, folder: str | Path | None = None) -> dict[str, Path]:
 
 
 def _local(file: RemoteFile, folder: Path, name: str) -> Path:
-    """A file of a folder, as it was published."""
+    """File in a folder, unchanged from its publication."""
     if not folder.is_dir():
         raise RockfallError(f"{folder}: no such folder of field data")
     for path in (folder / name / file.name, folder / file.name):
@@ -52,7 +53,7 @@ def _local(file: RemoteFile, folder: Path, name: str) -> Path:
 
 
 def _downloaded(file: RemoteFile, archive: Archive, name: str) -> Path:
-    """A file of the user's cache, downloaded if it is not there."""
+    """File in the user's cache, downloaded if missing."""
     import pooch
 
     about = f"{archive.title} (doi:{archive.doi}): {file.url}"
@@ -60,7 +61,7 @@ def _downloaded(file: RemoteFile, archive: Archive, name: str) -> Path:
         path = pooch.retrieve(
             file.url, file.checksum, fname=file.name, path=pooch.os_cache(CACHE) / name
         )
-    except ValueError as error:  # of pooch: another checksum
+    except ValueError as error:  # from pooch: another checksum
         raise RockfallError(f"{about}: {error}") from None
     except OSError as error:  # no network, no such file, no space
         advice = f"or give a folder that holds {', '.join(archive.names)} ({FOLDER}, --data)"

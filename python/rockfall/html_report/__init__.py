@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A result as one HTML page that needs no network: words, maps, lines, figures, provenance.
+"""Report of a result as one HTML page that needs no network: text, maps, lines, figures,
+provenance.
 
-The modules of this package give numbers and words; `templates` have the structure of the page.
+The modules of this package provide numbers and texts; `templates` define the structure of the page.
 """
 
 from __future__ import annotations
@@ -98,12 +99,12 @@ if TYPE_CHECKING:
 
 PDF = ".pdf"
 NOBODY = Parties()
-MAX_SVG = 400_000  # bytes; a denser figure becomes dots
+MAX_SVG = 400_000  # bytes; a denser figure is rasterised
 DOTS_PER_INCH = 200
 GROUNDS = "Grounds: radii of their rocks"
-UNIT = re.compile(r"(?<=\d) (?=(?:%|kJ|m|m/s|m2|m³|kg/m³)(?!\w))")  # stays with its number
-COLOURS = 128  # of a figure of dots
-DRAWN_LINES = 8  # those with figures; the tables have all
+UNIT = re.compile(r"(?<=\d) (?=(?:%|kJ|m|m/s|m2|m³|kg/m³)(?!\w))")  # kept on the line of its number
+COLOURS = 128  # of a rasterised figure
+DRAWN_LINES = 8  # lines with figures; the tables have all
 
 
 class Picture(NamedTuple):
@@ -128,7 +129,7 @@ def write_report(
     hazard: xr.Dataset | None = None,
     models: Models | None = None,
 ) -> None:
-    """Write the page of a result to `path` (.html, or .pdf), whole or not at all; the rest is as in
+    """Write the page of a result to `path` (.html, or .pdf) atomically; other arguments are as in
     `report`."""
     path = Path(path)
     check_page(path, files_behind(result))
@@ -145,7 +146,7 @@ def write_report(
 
 
 def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse a page that cannot be made or written, before the work and not after it."""
+    """Refuse a page that cannot be made or written, before the work starts."""
     path = Path(path)
     need("a report needs", "report", "matplotlib", "PIL", "jinja2")
     ending = path.suffix.lower()
@@ -168,14 +169,14 @@ def report(
     hazard: xr.Dataset | None = None,
     models: Models | None = None,
 ) -> str:
-    """The page of a result as text. The same result gives the same text.
+    """Page of a result as text. The same result gives the same text.
 
     `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps; `observed`, from
-    `rockfall.analysis.observations.read_observed`, is set beside it in the figures and in a
-    comparison; `look` has limits between classes of maps and a basemap. With `view` the terrain
-    stands in the page in three dimensions too, which needs `terrain`. `on_paper` all maps are
-    figures. `language` is en, de, fr or it; `hazard`, from `rockfall.hazard`, adds its zones;
-    `models`, from `rockfall.analysis.models`, the spread over rebound models.
+    `rockfall.analysis.observations.read_observed`, is compared with the result in figures and
+    tables; `look` has limits between classes of maps and a basemap. `view` adds a three-dimensional
+    view of the terrain, and needs `terrain`. With `on_paper` all maps are figures. `language` is
+    en, de, fr or it; `hazard`, from `rockfall.hazard`, adds its zones; `models`, from
+    `rockfall.analysis.models`, the spread over rebound models.
     """
     result = flat_maps(result)
     words = [*words_of(result), *(words_of_hazard(hazard) if hazard is not None else ())]
@@ -190,7 +191,7 @@ def report(
     shown = [one for one in drawn if one.name not in zoomed]
     laboratory = [one for one in shown if one.name in LABORATORY]
     if not stochastic_fraction(result):
-        laboratory = []  # what they are set beside is not what rebounds followed
+        laboratory = []  # the reference is not what rebounds followed
     grounds = ground_figure(result, terrain)
     endangered = [] if hazard is None else list(hazard_tables(hazard))
     doubts = doubtful_inputs(result, hazard)
@@ -265,7 +266,7 @@ def report(
 def _convergence(
     result: xr.Dataset, rows: Rows, say: Speaker
 ) -> Iterator[tuple[str, Picture | None, Table | None]]:
-    """Each line with its figure and table of convergence; neither where no boulder passes."""
+    """Figure and table of convergence of each line; none if no boulder passes."""
     caption = "Numbers after so many boulders, with their 95 % band"
     caption += (
         "; the sources take turns, in a random order." if LineSamples(result).sources > 1 else "."
@@ -283,7 +284,7 @@ def _convergence(
 
 
 def _picture(figure: Figure, title: str, caption: str, say: Speaker) -> Picture:
-    """Lines stay lines (SVG) unless there are too many. The same figure gives the same bytes."""
+    """Figure as vectors (SVG), or rasterised if too dense. The same figure gives the same bytes."""
     say.figure(figure)
     wide, high = (round(96 * inch) for inch in figure.get_size_inches())
     content, kind = _saved(figure, "svg"), "image/svg+xml"
@@ -304,7 +305,7 @@ def _saved(figure: Figure, ending: str) -> bytes:
 
 
 def _rendered(say: Speaker, **content: Any) -> str:
-    """The page of this content. Every text is escaped; no script but ours may run in it."""
+    """Render the page from this content. All texts are escaped; only our scripts can run in it."""
     import jinja2
     from markupsafe import Markup
 

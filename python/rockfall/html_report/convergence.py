@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How the numbers at a line converge with the number of boulders, and how many more they need."""
+"""Convergence of the numbers at a line with the number of boulders, and the number still needed."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 SHOWN = ("speed", "passing_height", "energy_total")
 NUMBERS = [("fraction", "fraction"), *((q, name) for q in SHOWN for name in ("mean", "std", "q95"))]
-FIRST = 30  # boulders from which numbers are shown
-STEPS = 24  # sizes at which they are taken
+FIRST = 30  # minimum number of boulders shown
+STEPS = 24  # number of sizes
 LOOKS = {  # colour and dashes
     "fraction": (INK, "-"),
     "mean": (BLUE, "-"),
@@ -33,8 +33,8 @@ LOOKS = {  # colour and dashes
 
 
 def sizes(source: Sources) -> list[int]:
-    """Numbers of boulders, evenly apart in their logarithm, up to all; whole turns of the sources
-    where these are enough."""
+    """Numbers of boulders, evenly spaced in their logarithm, up to all; complete turns of the
+    sources where there are enough."""
     of, boulders = source.count, source.number.size
     n = np.geomspace(min(FIRST, boulders), boulders, STEPS).round().astype(int)
     n = np.where(n > of, n // of * of, n)
@@ -42,9 +42,9 @@ def sizes(source: Sources) -> list[int]:
 
 
 def mixed(source: Sources) -> np.ndarray:
-    """An order of boulders whose first ones are always a sample of all: the sources take turns, in
-    a random order that is the same in each turn, and come as often as they release boulders. Those
-    of one source stay as they are."""
+    """Order of boulders in which each initial part is a sample of all: the sources take turns, in
+    the same random order in each turn, and as often as they release boulders. The order within a
+    source is unchanged."""
     by_source = np.argsort(source.number, kind="stable")
     boulders = np.bincount(source.number)
     first = np.cumsum(boulders) - boulders
@@ -55,8 +55,8 @@ def mixed(source: Sources) -> np.ndarray:
 
 
 def known_of(number: np.ndarray, source: Sources) -> Sources:
-    """What the first boulders of `mixed` know of their sources: strata only where all sources have
-    as many boulders; before, which ones have some is a matter of chance."""
+    """Sources of the first boulders of `mixed`: strata only if all sources have the same number of
+    boulders; before that, the selection of sources is random."""
     whole = number.size == source.number.size
     if source.sampled or whole or not np.ptp(np.bincount(number, minlength=source.count)):
         return Sources.of(number, source.sampled)
@@ -108,8 +108,8 @@ def convergence_figure(result: xr.Dataset, line: int) -> Figure:
 def _curve(
     axes: Axes, n: list[int], rows: list[dict[str, float]], name: str, scale: float
 ) -> float:
-    """A number with its 95 % band; returns how far up the axis has to go: to twice the highest
-    number, since the bands of few boulders know no bound, and to the end of the last band."""
+    """Plot a number with its 95 % band; returns the upper limit for the axis: at least twice the
+    highest number, since bands of few boulders are unbounded, and the end of the last band."""
     value, low, high = (
         np.array([scale * row.get(f"{name}{end}", np.nan) for row in rows])
         for end in ("", "_low", "_high")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is uncertain in the inputs, beside the Monte Carlo error: tables and a sentence."""
+"""Input uncertainty in addition to the Monte Carlo error: tables and a sentence."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PER_LINE = 1 + len(INDICES)  # tables
 
 
 def range_answers(result: xr.Dataset) -> list[str]:
-    """A sentence for each line: the range of the draws, then the case as it is."""
+    """A sentence for each line: range of the draws, then value of the unchanged case."""
     found = []
     for line in map(str, result["line"].values) if "line" in result else ():
         ranges, cases = zip(*_headline_numbers(result, line), strict=True)
@@ -46,7 +46,7 @@ def range_answers(result: xr.Dataset) -> list[str]:
 
 
 def range_headline(result: xr.Dataset) -> Table:
-    """The ranges of the draws at the lines, in brackets the case as it is."""
+    """Ranges of the draws at the lines, with the unchanged case in brackets."""
     rows = []
     for line in map(str, result["line"].values):
         cells = (f"{of}\n({case})" for of, case in _headline_numbers(result, line))
@@ -59,8 +59,8 @@ def range_headline(result: xr.Dataset) -> Table:
 
 
 def _headline_numbers(result: xr.Dataset, line: str) -> Iterator[tuple[str, str]]:
-    """For each column of the headline the range of the draws, and the case as it is; "-" where too
-    few boulders pass in some draw."""
+    """Range of the draws and value of the unchanged case for each column of the headline; "-" if
+    too few boulders pass in some draw."""
     for quantity, number in HEADLINE.values():
         name = "fraction" if quantity == "fraction" else f"{quantity}.{number}"
         one = result.sel(line=line, result=name)
@@ -71,8 +71,8 @@ def _headline_numbers(result: xr.Dataset, line: str) -> Iterator[tuple[str, str]
 
 
 def range_tables(result: xr.Dataset, rows: Rows) -> list[Table]:
-    """Of an ensemble, for each line: both uncertainties of its numbers side by side, then the
-    inputs that the epistemic one comes from. Nothing of any other result."""
+    """Tables of an ensemble for each line: both uncertainties of its numbers, and the inputs behind
+    the epistemic one. None for other results."""
     if not is_ensemble(result):
         return []
     found = []
@@ -104,7 +104,7 @@ def _indices(at: xr.Dataset, line: str) -> Iterator[Table]:
 
 
 def _label(name: str) -> str:
-    """A result in words."""
+    """Label of a result."""
     quantity, number = RESULTS[name]
     if number == "fraction":
         return QUANTITIES["fraction"].title
@@ -113,7 +113,7 @@ def _label(name: str) -> str:
 
 
 def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
-    """What the tables hold."""
+    """Names in the tables that are not translated."""
     if not tables:
         return []
     words = [

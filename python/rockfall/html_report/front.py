@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Page 1 of a report, which is signed: what it holds is cut to a sheet of A4, and says so.
+"""Page 1 of a report, which is signed: its contents are cut to a sheet of A4, with a note on
+omissions.
 
-Neither WeasyPrint nor a browser shrinks a map until a page fits, and a map that is shrunk has
-another scale. So texts are cut to a number of lines, and the map is drawn for what they leave.
+Neither WeasyPrint nor a browser shrinks a map to fit a page, and a shrunk map would have a wrong
+scale. So texts are cut to a number of lines, and the map is drawn for the remaining space.
 """
 
 from __future__ import annotations
@@ -32,32 +33,32 @@ if TYPE_CHECKING:
 MM = 25.4  # of an inch
 SHEET = 263.0  # height between the margins [mm]; templates/page.css has the margins
 FIXED = 54.0  # of it: project, author, date; headings, signature, and the space between parts [mm]
-WARNING_LINES, ANSWER_LINES, SURE_LINES, BESIDE_LINES = 8, 8, 6, 14  # at most
-HEAD = 4  # rows that the caption and the head of a table take
+WARNING_LINES, ANSWER_LINES, SURE_LINES, BESIDE_LINES = 8, 8, 6, 14  # maximum numbers of lines
+HEAD = 4  # rows taken by the caption and header of a table
 CHARACTERS = {"title": 62, "question": 95, "warning": 104, "answer": 88, "sure": 112, "narrow": 50}
 LINE = {"title": 7.0, "question": 5.0, "warning": 3.9, "answer": 4.6, "sure": 3.9}  # [mm]
 ROW = 4.3  # of a table [mm]
-BETWEEN, MORE = 1.2, 4.5  # two paragraphs; a line that says that there are more [mm]
+BETWEEN, MORE = 1.2, 4.5  # two paragraphs; a note on omissions [mm]
 NAME = 15  # letters of the first cell of a row
 LOWEST = {True: 62.0, False: 45.0}  # of a map with words beside it, of a broad one [mm]
 TALLEST = 165.0  # [mm]
-UPRIGHT = 0.8  # height by width from which a map leaves room for words beside it
+UPRIGHT = 0.8  # height over width from which a map leaves space for text next to it
 
 
 class Front(NamedTuple):
-    """What page 1 holds, and after each part how many of its kind stand on later pages alone."""
+    """Contents of page 1, and for each part the number of items that are only on later pages."""
 
-    facts: list[tuple[str, str]]  # label, value; "" is a place to write
+    facts: list[tuple[str, str]]  # label, value; "" leaves a blank to fill in
     warnings: list[str]
     more_warnings: list[str]
     answers: list[str]
     more_answers: list[str]
     tables: list[Table]
-    more_tables: list[Table]  # whole, where page 1 has a part
+    more_tables: list[Table]  # complete tables that page 1 shows in part
     certainty: list[str]
     more_certainty: list[str]
     room: Room  # of the map
-    beside: bool  # the words stand beside the map, not above it
+    beside: bool  # text is next to the map, not above it
 
 
 def front_of(
@@ -68,8 +69,8 @@ def front_of(
     tables: Sequence[Table],
     say: Speaker,
 ) -> Front:
-    """Page 1 of these texts (title, question, warnings, answers, certainty) and tables, as long as
-    they are in the language of the page."""
+    """Page 1 from these texts (title, question, warnings, answers, certainty) and tables, fitted to
+    their length in the language of the page."""
     fit = _fitter(say)
     west, east, south, north = reached(result)
     beside = (north - south) > UPRIGHT * (east - west)
@@ -103,7 +104,7 @@ def front_of(
 
 
 def _facts(result: xr.Dataset, parties: Parties, say: Speaker) -> list[tuple[str, str]]:
-    """Whose report it is, and of which run."""
+    """Parties of the report, and the run."""
     program, _, _ = str(result.attrs["source"]).partition(", ")
     return [
         ("Project", parties.project),
@@ -121,7 +122,7 @@ def _lines(say: Speaker, texts: str | Sequence[str], kind: str) -> int:
 
 def _fitter(say: Speaker) -> Callable[[Sequence[str], str, int], tuple[list[str], list[str]]]:
     def fit(texts: Sequence[str], kind: str, most: int) -> tuple[list[str], list[str]]:
-        """Those that take so many lines at most, the first ones; and the others."""
+        """Split texts into the first ones that fit in a number of lines, and the others."""
         texts, used = list(texts), 0
         for k, text in enumerate(texts):
             used += _lines(say, text, kind)
@@ -133,14 +134,14 @@ def _fitter(say: Speaker) -> Callable[[Sequence[str], str, int], tuple[list[str]
 
 
 def _most_passed(rows: Rows) -> list[int]:
-    """The lines, those that most boulders pass first: a page may have no room for all."""
+    """Lines ordered by the number of boulders that pass, in case a page cannot show all."""
     passed = [numbers["speed"]["n"] for numbers in rows.values()]
     return sorted(range(len(passed)), key=lambda k: -passed[k])
 
 
 def _cut(tables: Sequence[Table], order: list[int], left: int) -> tuple[list[Table], list[Table]]:
-    """The tables that so many rows have room for, in cells of one line, of the first one at least
-    a row; and whole those that are cut or left out."""
+    """Tables cut to a number of rows, with cells of one line and at least a row of the first one;
+    and the complete tables that are cut or left out."""
     shown: list[Table] = []
     more: list[Table] = []
     for k, one in enumerate(tables):
@@ -157,7 +158,7 @@ def _cut(tables: Sequence[Table], order: list[int], left: int) -> tuple[list[Tab
 
 
 def _high(row: Sequence[object]) -> int:
-    """Lines of a row: its cells have one, its name may have more."""
+    """Lines of a row: one per cell, but names may take more."""
     return -(-len(str(row[0])) // NAME)
 
 
@@ -173,8 +174,8 @@ def overview(
     look: Look | None,
     room: Room,
 ) -> Iterator[tuple[str, Figure]]:
-    """The map of page 1 and its title: zones of hazard, or where boulders pass, or where they came
-    to rest; none where the result has none."""
+    """Map of page 1 and its title: hazard zones, or passages, or stopping places; None if the
+    result has none of these."""
     if hazard is not None:
         yield "Zones of hazard", zones_figure(hazard, terrain, room)
     elif name := passed_map(result):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a result rests on: terrain, grounds, sources, boulders, obstacles; and who asked whom."""
+"""Inputs of a result: terrain, grounds, sources, boulders, obstacles; and the parties of the
+report."""
 
 from __future__ import annotations
 
@@ -43,21 +44,21 @@ RADII = {
     "rg10": "Rg10 [m]",
 }
 OTHERWISE = "; the layer of sources may say otherwise"
-MATERIALS = 12  # drawn with a colour each
+MATERIALS = 12  # drawn in separate colours
 
 
 class Parties(NamedTuple):
-    """What a report says of itself, in words of its user's."""
+    """Details of the report given by the user."""
 
     project: str = ""
     client: str = ""
     author: str = ""
     dem_date: str = ""
-    result: str = ""  # checksum of the file of the result
+    result: str = ""  # checksum of the result file
 
 
 def input_table(result: xr.Dataset, parties: Parties) -> Table:
-    """What was given to the run."""
+    """Table of the inputs of the run."""
     case = case_of(result)
     west, cell, _, north, _, _ = map(float, result["crs"].attrs["GeoTransform"].split())
     nets = ", ".join(str(result["line"].values[k]) for k in barriers_of(result))
@@ -82,7 +83,7 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
 
 
 def _rebounds(result: xr.Dataset) -> str:
-    """What made the rebounds, the most frequent first."""
+    """Rebound models that were used, the most frequent first."""
     grounds = sorted(rebounds_by_ground(result), key=lambda one: -one.rebounds)
     if not grounds:
         return f"impact sets {result.attrs['impact_set']}"
@@ -116,8 +117,8 @@ def _range(values: np.ndarray) -> str:
 
 
 def doubtful_inputs(result: xr.Dataset, hazard: xr.Dataset | None) -> list[tuple[str, str]]:
-    """Inputs that are likely mistakes, as `check`, `run` and `hazard` print them: where, and what.
-    Layers that were reprojected are listed with the files."""
+    """Likely mistakes in the inputs, as `check`, `run` and `hazard` print them: place and text.
+    Reprojected layers are listed with the files."""
     studies = [result] if hazard is None else [result, hazard]
     texts = (one.attrs.get("input_warnings", "[]") for one in studies)
     found = dict.fromkeys((where, text) for one in texts for where, text in json.loads(one))
@@ -125,13 +126,13 @@ def doubtful_inputs(result: xr.Dataset, hazard: xr.Dataset | None) -> list[tuple
 
 
 def doubts_note(doubts: list[tuple[str, str]]) -> Iterator[str]:
-    """The line of page 1 that leads to the inputs that are likely mistakes."""
+    """Line on page 1 that refers to likely mistakes in the inputs."""
     if doubts:
         yield f"{count(len(doubts), 'input')} may be mistaken: see Inputs to check, below."
 
 
 def zone_table(result: xr.Dataset) -> Iterator[Table]:
-    """The sizes of the rocks on the slope; of zones, where their table is still there."""
+    """Rock sizes on the slope, by zones if their table still exists."""
     case = case_of(result)
     surface = case.surface
     if "table" in surface and surface["table"] != FROM_ARRAY:
@@ -159,7 +160,7 @@ def _size(text: str, name: str) -> str:
 
 
 def words_of(result: xr.Dataset) -> Iterator[str]:
-    """Names and texts of the user's, which no page translates."""
+    """Names and texts of the user, which are not translated."""
     case = case_of(result)
     yield from (str(name) for name in result["line"].values) if "line" in result else ()
     for names in ("ground", "feature"):
@@ -175,7 +176,8 @@ def words_of(result: xr.Dataset) -> Iterator[str]:
 
 
 def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
-    """The map of the grounds; none where all is one, or where the files of the run are gone."""
+    """Map of the grounds; None if there is a single one, or if the files of the run no longer
+    exist."""
     case = case_of(result)
     if FROM_ARRAY in result.attrs["case"] or "zones" not in case.surface:
         return None
@@ -189,7 +191,7 @@ def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
 
 
 def _zone_labels(case: Case) -> list[str]:
-    """What each row of the table of zones is called: its name, or its number, and its ground."""
+    """Labels of the rows of the zone table: name or number, and ground."""
     zones = read_zone_table(case.path(case.surface["table"]))
     return [
         f"{zone.name or f'zone {number}'}{f' ({zone.ground})' if zone.ground else ''}"

@@ -31,19 +31,18 @@ def rows_of(result: xr.Dataset) -> Rows:
 
 
 def in_unit(value: float, quantity: str) -> str:
-    """A number in the unit in which the quantity is shown."""
+    """Number in the unit in which the quantity is shown."""
     return number(QUANTITIES[quantity].factor * value)
 
 
 def interval(row: Row, name: str, quantity: str) -> str:
-    """The confidence interval of a number in brackets; empty where there is no number."""
+    """Confidence interval of a number in brackets; empty without a number."""
     return estimate(row, name, quantity)[1]
 
 
 def estimate(row: Row, name: str, quantity: str) -> tuple[str, str]:
-    """A number in the unit shown and its interval in brackets, with the digits that this supports:
-    the last one stands for a twentieth to a half of the interval's half width. `TOO_FEW` in its
-    place, where too few boulders give none."""
+    """Number in the unit shown and its interval in brackets, with justified digits: the last one is
+    a twentieth to a half of the interval's half-width. `TOO_FEW` if there are too few boulders."""
     value, low, high = (
         QUANTITIES[quantity].factor * row.get(f"{name}{end}", math.nan)
         for end in ("", "_low", "_high")

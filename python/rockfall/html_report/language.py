@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The language of a page: every text through one catalogue, numbers with the marks of the language.
+"""Translation of a page: texts from a catalogue, numbers in the format of the language.
 
-Texts are written in English where they arise, on terminals too. On their way to a page their
-numbers become `#`, names of the case `@`; what is left is looked up in data/report_texts.csv, and
-takes the numbers and names again, in their order.
+Texts are written in English where they arise, also for terminals. For a page their numbers become
+`#` and names of the case `@`; the resulting text is looked up in data/report_texts.csv, and the
+numbers and names are inserted again, in order.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ NUMBER = re.compile(r"(?<![\w.])(?:[<>] |[-+](?=\d))?\d+(?:,\d{3})*(?:\.\d+)?(?=
 SYMBOL = re.compile(
     r"(?<!\w)(?:[A-Za-z]+_[\w,]+|k?m[23²³]?|k?J|kg|rad|[stxyzpDnN]|UNI|ONR|EAD|SHA|CPU)(?!\w)"
 )
-BREAKS = ("\n", ". ", "; ", ": ")  # part a text that the catalogue lacks as a whole
+BREAKS = ("\n", ". ", "; ", ": ")  # split texts that the catalogue lacks
 log = logging.getLogger(__name__)
 
 
 @cache
 def catalogue(language: str) -> dict[str, str]:
-    """English texts and those of a language; a RockfallError where there is no such language."""
+    """English texts and their translations; a RockfallError for unknown languages."""
     if language not in LANGUAGES:
         raise RockfallError(f"language = '{language}': must be one of {', '.join(LANGUAGES)}")
     path = importlib.resources.files("rockfall") / "data" / "report_texts.csv"
@@ -45,7 +45,7 @@ def catalogue(language: str) -> dict[str, str]:
 
 
 class Speaker:
-    """Says texts in a language; `names`, of the case, stay as they are."""
+    """Translator of texts; `names`, from the case, are unchanged."""
 
     def __init__(self, language: str = "en", names: Iterable[str] = ()) -> None:
         self.language, self.texts = language, catalogue(language)
@@ -55,9 +55,9 @@ class Speaker:
         self.name = re.compile(rf"(?<!\w)(?:{either}|[a-z]+(?:_[a-z]+)+\d*)(?!\w)")
 
     def __call__(self, text: object) -> str:
-        """A text in this language; what the catalogue lacks stays as it is, and is logged."""
+        """Translate a text; a text missing from the catalogue is returned unchanged, and logged."""
         said = str(text)
-        if "\n" in said.strip():  # cells of tables have lines
+        if "\n" in said.strip():  # cells of tables have several lines
             return "\n".join(map(self, said.split("\n")))
         inner = said.strip()
         return said if self.language == "en" else said.replace(inner, self._said(inner), 1)
@@ -81,7 +81,7 @@ class Speaker:
         return self._marked(text)
 
     def _found(self, text: str) -> str | None:
-        """The text of the catalogue, masks filled: as it is, or with names of the case in it."""
+        """Text in the catalogue, with masks filled: exact, or with names of the case in it."""
         for names in ([], self.name.findall(text)[:1], self.name.findall(text)):
             masked = self.name.sub("@", text, count=len(names)) if names else text
             key = NUMBER.sub("#", " ".join(masked.split()))
@@ -101,14 +101,14 @@ class Speaker:
         return re.sub("[#@]", lambda mask: next(fillings[mask[0]]), text)
 
     def _marked(self, text: str) -> str:
-        """Its numbers with the marks of the language."""
+        """Text with numbers in the format of the language."""
         marks = {",": self.thousands, ".": self.decimal}
         return NUMBER.sub(
             lambda number: re.sub("[,.]", lambda mark: marks[mark[0]], number[0]), text
         )
 
     def figure(self, figure: Figure) -> None:
-        """Say all texts of a figure, and the numbers at its axes."""
+        """Translate all texts of a figure, and format the numbers on its axes."""
         from matplotlib.text import Text
         from matplotlib.ticker import FixedFormatter, FuncFormatter, ScalarFormatter
 
@@ -120,7 +120,7 @@ class Speaker:
             def __call__(self, x: float, pos: int | None = None) -> str:
                 return speaker._marked(super().__call__(x, pos))
 
-        said_of: list[object] = []  # axes that share their ticks share what formats them
+        said_of: list[object] = []  # axes with shared ticks share their formatter
         for axes in figure.axes:
             for axis in (axes.xaxis, axes.yaxis):
                 formatter = axis.get_major_formatter()
@@ -130,7 +130,7 @@ class Speaker:
                     axis.set_major_formatter(Marked(useOffset=False))
                 elif isinstance(formatter, FixedFormatter):
                     axis.set_major_formatter(FixedFormatter([*map(self, formatter.seq)]))
-                elif isinstance(formatter, FuncFormatter):  # of ticks that were given texts
+                elif isinstance(formatter, FuncFormatter):  # of ticks with given texts
                     texts = [self(one.get_text()) for one in axis.get_majorticklabels()]
                     axis.set_major_formatter(FixedFormatter(texts))
                 said_of.append(axis.get_major_formatter())

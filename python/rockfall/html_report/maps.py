@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps of a result that zoom: pictures and paths for inline SVG over shaded relief, with the
-numbers of the cells.
+"""Zoomable maps of a result: images and paths for inline SVG over shaded relief, with the values of
+the cells.
 
 All maps of a page show the same window of the terrain and move together. Their unit is a cell of
-the picture, which is one or more cells of the raster.
+the image, which is one or more cells of the raster.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ if TYPE_CHECKING:
     from rockfall.result.classes import Limits
     from rockfall.result.trajectories import Terrain
 
-MAX_CELLS = 4_000_000  # of the pictures of all maps: a page has a few MB, however many there are
-PRINTED = np.array([0.18, 0.2])  # width and height of a map on paper, at most [m]
-NAME_DEPTH = 6  # of halvings of a line, whose ends are places of its name
-MAX_POINTS = 3000  # stops that are drawn
-FINEST = 1 / 400  # side of a cell of the outline of sources, of the longer side of the window
+MAX_CELLS = 4_000_000  # total of all map images, which limits a page to a few MB
+PRINTED = np.array([0.18, 0.2])  # maximum width and height of a map on paper [m]
+NAME_DEPTH = 6  # halvings of a line, whose ends are candidate places of its name
+MAX_POINTS = 3000  # maximum number of stops drawn
+FINEST = 1 / 400  # minimum cell side of the source outline, over the longer side of the window
 
 
 class Window(NamedTuple):
@@ -66,12 +66,12 @@ class Window(NamedTuple):
         return self.west, self.west + wide, self.north - high, self.north
 
     def place(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Points [m] as (n, 2) in cells of the picture, from its north-western corner."""
+        """Coordinates (n, 2) of points [m] in cells of the image, from its north-western corner."""
         return np.column_stack([(x - self.west) / self.cell, (self.north - y) / self.cell])
 
 
 class Image(NamedTuple):
-    """A picture as a data URI, and where it lies in the window [cells]."""
+    """An image as a data URI, and its position in the window [cells]."""
 
     uri: str
     x: float
@@ -81,15 +81,15 @@ class Image(NamedTuple):
 
 
 class Legend(NamedTuple):
-    """The colour of each class from left to right, with where it begins and ends [%], and the
-    limits between them: place [%] -> text."""
+    """Colours of the classes from left to right, with their limits [%], and labels: position [%] ->
+    text."""
 
     colours: list[tuple[str, float, float]]
     ticks: dict[float, str]
 
 
 class Line(NamedTuple):
-    """An evaluation line or a barrier: path, and where its name may stand, in the window."""
+    """An evaluation line or a barrier: path, and candidate places of its name, in the window."""
 
     kind: str
     name: str
@@ -108,7 +108,7 @@ class Ground(NamedTuple):
 
 
 class Map(NamedTuple):
-    """A map variable: its cells as a picture and as packed numbers; neither where it is blank."""
+    """A map variable: its cells as an image and as packed numbers; neither if it is blank."""
 
     title: str
     unit: str
@@ -122,7 +122,7 @@ class Map(NamedTuple):
 def map_section(
     result: xr.Dataset, terrain: Terrain | None, look: Look | None = None
 ) -> dict[str, object]:
-    """All that the template of the maps needs; of many stops some are drawn."""
+    """Data for the template of the maps; a large number of stops is thinned."""
     window = window_of(result)
     every = max(1, -(-result.sizes["boulder"] // MAX_POINTS))
     x, y = result["stop_x"].values[::every], result["stop_y"].values[::every]
@@ -159,7 +159,8 @@ def _lines(result: xr.Dataset, window: Window) -> Iterator[Line]:
 
 
 def _spread(size: int) -> np.ndarray:
-    """So many of a sequence as names have places, the middle first, then those between."""
+    """Indices of a sequence in the order in which names try its places: the middle first, then
+    midpoints."""
     if not size:
         return np.array([], int)
     order = [(2 * k + 1) / 2**depth for depth in range(1, 1 + NAME_DEPTH)
@@ -168,7 +169,7 @@ def _spread(size: int) -> np.ndarray:
 
 
 def _sources(result: xr.Dataset, window: Window) -> tuple[str, str]:
-    """Few sources as points, many as the outline of the cells that they are in: class and path."""
+    """CSS class and path: few sources as points, many as the outline of their cells."""
     places = starts(result)
     if len(places) < FEW_SOURCES:
         return "source", _dots(window.place(*places.T))
@@ -178,7 +179,7 @@ def _sources(result: xr.Dataset, window: Window) -> tuple[str, str]:
 
 
 def _ground(terrain: Terrain | None, window: Window) -> Ground | None:
-    """Contours, and where their numbers may stand."""
+    """Contours, and candidate places of their numbers."""
     if terrain is None:
         return None
     found = contours_of(terrain, window.extent)
@@ -195,7 +196,7 @@ def _ground(terrain: Terrain | None, window: Window) -> Ground | None:
 
 
 def window_of(result: xr.Dataset) -> Window:
-    """The window round all that boulders reached, within the raster where maps tell its size."""
+    """Window around everything that boulders reached, within the raster if maps define its size."""
     left, cell, _, top, _, _ = map(float, result["crs"].attrs["GeoTransform"].split())
     west, east, south, north = reached(result)
     first = np.floor([(top - north) / cell, (west - left) / cell]).astype(int)
@@ -214,7 +215,7 @@ def _names(result: xr.Dataset) -> list[str]:
 
 
 def maps(result: xr.Dataset, window: Window, limits: Limits | None = None) -> Iterator[Map]:
-    """Every map variable of a result; nothing is drawn where no boulder passed."""
+    """All map variables of a result; nothing is drawn where no boulder passed."""
     for name in _names(result):
         unit, factor = shown_as(result[name])
         values = blocks_max(result[name].values, window)
@@ -231,7 +232,7 @@ def maps(result: xr.Dataset, window: Window, limits: Limits | None = None) -> It
 
 
 def blocks_max(values: np.ndarray, window: Window) -> np.ndarray:
-    """The raster in cells of the picture: the maximum of each block, NaN where there is none."""
+    """Raster in cells of the image: the maximum of each block, NaN if there is none."""
     return _blocks(values, window, np.fmax).astype("f4")
 
 
@@ -242,7 +243,7 @@ def _blocks(values: np.ndarray, window: Window, merge: np.ufunc) -> np.ndarray:
 
 
 def _thin(result: xr.Dataset, name: str, window: Window, shown: np.ndarray) -> Image | None:
-    """Where a map is hatched: white, where its numbers are hardly known; none where all are."""
+    """White hatching for cells with uncertain values; None if all are certain."""
     thin = thin_cells(result, name)
     if thin is None:
         return None
@@ -254,7 +255,7 @@ def _thin(result: xr.Dataset, name: str, window: Window, shown: np.ndarray) -> I
 
 
 def _coloured(values: np.ndarray, window: Window, classes: Classes) -> dict[str, Any]:
-    """Layer and legend of the values of a map."""
+    """Image and legend of the values of a map."""
     table = np.array([list(bytes.fromhex(one[1:])) for one in ("#ffffff", *classes.colours)], "u1")
     content = _png((1 + classes.numbers(values)).astype("u1"), table)
     places = np.linspace(0, 100, len(classes.colours) + 1).round(2).tolist()
@@ -264,7 +265,7 @@ def _coloured(values: np.ndarray, window: Window, classes: Classes) -> dict[str,
 
 
 def _packed(values: np.ndarray) -> str:
-    """Numbers of the cells, to five digits, compressed, as text (little-endian float32)."""
+    """Values of the cells, to five digits, compressed, as text (little-endian float32)."""
     bits = np.ascontiguousarray(values, "<f4").view("<u4")
     known = np.isfinite(values)
     bits = np.where(known, (bits + 0x40) & ~np.uint32(0x7F), np.uint32(0x7FC00000))
@@ -272,7 +273,7 @@ def _packed(values: np.ndarray) -> str:
 
 
 def _relief(terrain: Terrain | None, window: Window) -> Image | None:
-    """The shaded relief of the terrain."""
+    """Shaded relief of the terrain."""
     if terrain is None:
         return None
     z, grid = cropped(*terrain, False, window.extent, np.add)
@@ -282,7 +283,7 @@ def _relief(terrain: Terrain | None, window: Window) -> Image | None:
 
 
 def _picture(basemap: Basemap, window: Window) -> Image:
-    """The picture of the user's, as JPEG."""
+    """The user's basemap as JPEG."""
     from PIL import Image as Picture
 
     buffer = io.BytesIO()
@@ -294,7 +295,7 @@ def _picture(basemap: Basemap, window: Window) -> Image:
 
 
 def _png(index: np.ndarray, table: np.ndarray | None = None) -> str:
-    """A picture of grey levels, or of colours by number, of which number 0 is clear."""
+    """PNG of grey levels, or of colours by number, with number 0 transparent."""
     from PIL import Image as Picture
 
     image, about = Picture.fromarray(index), {}

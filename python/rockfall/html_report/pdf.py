@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The report on paper: the same page, with maps as figures, set by WeasyPrint."""
+"""PDF report: the same page, with maps as figures, typeset by WeasyPrint."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ PANGO = "libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0"  # packages of De
 
 
 def check_pdf() -> None:
-    """Refuse what cannot be set here, before the work and not after it."""
+    """Refuse PDF output if its libraries are missing, before the work starts."""
     try:
         need("a PDF needs", "pdf", "weasyprint")
-    except OSError:  # of its library in C
+    except OSError:  # missing C library
         raise RockfallError(f"a PDF needs Pango, as root: apt-get install {PANGO}") from None
 
 
 def write_pdf(page: str, path: Path) -> None:
-    """Set a page of HTML, whole or not at all; nothing is asked of the network."""
+    """Typeset an HTML page, atomically and without network access."""
     from weasyprint import HTML
     from weasyprint.urls import URLFetcher
 
-    logging.getLogger("weasyprint").setLevel(logging.ERROR)  # it speaks of CSS that is for screens
+    logging.getLogger("weasyprint").setLevel(logging.ERROR)  # it warns about CSS for screens
     with atomic_write(path) as part:
         fetcher = URLFetcher(allowed_protocols=["data"])
-        about = {"pdf_version": "1.4"}  # later ones hide whose they are in a stream
+        about = {"pdf_version": "1.4"}  # later versions hide the creator in a stream
         document = HTML(string=page, url_fetcher=fetcher).render(**about)
         if "signature" not in document.pages[0].anchors:
             said = "the signature is not on page 1; shorten the title and the names of lines"

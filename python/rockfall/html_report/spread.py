@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The spread over rebound models on the page: what `rockfall models` found of the same case."""
+"""Spread over rebound models on the page, from the result of `rockfall models` for the same
+case."""
 
 from __future__ import annotations
 
@@ -36,7 +37,7 @@ def check_models(result: xr.Dataset, models: Models, what: str) -> None:
 
 
 def missing_spread(result: xr.Dataset, models: Models | None) -> list[str]:
-    """That the spread belongs on the page and is not there."""
+    """Note that the spread belongs on the page and is missing."""
     if models is not None or not classical_grounds(result):
         return []
     return [
@@ -47,7 +48,7 @@ def missing_spread(result: xr.Dataset, models: Models | None) -> list[str]:
 
 
 def spread_table(models: Models | None) -> list[Table]:
-    """For each line the lowest and the highest of all models, in the columns of the headline."""
+    """Minimum and maximum over all models for each line, in the columns of the headline."""
     if models is None or not (lines := _lines(models)):
         return []
     rows = [(line, *(_ends(_at(models, line, of), of[0]) for of in _columns())) for line in lines]
@@ -57,7 +58,7 @@ def spread_table(models: Models | None) -> list[Table]:
 
 
 def spread_words(models: Models | None) -> Iterator[str]:
-    """How far boulders come by all models, and what these were."""
+    """Run-out by all models, and their names."""
     if models is None:
         return
     far = _at(models, "", (RUN_OUT, "q95"))["value"].to_numpy(float)
@@ -79,7 +80,7 @@ def model_tables(models: Models | None) -> Iterator[Table]:
 
 
 def _columns() -> list[tuple[str, str]]:
-    """Quantity and statistic of the columns of the headline, as models have them."""
+    """Quantity and statistic of the columns of the headline, as named in models."""
     return [("boulders" if of == "fraction" else of, name) for of, name in HEADLINE.values()]
 
 

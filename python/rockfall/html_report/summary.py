@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Page 1 of a report: the question, the answer from the numbers at the lines, how sure it is."""
+"""Page 1 of a report: the question, the answer from the numbers at the lines, and its certainty."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ ENDED = {  # of the statuses
 
 
 def question(rows: Rows, has_hazard: bool) -> str:
-    """What the report is to answer."""
+    """Question that the report answers."""
     if has_hazard:
         return "Which areas and objects are endangered, how much, and how certain is that?"
     if rows:
@@ -55,13 +55,13 @@ def question(rows: Rows, has_hazard: bool) -> str:
 
 
 def answers(result: xr.Dataset, rows: Rows) -> list[str]:
-    """A sentence for each line; how far boulders come where there is none."""
+    """A sentence for each line; the run-out if there is none."""
     nets = {str(result["line"].values[k]) for k in barriers_of(result)}
     return [*(_line(line, rows[line], line in nets) for line in rows), *run_out(result)]
 
 
 def _line(line: str, numbers: Numbers, is_barrier: bool) -> str:
-    """What passes a line, or comes to a barrier."""
+    """Sentence on the boulders that pass a line, or reach a barrier."""
     row = numbers["speed"]
     one, many = ("comes to it", "come to it") if is_barrier else ("passes", "pass")
     if not row["n"]:
@@ -80,7 +80,7 @@ def _line(line: str, numbers: Numbers, is_barrier: bool) -> str:
 
 
 def headline(rows: Rows) -> Table:
-    """The numbers at the lines on which a decision rests, with their intervals."""
+    """Key numbers at the lines for decisions, with their intervals."""
     shown = []
     for line, numbers in rows.items():
         cells = []
@@ -93,7 +93,7 @@ def headline(rows: Rows) -> Table:
 
 
 def run_out(result: xr.Dataset) -> Iterator[str]:
-    """How far boulders came in plan."""
+    """Sentences on the run-out in plan."""
     distance = LineSamples(result).ends("plan_distance")
     if not distance.max():
         yield "No boulder left its place."
@@ -108,10 +108,11 @@ def run_out(result: xr.Dataset) -> Iterator[str]:
 
 
 def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
-    """How sure the answer is: the Monte Carlo error, and what it leaves out."""
+    """Sentences on the certainty of the answer: the Monte Carlo error, and what it does not
+    include."""
     boulders, known = simulated(result), LineSamples(result)
     shown = [[*map(str, row)] for row in headline(rows).rows]
-    if is_ensemble(result):  # whose answer is the range of the draws
+    if is_ensemble(result):  # the answer is the range of the draws
         of = count(known.sources, "source")
         yield f"{boulders:,} boulders from {of} were simulated in each run."
         yield (
@@ -143,7 +144,7 @@ def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
 
 
 def ends_table(result: xr.Dataset) -> Table:
-    """How boulders ended."""
+    """Table of the outcomes of boulders."""
     boulders = simulated(result)
     rows = [
         (ENDED[name], f"{n:,}", percent(n / boulders)) for name, n in ended(result).items() if n
@@ -152,7 +153,7 @@ def ends_table(result: xr.Dataset) -> Table:
 
 
 def angle(result: xr.Dataset) -> Iterator[str]:
-    """How steep the straight lines from release to end are."""
+    """Sentences on the slope of straight lines from release to end."""
     if not has_rows(result):
         return
     drop = result["start_z"].values - result["stop_z"].values
@@ -167,7 +168,7 @@ def angle(result: xr.Dataset) -> Iterator[str]:
 
 
 def technical(result: xr.Dataset) -> Iterator[str]:
-    """How the run drew its numbers, for who repeats it."""
+    """Technical details of the random numbers, for repeating the run."""
     if case_of(result).case["sampling"] == "sobol":
         yield (
             "Sobol' points spread the boulders more evenly than random numbers do: the intervals "
@@ -187,5 +188,5 @@ def technical(result: xr.Dataset) -> Iterator[str]:
 
 
 def requested(result: xr.Dataset) -> list[str]:
-    """What was to be reached, and whether it was: `run --until`."""
+    """Requested precision of `run --until`, and whether it was reached."""
     return [str(verdict) for verdict in verdicts_of(result)]

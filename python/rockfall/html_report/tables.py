@@ -67,7 +67,7 @@ def _statistics(quantity: str, row: Row) -> tuple[str, ...]:
 
 
 def barrier_table(result: xr.Dataset) -> Table:
-    """What each barrier did with the boulders that came to it."""
+    """Performance of each barrier on the boulders that reached it."""
     rows = [
         (row["barrier"], row["outcome"].replace("_", " "), f"{row['n']:,}",
          " ".join(estimate(row, "fraction", "fraction")))
@@ -80,7 +80,7 @@ def barrier_table(result: xr.Dataset) -> Table:
 
 
 def dam_tables(result: xr.Dataset) -> Iterator[Table]:
-    """Dams as they came out on the raster; no table without any."""
+    """Dams as rasterised; no table without dams."""
     rows = [
         (f"{number}", f"{one.length:,.0f}",
          f"{one.height:.1f} ({one.height_min:.1f})\n{one.requested[0]:g} requested",
@@ -98,7 +98,7 @@ def dam_tables(result: xr.Dataset) -> Iterator[Table]:
 
 
 def ground_table(result: xr.Dataset) -> Table:
-    """What the rebounds followed."""
+    """Rebounds by ground."""
     grounds = rebounds_by_ground(result)
     rows = [
         (name, model.replace("_", " "), f"{rebounds:,}", percent(fraction))
@@ -108,7 +108,7 @@ def ground_table(result: xr.Dataset) -> Table:
 
 
 def level_table(levels: pd.DataFrame) -> Table:
-    """What one in so many passing boulders exceeds, beside the maximum of the run."""
+    """Return levels of passing boulders, with the maximum of the run."""
     names = [n for n in levels.columns if n.startswith("level_") and n.count("_") == 1]
     shown = []
     for _, row in levels[levels["n"] > 0].iterrows():
@@ -126,7 +126,7 @@ def level_table(levels: pd.DataFrame) -> Table:
 
 
 def precision_table(line: str, numbers: Numbers, boulders: int) -> Table:
-    """How precise the numbers at a line are, and how many boulders would make them preciser."""
+    """Precision of the numbers at a line, and the number of boulders for higher precision."""
     shown = []
     for quantity, name in NUMBERS:
         row = numbers["speed" if quantity == "fraction" else quantity]
@@ -144,7 +144,7 @@ def precision_table(line: str, numbers: Numbers, boulders: int) -> Table:
 
 
 def design_tables(found: Design) -> Iterator[Table]:
-    """What a standard asks of a barrier at each line, and whether the barriers are that."""
+    """Requirements of a standard for a barrier at each line, and checks of the barriers."""
     standard = found.factors.conditions.standard
     for asked in found.demand.to_dict("records"):
         if asked["n"]:
@@ -171,26 +171,26 @@ def hazard_tables(found: xr.Dataset) -> Iterator[Table]:
 
 
 class Compared(NamedTuple):
-    """What a result is beside observations: tables and notes."""
+    """Comparison with observations: tables and notes."""
 
     tables: list[Table]
     notes: list[str]
 
 
 def compared(found: Comparison) -> Compared:
-    """The tables of a comparison, and what a reader must know of them."""
+    """Tables of a comparison, with notes for the reader."""
     shown = [Table(caption, head, rows) for caption, (head, *rows) in comparison_tables(found)]
     return Compared(shown, notes(found))
 
 
 def words_of_hazard(found: xr.Dataset) -> Iterator[str]:
-    """Names in a hazard, which no page translates."""
+    """Names in a hazard, which are not translated."""
     for name in ("scenario", "object"):
         yield from map(str, found[name].values) if name in found.dims else ()
 
 
 def provenance(result: xr.Dataset, say: Speaker) -> dict[str, Any]:
-    """What a result was made of, and the command that makes it again, if a command can."""
+    """Provenance of a result, and the command that reproduces it, if one can."""
     about = {key: str(value) for key, value in result.attrs.items()}
     case, is_complete = case_of(result), bool(result.attrs["complete"])
     program, _, model = about["source"].partition(", ")
@@ -229,15 +229,14 @@ def provenance(result: xr.Dataset, say: Speaker) -> dict[str, Any]:
 
 
 def _impact_set(result: xr.Dataset, say: Speaker) -> Iterator[tuple[str, str]]:
-    """The file of the case's impact sets, and that it was read in vain where no rebound followed
-    any."""
+    """File of the case's impact sets, with a note if no rebound followed any."""
     text = f"{result.attrs['impact_set']}, SHA-256 {result.attrs['impact_set_checksum']}"
     unused = "" if stochastic_fraction(result) else f"; {say('no rebound followed it')}"
     yield "impact set", text + unused
 
 
 def _noted(noted: str, say: Speaker) -> str:
-    """The checksum of a file, and what was noted of its CRS."""
+    """Checksum of a file, and a note on its CRS."""
     checksum, _, remark = noted.partition(f", {REPROJECTED} ")
     if not remark:
         return checksum

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The terrain with trajectories in three dimensions, drawn by plotly.js in the page itself.
+"""Three-dimensional view of the terrain with trajectories, drawn by plotly.js in the page.
 
-Library and data are packed in the page and unpacked when the reader asks: no network is needed, and
-who does not ask waits for nothing.
+Library and data are packed in the page and unpacked on request: no network is needed, and other
+readers do not wait.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ if TYPE_CHECKING:
 
 VERTICES = 160  # of the terrain along its longer side
 SHOWN = 100  # trajectories
-EVERY = 6  # points of a parabola, of those in a figure
-AWAY = 1.2  # of the eye from the middle, in sides of the scene
-ABOVE = 2.0  # of a line above the ground, not to sink into it [m]
+EVERY = 6  # thinning of the points of a parabola in a figure
+AWAY = 1.2  # distance of the eye from the centre, in sides of the scene
+ABOVE = 2.0  # height of lines above the ground, so that they remain visible [m]
 
 
 class View(NamedTuple):
-    """Packed library and data, and the hash by which the page lets the library run."""
+    """Packed library and data, and the hash that permits the library in the page."""
 
     library: str
     data: str
@@ -49,7 +49,7 @@ class View(NamedTuple):
 
 
 def check_view() -> None:
-    """Refuse a view without the package that draws it."""
+    """Refuse a view if the package that draws it is missing."""
     need("a view in three dimensions needs", "view", "plotly")
 
 
@@ -68,7 +68,7 @@ def _packed(content: bytes) -> str:
 
 
 def traces(result: xr.Dataset, terrain: Terrain, say: Speaker) -> list[Trace]:
-    """Surface, lines and trajectories in metres from the south-western corner of what is shown."""
+    """Surface, lines and trajectories in metres from the south-western corner of the view."""
     extent = reached(result, terrain)
     corner = np.array([extent[0], extent[2]])
     z, grid = cropped(*terrain, False, extent, np.add, VERTICES)
@@ -101,13 +101,13 @@ def _curve(name: str, curves: list[Any], corner: np.ndarray, look: dict[str, Any
 
 
 def _numbers(values: np.ndarray, decimals: int = 1) -> list[float | None]:
-    """For JSON, which has no NaN."""
+    """Numbers for JSON, which has no NaN."""
     rounded = np.round(np.asarray(values, float), decimals).tolist()
     return [value if value == value else None for value in rounded]
 
 
 def _layout(result: xr.Dataset) -> dict[str, Any]:
-    """Seen from where boulders went, uphill."""
+    """Layout with the camera looking uphill from the side to which boulders went."""
     went = [np.nanmean(result[f"stop_{c}"].values - result[f"start_{c}"].values) for c in "xy"]
     east, north = AWAY * np.array(went) / max(np.hypot(*went), 1e-9)
     axis = {"visible": False, "showspikes": False}

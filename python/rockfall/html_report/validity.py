@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What limits the validity of a result on its slope, each limit in a sentence from its numbers."""
+"""Limits to the validity of a result on its slope, each in a sentence with its numbers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rockfall.case import Case
     from rockfall.html_report.intervals import Rows
 
-FEW = 100  # boulders at a line, below which its upper quantiles are hardly known
+FEW = 100  # boulders at a line, below which its upper quantiles are uncertain
 FEW_IN_CELL = 30  # boulders through a cell, below which its numbers are mostly Monte Carlo error
 SHIPPED = {  # impact sets: docs/validation/lab.md
     "rocky-slope": "The rebound comes from simulated impacts of spheres on layers of spheres; it "
@@ -33,7 +33,7 @@ AS_GIVEN = (
     "Terrain, ground, sources and volumes are taken as given. Where a bounce loses about what the "
     "next flight gains, small changes of slope or ground change the run-out much."
 )
-ABSENT = {  # by the group of the case that would bring it
+ABSENT = {  # by the group of the case that would add it
     "forest": "The case has no trees.",
     "barrier": "The case has no nets or walls.",
     "dam": "The case has no dams.",
@@ -53,8 +53,8 @@ BARRIER = (
 
 
 def warnings(result: xr.Dataset) -> list[str]:
-    """What comes first: boulders that are missing, and where so much of a run lies outside what its
-    model was made from."""
+    """Most important warnings: missing boulders, and large parts of a run outside the data of its
+    model."""
     return [
         *_missing(result),
         *(f"{one.text}." for one in model_remarks(result, case_of(result)) if one.is_warning),
@@ -62,8 +62,8 @@ def warnings(result: xr.Dataset) -> list[str]:
 
 
 def cautions(result: xr.Dataset, rows: Rows, levels: pd.DataFrame) -> list[str]:
-    """The limits, in the order in which they matter to a decision: what was not seen, what lies at
-    the edge of the model, what was taken as given, what the model leaves out."""
+    """Limits to validity, in the order of their importance for a decision: unobserved events,
+    conditions at the edge of the model, assumed inputs, processes not modelled."""
     return [
         *_few(rows),
         *_ended(result),
@@ -93,7 +93,7 @@ def _missing(result: xr.Dataset) -> Iterator[str]:
 
 
 def _few(rows: Rows) -> Iterator[str]:
-    """Lines that few boulders cross."""
+    """Lines crossed by few boulders."""
     for line, numbers in rows.items():
         if (n := int(numbers["speed"]["n"])) < FEW:
             unknown = "high quantiles there are hardly known" if n else "no speed there is known"
@@ -101,7 +101,7 @@ def _few(rows: Rows) -> Iterator[str]:
 
 
 def _ended(result: xr.Dataset) -> Iterator[str]:
-    """Boulders that left, or that were ended."""
+    """Boulders that left the terrain or were stopped by a limit."""
     boulders, limit = simulated(result), ended(result)["impact_limit"]
     if boulders == 1:
         yield "1 boulder is an example. Fractions and quantiles need at least some hundred."
@@ -114,7 +114,7 @@ def _ended(result: xr.Dataset) -> Iterator[str]:
 
 
 def _left_out(case: Case) -> Iterator[str]:
-    """What the model of this case does not have; what is not modelled of what it has."""
+    """Processes that the model of this case omits or simplifies."""
     yield from (text for group, text in ABSENT.items() if not has(case, group))
     yield from [FOREST] if has(case, "forest") else []
     yield from [BARRIER] if has(case, "barrier") else []
@@ -122,7 +122,7 @@ def _left_out(case: Case) -> Iterator[str]:
 
 
 def has(case: Case, group: str) -> bool:
-    """Whether a case has trees (of &forest some keys have defaults), or a repeated group."""
+    """Return True if a case has trees (some keys of &forest have defaults), or a repeated group."""
     given = getattr(case, group)
     if group != "forest":
         return bool(given)
@@ -130,7 +130,7 @@ def has(case: Case, group: str) -> bool:
 
 
 def _extremes(rows: Rows, levels: pd.DataFrame) -> Iterator[str]:
-    """How far maxima and return levels may be trusted."""
+    """Reliability of maxima and return levels."""
     if not any(numbers["speed"]["n"] for numbers in rows.values()):
         return
     yield "Maxima grow with the number of boulders: they are no bounds."
@@ -141,7 +141,7 @@ def _extremes(rows: Rows, levels: pd.DataFrame) -> Iterator[str]:
 
 
 def _of_cells(result: xr.Dataset) -> Iterator[str]:
-    """Cells that so few boulders passed that Monte Carlo error rules there."""
+    """Cells that too few boulders passed, where the Monte Carlo error dominates."""
     if "passages" in result:
         passed = result["passages"].values
     elif "reach_probability" in result:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Elevations in memory: what they must be, and those given as NumPy arrays or xarray.DataArrays."""
+"""Elevations in memory: requirements, and input from NumPy arrays or xarray.DataArrays."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ _NAME = "dem"
 def from_array(
     data: np.ndarray | xr.DataArray, transform: Affine | Grid | None = None
 ) -> tuple[np.ndarray, Grid]:
-    """Elevations as `read_dem` gives them; copied only where they must change.
+    """Elevations in the form of `read_dem`; copied only where they must change.
 
-    A NumPy array needs its `transform` (or a Grid). An xarray.DataArray has the coordinates x and
-    y of its cell centres, y in either direction, and its CRS where rioxarray or CF keep it.
+    A NumPy array needs its `transform` (or a Grid). An xarray.DataArray has the coordinates x and y
+    of its cell centres, y in either direction, and a CRS as stored by rioxarray or CF.
     """
     if hasattr(data, "coords"):
         data = as_plan(cast("xr.DataArray", data))
@@ -54,7 +54,8 @@ def from_array(
 
 
 def elevation_dtype(stored: np.dtype | str, name: str) -> np.dtype:
-    """float32 for what it holds exactly (integers of 8 and 16 bits too), float64 for the rest."""
+    """Return float32 for types it represents exactly (including integers of 8 and 16 bits), else
+    float64."""
     stored = np.dtype(stored)
     if stored.kind not in "iuf":
         raise RockfallError(f"{name}: elevations are of type {stored}, real numbers are needed")
@@ -62,7 +63,7 @@ def elevation_dtype(stored: np.dtype | str, name: str) -> np.dtype:
 
 
 def check_elevations(name: str, z: np.ndarray) -> None:
-    """Refuse rasters too small for a patch, infinite elevations, and rasters without any."""
+    """Refuse rasters too small for a patch, infinite elevations, and rasters without elevations."""
     ny, nx = z.shape
     if min(nx, ny) < 2:
         raise RockfallError(f"{name}: {nx} x {ny} cells, at least 2 x 2 are needed")
@@ -71,7 +72,7 @@ def check_elevations(name: str, z: np.ndarray) -> None:
 
 
 def check_known(name: str | None, z: np.ndarray, row: int = 0) -> bool:
-    """Whether any cell has an elevation; absurd ones are refused. The array begins at a row."""
+    """Return True if any cell has an elevation; refuse absurd ones. The array starts at `row`."""
     some = False
     for rows in row_blocks(z.shape):
         absurd = np.argwhere(np.abs(z[rows]) > MAX_ELEVATION)
@@ -87,10 +88,9 @@ def check_known(name: str | None, z: np.ndarray, row: int = 0) -> bool:
 
 
 def grid_of(data: xr.DataArray) -> tuple[Grid, bool]:
-    """The grid of a DataArray with dims (y, x), and whether its first row is the southernmost.
+    """Grid of a DataArray with dims (y, x), and True if its first row is the southernmost.
 
-    A GeoTransform kept with the CRS gives the edges to the last bit, as long as it agrees with the
-    coordinates.
+    A GeoTransform stored with the CRS gives exact edges, provided it agrees with the coordinates.
     """
     x, y = _centres(data, "x"), _centres(data, "y")
     if min(x.size, y.size) < 2:
@@ -109,7 +109,7 @@ def grid_of(data: xr.DataArray) -> tuple[Grid, bool]:
 
 
 def as_plan(data: xr.DataArray) -> xr.DataArray:
-    """The same on dims (y, x), rid of other dims of length one, such as a single band."""
+    """DataArray on dims (y, x), with other dims of length one removed, such as a single band."""
     others = [name for name in data.dims if name not in ("y", "x")]
     if not {"y", "x"} <= set(data.dims) or any(data.sizes[name] > 1 for name in others):
         raise RockfallError(f"{_NAME}: dims are {', '.join(map(str, data.dims))}: must be y, x")
@@ -124,7 +124,7 @@ def _centres(data: xr.DataArray, axis: str) -> np.ndarray:
 
 
 def _check_unit(what: str, data: xr.DataArray) -> None:
-    """Refuse any unit but the metre."""
+    """Refuse units other than the metre."""
     unit = data.attrs.get("units")
     if unit is not None and not (isinstance(unit, str) and is_metre(unit)):
         raise RockfallError(f"{_NAME}: {what} in {unit}, metres are needed")
@@ -138,7 +138,7 @@ def _check_steps(axis: str, centres: np.ndarray, step: float) -> None:
 
 
 def _grid_mapping(data: xr.DataArray) -> Mapping[str, Any]:
-    """The attributes of the variable that holds the CRS; empty when there is none."""
+    """Attributes of the variable that holds the CRS; empty if there is none."""
     named = data.attrs.get("grid_mapping") or data.encoding.get("grid_mapping")
     for name in (named, "spatial_ref", "crs"):
         if name in data.coords:
@@ -160,7 +160,7 @@ def _crs(about: Mapping[str, Any]) -> CRS | None:
 
 
 def _exact(grid: Grid, about: Mapping[str, Any]) -> Grid:
-    """The same grid from its GeoTransform, if there is one that fits."""
+    """Grid from the GeoTransform, if there is one that agrees."""
     try:
         west, cell, _, north, _, step = map(float, str(about["GeoTransform"]).split())
     except (KeyError, ValueError):

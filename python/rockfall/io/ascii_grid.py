@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""ESRI ASCII grids, read strictly.
+"""Strict reader of ESRI ASCII grids.
 
-GDAL takes a file that ends early, or a token that is no number, for zeros, in the header as among
-the numbers; so all but the CRS is read here.
+GDAL reads a truncated file, or a token that is not a number, as zeros, in the header as well as in
+the data; so all but the CRS is read here.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _KEYS = (
     "nodata_value",
 )  # fmt: skip
 _CHUNK = 4_000_000  # bytes of text in memory at a time
-_MAX_TOKEN = 4096  # bytes; no number is as long
+_MAX_TOKEN = 4096  # bytes; no number is longer
 
 
 @dataclass(frozen=True)
@@ -42,21 +42,21 @@ class AsciiCells:
     packing = 1.0, 0.0
 
     def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """Blocks of the rows of a box: (rows in the file, values, where they are data)."""
-        # -9999 is what the format means when it does not say.
+        """Blocks of the rows of a box: (rows in the file, values, valid mask)."""
+        # -9999 is the format's default.
         nodata = -9999.0 if self.nodata is None else self.nodata
         for rows, block in self._whole_rows():
             if rows.start >= box.stop_row and box.stop_row < self.shape[0]:
-                return  # a whole file is read to its end, which may be wrong
+                return  # read to the end, which may be invalid
             first, stop = max(rows.start, box.row), min(rows.stop, box.stop_row)
             if first < stop:
                 block = block[first - rows.start : stop - rows.start, box.columns]
                 yield slice(first, stop), block, block != nodata
 
     def _whole_rows(self) -> Iterator[tuple[slice, np.ndarray]]:
-        """Blocks of whole rows from the north: (which rows, float64 of shape (n, nx)).
+        """Blocks of complete rows from the north: (rows, float64 of shape (n, nx)).
 
-        Lines may be wrapped. A token that is no number, too few or too many of them are errors.
+        Lines may be wrapped. Invalid, missing and surplus tokens are errors.
         """
         (ny, nx), path = self.shape, self.path
         due = f"ncols x nrows = {nx} x {ny} are due"
@@ -79,7 +79,7 @@ class AsciiCells:
 
 
 def is_ascii(start: bytes) -> bool:
-    """Whether a file that begins so is an ESRI ASCII grid."""
+    """Return True if the first bytes are those of an ESRI ASCII grid."""
     tokens = start.split(maxsplit=1)
     return bool(tokens) and tokens[0].lower().decode("latin-1") in _KEYS
 
@@ -107,7 +107,7 @@ def open_ascii(path: str) -> AsciiCells:
 
 
 def _header_line(line: bytes) -> list[str]:
-    """The tokens of a line that begins with a key; none of another."""
+    """Tokens of a line that begins with a key; empty for other lines."""
     tokens = line.decode("latin-1").split()
     return tokens if tokens and tokens[0].lower() in _KEYS else []
 
@@ -129,7 +129,7 @@ def _value(where: str, key: str, text: str) -> float:
 
 
 def _check_keys(path: str, values: dict[str, float]) -> None:
-    """All that places a grid is there, once."""
+    """Check that all keys that position a grid are present exactly once."""
     given = values.keys()
     if not {"ncols", "nrows"} <= given:
         raise RockfallError(f"{path}: the header lacks ncols or nrows")
@@ -146,7 +146,7 @@ def _check_keys(path: str, values: dict[str, float]) -> None:
 
 
 def _place(values: dict[str, float]) -> Transform:
-    """From columns and rows to coordinates, by the expressions of GDAL, to the same bits."""
+    """Transform from columns and rows to coordinates, by GDAL's expressions, bit for bit."""
     width, height = (values.get("cellsize", values.get(key, 0.0)) for key in ("dx", "dy"))
     if "xllcorner" in values:
         west, south = values["xllcorner"], values["yllcorner"]
@@ -156,7 +156,7 @@ def _place(values: dict[str, float]) -> Transform:
 
 
 def _numbers(file: BinaryIO, path: str, line: int) -> Iterator[np.ndarray]:
-    """The numbers of the rest of the file, some at a time; `line` is where it starts."""
+    """Numbers in the rest of the file, in chunks; `line` is the first line."""
     tail = b""
     while block := file.read(_CHUNK):
         text = tail + block
@@ -182,7 +182,7 @@ def _parse(text: bytes, path: str, line: int) -> np.ndarray:
 
 
 def _first_bad_token(text: bytes) -> tuple[int, str]:
-    """The first token that is no number, and how many lines precede it."""
+    """First token that is not a number, and the number of lines before it."""
     for number, row in enumerate(text.split(b"\n")):
         for token in row.split():
             try:

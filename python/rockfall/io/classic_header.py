@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The header of a classic netCDF file, checked against the size of the file.
+"""Check of the header of a classic netCDF file against the size of the file.
 
-The header tells how many dimensions, attributes and variables follow. The netCDF library allocates
-memory for as many before it reads them, and ends the process where there is not enough.
+The header gives the numbers of dimensions, attributes and variables. The netCDF library allocates
+memory for them before reading, and aborts the process if memory is insufficient.
 
 The format: NetCDF Classic Format Specification, Unidata, docs.unidata.ucar.edu/netcdf-c.
 """
@@ -20,8 +20,8 @@ class _Overstated(Exception):
 
 
 def overstates(path: str | Path) -> bool:
-    """Whether a file is classic netCDF (CDF-1, CDF-2, CDF-5) and its header claims more than the
-    file holds. False for a file that cannot be read, or is of another format."""
+    """Return True if a file is classic netCDF (CDF-1, CDF-2, CDF-5) and its header claims more than
+    the file holds; False for unreadable files and other formats."""
     try:
         with open(path, "rb") as file:
             if widths := _VERSIONS.get(file.read(4)):
@@ -34,7 +34,7 @@ def overstates(path: str | Path) -> bool:
 
 
 class _Header:
-    """A walk through the bytes of a header, from after its magic number."""
+    """Parser of the bytes of a header after its magic number."""
 
     def __init__(self, file: BinaryIO, count: int, offset: int) -> None:
         self.file, self.count, self.offset = file, count, offset
@@ -50,7 +50,7 @@ class _Header:
             self.skip_variable()
 
     def skip_variable(self) -> None:
-        """Name, dimensions, attributes, type, size and offset of a variable."""
+        """Skip name, dimensions, attributes, type, size and offset of a variable."""
         self.skip_padded(self.number(self.count))
         self.skip(self.number(self.count) * self.count)
         self.skip_attributes()
@@ -69,7 +69,8 @@ class _Header:
         return self.number(self.count)
 
     def number(self, width: int) -> int:
-        """A number of things that follow, each of a byte at least: never more than are left."""
+        """Number of following items, which take at least a byte each: never more than the bytes
+        left."""
         value = int.from_bytes(self.file.read(width), "big")
         self.left -= width
         if not value <= self.left:
@@ -77,7 +78,7 @@ class _Header:
         return value
 
     def skip_padded(self, n: int) -> None:
-        """Skip bytes, which are filled up to a multiple of four."""
+        """Skip bytes, padded to a multiple of four."""
         self.skip((n + 3) // 4 * 4)
 
     def skip(self, n: int) -> None:

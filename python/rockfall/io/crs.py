@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Coordinate reference systems: their names, which are alike, which the model can use, and how CF
-(1.8, appendix F) describes them."""
+"""Coordinate reference systems: names, equality, requirements of the model, and their description
+in CF (1.8, appendix F)."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ _METRES = {"", "m", "metre", "metres", "meter", "meters"}
 
 
 def crs_name(crs: CRS) -> str:
-    """A short name: EPSG:25832, or the title of a system that has no number."""
+    """Short name: EPSG:25832, or the title of a system without a number."""
     code = crs.to_epsg()
     return f"EPSG:{code}" if code else _pyproj(crs).name
 
 
 def same_crs(a: CRS | None, b: CRS | None) -> bool:
-    """Whether coordinates in plan mean the same; a system that is not known is like any other."""
+    """Return True if plan coordinates are equivalent; an unknown system equals any other."""
     if a is None or b is None:
         return True
     a, b = _in_plan(a), _in_plan(b)
@@ -38,14 +38,14 @@ def same_crs(a: CRS | None, b: CRS | None) -> bool:
 
 
 class Transformation(NamedTuple):
-    """A way from one system to another."""
+    """A transformation between two systems."""
 
-    transform: Callable[..., tuple[Any, Any]]  # x and y to x and y, infinite where there is none
-    is_best: bool  # of all that PROJ knows there; not where one needs a grid that is not installed
+    transform: Callable[..., tuple[Any, Any]]  # x and y to x and y, infinite where undefined
+    is_best: bool  # of those known to PROJ; False if one needs a grid that is not installed
 
 
 def transformation(crs: CRS, grid: Grid) -> Transformation:
-    """The way from a system to that of a raster, in plan."""
+    """Transformation from a system to that of a raster, in plan."""
     import pyproj
 
     assert grid.crs is not None
@@ -56,7 +56,7 @@ def transformation(crs: CRS, grid: Grid) -> Transformation:
         (west, east), (south, north) = corners
         area = pyproj.transformer.AreaOfInterest(west, south, east, north)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # by which it says that a grid is missing
+        warnings.simplefilter("ignore")  # PROJ's warning about a missing grid
         ways = pyproj.transformer.TransformerGroup(one, other, True, area)
     if not ways.transformers:
         raise RockfallError(f"no way is known from {crs_name(crs)} to {crs_name(grid.crs)}")
@@ -64,14 +64,14 @@ def transformation(crs: CRS, grid: Grid) -> Transformation:
 
 
 def is_metre(unit: str | None) -> bool:
-    """Whether a unit, as files spell it, is the metre; one that is missing is."""
+    """Return True if a unit as spelled in files is the metre, or missing."""
     return (unit or "").strip().lower() in _METRES
 
 
 def check_metres(grid: Grid, path: str, warp: Callable[[str, str], str] | None = None) -> None:
-    """Refuse any unit but the metre; `warp(suffix, options)` gives the command that mends it.
+    """Refuse units other than the metre; `warp(suffix, options)` gives the command that fixes it.
 
-    Heights have a unit where the system says what they refer to.
+    The unit of heights is checked if the system has a vertical datum.
     """
     crs = grid.crs
     if crs is None:
@@ -98,7 +98,7 @@ def check_metres(grid: Grid, path: str, warp: Callable[[str, str], str] | None =
 
 
 def _units(crs: pyproj.CRS) -> tuple[str, str]:
-    """The units of a system in plan and of its heights; metre where it has none."""
+    """Units of a system in plan and of its heights; metre where undefined."""
     plan = heights = "metre"
     for axis in crs.axis_info:
         unit = "degrees" if axis.unit_name == "degree" else axis.unit_name
@@ -112,7 +112,7 @@ def _units(crs: pyproj.CRS) -> tuple[str, str]:
 
 
 def _in_plan(crs: CRS) -> CRS:
-    """The horizontal part of a system that also tells what heights refer to."""
+    """Horizontal part of a compound system."""
     from rasterio.crs import CRS
 
     about = crs.to_dict(projjson=True)
@@ -122,7 +122,7 @@ def _in_plan(crs: CRS) -> CRS:
 
 
 def _utm(grid: Grid) -> str | None:
-    """The UTM zone in which the middle of a raster lies; None where the earth has no such place.
+    """UTM zone of the centre of a raster; None where it is not on the earth.
 
     `pyproj.database.query_utm_crs_info` takes 0.1 s, and gives two zones or none near the poles.
     """
@@ -134,8 +134,8 @@ def _utm(grid: Grid) -> str | None:
 
 
 def length_scale(grid: Grid) -> float:
-    """How many metres of its coordinates a metre on the ground is, in the middle of a raster: the
-    geometric mean of east and north; 1 where the CRS does not tell.
+    """Coordinate metres per metre on the ground at the centre of a raster: the geometric mean of
+    east and north; 1 where the CRS does not define it.
 
     `pyproj.Proj.get_factors` is 0.2 % off in the Mercator projection of web maps.
     """
@@ -144,7 +144,7 @@ def length_scale(grid: Grid) -> float:
     import pyproj
 
     x, y = _middle(grid)
-    step = 100.0  # [m]: long beside the rounding of degrees, short beside the Earth
+    step = 100.0  # [m]: long compared with the rounding of degrees, short compared with the Earth
     longitude, latitude = _degrees(grid.crs, [x, x + step, x], [y, y, y + step])
     start = [longitude[0]] * 2, [latitude[0]] * 2
     *_, ground = pyproj.Geod(ellps="WGS84").inv(*start, longitude[1:], latitude[1:])
@@ -154,18 +154,18 @@ def length_scale(grid: Grid) -> float:
 
 
 def grid_mapping(crs: CRS) -> dict[str, Any]:
-    """Attributes of a CF grid mapping variable. The whole of the CRS is in `crs_wkt`; the
-    parameters of CF are there where they say the same."""
+    """Attributes of a CF grid mapping variable. The complete CRS is in `crs_wkt`; CF parameters are
+    added where they are equivalent."""
     return _parameters(_pyproj(crs)) | {"crs_wkt": crs.to_wkt(), "spatial_ref": crs.to_wkt()}
 
 
 def _parameters(crs: pyproj.CRS) -> dict[str, Any]:
-    """`to_cf`, but for what it loses: angles in other units than degrees, the scale of a cone with
-    one standard parallel, and the pole."""
+    """`to_cf` without the systems it represents incorrectly: angles in units other than degrees,
+    the scale of a cone with one standard parallel, and the pole."""
     if crs.geodetic_crs and any(a.unit_name == "grad" for a in crs.geodetic_crs.axis_info):
         return {}
     with warnings.catch_warnings():
-        warnings.simplefilter("error")  # by which it says that it loses a parameter
+        warnings.simplefilter("error")  # its warning about a lost parameter
         try:
             about = crs.to_cf()
         except UserWarning:
@@ -189,11 +189,11 @@ def _middle(grid: Grid) -> tuple[float, float]:
 
 
 def _degrees(crs: CRS, x: list[float], y: list[float]) -> tuple[list[float], list[float]]:
-    """Longitudes and latitudes (WGS 84) of points; not finite where there is no such place."""
+    """Longitudes and latitudes (WGS 84) of points; not finite where undefined."""
     import pyproj
 
     nowhere = [math.nan] * len(x)
-    if max(map(abs, (*x, *y))) > 1e8:  # PROJ would turn round the Earth for ever
+    if max(map(abs, (*x, *y))) > 1e8:  # PROJ would loop for ever
         return nowhere, nowhere
     try:
         to_degrees = pyproj.Transformer.from_crs(_pyproj(crs), "EPSG:4326", always_xy=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files appear under their name only when they are whole."""
+"""Atomic writing of files: they appear under their name only when complete."""
 
 import os
 import tempfile
@@ -11,7 +11,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.classic_header import overstates
 from rockfall.limits import MAX_TEXT
 
-TEMPORARY = ".rockfall-"  # how names of temporary folders begin
+TEMPORARY = ".rockfall-"  # prefix of temporary folders
 #: First bytes of netCDF files, GeoTIFFs and GeoPackages.
 NETCDF = (b"CDF\1", b"CDF\2", b"CDF\5", b"\x89HDF\r\n\x1a\n")
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -19,14 +19,14 @@ SQLITE = b"SQLite format 3\0"
 
 
 def check_regular(path: str | Path) -> None:
-    """Refuse a pipe or a device as a file to read: it may have no end, or not even a beginning."""
+    """Refuse a pipe or a device as input: it may be endless or block."""
     if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
         raise RockfallError(f"{path}: not a regular file")
 
 
 def check_netcdf(path: str | Path) -> None:
-    """Refuse what is no regular file, and a header of classic netCDF that claims more than its file
-    holds: the libraries take memory for it, and end the process where there is none."""
+    """Refuse files that are not regular, and classic netCDF headers that claim more than the file
+    holds: libraries allocate that memory, and abort the process if there is not enough."""
     check_regular(path)
     if os.path.isfile(path) and overstates(path):
         raise RockfallError(
@@ -35,14 +35,14 @@ def check_netcdf(path: str | Path) -> None:
 
 
 def check_text_file(path: str | Path) -> None:
-    """Refuse what is no regular file, or larger than any text of ours."""
+    """Refuse files that are not regular, or too large for a text."""
     check_regular(path)
     if os.path.isfile(path) and os.path.getsize(path) > MAX_TEXT:
         raise RockfallError(f"{path}: larger than 64 MB; not a text file of ours")
 
 
 def read_text(path: str | Path) -> str:
-    """The text of a regular file, without a byte order mark."""
+    """Text of a regular file, without a byte order mark."""
     check_text_file(path)
     try:
         return Path(path).read_text(encoding="utf-8-sig")
@@ -54,9 +54,9 @@ def read_text(path: str | Path) -> str:
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
-    """A temporary path of the same name, renamed to `path` when the block ends well, removed when
-    not. It is in a new folder beside `path` that only its owner may enter: in a folder that many
-    may write to, nobody can place a link where the drivers of formats will write."""
+    """Yield a temporary path of the same name, renamed to `path` if the block succeeds and removed
+    if it fails. It is in a new folder next to `path` with access for its owner only, so that in a
+    shared folder nobody can place a link where format drivers will write."""
     path = Path(path)
     try:
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=TEMPORARY) as folder:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What GDAL may open: plain files of a few formats, and nothing that leads elsewhere.
+"""Files that GDAL may open: plain files of a few formats, without references elsewhere.
 
-GDAL goes by what a file holds, not by its name: a text may be a map service, a mosaic of other
-files, a pipe has no end. What it would reach is looked at here, before it does. A mosaic (VRT) may
-name any file or server, run Python, or read bytes of any file as numbers: it is written anew, with
-nothing in it but tiles and where they lie.
+GDAL identifies files by content, not by name: a text may be a map service or a mosaic of other
+files, and a pipe has no end. Everything GDAL would access is checked here first. A mosaic (VRT) may
+name any file or server, run Python, or read bytes of any file as numbers: it is rewritten with
+nothing but tiles and their positions.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from rockfall.io.tables import plain_decimal
 #: Rasters without text in their headers: GDAL takes a text that is no number there for zero.
 BINARY = ("GTiff", "HFA", "GSBG", "GS7BG")
 IMAGINE = b"EHFA_HEADER_TAG"
-START = 1024  # bytes, of which GDAL too tells the format
+START = 1024  # bytes by which GDAL identifies a format too
 _MASKS = (".msk", ".ovr")
 _NODATA, _ASCII = 42113, 2  # a tag, and a type
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity|1\.#(qnan|ind|inf)0*)", re.IGNORECASE)
@@ -65,9 +65,9 @@ _NUMBERS = {"GeoTransform": 6, "NoDataValue": 1, "Offset": 1, "Scale": 1, "NODAT
 
 
 def plain_file(path: str | Path) -> str:
-    """The absolute path of a regular file, whose companions are regular files too.
+    """Absolute path of a regular file, whose companion files are regular too.
 
-    An absolute path is never a command to GDAL, as `WMS:...` would be.
+    GDAL never reads an absolute path as a command such as `WMS:...`.
     """
     name = os.path.abspath(path)
     if not os.path.exists(path):
@@ -88,18 +88,18 @@ def plain_file(path: str | Path) -> str:
 
 
 def check_imagine(path: str) -> None:
-    """Refuse a file of Erdas Imagine whose numbers are in another, of any name."""
+    """Refuse an Erdas Imagine file whose numbers are stored in another file."""
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         if content.find(b"ExternalRasterDMS") >= 0:
             raise RockfallError(f"{path}: its numbers are in another file; make a GeoTIFF of it")
 
 
 def check_nodata(path: str) -> None:
-    """Refuse a GeoTIFF whose nodata value, which is text, is not a number: GDAL takes it for 0."""
+    """Refuse a GeoTIFF whose nodata text is not a number: GDAL reads it as 0."""
     with open(path, "rb") as file:
         try:
             text = _nodata_text(file, os.path.getsize(path))
-        except struct.error:  # cut short: GDAL says so
+        except struct.error:  # truncated: GDAL reports it
             return
     nodata = text.strip(" \0")
     if nodata and math.isnan(plain_decimal(nodata)) and not _NOT_FINITE.fullmatch(nodata):
@@ -107,7 +107,7 @@ def check_nodata(path: str) -> None:
 
 
 def _nodata_text(file: BinaryIO, size: int) -> str:
-    """The text of the tag in the first directory; empty where there is none."""
+    """Text of the nodata tag in the first directory; empty if absent."""
     start = file.read(16)
     end = "<" if start[:2] == b"II" else ">"
     big = struct.unpack_from(f"{end}H", start, 2)[0] == 43
@@ -127,7 +127,7 @@ def _nodata_text(file: BinaryIO, size: int) -> str:
 
 
 def start_of(path: str | Path) -> bytes:
-    """The first bytes of a file."""
+    """First bytes of a file."""
     try:
         with open(path, "rb") as file:
             return file.read(START)
@@ -136,19 +136,19 @@ def start_of(path: str | Path) -> bytes:
 
 
 def companions(path: Path) -> list[Path]:
-    """What lies beside a file and is named after it, as masks, world files and tables are."""
+    """Companion files, named after a file: masks, world files, tables."""
     stem, folder = f"{path.stem}.".lower(), path.parent
     names = [name for name in os.listdir(folder) if name.lower().startswith(stem)]
     return [folder / name for name in names if name != path.name]
 
 
 def is_vrt(start: bytes) -> bool:
-    """Whether a file that begins so may be a VRT to GDAL."""
+    """Return True if GDAL may read a file with these first bytes as a VRT."""
     return b"<VRTDataset" in start.split(b"\0")[0]
 
 
 def plain_vrt(path: str) -> str:
-    """The text of a VRT in a file, as GDAL may have it: with the absolute paths of its tiles."""
+    """Sanitised text of a VRT file for GDAL: with the absolute paths of its tiles."""
     check_text_file(path)
     try:
         text = Path(path).read_bytes().decode("utf-8-sig").strip()
@@ -164,7 +164,7 @@ def plain_vrt(path: str) -> str:
 
 
 def _tidy(path: str, element: ElementTree.Element) -> None:
-    """Refuse what is not known, take out what tells nothing, place the tiles."""
+    """Refuse unknown elements, remove irrelevant ones, and resolve the tiles."""
     where = f"{path}: <{element.tag}>"
     element.tail = None
     for name, value in element.attrib.items():
@@ -192,7 +192,7 @@ def _tidy(path: str, element: ElementTree.Element) -> None:
 
 
 def _rule(name: str, value: str) -> str:
-    """What the value of an attribute must be; empty where it is."""
+    """Rule that the value of an attribute breaks; empty if valid."""
     if name in ("dataType", "DataType"):
         return "" if value in _TYPES else "a type of real numbers"
     if name == "dataAxisToSRSAxisMapping":
@@ -217,7 +217,7 @@ def _check_numbers(where: str, element: ElementTree.Element) -> None:
 
 
 def _place(path: str, element: ElementTree.Element) -> None:
-    """The absolute path of a tile, a GeoTIFF in the folder of the VRT or below."""
+    """Absolute path of a tile, a GeoTIFF in the folder of the VRT or below."""
     folder = os.path.dirname(os.path.realpath(path))
     name = (element.text or "").strip()
     beside = element.attrib.get("relativeToVRT", "0") == "1"

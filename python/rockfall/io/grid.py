@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where the cells of a raster lie: north-up, square, in metres."""
+"""Raster geometry: north-up, square cells, in metres."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ _BLOCK = 1_000_000  # cells
 
 
 class Transform(NamedTuple):
-    """From (column, row) to (x, y), by the names of `affine.Affine`, whose import takes long."""
+    """Transform from (column, row) to (x, y), with the names of `affine.Affine`, whose import is
+    slow."""
 
     a: float
     b: float
@@ -76,28 +77,30 @@ class Grid:
 
     @property
     def box(self) -> Box:
-        """All its cells."""
+        """Box of all its cells."""
         return Box(0, 0, self.ny, self.nx)
 
     def part(self, box: Box) -> Grid:
-        """The grid of some of its cells."""
+        """Grid of some of its cells."""
         west, north = self.west + box.column * self.cell, self.north - box.row * self.cell
         return replace(self, west=west, north=north, nx=box.shape[1], ny=box.shape[0])
 
     @property
     def transform(self) -> Affine:
-        """The affine transform from (column, row) to (x, y), as rasterio has it."""
+        """Affine transform from (column, row) to (x, y), in rasterio's form."""
         from affine import Affine
 
         return Affine(self.cell, 0.0, self.west, 0.0, -self.cell, self.north)
 
     def cells(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Row and column of the cells of places [m] in it; what is on its edge is in the last."""
+        """Row and column of the cells that contain places [m]; places on the far edge are in the
+        last cell."""
         row = np.floor((self.north - y) / self.cell).astype(int).clip(0, self.ny - 1)
         return row, np.floor((x - self.west) / self.cell).astype(int).clip(0, self.nx - 1)
 
     def matches(self, other: Grid) -> bool:
-        """Whether both have the same cells, up to `TOLERANCE` of a cell; CRS apart."""
+        """Return True if both grids have the same cells, up to `TOLERANCE` of a cell; ignores the
+        CRS."""
         near = TOLERANCE * self.cell
         return self.shape == other.shape and all(
             abs(getattr(self, edge) - getattr(other, edge)) <= near
@@ -105,7 +108,7 @@ class Grid:
         )
 
     def overlaps(self, other: Grid) -> bool:
-        """Whether the two have ground in common; CRS apart."""
+        """Return True if the two grids overlap; ignores the CRS."""
         return max(self.west, other.west) < min(self.east, other.east) and max(
             self.south, other.south
         ) < min(self.north, other.north)
@@ -113,7 +116,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class Box:
-    """A rectangle of the cells of a raster; it ends before `stop_row` and `stop_column`."""
+    """A rectangle of raster cells, which ends before `stop_row` and `stop_column`."""
 
     row: int
     column: int
@@ -122,7 +125,7 @@ class Box:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows, columns."""
+        """Numbers of rows and columns."""
         return self.stop_row - self.row, self.stop_column - self.column
 
     @property
@@ -134,7 +137,7 @@ class Box:
         return slice(self.column, self.stop_column)
 
     def corners(self) -> dict[str, tuple[int, int]]:
-        """First and last (column, row), counted from 1, as the kernel wants them for maps."""
+        """First and last (column, row), counted from 1, as the kernel expects them for maps."""
         return {
             "map_at": (self.column + 1, self.row + 1),
             "map_last": (self.stop_column, self.stop_row),
@@ -142,7 +145,7 @@ class Box:
 
 
 def flaw_of(transform: Affine | Transform, far: int) -> str:
-    """Why cells cannot be those of a grid with sides of up to `far` cells; empty when they can."""
+    """Reason why cells cannot form a grid with sides of up to `far` cells; empty if they can."""
     t = transform
     if not 0 < abs(t.a) < np.inf:
         return f"cells have the size {t.a:g}: must be > 0"
@@ -156,7 +159,7 @@ def flaw_of(transform: Affine | Transform, far: int) -> str:
 
 
 def row_blocks(shape: tuple[int, int], multiple: int = 1) -> Iterator[slice]:
-    """Slices of rows, about a million cells each, a multiple of so many rows."""
+    """Slices of rows of about a million cells each; row counts are multiples of `multiple`."""
     ny, nx = shape
     step = max(1, _BLOCK // (max(1, nx) * multiple)) * multiple
     return (slice(first, min(first + step, ny)) for first in range(0, ny, step))

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Vector layers (GeoPackage, GeoJSON, shapefile, FlatGeobuf): features, and polygons as rasters on
+"""Vector layers (GeoPackage, GeoJSON, shapefile, FlatGeobuf): features, and polygons rasterised on
 the terrain's grid.
 
-Files are looked at before GDAL opens them. Shapefile and FlatGeobuf hold only shapes. A GeoPackage
-is a database, whose views may have no end; GeoJSON is text, that could be anything else, so it is
-written anew.
+Files are checked before GDAL opens them. Shapefile and FlatGeobuf hold only shapes. A GeoPackage is
+a database, whose views may be endless; GeoJSON is text that could be anything else, so it is
+rewritten.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 _DRIVERS = {"GPKG", "GeoJSON", "ESRI Shapefile", "FlatGeobuf"}
 _SHAPES = (b"\0\0\x27\x0a", b"fgb\x03fgb")  # of shapefiles and FlatGeobuf
-_GEOPACKAGE = (b"GPKG", b"GP10", b"GP11")  # what a database says it is, from byte 68
+_GEOPACKAGE = (b"GPKG", b"GP10", b"GP11")  # application id of a database, from byte 68
 _CRS_NAME = re.compile(r"(urn:ogc:def:crs:)?(EPSG|OGC):[0-9.]*:?(CRS84|[0-9]{1,7})", re.IGNORECASE)
 _UNDEFINED = re.compile(r'\["Undefined (geographic |Cartesian )?SRS"')  # in GeoPackage
 _POLYGONS = {"Polygon", "MultiPolygon"}
@@ -42,7 +42,7 @@ _FEATURES = {"Point", *_LINES, *_POLYGONS}
 _TYPES = (  # in the order of their numbers
     "Point", "LineString", "LinearRing", "Polygon", "MultiPoint", "MultiLineString", "MultiPolygon"
 )  # fmt: skip
-SHORT = 10  # letters of an attribute in a shapefile, at most
+SHORT = 10  # maximum length of attribute names in a shapefile
 REPROJECTED = "reprojected from"
 _INDEX = re.compile(r'CREATE\s+VIRTUAL\s+TABLE\s+("[^"]*"|\w+)\s+USING\s+rtree\b', re.IGNORECASE)
 
@@ -56,8 +56,8 @@ def burn_polygons(
     layer: str | None = None,
     key: str = "",
 ) -> np.ndarray:
-    """The integer `field` of the polygon that holds the centre of each cell (int32, `NO_ID`
-    outside); of the later one where they overlap. The rest is as in `_on_terrain`."""
+    """Integer `field` of the polygon that holds the centre of each cell (int32, `NO_ID` outside);
+    the last one where they overlap. Everything else is as in `_on_terrain`."""
     remarks = [] if remarks is None else remarks
     found = _on_terrain(path, [field], _POLYGONS, "polygons", grid, remarks, layer, key)
     numbers = _integers(str(path), field, found.values[field])
@@ -71,13 +71,13 @@ def burn_polygons(
 
 
 def layer_names(path: str | Path) -> list[str]:
-    """The layers of a file that have shapes."""
+    """Names of the layers with shapes in a file."""
     need("layers need", "vector", "pyogrio", "shapely")
     import pyogrio
 
     try:
         layers = pyogrio.list_layers(_plain_layer(str(path)))
-    except (RuntimeError, UnicodeDecodeError) as error:  # GDAL's
+    except (RuntimeError, UnicodeDecodeError) as error:  # from GDAL
         raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
     return [str(name) for name, shape in layers if shape is not None]
 
@@ -85,8 +85,9 @@ def layer_names(path: str | Path) -> list[str]:
 def numbered_polygons(
     path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Which polygon, counted from 1, holds the centre of each cell (0: none), the later one where
-    they overlap; and the attributes of all. The rest is as in `_on_terrain`."""
+    """Number, from 1, of the polygon that holds the centre of each cell (0: none), the last one
+    where they overlap; and the attributes of all polygons. Everything else is as in
+    `_on_terrain`."""
     found = _on_terrain(path, None, _POLYGONS, "polygons", grid, remarks, layer, key)
     size = len(found.shapes)
     kind = np.uint8 if size < 2**8 else np.int32
@@ -96,7 +97,7 @@ def numbered_polygons(
 def _burnt(
     found: _Found, grid: Grid, numbers: np.ndarray, outside: int, order: int = 1
 ) -> np.ndarray:
-    """The number of the last polygon (of the first, for order -1) that holds each cell."""
+    """Number of the last polygon (the first, for order -1) that holds each cell."""
     from rasterio.features import rasterize
 
     cells = rasterize(
@@ -117,7 +118,7 @@ def _burnt(
 def read_features(
     path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Points, lines and polygons, and all their attributes by name, as in `_on_terrain`."""
+    """Points, lines and polygons, with all their attributes by name, as in `_on_terrain`."""
     what = "points, lines or polygons"
     return _on_terrain(path, None, _FEATURES, what, grid, remarks, layer, key)[1:3]
 
@@ -125,8 +126,8 @@ def read_features(
 def read_lines(
     path: str | Path, layer: str | None, grid: Grid, remarks: list[str]
 ) -> tuple[list[list[np.ndarray]], dict[str, np.ndarray]]:
-    """The lines of a layer (of the only one, for None) and all their attributes by name. A line is
-    a list of its parts, (n, 2) coordinates [m]; parts that join are one."""
+    """Lines of a layer (the only one, for None), with all their attributes by name. A line is a
+    list of its parts, (n, 2) coordinates [m]; connected parts are merged."""
     found = _on_terrain(path, None, _LINES, "lines", grid, remarks, layer, "layer")
     return [_parts(shape) for shape in found.shapes], found.values
 
@@ -136,18 +137,18 @@ def _parts(shape: Any) -> list[np.ndarray]:
 
     parts = shapely.get_parts(shape)
     merged = shapely.get_parts(shapely.line_merge(shape))
-    if len(merged) < len(parts):  # else as they were drawn
+    if len(merged) < len(parts):  # otherwise as drawn
         parts = merged
     return [shapely.get_coordinates(part) for part in parts]
 
 
 class Points(NamedTuple):
-    """The points of a layer; those of a multipoint have its attributes each."""
+    """Points of a layer; each point of a multipoint has its attributes."""
 
     x: np.ndarray  # [m]
     y: np.ndarray
     values: dict[str, np.ndarray]  # attributes by name
-    feature: np.ndarray  # of each point, counted from 1
+    feature: np.ndarray  # feature of each point, counted from 1
 
 
 def read_points(
@@ -163,13 +164,13 @@ def read_points(
 
 
 def attribute(columns: dict[str, np.ndarray], name: str) -> np.ndarray | None:
-    """The column of a name in small or large letters, also where a shapefile has cut it."""
+    """Column of a name, ignoring case, and truncated names in shapefiles."""
     lower = {own.lower(): column for own, column in columns.items()}
     return columns.get(name, lower.get(name.lower(), lower.get(name[:SHORT].lower())))
 
 
 def named_attribute(path: str | Path, columns: dict[str, np.ndarray], name: str) -> np.ndarray:
-    """The column of a name that a case gives."""
+    """Column with the name given by a case."""
     if (found := attribute(columns, name)) is None:
         has = ", ".join(columns) or "none"
         raise RockfallError(f"{path}: no attribute {name}; has: {has}")
@@ -177,7 +178,7 @@ def named_attribute(path: str | Path, columns: dict[str, np.ndarray], name: str)
 
 
 def plain(value: Any) -> Any:
-    """An attribute of a feature as Python has it; None where it is empty."""
+    """Attribute of a feature as a Python value; None if empty."""
     value = value.item() if hasattr(value, "item") else value
     if value is None or value != value or (isinstance(value, str) and not value.strip()):
         return None
@@ -203,13 +204,13 @@ def _on_terrain(
     layer: str | None,
     key: str,
 ) -> _Found:
-    """The way in for every layer: sound shapes of some kinds (`what`: a plural, for messages) with
-    these attributes, or all (None); of a `layer`, or of the only one. `key` says in messages how a
-    case names a layer.
+    """Read valid shapes of the given kinds (`what`: a plural, for messages) with the given
+    attributes, or all (None), from a `layer`, or the only one. All layers are read by this
+    function. `key` is the case key of a layer, for messages.
 
-    Coordinates in another CRS than the terrain's are reprojected, vertex by vertex, and `remarks`
-    says so; a layer without a CRS is refused. On a terrain without a CRS they are taken as they
-    are, whatever the layer says of them.
+    Coordinates in another CRS than the terrain's are reprojected, vertex by vertex, with a note in
+    `remarks`; a layer without a CRS is refused. On a terrain without a CRS they are used unchanged,
+    whatever the CRS of the layer.
     """
     path = str(path)
     about, shapes, values = _read(path, columns, what, layer, key)
@@ -224,7 +225,7 @@ def _on_terrain(
 
 
 def name_of(path: str | Path, layer: str | None) -> str:
-    """A file, and which of its layers, in a remark."""
+    """File and layer name, for a remark."""
     return f"{path}, layer {layer}" if layer else str(path)
 
 
@@ -258,7 +259,7 @@ def extent(west: float, south: float, east: float, north: float) -> str:
 def _read(
     path: str, columns: list[str] | None, what: str, layer: str | None, key: str
 ) -> tuple[dict[str, Any], np.ndarray, dict[str, np.ndarray]]:
-    """(what the layer says of itself, its shapes, these attributes or all)."""
+    """Metadata of the layer, its shapes, and the given attributes or all."""
     need(f"{what} need", "vector", "pyogrio", "shapely")
     import pyogrio
     import shapely
@@ -279,14 +280,14 @@ def _read(
                 )
         about_read, _, wkb, values = pyogrio.raw.read(file, layer=layer, columns=names)
         shapes = shapely.from_wkb(wkb)
-    except (RuntimeError, UnicodeDecodeError, shapely.errors.ShapelyError) as error:  # GDAL's
+    except (RuntimeError, UnicodeDecodeError, shapely.errors.ShapelyError) as error:  # from GDAL
         raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
     return about, shapes, dict(zip(about_read["fields"], values, strict=True))
 
 
 def _layer(path: str, layers: np.ndarray, what: str, asked: str | None, key: str) -> str:
-    """The name of the layer that is asked for, or of the only one with shapes (GeoPackages keep
-    styles in tables without any)."""
+    """Name of the requested layer, or of the only one with shapes (GeoPackages keep styles in
+    tables without shapes)."""
     names = [name for name, shape in layers if shape is not None]
     if not names:
         raise RockfallError(f"{path}: has no layer with {what}")
@@ -299,7 +300,7 @@ def _layer(path: str, layers: np.ndarray, what: str, asked: str | None, key: str
 
 
 def _check_shapes(path: str, shapes: np.ndarray, kinds: set[str], what: str) -> np.ndarray:
-    """Refuse what is not a sound shape of these kinds; returns (west, south, east, north)."""
+    """Refuse invalid shapes and other kinds; returns (west, south, east, north)."""
     import shapely
 
     good = ~(shapely.is_missing(shapes) | shapely.is_empty(shapes)) & shapely.is_valid(shapes)
@@ -326,7 +327,7 @@ def _bounds(shapes: np.ndarray) -> np.ndarray:
 
 
 def _crs_of(path: str, about: dict[str, Any], bounds: np.ndarray, dem: str) -> CRS:
-    """The CRS of a layer. A GeoJSON file that names none is in degrees by its standard."""
+    """CRS of a layer. A GeoJSON file without one is in degrees by its standard."""
     from rasterio.crs import CRS
 
     cure = f"ogr2ogr -a_srs {shlex.join([dem, f'{Path(path).stem}_with_crs.gpkg', path])}"
@@ -343,7 +344,7 @@ def _crs_of(path: str, about: dict[str, Any], bounds: np.ndarray, dem: str) -> C
 
 
 def _integers(path: str, field: str, values: np.ndarray) -> np.ndarray:
-    """The values of a field as int32."""
+    """Values of a field as int32."""
     if values.dtype.kind not in "iuf":
         raise RockfallError(f"{path}: attribute {field} is not a number, zone ids are integers")
     for number, value in enumerate(values.tolist(), start=1):
@@ -356,7 +357,7 @@ def _integers(path: str, field: str, values: np.ndarray) -> np.ndarray:
 
 
 def _plain_layer(path: str) -> str | bytes:
-    """What GDAL may open for a file of polygons: its path, or a text made of it."""
+    """Input for GDAL from a polygon file: its path, or a text made from it."""
     name, start = plain_file(path), start_of(path)
     if start.startswith(_SHAPES):
         return name
@@ -372,7 +373,7 @@ def _plain_layer(path: str) -> str | bytes:
 
 
 def _check_geopackage(path: str, start: bytes) -> None:
-    """Nothing in the database but tables of what is stored, and their spatial indexes."""
+    """Check that the database has only stored tables and their spatial indexes."""
     if start[68:72] not in _GEOPACKAGE:
         raise RockfallError(f"{path}: a database that is no GeoPackage")
     for journal in ("wal", "journal"):
@@ -406,7 +407,7 @@ def _check_table(path: str, database: sqlite3.Connection, name: str, text: str) 
 
 
 def _plain_geojson(path: str) -> bytes:
-    """The shapes of a GeoJSON file, their plain properties, and its CRS."""
+    """Shapes, plain properties and CRS of a GeoJSON file."""
     check_text_file(path)
     try:
         data = json.loads(Path(path).read_bytes().decode("utf-8-sig"), parse_constant=_no_number)
@@ -422,7 +423,7 @@ def _no_number(token: str) -> None:
 
 
 def _collection(data: Any) -> dict[str, Any]:
-    """A FeatureCollection, with nothing but what we take; a ValueError says what else it is."""
+    """FeatureCollection reduced to the supported members; a ValueError names anything else."""
     kind = data.get("type") if isinstance(data, dict) else type(data).__name__
     if kind == "FeatureCollection":
         features = data.get("features")
@@ -459,7 +460,7 @@ def _feature(feature: Any) -> dict[str, Any]:
 
 
 def _crs(crs: Any) -> Any:
-    """A CRS by its name, never by an address."""
+    """CRS by name, never by URL."""
     if crs is None:
         return None
     name = crs.get("properties", {}).get("name") if crs.get("type") == "name" else None

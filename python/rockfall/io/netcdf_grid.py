@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The numbers of netCDF grids: what marks missing ones, how they are packed, and their unit.
+"""Numbers of netCDF grids: missing values, packing, and unit.
 
-GDAL says where they lie, but honours only some of the attributes of the CF conventions; so they are
-read here. What contradicts itself is refused.
+GDAL gives their position, but honours only some of the CF attributes, so these are read here.
+Contradictory attributes are refused.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from affine import Affine
 
 _MAX_SIDE = 10_000_000  # cells
-_EVEN = 1e-3  # of a cell, by which coordinates may stray
+_EVEN = 1e-3  # tolerance of coordinates, in cells
 
 
 @dataclass(frozen=True)
 class NetcdfCells:
-    """A variable on (y, x), north-up whichever way it is stored."""
+    """A variable on (y, x), read north-up in either storage order."""
 
     variable: netCDF4.Variable
     dtype: np.dtype  #: of the stored numbers
@@ -41,7 +41,7 @@ class NetcdfCells:
     rising: bool  #: the first row stored is the southernmost
 
     def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """Blocks of the rows of a box: (which rows, stored numbers, where they are data)."""
+        """Blocks of the rows of a box: (rows, stored numbers, valid mask)."""
         ny = self.shape[0]
         chunks = self.variable.chunking()
         tile = chunks[-2] if isinstance(chunks, list) else 1
@@ -69,7 +69,7 @@ class NetcdfCells:
 
 @contextmanager
 def open_netcdf(file: str) -> Iterator[netCDF4.Dataset]:
-    """Open a file whose sides are not past all bounds: GDAL reads coordinates before it asks."""
+    """Open a file whose dimensions are not excessive: GDAL reads coordinates before it checks."""
     import netCDF4
 
     check_netcdf(file)
@@ -86,7 +86,7 @@ def open_netcdf(file: str) -> Iterator[netCDF4.Dataset]:
 
 
 def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> NetcdfCells:
-    """The cells of a variable, which must lie where GDAL has them."""
+    """Cells of a variable, whose position must agree with GDAL's."""
     try:
         variable = data[name]
     except (IndexError, KeyError):
@@ -113,7 +113,7 @@ def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> 
 
 @dataclass(frozen=True)
 class _Validity:
-    """The attributes that say which stored numbers are data."""
+    """Attributes that define which stored numbers are data."""
 
     where: str
     dtype: np.dtype
@@ -121,15 +121,15 @@ class _Validity:
     packed: bool
 
     def missing(self, default: float | str | None) -> tuple[float, ...]:
-        """What marks cells without data: a fill value, the library's or the file's, and others."""
+        """Markers of missing data: a fill value (the library's or the file's), and others."""
         fill = self.values("_FillValue", 1)
         if fill.size == 0 and default is not None:
             fill = np.array([default]).astype(self.dtype)
         marks = [*fill, *self.values("missing_value", None)]
-        return tuple(mark for mark in marks if mark == mark)  # NaN marks itself
+        return tuple(mark for mark in marks if mark == mark)  # NaN needs no marker
 
     def range(self) -> tuple[float, float]:
-        """The min and max of valid numbers."""
+        """Minimum and maximum of valid numbers."""
         both = self.values("valid_range", 2)
         lowest, highest = self.values("valid_min", 1), self.values("valid_max", 1)
         if both.size and (lowest.size or highest.size):
@@ -141,7 +141,7 @@ class _Validity:
         return low, high
 
     def values(self, key: str, many: int | None) -> np.ndarray:
-        """The numbers of an attribute, `many` unless that is None, in the type of the variable."""
+        """Numbers of an attribute, `many` of them unless None, in the type of the variable."""
         if key not in self.attributes:
             return np.empty(0, self.dtype)
         given = np.atleast_1d(np.asarray(self.attributes[key]))
@@ -149,7 +149,7 @@ class _Validity:
         if given.dtype.kind not in "iuf" or many not in (None, given.size):
             raise RockfallError(f"{said}: must be {f'{many} numbers' if many else 'numbers'}")
         alike = given.dtype.kind == self.dtype.kind
-        if (given.dtype.kind, self.dtype.kind) == ("i", "u"):  # of _Unsigned numbers, or small ones
+        if (given.dtype.kind, self.dtype.kind) == ("i", "u"):  # _Unsigned numbers, or small ones
             alike = True
             given = np.where(given < 0, given.astype(object) + 256**self.dtype.itemsize, given)
         with np.errstate(all="ignore"):
@@ -168,7 +168,7 @@ def _unit(path: str, name: str, attributes: dict[str, Any]) -> str | None:
 
 
 def _coordinates(path: str, variable: netCDF4.Variable, axis: int) -> np.ndarray:
-    """The cell centres along a dimension [m]."""
+    """Cell centres along a dimension [m]."""
     name, group = variable.dimensions[axis], variable.group()
     while group is not None and name not in group.variables:
         group = group.parent
@@ -204,7 +204,7 @@ def _check_place(path: str, x: np.ndarray, y: np.ndarray, transform: Affine) -> 
 
 
 def _stored_type(path: str, name: str, stored: np.dtype, attributes: dict[str, Any]) -> np.dtype:
-    """The type of the numbers; _Unsigned tells of it where the format has no unsigned ones."""
+    """Type of the numbers; _Unsigned marks unsigned ones where the format has no such types."""
     said = str(attributes.get("_Unsigned", "")).lower()
     if said not in ("", "true", "false") or (said and stored.kind not in "iu"):
         raise RockfallError(
@@ -224,7 +224,7 @@ def _single(path: str, name: str, key: str, value: Any) -> float:
 
 
 def _default_fill(variable: netCDF4.Variable) -> float | str | None:
-    """What a file that says nothing means by "not written"; bytes have no such value."""
+    """Default fill value of a file that gives none; bytes have no default."""
     import netCDF4
 
     stored = variable.dtype

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where a command may write: over nothing that it reads, and over nothing but what rockfall wrote.
+"""Permission to write outputs: never over inputs, and only over files written by rockfall.
 
-Names are anyone's, so files of ours are recognised by their contents.
+Names may be anything, so our files are recognised by their contents.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ DESIGN, FACTORS = "a table of a design", "a table of partial factors"
 POSTERIOR = "a back-analysis"
 BOULDER_TABLE, CROSSINGS = "a table of boulders", "a table of crossings"
 
-SIGNATURE = "rockfall"  # the software that a figure, a map and a layer of ours name
+SIGNATURE = "rockfall"  # software name in our figures, maps and layers
 BY_SLURM = "# Written by `rockfall slurm`."
 BY_HAZARD = "! Written by `rockfall hazard`."
-SIGNS = (  # how a file of ours begins, what else its head holds, and what it is
+SIGNS = (  # first bytes of our files, other content of the header, and kind
     (b"line,result,units,", b"", ENSEMBLE_TABLE),
     (b"line,quantity,statistic,", b"", STUDY),
     (b"line,quantity,n,fraction,", b"", LINE_TABLE),
@@ -87,8 +87,8 @@ def overwriting(allowed: bool) -> Iterator[None]:
 
 
 def check_output(path: str | Path, kind: str, inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse a place for a file of this kind, before the work and not after it: one that is a
-    folder, in none, not writable, an input, or taken by what is not of the same kind."""
+    """Refuse an output path for a file of this kind before the work starts: a folder, a missing
+    folder, a path that is not writable, an input, or a file of another kind."""
     path = Path(path)
     check_outputs({path: kind}, inputs)
     if kind == RESULT and not RESULT_NAME.search(path.name):
@@ -109,9 +109,9 @@ def check_outputs(
     former: Collection[Path] = (),
     same: Collection[Path] = (),
 ) -> None:
-    """Refuse to write over an input, by whatever name it goes there, over what is not of the kind
-    that is to be written, except for `former` files, which are known to be of ours, and, unless
-    `overwriting` allows it, over any file. Those that stay the `same` are no loss."""
+    """Refuse to overwrite an input under any name, files of other kinds than the new ones except
+    for `former` files, which are known to be ours, and, unless `overwriting` allows it, any file.
+    Unchanged files (`same`) are permitted."""
     taken = [path for path in kinds if os.path.lexists(path)]
     read = {_identity(path) for path in inputs if os.path.exists(path)} if taken else set()
     for path in taken:
@@ -129,19 +129,19 @@ def check_outputs(
 
 
 def _same_bytes(path: Path, new: Path) -> bool:
-    """Whether a file has the contents of the one that is to replace it: nothing is lost."""
+    """Return True if a file has the contents of its replacement, so that nothing is lost."""
     both = path.is_file() and new.is_file() and path.stat().st_size == new.stat().st_size
     return both and path.read_bytes() == new.read_bytes()
 
 
 def _identity(path: str | Path) -> tuple[int, int]:
-    """The same for all names of a file."""
+    """Identity of a file, equal for all its names."""
     found = os.stat(path)
     return found.st_dev, found.st_ino
 
 
 def kind_of(path: str | Path) -> str | None:
-    """What a file is that rockfall wrote; None for any other."""
+    """Kind of a file written by rockfall; None for any other."""
     if not os.path.isfile(path):
         return None
     with open(path, "rb") as file:
@@ -152,7 +152,7 @@ def kind_of(path: str | Path) -> str | None:
         return _tiff_kind(path)
     if head.startswith(SQLITE):
         return _geopackage_kind(path)
-    if head.startswith(b"%PDF"):  # which names its creator near its end
+    if head.startswith(b"%PDF"):  # PDF names its creator near its end
         return FIGURE if f"/Creator ({SIGNATURE})".encode() in Path(path).read_bytes() else None
     kinds = (kind for start, inside, kind in SIGNS if head.startswith(start) and inside in head)
     return next(kinds, None)
@@ -165,7 +165,7 @@ def _netcdf_kind(path: str | Path) -> str | None:
         check_netcdf(path)
         with netCDF4.Dataset(path) as file:
             attrs = {name: file.getncattr(name) for name in file.ncattrs()}
-    except (OSError, RuntimeError, ValueError, AttributeError):  # damaged: whose it was is unknown
+    except (OSError, RuntimeError, ValueError, AttributeError):  # damaged: the owner is unknown
         return None
     if "contacts_sha256" in attrs:
         return TABLE
@@ -178,7 +178,7 @@ def _netcdf_kind(path: str | Path) -> str | None:
     if "case" not in attrs or not str(attrs.get("source", "")).startswith(f"{SIGNATURE} "):
         return None
     signs = {"models_layout": MODELS, "back_layout": POSTERIOR, "ensemble_runs": ENSEMBLE}
-    signs |= {"boulders_requested": RESULT}  # which the others have too
+    signs |= {"boulders_requested": RESULT}  # shared by the other kinds
     return next((kind for sign, kind in signs.items() if sign in attrs), None)
 
 
@@ -193,7 +193,7 @@ def _tiff_kind(path: str | Path) -> str | None:
 
 
 def _geopackage_kind(path: str | Path) -> str | None:
-    """All layers must be of ours: who added one would lose it."""
+    """Kind of a GeoPackage if all its layers are ours; a layer added by a user would be lost."""
     try:
         read_only = f"{Path(path).absolute().as_uri()}?mode=ro"
         with closing(sqlite3.connect(read_only, uri=True)) as file:
@@ -204,7 +204,7 @@ def _geopackage_kind(path: str | Path) -> str | None:
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse a file in place of a folder, which need not be there."""
+    """Refuse a file in place of a folder; the folder need not exist."""
     if folder.exists() and not folder.is_dir():
         raise RockfallError(f"{folder}: is a file, a folder is needed")
 
@@ -216,15 +216,15 @@ def atomic_folder(
     former: Collection[Path] = (),
     last: str = "",
 ) -> Iterator[Path]:
-    """A temporary folder, whose files go to `folder` when the block ends well, `last` at the end,
-    in place of `former` files. When not, nothing has changed."""
+    """Yield a temporary folder, whose files are moved to `folder` if the block succeeds, `last` at
+    the end, replacing `former` files. If it fails, nothing has changed."""
     folder = Path(folder)
     check_folder(folder)
     place = folder.resolve()
     base = next(path for path in (place, *place.parents) if path.exists())
     part = None
     try:
-        part = Path(tempfile.mkdtemp(dir=base, prefix=TEMPORARY))  # nobody else may enter it
+        part = Path(tempfile.mkdtemp(dir=base, prefix=TEMPORARY))  # accessible to its owner only
         new, old = part / "new", part / "old"
         for path in new, old:
             path.mkdir()
@@ -249,7 +249,7 @@ def atomic_folder(
 
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
-    """A folder, with those above it; those that were not there are gone again after an error."""
+    """Create a folder and its parents; new ones are removed again after an error."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -262,7 +262,7 @@ def _made(folder: Path) -> Iterator[None]:
 
 
 def _move_all(moves: Iterable[tuple[Path, Path]]) -> None:
-    """Move files one by one; when one cannot be moved, or on Ctrl-C, all are where they were."""
+    """Move files one by one; on a failure or Ctrl-C, all are moved back."""
     begun = []
     try:
         for source, target in moves:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Between raster files and arrays: elevations in, rasters on the same grid in, maps out.
+"""Raster files and arrays: elevations and aligned rasters as input, maps as output.
 
 In memory rasters are north-up and C-ordered, `array[row, column]`, row 0 the northernmost. Files
-are read in blocks of rows, so an array of the right type is all that a large raster costs.
+are read in blocks of rows, so a large raster needs no memory beyond its final array.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ _TILE = 256  # cells
 
 
 def read_dem(path: str | Path) -> tuple[np.ndarray, Grid]:
-    """Elevations [m], NaN where there are none, and where their cells lie.
+    """Elevations [m], NaN where missing, and their grid.
 
-    float32 stays float32; integers of 8 and 16 bits become float32, which holds them exactly; all
-    else, and every ESRI ASCII grid, is float64. `path` may be `file.nc:variable`.
+    float32 stays float32; integers of 8 and 16 bits become float32, which represents them exactly;
+    all other types, and every ESRI ASCII grid, become float64. `path` may be `file.nc:variable`.
     """
     grid, _ = dem_header(path)
     z = read_elevations(path, grid.box)
@@ -37,7 +37,7 @@ def read_dem(path: str | Path) -> tuple[np.ndarray, Grid]:
 
 
 def dem_header(path: str | Path) -> tuple[Grid, np.dtype]:
-    """Where the cells of a DEM lie, and the type that its elevations have in memory."""
+    """Grid of a DEM, and the type of its elevations in memory."""
     with open_raster(path) as raster:
         check_metres(raster.grid, raster.path, raster.warp)
         raster.check_cells()
@@ -46,8 +46,8 @@ def dem_header(path: str | Path) -> tuple[Grid, np.dtype]:
 
 
 def packing_note(path: str | Path) -> list[str]:
-    """A line where stored numbers are not the values, as a file beside a raster may have it: who
-    looks at the raster alone does not see it. netCDF files are packed openly."""
+    """A remark if stored numbers are not the values because of a companion file, which a look at
+    the raster alone would not reveal. Packing in netCDF files is explicit."""
     with open_raster(path) as raster:
         if not isinstance(raster.cells, GdalCells) or raster.cells.packing == (1.0, 0.0):
             return []
@@ -61,7 +61,7 @@ def packing_note(path: str | Path) -> list[str]:
 
 
 def read_elevations(path: str | Path, box: Box) -> np.ndarray:
-    """Elevations of some cells [m], NaN where there are none."""
+    """Elevations of some cells [m], NaN where missing."""
     with open_raster(path) as raster:
         z = np.empty(box.shape, raster.dtype)
         for rows, block, valid in raster.blocks(box):
@@ -78,11 +78,11 @@ def aligned_blocks(
     box: Box | None = None,
     smooth: bool = True,
 ) -> Iterator[tuple[slice, np.ndarray]]:
-    """A raster of `what` (a plural, for messages) that must lie on the cells of `grid`, in blocks
-    of rows: (which rows, values good until the next). Of a box, its rows count from 0. `smooth`:
-    numbers between two cells mean something, unless they are integers.
+    """Read a raster of `what` (a plural, for messages), aligned with the cells of `grid`, in blocks
+    of rows: (rows, values valid until the next block). With a box, its rows count from 0. `smooth`:
+    values may be interpolated between cells, unless they are integers.
 
-    Where the file has no data: NaN, or `NO_ID` when `dtype` is an integer (of 32 bits or more).
+    Cells without data are NaN, or `NO_ID` when `dtype` is an integer (of 32 bits or more).
     """
     dtype = np.dtype(dtype)
     store = np.empty((0, 0), dtype)
@@ -114,7 +114,7 @@ def aligned_blocks(
 def write_geotiff(
     path: str | Path, array: np.ndarray, grid: Grid, nodata: float | None = None, **tags: Any
 ) -> None:
-    """Write a map as cloud-optimised GeoTIFF, with its CRS and `tags`; whole or not at all.
+    """Write a map as a cloud-optimised GeoTIFF, with its CRS and `tags`, atomically.
 
     The tags `units` and `long_name` also become the unit and the description of the band.
     """
@@ -136,7 +136,7 @@ def write_geotiff(
         "resampling": "nearest",  # of overviews
         "predictor": "yes" if array.dtype.kind == "f" or array.dtype.itemsize < 8 else "no",
     }  # fmt: skip
-    # GDAL does not tell when the disk is full while it closes a file, so Python writes the bytes.
+    # GDAL does not report a full disk when it closes a file, so Python writes the bytes.
     with MemoryFile() as plain, MemoryFile() as memory, atomic_write(path) as part:
         with plain.open(**profile) as file:
             for rows in row_blocks(grid.shape, _TILE):
@@ -151,14 +151,14 @@ def write_geotiff(
 
 
 def _check_unit(raster: RasterFile, what: str) -> None:
-    """Refuse lengths in any unit but the metre."""
+    """Refuse lengths in units other than the metre."""
     unit = raster.source.units[0]
     if not is_metre(unit):
         raise RockfallError(f"{raster.path}: {what} are in {unit}, metres are needed")
 
 
 def _check_aligned(raster: RasterFile, grid: Grid, what: str, resampling: str) -> None:
-    """Refuse a raster that does not lie on `grid`; offer the command that puts it there."""
+    """Refuse a raster that is not aligned with `grid`; suggest the command that aligns it."""
     own, dem, apart = raster.grid, grid.path or "the terrain", False
     if not same_crs(own.crs, grid.crs):
         problem = f"{what} are in {crs_name(own.crs)}, {dem} is in {crs_name(grid.crs)}"
@@ -175,7 +175,7 @@ def _check_aligned(raster: RasterFile, grid: Grid, what: str, resampling: str) -
 
 
 def _extent(grid: Grid) -> str:
-    """How a grid lies, in a few words."""
+    """Short description of the position of a grid."""
     return (
         f"{grid.nx} x {grid.ny} cells of {grid.cell:.10g}, "
         f"corner {grid.west:.12g}, {grid.north:.12g}"

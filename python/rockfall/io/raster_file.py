@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One raster file: checked when it is opened, read in blocks of rows."""
+"""A raster file: checked when opened, read in blocks of rows."""
 
 from __future__ import annotations
 
@@ -37,29 +37,29 @@ if TYPE_CHECKING:
     from affine import Affine
     from rasterio.io import DatasetReader
 
-_CACHE = 32  # MB, a row of tiles of a wide raster; GDAL would take 5 % of the machine
-_BLOCK = 2**24  # cells of a tile, or else as many as the raster has
+_CACHE = 32  # MB, a row of tiles of a wide raster; GDAL would take 5 % of the memory
+_BLOCK = 2**24  # cells of a tile, or the size of a smaller raster
 
 
 class Cells(Protocol):
-    """What is stored in a file, and how it is read."""
+    """Stored cells of a file, and how they are read."""
 
     @property
     def dtype(self) -> np.dtype: ...
 
     @property
     def packing(self) -> tuple[float, float]:
-        """Scale and offset, by which stored numbers become values."""
+        """Scale and offset that convert stored numbers to values."""
         ...
 
     def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """Blocks of the rows of a box: (rows in the file, stored numbers, where they are data)."""
+        """Blocks of the rows of a box: (rows in the file, stored numbers, valid mask)."""
         ...
 
 
 @dataclass(frozen=True)
 class GdalCells:
-    """The cells of a file as GDAL reads them."""
+    """Cells of a file, read by GDAL."""
 
     source: DatasetReader
 
@@ -74,7 +74,7 @@ class GdalCells:
     def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         from rasterio.windows import Window
 
-        store = np.empty(0)  # one for all blocks: the heap keeps what comes and goes
+        store = np.empty(0)  # shared by all blocks: repeated allocation would fragment the heap
         tile = self.source.block_shapes[0][0]
         start, width = box.row // tile * tile, box.shape[1]
         for rows in row_blocks((box.stop_row - start, width), tile):
@@ -87,8 +87,8 @@ class GdalCells:
 
 
 class Alone:
-    """What GDAL says of an ESRI ASCII grid with no file beside it, by its names. It is not asked:
-    to import it takes longer than to read a small grid."""
+    """Stand-in for GDAL's dataset of an ESRI ASCII grid without companion files. Importing GDAL
+    would take longer than reading a small grid."""
 
     crs, units, dtypes = None, (None,), ("float64",)
 
@@ -100,7 +100,7 @@ class Alone:
 
 @dataclass(frozen=True)
 class RasterFile:
-    """An open raster file, and where its cells lie."""
+    """An open raster file and its grid."""
 
     path: str
     source: DatasetReader | Alone
@@ -110,18 +110,18 @@ class RasterFile:
 
     @property
     def dtype(self) -> np.dtype:
-        """The type that holds the elevations of the file as they are."""
+        """Type that represents the elevations of the file exactly."""
         if self._packed:
             return np.dtype(np.float64)
         return elevation_dtype(self.cells.dtype, self.path)
 
     @property
     def flipped(self) -> bool:
-        """Whether the first row of the file is the southernmost."""
+        """True if the first row of the file is the southernmost."""
         return self.transform.e > 0
 
     def blocks(self, box: Box | None = None) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """(rows in memory, values, where they are data), north-up; good until the next one. Of a
+        """Blocks (rows in memory, values, valid mask), north-up, valid until the next one. With a
         box, its rows count from 0."""
         box = box or self.grid.box
         scale, offset = self.cells.packing
@@ -136,7 +136,7 @@ class RasterFile:
             yield slice(rows.start - box.row, rows.stop - box.row), block, valid
 
     def warp(self, suffix: str, options: str) -> str:
-        """The command that resamples this file into dem_suffix.tif; holes become nodata, not 0."""
+        """Command that resamples this file into dem_suffix.tif; holes become nodata, not 0."""
         if self.source.nodata is None:
             dtype = np.dtype(self.source.dtypes[0])
             mark = np.iinfo(dtype).max if dtype.kind == "u" else -9999
@@ -146,11 +146,11 @@ class RasterFile:
         return f"rio warp {quote(_rio_name(self.path))} {quote(str(out))} {options}"
 
     def flaw(self) -> str:
-        """Why its cells cannot be those of a grid; empty when they can."""
+        """Reason why its cells cannot form a grid; empty if they can."""
         return flaw_of(self.transform, max(self.grid.shape))
 
     def check_cells(self) -> None:
-        """Refuse cells with a flaw; offer the command that makes square ones."""
+        """Refuse cells with a flaw; suggest the command that makes square ones."""
         if not (flaw := self.flaw()):
             return
         t = self.transform
@@ -165,7 +165,7 @@ class RasterFile:
         return self.cells.packing != (1.0, 0.0)
 
     def _in_file(self, box: Box) -> Box:
-        """The box as the rows of the file count."""
+        """Box in the row order of the file."""
         if not self.flipped:
             return box
         return replace(box, row=self.grid.ny - box.stop_row, stop_row=self.grid.ny - box.row)
@@ -173,9 +173,9 @@ class RasterFile:
 
 @contextmanager
 def open_raster(path: str | Path) -> Iterator[RasterFile]:
-    """Open a raster of one band that says where it lies; `path` may be `file.nc:variable`.
+    """Open a georeferenced raster of one band; `path` may be `file.nc:variable`.
 
-    Whatever GDAL or netCDF have to say against it, now or while it is read, comes as one line.
+    Errors of GDAL or netCDF, when opening or reading, are reported in one line.
     """
     path = str(path)
     with ExitStack() as stack:
@@ -192,14 +192,14 @@ def open_raster(path: str | Path) -> Iterator[RasterFile]:
 
 
 def raster_files(path: str | Path) -> set[str]:
-    """Every file that a raster is read from: its own, those beside it, the tiles of a mosaic. What
-    cannot be opened has its own alone; who reads it says what is wrong."""
+    """All files that a raster is read from: itself, companion files, the tiles of a mosaic. A file
+    that cannot be opened is returned alone; its reader reports the error."""
     found, waiting = set(), {raster_file(str(path))}
     while waiting:
         found.add(file := waiting.pop())
         try:
             with ExitStack() as stack:
-                files = _opened(file, stack).source.files  # a tile has files beside it, too
+                files = _opened(file, stack).source.files  # including companion files of tiles
                 waiting |= set(filter(os.path.exists, files)) - found
         except _faults(RockfallError):
             pass
@@ -207,19 +207,19 @@ def raster_files(path: str | Path) -> set[str]:
 
 
 def _faults(*others: type[Exception]) -> tuple[type[Exception], ...]:
-    """What GDAL and netCDF raise of a file that they cannot read; looked up when something is."""
+    """Exceptions that GDAL and netCDF raise for unreadable files, collected when needed."""
     from rasterio.errors import RasterioError
 
     return RasterioError, OSError, RuntimeError, UnicodeDecodeError, *others
 
 
 def raster_file(path: str) -> str:
-    """The file of a raster, which may be one variable of a netCDF file: `file.nc:variable`."""
+    """File of a raster, which may be a variable of a netCDF file: `file.nc:variable`."""
     return path.rpartition(":")[0] if ".nc:" in path and not os.path.exists(path) else path
 
 
 def _opened(path: str, stack: ExitStack) -> RasterFile:
-    """The file by its format; what was opened for it is closed with the stack."""
+    """Open the file by its format; resources are closed with the stack."""
     file = raster_file(path)
     variable = path[len(file) + 1 :]
     name = plain_file(file)
@@ -249,11 +249,11 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
 
 
 def _dataset(path: str, name: str, drivers: tuple[str, ...], stack: ExitStack) -> DatasetReader:
-    """What GDAL opens by one of some drivers; one band that lies somewhere."""
+    """Open a georeferenced file of one band with one of some GDAL drivers."""
     import rasterio
     from rasterio.io import DatasetReader
 
-    stack.enter_context(rasterio.Env(GDAL_CACHEMAX=_CACHE))  # what GDAL says goes nowhere
+    stack.enter_context(rasterio.Env(GDAL_CACHEMAX=_CACHE))  # discards GDAL's messages
     stack.enter_context(warnings.catch_warnings())
     warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
     source = stack.enter_context(DatasetReader(name, driver=list(drivers)))
@@ -272,7 +272,7 @@ def _raster(path: str, source: DatasetReader | Alone, cells: Cells) -> RasterFil
 
 
 def _rio_name(path: str) -> str:
-    """The name by which rio opens a file, or one variable of a netCDF file."""
+    """Name by which rio opens a file, or a variable of a netCDF file."""
     file = raster_file(path)
     return f'NETCDF:"{file}":{path[len(file) + 1 :]}' if file != path else file
 
@@ -288,7 +288,7 @@ def _check_band(path: str, source: DatasetReader) -> None:
 
 
 def _check_place(path: str, source: DatasetReader) -> None:
-    """Refuse a raster that lies nowhere."""
+    """Refuse a raster without a position."""
     if not source.transform.is_identity:
         return
     if source.driver != "netCDF":
@@ -308,7 +308,7 @@ def _check_packing(raster: RasterFile) -> None:
 
 
 def _check_size(raster: RasterFile) -> None:
-    """Refuse a header that promises more than the machine can hold."""
+    """Refuse a header that claims more than fits in memory."""
     ny, nx = raster.grid.shape
     need = 4e-9 * nx * ny
     have = 1e-9 * MACHINE_MEMORY

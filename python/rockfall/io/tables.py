@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables for people: CSV that they write, CSV that their spreadsheets open."""
+"""CSV tables written by users, and CSV tables for their spreadsheets."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MAX_COLUMNS = 1000
-# Texts that a spreadsheet would run as formulas, or that would be taken for such texts made safe:
-# some skip blanks and marks that nobody sees, and take the full-width signs of East Asia for ours.
+# Texts that a spreadsheet would run as formulas, or that look like escaped ones: some programs skip
+# blanks and invisible marks, and accept full-width East Asian signs.
 _FORMULA = re.compile(r"['\s\x00-\x1f\u200b\ufeff]*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r]")
-# What Fortran takes for a number, and no more (Python would read 1_000 too).
+# Numbers as Fortran reads them (Python would accept 1_000 too).
 _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eEdD][+-]?[0-9]+)?")
 
 
 def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
-    """(line number, cells) of each line that is not blank; commas or semicolons part the cells.
-    Those that `spreadsheet_text` made safe are as they were."""
+    """(line number, cells) of each line that is not blank; cells are separated by commas or
+    semicolons. Texts escaped by `spreadsheet_text` are restored."""
     line = 1
     check_text_file(path)
     try:
@@ -53,7 +53,7 @@ def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def decimal(text: str) -> float:
-    """The number that a text spells; NaN where it spells none, or one past all bounds."""
+    """Number spelled by a text; NaN if invalid or out of range."""
     if not _DECIMAL.fullmatch(text):
         return math.nan
     value = float(text.lower().replace("d", "e"))
@@ -61,12 +61,12 @@ def decimal(text: str) -> float:
 
 
 def plain_decimal(text: str) -> float:
-    """The same, without the exponents that Fortran alone knows (1d3)."""
+    """Number spelled by a text, without the exponents specific to Fortran (1d3); NaN if invalid."""
     return math.nan if "d" in text.lower() else decimal(text)
 
 
 class Row(NamedTuple):
-    """A row of a file: where it stands, and its cells by column."""
+    """A row of a file: its position, and its cells by column."""
 
     where: str
     cells: dict[str, str]
@@ -91,13 +91,13 @@ class Row(NamedTuple):
         return value
 
     def maybe(self, column: str, min: float = -math.inf, max: float = math.inf) -> float:
-        """A number, or NaN where the column or the cell is not there."""
+        """A number, or NaN where the column or the cell is missing."""
         return self.number(column, min, max) if self.cells.get(column) else math.nan
 
 
 def read_table(path: str | Path) -> tuple[str, list[str], Iterator[Row]]:
-    """Where the header of a table stands, its columns in small letters, and the rows below it:
-    at least one, each as long as the header."""
+    """Position of the header of a table, its columns in lower case, and the rows below: at least
+    one, each as long as the header."""
     lines = table_rows(path)
     number, header = next(lines, (1, []))
     columns = [name.lower() for name in header]
@@ -109,7 +109,7 @@ def read_table(path: str | Path) -> tuple[str, list[str], Iterator[Row]]:
 def read_columns(
     path: str | Path, needed: Iterable[str]
 ) -> tuple[list[str], dict[str, np.ndarray]]:
-    """Where each row of a table stands, and its texts by column (objects)."""
+    """Position of each row of a table, and its texts by column (objects)."""
     where, columns, rows = read_table(path)
     for column in needed:
         if column not in columns:
@@ -121,7 +121,7 @@ def read_columns(
 
 
 def check_columns(where: str, columns: list[str], allowed: Iterable[str]) -> None:
-    """Refuse a column that is none of those allowed, or there twice."""
+    """Refuse unknown and duplicate columns."""
     for name in columns:
         if columns.count(name) > 1:
             raise RockfallError(f"{where}: column {name}: is there twice")
@@ -143,7 +143,7 @@ def _rows(
 
 
 def write_csv(table: pd.DataFrame, path: str | Path) -> None:
-    """Write a table without its index, whole or not at all; its texts are safe in a spreadsheet."""
+    """Write a table without its index, atomically; its texts are safe in a spreadsheet."""
 
     def safe(value: object) -> object:
         return spreadsheet_text(value) if isinstance(value, str) else value
@@ -155,8 +155,8 @@ def write_csv(table: pd.DataFrame, path: str | Path) -> None:
 
 
 def spreadsheet_text(text: str) -> str:
-    """A text, with an apostrophe before one that a spreadsheet would run as a formula. No number
-    may come here: -1.5 is one."""
+    """Text with an apostrophe in front if a spreadsheet would run it as a formula. Not for numbers,
+    such as -1.5."""
     return f"'{text}" if _FORMULA.match(text) else text
 
 

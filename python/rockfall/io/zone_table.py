@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zones of surface material: their table, and the row of it that each cell has."""
+"""Zones of surface material: their table, and the table row of each cell."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rockfall.io.tables import Row, check_columns, read_table
 
 #: Columns of lengths in metres, in the order of the values in a row.
 RADII = ("mean_radius", "rg70", "rg20", "rg10")
-NAMES = ("name", "description")  # columns of free text that say what a zone is called
+NAMES = ("name", "description")  # columns of free text that name a zone
 
 _INTEGER = re.compile(r"[+-]?[0-9]+")
 
@@ -26,17 +26,17 @@ _INTEGER = re.compile(r"[+-]?[0-9]+")
 class Zone(NamedTuple):
     """A row of a table of zones."""
 
-    sizes: tuple[float, ...]  # in the order of RADII [m]; NaN: not given, Inf: it absorbs
-    ground: str = ""  # what its rebounds follow; "": the case's
+    sizes: tuple[float, ...]  # in the order of RADII [m]; NaN: not given, Inf: absorbs
+    ground: str = ""  # ground of its rebounds; "": the case's
     where: str = ""  # the row, for messages
-    name: str = ""  # what it is called; "": the table does not say
+    name: str = ""  # name; "": not given
 
 
 def read_zone_table(path: str | Path) -> dict[int, Zone]:
-    """The rows by zone id, in the order of the file.
+    """Rows by zone id, in the order of the file.
 
-    Commas or semicolons separate; columns that are not known are free text. A zone with a ground of
-    its own may have no rocks: sizes that are left out, or zero.
+    Cells are separated by commas or semicolons; unknown columns are ignored. A zone with its own
+    ground may have no rocks: sizes missing or zero.
     """
     where, columns, rows = read_table(path)
     known = ("zone", *RADII, "ground")
@@ -66,12 +66,11 @@ def index_blocks(
     table: str = "table",
     what: str = "zone",
 ) -> np.ndarray:
-    """The row of the table (int8 or int16, counted from 1) of each cell; 0 where the terrain is not
-    valid.
+    """Table row (int8 or int16, counted from 1) of each cell; 0 where the terrain is not valid.
 
     `blocks` are zone ids by rows, `NO_ID` in cells without a zone, which take `default_zone`.
     `valid` is a mask, or the elevations themselves (NaN = not valid). `path` and `table` are names
-    for messages, `what` is what they call an id.
+    for messages, `what` is the term for an id.
     """
     if len(table_ids) > np.iinfo(np.int16).max:
         raise RockfallError(f"{table}: {len(table_ids)} zones: at most {np.iinfo(np.int16).max}")
@@ -124,7 +123,7 @@ def _is_valid(block: np.ndarray) -> np.ndarray:
 
 
 def _without_row(unknown: dict[int, int], path: str, table: str, what: str) -> str:
-    """What to say of cells whose zone is not in the table, or that have none."""
+    """Message about cells whose zone is missing or not in the table."""
     if NO_ID in unknown:
         return (
             f"{path}: {unknown[NO_ID]} cells of the terrain have no zone; "

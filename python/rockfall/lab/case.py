@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The case of the laboratory: what is packed, what is fired at it, and what is made of it.
+"""Cases of the laboratory: layers, impacts, and the sets made from them.
 
 A namelist file with the groups &lab, &material, &packing and &impact. One that also has a group
-&throw throws boulders at the layers in place of single impacts. Whatever is not given has its
-default; names and defaults of the physics stand in the kernel alone.
+&throw throws boulders at the layers in place of single impacts. Missing values have defaults; names
+and defaults of the physics are defined only in the kernel.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from rockfall.io.files import read_text
 COEFFICIENTS = tuple(f"a{k}" for k in range(1, 10))
 SWITCHES = "rigid_base", "by_mass"
 WHOLE = "retries", "seed", "layers", "points", "impacts", "on_layer", "contacts"
-RANGED = "speed", "angle", "spin"  # of an impact, drawn: min, median, max
+RANGED = "speed", "angle", "spin"  # random, for an impact: min, median, max
 ENDS = "min", "median", "max"
 THROW, BOULDER, IMPACT_ALONE = 10, 15, 16  # kinds of the kernel's rows and names
 THROWN = {"slope": ("min", "max"), "speed": ENDS, "angle": ENDS, "spin": ENDS}  # of a throw, drawn
@@ -59,7 +59,7 @@ def _defaults() -> dict[str, dict[str, Any]]:
 
 
 def _throw_defaults() -> dict[str, Any]:
-    """Of the group &throw."""
+    """Defaults of the group &throw."""
     boulder = dict(zip(names(BOULDER), _lab.defaults(BOULDER).tolist(), strict=False))
     limits = dict(zip(names(THROW), _lab.defaults(THROW).tolist(), strict=False))
     throws, on_layer, contacts, max_depth = _lab.defaults(16)[:4].tolist()
@@ -69,7 +69,7 @@ def _throw_defaults() -> dict[str, Any]:
 
 
 def range_values(group: Mapping[str, Any]) -> dict[str, float]:
-    """What throws are drawn from, as the kernel names it."""
+    """Ranges from which throws are drawn, by their kernel names."""
     return {
         f"{key}_{end}": value
         for key, ends in THROWN.items()
@@ -78,12 +78,12 @@ def range_values(group: Mapping[str, Any]) -> dict[str, float]:
 
 
 def read_lab_case(path: str | Path) -> LabCase:
-    """The laboratory case in a namelist file."""
+    """Read the laboratory case in a namelist file."""
     return lab_case_of(read_text(path), str(path))
 
 
 def lab_case_of(text: str, name: str) -> LabCase:
-    """The laboratory case in a text."""
+    """Parse a laboratory case from a text."""
     import f90nml
 
     _check(text, name)
@@ -100,22 +100,22 @@ def _check(text: str, name: str) -> None:
 
 
 def _like(value: Any, default: Any) -> Any:
-    """A value that has been checked, with the type of the default."""
+    """Checked value with the type of the default."""
     if isinstance(default, list):
         return [float(one) for one in (value if isinstance(value, list) else [value])]
     return type(default)(value)
 
 
 def names_ground(text: str, name: str) -> bool:
-    """Does the text of a case name a ground, so that it is one of the laboratory of blocks?"""
+    """Return True if the text of a case names a ground, and so belongs to the block laboratory."""
     return bool(_lab.names_ground(text.encode() or b"\n", name.encode()))
 
 
 class LabCase:
     """A laboratory case, group by group: `case.packing["depth"]`.
 
-    `lab`: title, seed, ratios R_b/R_m, layers for each ratio, points on each, impacts at each.
-    A case that `throws` has a group `throw` in place of what only single impacts have.
+    `lab`: title, seed, ratios R_b/R_m, layers per ratio, points per layer, impacts per point. A
+    case that `throws` has a group `throw` in place of the keys that only single impacts have.
     """
 
     def __init__(self, *, name: str = "laboratory case", **groups: Mapping[str, Any]) -> None:
@@ -136,11 +136,11 @@ class LabCase:
 
     @property
     def throws(self) -> bool:
-        """Does the case throw boulders, in sequences of contacts?"""
+        """True if the case throws boulders, in sequences of contacts."""
         return "throw" in self._groups
 
     def throws_of(self, ratio: float) -> int:
-        """How many throws there are at a ratio R_b/R_m."""
+        """Number of throws at a ratio R_b/R_m."""
         throws = self.throw["throws"]
         return int(throws[self.lab["ratios"].index(ratio) if len(throws) > 1 else 0])
 
@@ -158,18 +158,18 @@ class LabCase:
         return isinstance(other, LabCase) and self._groups == other._groups
 
     def replace(self, **groups: Mapping[str, Any]) -> LabCase:
-        """With other values: `case.replace(packing={"depth": 6})`."""
+        """Return a copy with other values: `case.replace(packing={"depth": 6})`."""
         changed = dict(self._groups)
         for name, values in groups.items():
             changed[name] = {**changed.get(name, {}), **values}
         return LabCase(name=self.name, **changed)
 
     def text(self) -> str:
-        """The case, every value, as the text of a namelist file."""
+        """The complete case as the text of a namelist file."""
         return namelist_text(self._groups, indent=2)
 
     def row(self, kind: int, ratio: float = 1.0) -> np.ndarray:
-        """A row of the kernel, in the order of `names(kind)`; `ratio` is R_b/R_m."""
+        """Kernel row in the order of `names(kind)`; `ratio` is R_b/R_m."""
         values = {
             1: lambda: self.material,
             2: lambda: self._packing(ratio),
@@ -185,7 +185,7 @@ class LabCase:
         return np.array([float(values[key]) for key in names(kind)])
 
     def _packing(self, ratio: float) -> dict[str, Any]:
-        """As `packing_of_ratio` of the kernel."""
+        """Packing values, as `packing_of_ratio` of the kernel."""
         values = self.packing | {"ratio": ratio}
         if self.throws:
             values["mean_radius"] = self.throw["radius"] / ratio
@@ -193,7 +193,7 @@ class LabCase:
         return values
 
     def _shot(self, ratio: float) -> dict[str, Any]:
-        median = {key: self.impact[key][1] for key in RANGED}  # in place of what is drawn
+        median = {key: self.impact[key][1] for key in RANGED}  # in place of random values
         place = {"aim_x": 0.5, "aim_y": 0.5, "heading_x": 1.0, "heading_y": 0.0}
         gravity = self.packing["gravity"]
         return self.impact | median | place | {"radius": self.radius(ratio), "gravity": gravity}

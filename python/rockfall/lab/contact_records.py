@@ -62,14 +62,14 @@ MEANING = {
     "height": "of the centre above the mean plane at the first touch, over R_b",
     "energy_out": "kinetic energy with all of the spin, after / before; nothing taken out",
 }
-OF_THE_LABORATORY = "block", "layer", "ratio"  # columns of one of the laboratories alone
+OF_THE_LABORATORY = "block", "layer", "ratio"  # columns specific to one of the laboratories
 
 
 def contact_columns(
     rows: np.ndarray, counts: np.ndarray, found: np.ndarray, number: np.ndarray, body: str
 ) -> dict[str, np.ndarray]:
     """Columns of the contacts of throws, one throw after the other: rows (fields, contacts,
-    throws); `number` (throws,), and `body` is what the first of the counts is called."""
+    throws); `number` (throws,), and `body` is the name of the first count."""
     throw, order = np.nonzero(np.arange(rows.shape[1])[None, :] < found[:, None])
     counted = body, *names(COUNTS)[1:]
     return {
@@ -83,7 +83,7 @@ def contact_columns(
 def contact_dataset(
     columns: dict[str, np.ndarray], radius: float, gravity: float, attributes: dict[str, Any]
 ) -> xr.Dataset:
-    """Contacts with what they mean; R_b [m] and gravity [m/s2] are those of all."""
+    """Dataset of contacts with attributes; R_b [m] and gravity [m/s2] are common to all."""
     import xarray as xr
 
     data: dict[str, tuple] = {}
@@ -105,7 +105,7 @@ def save_contacts(data: xr.Dataset, path: str | Path) -> None:
 
 
 def open_contacts(path: str | Path) -> xr.Dataset:
-    """Contacts from a file that `save_contacts` has written."""
+    """Read contacts from a file written by `save_contacts`."""
     data = load_measured(path, "contacts")
     if not ({*MEANING} - {*OF_THE_LABORATORY} <= set(data) and {*ATTRIBUTES} <= set(data.attrs)):
         raise RockfallError(f"{path}: is not a file of contacts of the laboratory")

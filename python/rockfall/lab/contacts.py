@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Impact sets from contacts that were measured in the field or on a rig: docs/validation/lab.md."""
+"""Impact sets from contacts measured in the field or on a rig: docs/validation/lab.md."""
 
 from __future__ import annotations
 
@@ -18,23 +18,24 @@ from rockfall.lab.lateral import incidence
 from rockfall.scene.rebound import energy, ratio_class
 from rockfall.version import __version__
 
-LIMITS = {  # of each number that every contact needs [m/s]
+LIMITS = {  # of each number required for a contact [m/s]
     "vt_in": (0.0, 1000.0), "vn_in": (-1000.0, -0.001), "w_in": (-1000.0, 1000.0),
     "vt_out": (-1000.0, 1000.0), "vn_out": (0.0, 1000.0), "w_out": (-1000.0, 1000.0),
 }  # fmt: skip
 TIED = "run", "point"  # contacts with the same are not independent
 OPTIONAL = "ratio", "ground", *TIED, "lateral", "note"
 RATIOS = range(1, 6)  # of a set file
-ALL = 0  # in place of a ratio where none was measured
+ALL = 0  # in place of a ratio if none was measured
 UNMEASURED = "a set needs the spin before and after: one that is assumed makes up a3 and a6 to a9"
-CONTACTS_MARK = "! Measured contacts: "  # the file, which lies beside the set file
+CONTACTS_MARK = "! Measured contacts: "  # the file, which is next to the set file
 CHECKSUM_MARK = "! SHA-256 of the contacts: "
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """Contacts of a file, as rebounds: the class of R_b/R_m of each is `ratio` (n,), None where
-    the file has none; `beyond` of them have R_b/R_m below 0.5 or above 5.5, for which no set is."""
+    """Contacts of a file, as rebounds: `ratio` (n,) is the class of R_b/R_m of each, None if the
+    file has none; `beyond` is the number of contacts with R_b/R_m below 0.5 or above 5.5, which no
+    set covers."""
 
     name: str
     checksum: str
@@ -45,7 +46,7 @@ class Contacts:
     beyond: int
 
     def by_ratio(self) -> dict[int, Impacts]:
-        """Those of each ratio that has some, or of `ALL`."""
+        """Contacts of each ratio that has some, or of `ALL`."""
         if self.ratio is None:
             return {ALL: self.impacts}
         classes = np.unique(self.ratio).tolist()
@@ -53,9 +54,9 @@ class Contacts:
 
 
 def read_contacts(path: str | Path) -> Contacts:
-    """Contacts from a CSV file: columns `LIMITS` [m/s], and any of `OPTIONAL`.
+    """Read contacts from a CSV file: columns `LIMITS` [m/s], and any of `OPTIONAL`.
 
-    A RockfallError names line and column of what cannot be: also a contact that gains energy.
+    A RockfallError names line and column of invalid values, including contacts that gain energy.
     """
     path = Path(path)
     if not path.name.isprintable():
@@ -103,7 +104,7 @@ def _speed(row: Row, name: str) -> float:
 
 
 def _ground(rows: list[Row]) -> str:
-    """The one ground that all contacts are of."""
+    """The single ground of all contacts."""
     first = rows[0].text("ground")
     if not first.isprintable():
         rows[0].refuse("ground", "must be printable text")
@@ -114,8 +115,8 @@ def _ground(rows: list[Row]) -> str:
 
 
 def tied(n: int, ties: Iterable[list[str]]) -> np.ndarray:
-    """Groups (n,) of contacts that hang together: those with the same name in any of the `ties`,
-    and those tied to these."""
+    """Groups (n,) of dependent contacts: those with the same name in any of the `ties`, directly or
+    through other contacts."""
     which = [np.unique(names, return_inverse=True)[1] for names in ties]
     group = np.arange(n)
     while True:
@@ -129,8 +130,8 @@ def tied(n: int, ties: Iterable[list[str]]) -> np.ndarray:
 
 
 def fit_contacts(contacts: Contacts, nearest: bool = False) -> dict[int, ImpactSet]:
-    """The sets of all five ratios. One without contacts is refused, or with `nearest` has the set
-    of the nearest ratio that has contacts."""
+    """Fit the sets of all five ratios. A ratio without contacts is refused, or with `nearest` takes
+    the set of the nearest ratio that has contacts."""
     given = contacts.by_ratio()
     for ratio in RATIOS:
         if not (ratio in given or ALL in given or nearest):
@@ -143,8 +144,8 @@ def fit_contacts(contacts: Contacts, nearest: bool = False) -> dict[int, ImpactS
 
 
 def _fit(where: str, impacts: Impacts) -> ImpactSet:
-    """A set whose standard errors mean something: they need groups to leave out, and where they
-    exceed the deviation of what they are of, the likeliest set may as well run away."""
+    """Fit a set with valid standard errors: they need groups to leave out, and where they exceed
+    the standard deviation of their quantity, the most likely set may diverge."""
     try:
         found = fit_set(impacts)
     except RockfallError as error:
@@ -167,17 +168,18 @@ def _fit(where: str, impacts: Impacts) -> ImpactSet:
 
 
 def _nearest(ratio: int, given: Iterable[int]) -> int:
-    """The ratio with contacts that is nearest; of two the larger, on which boulders go farther."""
+    """Nearest ratio with contacts; of two equally near, the larger, on which boulders travel
+    farther."""
     return min(given, key=lambda one: (abs(one - ratio), -one))
 
 
 def title(ratio: int) -> str:
-    """What the set of a ratio is called."""
+    """Title of the set of a ratio."""
     return "all ratios" if ratio == ALL else f"R_b/R_m = {ratio}"
 
 
 def contacts_provenance(contacts: Contacts) -> list[str]:
-    """What a set file says of its origin: enough to make it again from the contacts."""
+    """Provenance lines of a set file: enough to reproduce it from the contacts."""
     lines = [
         "Means and covariances of a1..a9 from measured contacts of boulders with the ground.",
         f"Made by rockfall {__version__}; `rockfall lab remake FILE` makes it again.",
@@ -217,8 +219,8 @@ def _about(impacts: Impacts) -> str:
 
 
 def contacts_behind(path: Path, text: str) -> Contacts | None:
-    """The contacts that a set file of this text was made from, which must lie beside it as they
-    were; None for one that was made from none."""
+    """Contacts from which a set file with this text was made, which must be next to it unchanged;
+    None for a set file not made from contacts."""
     name, checksum = (
         next((line[len(mark) :] for line in text.splitlines() if line.startswith(mark)), "")
         for mark in (CONTACTS_MARK, CHECKSUM_MARK)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Drive the laboratory: pack layers, fire impacts in chunks, keep what is done."""
+"""Laboratory experiments: pack layers, simulate impacts in chunks, save the results."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ STATES = {
     "loss": "at the first loss of contact upwards, as at the peak if there was none",
     "clear": "when nothing lay in the way, as at the peak if that never was",
 }
-SHOTS_IN_CHUNK = 16  # a call of the kernel with one thread, some seconds
-SAVE_SECONDS = 30.0  # between savings of a long experiment
+SHOTS_IN_CHUNK = 16  # per kernel call and thread, some seconds
+SAVE_SECONDS = 30.0  # between saves of a long experiment
 
 UNITS = {"speed": "m s-1", "angle": "degree", "duration": "s", "travel": "m", "depth": "m"}
 UNITS |= {"surface": "m", "top": "m", "width": "m"}
@@ -69,7 +69,7 @@ for _symbol, _meaning in {
 
 
 class Layers:
-    """Settled layers, as the kernel takes them."""
+    """Settled layers, in the form the kernel uses."""
 
     def __init__(self, x: np.ndarray, radius: np.ndarray, bodies: np.ndarray, facts: np.ndarray):
         self.x, self.radius, self.bodies, self.facts = x, radius, bodies, facts
@@ -78,7 +78,7 @@ class Layers:
         return len(self.bodies)
 
     def one(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Centres (n, 2) and radii (n,) of the bodies of layer k [m], and its facts."""
+        """Centres (n, 2) and radii (n,) of the bodies of layer k [m], and its properties."""
         n = self.bodies[k]
         return self.x[:, :n, k].T, self.radius[:n, k], self.facts[:, k]
 
@@ -86,8 +86,8 @@ class Layers:
 def pack_layers(
     case: LabCase, ratio: float, first: int = 1, count: int = 1, threads: int = 0
 ) -> Layers:
-    """Layers `first` to `first + count - 1` of the case's seed, as deep and wide as a boulder of
-    this R_b/R_m needs, let fall and settled."""
+    """Layers `first` to `first + count - 1` of the case's seed, deep and wide enough for a boulder
+    of this R_b/R_m, dropped and settled."""
     check_team(threads)
     room, code, message = _lab.room_for_layer(case.row(2, ratio))
     check_kernel(code, message, case.name)
@@ -109,9 +109,9 @@ def run_impacts(
 ) -> xr.Dataset:
     """All impacts of a case: an xarray.Dataset over (ratio, layer, point, impact).
 
-    With `path` it is also a file, saved every half minute, at the end, and on Ctrl-C, which raises
-    KeyboardInterrupt; `resume` goes on from such a file. The result does not depend on threads,
-    interruptions or resumptions.
+    With `path` it is also written to a file, every half minute, at the end, and on Ctrl-C, which
+    raises KeyboardInterrupt; `resume` continues from such a file. The result does not depend on
+    threads, interruptions or resumptions.
     """
     check_team(threads)
     if path is not None and resume and Path(path).exists():
@@ -159,7 +159,7 @@ def load_measured(path: str | Path, what: str) -> xr.Dataset:
 
 
 def open_impacts(path: str | Path) -> xr.Dataset:
-    """Impacts from a file that `run_impacts` has written."""
+    """Read impacts from a file written by `run_impacts`."""
     data = load_measured(path, "impacts")
     variables = {*names(5), *names(6), *names(7)[:-1]}
     attributes = {"title", "lab_case", "version", "cpu_seconds"}
@@ -177,7 +177,7 @@ def checksum(data: xr.Dataset) -> str:
 
 
 def _blank(case: LabCase) -> xr.Dataset:
-    """Nothing done yet."""
+    """Dataset of an experiment before its first impact."""
     import xarray as xr
 
     plan = case.lab
@@ -208,7 +208,7 @@ def _about(name: str) -> dict[str, Any]:
 def _chunks(
     case: LabCase, data: xr.Dataset, threads: int, interrupted: Callable[[], bool]
 ) -> Iterator[int]:
-    """Do what is not done, a layer for each thread at a time; yields how many impacts."""
+    """Simulate the remaining impacts, a layer per thread at a time; yields their numbers."""
     team = max(1, _lab.team(threads))
     status = data["status"].values
     for k, ratio in enumerate(case.lab["ratios"]):
@@ -237,7 +237,7 @@ def _fire(
     case: LabCase, data: xr.Dataset, layers: Layers, k: int, first: int, shots: np.ndarray,
     threads: int,
 ) -> None:  # fmt: skip
-    """Some impacts (layer, point, impact: (shots, 3)) of a ratio, into their places."""
+    """Simulate some impacts (layer, point, impact: (shots, 3)) of a ratio, and store them."""
     ratio = case.lab["ratios"][k]
     place, point, number = (shots + 1).T.astype("i8")
     outcome, counts, code, message = _lab.impact(

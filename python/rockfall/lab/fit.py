@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From many impacts to an impact set: means and covariances of a1..a9, and how sure they are.
+"""Fit of an impact set to many impacts: means and covariances of a1..a9, with standard errors.
 
-The trajectory model draws A ~ N(M, C) anew at every rebound (Bourrier et al. 2009, eqs 4 to 7), and
-again until V_out = A V_in leaves the surface and does not gain energy. So for a given V_in the law
-of V_out is normal, with mean M V_in and covariance X C X^T, cut off by admissibility. M and C are
-those that make the impacts likeliest under this law, found by expectation and maximisation
-(Dempster, Laird & Rubin 1977): the missing data are the matrix of each impact, and the draws that
-were rejected before it. A normal law fitted first and cut off afterwards would not have these
-moments. Noise e within an impact, V_out = A V_in + |V_in| e with covariance S, has for each V_in
-the law of C + S (x) I_3: the fit contains it.
+The trajectory model draws A ~ N(M, C) at every rebound (Bourrier et al. 2009, eqs 4 to 7),
+repeatedly until V_out = A V_in leaves the surface and does not gain energy. So for a given V_in the
+distribution of V_out is normal, with mean M V_in and covariance X C X^T, truncated by
+admissibility. M and C maximise the likelihood of the impacts under this distribution, by
+expectation and maximisation (Dempster, Laird & Rubin 1977): the missing data are the matrix of each
+impact, and the draws rejected before it. A normal distribution fitted first and truncated
+afterwards would not have these moments. Noise e within an impact, V_out = A V_in + |V_in| e with
+covariance S, has for each V_in the distribution of C + S (x) I_3: the fit contains it.
 
 Impacts on one layer are not independent: standard errors leave out groups of layers (jackknife).
 """
@@ -28,35 +28,35 @@ from rockfall.scene.rebound import MIN_NORMAL, admissible
 if TYPE_CHECKING:
     import xarray as xr
 
-GROUPS = 10  # of layers, left out one after the other
-DRAWS = 64  # for each impact, of the rejected rebounds
-LEAPS = 60  # of three steps of expectation and maximisation, at most
+GROUPS = 10  # of layers, left out in turn
+DRAWS = 64  # per impact, for the rejected rebounds
+LEAPS = 60  # maximum number of iterations of three steps each
 MIN_EIGENVALUE = 1e-9  # of a covariance after a leap, over its max
-SETTLED = 5e-5  # change of every mean in a step, at the end
-MIN_SCATTER = 1e-10  # of V_out / |V_in|, squared: rounding makes as much
-MIN_IMPACTS = 60  # fewer do not tell a mean from its scatter
+SETTLED = 5e-5  # change of every mean in a step at convergence
+MIN_SCATTER = 1e-10  # of V_out / |V_in|, squared: the effect of rounding
+MIN_IMPACTS = 60  # fewer cannot separate a mean from its scatter
 
 
 @dataclass(frozen=True)
 class ImpactSet:
-    """Mean (9,) and covariance (9, 9) of a1..a9, their standard errors, and what they are from."""
+    """Mean (9,) and covariance (9, 9) of a1..a9, their standard errors, and their origin."""
 
     mean: np.ndarray
     covariance: np.ndarray
     mean_error: np.ndarray
     covariance_error: np.ndarray
     impacts: int
-    redrawn: float  # draws rejected for each rebound, mean over the impacts
+    redrawn: float  # mean number of draws rejected per rebound, over the impacts
     lateral: Lateral | None = None  # where lateral deviations are known
     error_covariance: np.ndarray | None = None  # (9, 9) of the errors of the means
-    speed_range: tuple[float, float] | None = None  # of the impacts, before them [m/s]
+    speed_range: tuple[float, float] | None = None  # incident, of the impacts [m/s]
     angle_range: tuple[float, float] | None = None  # [degree]
 
 
 @dataclass(frozen=True)
 class Impacts:
-    """What a set is fitted to: V_in and V_out (n, 3) [m/s], the layer or run of each, (n,), and the
-    amount of its lateral deviation, (n,) [degrees], NaN where it is not known."""
+    """Data for the fit of a set: V_in and V_out (n, 3) [m/s], the layer or run of each, (n,), and
+    the amount of its lateral deviation, (n,) [degrees], NaN where unknown."""
 
     v_in: np.ndarray
     v_out: np.ndarray
@@ -64,14 +64,14 @@ class Impacts:
     lateral: np.ndarray | None = None
 
     def some(self, these: np.ndarray) -> Impacts:
-        """Those of them for which `these` (n,) is true."""
+        """Impacts for which `these` (n,) is true."""
         lateral = None if self.lateral is None else self.lateral[these]
         return Impacts(self.v_in[these], self.v_out[these], self.group[these], lateral)
 
 
 def as_rebounds(impacts: Impacts) -> Impacts:
-    """Impacts as the model knows them: one that did not leave the surface leaves it with 1 % of
-    its speed, as a forced rebound does; one that gained energy, by falling into the layer, is left
+    """Impacts as rebounds of the model: one that did not leave the surface leaves it with 1 % of
+    its speed, like a forced rebound; one that gained energy by falling into the layer is left
     out."""
     speed = np.sqrt((impacts.v_in[:, :2] ** 2).sum(axis=1))
     v_out = impacts.v_out.copy()
@@ -81,7 +81,7 @@ def as_rebounds(impacts: Impacts) -> Impacts:
 
 
 def impacts_of(data: xr.Dataset, ratio: float, state: str = "peak") -> Impacts:
-    """The impacts at a ratio that ended, by one of the three states that were recorded of each."""
+    """Completed impacts at a ratio, in one of the three states recorded for each."""
     if state not in STATES:
         raise RockfallError(f"state {state!r}: must be one of {', '.join(STATES)}")
     one = data.sel(ratio=ratio)
@@ -97,7 +97,7 @@ def impacts_of(data: xr.Dataset, ratio: float, state: str = "peak") -> Impacts:
 
 
 def fit_impacts(data: xr.Dataset, state: str = "peak") -> dict[int, ImpactSet]:
-    """The sets of all ratios."""
+    """Fit the sets of all ratios."""
     sets = {}
     for ratio in data["ratio"].values:
         if ratio != int(ratio) or not 1 <= ratio <= 5:
@@ -107,8 +107,8 @@ def fit_impacts(data: xr.Dataset, state: str = "peak") -> dict[int, ImpactSet]:
 
 
 def within_points(data: xr.Dataset, ratio: float, state: str = "peak") -> np.ndarray:
-    """Covariance (3, 3) of V_out/|V_in| within the points, about the least-squares map of each:
-    the noise of an impact, which is the same for all points."""
+    """Covariance (3, 3) of V_out/|V_in| within points, about each point's least-squares map: the
+    noise of an impact, equal for all points."""
     one = data.sel(ratio=ratio)
     ended = np.isin(one["status"].values, [STATUS[name] for name in ENDED])
     total, freedom = np.zeros((3, 3)), 0
@@ -132,14 +132,15 @@ def within_points(data: xr.Dataset, ratio: float, state: str = "peak") -> np.nda
 
 
 def fit_set(impacts: Impacts, seed: int = 1, groups: int = GROUPS) -> ImpactSet:
-    """The likeliest M and C, with standard errors from as many `groups` of layers; without: NaN.
+    """Maximum-likelihood M and C, with standard errors from `groups` groups of layers; NaN without
+    groups.
 
-    The same bits on any number of threads. A RockfallError tells of too few impacts, and of
-    incident velocities too much alike.
+    The result is bitwise independent of the number of threads. A RockfallError reports too few
+    impacts, or incident velocities that are too similar.
     """
     from threadpoolctl import threadpool_limits
 
-    with threadpool_limits(1, "blas"):  # it adds up in another order on more
+    with threadpool_limits(1, "blas"):  # with more threads the order of summation differs
         return _fit_set(impacts, seed, groups)
 
 
@@ -151,7 +152,7 @@ def _fit_set(impacts: Impacts, seed: int, groups: int) -> ImpactSet:
         raise RockfallError("the incident velocities are too much alike to tell a map from them")
     if np.linalg.eigvalsh(_about_one_map(x, y)[1]).min() < MIN_SCATTER:
         raise RockfallError("the outgoing velocities do not scatter about one map of the incident")
-    # the same numbers in every step, so that the steps converge
+    # the same numbers in every step, for convergence
     z = np.random.default_rng(seed).standard_normal((len(x), DRAWS, 3))
     mean, covariance, redrawn = _likeliest(x, y, z, np.ones(len(x)))
     kinds, group = np.unique(impacts.group, return_inverse=True)
@@ -224,8 +225,8 @@ def _parts(both: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _leap(start: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Where two steps point to (squared extrapolation; Varadhan & Roland 2008, scheme S3), as far
-    as the covariance stays one."""
+    """Squared extrapolation from two steps (Varadhan & Roland 2008, scheme S3), limited so that the
+    covariance remains valid."""
     change, bend = first - start, second - 2 * first + start
     length = np.linalg.norm(change) / max(float(np.linalg.norm(bend)), 1e-300)
     while length > 1:
@@ -238,8 +239,8 @@ def _leap(start: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarra
 
 
 def _rejections(bad: np.ndarray) -> np.ndarray:
-    """How often a draw is rejected before an admissible one, (n, draws), in the mean over where
-    in the ring of draws one begins: an unbiased estimate of what comes before a rebound."""
+    """Number of draws rejected before an admissible one, (n, draws), averaged over the starting
+    point in the ring of draws: an unbiased estimate of the rejections before a rebound."""
     draws = bad.shape[1]
     run = np.zeros(len(bad))
     times = np.zeros(bad.shape)
@@ -266,7 +267,7 @@ def _step(
             f"{len(x)} impacts are too few: their likeliest law is degenerate"
         ) from None
     solved = np.linalg.solve(sigma, gain.transpose(0, 2, 1)).transpose(0, 2, 1)  # C X^T Sigma^-1
-    rest = covariance - np.einsum("nai,nbi->nab", solved, gain)  # covariance of A, y known
+    rest = covariance - np.einsum("nai,nbi->nab", solved, gain)  # covariance of A given y
     expected = x @ mean.reshape(3, 3).T
     # the matrix of each impact
     a = mean + np.einsum("nai,ni->na", solved, y - expected)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How far a rebound turns a boulder aside: quantiles by the incidence angle, for
-`&impact turning = 'lab'`."""
+"""Lateral deviation at a rebound: quantiles by the incidence angle, for `&impact turning =
+'lab'`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from rockfall.errors import RockfallError
 
 LIMITS = 10.0, 20.0, 40.0  # between classes of incidence [degrees]
-MIN_IN_CLASS = 30  # impacts: fewer say nothing of the largest tenth
+MIN_IN_CLASS = 30  # impacts: fewer do not define the largest tenth
 PROBABILITY = np.array([0, 10, 20, 30, 40, 50, 60, 70, 80, 90, 95, 99, 100]) / 100
 PAPER = 22.5, 45.0  # between the classes of Bourrier et al. (2009), section 3.3 [degrees]
 
@@ -34,8 +34,8 @@ def incidence(v_in: np.ndarray) -> np.ndarray:
 def fit_lateral(v_in: np.ndarray, lateral: np.ndarray) -> Lateral:
     """Quantiles of amounts (n,) [degrees], NaN where unknown, of impacts at V_in (n, 3).
 
-    From grazing to steep a class with too few impacts is joined with the next steeper one, the last
-    with the one before. A RockfallError tells of too few in all.
+    From grazing to steep, a class with too few impacts is merged with the next steeper one, the
+    last with the one before. A RockfallError reports too few in total.
     """
     known = np.isfinite(lateral)
     if known.sum() < MIN_IN_CLASS:
@@ -54,7 +54,7 @@ def fit_lateral(v_in: np.ndarray, lateral: np.ndarray) -> Lateral:
 
 
 def lateral_line(lateral: np.ndarray) -> str:
-    """Fractions of amounts (n,) [degrees] in the classes of the paper, NaN left out."""
+    """Fractions of amounts (n,) [degrees] in the classes of the paper, without NaN."""
     known = lateral[np.isfinite(lateral)]
     fractions = np.bincount(np.searchsorted(PAPER, known, side="right"), minlength=3) / known.size
     low, high = PAPER

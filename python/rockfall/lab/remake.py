@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Make impact sets and tables again from what their files say of their origin."""
+"""Reproduction of impact sets and tables from the provenance in their files."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ if TYPE_CHECKING:
 def remake(
     paths: Iterable[str | Path], threads: int = 0, progress: bool = False
 ) -> Iterator[tuple[Path, str, str]]:
-    """Each set file or table, what it was made from where that is no case of the laboratory, and
-    the first line in which the one made again differs; "" if none does."""
+    """Reproduce each set file or table. Yields its path, its origin if that is not a laboratory
+    case, and the first line in which the reproduction differs; "" if none does."""
     for path, source in {Path(path): _source(Path(path)) for path in paths}.items():
         if isinstance(source, list):
             same = all(_is_made_again(path, table, threads, progress) for table in source)
             yield path, "", "" if same else "its numbers"
             continue
         if isinstance(source, Contacts):
-            # which ratios have none is as it was
+            # ratios without contacts are taken from the existing file
             sets, about = fit_contacts(source, nearest=True), contacts_provenance(source)
             name = f"the measured contacts in {source.name}"
         elif source[0].throws:
@@ -56,14 +56,14 @@ def remake(
 
 
 def _is_made_again(path: Path, table: ImpactTable, threads: int, progress: bool) -> bool:
-    """Whether a table comes out bit for bit."""
+    """Return True if a table is reproduced bit for bit."""
     kept = int(table.about.get("kept", KEPT))
     again = table_of([_contacts(path, table, threads, progress)], kept)
     return again.pack() == table.pack()
 
 
 def _contacts(path: Path, table: ImpactTable, threads: int, progress: bool) -> xr.Dataset:
-    """The contacts of the laboratory that a table was made from."""
+    """Laboratory contacts from which a table was made."""
     text = str(table.about.get("lab_case", ""))
     if not text:
         raise RockfallError(f"{path}: does not say which case of the laboratory made it")

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is known of rebounds on rocky slopes, beside what impact sets give.
+"""Comparison of impact sets with published data on rebounds on rocky slopes.
 
-The numbers known are those that Bourrier et al. (2009) print: R_t and R_n of their impacts, and the
-results of their methods A and B on the slope of Vaujany, here on the stand-in of cases/vaujany. A
-stand-in has other bumps than the site, so each number is a mean over slopes of the same recipe.
+The data are those printed by Bourrier et al. (2009): R_t and R_n of their impacts, and the results
+of their methods A and B on the slope of Vaujany, here on the stand-in of cases/vaujany. A stand-in
+has other bumps than the site, so each number is a mean over slopes of the same recipe.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from rockfall.lab.site import QUANTITIES, Site
 from rockfall.lab.talus import Talus
 
 INF = float("inf")
-FIRST_SEED = 1000  # of slopes and boulders: no calibration has seen those from here on
-REDRAWN = 8  # sets with other errors, each on some of the slopes
+FIRST_SEED = 1000  # seed of slopes and boulders: no calibration has used those from here on
+REDRAWN = 8  # sets with perturbed means, each on some of the slopes
 SLOPE_BOULDERS = 400  # of a neutral slope
-BOUNDS = {"": 0.10, "_std": 0.25, "_max": 0.20}  # of the numbers of table 2, each way
+BOUNDS = {"": 0.10, "_std": 0.25, "_max": 0.20}  # relative bounds of the numbers of table 2
 UNITS = {"speed": "m/s", "passing_height": "m", "energy_translational": "kJ"}
 
 
 @dataclass(frozen=True)
 class Target:
-    """What a number should be: from `low` to `high`, or beyond the only one of them that there is;
-    `known` is what the paper prints."""
+    """Target range of a number: from `low` to `high`, or one-sided; `known` is the value printed in
+    the paper."""
 
     name: str
     label: str
     low: float
     high: float
     known: str
-    held_out: bool = False  # of every calibration
+    held_out: bool = False  # from every calibration
 
 
 OTHERS = (
@@ -97,7 +97,7 @@ def targets(folder: str | Path) -> list[Target]:
 @dataclass(frozen=True)
 class Score:
     """Numbers of sets over slopes: (slopes,) each, NaN where too few boulders pass; and their
-    standard errors from what is not known of the sets, where that is known."""
+    standard errors from the uncertainty of the sets, where known."""
 
     name: str
     numbers: dict[str, np.ndarray]
@@ -107,8 +107,8 @@ class Score:
         return _quiet(np.nanmean, self.numbers[name])
 
     def error(self, name: str) -> float:
-        """Standard error of the mean: of slopes and boulders, which more slopes make smaller, and
-        of the sets."""
+        """Standard error of the mean: from slopes and boulders, which decreases with more slopes,
+        and from the sets."""
         values = self.numbers[name]
         count = np.isfinite(values).sum()
         if count < 2:
@@ -123,7 +123,7 @@ class Score:
 
 
 def _quiet(function: Callable, values: np.ndarray, *args, **options):
-    """NaN without a warning where there is nothing."""
+    """Apply a function to the finite values; NaN without a warning if there are none."""
     if not np.isfinite(values).any():
         return np.full(np.shape(args[0]) if args else (), np.nan)
     return function(values, *args, **options)
@@ -133,8 +133,8 @@ def score(
     draws: Sequence[Sets], site: Site, slopes: int, advance: Callable[[int], None] = lambda _: None,
     **how,
 ) -> Score:  # fmt: skip
-    """Numbers of sets on as many slopes, each with boulders of its own; several draws of the sets
-    take turns. Where a single set tells its errors, sets that differ by such are run beside it."""
+    """Numbers of sets on the given number of slopes, each with its own boulders; several draws of
+    the sets take turns. If a single set has standard errors, perturbed sets are run as well."""
     if not draws:
         raise RockfallError("no impact sets to score")
     generator = np.random.default_rng(FIRST_SEED)
@@ -174,13 +174,13 @@ def _between(off: np.ndarray, group: np.ndarray) -> float:
 
 
 def _numbers(sets: Sets, site: Site, seed: int, how: dict) -> dict[str, float]:
-    """On the slope and with the boulders of a seed."""
+    """Numbers on the slope and with the boulders of a seed."""
     numbers = site.numbers(sets, seed=seed, talus=Talus(seed), **how)
     return numbers | neutral_slopes(sets, seed)
 
 
 def neutral_slopes(sets: Sets, seed: int = 1) -> dict[str, float]:
-    """Of each ratio, and the max rise from one to the next [degrees]."""
+    """Neutral slope of each ratio, and the maximum rise from one to the next [degrees]."""
     slopes = [
         neutral_slope(set_rebound(mean, covariance), SLOPE_BOULDERS, seed)
         for mean, covariance in zip(sets.mean, sets.covariance, strict=True)
@@ -235,7 +235,7 @@ def table(scores: Iterable[Score], wanted: Sequence[Target]) -> str:
 
 
 def by_ratio(sets: Sets) -> str:
-    """R_t and R_n of each ratio alone, without spin: mean +- deviation over admissible draws."""
+    """R_t and R_n of each ratio, without spin: mean +- deviation over admissible draws."""
     angles = 10.0, 15.0, 22.5, 30.0, 90.0
     lines = [f"{sets.name}: R_t | R_n at incidence angles, no spin, mean +- deviation"]
     lines.append("  R_b/R_m" + "".join(f"{angle:>32g}" for angle in angles))

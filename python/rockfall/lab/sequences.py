@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Throw boulders at layers of rocks, and keep the records of their contacts: for tables of impacts,
-and for sets."""
+"""Throws of boulders at layers of rocks, with records of their contacts: for tables of impacts, and
+for sets."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 
 GROUND, SHAPE = "rocks", "sphere"
 SPHERE = 0.4  # I/(m R_b^2)
-END = "end of contact"  # the state of the boulder that sets from throws are of
-THROWS_IN_CHUNK = 2  # of a thread: up to minutes, where R_b/R_m is large
-COUNTERS = "done", "unfinished", "solid", "cpu_seconds"  # attributes, one number for each ratio
+END = "end of contact"  # state of the boulder for sets from throws
+THROWS_IN_CHUNK = 2  # per thread: up to minutes for large R_b/R_m
+COUNTERS = "done", "unfinished", "solid", "cpu_seconds"  # attributes, one number per ratio
 
 
 def run_sequences(
@@ -47,9 +47,9 @@ def run_sequences(
 ) -> xr.Dataset:  # fmt: skip
     """All contacts of a case that throws, one after the other: an xarray.Dataset over `contact`.
 
-    Velocities are over |V_in|, lengths over R_b. With a path, saved now and then, at the end, and
-    on Ctrl-C, which raises KeyboardInterrupt; `resume` goes on from such a file. The result does
-    not depend on threads, interruptions or resumptions.
+    Velocities are over |V_in|, lengths over R_b. With a path, the result is saved at intervals, at
+    the end, and on Ctrl-C, which raises KeyboardInterrupt; `resume` continues from such a file. The
+    result does not depend on threads, interruptions or resumptions.
     """
     check_team(threads)
     if not case.throws:
@@ -77,7 +77,7 @@ def run_sequences(
 def _start(
     case: LabCase, path: str | Path | None
 ) -> tuple[list[dict[str, np.ndarray]], dict[str, np.ndarray]]:
-    """Contacts that there are already, ratio by ratio, and counters of each ratio."""
+    """Contacts that already exist, ratio by ratio, and counters of each ratio."""
     if path is None or not Path(path).exists():
         return [], {name: np.zeros(len(case.lab["ratios"])) for name in COUNTERS}
     data = open_sequences(path)
@@ -94,13 +94,14 @@ def _chunks(
     case: LabCase, total: list[int], about: dict[str, np.ndarray], threads: int,
     interrupted: Callable[[], bool],
 ) -> Iterator[tuple[dict[str, np.ndarray], int]]:  # fmt: skip
-    """Do what is not done, in the order of ratios and throws: contacts, and how many throws."""
+    """Simulate the remaining throws, in the order of ratios and throws; yields contacts and the
+    number of throws."""
     team = max(1, _lab.team(threads))
     on_layer = case.throw["on_layer"]
     for k, ratio in enumerate(case.lab["ratios"]):
         while about["done"][k] < total[k]:
             first = int(about["done"][k])  # from 0
-            layer = first // on_layer  # a layer for each thread at a time
+            layer = first // on_layer  # one layer per thread at a time
             end = min(total[k], (layer + team) * on_layer)
             clock = time.process_time()
             layers = pack_layers(case, ratio, layer + 1, (end - 1) // on_layer - layer + 1, threads)
@@ -123,7 +124,7 @@ def _chunks(
 def _throw(
     case: LabCase, ratio: float, layers: Layers, first_layer: int, numbers: np.ndarray, threads: int
 ) -> tuple[dict[str, np.ndarray], int]:
-    """Contacts of some throws, numbered from 0, and how many of these were cut short."""
+    """Contacts of some throws, numbered from 0, and the number of throws that were cut short."""
     layer = numbers // case.throw["on_layer"]
     rows, counts, found, complete, code, message = _lab.throw_at_rocks(
         case.row(1), case.row(2, ratio), case.row(BOULDER), case.row(THROW), seed=case.lab["seed"],
@@ -152,7 +153,7 @@ def _dataset(
 
 
 def open_sequences(path: str | Path) -> xr.Dataset:
-    """Contacts of boulders on rocks, from a file that `run_sequences` has written."""
+    """Read contacts of boulders on rocks from a file written by `run_sequences`."""
     data = open_contacts(path)
     if not ({"ratio", "layer"} <= set(data) and {*COUNTERS} <= set(data.attrs)):
         raise RockfallError(f"{path}: is not a file of contacts of boulders on rocks")
@@ -160,8 +161,8 @@ def open_sequences(path: str | Path) -> xr.Dataset:
 
 
 def rebounds_of(data: xr.Dataset, name: str) -> Contacts:
-    """The contacts that flights ended in, as rebounds for sets of R_b/R_m = 1 to 5; those of other
-    ratios are left out. Contacts on one layer hang together."""
+    """Contacts at the ends of flights, as rebounds for sets of R_b/R_m = 1 to 5; other ratios are
+    left out. Contacts on one layer are dependent."""
     from_flight = (data["entry"].values == 0) & np.isin(data["ratio"].values, RATIOS)
     if not from_flight.any():
         raise RockfallError(f"{name}: no contacts of R_b/R_m = 1, 2, 3, 4 or 5, of which sets are")
@@ -186,7 +187,7 @@ def checksum(data: xr.Dataset) -> str:
 
 
 def sequences_provenance(data: xr.Dataset, contacts: Contacts) -> list[str]:
-    """What a set file says of its origin: enough to make it again."""
+    """Provenance lines of a set file: enough to reproduce it."""
     case = lab_case_of(data.attrs["lab_case"], contacts.name)
     done = dict(
         zip(np.atleast_1d(data.attrs["ratios"]), np.atleast_1d(data.attrs["done"]), strict=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of impact sets: written with what they were made from, so that they can be made again."""
+"""Files of impact sets, written with their provenance, so that they can be reproduced."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from rockfall.lab.fit import ImpactSet
     from rockfall.lab.lateral import Lateral
 
-CASE_MARK = "! | "  # begins the lines of a set file that hold its laboratory case
+CASE_MARK = "! | "  # prefix of the lines of a set file that hold its laboratory case
 ERROR_MARK = "Covariance of the errors of the means, lower triangle by rows:"
 STATE_MARK = "! Outgoing state: "
 
 
 def provenance(data: xr.Dataset, state: str) -> list[str]:
-    """What a set file says of its origin: enough to make it again."""
+    """Provenance lines of a set file: enough to reproduce it."""
     if missing := int((data["status"].values == STATUS["not_done"]).sum()):
         raise RockfallError(f"{missing} of {data['status'].size} impacts are not done: no set yet")
     case = lab_case_of(data.attrs["lab_case"], "impacts")
@@ -55,7 +55,7 @@ def provenance(data: xr.Dataset, state: str) -> list[str]:
 
 
 def origin(path: str | Path) -> tuple[LabCase, str]:
-    """The laboratory case that a set file was made from, and the state that its sets are of."""
+    """Laboratory case from which a set file was made, and the state that its sets use."""
     lines = read_text(path).splitlines()
     text = [line[len(CASE_MARK) :] for line in lines if line.startswith(CASE_MARK)]
     if not text:
@@ -72,8 +72,8 @@ def origin(path: str | Path) -> tuple[LabCase, str]:
 def write_sets(
     path: str | Path, sets: dict[int, ImpactSet], provenance: list[str], *more: dict[int, ImpactSet]
 ) -> None:
-    """Write an impact-set file: `provenance` as comments, then a group for each ratio; of an
-    ensemble, for each draw of it: `sets` and `more`."""
+    """Write an impact-set file: `provenance` as comments, then a group for each ratio; for an
+    ensemble, for each of its draws: `sets` and `more`."""
     text = [f"! {line}".rstrip() for line in provenance]
     for draw, one in enumerate((sets, *more), 1):
         for ratio, found in sorted(one.items()):
@@ -83,7 +83,8 @@ def write_sets(
 
 
 def _group(ratio: int, found: ImpactSet, draw: int | None = None) -> list[str]:
-    """A set; its numbers have twelve digits: enough for a covariance to stay semidefinite."""
+    """Text of a set, with twelve digits per number, enough for a covariance to remain
+    semidefinite."""
     text = []
     if found.impacts:
         text += [f"! {found.impacts} impacts; standard errors of the means:"]
@@ -104,7 +105,7 @@ def _group(ratio: int, found: ImpactSet, draw: int | None = None) -> list[str]:
 
 
 def _lateral_lines(lateral: Lateral) -> list[str]:
-    """Its keys; one class has no angles between classes."""
+    """Keys of lateral deviations; a single class has no angles between classes."""
     behind = ", ".join(f"{number}" for number in lateral.impacts)
     between = [f"  incidence = {_numbers(lateral.incidence)}"] if lateral.incidence.size else []
     head = f"  lateral =   ! quantiles [degrees] for each class, of {behind} impacts"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Impact sets as numbers, and the restitution that follows from them."""
+"""Impact sets as numbers, and the restitution coefficients that follow from them."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ DRAWS = 4000  # of A, for the means of R_t and R_n
 
 @dataclass(frozen=True)
 class Sets:
-    """The five sets of a file: means (5, 9) and covariances (5, 9, 9) of a1..a9, and those of the
-    errors of the means (5, 9, 9) and lateral deviations, where the file tells them."""
+    """The five sets of a file: means (5, 9) and covariances (5, 9, 9) of a1..a9, and error
+    covariances of the means (5, 9, 9) and lateral deviations, where the file has them."""
 
     name: str
     mean: np.ndarray
@@ -32,19 +32,18 @@ class Sets:
     lateral: tuple[Lateral, ...] | None = None
 
     def redrawn(self, generator: np.random.Generator) -> Sets:
-        """The same with other means, off by as much as those of as many impacts are."""
+        """Sets with perturbed means, drawn from the distribution of their errors."""
         if self.error is None:
             return self
         off = [
             generator.multivariate_normal(np.zeros(9), one, method="eigh", check_valid="ignore")
-            for one in self.error  # of a jackknife: singular, but for rounding
+            for one in self.error  # of a jackknife: singular up to rounding
         ]
         return replace(self, mean=self.mean + off)
 
 
 def read_sets(source: str | Path) -> list[Sets]:
-    """The draws in a set file, or in a set that is shipped with the program, by its name: one, or
-    those of an ensemble."""
+    """Draws in a set file, or in a shipped set by its name: one, or those of an ensemble."""
     path = shipped_sets().get(str(source), Path(source))
     error = _errors(read_text(path), path)
     draws = [one.read("past_aspect")[0] for one in draws_in(path, "past_aspect")]  # the matrices do
@@ -69,7 +68,7 @@ def _lateral(between: np.ndarray, quantiles: np.ndarray) -> tuple[Lateral, ...] 
 
 
 def _errors(text: str, path: Path) -> np.ndarray | None:
-    """Covariances of the errors of the means, (5, 9, 9), where all sets of a file have them."""
+    """Covariances of the errors of the means, (5, 9, 9), if all sets of a file have them."""
     blocks = text.split(f"! {ERROR_MARK}\n")[1:]
     if len(blocks) != 5:
         return None

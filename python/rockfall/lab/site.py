@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Impact sets on the slope of cases/vaujany, by methods A and B of the paper: the numbers that
-Bourrier et al. (2009) print, and some that they do not."""
+"""Impact sets on the slope of cases/vaujany, by methods A and B of the paper: the numbers printed
+by Bourrier et al. (2009), and additional ones."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ CASES = {"A": "case_A.nml", "B": "case.nml"}
 TURNS = 22.5, 45.0  # limits of the classes of turns [degree]
 SHORT = 20.0, 40.0  # from the release along the slope [m]: where boulders slid to a stop
 TANGENTIAL = 0.75  # fraction of the incident energy
-MIN_PASSED = 20  # boulders, for a mean
-MIN_REBOUNDS = 20  # of a class of incidence angles and a ratio, for a mean
+MIN_PASSED = 20  # boulders needed for a mean
+MIN_REBOUNDS = 20  # rebounds needed for a mean, in a class of incidence angles and a ratio
 
 
 class Site:
-    """The experimental slope, or rather its stand-in."""
+    """The stand-in for the experimental slope."""
 
     def __init__(self, folder: str | Path, boulders: int = 2000, trajectories: int = 200) -> None:
         folder = Path(folder)
@@ -80,7 +80,7 @@ class Site:
         return results
 
     def numbers(self, sets: Sets, **how) -> dict[str, float]:
-        """What the sets give; `how` as in `run`."""
+        """Numbers for the sets; `how` as in `run`."""
         results = self.run(sets, **how)
         found: dict[str, float] = {}
         for method, result in results.items():
@@ -90,7 +90,7 @@ class Site:
 
 
 def _as_fitted(sets: Sets) -> dict[int, ImpactSet]:
-    """As a file of sets takes them."""
+    """Sets in the form that a set file stores."""
     lateral = sets.lateral or (None,) * len(sets.mean)
     rows = zip(sets.mean, sets.covariance, lateral, strict=True)
     nothing = np.zeros(9), np.zeros((9, 9)), 0, 0.0
@@ -101,7 +101,7 @@ def _as_fitted(sets: Sets) -> dict[int, ImpactSet]:
 
 
 def at_lines(method: str, result: xr.Dataset) -> dict[str, float]:
-    """The numbers at the lines, by a method."""
+    """Numbers at the lines, by a method."""
     found: dict[str, float] = {}
     for line in result["line"].values:
         found |= _at_line(result.sel(line=line), f"{method}_{line}")
@@ -131,9 +131,9 @@ def _at_line(at: xr.Dataset, name: str) -> dict[str, float]:
 def _over_rebounds(sets: Sets, result: xr.Dataset) -> dict[str, float]:
     """R_t, R_n and turns of the rebounds of the recorded trajectories; fractions of all.
 
-    R_n by class of incidence is the mean for each R_b/R_m apart, then over the ratios,
-    weighted with their frequency among all rebounds. Without this standard mixture a class would
-    tell what ground the few steep rebounds met rather than how R_n depends on the angle.
+    R_n by class of incidence is the mean for each R_b/R_m separately, then over the ratios,
+    weighted with their frequency among all rebounds. Without this standardisation a class would
+    reflect the ground of its few steep rebounds rather than the dependence of R_n on the angle.
     """
     t, n = result["trajectory_in_t"].values, result["trajectory_in_n"].values
     hit = np.isfinite(t) & (t > 0) & (n < 0)
@@ -179,8 +179,8 @@ def _turns(result: xr.Dataset) -> np.ndarray:
 
 
 def tangential_above(result: xr.Dataset, limit: float) -> float:
-    """Fraction of the rebounds whose tangential fraction of the incident energy is larger; those of
-    a bin across the limit lie evenly in it."""
+    """Fraction of the rebounds whose tangential fraction of the incident energy is larger; values
+    in the bin that contains the limit are taken as uniform."""
     rebounds = result["tangential_share_histogram"].values
     low, high = result["tangential_share_bin_bounds"].values.T
     above = np.clip((high - limit) / (high - low), 0, 1)

@@ -18,18 +18,18 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FLIGHT, ROLLING = 0, 1  # entries
-BINS = {"flight": (4, 4, 12), "roll": (6, 4, 1)}  # by each key, where there are records enough
-ENOUGH = 24  # records of a bin; with fewer there are fewer bins
+BINS = {"flight": (4, 4, 12), "roll": (6, 4, 1)}  # by each key, if there are enough records
+ENOUGH = 24  # records per bin; with fewer, the number of bins is reduced
 KEPT = 34_000  # contacts of a table at most: whole throws, so that a record knows what followed it
-RIDGE = 0.01  # of the least squares of a bin, over the variance of each input
-USUAL = 0.02, 0.98  # of W/V where a block rolls: what is beyond is taken as at the end
-SLOWEST = 0.05  # V/sqrt(g R_b) of a flight: slower ones have no direction to speak of
-DIGITS = 9  # bits of a record's numbers that are kept: their noise does not compress
+RIDGE = 0.01  # regularisation of a bin's least squares, over the variance of each input
+USUAL = 0.02, 0.98  # of W/V where a block rolls: values beyond are clipped
+SLOWEST = 0.05  # V/sqrt(g R_b) of a flight: slower ones have no significant direction
+DIGITS = 9  # bits kept of a record's numbers: their noise does not compress
 
 
 @dataclass(frozen=True)
 class _Contacts:
-    """Of one R_b/R_m, dimensionless: `record` (n, FIELDS) without what is derived."""
+    """Contacts of one R_b/R_m, dimensionless: `record` (n, FIELDS) without derived fields."""
 
     record: np.ndarray
     entry: np.ndarray
@@ -41,9 +41,9 @@ class _Contacts:
 
 
 def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
-    """A table from contacts: a file for each R_b/R_m where that matters, told by its attribute
-    `ratio`, or by its column; else one. At most `kept` contacts become records, all make its bins
-    and maps. Raises a RockfallError where contacts are too few."""
+    """Make a table from contacts: a file for each R_b/R_m where that matters, identified by its
+    attribute `ratio` or its column; else a single file. At most `kept` contacts become records;
+    bins and maps use all. Raises a RockfallError where contacts are too few."""
     parts = sorted(_parts(files), key=lambda part: part[0])
     ratios = [ratio for ratio, _ in parts]
     if len(set(ratios)) < len(ratios) or (0.0 in ratios and len(ratios) > 1):
@@ -90,7 +90,7 @@ def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
 
 
 def _parts(files: Sequence[xr.Dataset]) -> list[tuple[float, xr.Dataset]]:
-    """Contacts of each R_b/R_m; 0: it does not matter."""
+    """Contacts of each R_b/R_m; 0: independent of it."""
     found = []
     for data in files:
         if "ratio" in data:
@@ -104,7 +104,7 @@ def _parts(files: Sequence[xr.Dataset]) -> list[tuple[float, xr.Dataset]]:
 
 
 def _provenance(files: list[xr.Dataset]) -> dict[str, str | int]:
-    """What a table says of its origin: enough to make it again."""
+    """Provenance attributes of a table: enough to reproduce it."""
     digest = hashlib.sha256()
     for data in files:
         for name in sorted(map(str, data)):
@@ -122,7 +122,7 @@ def _provenance(files: list[xr.Dataset]) -> dict[str, str | int]:
 
 def _dimensionless(data: xr.Dataset) -> _Contacts:
     """Velocities over U = sqrt(g R_b), times over sqrt(R_b/g). Each contact is mirrored so that the
-    ground falls to its left; gravity's work is put back into what the laboratory took it out of."""
+    ground falls to its left; the work of gravity that the laboratory excluded is restored."""
     radius, gravity = float(data.attrs["radius"]), float(data.attrs["gravity"])
     unit = np.sqrt(gravity * radius)
     column = {name: data[name].values.astype(float) for name in data}
@@ -152,14 +152,14 @@ def _dimensionless(data: xr.Dataset) -> _Contacts:
 
 
 def _rounded(record: np.ndarray) -> np.ndarray:
-    """In single precision, with fewer bits."""
+    """Numbers in single precision, with fewer bits."""
     bits = np.ascontiguousarray(record, "f4").view("u4")
     drop = 23 - DIGITS
     return ((bits + np.uint32(1 << (drop - 1))) >> drop << drop).view("f4")
 
 
 def _of_kind(contacts: _Contacts, kind: str) -> np.ndarray:
-    """Which contacts begin so."""
+    """Mark contacts that begin with this kind."""
     if kind == "roll":
         return (contacts.entry == ROLLING) & (contacts["speed_in"] > 0)
     falls = (contacts["vn_in"] < 0) & (contacts["speed_in"] > SLOWEST)
@@ -167,7 +167,7 @@ def _of_kind(contacts: _Contacts, kind: str) -> np.ndarray:
 
 
 def _keys(contacts: _Contacts, kind: str) -> list[np.ndarray]:
-    """What contacts are put into bins by, as the kernel does."""
+    """Keys by which contacts are sorted into bins, as in the kernel."""
     speed = contacts["speed_in"].astype(float)
     speed2 = contacts["vt_in"].astype(float) ** 2 + contacts["vn_in"].astype(float) ** 2
     if kind == "roll":
@@ -176,7 +176,7 @@ def _keys(contacts: _Contacts, kind: str) -> list[np.ndarray]:
 
 
 def _bins_for(kind: str, contacts: int) -> tuple[int, ...]:
-    """As many bins as some contacts of a kind can fill."""
+    """Number of bins that the contacts of a kind can fill."""
     if contacts < ENOUGH:
         what = {"flight": "from a flight", "roll": "that roll on"}[kind]
         raise RockfallError(
@@ -198,8 +198,8 @@ class _Bin:
 def _sort_into_bins(
     contacts: _Contacts, kind: str, sizes: tuple[int, ...]
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """The contacts in each bin of a kind, and the edges of each key: quantiles within the bin of
-    the key before."""
+    """Contacts in each bin of a kind, and the edges of each key: quantiles within the bin of the
+    key before."""
     keys = _keys(contacts, kind)
     groups = [np.flatnonzero(_of_kind(contacts, kind))]
     edges = []
@@ -222,23 +222,22 @@ def _sort_into_bins(
 
 
 def _kept_throws(contacts: _Contacts, most: int) -> np.ndarray:
-    """Which throws are kept, by number: evenly spaced ones, with `most` contacts in all."""
+    """Numbers of the throws to keep: evenly spaced ones, with `most` contacts in all."""
     numbers, counts = np.unique(contacts.sequence, return_counts=True)
     n = min(len(numbers), int(most / counts.mean()))
     return numbers[(np.arange(n) * len(numbers)) // n]
 
 
 def _kept_rows(contacts: _Contacts, group: np.ndarray, throws: np.ndarray) -> np.ndarray:
-    """The contacts of a bin that are kept, at least one, in the order of the gravity along the
-    heading."""
+    """Contacts of a bin to keep, at least one, ordered by the gravity along the heading."""
     kept = group[np.isin(contacts.sequence[group], throws)]
     rows = kept if len(kept) else group[:1]
     return rows[np.lexsort((contacts["speed_in"][rows], contacts["pull_along"][rows]))]
 
 
 def _with_followers(contacts: _Contacts, rows: np.ndarray, before: int) -> np.ndarray:
-    """The records of contacts in their order, each with the place of that which followed it in its
-    throw, counted from 1; 0: none is kept. `before` records stand before them."""
+    """Records of contacts in order, each with the position of its follower in its throw, counted
+    from 1; 0: not kept. `before` records precede them."""
     place = {
         key: before + k + 1
         for k, key in enumerate(zip(contacts.sequence[rows], contacts.order[rows], strict=True))
@@ -254,8 +253,7 @@ def _with_followers(contacts: _Contacts, rows: np.ndarray, before: int) -> np.nd
 def _padded(
     groups: list[np.ndarray], edges: list[np.ndarray], sizes: np.ndarray
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """As many bins as each R_b/R_m has: beyond its own come some that nothing reaches, with one
-    contact each."""
+    """Pad the bins of each R_b/R_m to a common number with unreachable ones of one contact each."""
     own = [one.shape[-1] + 1 for one in edges]
     padded = [
         groups[int(np.ravel_multi_index(at, own))] if np.less(at, own).all() else groups[0][:1]
@@ -271,7 +269,7 @@ def _padded(
 
 
 def _bin(record: np.ndarray, kind: str) -> _Bin:
-    """The least-squares map of a bin, and the reach of its inputs."""
+    """Least-squares map of a bin, and the range of its inputs."""
     value = {name: record[:, k].astype(float) for k, name in enumerate(FIELDS)}
     scale = value["speed_in"] if kind == "flight" else np.ones(len(record))
     inputs = np.stack([value[name] / scale for name in ("vt_in", "vn_in", "w_in")])
@@ -283,6 +281,6 @@ def _bin(record: np.ndarray, kind: str) -> _Bin:
     normal = x @ x.T + RIDGE * len(record) * np.diag(variance)
     found = np.linalg.solve(normal, x @ y.T).T
     low, high = inputs.min(axis=1), inputs.max(axis=1)
-    if kind == "roll":  # nearly all turn as they move: the few others teach the map nothing
+    if kind == "roll":  # nearly all spin as they roll: the few others do not inform the map
         low[2], high[2] = np.quantile(value["w_in"] / value["speed_in"], USUAL)
     return _Bin(found.reshape(MAPPED, INPUTS), low, high)

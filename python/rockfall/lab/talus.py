@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The stand-in for the experimental slope of Bourrier et al. (2009), whose terrain model was never
+"""Stand-in for the experimental slope of Bourrier et al. (2009), whose terrain model was never
 published: a talus slope with a channel, roads and a valley floor, as the paper describes it.
 
-What the paper leaves open is a field of `Talus`, so that a calibration can ask what it matters.
+Properties that the paper does not give are fields of `Talus`, so that a calibration can vary them.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ SMOOTHING = 1.5  # Gaussian filter of the relief [cells]
 
 @dataclass(frozen=True)
 class Talus:
-    """What is not known of the slope."""
+    """Unknown properties of the slope."""
 
     seed: int = 20090601  # of the relief
     relief: float = 0.3  # standard deviation [m]
     channel: float = 2.0  # depth [m]
-    roads: float = 0.9  # part of the fall across a road that it takes out
+    roads: float = 0.9  # fraction of the fall across a road that the road removes
     angle: float = 38.0  # of the talus [degree]
 
     def natural(self, s: np.ndarray) -> np.ndarray:
@@ -37,7 +37,8 @@ class Talus:
         return 1400 - np.interp(s, np.append(0, middle + step / 2), np.append(0, fall))
 
     def profile(self, s: np.ndarray) -> np.ndarray:
-        """The same with roads: benches, cut into the slope above their axis and filled up below."""
+        """Elevation [m] at plan distance `s` [m] with roads: benches, cut into the slope above
+        their axis and filled below."""
         z = self.natural(s)
         for axis, width in ROADS.values():
             level = self.natural(np.array(axis))
@@ -57,8 +58,8 @@ class Talus:
 
 
 def relief(seed: int, cells: tuple[int, int], std: float) -> np.ndarray:
-    """White noise through a Gaussian filter, of so many rows and columns [m]: the same in every
-    NumPy. Slopes of cases that are made up have it too."""
+    """White noise through a Gaussian filter, of given rows and columns [m], independent of the
+    NumPy version. Also used for slopes of synthetic cases."""
     margin = 8  # more than five standard deviations of the filter: no edge effects
     shape = cells[0] + 2 * margin, cells[1] + 2 * margin
     raw = np.random.Philox(key=seed).random_raw(shape[0] * shape[1])

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures along a line: how many boulders pass where, with which energy and how high; and what a
-barrier there must be."""
+"""Figures along a line: frequency, energy and height of passing boulders, and requirements for a
+barrier."""
 
 from __future__ import annotations
 
@@ -26,8 +26,9 @@ PER_METRE = "passing a metre [%]"
 
 @styled
 def line_profile_figure(profile: pd.DataFrame) -> Figure:
-    """A `rockfall.line_profile`: fraction of all boulders that pass each metre of the line, 95 %
-    quantiles of the total energy and of the passing height of those that do, with 95 % bands."""
+    """Figure of a `rockfall.line_profile`: fraction of all boulders that pass each metre of the
+    line, 95 % quantiles of the total energy and of the passing height of those that do, with 95 %
+    bands."""
     figure = new_figure(WIDE, 5.2)
     panels = figure.subplots(3, 1, sharex=True)
     _draw_windows(panels[0], profile, "per_metre", 100.0)
@@ -44,8 +45,8 @@ def line_profile_figure(profile: pd.DataFrame) -> Figure:
 
 @styled
 def along_figure(found: Design) -> Figure:
-    """Height needed and design energy along a line, with 95 % bands, and the energies that EAD
-    classes may be asked to take; windows with few boulders are blank."""
+    """Required height and design energy along a line, with 95 % bands, and the usable energies of
+    EAD classes; windows with few boulders are blank."""
     along = found.along
     assert along is not None
     figure = new_figure(WIDE, 4.2)
@@ -65,7 +66,8 @@ def along_figure(found: Design) -> Figure:
 
 
 def _draw_windows(axes: Axes, along: pd.DataFrame, name: str, factor: float) -> None:
-    """Steps of a number and its band, hatched upwards where too few boulders bound it."""
+    """Draw steps of a number and its band, hatched upwards where too few boulders give an upper
+    limit."""
     edges = np.append(along["start"], along["end"].iloc[-1])
     value, low, high = (factor * along[name + end].to_numpy() for end in ENDS)
     known = np.append(value, high)[np.isfinite(np.append(value, high))]

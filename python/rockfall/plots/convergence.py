@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The figure of a measured convergence."""
+"""Figure of a measured convergence."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ SHOWN = {name: QUANTITIES["fraction" if name == "boulders" else name] for name i
 
 
 def figure(found: Convergence, paths: Sequence[Path]) -> None:
-    """Draw what was measured: for each line its numbers against the number of boulders, and below
-    them errors. Written to each of `paths`, in the format of its ending."""
+    """Draw the measured numbers of each line against the number of boulders, and errors below.
+    Written to each of `paths`, in the format of its extension."""
     page = _page(found)
     for path in paths:
         save(page, path, dpi=200)
@@ -55,7 +55,7 @@ def _page(found: Convergence) -> Figure:
         _errors(left, _at(found.error, line), _at(found.cost, line), plain(line))
         _terrains(right, _at(found.numerical, line), plain(line))
         if left.get_yscale() == "log":
-            left.set_ylim(bottom=0.01)  # less matters to nobody
+            left.set_ylim(bottom=0.01)  # smaller errors are irrelevant
     page.legend(handles=_key(), loc="outside lower center", ncols=5)
     return page
 
@@ -72,11 +72,11 @@ def _study(axes: Axes, table: pd.DataFrame, quantity: str, line: str) -> None:
         n, colour = one["boulders"], COLOURS[statistic]
         axes.fill_between(n, scale * one["low"], scale * one["high"], color=colour, alpha=0.2, lw=0)
         axes.plot(n, scale * one["value"], color=colour, marker=MARKERS[quantity], ms=3, lw=1)
-    n = table["boulders"]  # also where nobody crosses
+    n = table["boulders"]  # also where no boulder crosses
     axes.set(xlabel="boulders from each source", xlim=(0.8 * n.min(), 1.25 * n.max()))
     _logarithmic(axes, "x", (1,))
     if quantity != "boulders" and (table["value"] > 0).any():
-        _logarithmic(axes, "y")  # equal heights are equal per cents
+        _logarithmic(axes, "y")  # equal heights are equal percentages
     axes.set_title(f"{capital(SHOWN[quantity].title)} at {line}")
 
 
@@ -97,7 +97,8 @@ def _errors(axes: Axes, table: pd.DataFrame, cost: pd.DataFrame, line: str) -> N
 
 
 def _terrains(axes: Axes, table: pd.DataFrame, line: str) -> None:
-    """What each variant of the terrain changes, beside the Monte Carlo error of the one given."""
+    """Draw the changes by each variant of the terrain, with the Monte Carlo error of the given
+    one."""
     variants = list(dict.fromkeys(table["variant"]))
     labels = []
     for k, variant in enumerate(variants):

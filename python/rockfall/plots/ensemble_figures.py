@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What uncertain inputs do to the numbers at the lines, beside the Monte Carlo error; and what a
-back-analysis leaves open of them."""
+"""Effects of uncertain inputs on the numbers at the lines, compared with the Monte Carlo error; and
+posteriors of a back-analysis."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ NUMBERS = {"fraction": ["fraction"]} | {
 }
 
 
-PANEL, BINS = 1.5, 16  # of a posterior: each panel [inch], and of its densities
+PANEL, BINS = 1.5, 16  # of a posterior: panel size [inch], and bins of its densities
 
 
 @styled
 def ranges_figure(found: xr.Dataset) -> Figure:
-    """A row of panels for each line: grey, 90 % of the draws; blue, the case as it is with the 95 %
+    """Row of panels for each line: grey, 90 % of the draws; blue, the unchanged case with the 95 %
     interval of its boulders."""
     lines = found["line"].values
     figure = new_figure(1.35 * WIDE, 1.1 * len(lines) + 0.4)
@@ -62,9 +62,9 @@ def _draw(axes: Axes, at: xr.Dataset, quantity: str, names: list[str]) -> None:
 
 @styled
 def posterior_figure(found: Back) -> Figure:
-    """A column and a row for each parameter. On the diagonal densities: grey the prior, blue the
-    posterior, lines at its 5, 50 and 95 % quantiles; below it draws of both. Impact sets, which
-    have no order, are not shown."""
+    """Matrix of panels, one row and column per parameter. On the diagonal densities: grey the
+    prior, blue the posterior, lines at its 5, 50 and 95 % quantiles; below it draws of both. Impact
+    sets, which have no order, are not shown."""
     shown, table = list(parameters(found)), posterior_table(found)
     first = found.members.iloc[: found.inputs.design[..., 0].size]
     prior, draws = ([of[one.column] * (one.scale or 1.0) for one in shown]

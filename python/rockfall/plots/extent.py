@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where boulders of a result came: what a map shows, and where it is blank."""
+"""Extent of the boulders of a result: the area that a map shows, and its blank cells."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ if TYPE_CHECKING:
 
     Extent = tuple[float, float, float, float]  # west, east, south, north [m]
 
-SLENDEREST = 1 / 3  # a map's shorter side by its longer
-CELL = 5.0  # of a result that does not say, for margins [m]
-PASSED = ("reach_probability", "passages")  # either tells the pass frequency
+SLENDEREST = 1 / 3  # minimum ratio of a map's shorter side to its longer
+CELL = 5.0  # default for margins [m]
+PASSED = ("reach_probability", "passages")  # maps with the pass frequency, either of them
 
 
 def passed_map(result: xr.Dataset) -> str | None:
-    """The map that tells the pass frequency, if the result has one."""
+    """Map with the pass frequency, if the result has one."""
     return next((name for name in PASSED if name in result), None)
 
 
 def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) -> Extent:
-    """What a map shows: all that boulders reached and further places (n, 2), with a margin, not
-    too slender; within the terrain where there is one."""
+    """Extent of a map: everything that boulders reached and further places (n, 2), with a margin,
+    not too narrow; within the terrain if given."""
     x = [result["start_x"].values, result["stop_x"].values]
     y = [result["start_y"].values, result["stop_y"].values]
     if "trajectory_x" in result:
         x, y = [*x, result["trajectory_x"].values], [*y, result["trajectory_y"].values]
     maps = [str(name) for name in result.data_vars if result[name].dims == ("y", "x")]
-    everywhere = passed_map(result)  # has a value wherever another map has one
+    everywhere = passed_map(result)  # defined wherever another map is
     for name in [everywhere] if everywhere else maps:
         passed = result[name].values > of_none(result, name)
         x = [*x, result["x"].values[passed.any(axis=0)]]
@@ -49,8 +49,8 @@ def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) ->
 
 
 def around(x: np.ndarray, y: np.ndarray, cell: float, terrain: Terrain | None = None) -> Extent:
-    """What a map of these places shows: a margin about them, not too slender; within the terrain
-    where there is one."""
+    """Extent of a map of these places, with a margin, not too narrow; within the terrain if
+    given."""
     longest = max(np.ptp(x), np.ptp(y))
     margin = 0.06 * longest + 3 * cell
     shortest = SLENDEREST * (longest + 2 * margin) / 2
@@ -69,7 +69,7 @@ def _around(c: np.ndarray, margin: float, shortest: float) -> tuple[float, float
 
 
 def of_none(result: xr.Dataset, name: str) -> float:
-    """The maximum of a map where no boulder passed: 0, but for the upper limit of a fraction."""
+    """Maximum of a map where no boulder passed: 0, except for the upper limit of a fraction."""
     if name != "reach_probability_high":
         return 0.0
     clusters = simulated(result) / result[name].attrs.get("boulders_per_cluster", 1)
@@ -77,6 +77,6 @@ def of_none(result: xr.Dataset, name: str) -> float:
 
 
 def cell_of(result: xr.Dataset) -> float:
-    """Side of a cell of the terrain that boulders ran over [m]."""
+    """Side of a terrain cell of the run [m]."""
     transform = str(result["crs"].attrs.get("GeoTransform", "")) if "crs" in result else ""
     return float(transform.split()[1]) if transform else CELL

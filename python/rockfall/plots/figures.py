@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every figure that a result can feed, each with its caption: those of the paper, for any case."""
+"""All figures that a result supports, with captions: those of the paper, for any case."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ LABORATORY = ("incident_energy", "incidence_angle", "restitution", "impact_set")
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure: a name for files, a title, a sentence on what is seen; `draw` makes it."""
+    """A figure: a file name, a title, a descriptive sentence; `draw` makes it."""
 
     name: str
     title: str
@@ -80,13 +80,13 @@ def figures(
     look: Look | None = None,
     most_lines: int | None = None,
 ) -> list[Figure]:
-    """The figures of a result, in the order in which they are read.
+    """Figures of a result, in reading order.
 
     `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps and ground under
-    profiles. `observed` is what `rockfall.analysis.observations.read_observed` gives: its summaries
-    and samples come beside the distributions at the lines, its distances and fractions beside the
-    curve of passing, its stops on the maps. `look` has limits between classes and a basemap. Of
-    more than `most_lines` lines those are drawn that most boulders pass.
+    profiles. `observed`, from `rockfall.analysis.observations.read_observed`, adds its summaries
+    and samples to the distributions at the lines, its distances and fractions to the curve of
+    passing, its stops to the maps. `look` has limits between classes and a basemap. With more than
+    `most_lines` lines, those that most boulders pass are drawn.
     """
     if "boulder" not in result.sizes or not simulated(result):
         raise RockfallError("a result without boulders has no figures")
@@ -107,8 +107,8 @@ def write_figures(
     format: str = "png",
     inputs: Iterable[str | Path] = (),
 ) -> list[Path]:
-    """Write figures to a folder, which is made where it is missing, all of them or none, over no
-    file of the `inputs` and nothing but figures of ours; returns the files written."""
+    """Write figures to a folder, created if missing, all of them or none, over no file of the
+    `inputs` and only over our figures; returns the files written."""
     if format not in FORMATS:
         raise RockfallError(f"format = '{format}': must be one of {', '.join(FORMATS)}")
     need("figures need", "report", "matplotlib")
@@ -148,7 +148,7 @@ def _trajectories(
 def _reach(
     result: xr.Dataset, terrain: Terrain | None, observed: Any, look: Look | None
 ) -> Iterator[Figure]:
-    """How far boulders come, and where (paper, Figs 9 and 10)."""
+    """Run-out distance and reach (paper, Figs 9 and 10)."""
     boulders = count(result.sizes["boulder"], "boulder")
     gone = int(left_terrain(result).sum())
     beyond = f"; the run-out of the {gone:,} that left the terrain is not known: dotted"
@@ -177,8 +177,7 @@ def _reach(
 
 
 def drawn_lines(result: xr.Dataset, most: int | None = None) -> list[int]:
-    """The lines of figures, counted from 0, in their order: all, or those that most boulders
-    pass."""
+    """Lines of figures, counted from 0, in their order: all, or those that most boulders pass."""
     if not lines(result):
         return []
     passed = np.isfinite(result["line_x"].values).sum(axis=1)
@@ -186,7 +185,7 @@ def drawn_lines(result: xr.Dataset, most: int | None = None) -> list[int]:
 
 
 def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[Figure]:
-    """Distributions at the evaluation lines (paper, Figs 8 and 11), a few of them in a figure."""
+    """Distributions at the evaluation lines (paper, Figs 8 and 11), several per figure."""
     if not which:
         return
     source, passed = sources(result), {}
@@ -226,7 +225,7 @@ def _along(result: xr.Dataset, line: str) -> figure.Figure:
 
 
 def _ranges(result: xr.Dataset) -> Iterator[Figure]:
-    """Of an ensemble."""
+    """Figures of an ensemble."""
     if is_ensemble(result) and lines(result):
         draws = count(result.sizes["run"], "draw")
         yield Figure(
@@ -239,7 +238,7 @@ def _ranges(result: xr.Dataset) -> Iterator[Figure]:
 
 
 def _rebounds(result: xr.Dataset) -> Iterator[Figure]:
-    """Over all rebounds (paper, Figs 11 to 14), and the impact set behind them (Fig. 5)."""
+    """Figures over all rebounds (paper, Figs 11 to 14), and the impact set behind them (Fig. 5)."""
     if "incidence_angle_histogram" in result and result["incidence_angle_histogram"].any():
         n = count(int(result["incidence_angle_histogram"].sum()), "rebound")
         frequency, edges = histogram(result, "tangential_share")
@@ -272,7 +271,7 @@ def _rebounds(result: xr.Dataset) -> Iterator[Figure]:
 
 
 def set_of(result: xr.Dataset) -> Sets | None:
-    """The impact set of a run, where its file is still there as it was."""
+    """Impact set of a run, if its file still exists unchanged."""
     try:
         path = set_path(case_of(result))
         same = open_sets(path).checksum == result.attrs["impact_set_checksum"]
@@ -282,7 +281,7 @@ def set_of(result: xr.Dataset) -> Sets | None:
 
 
 def _maps(result: xr.Dataset, terrain: Terrain | None, look: Look | None) -> Iterator[Figure]:
-    """Every map that is not drawn already, in the order of the result."""
+    """Maps that are not in other figures, in the order of the result."""
     boulders = count(simulated(result), "boulder")
     for name in map(str, result.data_vars):
         variable = result[name]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zones of hazard and intensities over the relief of the terrain."""
+"""Hazard zones and intensities over the relief of the terrain."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
     from rockfall.result.trajectories import Terrain
 
-OPAQUE = 0.7  # classes let the relief through
+OPAQUE = 0.7  # so that the relief remains visible under classes
 
 
 def hazard_figures(found: xr.Dataset, terrain: Terrain | None = None) -> list[Figure]:
-    """The zones of a hazard, and the intensity that each return period brings."""
+    """Figures of the zones of a hazard, and of the intensity at each return period."""
     minimum_area = case_in(found.attrs).hazard["minimum_area"]
     least = f", of {minimum_area:g} m2 or more" if minimum_area else ""
     shown = [
@@ -55,7 +55,7 @@ def hazard_figures(found: xr.Dataset, terrain: Terrain | None = None) -> list[Fi
 def zones_figure(
     found: xr.Dataset, terrain: Terrain | None = None, room: Room = PAGE
 ) -> figure.Figure:
-    """The classes of a hazard, the cells whose class is not certain, and the objects."""
+    """Map of the classes of a hazard, the cells with an uncertain class, and the objects."""
     from matplotlib.patches import Patch
 
     data = found["hazard_class"]
@@ -85,7 +85,7 @@ def _map_figure(found: xr.Dataset, data: xr.DataArray, terrain: Terrain | None) 
 
 
 def _begun(found: xr.Dataset, terrain: Terrain | None, key: list[Any], room: Room = PAGE) -> Sheet:
-    """A map of all that boulders reached, and of the objects."""
+    """New map of everything that boulders reached, and of the objects."""
     import shapely
 
     passed = found["passage_frequency"].values > 0
@@ -105,7 +105,7 @@ def _listed(colours: list[str]) -> Any:
 
 
 def _draw_classes(axes: Axes, numbers: np.ndarray, grid: Any, data: xr.DataArray) -> None:
-    """Classes in their colours, nothing where there is none."""
+    """Draw classes in their colours, nothing where there is none."""
     colours = colours_of(data)
     first, last = min(colours), max(colours)
     shown = np.where(np.isin(numbers, list(colours)), numbers, np.nan)
@@ -124,7 +124,7 @@ def _key(data: xr.DataArray) -> list[Any]:
 
 
 def _draw_objects(sheet: Sheet, found: xr.Dataset) -> None:
-    """Outlines, lines and points, with their names."""
+    """Draw outlines, lines and points, with their names."""
     import shapely
 
     if "object" not in found.dims:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures of the laboratory: layers, impacts, and what was made of them."""
+"""Figures of the laboratory: layers, impacts, and the fitted sets."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ KNOWN: dict[str, list[tuple[tuple[float, ...], tuple[float, ...]]]] = {
 
 
 def layer_figure(layers: Layers, path: str | Path) -> None:
-    """A picture of the first layer: from above, and a section through its middle."""
+    """Write an image of the first layer: from above, and a section through its middle."""
     save(_layer(*layers.one(0)), path, 200)
 
 
@@ -55,7 +55,7 @@ def _layer(x: np.ndarray, radius: np.ndarray, facts: np.ndarray) -> Figure:
 @styled
 def draw_restitution(sets: Sequence[Sets], size: tuple[float, float] = (WIDE, 3.6)) -> Figure:
     """R_t and R_n against the incidence angle for each ratio, without spin (the paper's Fig. 5):
-    mean and the middle 80 % of the admissible draws of each set; what the paper says in grey."""
+    mean and the middle 80 % of the admissible draws of each set; values of the paper in grey."""
     figure = new_figure(*size)
     panels = figure.subplots(2, 5, sharex=True, sharey="row")
     looks = ((VERMILION, "-"), (BLUE, (0, (5, 2))))

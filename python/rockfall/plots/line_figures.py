@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures of what passed: distributions at the lines, and how far boulders come."""
+"""Figures of passing boulders: distributions at the lines, and run-out."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ DRAWN = (
 DISTANCE = "plan distance from the release [m]"
 ABREAST = 2  # lines side by side
 MAX_BINS = 60
-MAX_BINS_BELOW = 500  # of a distribution that reaches far below zero
+MAX_BINS_BELOW = 500  # of a distribution that extends far below zero
 BEYOND = 0.998  # the axis ends where one value in 500 lies beyond
 STATIONS = 300  # distances at which a fraction is drawn
 OURS = {"marker": "o", "markersize": 4, "color": BLUE}
 
 
 class Row(NamedTuple):
-    """Mean and standard deviation of a line and quantity, from somewhere."""
+    """Mean and standard deviation of a line and quantity, with their source."""
 
     source: str
     mean: float
@@ -60,7 +60,7 @@ class Row(NamedTuple):
 def distribution_figure(
     result: xr.Dataset, quantity: str, observed: Any = None, which: Iterable[int] | None = None
 ) -> Figure:
-    """The distribution of a quantity among the boulders that pass, a panel for each line or for
+    """Distribution of a quantity among the boulders that pass, with a panel for each line or for
     `which` of them, counted from 0; below it mean and standard deviation, and those which
     `observed` has (see `rockfall.plots.figures`)."""
     which = list(range(result.sizes["line"]) if which is None else which)
@@ -98,7 +98,7 @@ def distribution_figure(
 
 @styled
 def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
-    """The fraction of the boulders that come at least as far as a distance, with its 95 % band, and
+    """Fraction of the boulders that travel at least a given distance, with its 95 % band, and
     observed ones (see `rockfall.plots.figures`)."""
     figure = new_figure(WIDE, 2.9)
     axes = figure.add_subplot()
@@ -126,8 +126,8 @@ def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
 
 
 def _draw_passing(axes: Axes, result: xr.Dataset) -> None:
-    """The curve of `passing_figure`. How far boulders would have come that left the terrain is not
-    known: from the nearest place where one left, the curve lies between two dotted ones."""
+    """Draw the curve of `passing_figure`. The final distance of boulders that left the terrain is
+    unknown: beyond the nearest place where one left, the curve lies between two dotted ones."""
     gone, distance = left_terrain(result), stop_distances(result)
     shown, fraction, low, high = passing(result, distance)
     _, upper, _, high = passing(result, np.where(gone, np.inf, distance))
@@ -146,8 +146,8 @@ def _draw_passing(axes: Axes, result: xr.Dataset) -> None:
 def passing(
     result: xr.Dataset, distance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Distances [m], the fraction of boulders that come at least so far, and its 95 % limits, when
-    each boulder comes as far as `distance`."""
+    """Distances [m], the fraction of boulders that travel at least so far, and its 95 % limits,
+    given the `distance` of each boulder."""
     source = sources(result)
     shown = np.linspace(0, stop_distances(result).max() or 1.0, STATIONS)
     fraction = [fraction_interval(distance >= one, source) for one in shown]
@@ -155,7 +155,7 @@ def passing(
 
 
 def mark_lines(panels: Iterable[Axes], result: xr.Dataset, labels: Axes) -> None:
-    """The lines in all panels, where half of the boulders that cross them do so nearer."""
+    """Mark lines in all panels, at the median distance of the boulders that cross them."""
     barriers = barriers_of(result)
     for k, (name, _, _) in enumerate(lines(result)):
         distance = _finite(
@@ -176,7 +176,7 @@ def _finite(values: np.ndarray) -> np.ndarray:
 
 
 def _sample(observed: Any, line: str, quantity: str) -> np.ndarray:
-    """Observed values of single boulders, none if there are none."""
+    """Observed values of single boulders; empty if there are none."""
     samples = {} if observed is None else observed.samples
     return np.asarray(samples.get((line, quantity), ()), float)
 
@@ -184,7 +184,7 @@ def _sample(observed: Any, line: str, quantity: str) -> np.ndarray:
 def _rows(
     line: str, ours: np.ndarray, theirs: np.ndarray, quantity: str, observed: Any
 ) -> list[Row]:
-    """What is known of a quantity at a line: of this run, then printed, then of the sample."""
+    """Means and deviations of a quantity at a line: of this run, printed, and of the sample."""
     found = []
     if ours.size:
         found.append(Row("this run", ours.mean(), _deviation(ours), OURS))
@@ -219,7 +219,7 @@ def _bins(samples: list[np.ndarray]) -> np.ndarray:
 
 
 def _draw_bins(axes: Axes, ours: np.ndarray, theirs: np.ndarray, edges: np.ndarray) -> None:
-    """Histograms in per cent of those that pass: ours filled, an observed sample dashed."""
+    """Draw histograms in per cent of passing boulders: simulated filled, observed dashed."""
     if ours.size:
         draw_bars(axes, np.histogram(ours, edges)[0] / ours.size, edges)
     if theirs.size:
@@ -229,7 +229,7 @@ def _draw_bins(axes: Axes, ours: np.ndarray, theirs: np.ndarray, edges: np.ndarr
 
 
 def _draw_rows(axes: Axes, rows: list[Row], deepest: int) -> None:
-    """Means with one standard deviation to each side."""
+    """Draw means with one standard deviation to each side."""
     for k, row in enumerate(rows):
         spread = row.std if np.isfinite(row.std) else 0.0
         axes.errorbar(row.mean, k, xerr=spread, lw=1, **row.about)
@@ -240,7 +240,7 @@ def _draw_rows(axes: Axes, rows: list[Row], deepest: int) -> None:
 
 
 def _passing(result: xr.Dataset, line: int) -> str:
-    """How many boulders pass a line or come to a barrier, and their fraction with its 95 %
+    """Number of boulders that pass a line or reach a barrier, and their fraction with its 95 %
     confidence interval."""
     crossed = np.isfinite(result["line_speed"].values[line])
     fraction, low, high = (number(100 * f) for f in fraction_interval(crossed, sources(result)))

@@ -29,14 +29,14 @@ if TYPE_CHECKING:
     from rockfall.result.classes import Limits
     from rockfall.result.trajectories import Terrain
 
-MAX_TRAJECTORIES = 200  # drawn
+MAX_TRAJECTORIES = 200  # maximum drawn
 LIMIT = 0.01  # pass frequency of the outline (paper, Fig. 10)
-BAR = 0.48  # room for the scale of colours [inch]
-OPAQUE = 0.8  # of colours: they let the relief through
+BAR = 0.48  # height for the colour bar [inch]
+OPAQUE = 0.8  # of colours, so that the relief remains visible
 
 
 class Look(NamedTuple):
-    """What a user chooses of maps: limits between classes by unit, a picture below them."""
+    """A user's choices for maps: limits between classes by unit, an image below them."""
 
     limits: Limits | None = None
     basemap: Basemap | None = None
@@ -96,7 +96,7 @@ def stops_figure(
     look: Look | None = None,
     room: Room = PAGE,
 ) -> Figure:
-    """Where boulders ended, each status with a marker of its own; observed stops (n, 2)."""
+    """End points of boulders, with a marker for each status; observed stops (n, 2)."""
     key = [*key_of(result), *_stops_key(result), *_observed_key(observed)]
     basemap = (look or Look()).basemap
     extent = reached(result, terrain, observed)
@@ -109,12 +109,13 @@ def stops_figure(
 
 
 def is_fraction(name: str) -> bool:
-    """Whether a map is drawn as a fraction of all boulders."""
+    """Return True if a map is drawn as a fraction of all boulders."""
     return name == "passages" or name.startswith("reach_probability")
 
 
 def map_note(result: xr.Dataset, name: str) -> str:
-    """Where a map is blank though it could say something, and what its numbers rest on."""
+    """Note on cells that are blank though they have values, and on the basis of the values of a
+    map."""
     about = result[name].attrs
     notes = [str(about["comment"])] if "comment" in about else []
     if "min_passages" in about:
@@ -136,8 +137,8 @@ def map_values(result: xr.Dataset, name: str) -> tuple[np.ndarray, str]:
 
 
 def thin_cells(result: xr.Dataset, name: str) -> np.ndarray | None:
-    """Where (y, x) too few boulders passed for a number of a map to be well known; none if the map
-    has no such cells, or the result does not count who passed."""
+    """Mask (y, x) of cells with too few boulders for a reliable value of a map; None if the map has
+    no such cells, or the result does not count passages."""
     fewest, passed = result[name].attrs.get("thin_below", 0), passed_map(result)
     if not fewest or passed is None:
         return None
@@ -146,7 +147,7 @@ def thin_cells(result: xr.Dataset, name: str) -> np.ndarray | None:
 
 
 def _draw_map(sheet: Sheet, result: xr.Dataset, name: str, limits: Limits | None) -> None:
-    """A map variable in the colours of its classes, with their scale below."""
+    """Draw a map variable in the colours of its classes, with the colour bar below."""
     values, unit = map_values(result, name)
     values, grid = cropped(values, *grid_of(result[name]), sheet.extent, np.fmax)
     classes = classes_of(unit, limits)
@@ -167,11 +168,11 @@ def _draw_map(sheet: Sheet, result: xr.Dataset, name: str, limits: Limits | None
 def _draw_classes(
     sheet: Sheet, values: np.ndarray, grid: Grid, classes: Classes, label: str
 ) -> None:
-    """Values in the colours of their classes, and the bar of these below the map."""
+    """Draw values in the colours of their classes, with the colour bar below the map."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
 
     colours = ListedColormap(list(classes.colours))
-    # a class ends with its limit, of matplotlib before it
+    # a class includes its upper limit, unlike in matplotlib
     ends = [-np.inf, *np.nextafter(classes.limits, np.inf), np.inf]
     norm = BoundaryNorm(ends, len(classes.colours))
     draw_image(sheet.axes, values, grid, norm=norm, cmap=colours, alpha=OPAQUE)
@@ -188,7 +189,7 @@ def _draw_classes(
 
 
 def _draw_trajectories(axes: Axes, result: xr.Dataset) -> None:
-    """Recorded trajectories in plan, some of very many."""
+    """Draw recorded trajectories in plan, or some of them if there are many."""
     from matplotlib.collections import LineCollection
 
     curves = [np.column_stack([one.x, one.y]) for one in trajectories(result, MAX_TRAJECTORIES)]
@@ -197,7 +198,7 @@ def _draw_trajectories(axes: Axes, result: xr.Dataset) -> None:
 
 
 def _draw_stops(axes: Axes, result: xr.Dataset) -> None:
-    """Where boulders ended, each status with a marker of its own."""
+    """Draw end points of boulders, with a marker for each status."""
     size = float(np.clip(90 / np.sqrt(result.sizes["boulder"]), 1.2, 6))
     for name, here in ends(result).items():
         if here.any():
@@ -228,7 +229,7 @@ def _marker(status: str, size: float) -> dict[str, Any]:
 
 
 def _draw_outline(axes: Axes, inside: np.ndarray, grid: Grid) -> None:
-    """The edges between cells that are inside and cells that are not."""
+    """Draw the edges between cells inside and cells outside."""
     from matplotlib.collections import LineCollection
 
     about: dict[str, Any] = {"colors": INK, "linewidths": 0.9, "capstyle": "round"}
@@ -237,7 +238,7 @@ def _draw_outline(axes: Axes, inside: np.ndarray, grid: Grid) -> None:
 
 
 def _hatch(axes: Axes, cells: np.ndarray, grid: Grid) -> None:
-    """Lines over cells whose numbers are hardly known."""
+    """Hatch cells whose values are uncertain."""
     from matplotlib import rc_context
 
     if cells.any():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One case by every rebound model, side by side."""
+"""Figure of a case by every rebound model, side by side."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ PANELS = {"boulders": ("fraction", "fraction"), **{name: ("mean", name) for name
 
 @styled
 def models_figure(found: Models) -> Figure:
-    """A row of panels for each line, and one for the run-out: numbers with 95 % intervals, a row
-    for each model; bars are means or fractions, open marks 95 % quantiles."""
+    """Row of panels for each line, and one for the run-out: numbers with 95 % intervals, a row for
+    each model; bars are means or fractions, open marks 95 % quantiles."""
     lines = [line for line in dict.fromkeys(found.table["line"]) if line]
     deep = 0.55 + 0.17 * len(found.names)
     figure = new_figure(1.35 * WIDE, (deep + 0.35) * (len(lines) + 1))
@@ -39,7 +39,7 @@ def models_figure(found: Models) -> Figure:
 
 
 def _draw(axes: Axes, found: Models, line: str, quantity: str, statistic: str, about: str) -> None:
-    """A quantity of all models; a thin line where the first stands."""
+    """Draw a quantity of all models, with a thin line at the first."""
     shown = QUANTITIES[about]
     here = found.table[(found.table["line"] == line) & (found.table["quantity"] == quantity)]
     places = np.arange(len(found.names))
@@ -60,5 +60,5 @@ def _draw(axes: Axes, found: Models, line: str, quantity: str, statistic: str, a
 
 
 def _ends(value: pd.Series, low: pd.Series, high: pd.Series) -> np.ndarray:
-    """How far intervals go to either side; nothing where there is none."""
+    """Lengths of intervals to either side; empty without intervals."""
     return np.nan_to_num(np.stack([value - low, high - value])).clip(min=0)

@@ -28,7 +28,7 @@ PANEL, TALLEST = 6.3, 4.5  # width and maximum height of the profile [inch]
 @styled
 def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure:
     """Profile at true scale, heights above the ground and speeds of the recorded trajectories,
-    against the plan distance from the release; without terrain no ground, no heights above it."""
+    against the plan distance from the release; without terrain, ground and heights are omitted."""
     curves = trajectories(result, MAX_TRAJECTORIES)
     ground = _ground_below(result, curves, terrain)
     high, furthest = _true_scale(curves)
@@ -48,8 +48,8 @@ def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure
 
 
 def _true_scale(curves: Sequence[Trajectory]) -> tuple[float, float]:
-    """Height [inch] of a profile at true scale, and the distance [m] at which its axis must end for
-    all of it to be seen."""
+    """Height [inch] of a profile at true scale, and the distance [m] at which its axis must end to
+    show all of it."""
     drop = 1.1 * max((np.ptp(one.z) for one in curves), default=0.0)
     furthest = 1.03 * max((one.distance.max() for one in curves), default=0.0) or 1.0
     high = float(np.clip(PANEL * drop / furthest, 1.2, TALLEST))
@@ -59,15 +59,15 @@ def _true_scale(curves: Sequence[Trajectory]) -> tuple[float, float]:
 def _ground_below(
     result: xr.Dataset, curves: Sequence[Trajectory], terrain: Terrain | None
 ) -> list[np.ndarray]:
-    """Elevation [m] of the ground below trajectories; none from a terrain that is unknown or too
-    coarse for heights above it."""
+    """Elevation [m] of the ground below trajectories; empty if the terrain is unknown or too coarse
+    for heights above it."""
     if terrain is None or terrain[1].cell > 1.001 * cell_of(result):
         return []
     return [height(*terrain, one.x, one.y) for one in curves]
 
 
 def _draw_profile(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.ndarray]) -> None:
-    """Trajectories and the ground below them at true scale."""
+    """Draw trajectories and the ground below them at true scale."""
     below = [(one.distance, z) for one, z in zip(curves, ground, strict=bool(ground))]
     _draw_curves(axes, below, color=INK, linewidth=0.8, alpha=1)
     _draw_curves(axes, [(one.distance, one.z) for one in curves])
@@ -77,7 +77,7 @@ def _draw_profile(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.
 
 
 def _draw_heights(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.ndarray]) -> None:
-    """Heights of the boulder's point above the ground, 0 at a contact."""
+    """Draw heights of the boulder's point above the ground, 0 at a contact."""
     above = [(one.distance, one.z - z) for one, z in zip(curves, ground, strict=True)]
     _draw_curves(axes, above)
     axes.set(ylabel="jump height [m]", ylim=(0, None))

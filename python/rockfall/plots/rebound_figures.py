@@ -25,7 +25,8 @@ PAPER = {
 
 
 def beside_paper(result: xr.Dataset) -> bool:
-    """Whether values of the paper belong beside the rebounds: its rebounds are by impact sets."""
+    """Return True if the rebounds are comparable with values of the paper, which are by impact
+    sets."""
     return not classical_grounds(result)
 
 
@@ -42,7 +43,7 @@ def histogram_figure(result: xr.Dataset, *names: str) -> Figure:
         axes.set(xlim=about.factor * edges[[0, -1]], ylim=(0, None), xlabel=about.title)
         printed = PAPER.get(name, ()) if beside_paper(result) else ()
         if printed:
-            axes.set_ylim(0, 1.3 * axes.get_ylim()[1])  # room for words
+            axes.set_ylim(0, 1.3 * axes.get_ylim()[1])  # space for text
         for k, (value, words) in enumerate(printed):
             axes.axvline(value, color=INK, lw=1, linestyle=(0, (1, 1)))
             axes.annotate(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The look of all figures: read in print, in greys, and by people who see colours differently."""
+"""Style of all figures: legible in print, in grey, and with colour vision deficiency."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ STYLE: dict[Any, Any] = {
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
     "legend.frameon": False,
-    "svg.hashsalt": "rockfall",  # the same figure, the same bytes
+    "svg.hashsalt": "rockfall",  # reproducible bytes
 }
 
 
 def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """A function that makes a figure, in the house style."""
+    """Wrap a function that makes a figure so that it uses the house style."""
 
     @wraps(draw)
     def wrapped(*arguments: object, **options: object) -> Figure:
@@ -58,20 +58,20 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure [inch] that keeps its panels apart, and of which nobody else knows."""
+    """Empty figure [inch] with a layout that keeps its panels apart, outside pyplot's registry."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
 
 
 def draw_bars(axes: Axes, fraction: np.ndarray, edges: np.ndarray) -> None:
-    """A histogram in per cent."""
+    """Draw a histogram in per cent."""
     axes.stairs(100 * fraction, edges, fill=True, color=BLUE, alpha=0.25)
     axes.stairs(100 * fraction, edges, color=BLUE, lw=1)
 
 
 def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
-    """Write a figure, whole or not at all; its bytes do not tell when."""
+    """Write a figure atomically, with reproducible bytes."""
     import matplotlib
 
     dpi = dpi or (300 if Path(path).suffix == ".png" else 200)  # vectors with dense parts as dots
@@ -83,15 +83,15 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
     with matplotlib.rc_context(STYLE), atomic_write(path) as part:
         try:
             figure.savefig(part, dpi=dpi, metadata=about.get(part.suffix))
-        except ValueError as error:  # an ending that is no picture's
+        except ValueError as error:  # not an image extension
             raise RockfallError(f"{path}: cannot be written: {error}") from error
 
 
 def plain(text: str) -> str:
-    """A user's text as it is: no dollar in it starts mathematics."""
+    """User text with dollar signs escaped, so that it is not read as mathematics."""
     return text.replace("$", r"\$")
 
 
 def capital(text: str) -> str:
-    """With a capital first letter, the others as they are."""
+    """Text with a capital first letter, the rest unchanged."""
     return text[:1].upper() + text[1:]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The terrain that the boulders of a result ran over, found again and checked."""
+"""Terrain of the boulders of a result, located again and checked."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ if TYPE_CHECKING:
 
     from rockfall.result.trajectories import Terrain
 
-MAX_CELLS = 16_000_000  # read at full resolution; of more, every second, third... row and column
+MAX_CELLS = 16_000_000  # read at full resolution; larger terrain is thinned
 
 
 def terrain_of(
     result: xr.Dataset, dem: str | Path | None = None, beside: Path | None = None
 ) -> Terrain | None:
-    """Elevations (ny, nx) [m] where boulders of a result came, and their grid.
+    """Elevations (ny, nx) [m] within the extent of a result, and their grid.
 
-    From the file `dem`, or else from that of the case, whose name is relative to the folder in
-    which it was run; where it is not there, from the file of that name in the folder `beside`, of
-    the result. A given file that is not the one of the run is a RockfallError; without a given one,
-    None with a warning that says why.
+    The terrain is read from the file `dem`, or else from that of the case, whose name is relative
+    to the folder in which it was run, or else from the file of that name in the result's folder
+    `beside`. A given file that differs from that of the run is a RockfallError; without a given
+    one, None with a warning that gives the reason.
     """
     try:
         path = _found(result, _places(result, beside) if dem is None else [Path(dem)])
@@ -52,7 +52,7 @@ def terrain_of(
 
 
 def _places(result: xr.Dataset, beside: Path | None) -> list[Path]:
-    """Where the DEM of the case may be: where it was run, or next to the result."""
+    """Candidate paths of the DEM of the case: where it was run, or next to the result."""
     case = case_of(result)
     if case.terrain["dem"] == FROM_ARRAY:
         raise RockfallError(f"{case.name}: the elevations of the run came from an array, no file")
@@ -64,7 +64,7 @@ def _places(result: xr.Dataset, beside: Path | None) -> list[Path]:
 
 
 def _found(result: xr.Dataset, places: list[Path]) -> Path:
-    """The first of these files that is the DEM of the run."""
+    """First of these files that is the DEM of the run."""
     there = [path for path in places if Path(raster_file(str(path))).exists()]
     for path in there[:-1]:
         with contextlib.suppress(RockfallError):
@@ -79,7 +79,7 @@ def _found(result: xr.Dataset, places: list[Path]) -> Path:
 
 
 def _check_same(result: xr.Dataset, path: Path) -> None:
-    """The bytes of the DEM are those of the run; those of an array are not known."""
+    """Check that the bytes of the DEM are those of the run; for an array they are unknown."""
     checksum = file_checksum(path)
     known = json.loads(result.attrs["input_checksums"])["dem"]
     from_array = case_of(result).terrain["dem"] == FROM_ARRAY
@@ -88,7 +88,7 @@ def _check_same(result: xr.Dataset, path: Path) -> None:
 
 
 def _read(result: xr.Dataset, path: Path) -> Terrain:
-    """The part of a DEM that boulders reached, block by block."""
+    """Read the part of a DEM that boulders reached, block by block."""
     west, east, south, north = reached(result)
     with open_raster(path) as raster:
         raster.check_cells()
@@ -114,8 +114,8 @@ def _inside(centres: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def _check_place(result: xr.Dataset, path: Path, grid: Grid) -> None:
-    """The cells of the result's grid mapping, which begins where maps do, are among those of the
-    DEM."""
+    """Check that the cells of the result's grid mapping, which starts where maps do, are cells of
+    the DEM."""
     west, cell, _, north, _, _ = map(float, result["crs"].attrs["GeoTransform"].split())
     column, row = round((west - grid.west) / grid.cell), round((grid.north - north) / grid.cell)
     part = grid.part(Box(row, column, grid.ny, grid.nx))

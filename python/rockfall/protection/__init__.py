@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Protection: what barriers did, and what a barrier must be."""
+"""Protection: performance of barriers, and requirements for them."""

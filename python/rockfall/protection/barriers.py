@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What barriers did with the boulders that came to them."""
+"""Outcomes of the boulders that reach barriers."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ COLUMNS += with_limits("fraction")
 
 
 def barrier_statistics(result: xr.Dataset) -> pd.DataFrame:
-    """One row for each barrier and outcome: n and fraction of all boulders with which the barrier
-    dealt so, with the limits of its 95 % confidence interval (as line_statistics).
+    """One row for each barrier and outcome: n and fraction of all boulders with this outcome at the
+    barrier, with the limits of its 95 % confidence interval (as line_statistics).
 
     Outcomes are stopped, broken_through and passed_over; the fraction that none of them holds never
     came to the barrier. `height` [m] and `capacity` [J] are the barrier's.
@@ -43,7 +43,7 @@ def barrier_statistics(result: xr.Dataset) -> pd.DataFrame:
 
 
 def barrier_rows(result: Held) -> Iterator[dict[str, Any]]:
-    """The rows of `barrier_statistics`."""
+    """Rows of `barrier_statistics`."""
     if barriers_of(result):
         check_rows(result, "what barriers did")
     for k in barriers_of(result):
@@ -62,7 +62,7 @@ def barrier_rows(result: Held) -> Iterator[dict[str, Any]]:
 
 
 def barriers_of(result: Held) -> list[int]:
-    """Which lines of a result are barriers."""
+    """Indices of the lines of a result that are barriers."""
     if "barrier_height" not in result:
         return []
     return np.flatnonzero(~np.isnan(result["barrier_height"].values)).tolist()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The boulders that come to a line, as a barrier there would meet them."""
+"""Boulders that reach a line, as a barrier there would meet them."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 
 class Crossings(NamedTuple):
-    """Of each boulder that crossed a line: its source and volume [m3], where along the line [m],
-    speed [m/s], energies [J], heights above the ground [m]."""
+    """Values of each boulder that crossed a line: source and volume [m3], position along the line
+    [m], speed [m/s], energies [J], heights above the ground [m]."""
 
     source: Sources
     volume: np.ndarray
@@ -41,7 +41,7 @@ class Crossings(NamedTuple):
 
 
 def crossings(result: xr.Dataset, line: int) -> Crossings:
-    """Those at the line of this index."""
+    """Crossings at the line of this index."""
     came = ~np.isnan(result["line_speed"].values[line])
 
     def at_line(quantity: str) -> np.ndarray:
@@ -52,7 +52,7 @@ def crossings(result: xr.Dataset, line: int) -> Crossings:
 
 
 def quantile(values: np.ndarray, level: float, source: Sources) -> tuple[float, float, float]:
-    """A quantile and the limits of its 95 % interval, as line statistics have them; NaN of none."""
+    """Quantile and the limits of its 95 % interval, as in line statistics; NaN without values."""
     if not values.size:
         return np.nan, np.nan, np.nan
     ordered = np.sort(values)
@@ -63,8 +63,8 @@ def quantile(values: np.ndarray, level: float, source: Sources) -> tuple[float, 
 
 
 def passes(came: Crossings, height: float, capacity: float) -> np.ndarray:
-    """Which boulders a barrier of this height [m] and capacity [J] lets pass, over it or through
-    it, when they first come to it: the kernel's own rule, without its stop speed."""
+    """Mark boulders that a barrier of this height [m] and capacity [J] lets pass, over it or
+    through it, when they first reach it: the kernel's own rule, without its stop speed."""
     if not came.n:
         return np.zeros(0, bool)
     outcome = barrier_outcomes(height, capacity, came.passing_height, came.energy_total)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the standards ask of a barrier where these boulders pass: energy, height, EAD class."""
+"""Requirements of the standards for a barrier where these boulders pass: energy, height, EAD
+class."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from rockfall.protection.factors import Factors
 from rockfall.scene.rebound import sphere_radius
 
 ENDS = "", "_low", "_high"
-ABOVE = len(EAD_ENERGY)  # the class of barriers whose maker declares a higher energy
+ABOVE = len(EAD_ENERGY)  # class of barriers whose manufacturer declares a higher energy
 
 Row = dict[str, float]
 
@@ -19,9 +20,8 @@ Row = dict[str, float]
 def demand(came: Crossings, factors: Factors, density: float, volume: float | None = None) -> Row:
     """Design values, in SI units: v_d, m_d, E_d, h_d (of the centre, vertical, and normal to the
     slope), with the limits of their 95 % intervals; `height_needed` = h_d + f_min, and the EAD
-    class that takes E_d. `volume` [m3] is that of the design block; none: a quantile of those that
-    come.
-    """
+    class that takes E_d. `volume` [m3] is that of the design block; None: a quantile of the
+    boulders that reach the line."""
     if volume is None:
         volume = quantile(came.volume, factors["quantile_volume"], came.source)[0]
     values = _uni if factors.conditions.standard == "UNI" else _onr
@@ -35,15 +35,15 @@ def demand(came: Crossings, factors: Factors, density: float, volume: float | No
 
 
 def class_for(energy: float, factors: Factors) -> float:
-    """The lowest EAD class that takes a design energy [J]; ABOVE where no other does, NaN where the
-    energy is not known. Kits of class 0 are not tested at a SEL."""
+    """Lowest EAD class that takes a design energy [J]; ABOVE if none does, NaN if the energy is
+    unknown. Kits of class 0 are not tested at a SEL."""
     first = 1 if factors.conditions.limit_state == "SEL" else 0
     enough = [k for k in range(first, ABOVE) if energy < usable(EAD_ENERGY[k], factors)]
     return np.nan if np.isnan(energy) else enough[0] if enough else ABOVE
 
 
 def usable(capacity: float, factors: Factors) -> float:
-    """What a barrier of this capacity (MEL) [J] may be asked to take."""
+    """Usable capacity [J] of a barrier of this capacity (MEL) [J]."""
     return capacity * factors["energy_share"] / factors["gamma_E"]
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The design sheet of a result: loads at its lines, what standards ask, whether its barriers do."""
+"""Design sheet of a result: loads at its lines, requirements of standards, and checks of its
+barriers."""
 
 from __future__ import annotations
 
@@ -53,11 +54,11 @@ _ALONG = ["line", "start", "end", *_DEMAND]
 class Design:
     """Tables of a design, in SI units; intervals are 95 % confidence intervals.
 
-    `loads`: a row for each line and quantity; `demand`: what the standard asks at each line;
+    `loads`: a row for each line and quantity; `demand`: requirements of the standard at each line;
     `checks`: of each barrier; `choices`: for each line and EAD class the height that leaves at most
-    `residual`; `along`: as `demand`, for windows of a line; None unless asked for. Their column
-    `unconfirmed` names what the loads rest on and nobody confirmed (rebounds, forest): what holds
-    there is not shown. `warnings` is what must be said of the model.
+    `residual`; `along`: as `demand`, for windows of a line; None unless requested. Their column
+    `unconfirmed` names the unconfirmed assumptions of the loads (rebounds, forest): a check that
+    passes under them is not proven. `warnings` are the remarks on the model.
     """
 
     factors: Factors
@@ -82,7 +83,7 @@ def design(
     costs: str | Path | None = None,
     **conditions: str,
 ) -> Design:
-    """What a barrier on each line of a result must be, and whether its barriers are that.
+    """Requirements for a barrier on each line of a result, and checks of its barriers.
 
     `along` names a line to be cut into windows of `width` [m]; one to which fewer than
     `min_boulders`
@@ -126,8 +127,8 @@ def design(
 
 
 def _unconfirmed(result: xr.Dataset, case: Case, factors: Factors) -> Iterator[str]:
-    """What the loads rest on and nobody confirmed. Grounds of the user's own are confirmed by who
-    calls the rebound back-analysed; shipped ones and the forest by nobody."""
+    """Unconfirmed assumptions of the loads. The user's own grounds are confirmed by declaring the
+    rebound back-analysed; shipped grounds and the forest never are."""
     is_fitted = has_own_grounds(case) and factors.conditions.calibration == BACK_ANALYSED
     if classical_grounds(result) and not is_fitted:
         yield "rebounds"
@@ -175,7 +176,7 @@ def _check(
 
 
 def _loads(line: str, came: Crossings) -> Iterator[dict[str, Any]]:
-    """Quantiles and return levels of what comes to a line."""
+    """Quantiles and return levels of the boulders that reach a line."""
     for quantity in LOADS:
         row: dict[str, Any] = {"line": line, "n": came.n, "quantity": quantity}
         values = getattr(came, quantity)
@@ -189,7 +190,7 @@ def _loads(line: str, came: Crossings) -> Iterator[dict[str, Any]]:
 def _check_of(
     result: xr.Dataset, k: int, asked: dict[str, Any], factors: Factors
 ) -> dict[str, Any]:
-    """Whether a barrier is what the standard asks, and what it let pass in the run."""
+    """Check of a barrier against the standard, and the boulders it let pass in the run."""
     came = crossings(result, k)
     height, capacity = (float(result[f"barrier_{name}"][k]) for name in ("height", "capacity"))
     flags = flags_of(result["barrier_outcome"])
@@ -213,8 +214,8 @@ def _check_of(
 def _verdict(
     asked: dict[str, Any], name: str, suffices: Callable[[float], bool]
 ) -> tuple[bool, bool]:
-    """Whether a barrier has what is asked, and whether all of the interval says the same; an end
-    that is not known says nothing."""
+    """Verdict on a requirement, and whether it holds over the entire interval; unknown limits are
+    ignored."""
     value, low, high = (asked[f"{name}{end}"] for end in ENDS)
     if suffices(value):
         return True, suffices(high)
@@ -224,7 +225,7 @@ def _verdict(
 def _along(
     result: xr.Dataset, line: str, came: Crossings, width: float, min_boulders: int, *how: Any
 ) -> Iterator[dict[str, Any]]:
-    """What the standard asks of each window along a line; blank where few boulders come."""
+    """Requirements of the standard for each window along a line; blank where few boulders pass."""
     edges, window = windows(result, line_number(result, line), width)
     window = window[window >= 0]
     for k, (start, end) in enumerate(itertools.pairwise(edges)):

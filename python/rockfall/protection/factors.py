@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Partial factors of the standards: a table that is shipped, says where it has its numbers from,
-and may be replaced."""
+"""Partial factors of the standards: a shipped table with the source of each number, which may be
+replaced."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ NEEDED = {
 
 @dataclass(frozen=True)
 class Conditions:
-    """What a designer knows of the site; unless said, the worse."""
+    """A designer's knowledge of the site; defaults are conservative."""
 
     standard: str = "UNI"
     survey: str = "poor"  # of the topography: good, poor
@@ -59,18 +59,17 @@ class Factors:
 
     @property
     def unconfirmed(self) -> list[str]:
-        """Those of which the standard itself, or who quotes it, has not been read."""
+        """Factors for which the standard itself, or the work that quotes it, has not been read."""
         return [name for name, source in self.sources.items() if UNCONFIRMED in source]
 
 
 def shipped(name: str) -> Path:
-    """A table of this name that comes with the program."""
+    """Path of a shipped table."""
     return Path(str(importlib.resources.files("rockfall") / "data" / name))
 
 
 def read_factors(conditions: Conditions, path: str | Path | None = None) -> Factors:
-    """The factors that a standard has under these conditions, of the table that is shipped or of
-    one like it."""
+    """Factors of a standard under these conditions, from the shipped table or a replacement."""
     path = path or shipped("design_factors.csv")
     if conditions.standard not in NEEDED:
         raise RockfallError(f"standard = '{conditions.standard}': must be {', '.join(NEEDED)}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The cheapest barrier that lets no more than a chosen fraction of the boulders pass."""
+"""Selection of the cheapest barrier that lets at most a chosen fraction of the boulders pass."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from rockfall.io.tables import check_columns, read_table
 from rockfall.limits import EAD_ENERGY
 from rockfall.protection.crossings import Crossings, passes
 
-Costs = dict[tuple[int, float], float]  # of a metre, by class and the height that it reaches [m]
+Costs = dict[tuple[int, float], float]  # of a metre, by class and maximum height [m]
 COST_COLUMNS = ["class", "height", "cost"]
 
 
 def height_for(came: Crossings, capacity: float, residual: float) -> float:
-    """The least height [m] of a barrier of this capacity [J] that at most the fraction `residual`
-    of the boulders passes, over it or through it; NaN where too many break through. One sort: of
-    those that it can take, as many may pass over as are left to."""
+    """Minimum height [m] of a barrier of this capacity [J] that at most the fraction `residual` of
+    the boulders passes, over it or through it; NaN where too many break through. Needs one sort: of
+    the boulders it can stop, those left of `residual` may pass over."""
     heights = np.sort(came.passing_height[came.energy_total <= capacity])
     over = math.floor(residual * came.n * (1 + 1e-12)) - (came.n - heights.size)
     if not came.n or over < 0:
@@ -32,8 +32,8 @@ def height_for(came: Crossings, capacity: float, residual: float) -> float:
 def choices(
     came: Crossings, residual: float, costs: Costs | None = None
 ) -> list[dict[str, float | bool]]:
-    """For each EAD class the height that leaves at most `residual`, what it does leave of the
-    boulders that come, with its 95 % interval, and what a metre costs; `cheapest` marks one."""
+    """For each EAD class the height that leaves at most `residual`, the actual residual fraction
+    with its 95 % interval, and the cost per metre; `cheapest` marks one."""
     rows: list[dict[str, float | bool]] = []
     for k, capacity in enumerate(EAD_ENERGY):
         height = height_for(came, capacity, residual)
@@ -50,16 +50,16 @@ def choices(
 
 
 def residual_of(passing: np.ndarray, source: Sources) -> tuple[float, float, float]:
-    """Fraction of the boulders that come, of these sources, that pass a barrier, and its 95 %
-    interval."""
+    """Fraction of the boulders that pass a barrier, among those that reach it from these sources,
+    and its 95 % interval."""
     if not passing.size:
         return math.nan, math.nan, math.nan
     return fraction_interval(passing, source)
 
 
 def _cost(ead_class: int, height: float, costs: Costs | None) -> float:
-    """Of a metre: the lowest price of a barrier of the class that is high enough; without prices
-    energy times height [kJ m], which prefers no maker. NaN where there is none."""
+    """Cost per metre: the lowest price of a barrier of the class that is high enough; without
+    prices energy times height [kJ m], which favours no manufacturer. NaN if there is none."""
     if math.isnan(height):
         return math.nan
     if costs is None:
@@ -69,7 +69,7 @@ def _cost(ead_class: int, height: float, costs: Costs | None) -> float:
 
 
 def read_costs(path: str | Path) -> Costs:
-    """Prices of a metre of barrier by class and height [m]: a table class, height, cost."""
+    """Read prices per metre of barrier by class and height [m]: a table class, height, cost."""
     where, columns, rows = read_table(path)
     check_columns(where, columns, COST_COLUMNS)
     if missing := [name for name in COST_COLUMNS if name not in columns]:

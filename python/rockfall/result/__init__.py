@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From tallies to a result, and from a result to files."""
+"""Results: made from tallies, and written to files."""

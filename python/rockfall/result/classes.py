@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Classes of maps: limits that people use, the same for every result, and their colours.
+"""Map classes: common limits, the same for every result, and their colours.
 
-A value belongs to the class up to and including a limit: above 300 kJ is above 300 kJ.
+A value equal to a limit belongs to the class below it: above 300 kJ is above 300 kJ.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     #: Of a unit that is shown: limits between classes, instead of those below.
     Limits = Mapping[str, tuple[float, ...]]
 
-COUNTED = {"tree_impacts": "hits", "sources": "sources"}  # maps that count no boulders
+COUNTED = {"tree_impacts": "hits", "sources": "sources"}  # maps that do not count boulders
 DECADES = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 LIMITS = {  # of each unit shown; the Swiss classes of intensity end at 30 and 300 kJ
     "kJ": (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0),
@@ -47,24 +47,24 @@ STATUS_MARKERS = {  # of each status of a boulder: shape, by Matplotlib's names,
 
 
 class Classes(NamedTuple):
-    """The classes of a map: their unit, the limits between them, a colour for each."""
+    """Classes of a map: unit, limits, and a colour for each."""
 
     unit: str
     limits: tuple[float, ...]
     colours: tuple[str, ...]
 
     def numbers(self, values: np.ndarray) -> np.ndarray:
-        """The class of each value, from 0; -1 where there is none."""
+        """Class of each value, from 0; -1 if none."""
         return np.where(np.isnan(values), -1, np.digitize(values, self.limits, right=True))
 
     @property
     def ticks(self) -> tuple[str, ...]:
-        """The limits as text."""
+        """Limits as text."""
         return tuple(f"{limit:,g}" for limit in self.limits)
 
     @property
     def labels(self) -> list[str]:
-        """Each class in words."""
+        """Labels of the classes."""
         between = [
             f"{low} to {high}" for low, high in zip(self.ticks, self.ticks[1:], strict=False)
         ]
@@ -72,7 +72,7 @@ class Classes(NamedTuple):
 
 
 def shown_as(variable: xr.DataArray) -> tuple[str, float]:
-    """The unit in which a map is shown, and the factor from that of the result."""
+    """Unit in which a map is shown, and the factor from that of the result."""
     units = variable.attrs.get("units", "1")
     if variable.dtype.kind in "iu" and units == "1":
         return COUNTED.get(str(variable.name), "boulders"), 1.0
@@ -80,13 +80,13 @@ def shown_as(variable: xr.DataArray) -> tuple[str, float]:
 
 
 def classes_of(unit: str, limits: Limits | None = None) -> Classes:
-    """The classes of maps in a unit, with limits of the user's where there are some."""
+    """Classes of maps in a unit, with the user's limits if given."""
     chosen = ((limits or {}).get(unit)) or LIMITS.get(unit, DECADES)
     return Classes(unit, chosen, tuple(ramp(len(chosen) + 1)))
 
 
 def read_limits(texts: Iterable[str]) -> Limits:
-    """Limits of `unit=limit,limit...`, such as kJ=30,300."""
+    """Read limits from `unit=limit,limit...`, such as kJ=30,300."""
     found = {}
     for text in texts:
         unit, _, numbers = text.partition("=")
@@ -104,7 +104,7 @@ def read_limits(texts: Iterable[str]) -> Limits:
 
 
 def ramp(number: int) -> list[str]:
-    """So many colours of the ramp."""
+    """The given number of colours from the ramp."""
     table = np.array([[int(one[k : k + 2], 16) for k in (1, 3, 5)] for one in RAMP], float)
     places = np.linspace(0, len(RAMP) - 1, number)
     mixed = np.column_stack([np.interp(places, range(len(RAMP)), part) for part in table.T])

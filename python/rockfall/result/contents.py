@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a result holds, before it is a netCDF file or an xarray.Dataset: both are made of it. A
-small case runs faster than xarray is imported, so what only writes a file goes without."""
+"""Contents of a result, from which netCDF files and xarray.Datasets are made. Importing xarray
+takes longer than a small run, so writing a file does not need it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 if TYPE_CHECKING:
     import xarray as xr
 
-    Held: TypeAlias = "xr.Dataset | Contents"  # what is read of either by the same names
+    Held: TypeAlias = "xr.Dataset | Contents"  # read by the same names in either form
     HeldVariable: TypeAlias = "xr.Variable | xr.DataArray | Variable"
 
 
@@ -25,7 +25,7 @@ class Variable:
         self.dtype, self.shape, self.ndim = self.values.dtype, self.values.shape, self.values.ndim
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        found = np.asarray(self.values, dtype)  # NumPy 1 knows no copy but always and never
+        found = np.asarray(self.values, dtype)  # NumPy 1 only has always and never
         return found.copy() if copy and found is self.values else found
 
 
@@ -35,11 +35,11 @@ class Contents:
     def __init__(
         self, data: Mapping[str, tuple], attrs: Mapping[str, Any], coords: Iterable[str] = ()
     ) -> None:
-        """`data` is (dimensions, values, attributes) by name; `coords` may name more than it."""
+        """`data` is (dimensions, values, attributes) by name; `coords` may include other names."""
         self.variables = {name: Variable(*one) for name, one in data.items()}
         self.attrs, named = dict(attrs), {*coords}
         self.coords = {name: one for name, one in self.variables.items() if name in named}
-        self.sizes: dict[str, int] = {}  # of each dimension, its length
+        self.sizes: dict[str, int] = {}  # length of each dimension
         for one in self.variables.values():
             self.sizes |= zip(one.dims, one.shape, strict=True)
 
@@ -50,8 +50,8 @@ class Contents:
         return self.variables[name]
 
     def dataset(self) -> xr.Dataset:
-        """The same values as xarray has them. Were variables left to xarray, it would load Dask,
-        wherever that is installed, to see whether the values are of Dask: half a second."""
+        """Dataset with the same values. Variables are made here because xarray would load Dask, if
+        installed, to check their type, which takes half a second."""
         import xarray as xr
 
         data = {

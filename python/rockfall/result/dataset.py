@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The result of a run: one xarray.Dataset, one CF netCDF file."""
+"""Results of runs as an xarray.Dataset and as a CF netCDF file."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ NO_COUNT = -1  # fill value of counts
 DAMAGED = (
     OSError, ValueError, TypeError, LookupError, RuntimeError, AttributeError, OverflowError,
 )  # fmt: skip
-TILE = 256  # cells of a map that are compressed together, either way
+TILE = 256  # cells of a compressed tile along each side
 
 
 def centre_variables(x: np.ndarray, y: np.ndarray) -> dict[str, tuple]:
-    """Coordinates of cell centres [m], as CF has them."""
+    """Coordinates of cell centres [m] in CF form."""
     words = (("x", x, "easting"), ("y", y, "northing"))
     return {
         axis: (axis, centres, {
@@ -46,14 +46,14 @@ def centre_variables(x: np.ndarray, y: np.ndarray) -> dict[str, tuple]:
 
 
 def georeference(grid: Grid) -> dict[str, Any]:
-    """Attributes of the variable that says where a grid lies (CF, and GDAL's GeoTransform)."""
+    """Attributes of the variable that georeferences a grid (CF, and GDAL's GeoTransform)."""
     transform = f"{grid.west!r} {grid.cell!r} 0.0 {grid.north!r} 0.0 {-grid.cell!r}"
     about = {"units": "1", "long_name": "coordinate reference system", "GeoTransform": transform}
     return about | (grid_mapping(grid.crs) if grid.crs else {})
 
 
 def provenance(scene: Any) -> dict[str, str]:
-    """Checksums of what a scene was made of."""
+    """Checksums of the inputs of a scene."""
     return {
         "impact_set_checksum": scene.checksums.get("sets", ""),
         "input_checksums": json.dumps(scene.checksums, sort_keys=True),
@@ -64,12 +64,12 @@ def provenance(scene: Any) -> dict[str, str]:
 
 
 def feature_names(scene: Any) -> dict[str, str]:
-    """Of the layer from which sources come, a line each; nothing where there is none."""
+    """Feature names of the source layer, one per line; empty without a layer."""
     return {"source_features": "\n".join(scene.features.names)} if scene.features else {}
 
 
 def open_result(path: str | Path) -> xr.Dataset:
-    """Open a netCDF result as it is stored: counts stay integers, seconds stay numbers."""
+    """Open a netCDF result as stored: counts remain integers, seconds remain numbers."""
     import xarray as xr
 
     check_netcdf(path)
@@ -88,7 +88,7 @@ def open_result(path: str | Path) -> xr.Dataset:
 
 
 def read_result(path: str | Path) -> xr.Dataset:
-    """The result of a run from its netCDF file, in memory, as `rockfall.run` returned it.
+    """Read the result of a run from its netCDF file into memory, as `rockfall.run` returned it.
 
     >>> import rockfall
     >>> rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "result.nc")
@@ -111,7 +111,7 @@ def read_result(path: str | Path) -> xr.Dataset:
 
 
 def write_result(result: Held, path: str | Path, kind: str = RESULT) -> None:
-    """Write a result as netCDF, whole or not at all, and over no file that its case reads.
+    """Write a result as netCDF, atomically, and never over an input of its case.
 
     >>> import rockfall
     >>> rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "other.nc")
@@ -122,9 +122,9 @@ def write_result(result: Held, path: str | Path, kind: str = RESULT) -> None:
 
 
 def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
-    """Put all of it into a new file, through no link; `name` is for messages. By netCDF4 itself:
-    xarray would copy maps whole, and load Dask wherever it is installed, which takes longer than
-    the writing."""
+    """Write the complete data to a new file, not through a link; `name` is for messages. Uses
+    netCDF4 directly: xarray would copy entire maps, and load Dask if installed, which takes longer
+    than writing."""
     import netCDF4
 
     try:
@@ -136,13 +136,13 @@ def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
                 variable = data.variables[one]
                 how = _storage(variable, {"part_layout", "scene_layout"} & data.attrs.keys())
                 _write_variable(file, one, variable, how, _attached(data, one))
-    except (RuntimeError, PermissionError) as error:  # netCDF4 reports a full disk so
+    except (RuntimeError, PermissionError) as error:  # netCDF4's error for a full disk
         raise RockfallError(f"{name}: cannot be written: {error}; disk full?") from error
 
 
 def _attached(result: Held, name: str) -> dict[str, Any]:
-    """What is said of a variable in the file alone: its missing value, and the coordinates that it
-    has beside those of its dimensions (CF). Coordinates and texts have none missing."""
+    """Attributes of a variable in the file only: its missing value, and its auxiliary coordinates
+    (CF). Coordinates and texts have no missing values."""
     variable = result.variables[name]
     if name in result.coords:
         return {}
@@ -151,7 +151,7 @@ def _attached(result: Held, name: str) -> dict[str, Any]:
         if other not in result.sizes and {*coordinate.dims} <= {*variable.dims}
     ]  # fmt: skip
     found: dict[str, Any] = {"coordinates": " ".join(map(str, beside))} if beside else {}
-    if name.endswith("_bounds"):  # CF: of them nothing is said but by their parents
+    if name.endswith("_bounds"):  # CF: bounds inherit the attributes of their parents
         return found
     if variable.dtype.kind == "f":
         found["_FillValue"] = np.nan
@@ -161,8 +161,8 @@ def _attached(result: Held, name: str) -> dict[str, Any]:
 
 
 def _storage(variable: HeldVariable, checksums: Any) -> dict[str, Any]:
-    """How a file holds a variable: rasters are compressed in tiles, and what another run goes on
-    from has checksums (Fletcher, by HDF5)."""
+    """Storage options of a variable: rasters are compressed in tiles, and data from which another
+    run resumes have checksums (Fletcher, by HDF5)."""
     how: dict[str, Any] = {}
     if variable.dims[-2:] == ("y", "x"):
         tile = [1] * (variable.ndim - 2) + [min(TILE, size) for size in variable.shape[-2:]]
@@ -179,7 +179,7 @@ def _storage(variable: HeldVariable, checksums: Any) -> dict[str, Any]:
 def _write_variable(
     file: Any, name: str, variable: HeldVariable, how: dict[str, Any], attached: dict[str, Any]
 ) -> None:
-    """Rasters are written in blocks of rows."""
+    """Write a variable, rasters in blocks of rows."""
     text, is_map = variable.dtype.kind in "OU", variable.dims == ("y", "x")
     how |= {"fill_value": attached.pop("_FillValue", None)}
     stored = file.createVariable(name, str if text else variable.dtype, variable.dims, **how)

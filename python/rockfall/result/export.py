@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A result as files for a GIS and a spreadsheet: GeoTIFF, GeoPackage, CSV."""
+"""Export of a result to a GIS and a spreadsheet: GeoTIFF, GeoPackage, CSV."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
         with atomic_folder(folder, inputs) as part:
             try:
                 return [folder / path.name for path in _export(data, _layers(data), part)]
-            except RuntimeError as error:  # of netCDF4: values are read as they are written
+            except RuntimeError as error:  # from netCDF4: values are read while they are written
                 raise RockfallError(f"{result}: cannot be read: {error}") from error
             except KeyError as error:
                 raise RockfallError(f"the result lacks what goes with it: {error}") from error
@@ -85,7 +85,7 @@ def _export(data: xr.Dataset, layers: Layers, folder: Path) -> Iterator[Path]:
 
 
 def _put_map(folder: Path, data: xr.Dataset, name: str) -> Iterator[Path]:
-    """A map in the unit in which it is shown, fractions as they are, and its style."""
+    """Write a map in the unit in which it is shown (fractions unchanged), and its style."""
     variable, (unit, factor) = data[name], shown_as(data[name])
     stem, scale = _exported(name.removesuffix("_map"), variable.attrs.get("units", "1"))
     values, _ = _stored(variable)
@@ -102,19 +102,20 @@ def _put_map(folder: Path, data: xr.Dataset, name: str) -> Iterator[Path]:
 
 
 def _passed(data: xr.Dataset, values: np.ndarray) -> np.ndarray:
-    """Where boulders passed: so says the map of it, or without one where a map is above zero."""
+    """Mask of cells that boulders passed, from the map of passages or, without it, from positive
+    values of any map."""
     known = [name for name in ("passages", "reach_probability") if name in data]
     return (_stored(data[known[0]])[0] if known else values) > 0
 
 
 def _exported(name: str, units: str) -> tuple[str, float]:
-    """The name of a map or a field, which says its unit, and the factor to it: energies in kJ."""
+    """Name of a map or a field with its unit, and the factor to that unit: energies in kJ."""
     unit, factor = SHOWN["J"] if units == "J" else (units, 1.0)
     return name + (f"_{UNIT_NAMES.get(unit, unit)}" if unit != "1" else ""), factor
 
 
 def write_map(path: Path, data: xr.DataArray) -> Path:
-    """A map in plan as GeoTIFF, with all that is said of it."""
+    """Write a map in plan as GeoTIFF, with its attributes as tags."""
     grid, flipped = grid_of(data)
     values, fill = _stored(data)
     tags = {
@@ -128,9 +129,9 @@ def write_map(path: Path, data: xr.DataArray) -> Path:
 
 
 def _stored(data: xr.DataArray) -> tuple[np.ndarray, float | int | None]:
-    """Values and what marks a missing one: NaN among reals, the fill value among integers.
+    """Values and the marker of missing ones: NaN for reals, the fill value for integers.
 
-    What xarray may have decoded, integers to reals and seconds to durations, is undone.
+    Decoding by xarray, from integers to reals and from seconds to durations, is undone.
     """
     values = _seconds(data.values)
     fill = data.attrs.get("_FillValue", data.encoding.get("_FillValue"))
@@ -149,12 +150,12 @@ def _seconds(values: np.ndarray) -> np.ndarray:
 
 
 def _numbers(data: xr.Dataset, dim: str) -> np.ndarray:
-    """The names of the lines, or the numbers of the boulders: from 1 if the result gives none."""
+    """Names of the lines, or numbers of the boulders: from 1 if the result has none."""
     return data[dim].values if dim in data.coords else np.arange(1, data.sizes[dim] + 1)
 
 
 def _words(data: xr.DataArray) -> xr.DataArray:
-    """A CF flag variable in words; any other variable as it is."""
+    """A CF flag variable as words; any other variable unchanged."""
     if "flag_meanings" not in data.attrs:
         return data
     import xarray as xr
@@ -165,7 +166,7 @@ def _words(data: xr.DataArray) -> xr.DataArray:
 
 
 def _boulders(data: xr.Dataset) -> Iterator[xr.Dataset]:
-    """What a result has for each boulder, on (boulder) and (line, boulder), some at a time."""
+    """Variables for each boulder, on (boulder) and (line, boulder), in chunks."""
     number = _numbers(data, "boulder")
     known = {("boulder",), ("line", "boulder")}
     data = data[[name for name in data.data_vars if data[name].dims in known]]
@@ -191,7 +192,7 @@ def _write_lines(folder: Path, data: xr.Dataset) -> Iterator[Path]:
 def _crossings(data: xr.Dataset, line: int) -> dict[str, xr.DataArray]:
     """Every variable of a line, for those boulders that crossed it."""
     names = [str(name) for name in data.data_vars if data[name].dims == ("line", "boulder")]
-    data = data[names].isel(line=line).load()  # older xarray picks none of a file wrongly
+    data = data[names].isel(line=line).load()  # older xarray selects file variables incorrectly
     crossed = np.flatnonzero(~np.isnan(_stored(data["line_time"])[0]))
     data = data.isel(boulder=crossed)
     return {"boulder": data["boulder"]} | {n.removeprefix("line_"): data[n] for n in names}
@@ -203,7 +204,7 @@ def _line_names(data: xr.Dataset) -> list[str]:
 
 
 def _file_names(data: xr.Dataset) -> list[str]:
-    """The names of the lines in letters that files may have, made different where need be."""
+    """Names of the lines in characters valid for files, made unique where necessary."""
     names: list[str] = []
     for name in _line_names(data):
         plain = stem = re.sub(r"[^\w.+-]+", "_", name).strip("._") or "line"
@@ -216,7 +217,7 @@ def _file_names(data: xr.Dataset) -> list[str]:
 
 
 def _write_table(path: Path, tables: Iterable[dict[str, xr.DataArray]]) -> Path:
-    """Write tables of the same columns below each other; missing values stay empty."""
+    """Write tables with the same columns below each other; missing values are left empty."""
     with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         for k, columns in enumerate(tables):
@@ -227,7 +228,7 @@ def _write_table(path: Path, tables: Iterable[dict[str, xr.DataArray]]) -> Path:
 
 
 def _texts(column: xr.DataArray) -> list[str]:
-    """Values in the fewest digits that give them back."""
+    """Values in the fewest digits that restore them."""
     values, fill = _stored(_words(column))
     missing = np.isnan(values) if values.dtype.kind == "f" else values == fill
     texts = np.where(missing, "", values.astype(str)).tolist()
@@ -255,7 +256,7 @@ def _layers(data: xr.Dataset) -> Layers:
 
 
 def _stops(data: xr.Dataset) -> Features:
-    """Where boulders stopped, with everything known of them."""
+    """End points of boulders, with all their variables."""
     import shapely
 
     places = [_stored(data[f"stop_{axis}"])[0].astype(np.float64) for axis in "xyz"]
@@ -265,7 +266,7 @@ def _stops(data: xr.Dataset) -> Features:
 
 
 def _sources(data: xr.Dataset) -> Features:
-    """Where boulders start, with how many of them, and how far they came at most."""
+    """Start points of boulders, with the number of boulders and their maximum distance."""
     import shapely
 
     places = np.column_stack([_stored(data[f"start_{axis}"])[0] for axis in "xy"])
@@ -282,7 +283,7 @@ def _sources(data: xr.Dataset) -> Features:
 
 
 def _crossing_points(data: xr.Dataset) -> Iterator[Features]:
-    """Where boulders first crossed each line, with everything known of it."""
+    """First crossings of each line, with all their variables."""
     import shapely
 
     for k, name in enumerate(_line_names(data)):
@@ -294,7 +295,7 @@ def _crossing_points(data: xr.Dataset) -> Iterator[Features]:
 
 
 def _field(name: str, column: xr.DataArray) -> tuple[str, np.ndarray]:
-    """A column in a type that a GeoPackage has, energies in kJ, and its name with the unit."""
+    """A column in a type supported by GeoPackage, energies in kJ, and its name with the unit."""
     values, _ = _stored(_words(column))
     kind = {"i": np.int64, "u": np.int64, "b": np.int64, "f": np.float64}
     name, factor = _exported(name, column.attrs.get("units", "1"))
@@ -312,7 +313,7 @@ def _lines(data: xr.Dataset) -> Features:
 
 
 def _trajectories(data: xr.Dataset) -> Features:
-    """Trajectories in space, from release to rest, in the order of the boulders."""
+    """Trajectories in 3D, from release to rest, in the order of the boulders."""
     boulder = data["trajectory_boulder"].values
     shapes = _strings(boulder, [data[f"trajectory_{axis}"].values for axis in "xyz"])
     numbers, vertices = np.unique(boulder, return_counts=True)
@@ -326,9 +327,9 @@ def _trajectories(data: xr.Dataset) -> Features:
 
 
 def _strings(owner: np.ndarray, coordinates: list[np.ndarray]) -> np.ndarray:
-    """One line string for each owner, by rising number, of its vertices in their order.
+    """Line string of each owner, by increasing number, from its vertices in order.
 
-    An owner with one vertex, a boulder that never moved, gets a string of no length.
+    An owner with one vertex, a boulder that never moved, gets a string of zero length.
     """
     import shapely
 
@@ -340,14 +341,14 @@ def _strings(owner: np.ndarray, coordinates: list[np.ndarray]) -> np.ndarray:
 
 
 def crs_wkt(data: xr.Dataset) -> str | None:
-    """The CRS of the grid mapping `crs`; None when the terrain had none."""
+    """CRS of the grid mapping `crs`; None if the terrain has none."""
     return data["crs"].attrs.get("crs_wkt") or None if "crs" in data.variables else None
 
 
 def write_geopackage(
     path: Path, layers: Layers, crs: str | None, styles: Mapping[str, Style] | None = None
 ) -> Path:
-    """Layers as one file, with styles for QGIS where there are some, whole or not at all."""
+    """Write layers to one file, with QGIS styles if given, atomically."""
     import pyogrio
     import shapely
 
@@ -374,7 +375,7 @@ def write_geopackage(
 
 
 def _check_arrived(path: Path, layer: str, features: int) -> None:
-    """GDAL does not tell when the disk is full while it closes a GeoPackage: look what is there."""
+    """Check the features written: GDAL does not report a full disk when closing a GeoPackage."""
     index = "SELECT count(*) FROM sqlite_master WHERE name = ?"
     with closing(sqlite3.connect(path)) as database:
         (count,) = database.execute(f'SELECT count(*) FROM "{layer}"').fetchone()

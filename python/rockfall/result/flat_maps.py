@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps with a further dimension, such as a threshold, as maps in plan: for files and figures."""
+"""Maps with a further dimension, such as a threshold, as maps in plan, for files and figures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BEYOND = {"threshold": (1000.0, "kJ"), "return_period": (1.0, "years")}  # unit 
 
 
 def flat_maps(data: xr.Dataset) -> xr.Dataset:
-    """The same with a map in plan for each place along the further dimensions of a map."""
+    """Dataset with a map in plan for each position along the further dimensions of a map."""
     import xarray as xr
 
     found = {str(name): layers(one) for name, one in data.data_vars.items()}
@@ -25,7 +25,7 @@ def flat_maps(data: xr.Dataset) -> xr.Dataset:
 
 
 def layers(variable: xr.DataArray) -> dict[str, xr.DataArray]:
-    """The maps in plan of one with further dimensions, by name; any other variable alone."""
+    """Maps in plan from one with further dimensions, by name; any other variable unchanged."""
     name, beyond = str(variable.name), [dim for dim in variable.dims if dim not in PLAN]
     if variable.dims[-2:] != PLAN or not beyond or not {*beyond} <= {*BEYOND}:
         return {name: variable}
@@ -40,6 +40,6 @@ def layers(variable: xr.DataArray) -> dict[str, xr.DataArray]:
 
 
 def shown(dim: str, value: float, between: str = "") -> str:
-    """A place along a dimension: 30kJ, 100years."""
+    """Label of a position along a dimension: 30kJ, 100years."""
     unit, name = BEYOND[dim]
     return f"{value / unit:.10g}{between}{name}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the rebounds of a result followed, where its scene had several grounds."""
+"""Rebounds of a result by ground, for scenes with several grounds."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class GroundRebounds(NamedTuple):
-    """The rebounds of a ground, and which part of all they are."""
+    """Rebounds of a ground, and their fraction of all."""
 
     name: str
     model: str
@@ -28,7 +28,8 @@ class GroundRebounds(NamedTuple):
 
 
 def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:
-    """Those of each ground, in the order of the scene; none where it had the case's sets alone."""
+    """Rebounds of each ground, in the order of the scene; empty if the scene has only the case's
+    sets."""
     if "rebounds_by_ground" not in values:
         return []
     names, models, counts = (
@@ -42,7 +43,7 @@ def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:
 
 
 def stochastic_fraction(values: Variables) -> float:
-    """Which part of the rebounds followed impact sets, or tables of impacts."""
+    """Fraction of the rebounds by impact sets or tables of impacts."""
     grounds = rebounds_by_ground(values)
     if not grounds:
         return 1.0
@@ -50,8 +51,8 @@ def stochastic_fraction(values: Variables) -> float:
 
 
 def classical_grounds(values: Variables) -> list[GroundRebounds]:
-    """The grounds with coefficients of restitution that rebounds followed, the most frequent first;
-    none of those that absorb, which have no coefficients."""
+    """Grounds with coefficients of restitution that made rebounds, the most frequent first;
+    absorbing grounds have none and are left out."""
     found = [
         one
         for one in rebounds_by_ground(values)
@@ -61,7 +62,7 @@ def classical_grounds(values: Variables) -> list[GroundRebounds]:
 
 
 def table_grounds(values: Variables) -> list[GroundRebounds]:
-    """The tables of impacts that rebounds were drawn from."""
+    """Tables of impacts from which rebounds were drawn."""
     return [one for one in rebounds_by_ground(values) if one.rebounds and one.model in TABLES]
 
 

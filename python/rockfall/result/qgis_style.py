@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How QGIS draws a map: a style (.qml) that it finds beside the GeoTIFF."""
+"""QGIS styles (.qml) of maps, which QGIS finds next to the GeoTIFF."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ OPACITY = "0.7"
 
 
 def write_palette(raster: Path, words: Mapping[int, str], colours: Mapping[int, str]) -> Path:
-    """Of a map of numbers that have a word and a colour each; others are left blank."""
+    """Write the style of a map of numbers with a label and a colour each; others are left blank."""
     renderer = ElementTree.Element("rasterrenderer", type="paletted")
     palette = ElementTree.SubElement(renderer, "colorPalette")
     for value, colour in colours.items():
@@ -25,8 +25,8 @@ def write_palette(raster: Path, words: Mapping[int, str], colours: Mapping[int, 
 
 
 def write_classes(raster: Path, classes: Classes, per_unit: float = 1.0) -> Path:
-    """Of a map of values in `per_unit` to the unit of its classes (0.01: fractions, not per
-    cent)."""
+    """Write the style of a map in `per_unit` times the unit of its classes (0.01: fractions, not
+    per cent)."""
     renderer = ElementTree.Element("rasterrenderer", type="singlebandpseudocolor")
     about = {"colorRampType": "DISCRETE", "classificationMode": "1", "clip": "0"}
     shader = ElementTree.SubElement(renderer, "rastershader")

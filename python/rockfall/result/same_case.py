@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether what is put side by side belongs together: the same case, or variants on one site. What
-files say of themselves decides: case, checksums of inputs, CRS, places."""
+"""Checks that compared results belong together: the same case, or variants on one site. They use
+the metadata of files: case, checksums of inputs, CRS, places."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 #: What makes a case that of a slope; seeds, numbers of boulders, their volumes, lines and outputs
 #: may differ.
 GROUPS = ("terrain", "surface", "impact", "release", "flight", "forest", "barrier", "dam")
-DECODED = {"dem": "terrain", "surface": "ground", "trees": "trees"}  # checksums, as read
+DECODED = {"dem": "terrain", "surface": "ground", "trees": "trees"}  # checksums of decoded inputs
 FILES = {  # checksums of files
     "sets": "impact sets", "cells": "sources", "polygons": "sources", "points": "sources",
 }  # fmt: skip
 
 
 def check_same_case(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
-    """Refuse what (`what` names it) is not of the case of the first result: another CRS, terrain,
+    """Refuse a result (`what` names it) of another case than the first: another CRS, terrain,
     ground, forest, sources, impact sets, or keys of its case."""
     _check_crs(first, other, what)
     for attribute, about in (("decoded_checksums", DECODED), ("input_checksums", FILES)):
@@ -40,8 +40,8 @@ def check_same_case(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
 
 
 def check_same_site(results: Mapping[str, xr.Dataset]) -> None:
-    """Refuse results, by the names of their files, that are no variants on one site: another CRS,
-    or places apart."""
+    """Refuse results, by the names of their files, that are not variants on one site: another CRS,
+    or distant places."""
     for (name, one), (next_name, other) in pairwise(results.items()):
         _check_crs(one, other, next_name)
         if not _overlap(_extent(one), _extent(other)):
@@ -62,7 +62,7 @@ def _crs_name(one: xr.Dataset) -> str:
 
 
 def _extent(result: xr.Dataset) -> np.ndarray:
-    """Where its boulders were: the least and the greatest x and y [m], (2, 2)."""
+    """Extent of its boulders: minimum and maximum x and y [m], (2, 2)."""
     if "x" in result.sizes:
         half = abs(float(result["crs"].attrs["GeoTransform"].split()[1])) / 2
         ends = [
@@ -78,7 +78,7 @@ def _overlap(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 def _differences(first: Case, other: Case) -> Iterator[str]:
-    """Keys in which two cases differ, but for names of files."""
+    """Keys in which two cases differ, except for names of files."""
     files = {(key.group, key.name) for key in file_keys()}
     for group in GROUPS:
         ours, theirs = (_values(case, group) for case in (first, other))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Samples of what boulders did at lines and at their ends, where their own rows are not all kept
-(`&output kept`): counts in narrow bins, exact sums, the largest numbers. Sums over boulders, so
-that parts add up to the whole, bit for bit."""
+"""Samples of boulder values at lines and at their ends, for runs that do not keep all rows
+(`&output kept`): counts in narrow bins, exact sums, the largest values. They are sums over
+boulders, so that parts add up exactly, bit for bit."""
 
 from __future__ import annotations
 
@@ -25,29 +25,29 @@ from rockfall.result import variables
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
-BASE_BITS = 62  # of the digits of sums, as in the kernel
+BASE_BITS = 62  # bits per digit of sums, as in the kernel
 
 
 def simulated(result: Held) -> int:
-    """How many boulders a result is of; its rows may be of some of them only."""
+    """Number of boulders of a result, which may have rows for some of them only."""
     if "sample_ended" in result:
         return int(result["sample_ended"].values.sum())
     return int(result.sizes["boulder"])
 
 
 def kept_note(result: Held) -> str:
-    """From which boulders numbers are that need their rows; "" where these are all."""
+    """Note on the boulders behind numbers that need rows; "" if these are all."""
     rows, boulders = result.sizes["boulder"], simulated(result)
     return "" if rows == boulders else f"From the {rows:,} of {boulders:,} boulders that were kept."
 
 
 def has_rows(result: Held) -> bool:
-    """Whether a result has rows of boulders, of all or of some."""
+    """Return True if a result has rows of boulders, of all or of some."""
     return bool(result.sizes["boulder"])
 
 
 def check_rows(result: Held, what: str) -> None:
-    """Refuse what needs rows of boulders where a run kept none."""
+    """Refuse an analysis that needs rows of boulders if a run kept none."""
     if "sample_ended" in result and not has_rows(result):
         raise RockfallError(
             f"{what}: needs rows of boulders, and &output kept = 'none' keeps none; run with a "
@@ -56,13 +56,13 @@ def check_rows(result: Held, what: str) -> None:
 
 
 def check_all_rows(result: Held, what: str) -> None:
-    """Refuse what needs rows of all boulders where a run did not keep them."""
+    """Refuse an analysis that needs rows of all boulders if a run did not keep them."""
     if result.sizes["boulder"] < simulated(result):
         raise RockfallError(f"{what}: needs rows of all boulders: &output kept = 'all'")
 
 
 def rows_kept(case: Case, boulders: int) -> int | None:
-    """Of how many of so many boulders the rows are kept; None: of all, without samples."""
+    """Number of boulders whose rows are kept; None: all, without samples."""
     kept = case.output["kept"]
     return None if kept == "all" else 0 if kept == "none" else min(kept, boulders)
 
@@ -77,7 +77,7 @@ DIMS: dict[str, tuple[str, ...]] = {
 
 
 def lengths(case: Case, boulders: int) -> dict[str, int]:
-    """Of the dimensions that follow from the case and the boulders of the run."""
+    """Lengths of the dimensions that follow from the case and the boulders of the run."""
     lines = len(case.lines)
     return {
         "place": lines + 1, "line": lines, "quantity": SAMPLE_QUANTITIES, "word": SAMPLE_WORDS,
@@ -87,12 +87,13 @@ def lengths(case: Case, boulders: int) -> dict[str, int]:
 
 
 def sample_dims(name: str) -> tuple[str, ...]:
-    """The dimensions of a variable of samples in a file."""
+    """Dimensions of a variable of samples in a file."""
     return tuple(f"sample_{dim}" for dim in DIMS[name])
 
 
 def possible(arrays: Mapping[str, np.ndarray], shape: Mapping[str, int], boulders: int) -> str:
-    """The first variable of samples whose values no run of so many boulders has; "" if none."""
+    """First variable of samples with values impossible for the given number of boulders; "" if
+    none."""
     for before, count, of, fine in (
         ("", "count", "part", "fine"), ("group_", "group_count", "group", "coarse"),
     ):  # fmt: skip

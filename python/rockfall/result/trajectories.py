@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where boulders went: recorded trajectories as curves, evaluation lines, distances, ends."""
+"""Paths of boulders: recorded trajectories as curves, evaluation lines, distances, ends."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ if TYPE_CHECKING:
     from rockfall.io.grid import Grid
     from rockfall.result.contents import Held, HeldVariable
 
-    Terrain = tuple[np.ndarray, Grid]  # elevations (ny, nx) [m], and where their cells lie
+    Terrain = tuple[np.ndarray, Grid]  # elevations (ny, nx) [m], and their grid
 
 POINTS = 25  # of a drawn parabola
 
 
 class Trajectory(NamedTuple):
-    """A smooth curve: place, plan distance from the start [m], speed [m/s]."""
+    """A smooth curve: coordinates, plan distance from the start [m], speed [m/s]."""
 
     x: np.ndarray
     y: np.ndarray
@@ -29,7 +29,7 @@ class Trajectory(NamedTuple):
 
 
 def vertices_of(result: xr.Dataset, *names: str) -> list[np.ndarray]:
-    """The variables trajectory_`names` (names, vertices) of each recorded trajectory."""
+    """Variables trajectory_`names` (names, vertices) of each recorded trajectory."""
     if "trajectory_boulder" not in result:
         return []
     cuts = np.flatnonzero(np.diff(result["trajectory_boulder"].values)) + 1
@@ -38,24 +38,25 @@ def vertices_of(result: xr.Dataset, *names: str) -> list[np.ndarray]:
 
 
 def trajectories(result: xr.Dataset, number: int | None = None) -> list[Trajectory]:
-    """The recorded trajectories, at most `number` of them, evenly over all, with the parabolas
-    between their contacts.
+    """Recorded trajectories, at most `number` of them, evenly selected, with the parabolas between
+    their contacts.
 
-    The velocity after a contact, the time and the next contact fix a parabola; gravity follows.
+    A parabola is fixed by the velocity after a contact, the time and the next contact; gravity
+    follows.
     """
     names = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
     return [_curve(*vertices) for vertices in spread(vertices_of(result, *names), number)]
 
 
 def spread(recorded: list[np.ndarray], number: int | None) -> list[np.ndarray]:
-    """At most so many of the recorded trajectories, evenly over all: they come by source."""
+    """Evenly select at most `number` of the recorded trajectories, which are ordered by source."""
     if number is None or len(recorded) <= number:
         return recorded
     return [recorded[k * len(recorded) // number] for k in range(number)]
 
 
 def _curve(x, y, z, time, velocity_x, velocity_y, velocity_z) -> Trajectory:
-    """The curve through the vertices of one trajectory; a boulder that never moved is a point."""
+    """Curve through the vertices of a trajectory; a point for a boulder that never moved."""
     if x.size == 1:
         zero = np.zeros(1)
         return Trajectory(x, y, z, zero, np.hypot(np.hypot(velocity_x, velocity_y), velocity_z))
@@ -84,7 +85,7 @@ def lines(result: xr.Dataset) -> list[tuple[str, np.ndarray, np.ndarray]]:
 
 
 def from_start(result: xr.Dataset, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Plan distance [m] of a place of each boulder from its start, in a straight line."""
+    """Straight plan distance [m] of a place of each boulder from its start."""
     return np.hypot(x - result["start_x"].values, y - result["start_y"].values)
 
 
@@ -94,32 +95,32 @@ def stop_distances(result: xr.Dataset) -> np.ndarray:
 
 
 def ends(result: Held) -> dict[str, np.ndarray]:
-    """Each status by name, and which boulders ended so."""
+    """Mask of the boulders with each status, by name."""
     status = result["status"]
     return {name: status.values == flag for name, flag in flags_of(status).items()}
 
 
 def ended(result: Held) -> dict[str, int]:
-    """Each status by name, and how many boulders ended so, with rows or without."""
+    """Number of boulders with each status, by name, with or without rows."""
     if "sample_ended" in result:
         return dict(zip(ends(result), result["sample_ended"].values.tolist(), strict=True))
     return {name: int(of.sum()) for name, of in ends(result).items()}
 
 
 def gone(result: Held) -> int:
-    """How many boulders left the known terrain, as `left_terrain` has them."""
+    """Number of boulders that left the known terrain, as in `left_terrain`."""
     of = ended(result)
     return of["left_domain"] + of["hit_nodata"]
 
 
 def left_terrain(result: xr.Dataset) -> np.ndarray:
-    """Boulders that left the known terrain, over its edge or into cells without elevation: how far
-    they would have come is not known."""
+    """Boulders that left the known terrain, over its edge or into cells without elevation: their
+    full distance is unknown."""
     ended = ends(result)
     return ended["left_domain"] | ended["hit_nodata"]
 
 
 def flags_of(variable: HeldVariable) -> dict[str, int]:
-    """The numbers of a CF flag variable by name."""
+    """Numbers of a CF flag variable by name."""
     values = np.atleast_1d(variable.attrs["flag_values"]).tolist()
     return dict(zip(variable.attrs["flag_meanings"].split(), values, strict=True))

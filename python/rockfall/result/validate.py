@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a result must have, so that a damaged file is refused in one line before it is used."""
+"""Checks of the contents of a result, so that a damaged file is refused in one line before it is
+used."""
 
 from __future__ import annotations
 
@@ -31,7 +32,7 @@ NUMBERS = (  # and those of them that are numbers
     "seed", "boulder_first", "boulder_last", "boulders_requested", "complete", "threads",
     "wall_seconds", "cpu_seconds",
 )  # fmt: skip
-TEXTS = ("line", "feature", "ground", "ground_model")  # variables that hold no numbers
+TEXTS = ("line", "feature", "ground", "ground_model")  # text variables
 FIXED = ("place", "line", "quantity", "word", "tail", "rank", "status")  # dimensions of samples
 #: What boulders have, and their crossings: ranges that no run leaves.
 POSITIVE = {"volume"}
@@ -45,7 +46,7 @@ FINITE = ("x", "y", "boulder", "line_vertex", "trajectory_vertex")
 
 
 def check_result(data: xr.Dataset, path: str | Path) -> None:
-    """Refuse what lacks something that every result has, or a part of a group of variables."""
+    """Refuse a result that lacks a required variable or part of a group of variables."""
     if "case" not in data.attrs or "boulder" not in data.dims:
         raise RockfallError(f"{path}: is not a result of rockfall")
     missing = sorted({*variables.BOULDER, *variables.COUNT, "crs"} - set(data.variables))
@@ -61,20 +62,20 @@ def check_result(data: xr.Dataset, path: str | Path) -> None:
     for name in (name for name in ours if name in data.variables):
         about = data.variables[name].attrs
         words = [about.get(word) for word in ("units", "long_name")]
-        fewest = np.asarray(about.get("min_passages", 0))  # of a map that is blank below it
+        fewest = np.asarray(about.get("min_passages", 0))  # of a map that is blank below this count
         if not all(isinstance(word, str) for word in words) or fewest.dtype.kind not in "iu":
             raise RockfallError(f"{path}: {name}: does not say what it is")
 
 
 def check_dimensions(data: xr.Dataset, path: str | Path) -> None:
-    """Each variable of those that a result may have is of numbers along its dimensions."""
+    """Check that each known variable of a result is numeric and has its dimensions."""
     for name, dims in known_variables().items():
         if name in data.variables:
             _check_variable(data.variables[name], name, dims, path)
 
 
 def _check_groups(data: xr.Dataset, path: str | Path) -> None:
-    """What a result has of lines, histograms, trajectories or maps it has whole."""
+    """Check that lines, histograms, trajectories and maps are complete if present."""
     for group in _groups():
         if any(name in data.variables or name in data.dims for name in group):
             for name in group:
@@ -83,7 +84,7 @@ def _check_groups(data: xr.Dataset, path: str | Path) -> None:
 
 
 def known_variables() -> _Group:
-    """Every variable of ours; a result may have others, of which nothing is asked."""
+    """All known variables; others in a result are not checked."""
     found: _Group = {name: ("boulder",) for name in variables.BOULDER}
     found |= {name: () for name in variables.COUNT}
     found |= {name: variables.map_dims(name) for name in variables.MAP}
@@ -93,7 +94,7 @@ def known_variables() -> _Group:
 
 
 def _groups() -> Iterator[_Group]:
-    """Variables of which a result has all or none."""
+    """Groups of variables that a result has completely or not at all."""
     at_lines = {f"line_{name}": ("line", "boulder") for name in variables.LINE}
     vertices = {f"line_vertex_{name}": ("line_vertex",) for name in variables.LINE_VERTEX}
     yield {"line": ("line",), **at_lines, **vertices}
@@ -131,7 +132,7 @@ def _check_variable(
 
 
 def check_values(data: xr.Dataset, path: str | Path) -> None:
-    """Refuse values that are no numbers where a result always has some, and bins without width."""
+    """Refuse missing or infinite required values, and bins without width."""
     check_samples(data, path)
     for name, dims in known_variables().items():
         if name not in data.variables:
@@ -150,7 +151,7 @@ def check_values(data: xr.Dataset, path: str | Path) -> None:
 
 
 def check_samples(data: xr.Dataset, path: str | Path) -> None:
-    """Refuse samples that no run has."""
+    """Refuse samples that are impossible for a run."""
     if "sample_ended" not in data:
         return
     names = [f"sample_{name}" for name in variables.SAMPLE]
@@ -166,8 +167,8 @@ def check_samples(data: xr.Dataset, path: str | Path) -> None:
 
 
 def out_of_range(name: str, values: np.ndarray, grid: Grid | None = None) -> str:
-    """The value of a variable, along boulders or at lines, that no run can have, and the rule; ""
-    where there is none. Places are looked at where the `grid` of the terrain is known."""
+    """First value of a variable, along boulders or at lines, outside its range, and the rule; "" if
+    none. Places are checked if the `grid` of the terrain is known."""
     field = name.removeprefix("line_")
     if field in POSITIVE:
         wrong, rule = values <= 0, "must be > 0"
@@ -186,14 +187,14 @@ def out_of_range(name: str, values: np.ndarray, grid: Grid | None = None) -> str
 
 
 def are_crossings(values: np.ndarray, times: np.ndarray) -> bool:
-    """Values (line, boulder) are numbers where times are, and NaN elsewhere."""
+    """Check that values (line, boulder) are finite where times are, and NaN elsewhere."""
     if values.dtype.kind != "f" or times.dtype.kind != "f" or np.isinf(values).any():
         return False
     return np.array_equal(np.isnan(values), np.isnan(times))
 
 
 def _are_edges(bounds: np.ndarray) -> bool:
-    """Bins (n, 2) that follow each other."""
+    """Check for contiguous bins (n, 2)."""
     if bounds.shape[1:] != (2,) or not np.isfinite(bounds).all():
         return False
     return bool((bounds[:, 0] < bounds[:, 1]).all() and (bounds[1:, 0] == bounds[:-1, 1]).all())

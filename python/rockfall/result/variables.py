@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every variable of a result: name -> CF attributes, by groups, from the kernel's table."""
+"""All variables of a result: name -> CF attributes, by groups, from the kernel's table."""
 
 from rockfall._core import rockfall_f2py as _core
 

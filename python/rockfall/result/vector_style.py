@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How QGIS draws the layers of a GeoPackage: styles in its table `layer_styles`, where QGIS looks
-as it loads a layer."""
+"""QGIS styles of the layers of a GeoPackage, in its table `layer_styles`, which QGIS reads when it
+loads a layer."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ SHAPES = {
 
 
 class Symbol(NamedTuple):
-    """A symbol: properties of its only layer by QGIS's names, opacity."""
+    """A symbol: properties of its only layer by QGIS names, opacity."""
 
     about: Mapping[str, object]
     opacity: float = 1.0
 
 
 class Style(NamedTuple):
-    """How the features of a layer are drawn: all alike, or by the values of a field, or by where an
-    expression lies between limits; each with a label and a symbol."""
+    """Style of a layer's features: uniform, by the values of a field, or by intervals of an
+    expression; each with a label and a symbol."""
 
     of: str
     symbols: Iterable[tuple[object, str, Symbol]]
@@ -73,17 +73,17 @@ def thick(colour: str) -> Symbol:
 
 
 def plain_type(geometry: str) -> str:
-    """A type of geometry without its third dimension and its many parts."""
+    """Geometry type without its third dimension and multiplicity."""
     return geometry.removesuffix(" Z").removeprefix("Multi")
 
 
 def rgba(colour: str) -> str:
-    """A colour as QGIS writes it."""
+    """A colour in QGIS format."""
     return ",".join(str(int(colour[k : k + 2], 16)) for k in (1, 3, 5)) + ",255"
 
 
 def _crossings() -> Style:
-    """By classes of the total energy."""
+    """Style by classes of the total energy."""
     classes = classes_of("kJ")
     ends = [0.0, *classes.limits, 1e12]
     symbols = [
@@ -106,7 +106,7 @@ STYLES = {
 
 
 def put_styles(path: Path, layers: Mapping[str, str], styles: Mapping[str, Style]) -> None:
-    """Write styles of layers, of which the types of geometry are given, into their GeoPackage."""
+    """Write styles of layers with the given geometry types into their GeoPackage."""
     kinds = {name: KINDS.get(plain_type(kind)) for name, kind in layers.items()}
     texts = {name: qml(styles[name], *kind) for name, kind in kinds.items()
              if kind and name in styles}  # fmt: skip
@@ -127,7 +127,7 @@ def put_styles(path: Path, layers: Mapping[str, str], styles: Mapping[str, Style
 
 
 def qml(style: Style, kind: str, layer: str) -> str:
-    """A style as QGIS writes it, of symbols of a type with a layer of a type."""
+    """A style in QGIS format, with symbols of a given type and layer type."""
     root = ElementTree.Element("qgis", version="3.16", styleCategories="Symbology")
     about = {"type": style.kind, "attr": style.of} if style.of else {"type": style.kind}
     renderer = ElementTree.SubElement(root, "renderer-v2", about)

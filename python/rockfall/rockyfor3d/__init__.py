@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Folders of the program Rockyfor3D, as cases of ours (docs/rockyfor3d.md)."""
+"""Import of folders of the program Rockyfor3D as cases (docs/rockyfor3d.md)."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The files of a folder of Rockyfor3D, by the names that it gives them."""
+"""Files in a folder of Rockyfor3D, by their names in that program."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ RASTERS = (
 )  # fmt: skip
 NEEDED = ("dem", "rockdensity", "d1", "d2", "d3", "rg70", "rg20", "rg10")
 OUTPUTS = ("e_", "ph_", "nr_", "v_max", "el_angle", "traj_time", "reach_prob", "tree_")
-LISTS = (".txt", ".csv", ".xyz")  # endings of lists of trees
+LISTS = (".txt", ".csv", ".xyz")  # extensions of tree lists
 
 
 class Folder:
-    """What a folder holds."""
+    """Contents of a folder."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
@@ -54,7 +54,7 @@ class Folder:
         return name in self.rasters
 
     def missing(self, names: Iterable[str]) -> list[str]:
-        """Those of some rasters that are not there, as file names."""
+        """File names of missing rasters."""
         return [f"{name}.asc" for name in names if name not in self.rasters]
 
     def read(self, name: str) -> np.ndarray:

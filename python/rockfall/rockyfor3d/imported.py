@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From a folder of Rockyfor3D to a case: it names the files where they are, and converts those only
-that mean something else here."""
+"""Conversion of a folder of Rockyfor3D to a case, which names the original files, and copies only
+of those whose meaning differs here."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from rockfall.io.tables import plain_decimal
 from rockfall.rockyfor3d.folder import Folder
 from rockfall.rockyfor3d.nets import NETS, TOLERANCE, barriers
 
-MARK = "! Made by `rockfall import-rockyfor3d`"  # first words of a case of ours
+MARK = "! Made by `rockfall import-rockyfor3d`"  # first words of an imported case
 CASE, DEM, STEMS, SOURCES = "case.nml", "dem.tif", "stems.tif", "sources.tif"
 TREES = "trees.csv"
 FILES = (CASE, DEM, STEMS, SOURCES, TREES)  # that an import may write
@@ -36,7 +36,7 @@ MAPS = (
     "jump_height_mean", "jump_height_q95", "speed_max_map", "energy_line_angle_min",
     "travel_time_min",
 )  # fmt: skip
-LEFT = (  # what no folder holds, or what has no counterpart here
+LEFT = (  # inputs that no folder holds, or that have no counterpart here
     "Numbers that Rockyfor3D asks for when it starts: boulders, drop_height, volume_spread; set "
     "them above.",
     "Its heights are normal to the slope; ours are vertical (docs/rockyfor3d.md).",
@@ -46,26 +46,26 @@ LEFT = (  # what no folder holds, or what has no counterpart here
 
 @dataclass
 class Import:
-    """A case in the making."""
+    """An import in progress."""
 
     folder: Folder
     out: Path
-    part: Path  # where the files of `out` are written first
+    part: Path  # temporary folder for the files of `out`
     crs: str | None = None  # of the rasters
-    notes: list[str] = field(default_factory=list)  # what was not taken over, or is a guess
-    model: list[str] = field(default_factory=list)  # what must be said of the model
+    notes: list[str] = field(default_factory=list)  # inputs that were not imported, or guessed
+    model: list[str] = field(default_factory=list)  # remarks on the model
 
     def path(self, name: str) -> str:
-        """A raster of the folder as the case names it."""
+        """Path of a raster of the folder as named in the case."""
         return Path(os.path.relpath(self.folder.rasters[name], self.out.resolve())).as_posix()
 
 
 def import_rockyfor3d(
     directory: str | Path, out: str | Path, *, crs: str | None = None
 ) -> list[str]:
-    """Write to the folder `out` a case that runs a folder of Rockyfor3D as it is; returns what
-    could not be taken over, a line each. `crs` (such as EPSG:2056) is the coordinate system of its
-    rasters, which name none: the case then has a DEM that names it."""
+    """Write to the folder `out` a case that runs a folder of Rockyfor3D; returns one line for each
+    input that could not be imported. `crs` (such as EPSG:2056) is the coordinate system of its
+    rasters, which contain none: the case then has a DEM with a CRS."""
     folder, out = Folder(directory), Path(out)
     folder.rasters = {name: path.resolve() for name, path in folder.rasters.items()}
     inputs = [*folder.rasters.values(), *filter(None, [folder.trees])]
@@ -106,7 +106,7 @@ def _groups(made: Import) -> Iterator[Group]:
 
 
 def _terrain(made: Import) -> Group:
-    """The DEM where it is; where its system is given, a copy that names it."""
+    """Terrain group with the original DEM, or with a copy if a coordinate system is given."""
     if made.crs is None:
         return Group("terrain", [Entry("dem", made.path("dem"))])
     z, made.folder.grid = read_source(made.folder.rasters["dem"], made.crs)[:2]
@@ -152,9 +152,7 @@ def _release(made: Import) -> Group:
             f"{made.folder.rasters['rockdensity']}: no source cells: must have cells above zero"
         )
     cells = made.path("rockdensity")
-    if (np.rint(density) != density)[
-        ~np.isnan(density)
-    ].any():  # the raster of sources is one of integers
+    if (np.rint(density) != density)[~np.isnan(density)].any():  # the source raster has integers
         cells = SOURCES
         _write(made, SOURCES, (density > 0).astype("u1"))
     about = "cells above zero"
@@ -164,7 +162,7 @@ def _release(made: Import) -> Group:
 
 
 def _forest(made: Import) -> Iterator[Group]:
-    """Trees from a list, or made of what is known of each cell."""
+    """Forest group with trees from a list, or generated from the data of each cell."""
     folder = made.folder
     conifers = Entry("uniform_conifers", 100.0, "[%]; conifers stop less than broadleaved trees")
     if "conif_percent" in folder:
@@ -205,7 +203,7 @@ def _forest(made: Import) -> Iterator[Group]:
 
 
 def _nets(made: Import) -> Iterator[Group]:
-    """A barrier for each net."""
+    """Barrier groups, one for each net."""
     missing = made.folder.missing(NETS)
     if len(missing) == len(NETS):
         return
@@ -233,7 +231,8 @@ def _write(made: Import, name: str, values: np.ndarray) -> None:
 
 
 def _write_trees(made: Import, path: Path) -> None:
-    """The list of trees, x, y, DBH by blanks, commas or semicolons, as a table with a head."""
+    """Write the tree list (x, y, DBH separated by blanks, commas or semicolons) as a table with a
+    header."""
     rows = ["x,y,dbh"]
     more = False
     for line, text in enumerate(read_text(path).splitlines(), start=1):
@@ -256,8 +255,8 @@ def _write_trees(made: Import, path: Path) -> None:
 
 
 def _cells(text: str) -> list[str]:
-    """Those of a line: parted by commas where blanks and semicolons do not part it, since commas
-    may be of decimals."""
+    """Cells of a line, split at commas only if blanks and semicolons do not split it, since commas
+    may be decimal."""
     cells = [one.strip(",") for one in re.split(r"[\s;]+", text)]
     cells = [one for one in cells if one]
     return cells if len(cells) > 2 else [one for one in re.split(r"[\s,;]+", text) if one]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nets as lines: Rockyfor3D has them as rasters, with the number of a net in each of its cells."""
+"""Nets as lines, from Rockyfor3D's rasters with the number of a net in each of its cells."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from rockfall.io.grid import Grid
 from rockfall.rockyfor3d.folder import Folder
 
 NETS = ("net_number", "net_energy", "net_height")
-AROUND = np.ones((3, 3), int)  # cells that touch belong together
-TOLERANCE = 1.0  # of a line through cells: a straight one passes their centres nearer [cells]
-TOUCH = 1.5  # centres of cells that touch, by a corner too, are nearer [cells]
+AROUND = np.ones((3, 3), int)  # adjacent cells, including diagonal ones
+TOLERANCE = 1.0  # of a line through cells: a straight one is nearer to their centres [cells]
+TOUCH = 1.5  # upper limit of the distance of adjacent centres, including diagonal ones [cells]
 DECIMALS = 3  # of coordinates [m]
 
 
 class Net(NamedTuple):
-    """A barrier, and how many of its cells lie off its line: those of a branch, or of a loop."""
+    """A barrier, and the number of its cells off its line, in branches or loops."""
 
     keys: dict[str, Any]
     off: int
 
 
 def barriers(folder: Folder) -> Iterator[Net]:
-    """A barrier for each net, or for each part of one whose cells do not touch."""
+    """Barriers for each net, or for each connected part of one."""
     from scipy.ndimage import label
 
     number, energy, height = (folder.read(name) for name in NETS)
@@ -49,8 +49,8 @@ def barriers(folder: Folder) -> Iterator[Net]:
 
 
 def _of_net(folder: Folder, raster: str, values: np.ndarray, name: str) -> float:
-    """The least value among the cells of a net."""
-    if not (values > 0).all():  # also of no data
+    """Minimum value among the cells of a net."""
+    if not (values > 0).all():  # including no data
         raise RockfallError(
             f"{folder.rasters[raster]}: {name} has cells that are not > 0; give every cell of "
             "net_number an energy [kJ] and a height [m]"
@@ -59,8 +59,8 @@ def _of_net(folder: Folder, raster: str, values: np.ndarray, name: str) -> float
 
 
 def centre_line(path: np.ndarray, grid: Grid, dem: np.ndarray) -> tuple[list[float], list[float]]:
-    """A line through cells from end to end, half a cell beyond their centres, without the stairs of
-    the raster. That of one cell lies along the contour."""
+    """Line through cells from end to end, half a cell beyond their centres, without the stairs of
+    the raster. For a single cell it lies along the contour."""
     if len(path) == 1:
         along = _contour(dem, *path[0])
         path = path + 0.5 * np.array([-along, along])
@@ -72,8 +72,7 @@ def centre_line(path: np.ndarray, grid: Grid, dem: np.ndarray) -> tuple[list[flo
 
 
 def longest_way(cells: np.ndarray) -> np.ndarray:
-    """The shortest way (n, row and column) between the two cells that are farthest apart, over
-    cells that touch."""
+    """Shortest path (n, row and column) between the two most distant cells, over adjacent cells."""
     from scipy.sparse.csgraph import dijkstra
     from scipy.spatial import cKDTree
 
@@ -87,21 +86,21 @@ def longest_way(cells: np.ndarray) -> np.ndarray:
 
 
 def _off(cells: np.ndarray, way: np.ndarray) -> int:
-    """How many cells do not touch the way."""
+    """Number of cells not adjacent to the path."""
     from scipy.spatial import cKDTree
 
     return int((cKDTree(way).query(cells)[0] > TOUCH).sum())
 
 
 def _lengthened(path: np.ndarray) -> np.ndarray:
-    """With both ends moved outwards by half a step."""
+    """Path with both ends moved outwards by half a step."""
     first, last = path[0] + 0.5 * (path[0] - path[1]), path[-1] + 0.5 * (path[-1] - path[-2])
     return np.concatenate(([first], path[1:-1], [last]))
 
 
 def _simplified(path: np.ndarray) -> np.ndarray:
-    """With no more points than it takes to pass all of them within the tolerance (Douglas and
-    Peucker 1973)."""
+    """Path simplified to the fewest points that stay within the tolerance (Douglas and Peucker
+    1973)."""
     need("nets need", "vector", "shapely")
     import shapely
 
@@ -109,8 +108,7 @@ def _simplified(path: np.ndarray) -> np.ndarray:
 
 
 def _contour(dem: np.ndarray, row: int, column: int) -> np.ndarray:
-    """The direction (rows, columns) in which the terrain neither rises nor falls; east where it is
-    flat, or not known."""
+    """Direction (rows, columns) of the contour; east where the terrain is flat or unknown."""
     known = dem[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
     if min(known.shape) < 2 or np.isnan(known).any():
         return np.array([0.0, 1.0])

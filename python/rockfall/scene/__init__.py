@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From a case and its files to the arrays that the kernel takes."""
+"""Conversion of a case and its files to the arrays of the kernel."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Impact sets: the text of a file, as the kernel takes it, and the numbers that stand there."""
+"""Impact sets: the text of a file, as passed to the kernel, and the numbers in it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import check_kernel
 from rockfall.io.files import check_text_file
 
-ANY_SPEED = _core.constant("any_speed")  # [m/s] end of the range of a set that tells none
+ANY_SPEED = _core.constant("any_speed")  # [m/s] upper limit of a set without a stated range
 
 
 class Coefficients(NamedTuple):
@@ -23,16 +23,16 @@ class Coefficients(NamedTuple):
     covariance: np.ndarray  # (9, 9, 5)
     incidence: np.ndarray  # (8, 5): angles between the classes of `lateral` [degree]
     lateral: np.ndarray  # (13, 9, 5): quantiles of the lateral deviation [degree]
-    speed_range: np.ndarray  # (2, 5): incident speeds that they were fitted on [m/s]
-    angle_range: np.ndarray  # (2, 5): and angles from the surface [degree]
+    speed_range: np.ndarray  # (2, 5): range of fitted incident speeds [m/s]
+    angle_range: np.ndarray  # (2, 5): range of fitted incidence angles from the surface [degree]
 
 
 class SetFile(NamedTuple):
-    """A file of impact sets, and which of its draws."""
+    """A file of impact sets and the draw selected from it."""
 
     text: bytes
     name: str  # for messages
-    draw: int = 0  # 1, ...; 0: it must have one only
+    draw: int = 0  # 1, ...; 0: the file must have exactly one
 
     @property
     def checksum(self) -> str:
@@ -40,8 +40,8 @@ class SetFile(NamedTuple):
         return hashlib.sha256(self.text).hexdigest()
 
     def read(self, turning: str) -> tuple[Coefficients, int]:
-        """Its numbers, with all that a rule of turning needs, and how many draws the file has.
-        Raises a RockfallError that names file, group and key."""
+        """Numbers of the set, with all that a turning rule needs, and the number of draws in the
+        file. Raises a RockfallError that names file, group and key."""
         *values, ranges, draws, code, message = _core.read_sets(
             self.text or b"\n", self.name.encode(), turning, self.draw
         )
@@ -50,13 +50,13 @@ class SetFile(NamedTuple):
 
 
 def open_sets(path: Path) -> SetFile:
-    """The file of impact sets at a path."""
+    """Open the file of impact sets at a path."""
     check_text_file(path)
     return SetFile(path.read_bytes(), str(path))
 
 
 def draws_in(path: Path, turning: str) -> list[SetFile]:
-    """Each draw of a file that may hold several, with all that a rule of turning needs."""
+    """Each draw of a file that may hold several, with all that a turning rule needs."""
     first = open_sets(path)._replace(draw=1)
     _, number = first.read(turning)
     draws = [first._replace(draw=draw) for draw in range(1, number + 1)]
@@ -66,10 +66,10 @@ def draws_in(path: Path, turning: str) -> list[SetFile]:
 
 
 def set_weights(ratio: float, between: bool) -> np.ndarray:
-    """How often each impact set serves a ratio R_b/R_m, (5,)."""
+    """Weights (5,) of the impact sets at a ratio R_b/R_m."""
     return _core.weights_of_sets(ratio, between)
 
 
 def size_weights() -> np.ndarray:
-    """How often method A draws each obstacle size, (3,)."""
+    """Probabilities (3,) of the obstacle sizes in method A."""
     return _core.weights_of_sizes()

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""SHA-256 of what the kernel gets, as it was decoded from whatever files there were.
+"""SHA-256 of the decoded inputs of the kernel, whatever their file formats.
 
-The sum of a named file says nothing of what lies beside it (tables of a shapefile, tiles of a
-mosaic, masks). Rows are summed in their order, so terrain in windows has the sums of the whole.
+The checksum of a named file does not cover its companion files (tables of a shapefile, tiles of a
+mosaic, masks). Rows are hashed in order, so terrain in windows has the same checksums as the
+complete raster.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Digest:
-    """The sums of a scene, from all its rows."""
+    """Checksums of a scene, computed from all its rows."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -26,7 +27,7 @@ class Digest:
         self.sizes = hashlib.sha256()
 
     def take(self, window: Scene, first: int, stop: int) -> None:
-        """Rows `first` to `stop` - 1 of the raster, all columns; the window holds them."""
+        """Add rows `first` to `stop` - 1 of the raster, all columns, which the window must hold."""
         layers = [window.z] if window.zone is None else [window.z, window.zone]
         layers += [] if window.values is None else list(window.values)
         layers += [] if window.cell_ground is None else [window.cell_ground]
@@ -42,7 +43,7 @@ class Digest:
             known.update(np.ascontiguousarray(layer[rows]))
 
     def sums(self) -> dict[str, str]:
-        """The sum of each input, by name."""
+        """Checksum of each input, by name."""
         scene = self.scene
         dem, *surface = self.layers
         dem.update(_place(scene.grid).encode())
@@ -65,13 +66,13 @@ class Digest:
 
 
 def digest(scene: Scene) -> dict[str, str]:
-    """The sums of a scene whose rasters are in memory."""
+    """Checksums of a scene whose rasters are in memory."""
     found = Digest(scene)
     found.take(scene, 0, scene.grid.ny)
     return found.sums()
 
 
 def _place(grid: Grid) -> str:
-    """How a grid lies, to the last bit."""
+    """Exact text form of the position and cell size of a grid."""
     crs = "" if grid.crs is None else grid.crs.to_epsg() or grid.crs.to_wkt()
     return f"{grid.west!r} {grid.north!r} {grid.cell!r} {grid.nx} {grid.ny} {crs}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the ground of a scene is like: its elevations, how steep it is, the sizes of its rocks."""
+"""Ground statistics of a scene: elevations, slopes, rock sizes."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from rockfall.scene.kernel_scene import area_ratios
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
-SAMPLES = 100_000  # cells, about, evenly over the terrain, of which the slope is looked at
+SAMPLES = 100_000  # approximate number of cells, evenly spaced, whose slope is sampled
 QUANTILES = (0.1, 0.5, 0.9)
 LOWEST_LAND = -450.0  # [m] the shore of the Dead Sea is at -430 m
-SPIKE = (10.0, 5.0)  # [m], [cells]: no cell of rock is so much above or below all eight around it
+SPIKE = (10.0, 5.0)  # [m], [cells]: no rock rises or drops so far from all eight neighbours
 
 
 @dataclass
 class Lowest:
-    """The minimum of many numbers, how many are equal to it, and the next above."""
+    """Minimum of a stream of numbers, the number of its occurrences, and the next larger value."""
 
     value: float = np.inf
     count: int = 0
     next: float = np.inf
 
     def take(self, numbers: np.ndarray) -> None:
-        """More of them, in which NaN counts for nothing."""
+        """Add numbers, ignoring NaN."""
         value = np.fmin.reduce(numbers, axis=None, initial=np.inf)
         if not value <= self.next:
             return
@@ -47,32 +47,32 @@ class Lowest:
 
 @dataclass
 class Ground:
-    """Gathered from all rows of the terrain, a band of them at a time."""
+    """Statistics gathered from all rows of the terrain, one band at a time."""
 
     low: Lowest = field(default_factory=Lowest)  # elevations [m]
-    high: Lowest = field(default_factory=Lowest)  # and their negatives [m]
+    high: Lowest = field(default_factory=Lowest)  # negative elevations [m]
     known: int = 0  # cells with an elevation
-    deep: int = 0  # of them, below LOWEST_LAND
-    spikes: int = 0  # above or below all about them
-    spike: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x, y of the largest, by how much [m]
-    integers: bool = True  # all elevations are
-    steps: int = 0  # if so: along rows and columns, bends one way and back in the next cell
-    spans: int = 0  # of so many places
+    deep: int = 0  # cells below LOWEST_LAND
+    spikes: int = 0  # cells above or below all their neighbours
+    spike: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x, y and height of the largest spike [m]
+    integers: bool = True  # all elevations are integers
+    steps: int = 0  # if so: bends along rows and columns that reverse in the next cell
+    spans: int = 0  # number of places examined for steps
     slopes: list[np.ndarray] = field(default_factory=list)  # tangents, of SAMPLES cells
-    materials: list[np.ndarray] = field(default_factory=list)  # of these: rows of `sizes`, -1: none
-    numbers: list[np.ndarray] = field(default_factory=list)  # and of the scene's grounds, from 1
-    rocks: list[np.ndarray] = field(default_factory=list)  # or their sizes (n, 1 or 3) [m]
+    materials: list[np.ndarray] = field(default_factory=list)  # rows of `sizes` there, -1: unknown
+    numbers: list[np.ndarray] = field(default_factory=list)  # their grounds, from 1
+    rocks: list[np.ndarray] = field(default_factory=list)  # of these: sizes (n, 1 or 3) [m]
     source_z: list[np.ndarray] = field(default_factory=list)  # of the sources: elevations [m]
-    source_slopes: list[np.ndarray] = field(default_factory=list)  # and tangents
-    sizes: np.ndarray = field(default_factory=lambda: np.empty(0))  # of materials [m]
-    used: set[int] = field(default_factory=set)  # rows of `sizes` that some cell has
-    falling: int = 0  # cells whose Rg70, Rg20, Rg10 fall, where they come as rasters
-    rising: int = 0  # those where they do not, and are not equal
-    smallest: float = np.inf  # where sizes come as rasters [m]
+    source_slopes: list[np.ndarray] = field(default_factory=list)  # and tangents of their slopes
+    sizes: np.ndarray = field(default_factory=lambda: np.empty(0))  # sizes of materials [m]
+    used: set[int] = field(default_factory=set)  # rows of `sizes` that occur in some cell
+    falling: int = 0  # cells whose Rg70, Rg20, Rg10 decrease, where sizes are rasters
+    rising: int = 0  # cells where they do not, and are not equal
+    smallest: float = np.inf  # where sizes are rasters [m]
     largest: float = 0.0
 
     def take(self, band: Scene, box: Box) -> None:
-        """Rows of a box, in a scene that holds them and what lies about them."""
+        """Add the rows of a box from a scene that holds them and their neighbours."""
         inner = slice(box.row - band.at[0], box.stop_row - band.at[0])
         z = band.z[inner]
         for rows in row_blocks(z.shape):
@@ -89,7 +89,7 @@ class Ground:
         self._take_sizes(band, inner)
 
     def _take_samples(self, band: Scene, row: np.ndarray, column: np.ndarray) -> None:
-        """Slopes of cells, and what they are made of."""
+        """Sample the slopes of cells and their ground."""
         self.slopes.append(_slopes(band, band.grid.x[column], band.grid.y[row]))
         at = row - band.at[0], column - band.at[1]
         if band.values is not None:
@@ -115,7 +115,7 @@ class Ground:
             self.spans += int(np.count_nonzero(~np.isnan(back)))
 
     def _take_spikes(self, band: Scene, rows: slice) -> None:
-        """Cells that lie above or below all that are known around them."""
+        """Count cells that lie above or below all their known neighbours."""
         z, grid = band.z, band.grid
         limit = max(SPIKE[0], SPIKE[1] * grid.cell)
         for block in row_blocks((rows.stop - rows.start, z.shape[1])):
@@ -150,24 +150,24 @@ class Ground:
             self.used |= set((np.unique(band.zone[rows]) - 1).tolist()) - {-1}
 
     def quantiles(self) -> np.ndarray:
-        """Of the slopes of the terrain [degree]; NaN where no cell has all its neighbours."""
+        """Quantiles of the terrain slopes [degree]; NaN where no cell has all its neighbours."""
         return _degrees(self.slopes, QUANTILES)
 
     def source_quantiles(self) -> np.ndarray:
-        """Of the slopes at the sources [degree]."""
+        """Quantiles of the slopes at the sources [degree]."""
         return _degrees(self.source_slopes, QUANTILES)
 
 
 def falls_and_rises(sizes: np.ndarray) -> tuple[int, int]:
-    """In how many places sizes (Rg70, Rg20, Rg10 first) fall, and in how many they do otherwise;
-    where they are equal counts for neither."""
+    """Number of places where sizes (Rg70, Rg20, Rg10 first) decrease, and where they increase;
+    places with equal sizes are not counted."""
     falls = (sizes[1:] <= sizes[:-1]).all(axis=0) & (sizes[-1] < sizes[0])
     differ = (sizes[1:] != sizes[:-1]).any(axis=0) & ~np.isnan(sizes).any(axis=0)
     return int(np.count_nonzero(falls)), int(np.count_nonzero(differ & ~falls))
 
 
 def ground_of(scene: Scene) -> Ground:
-    """That of a scene with its rasters."""
+    """Ground statistics of a scene with its rasters."""
     found = Ground()
     found.take(scene, scene.grid.box)
     return found
@@ -181,14 +181,14 @@ def _degrees(tangents: list[np.ndarray], shares: tuple[float, ...]) -> np.ndarra
 
 
 def _slopes(band: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Tangents of the slopes of the cells at places."""
+    """Tangents of the slopes of the cells at given places."""
     if not x.size:
         return np.empty(0)
     return np.sqrt(np.maximum(area_ratios(band, x, y) ** 2 - 1, 0.0))
 
 
 def _ground_numbers(band: Scene, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """What the rebounds of cells follow: the numbers of the scene's grounds."""
+    """Ground numbers of the scene at given cells."""
     if band.cell_ground is not None:
         return band.cell_ground[at]
     if band.material_ground is None or band.zone is None:
@@ -197,8 +197,8 @@ def _ground_numbers(band: Scene, at: tuple[np.ndarray, np.ndarray]) -> np.ndarra
 
 
 def _samples(band: Scene, box: Box) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of evenly spaced cells of the whole terrain that lie in a box, and are known
-    like all eight cells about them."""
+    """Rows and columns of evenly spaced cells of the complete terrain that lie in a box and are
+    known together with their eight neighbours."""
     grid = band.grid
     step = max(1, int(np.sqrt(grid.nx * grid.ny / SAMPLES)))
     rows = np.arange(max(1, -(-box.row // step) * step), min(box.stop_row, grid.ny - 1), step)

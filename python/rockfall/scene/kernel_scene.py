@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A scene in the kernel: built once, of the text of its case and of arrays."""
+"""A scene in the kernel, built once from the text of its case and from arrays."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ NO_TERRAIN = np.zeros((1, 1), "f4")  # of a scene that has windows
 
 
 class KernelScene:
-    """The handle of a scene, and the arrays that the kernel looks at as long as there is one."""
+    """Handle of a scene, with the arrays that the kernel reads during its lifetime."""
 
     def __init__(self, scene: Scene) -> None:
         self.name = scene.case.name
@@ -43,13 +43,13 @@ class KernelScene:
         raise TypeError("a scene in the kernel belongs to its process; copies make their own")
 
     def keep_within(self, box: Box) -> None:
-        """Let boulders come no farther than the cells of maps: once, the same for all runs."""
+        """Confine boulders to the cells of maps; called once, the same for all runs."""
         if self._box != box:
             _core.limit_terrain(self.handle, **box.corners())
             self._box = box
 
     def check(self, code: int, message: bytes) -> None:
-        """Raise what a procedure of the kernel says is wrong with the scene."""
+        """Raise the error that a kernel procedure reports for the scene."""
         check_kernel(code, message, self.name)
 
 
@@ -120,5 +120,5 @@ def area_ratios(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def known_at(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Whether boulders can start from places [m]: between four cells with an elevation."""
+    """Mark places [m] where boulders can start: between four cells with an elevation."""
     return _core.known_at(scene.kernel.handle, x, y).astype(bool)

@@ -23,7 +23,7 @@ from rockfall.io.raster_file import raster_file
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
-LAYERS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # endings of layers of shapes
+LAYERS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # file extensions of vector layers
 
 
 def layer_blocks(
@@ -90,7 +90,7 @@ def _whole_numbers(key: str, given: np.ma.MaskedArray, dtype: Any) -> np.ma.Mask
 
 
 def array_checksum(array: np.ndarray) -> str:
-    """SHA-256 of the bytes of an array, and of its mask where it has one."""
+    """SHA-256 of the bytes of an array, and of its mask if it has one."""
     found = hashlib.sha256(np.ascontiguousarray(np.ma.getdata(array)).data)
     if np.ma.is_masked(array):
         found.update(np.ascontiguousarray(np.ma.getmaskarray(array)).data)
@@ -98,7 +98,7 @@ def array_checksum(array: np.ndarray) -> str:
 
 
 def note_layer(scene: Scene, name: str, path: Path, layer: str | None = None) -> None:
-    """Note the checksum of a layer that was read, and from which CRS it was reprojected."""
+    """Record the checksum of a layer, and the CRS from which it was reprojected."""
     scene.checksums[name] = file_checksum(path)
     where = name_of(path, layer)
     for remark in scene.remarks:

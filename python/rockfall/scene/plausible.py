@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a scene may have, but hardly ever means: a line for each, which says what it would mean.
+"""Valid but implausible inputs of a scene, with one line for each that states its literal meaning.
 
-What is impossible is refused where it is read. The limits are far from what is usual: a warning of
-a sound scene does harm, too. Each limit stands once, with its reason, in `rockfall.scene.rules`.
+Impossible inputs are refused where they are read. Limits are far from usual values, because a false
+warning also does harm. Each limit is defined once, with its reason, in `rockfall.scene.rules`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from rockfall.scene.scene import InputWarning, Scene, lines_outside
 
 
 def input_warnings(scene: Scene) -> list[InputWarning]:
-    """Each thing that is likely a mistake; found once for a scene, and for those made from it."""
+    """Likely mistakes in the inputs; computed once for a scene and those derived from it."""
     if scene.warnings is None:
         found = (one for rule in RULES for one in rule(scene))
         scene.warnings = list(dict.fromkeys(found))
@@ -25,12 +25,12 @@ def input_warnings(scene: Scene) -> list[InputWarning]:
 
 
 def implausible(scene: Scene) -> list[str]:
-    """A line for each thing that is likely a mistake."""
+    """One line for each likely mistake."""
     return [f"{scene.case.name}: {where}: {text}" for where, text in input_warnings(scene)]
 
 
 def warn_of(scene: Scene) -> None:
-    """The lines as warnings of Python, to the caller of the caller."""
+    """Issue the lines as Python warnings, attributed to the caller's caller."""
     for line in implausible(scene):
         warnings.warn(line, stacklevel=3)
 
@@ -43,7 +43,7 @@ def _lines(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _read(scene: Scene) -> Iterator[InputWarning]:
-    """What readers found odd: a place, and what is odd there."""
+    """Remarks of the readers: place, and what is unusual there."""
     for remark in scene.remarks:
         where, _, text = remark.partition(": ")
         yield InputWarning(where, text)

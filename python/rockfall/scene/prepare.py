@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Any case as one that `rockfall-batch` runs alone: its text, and a scene file (docs/files.md)."""
+"""Conversion of any case for `rockfall-batch` alone: its text, and a scene file (docs/files.md)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.version import __version__
 
-LAYOUT = int(_core.constant("scene_layout"))  # of the file
+LAYOUT = int(_core.constant("scene_layout"))  # layout version of the file
 MARK = "! Prepared by rockfall"  # first words of a prepared case.nml
 ABOUT = {  # dimensions, units, long name
     "elevation": ("y x", "m", "elevation of cell centres"),
@@ -75,9 +75,9 @@ ABOUT = {  # dimensions, units, long name
 def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
     """Write `scene.nc` and `case.nml` to `folder`; returns these paths.
 
-    The scene file holds every number that the kernel takes, so rockfall-batch gives the same bits.
-    `arrays` are as in `rockfall.scene.read.read_scene`. A folder that holds something else than a
-    prepared case is refused.
+    The scene file holds all numbers of the kernel's input, so rockfall-batch gives identical
+    results. `arrays` are as in `rockfall.scene.read.read_scene`. A folder that holds anything other
+    than a prepared case is refused.
     """
     folder, inputs = Path(folder), list(input_files(case))
     former = _prepared_files(folder)
@@ -129,7 +129,7 @@ def _scene_file(scene: Scene) -> Contents:
 
 
 def _prepared_files(folder: Path) -> list[Path]:
-    """The files of the prepared case in a folder; one that holds something else is refused."""
+    """Files of the prepared case in a folder; a folder with other files is refused."""
     check_folder(folder)
     if not folder.exists() or not any(folder.iterdir()):
         return []

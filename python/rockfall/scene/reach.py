@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether boulders can start from the sources of a scene, and which cells they can reach."""
+"""Start conditions at the sources of a scene, and the cells that boulders can reach."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rockfall.scene.scene import Scene
 
 
 class Survey:
-    """What is to be known of the terrain before a run, gathered from all its rows."""
+    """Terrain data needed before a run, gathered from all its rows."""
 
     def __init__(self, scene: Scene) -> None:
         output = scene.case.output
@@ -19,19 +19,20 @@ class Survey:
         nodes = scene.grid.nx, scene.grid.ny
         side = _core.block_of(nodes)
         blocks = [-(-n // side) for n in nodes] if "maps" in output else [1, 1]
-        self.minima = np.full(blocks, np.inf, order="F")  # of blocks of cells [m]
+        self.minima = np.full(blocks, np.inf, order="F")  # minima of blocks of cells [m]
 
     def take(self, scene: Scene, first: int, stop: int) -> None:
-        """Rows `first` to `stop` - 1 of the raster; the scene holds them and four more about them.
+        """Add rows `first` to `stop` - 1 of the raster; the scene holds them and four more on
+        either side.
 
-        A source from where no boulder can start is refused.
+        A source from which no boulder can start is refused.
         """
         kernel = scene.kernel
         kernel.check(*_core.survey(kernel.handle, first + 1, stop, self.minima, self.head))
 
     def box(self) -> Box:
-        """Every cell that a boulder can reach: no rebound adds energy, so no boulder passes terrain
-        higher than what its energy at the release could lift it to (theory, chapter 5)."""
+        """Box of all cells that boulders can reach: no rebound adds energy, so no boulder rises
+        above its energy head at release (theory, chapter 5)."""
         scene, grid = self.scene, self.scene.grid
         output = scene.case.output
         if "maps" not in output or output["map_extent"] == "terrain":
@@ -42,7 +43,7 @@ class Survey:
 
 
 def survey(scene: Scene) -> Survey:
-    """That of a scene."""
+    """Survey the terrain of a scene."""
     if scene.windows:
         return scene.windows.survey
     found = Survey(scene)

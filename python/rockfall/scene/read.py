@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From a case to its scene: the rasters, sources and impact sets that it names."""
+"""Reading of the rasters, sources and impact sets that a case names."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def read_scene(
     `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, ground_map, cells, stems, dbh_mean,
     dbh_std, conifers) may be given as arrays: an xarray.DataArray, or NumPy on the cells of the DEM
     (for the DEM itself with its `transform`). Layers (lines, barriers, dams, zones, sources, trees)
-    may be given as GeoDataFrames: lines, barriers and dams beside those of the case.
-    If rasters in files need more than half of `memory` [bytes], they are read in windows, as they
-    are needed: see `rockfall.scene.windows`.
+    may be given as GeoDataFrames: lines, barriers and dams in addition to those of the case. If
+    rasters in files need more than half of `memory` [bytes], they are read in windows on demand:
+    see `rockfall.scene.windows`.
     """
     if not isinstance(case, Case):
         raise RockfallError(f"case = {case!r}: must be a Case; rockfall.read_case(path) reads one")
@@ -85,13 +85,13 @@ def read_scene(
             f"{case.name}: rasters that the case does not use: {', '.join(rasters)}"
         )
     scene.decoded = digest(scene)
-    _ = scene.kernel  # refuses what the text of the case cannot know to be wrong
+    _ = scene.kernel  # raises errors that the case text alone cannot reveal
     return scene
 
 
 def _windowed(scene: Scene, cells: int) -> Scene:
-    """The scene without its rasters, which are read in windows of so many cells; all of them were
-    read once, and checked."""
+    """The scene without rasters, which are read in windows of the given number of cells; all rows
+    have been read and checked once."""
     case = scene.case
     by_source = {"sources", "reach_probability_by_source"} & set(case.output.get("maps", []))
     if by_source:
@@ -113,7 +113,7 @@ def _windowed(scene: Scene, cells: int) -> Scene:
     scene.checksums["dem"] = file_checksum(case.path(case.terrain["dem"]))
     scene.remarks += packing_note(case.path(case.terrain["dem"]))
     release, rows = case.release, [(scene, scene.grid.box)]
-    if release["steep_cells"] or release["by_area"]:  # the terrain tells
+    if release["steep_cells"] or release["by_area"]:  # sources from the terrain
         rows = bands(scene, cells)
     read_sources(scene, rows, {})
     read_forest(scene, {})
@@ -125,13 +125,13 @@ def _windowed(scene: Scene, cells: int) -> Scene:
 
 
 def _read_sets(scene: Scene) -> None:
-    """The impact sets, last of all."""
+    """Read the impact sets, last of all."""
     scene.sets = open_sets(set_path(scene.case))
     scene.checksums["sets"] = scene.sets.checksum
 
 
 def _with_arrays(case: Case, keys: set[str]) -> Case:
-    """The case, checked once more, saying which of its rasters came as arrays."""
+    """Check the case again, with the rasters that were given as arrays."""
     changes: dict[str, Any] = {}
     for key in file_keys():
         if "raster" in key.file and key.name in keys and key.name in getattr(case, key.group):
@@ -140,7 +140,7 @@ def _with_arrays(case: Case, keys: set[str]) -> Case:
 
 
 def _check_files(case: Case, arrays: dict[str, Any]) -> None:
-    """Every file that the case names and that is to be read is there."""
+    """Check that every file exists that the case names and that is to be read."""
     unread = {*RADII} - {*size_columns(case)}
     for key, file in case.files():
         if (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The kernel's rules of a rebound, for many of them: V_t, V_n, W [m/s] in rows (n, 3)."""
+"""Vectorised rebound rules of the kernel: V_t, V_n, W [m/s] in rows (n, 3)."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 
 INERTIA_FACTOR = _core.constant("inertia_factor")  # I/(m R_b^2) of a sphere
-MAX_DRAWS = int(_core.constant("max_draws"))  # of a rebound, before it is limited
+MAX_DRAWS = int(_core.constant("max_draws"))  # draws of a rebound before it is limited
 MIN_NORMAL = _core.constant("min_normal")  # V_n of a limited rebound / incident speed
 
 _Volume = TypeVar("_Volume", float, np.ndarray)
 
 
 def sphere_radius(volume: _Volume) -> _Volume:
-    """Of a sphere of this volume [m3], [m]."""
+    """Radius [m] of a sphere of the given volume [m3]."""
     return np.cbrt(0.75 / np.pi * volume)
 
 
@@ -27,12 +27,12 @@ def energy(v: np.ndarray) -> np.ndarray:
 
 
 def ratio_class(ratio: np.ndarray) -> np.ndarray:
-    """The set, 1 to 5, that serves each R_b/R_m: the nearest."""
+    """Index, 1 to 5, of the impact set nearest to each R_b/R_m."""
     return _core.ratio_classes(np.ravel(ratio)).reshape(np.shape(ratio)).astype(int)
 
 
 def admissible(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
-    """Which rebounds leave the surface and do not gain energy, (n,) (theory, chapter 5)."""
+    """Mark rebounds (n,) that leave the surface and do not gain energy (theory, chapter 5)."""
     v_in, v_out = np.broadcast_arrays(v_in, v_out)
     return _core.admissible_rebounds(v_in.T, v_out.T).astype(bool)
 

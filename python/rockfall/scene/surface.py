@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the slope is made of: the sizes of its rocks, everywhere, by zones, or cell by cell."""
+"""Rock sizes of the ground: uniform, by zones, or cell by cell."""
 
 from __future__ import annotations
 
@@ -21,18 +21,17 @@ from rockfall.scene.scene import Scene, used_zones
 
 
 def size_columns(case: Case) -> tuple[str, ...]:
-    """The sizes that the method of a case asks for."""
+    """Size columns that the method of a case needs."""
     return RADII[:1] if case.surface["method"] == "B" else RADII[1:]
 
 
 def radius_over_rg(case: Case) -> float:
-    """R_m over Rg of method A: Rg is a diameter, or a radius as it is read."""
+    """Ratio of R_m to Rg in method A, where Rg is read as a diameter or a radius."""
     return _core.size_to_radius(case.surface["rg_reading"])
 
 
 def read_surface(scene: Scene, box: Box, rasters: dict[str, Any]) -> None:
-    """The sizes of the rocks in a box of cells, by the method of the case, and what rebounds there
-    follow."""
+    """Read the rock sizes in a box of cells by the method of the case, and the grounds there."""
     surface = scene.case.surface
     columns = size_columns(scene.case)
     uniform = surface.get("uniform_mean_radius" if surface["method"] == "B" else "uniform_rg")
@@ -52,8 +51,8 @@ def read_surface(scene: Scene, box: Box, rasters: dict[str, Any]) -> None:
 
 
 def read_grounds(scene: Scene) -> dict[int, Zone]:
-    """What the rebounds of a scene follow, where it is not the case's impact sets alone, and the
-    ground of each material. Returns the zones that it has, by id."""
+    """Read the grounds of a scene, where they differ from the case's impact sets, and the ground of
+    each material. Returns its zones by id."""
     case, surface = scene.case, scene.case.surface
     zones = read_zone_table(case.path(surface["table"])) if "zones" in surface else {}
     named = [zone for zone in zones.values() if zone.ground]
@@ -90,7 +89,7 @@ def read_grounds(scene: Scene) -> dict[int, Zone]:
 
 
 def _read_cell_grounds(scene: Scene, box: Box, rasters: dict[str, Any]) -> None:
-    """The number of the ground of each cell; those without an id have the case's."""
+    """Read the ground number of each cell; cells without an id have the case's ground."""
     case, ids = scene.case, scene.ground_ids
     blocks = layer_blocks(scene, "ground_map", "ids of grounds", np.int32, rasters, box)
     names = [scene.grounds[0].name, *ids.values()]
@@ -109,7 +108,7 @@ def _read_zones(
     zones: dict[int, Zone],
     rasters: dict[str, Any],
 ) -> None:
-    """Zones as an index into the table's sizes."""
+    """Read zones as indices into the table of sizes."""
     case, surface = scene.case, scene.case.surface
     path, table_path_ = case.path(surface["zones"]), case.path(surface["table"])
     scene.checksums.setdefault("table", file_checksum(table_path_))
@@ -134,8 +133,8 @@ def _read_zones(
 
 
 def _check_sizes(scene: Scene, columns: tuple[str, ...], where: str, names: list[str]) -> None:
-    """Materials that are used have the sizes that their grounds need; those that need none and have
-    none have rocks of no size."""
+    """Check that used materials have the sizes that their grounds need; for grounds that need none,
+    missing sizes become zero."""
     for k, ground in sorted(_used(scene)):
         need = scene.grounds[ground].rocks if scene.grounds else 2
         missing = np.isnan(scene.sizes[k]).any()
@@ -153,7 +152,7 @@ def _check_sizes(scene: Scene, columns: tuple[str, ...], where: str, names: list
 
 
 def _used(scene: Scene) -> set[tuple[int, int]]:
-    """The pairs of material and ground that some cell has, both from 0."""
+    """Pairs of material and ground that occur in some cell, both counted from 0."""
     if scene.cell_ground is None:
         used = [0] if scene.zone is None else used_zones(scene).tolist()
         grounds = scene.material_ground
@@ -166,7 +165,7 @@ def _used(scene: Scene) -> set[tuple[int, int]]:
 
 
 def _read_values(scene: Scene, box: Box, columns: tuple[str, ...], rasters: dict[str, Any]) -> None:
-    """Rasters of sizes, known wherever the terrain is and its ground needs them."""
+    """Read rasters of sizes, required wherever the terrain is known and its ground needs them."""
     need = np.array([0, *(ground.rocks for ground in scene.grounds)] if scene.grounds else [0, 2])
     scene.values = np.empty((len(columns), *box.shape), np.float32)
     for name, layer in zip(columns, scene.values, strict=True):
@@ -193,7 +192,7 @@ def read_window(scene: Scene, box: Box) -> Scene:
 
 
 def cell_bytes(case: Case, dtype: np.dtype) -> int:
-    """Memory of a cell of the rasters of a case."""
+    """Memory per cell of the rasters of a case."""
     surface = case.surface
     own = dtype.itemsize + ("ground_map" in surface)
     if "zones" in surface:

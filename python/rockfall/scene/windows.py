@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Terrain that does not fit in memory: windows of it, one at a time, round the sources in turn.
+"""Windows of a terrain that does not fit in memory, loaded one at a time around successive sources.
 
-Columns, rows and coordinates stay those of the whole raster, so no bit depends on a window. A
-boulder that leaves its window is in no tally: it is flown again in a larger one.
+Columns, rows and coordinates are those of the complete raster, so results do not depend on windows.
+A boulder that leaves its window is not tallied: it is simulated again in a larger one.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from rockfall.scene.reach import Survey
 from rockfall.scene.scene import Scene
 from rockfall.scene.surface import cell_bytes, read_window
 
-RIM = 4  # cells of a window that boulders keep off, where the raster goes on
+RIM = 4  # cells of a window that boulders may not enter, where the raster continues
 
 
 class Windows:
-    """The terrain of a scene in windows of so many cells, unless a source needs a larger one."""
+    """Terrain of a scene in windows of a given number of cells, larger where a source needs it."""
 
     scene: Scene
     window: Scene
-    sources: range  # whose window it is
+    sources: range  # sources of the window
 
     def __init__(self, scene: Scene, cells: int) -> None:
         self.cells = cells
-        # How far a window goes beyond its sources, and learns to go: north, west, south, east.
+        # Margin of a window around its sources (north, west, south, east), enlarged as needed.
         self.margins = np.full(4, max(RIM, math.isqrt(cells) // 8))
-        self.reading = 0.0  # CPU seconds that windows took to be read
+        self.reading = 0.0  # CPU seconds spent reading windows
         self._turn_to(scene)
         self.ground = Ground()
         self.survey = self._survey()
@@ -47,14 +47,15 @@ class Windows:
         return self.cells * cell_bytes(self.scene.case, self.scene.z.dtype)
 
     def around(self, scene: Scene, first: int, boulders: int) -> tuple[Scene, int]:
-        """The scene with a window of its rasters for boulders from number `first` on, and for how
-        many of them it is. It may differ from the scene before in all but its rasters."""
+        """Scene with a window of its rasters for boulders from number `first` on, and the number of
+        boulders it serves. Attributes other than rasters may differ from those of the previous
+        scene."""
         if scene is not self.scene:
             self._turn_to(scene)
         source = scene.source_of(first)
         if source not in self.sources:
             self.sources, box = self._fitting(source)
-            self.window = self.scene  # its memory is free before the next takes it
+            self.window = self.scene  # free its memory before the next is read
             begin = time.process_time()
             self.window = read_window(self.scene, box)
             self.reading += time.process_time() - begin
@@ -62,7 +63,7 @@ class Windows:
         return self.window, min(boulders, stop - first)
 
     def widen(self, x: np.ndarray, y: np.ndarray) -> None:
-        """Let windows go further on the sides where boulders left this one [m]."""
+        """Enlarge windows on the sides where boulders left this one [m]."""
         grid, box = self.scene.grid, self._box()
         row, column = (grid.north - y) / grid.cell, (x - grid.west) / grid.cell
         left = np.array([
@@ -87,7 +88,8 @@ class Windows:
         return Box(row, column, row + self.window.z.shape[0], column + self.window.z.shape[1])
 
     def _fitting(self, source: int) -> tuple[range, Box]:
-        """As many sources from this one on as a window holds, one at least, and that."""
+        """The longest run of sources from this one that fits in a window (at least one), and its
+        box."""
         row, column = self.row[source:], self.column[source:]
         north, west, south, east = self.margins
         ny, nx = self.scene.grid.shape
@@ -102,7 +104,7 @@ class Windows:
         return range(source, source + n), Box(*boxes[n - 1].tolist())
 
     def _survey(self) -> Survey:
-        """All rows once: checks, sums, sources, and where boulders can come."""
+        """Read all rows once: checks, checksums, sources, and the reachable area."""
         found, known, digest = Survey(self.scene), False, Digest(self.scene)
         path = self.scene.grid.path
         for band, box in bands(self.scene, self.cells):
@@ -117,8 +119,8 @@ class Windows:
 
 
 def bands(scene: Scene, cells: int) -> Iterator[tuple[Scene, Box]]:
-    """All rows in order, some at a time: the scene with rasters of about so many cells, which hold
-    those rows and what lies about them."""
+    """All rows in order, in bands: scenes with rasters of about the given number of cells, which
+    hold those rows and their neighbours."""
     ny, nx = scene.grid.shape
     rows = max(1, cells // nx - 2 * RIM)
     for first in range(0, ny, rows):
@@ -128,6 +130,6 @@ def bands(scene: Scene, cells: int) -> Iterator[tuple[Scene, Box]]:
 
 
 def groups(numbers: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Ascending numbers as (first, how many) that follow each other."""
+    """Runs of consecutive numbers in an ascending array, as (first, count)."""
     for group in np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1):
         yield int(group[0]), group.size

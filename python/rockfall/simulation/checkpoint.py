@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a long run has done so far, on disk: a part file that is replaced in one step, so that a run
-that was killed, whenever, goes on from the last one. One that cannot be written (a full disk) does
-not end the run. rockfall-batch does the same, and each goes on from the other's."""
+"""Checkpoints of long runs: a part file that is replaced atomically, so that a killed run resumes
+from the last one. A failure to write it (a full disk) does not end the run. rockfall-batch uses the
+same files, and either program can resume the other's runs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rockfall.result.dataset import put_netcdf
 from rockfall.simulation.part_file import boulders_in, make_part, read_part
 from rockfall.simulation.tally import Tally, origin_of
 
-REST = 20.0  # a save that took so long is followed by this many times as long without another
+REST = 20.0  # minimum pause between saves, as a multiple of the duration of the last save
 
 
 def checkpoint_of(output: Path) -> Path:
@@ -27,7 +27,7 @@ def checkpoint_of(output: Path) -> Path:
 
 
 class Checkpoint:
-    """The checkpoint of a run in a file beside its output, written every so many seconds."""
+    """Checkpoint of a run, in a file next to its output, written at a given interval."""
 
     def __init__(
         self,
@@ -38,14 +38,14 @@ class Checkpoint:
     ) -> None:
         output = Path(output)
         self.path = checkpoint_of(output)
-        self.part = output.with_name(f".{output.name}.checkpoint")  # until it is whole
+        self.part = output.with_name(f".{output.name}.checkpoint")  # until it is complete
         self.every, self.say = every, say
-        self.keep = keep  # also when all is done, for who has more to do
-        self.saved = 0  # boulders in it
+        self.keep = keep  # also when the run is complete, for callers that continue it
+        self.saved = 0  # number of boulders in it
         self.next = time.monotonic() + every
 
     def found(self) -> int:
-        """Boulders in the file, 0 without one; anything else of its name is refused."""
+        """Number of boulders in the file, 0 without one; any other file of this name is refused."""
         if not os.path.lexists(self.path):
             return 0
         boulders = boulders_in(self.path)
@@ -57,8 +57,8 @@ class Checkpoint:
         return boulders
 
     def restore(self, tally: Tally) -> None:
-        """Go on from the file, if there is one. That of another case, input, version or range of
-        boulders is refused, and one that is damaged."""
+        """Resume from the file, if it exists. A damaged file, or one of another case, input,
+        version or range of boulders, is refused."""
         if not self.found():
             return
         part = read_part(self.path)
@@ -78,17 +78,18 @@ class Checkpoint:
             raise RockfallError(f"{self.path}: is damaged: tally_shared_cell")
 
     def look(self, tally: Tally) -> None:
-        """Write the file, if it is time to."""
+        """Write the file if it is due."""
         if time.monotonic() >= self.next:
             self.save(tally)
 
     def save(self, tally: Tally) -> None:
-        """Write what was done: not without new boulders; never, where that is how often."""
+        """Write the completed boulders, unless there are no new ones or checkpoints are
+        disabled."""
         if np.isinf(self.every) or tally.done == self.saved:
             return
         begun = time.monotonic()
         try:
-            self.part.unlink(missing_ok=True)  # of a run that was killed while it saved
+            self.part.unlink(missing_ok=True)  # left by a run that was killed while saving
             put_netcdf(make_part(tally), self.part, self.path)
             _sync(self.part)
             os.replace(self.part, self.path)
@@ -105,14 +106,14 @@ class Checkpoint:
         self.next = end + max(self.every, REST * (end - begun))
 
     def remove(self) -> None:
-        """The run is done and written."""
+        """Remove the file after the run has been written."""
         for path in self.path, self.part:
             with suppress(OSError):
                 path.unlink()
 
 
 def _sync(path: Path) -> None:
-    """Bring a file, or the names in a folder, to disk."""
+    """Flush a file, or the entries of a folder, to disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run on a Dask cluster: workers fly parts of it, which are joined as they come."""
+"""Runs on a Dask cluster: workers simulate parts, which are merged as they arrive."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from rockfall.simulation.simulate import simulate
 if TYPE_CHECKING:
     from rockfall.result.contents import Contents
 
-PARTS = 16  # for each thread of the cluster: workers end together, and little is lost with one
-SECONDS = 20  # to reach a scheduler
-WINDOWS = threading.Lock()  # of the terrain on this worker
+PARTS = 16  # parts per thread of the cluster: workers finish together, and losing one costs little
+SECONDS = 20  # timeout for reaching a scheduler
+WINDOWS = threading.Lock()  # for the terrain windows on this worker
 
 
 def run_on_cluster(
@@ -34,14 +34,14 @@ def run_on_cluster(
 ) -> Contents:
     """Run a scene on the Dask cluster at an address, or on `local:N` processes of this machine.
 
-    Each worker reads the rasters once, from the files that the case names: it must find them under
-    the same paths. A part whose worker dies is flown again by another. The result is that of
+    Each worker reads the rasters once, from the files that the case names, which it must find under
+    the same paths. A part whose worker dies is repeated by another. The result is that of
     `simulate`, bit for bit.
     """
     need("a Dask cluster needs", "cluster", "distributed")
     from distributed import as_completed
 
-    case = scene.case.replace(case={"threads": 1})  # workers have threads of their own
+    case = scene.case.replace(case={"threads": 1})  # workers have their own threads
     case.folder = Path(case.folder).absolute()
     with interrupts() as interrupted, _client(where) as client:
         memory = 2 * scene.windows.bytes if scene.windows else None  # windows of the same size
@@ -67,7 +67,8 @@ def run_on_cluster(
 
 @contextmanager
 def _client(where: str) -> Iterator[Any]:
-    """A client of the cluster at an address, or of one that lives as long as the block."""
+    """Client of the cluster at an address, or of a local cluster that lives as long as the
+    block."""
     from distributed import Client, LocalCluster
     from distributed.security import Security
 
@@ -84,7 +85,7 @@ def _client(where: str) -> Iterator[Any]:
         raise RockfallError(f"--dask {where}: must be local:N with N >= 1, or an address")
     need("local processes of Dask need", "cluster", "cryptography")
     about = {"n_workers": int(number), "threads_per_worker": 1, "dashboard_address": None}
-    # without credentials whoever else is on this machine may send code to the workers
+    # Without credentials any other user of this machine could send code to the workers.
     with (
         LocalCluster(**about, processes=True, security=Security.temporary()) as cluster,
         Client(cluster, **_straight(cluster.scheduler_address)) as client,
@@ -93,8 +94,8 @@ def _client(where: str) -> Iterator[Any]:
 
 
 def _straight(address: str) -> dict[str, Any]:
-    """Parts come straight from workers of this machine; elsewhere only the scheduler may be in
-    reach."""
+    """Options for direct transfer from local workers; elsewhere only the scheduler may be
+    reachable."""
     here = re.match(r"(\w+://)?(127\.|localhost)", address) is not None
     return {"set_as_default": False, "direct_to_workers": here}
 
@@ -109,7 +110,7 @@ def _result(future: Any) -> Contents:
 
 
 def _part(case: Case, memory: float | None, which: int, of: int) -> Contents:
-    """On a worker: a part of the run. Windows of the terrain move, so one thread has them."""
+    """Run a part on a worker. Terrain windows move, so they are used by one thread at a time."""
     scene = _scene(case, memory)
     with WINDOWS if scene.windows else nullcontext():
         return simulate(scene, shard=(which, of))
@@ -117,5 +118,5 @@ def _part(case: Case, memory: float | None, which: int, of: int) -> Contents:
 
 @lru_cache(maxsize=1)
 def _scene(case: Case, memory: float | None) -> Scene:
-    """The scene of a case, read once by each worker."""
+    """Scene of a case, read once by each worker."""
     return read_scene(case, memory=memory)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One run at a time writes an output: two would destroy each other's files. As in io/lock.f90."""
+"""Locks that let one run at a time write an output, since two would destroy each other's files. The
+same as in io/lock.f90."""
 
 import fcntl
 import os
@@ -13,8 +14,8 @@ from rockfall.io.files import check_regular
 
 @contextmanager
 def locked(output: Path, say: Callable[[str], None]) -> Iterator[None]:
-    """Keep other processes, rockfall-batch too, away from an output, by an empty file beside it.
-    However the process ends, the kernel opens the lock."""
+    """Lock an output against other processes, including rockfall-batch, with an empty file next to
+    it. The operating system releases the lock however the process ends."""
     path = output.with_name(f"{output.name}.lock")
     try:
         descriptor = _open(path)
@@ -26,7 +27,7 @@ def locked(output: Path, say: Callable[[str], None]) -> Iterator[None]:
     try:
         yield
     finally:
-        with suppress(OSError):  # somebody has removed it
+        with suppress(OSError):  # another process has removed it
             path.unlink()
         os.close(descriptor)
 
@@ -39,8 +40,7 @@ def _open(path: Path) -> int:
 
 
 def _hold(descriptor: int, path: Path, say: Callable[[str], None]) -> bool:
-    """Whether the lock was taken, and is still the file of that name: who held it may have removed
-    it just before."""
+    """Try to lock; False if the lock file was replaced in the meantime."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

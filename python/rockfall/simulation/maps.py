@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps in the making: where the kernel's tallies by cell are in its stacks, and what parts add."""
+"""Maps of a running simulation: the kernel's tallies by cell in its stacks, and the sums over
+parts."""
 
 from __future__ import annotations
 
@@ -11,24 +12,25 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 
-HITS = "tree_impacts"  # a map of counts; they are among the sums, which hold more
+HITS = "tree_impacts"  # a map of counts, kept among the sums because they hold larger numbers
 SHARED = ("shared_cell", "shared_source", "shared_boulders")  # of the sources that a range cuts
 
 
 class Plan(NamedTuple):
-    """The tallies that some maps need: layers by name, from 1 in their stacks; 0: none."""
+    """Tallies needed for the maps of a case: layers by name, from 1 in their stacks; 0: not
+    needed."""
 
     #: passages, deposits, sources; released: boulders of these sources; energy_exceeded: the first
     #: of those for thresholds
     counts: dict[str, int]
-    sums: dict[str, int]  # of the quantities below, by name; squares stand behind them
+    sums: dict[str, int]  # of the quantities below, by name, followed by their squares
     maxima: dict[str, int]
-    bins: int  # of counts for quantiles
-    layers: dict[str, int]  # of each stack (counts, sums, maxima)
+    bins: int  # count bins for quantiles
+    layers: dict[str, int]  # number of layers of each stack (counts, sums, maxima)
 
 
 def plan_of(case: Case) -> Plan:
-    """That of the maps of a case."""
+    """Tallies needed for the maps of a case."""
     names = " ".join(case.output.get("maps", []))
     counts, sums, maxima, bins, layers = _core.map_plan(names, len(case.hazard["thresholds"]))
     quantities = (
@@ -45,9 +47,10 @@ def plan_of(case: Case) -> Plan:
 
 
 def boulders_per_cluster(case: Case, x: np.ndarray, y: np.ndarray) -> int:
-    """How many boulders that started at these places count as one in intervals of cells: where
-    sources are a sample, those of a place may all do the same, and maps do not know how they
-    differ; so all of them, of the place that released the most. Given sources: 1."""
+    """Number of boulders from these places that count as one in the intervals of cells. With
+    sampled sources, the boulders of a place may all behave alike, and maps do not record their
+    differences; the number is then that of the place that released the most. With given sources it
+    is 1."""
     if case.release["sources"] != "sample" or not len(x):
         return 1
     import pandas as pd
@@ -58,20 +61,20 @@ def boulders_per_cluster(case: Case, x: np.ndarray, y: np.ndarray) -> int:
 def count_limits(
     counts: np.ndarray, boulders: int, per_cluster: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The limits of the 95 % intervals of fractions of the boulders, as the kernel has them."""
+    """Limits of the 95 % intervals of fractions of the boulders, computed by the kernel."""
     low, high = _core.count_limits(np.ravel(counts), boulders, per_cluster)
     return low.reshape(np.shape(counts)), high.reshape(np.shape(counts))
 
 
 def tells_sources(case: Case) -> bool:
-    """Whether a map asks which source a boulder has."""
+    """Return True if a map needs the source of each boulder."""
     plan = plan_of(case).counts
     return bool(plan["sources"] or plan["released"])
 
 
 def join_sources(case: Case, counts: np.ndarray, parts: Sequence[Mapping[str, np.ndarray]]) -> None:
-    """Count the sources that several parts cut once a cell, with all their boulders: what the parts
-    counted of them is taken out of the stack of counts, and put back once."""
+    """Count each source that parts split once per cell, with all its boulders: the counts of the
+    parts are removed from the stack, and one joint count is added."""
     plan = plan_of(case).counts
     cell, source, boulders = (np.concatenate([part[name] for part in parts]) for name in SHARED)
     layers = counts.reshape(len(counts), -1)
@@ -89,7 +92,7 @@ def join_sources(case: Case, counts: np.ndarray, parts: Sequence[Mapping[str, np
 
 
 def _boulders_of(parts: Sequence[Mapping[str, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of the cut sources, and the boulders of each over all parts."""
+    """Numbers of the split sources, and the boulders of each over all parts."""
     rows = []
     for part in parts:
         source, first = np.unique(part["shared_source"], return_index=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How much memory there is for a run."""
+"""Memory available for a run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ UNITS = {"": 1, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12}
 
 
 def machine_memory() -> float:
-    """Bytes that this process may use: of the machine, of its job (control group), of its shell."""
+    """Bytes that this process may use: limited by the machine, its job (control group) and its
+    shell."""
     limits = [MACHINE_MEMORY]
     limits += [limit for limit in resource.getrlimit(resource.RLIMIT_AS)[:1] if limit > 0]
     with suppress(OSError):
@@ -26,8 +27,8 @@ def machine_memory() -> float:
 
 
 def limit_files(groups: str) -> list[Path]:
-    """The files that may hold a limit of the process's control group, or of one above it, from the
-    text of /proc/self/cgroup: of the unified hierarchy, or of the older one for memory alone."""
+    """Files that may hold a limit of the process's control group or of a parent group, from the
+    text of /proc/self/cgroup: in the unified hierarchy, or in the older one for memory."""
     files = []
     for pattern, root, name in (
         (r"^0::/(.*)$", Path("/sys/fs/cgroup"), "memory.max"),
@@ -44,9 +45,9 @@ def limit_files(groups: str) -> list[Path]:
 
 
 def read_memory(text: str) -> float:
-    """Bytes from a text such as 500MB, 4G or 1.5 TB.
+    """Parse a text such as 500MB, 4G or 1.5 TB as bytes.
 
-    A RockfallError says what it must be.
+    A RockfallError states the allowed form.
     """
     found = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+) *([kmgt]?)b?", text.strip(), re.IGNORECASE)
     if not found or float(found[1]) == 0:

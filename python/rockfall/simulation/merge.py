@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Parts of a run, joined to the result of all of it."""
+"""Merging of the parts of a run into its complete result."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 
 def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
-    """The result of a whole run from its parts (results, or their files), bit for bit that of a run
-    in one piece; only times and threads are their own.
+    """Merge the parts of a run (results, or their files) into its result, bit for bit that of a run
+    in one piece except for times and threads.
 
-    A RockfallError names parts of another run, and boulders that are missing or there twice.
+    A RockfallError names parts of another run, and missing or duplicate boulders.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -40,7 +40,7 @@ def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
 
 
 def join(parts: Iterable[Held | str | Path]) -> Contents:
-    """What `merge` makes."""
+    """Merge parts into contents; see `merge`."""
     joined = Joined()
     for part in parts:
         joined.add(part)
@@ -48,13 +48,13 @@ def join(parts: Iterable[Held | str | Path]) -> Contents:
 
 
 class Joined:
-    """Parts of one run put together as they come, in any order: rows, sums and tallies of maps."""
+    """Merge of the parts of a run in any order of arrival: rows, sums and map tallies."""
 
     def __init__(self) -> None:
-        self.first: Part | None = None  # that came, without its values
+        self.first: Part | None = None  # to arrive, without its values
         self.ranges: list[tuple[int, int, str]] = []  # first and last boulder, name
         self.tally: Tally | None = None
-        self.shared: list[dict[str, np.ndarray]] = []  # by sources that a part cuts
+        self.shared: list[dict[str, np.ndarray]] = []  # by sources that a part splits
         self.trajectories: dict[int, np.ndarray] = {}  # by boulder
 
     def add(self, part: Held | str | Path) -> None:
@@ -78,7 +78,7 @@ class Joined:
         part.arrays = {}
 
     def result(self) -> Contents:
-        """That of the whole run; the parts are used up."""
+        """Result of the complete run; uses up the parts."""
         tally = self.tally
         if tally is None:
             raise RockfallError("merge: needs the parts of a run")
@@ -100,7 +100,7 @@ class Joined:
 
 
 def _tally_for(part: Part) -> Tally:
-    """Room for all boulders of the run of a part."""
+    """Tally for all boulders of the run of a part."""
     origin = part.origin
     layout = (part.arrays.get(f"sample_{name}", np.zeros(1, "i4")) for name in LAYOUT)
     run = Run.joined(
@@ -111,7 +111,7 @@ def _tally_for(part: Part) -> Tally:
 
 
 def _have_layout(tally: Tally, part: Part) -> bool:
-    """Whether samples of a part have the parts and groups of sources that those of a run have."""
+    """Return True if the samples of a part have the same parts and groups of sources as the run."""
     names = (f"sample_{name}" for name in LAYOUT)
     return tally.number is None or all(
         np.array_equal(tally.array(name), part.arrays[name]) for name in names
@@ -119,7 +119,7 @@ def _have_layout(tally: Tally, part: Part) -> bool:
 
 
 def _check_whole(ranges: Sequence[tuple[int, int, str]], tally: Tally) -> None:
-    """All boulders are there, once."""
+    """Check that every boulder occurs exactly once."""
     done, requested, wrong = 0, tally.boulders, []
     for first, last, name in ranges:
         if first > done + 1:

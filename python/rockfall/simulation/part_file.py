@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The part file (docs/files.md): results of some boulders of a run, with tallies that add up to
-those of all. A checkpoint, a shard's result and the result of rockfall-batch are one."""
+"""Part files (docs/files.md): results of some boulders of a run, with tallies that sum to those of
+the complete run. Checkpoints, results of shards and results of rockfall-batch are part files."""
 
 from __future__ import annotations
 
@@ -43,23 +43,23 @@ if TYPE_CHECKING:
     from rockfall.result.contents import Held
     from rockfall.simulation.tally import Tally
 
-LAYOUT = int(_core.constant("part_layout"))  # of the file
+LAYOUT = int(_core.constant("part_layout"))  # layout version of the file
 STACKS = ("counts", "sums", "maxima")  # of maps, by layer
-BEFORE = "tally_"  # the names of tallies
+BEFORE = "tally_"  # prefix of the names of tallies
 ADDED = ("count", "ground", "histogram")  # groups of the table of variables: sums over boulders
 GROUPS = ("kept", "boulder", "energy", "feature", "tree", "line", "barrier", *ADDED)
 CLOCKS = ("wall_seconds", "cpu_seconds")
 NUMBERS = ("boulders_requested", "boulder_first", "boulder_last", "threads")
 LAYOUT_OF = {"part": "sample_part_last", "group": "sample_group_part"}  # of samples
 SUMS = ("input_checksums", "decoded_checksums")
-PACKING = int(_core.constant("max_packing"))  # zlib packs no closer than this
+PACKING = int(_core.constant("max_packing"))  # maximum compression ratio of zlib
 
 
 # ---- from a tally
 
 
 def make_part(tally: Tally) -> Contents:
-    """The boulders done of a tally, which may go on."""
+    """Part with the completed boulders of a tally, which may continue."""
     shared = tally.settle()
     try:
         found = tallies(tally) | shared
@@ -82,8 +82,8 @@ def make_part(tally: Tally) -> Contents:
 
 
 def tallies(tally: Tally) -> dict[str, np.ndarray]:
-    """The tallies of the cells that boulders reached, which are `cell`: `counts`, `sums`, `maxima`
-    (layers, cells) and `bin_counts` (cells, bins), as far as there are any."""
+    """Tallies of the cells that boulders reached, numbered by `cell`: `counts`, `sums`, `maxima`
+    (layers, cells) and `bin_counts` (cells, bins), as far as they exist."""
     found = {array.name: array.values for array in tally.arrays("tally", "work")}
     cells = _reached(found)
     arrays = {"cell": cells}
@@ -97,7 +97,7 @@ def tallies(tally: Tally) -> dict[str, np.ndarray]:
 
 
 def _reached(found: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Cells in which any tally is not zero, counted from 0 by rows from the north-west."""
+    """Cells with a non-zero tally, counted from 0 by rows from the north-west."""
     layers = [layer for name in STACKS for layer in found.get(name, ())]
     reached = np.zeros(1, bool)
     for layer in layers + ([found["column"]] if "column" in found else []):
@@ -110,7 +110,7 @@ def _reached(found: Mapping[str, np.ndarray]) -> np.ndarray:
 
 @dataclass
 class Part:
-    """A part that has been read, and checked: each value is one that a run can have."""
+    """A part that was read and checked: each value is possible in a run."""
 
     name: str  # for messages
     origin: Origin
@@ -119,12 +119,12 @@ class Part:
     threads: int
     clocks: dict[str, float]
     crs: dict[str, Any]  # attributes of the grid mapping
-    date: str = ""  # when it was written; "": the part does not say
+    date: str = ""  # when it was written; "": unknown
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
 
     def add_to(self, tally: Tally) -> None:
-        """Put rows to their places and add counts and tallies; those of sources that the part cuts
-        are still to be joined, or gone on with."""
+        """Store rows at their places and add counts and tallies; those of sources that the part
+        splits are left to be joined or continued."""
         rows, found = self._rows_in(tally), {array.file_name: array for array in tally.run.arrays()}
         for name, array in found.items():
             if array.group in ADDED:
@@ -139,8 +139,8 @@ class Part:
         tally.cpu += self.clocks["cpu_seconds"]
 
     def _rows_in(self, tally: Tally) -> slice:
-        """The places of its rows; where not all are kept, of those with its numbers, or of a run in
-        parts, which come in any order, the next that are free (0)."""
+        """Places of its rows. If only some rows are kept, those with its numbers; for a run in
+        parts, which arrive in any order, the next free ones (0)."""
         number = tally.number
         if number is None:
             return slice(self.first - 1 - tally.before, self.last - tally.before)
@@ -159,13 +159,13 @@ class Part:
         return rows
 
     def shared(self) -> dict[str, np.ndarray]:
-        """The cells to which sources contribute that the part cuts; {} where no map asks."""
+        """Cells reached from sources that the part splits; {} if no map needs them."""
         if f"{BEFORE}shared_cell" not in self.arrays:
             return {}
         return {name: self.arrays[BEFORE + name] for name in SHARED}
 
     def trajectories(self) -> dict[int, np.ndarray]:
-        """Vertices by number of the boulder."""
+        """Vertices by boulder number."""
         if "trajectory_boulder" not in self.arrays:
             return {}
         rows = np.stack([self.arrays[f"trajectory_{name}"] for name in variables.fields(4)], axis=1)
@@ -184,7 +184,7 @@ def _add_samples(views: Mapping[str, np.ndarray], arrays: Mapping[str, np.ndarra
         sums[..., digit + 1] &= (1 << BASE_BITS) - 1
     np.maximum(sums[..., 4], more[..., 4], out=sums[..., 4])
     for mine, its in zip(views["sample_largest"], arrays["sample_largest"], strict=True):
-        for one, other in zip(mine, its, strict=True):  # of all together memory has no copies
+        for one, other in zip(mine, its, strict=True):  # row by row, to save memory
             one[:] = np.sort(np.concatenate([one, other]))[other.size :]
     np.add(views["sample_ended"], arrays["sample_ended"], out=views["sample_ended"])
 
@@ -214,7 +214,7 @@ def _add_cells(views: Mapping[str, np.ndarray], arrays: Mapping[str, np.ndarray]
 
 
 def boulders_in(path: Path) -> int | None:
-    """How many boulders a part holds; None of any other file."""
+    """Number of boulders in a part; None for any other file."""
     try:
         with _opened(path) as file:
             if getattr(file, "part_layout", None) != LAYOUT:
@@ -225,8 +225,8 @@ def boulders_in(path: Path) -> int | None:
 
 
 def read_part(part: Held | str | Path) -> Part:
-    """A part, a Dataset or its file, whose every value is checked; one that is none, or is damaged,
-    is a RockfallError. Files are read as they are: xarray would take several times as long."""
+    """Read a part from a Dataset or a file and check all its values; a RockfallError refuses other
+    or damaged files. Files are read directly, since xarray would take several times as long."""
     if not isinstance(part, str | Path):
         head = _head(part.attrs, part["crs"].attrs if "crs" in part else {}, "a part")
         held: Mapping[Any, Any] = part.variables
@@ -280,7 +280,7 @@ def _damaged(part: Part, what: str) -> RockfallError:
 
 
 def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
-    """What a part says of itself, without its values."""
+    """Metadata of a part, without its values."""
     if attrs.get("part_layout") != LAYOUT:
         raise RockfallError(
             f"{name}: is no part of a run, as --shard, checkpoints and rockfall-batch make them"
@@ -341,8 +341,8 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
 
 
 def when(date: str) -> datetime:
-    """The time that an attribute `date_created` states (ISO 8601); the earliest one if it is empty,
-    a ValueError if it is no date."""
+    """Time of an attribute `date_created` (ISO 8601); the earliest possible if empty, a ValueError
+    if invalid."""
     if not date:
         return datetime.min.replace(tzinfo=UTC)
     found = datetime.fromisoformat(date)
@@ -350,7 +350,7 @@ def when(date: str) -> datetime:
 
 
 def _grounds(attrs: Mapping[str, Any]) -> list[GroundRule]:
-    """Names and models of the grounds; none where the scene has no others than its sets."""
+    """Names and models of the grounds; none where the scene has only its impact sets."""
     if "grounds" not in attrs:
         return []
     names, models = (str(attrs[name]).split("\n") for name in ("grounds", "ground_models"))
@@ -363,7 +363,7 @@ def _case(text: str, file: str) -> Case:
 
 
 def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
-    """Every variable that a part of its case has: type and dimensions."""
+    """Type and dimensions of every variable that a part of its case has."""
     case = part.origin.case
     found = {"crs": ("i4", ())} | _typed("boulder", "", "boulder") | _typed("count", "")
     if rows_kept(case, part.origin.boulders) is not None:
@@ -401,14 +401,14 @@ def _typed(group: str, before: str, *dims: str) -> dict[str, tuple[str, tuple[st
 
 
 def _dimensions(tally: str) -> tuple[str, ...]:
-    """Of a tally; those of stacks have a layer each."""
+    """Dimensions of a tally; those of stacks include a layer."""
     if tally in STACKS:
         return f"tally_{tally}_layer", "tally"
     return {"cell": ("tally",), "bin_counts": ("tally", "tally_bin")}.get(tally, ("tally_shared",))
 
 
 def _lengths(part: Part) -> dict[str, int]:
-    """Of the dimensions whose length follows from the case and the boulders."""
+    """Lengths of the dimensions that follow from the case and the boulders."""
     case = part.origin.case
     plan = plan_of(case)
     found = {f"tally_{name}_layer": plan.layers[name] for name in STACKS}
@@ -417,7 +417,7 @@ def _lengths(part: Part) -> dict[str, int]:
     found |= {"boulder": part.last - part.first + 1, "line": len(case.lines)}
     if rows_kept(case, part.origin.boulders) is not None:
         found |= {f"sample_{dim}": n for dim, n in lengths(case, part.origin.boulders).items()}
-        del found["boulder"]  # they are numbered
+        del found["boulder"]  # a numbered dimension
     found |= {"ground": len(part.origin.grounds), "barrier": len(case.barrier)}
     return found | {"tally_bin": plan.bins}
 
@@ -427,8 +427,8 @@ def _check_shapes(
     shapes: dict[str, tuple[np.dtype, tuple[str, ...], tuple[int, ...]]],
     size: int | None,
 ) -> None:
-    """All variables of its case are there, of their types and lengths, in a file (of `size` bytes)
-    that can hold them; others are dropped."""
+    """Check that all variables of its case are present, with their types and lengths, in a file (of
+    `size` bytes) that can hold them; others are dropped."""
     expected, lengths = _expected(part), _lengths(part)
     if "trajectory_boulder" in shapes:
         expected |= _typed("vertex", "trajectory_", "trajectory_vertex")
@@ -446,7 +446,7 @@ def _check_shapes(
 
 
 def _check_values(part: Part) -> None:
-    """Values are such as a run can have."""
+    """Check that values are possible in a run."""
     arrays, window = part.arrays, part.origin.window
     cells = window.shape[0] * window.shape[1]
     boulders = part.last - part.first + 1
@@ -474,8 +474,8 @@ def _check_values(part: Part) -> None:
 
 
 def _are_sources(part: Part) -> bool:
-    """Whether boulders come from sources in their order; from which, where each source releases as
-    many."""
+    """Check that boulders come from sources in order, and from the expected ones where each source
+    releases the same number."""
     sources, case = part.arrays["source"].astype(np.int64), part.origin.case
     if not (np.diff(sources) >= 0).all():
         return False
@@ -486,7 +486,7 @@ def _are_sources(part: Part) -> bool:
 
 
 def are_numbers(numbers: np.ndarray, first: int, last: int) -> bool:
-    """Rising numbers of boulders from the first to the last."""
+    """Check for increasing boulder numbers from the first to the last."""
     rising = bool((np.diff(numbers) > 0).all())
     return rising and (not numbers.size or first <= numbers[0] <= numbers[-1] <= last)
 

@@ -9,9 +9,9 @@ from contextlib import contextmanager
 
 @contextmanager
 def progress_bar(total: int, shown: bool, what: str = "boulders") -> Iterator[Callable[..., None]]:
-    """A function that advances the bar by a number done, and may change the total.
+    """Yield a function that advances a progress bar by a count, and may change the total.
 
-    Silent unless stderr is a terminal, or ROCKFALL_PROGRESS=lines asks for lines.
+    Silent unless stderr is a terminal, or ROCKFALL_PROGRESS=lines requests lines.
     """
     if shown and os.environ.get("ROCKFALL_PROGRESS") == "lines":
         yield _lines(total, what)
@@ -37,7 +37,7 @@ def progress_bar(total: int, shown: bool, what: str = "boulders") -> Iterator[Ca
 
 
 def _lines(total: int, what: str) -> Callable[..., None]:
-    """A function that says on stderr how much is done, for a program that shows it."""
+    """Function that reports progress as lines on stderr, for a program that displays it."""
     made = 0
 
     def advance(done: int, of: int | None = None) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run in the kernel, which keeps what it has found, and views of its arrays by name."""
+"""Handle of a run in the kernel, which accumulates its results, and views of its arrays by name."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from rockfall.errors import check_kernel
 from rockfall.io.grid import Box
 from rockfall.scene.scene import Scene
 
-MAX_COLUMNS = int(_core.constant("max_columns"))  # of counts of bins, and one more can be counted
+MAX_COLUMNS = int(_core.constant("max_columns"))  # bin counts that allow one more count
 
 
 class Array(NamedTuple):
-    """A row of the kernel's table of the arrays of a run, and a view of it."""
+    """A row of the kernel's table of the arrays of a run, with a view of the array."""
 
-    group: str  # and name, in the table of variables; "work": it is in no file
+    group: str  # group and name in the table of variables; "work": in no file
     name: str
     file_name: str
     dims: tuple[str, ...]
@@ -29,18 +29,19 @@ class Array(NamedTuple):
 
 
 class Run:
-    """The handle of a run; it is closed when neither the run nor a view of it is left."""
+    """Handle of a run; closed when neither the run nor a view of it remains."""
 
     def __init__(self, opened: tuple[int, int, bytes], name: str) -> None:
         handle, code, message = opened
         check_kernel(code, message, name)
         self.handle = handle
-        self.successor: Run | None = None  # which has taken its tallies
+        self.successor: Run | None = None  # the run that took over its tallies
         weakref.finalize(self, _core.close_run, handle)
 
     @classmethod
     def of_scene(cls, scene: Scene, numbers: range, box: Box, threads: int) -> Run:
-        """A run of the boulders of these numbers, counted from 0, with maps of some cells."""
+        """Create a run of the boulders with these numbers, counted from 0, with maps of some
+        cells."""
         handle, name = scene.kernel.handle, scene.case.name
         about = numbers.start, len(numbers), window(box), threads, MAX_COLUMNS
         return cls(_core.open_run(handle, *about), name)
@@ -49,17 +50,17 @@ class Run:
     def joined(
         cls, case: Case, boulders: int, box: Box, grounds: int, features: bool, *layout: np.ndarray
     ) -> Run:
-        """A run of which there are parts alone; `layout`: part_last and group_part of samples."""
+        """Create a run from parts alone; `layout`: part_last and group_part of samples."""
         about = case.text().encode(), boulders, window(box), grounds, features
         return cls(_core.open_joined_run(*about, *layout), "merge")
 
     def continued(self, scene: Scene) -> Run:
-        """A run of a scene of more boulders that begins with what this one found."""
+        """Create a run of a scene with more boulders that starts from the results of this one."""
         self.successor = Run(_core.continue_run(scene.kernel.handle, self.handle), scene.case.name)
         return self.successor
 
     def arrays(self) -> Iterator[Array]:
-        """All arrays; those that the next chunk replaces, too."""
+        """All arrays, including those that the next chunk replaces."""
         k = 1
         while text := (found := _core.array(self.handle, k))[0].decode().split():
             group, name, file_name, kind, *axes = text
@@ -72,15 +73,16 @@ class Run:
             k += 1
 
     def array(self, file_name: str) -> np.ndarray:
-        """One of them."""
+        """View of an array by its name in files."""
         for array in self.arrays():
             if array.file_name == file_name:
                 return array.values
         raise KeyError(file_name)
 
     def advance(self, scene: Scene, first: int, size: int) -> tuple[np.ndarray, np.ndarray]:
-        """Run boulders `first` (from 1) and following on a scene, which may be a window. Returns
-        the numbers of those that left it, which are in no tally, and where (2, n)."""
+        """Run the boulders from number `first` (from 1) on a scene, which may be a window. Returns
+        the numbers of the boulders that left it, which are not tallied, and the places where they
+        left it (2, n)."""
         left, code, message = _core.advance(self.handle, scene.kernel.handle, first, size)
         scene.kernel.check(code, message)
         if not left:
@@ -90,13 +92,13 @@ class Run:
     def forget_tallies(
         self, counts: bool = False, sums: bool = False, maxima: bool = False
     ) -> None:
-        """Give back the memory of maps and samples when all is made of them, but for stacks of
-        which there are views."""
+        """Free the memory of map tallies and samples once their results are made, except for stacks
+        with remaining views."""
         _core.forget_tallies(self.handle, [not held for held in (counts, sums, maxima)])
 
 
 class _Memory:
-    """Memory of a run, which lives as long as there are views of it."""
+    """Memory of a run, kept as long as there are views of it."""
 
     def __init__(self, run: Run, address: int, shape: tuple[int, ...], dtype: str) -> None:
         self.run = run
@@ -106,5 +108,5 @@ class _Memory:
 
 
 def window(box: Box) -> list[int]:
-    """First column and row, from 1, columns and rows, as the kernel has them."""
+    """First column and row, from 1, and numbers of columns and rows, in the kernel's form."""
     return [box.column + 1, box.row + 1, *box.shape[::-1]]

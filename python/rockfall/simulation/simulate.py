@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Drive the kernel over the boulders of a case, in chunks, and make a result of what it returns."""
+"""Simulation of the boulders of a case by the kernel, in chunks, and the result made from it."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ if TYPE_CHECKING:
     from rockfall.result.contents import Contents
     from rockfall.simulation.checkpoint import Checkpoint
 
-# A child of a fork would wait for ever for the threads that a run leaves waiting in its parent.
+# A forked child would wait for ever for the idle threads that a run leaves in its parent.
 os.register_at_fork(before=_core.end_team)
 
 CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
 FIRST_CHUNK = 64  # boulders
 STATUS = fields(2).index("status")  # row of the kernel's integers
-STOP = [fields(1).index(name) for name in ("stop_x", "stop_y")]  # of its reals
-LEFT_WINDOW = int(_core.constant("left_window"))  # status: to be flown again in a larger window
+STOP = [fields(1).index(name) for name in ("stop_x", "stop_y")]  # rows of its reals
+LEFT_WINDOW = int(_core.constant("left_window"))  # status: to be repeated in a larger window
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C came: `result` holds the boulders that were done, whole."""
+    """Raised on Ctrl-C; `result` holds the completed boulders."""
 
     def __init__(self, contents: Contents) -> None:
         super().__init__(f"interrupted after {simulated(contents)} boulders")
@@ -58,7 +58,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class StudyInterrupted(Interrupted):
-    """The same of a study of many runs: `result` is the study of those that were done."""
+    """Raised on Ctrl-C in a study of many runs; `result` is the study of the completed runs."""
 
     def __init__(self, study: Any, runs: int) -> None:
         KeyboardInterrupt.__init__(self, f"interrupted after {runs} runs")
@@ -78,11 +78,11 @@ def run(
     """Run a case: an xarray.Dataset of boulders, lines, maps and histograms.
 
     `arrays` (dem, zones, ...) are as in `rockfall.scene.read.read_scene`. The result does not
-    depend on `threads` (default: the case's) or `chunk`, boulders in one call of the kernel
-    (default: what takes a quarter of a second). `shard` (I, N) runs the I-th of N ranges of
+    depend on `threads` (default: the case's) or `chunk`, the boulders per call of the kernel
+    (default: as many as take a quarter of a second). `shard` (I, N) runs the I-th of N ranges of
     boulders: a part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted`, which holds
-    the boulders done. Rasters that need more than half of `memory` [bytes] (default: that of the
-    machine) are read in windows. What is likely a mistake in the case is a UserWarning.
+    the completed boulders. Rasters that need more than half of `memory` [bytes] (default: that of
+    the machine) are read in windows. Likely mistakes in the case raise a UserWarning.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -113,17 +113,17 @@ def simulate(
     checkpoint: Checkpoint | None = None,
     keep: bool = True,
 ) -> Contents:
-    """What the run of a scene finds; see `run`.
+    """Results of the run of a scene; see `run`.
 
-    It goes on from `checkpoint`, and writes it now and then. A scene that need not be kept loses
-    its rasters before the result is made, to save memory.
+    The run resumes from `checkpoint`, and updates it at intervals. The rasters of a scene that need
+    not be kept are freed before the result is made, to save memory.
     """
     import netCDF4  # noqa: F401  what writes the result, before the run: there may be no memory
 
     if threads is None:
         threads = scene.case.case["threads"]
     check_team(threads)
-    input_warnings(scene)  # before its rasters may go
+    input_warnings(scene)  # before its rasters are freed
     with interrupts() as interrupted:  # no chunk is lost half-way
         tally = start(scene, threads, shard)
         if checkpoint:
@@ -154,12 +154,12 @@ def simulate(
 
 
 def check_team(threads: int) -> None:
-    """Refuse a number of threads that cannot be, or that the process has no room for."""
+    """Refuse a number of threads that is invalid or does not fit in memory."""
     check_kernel(*_core.team_fits(threads))
 
 
 def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
-    """Empty tallies of what the case asks for."""
+    """Empty tallies for the outputs of the case."""
     numbers, found = shard_range(scene, shard), survey(scene)
     check_tallies(scene, found)
     box = found.box()
@@ -168,7 +168,7 @@ def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
 
 
 def check_tallies(scene: Scene, found: Survey) -> None:
-    """Refuse a run whose boulders could add up to more in a cell of a map than its numbers hold."""
+    """Refuse a run whose boulders could overflow the numbers in a cell of a map."""
     if "maps" in scene.case.output:
         kernel = scene.kernel
         kernel.check(*_core.check_maps(kernel.handle, found.head[0] - found.minima.min()))
@@ -177,7 +177,7 @@ def check_tallies(scene: Scene, found: Survey) -> None:
 def run_chunks(
     tally: Tally, chunk: int | None, interrupted: Callable[[], bool], advance: Callable[[int], None]
 ) -> None:
-    """Follow the boulders of a tally that are left, up to the last or until interrupted."""
+    """Simulate the remaining boulders of a tally, up to the last or until interrupted."""
     size, total = chunk or FIRST_CHUNK, tally.boulders
     while tally.done < total and not interrupted():
         size = min(size, total - tally.done)
@@ -192,8 +192,8 @@ def run_chunks(
 
 
 def _fly(tally: Tally, first: int, size: int) -> int:
-    """Boulders from number `first` on, into their places: `size` of them, or those whose sources
-    lie in one window of the terrain; returns how many."""
+    """Simulate boulders from number `first` on, and store them: `size` of them, or those whose
+    sources lie in one window of the terrain. Returns their number."""
     scene = tally.scene
     assert isinstance(scene, Scene)
     windows = scene.windows
@@ -201,7 +201,7 @@ def _fly(tally: Tally, first: int, size: int) -> int:
         scene, size = windows.around(scene, first, size)
     scene.kernel.keep_within(tally.box)
     left, stop = tally.run.advance(scene, first, size)
-    del scene  # no window stays while another is read
+    del scene  # frees the window before another is read
     if left.size:
         if windows is None:
             raise RockfallError(f"boulder {left[0]} went where none can go", code=1)
@@ -214,7 +214,7 @@ def _fly(tally: Tally, first: int, size: int) -> int:
 
 
 def trace(tally: Tally) -> None:
-    """Simulate some boulders once more, each alone, and keep their trajectories."""
+    """Repeat selected boulders one by one, and keep their trajectories."""
     wall, cpu = time.perf_counter(), time.process_time()
     scene = tally.scene
     assert isinstance(scene, Scene)
@@ -243,7 +243,8 @@ def trajectory(scene: Scene, number: int) -> np.ndarray:
 def _fly_alone(
     scene: Scene, number: int
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
-    """The vertices of a boulder, and where it left the window if it did; no tally changes."""
+    """Vertices of a boulder, and the place where it left the window, if it did; no tally
+    changes."""
     vertex, recorded = np.empty((0, len(fields(4)))), 256
     while recorded > len(vertex):
         vertex = np.empty((recorded, len(fields(4))))

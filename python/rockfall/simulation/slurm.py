@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A case as a job array of Slurm: one job a shard, and a last one that joins them."""
+"""Slurm job arrays for a case: one job per shard, and a last one that merges them."""
 
 from __future__ import annotations
 
@@ -69,18 +69,18 @@ sbatch --dependency="afterok:$$job" $folder/merge.sh
 def write_jobs(
     path: str | Path, folder: str | Path, shards: int, *, program: str, threads: int, time: str
 ) -> list[Path]:
-    """Write run.sh, merge.sh and submit.sh for a case to `folder`, made where it is missing: all of
-    them or none.
+    """Write run.sh, merge.sh and submit.sh for a case to `folder`, created if missing: all of them
+    or none.
 
-    `program` is python or batch; a case for the latter is as `rockfall prepare` makes it. `threads`
-    and `time` (as Slurm has it) are what each job asks for.
+    `program` is python or batch; the latter needs a case made by `rockfall prepare`. `threads` and
+    `time` (in Slurm's format) are the request of each job.
     """
     case = read_case(path)
     if program not in PROGRAMS:
         raise RockfallError(f"--program {program}: must be {' or '.join(PROGRAMS)}")
     if threads < 1:
         raise RockfallError(f"--threads {threads}: must be at least 1")
-    case.replace(case={"threads": threads})  # the kernel knows how many may be
+    case.replace(case={"threads": threads})  # the kernel knows the maximum
     if not 2 <= shards <= MAX_SHARDS:
         raise RockfallError(f"--shards {shards}: must be 2 to {MAX_SHARDS}")
     if "x" in case.release and shards > (
@@ -112,7 +112,7 @@ def write_jobs(
 
 
 def _batch(path: str | Path) -> str:
-    """The path of rockfall-batch, which jobs do not look for; the case must be prepared."""
+    """Path of rockfall-batch, stored in the jobs; the case must be prepared."""
     found = shutil.which("rockfall-batch")
     if not found:
         raise RockfallError("--program batch: no rockfall-batch is found on the PATH")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run that goes on, or is put together of parts: what the kernel found, and where it is from."""
+"""Results of a run in progress or in parts: the kernel's arrays, and their origin."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from rockfall.version import __version__
 
 @dataclass
 class Origin:
-    """The run that a part is of; stands in for its scene, too."""
+    """Origin of a part: its run. Also used in place of its scene."""
 
     case: Case
-    boulders: int  # of the whole run
+    boulders: int  # of the complete run
     grid: Grid  # of the terrain, without a CRS
     window: Box  # the cells of it that maps cover
     checksums: dict[str, str]
     decoded: dict[str, str]
     version: str
-    grounds: Sequence[GroundRule] = ()  # their names and models
-    features: Features | None = None  # their names
+    grounds: Sequence[GroundRule] = ()  # names and models of the grounds
+    features: Features | None = None  # names of the features
     warnings: list[InputWarning] | None = None
     dams: Sequence[DamShape] = ()
 
     def difference(self, other: Origin) -> str:
-        """The first thing in which another run differs, "" if it is the same; threads may differ,
-        and how the case is written."""
+        """First item in which another run differs, "" if none; threads and the layout of the case
+        text are ignored."""
         for what in ("version", "boulders", "checksums", "decoded", "grid", "window"):
             one, its = getattr(self, what), getattr(other, what)
             if isinstance(one, dict):
@@ -56,29 +56,31 @@ class Origin:
 
 @dataclass
 class Tally:
-    """A run in the kernel, of a scene or of parts alone, and what is not the kernel's."""
+    """A run in the kernel, of a scene or of parts alone, with the data that the kernel does not
+    hold."""
 
     scene: Scene | Origin
     run: Run
-    box: Box  # the cells of the terrain that its maps are of
-    boulders: int  # that are to be done
+    box: Box  # the terrain cells of its maps
+    boulders: int  # to be simulated
     before: int = 0  # boulders of the run before those of this tally
     done: int = 0
     trajectories: dict[int, np.ndarray] = field(
         default_factory=dict
     )  # (vertices, fields) by boulder
-    date: str = ""  # of the last part of a run that there is in parts alone; "": now
+    date: str = ""  # date of the last part, for a run in parts alone; "": now
     wall: float = 0.0
     cpu: float = 0.0
     threads: int = 0
-    crs: dict[str, Any] = field(default_factory=dict)  # said of the grid, where it has no CRS
+    crs: dict[str, Any] = field(default_factory=dict)  # attributes of a grid without a CRS
 
     def array(self, file_name: str) -> np.ndarray:
         """A view of an array of the run, by its name in files."""
         return self.run.array(file_name)
 
     def arrays(self, *groups: str) -> list[Array]:
-        """The arrays of some groups of the table of variables; of rows those of boulders done."""
+        """Arrays of some groups of the table of variables; row arrays are limited to completed
+        boulders."""
         rows, found = self.rows, []
         for array in self.run.arrays():
             if array.group in groups:
@@ -88,7 +90,7 @@ class Tally:
 
     @property
     def number(self) -> np.ndarray | None:
-        """Of the boulder of each row; None: all of them."""
+        """Boulder number of each row; None if all boulders have rows."""
         if rows_kept(self.scene.case, self.scene.boulders) is None:
             return None
         return self.array("boulder")
@@ -107,11 +109,11 @@ class Tally:
         return number[: self.rows]
 
     def go_on(self, scene: Scene) -> None:
-        """Make room for the boulders of a scene that are more of the same."""
+        """Make room for the additional boulders of a scene."""
         self.run, self.scene, self.boulders = self.run.continued(scene), scene, scene.boulders
 
     def sort_rows(self) -> None:
-        """Put rows that came in any order into that of their boulders."""
+        """Sort rows by boulder number."""
         if self.number is None:
             return
         order = np.argsort(self.number)
@@ -120,13 +122,13 @@ class Tally:
                 array.values[...] = array.values[..., order]
 
     def columns(self) -> dict[str, np.ndarray]:
-        """The kernel's numbers in each of these rows, and sums over boulders, by name."""
+        """Kernel columns of these rows, and sums over boulders, by name."""
         return {array.name: array.values for array in self.arrays("boulder", "count")}
 
     def settle(self, sign: int = 1) -> dict[str, np.ndarray]:
-        """Leave only the boulders done of cut sources in the cells that they feed, as a part has
-        it, and tell these cells by source; with sign -1 all of them again, as a run that goes on.
-        {} where no map asks."""
+        """Reduce the counts of split sources in their cells to the completed boulders, as a part
+        stores them, and return these cells by source; with sign -1 restore the counts of all
+        boulders, to continue the run. {} if no map needs them."""
         if not tells_sources(self.scene.case):
             return {}
         assert isinstance(self.scene, Scene)
@@ -134,7 +136,8 @@ class Tally:
         return {name: self.array(f"tally_{name}").copy() for name in SHARED}
 
     def restore_sources(self, shared: dict[str, np.ndarray]) -> bool:
-        """Go on from what `settle` told; False if it cannot be of the boulders done."""
+        """Continue from the result of `settle`; False if it does not match the completed
+        boulders."""
         if not shared or not shared["shared_cell"].size:
             return True
         assert isinstance(self.scene, Scene)
@@ -143,21 +146,22 @@ class Tally:
 
     @property
     def window(self) -> Box:
-        """The cells of the terrain that maps cover; without any, all of them."""
+        """Terrain cells that maps cover, or all cells without maps."""
         return self.box if self.scene.case.output.get("maps") else self.scene.grid.box
 
     @property
     def grid(self) -> Grid:
-        """That of the maps; without any, of all the terrain."""
+        """Grid of the maps, or of the complete terrain without maps."""
         return self.scene.grid.part(self.window)
 
     def georeference(self) -> dict[str, Any]:
-        """What says where the maps lie."""
+        """Attributes that georeference the maps."""
         return georeference(self.grid) | self.crs
 
 
 def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
-    """The boulders of the I-th of N shards, counted from 0; they differ by one at most."""
+    """Boulders of the I-th of N shards, counted from 0; the sizes of shards differ by at most
+    one."""
     which, of = shard
     if not 1 <= which <= of:
         raise RockfallError(f"shard = {which}/{of}: must be I/N with I from 1 to N")
@@ -167,7 +171,7 @@ def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
 
 
 def origin_of(tally: Tally) -> Origin:
-    """The run of a tally."""
+    """Origin of a tally: its run."""
     scene = tally.scene
     return Origin(
         scene.case, scene.boulders, replace(scene.grid, crs=None), tally.window,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From a tally to the variables of a result, by the kernel's table."""
+"""Conversion of a tally to the variables of a result, by the kernel's table."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ MAXIMA = {
 
 
 def make_result(tally: Tally, maps: bool = True) -> Contents:
-    """Everything that a run found, as interface names of `variables`; with or without its maps,
-    whose tallies are used up (`settle` comes before)."""
+    """Complete results of a run, named as in `variables`; with or without its maps, whose tallies
+    are used up (`settle` comes before)."""
     data = table_variables(tally, "boulder", "count", "energy", "feature", "tree")
     data["boulder"] = ("boulder", tally.numbers(), variables.KEPT["boulder"])
     data |= sample_variables(tally)
@@ -45,7 +45,7 @@ def make_result(tally: Tally, maps: bool = True) -> Contents:
     if maps:
         if requested := tally.scene.case.output.get("maps", []):
             _add_maps(data, tally)
-        stacks = plan_of(tally.scene.case).counts, [HITS], MAXIMA  # of which maps are views
+        stacks = plan_of(tally.scene.case).counts, [HITS], MAXIMA  # stacks that maps are views of
         tally.run.forget_tallies(*(any(name in stack for name in requested) for stack in stacks))
     if tally.scene.case.output["rebounds"]:
         data |= _bins() | table_variables(tally, "histogram")
@@ -57,7 +57,7 @@ def make_result(tally: Tally, maps: bool = True) -> Contents:
 
 
 def table_variables(tally: Tally, *groups: str) -> dict[str, Any]:
-    """The kernel's arrays of some groups of the table of variables, rows of the boulders done."""
+    """Kernel arrays of some groups of the table of variables, for rows of completed boulders."""
     data: dict[str, tuple] = {}
     for group in groups:
         for array in tally.arrays(group):
@@ -71,7 +71,7 @@ def table_variables(tally: Tally, *groups: str) -> dict[str, Any]:
 
 
 def _flags(meanings: dict[str, int]) -> dict[str, Any]:
-    """What numbers mean, as CF says it."""
+    """CF attributes for flag values and meanings."""
     return {
         "flag_values": np.array(list(meanings.values()), "i1"),
         "flag_meanings": " ".join(meanings),
@@ -79,7 +79,7 @@ def _flags(meanings: dict[str, int]) -> dict[str, Any]:
 
 
 def sample_variables(tally: Tally) -> dict[str, Any]:
-    """Samples, of bins those that are not empty; none where all rows are kept."""
+    """Samples with non-empty bins only; none where all rows are kept."""
     if tally.number is None:
         return {}
     found = {array.name: array.values for array in tally.arrays("sample", "work")}
@@ -120,7 +120,7 @@ def _line_itself(tally: Tally) -> dict[str, Any]:
 
 
 def _barrier_variables(tally: Tally) -> dict[str, Any]:
-    """Of the lines that are barriers, what they are, and what they did."""
+    """Properties and results of the lines that are barriers."""
     case = tally.scene.case
     height, capacity = _core.barriers(case.text().encode(), len(case.lines))
     outcome = np.zeros((len(height), tally.rows), "i1")
@@ -138,7 +138,7 @@ def _barrier_variables(tally: Tally) -> dict[str, Any]:
 def _add_maps(data: dict[str, Any], tally: Tally) -> None:
     grid, box = tally.scene.grid, tally.box
     requested = tally.scene.case.output["maps"]
-    # the same bits as of the whole grid
+    # bit for bit the values of the complete grid
     data |= centre_variables(grid.x[box.columns], grid.y[box.rows])
     columns = tally.columns()
     per_cluster = boulders_per_cluster(tally.scene.case, columns["start_x"], columns["start_y"])
@@ -150,14 +150,14 @@ def _add_maps(data: dict[str, Any], tally: Tally) -> None:
 
 
 def threshold_variable(case: Case) -> dict[str, tuple]:
-    """The coordinate of counts above thresholds."""
+    """Coordinate of counts above thresholds."""
     values = 1000.0 * np.array(case.hazard["thresholds"])
     return {"threshold": ("threshold", values, {"units": "J", "long_name": "threshold of energy"})}
 
 
 def map_variable(name: str, tally: Tally, per_cluster: int) -> tuple:
-    """A map, NaN where it has no number; the tallies themselves are used up. `per_cluster` is that
-    of `boulders_per_cluster`."""
+    """A map, NaN where undefined; uses up its tallies. `per_cluster` is the value of
+    `boulders_per_cluster`."""
     values, fewest, thin = _map(name, tally, per_cluster)
     known = {"min_passages": fewest if fewest > 1 else 0, "thin_below": thin}
     if name.endswith(("_low", "_high")) and per_cluster > 1:
@@ -167,11 +167,12 @@ def map_variable(name: str, tally: Tally, per_cluster: int) -> tuple:
 
 
 def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, int]:
-    """A map, the passages that a number of it needs, and those below which it is hardly known."""
+    """A map, the minimum number of passages for a value, and the number below which a value is
+    uncertain."""
     plan = plan_of(tally.scene.case)
     if name == variables.EXCEEDED:
         return tally.array("tally_counts")[plan.counts[name] - 1 :], 0, 0
-    if name in plan.counts:  # as it is: another copy would take memory
+    if name in plan.counts:  # without a copy, to save memory
         return tally.array("tally_counts")[plan.counts[name] - 1], 0, 0
     if name == HITS:
         return tally.array("tally_sums")[plan.sums[name] - 1], 0, 0
@@ -188,7 +189,7 @@ def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, in
 
 
 def _bins() -> dict[str, Any]:
-    """The bins of the histograms."""
+    """Bins of the histograms."""
     data: dict[str, Any] = {}
     bins, widths = _core.histogram_bins()
     for k, (name, quantity) in enumerate(variables.HISTOGRAM.items()):
@@ -216,7 +217,7 @@ def trajectory_variables(tally: Tally) -> dict[str, Any]:
 
 
 def _ground_attributes(tally: Tally) -> dict[str, str]:
-    """Names and models of the grounds, a line each."""
+    """Names and models of the grounds, one per line."""
     if not (grounds := tally.scene.grounds):
         return {}
     names, models = zip(*((one.name, one.model) for one in grounds), strict=True)
@@ -224,7 +225,7 @@ def _ground_attributes(tally: Tally) -> dict[str, str]:
 
 
 def run_attributes(tally: Tally) -> dict[str, Any]:
-    """What a result, or a part of one, says of its run."""
+    """Attributes of a result, or of a part, that describe its run."""
     scene = tally.scene
     return {
         "Conventions": CONVENTIONS,

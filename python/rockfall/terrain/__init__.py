@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Shapes on the ground: heights between cell centres, places along polylines, dams."""
+"""Terrain geometry: heights between cell centres, places along polylines, dams."""

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Dams and walls of earth: an edit of the terrain before boulders fly over it, and what came of it
-on the cells."""
+"""Earth dams and walls: an edit of the terrain before a run, and their shape as rasterised."""
 
 from __future__ import annotations
 
@@ -17,40 +16,40 @@ from rockfall.terrain.polyline import beside, lengths
 
 COARSE = 2.0  # cells across a face; on fewer, boulders meet a bump (benchmarks/stability/dam_cells)
 FINE = 4.0  # cells from which the boulders that pass change little with the cell
-STATIONS = 400  # profiles across a dam, at most
+STATIONS = 400  # maximum number of profiles across a dam
 PROFILE = 241  # points of a profile across a dam
-NEAR = 0.05  # of the height: so far below its top a crest ends
+NEAR = 0.05  # a crest ends this fraction of the height below its top
 
 
 class DamShape(NamedTuple):
-    """A dam as it came out on the cells of the terrain, from profiles across its line."""
+    """Shape of a dam as rasterised, from profiles across its line."""
 
-    length: float  # of the line where at least half of the requested height stands [m]
-    height: float  # of the crest above the terrain below the line, in the median [m]
-    height_min: float  # and where it is lowest, the ends left out [m]
-    slope: float  # of the narrower face, from crest to toe, in the median [degree]
+    length: float  # length of the line with at least half of the requested height [m]
+    height: float  # median height of the crest above the terrain below the line [m]
+    height_min: float  # minimum height, without the ends [m]
+    slope: float  # median slope of the narrower face, from crest to toe [degree]
     crest_min: float  # elevation of the crest [m]
     crest_max: float
     crest_width: float  # 5 % of the height below its top, in the median [m]
-    face: float  # width in plan of the narrower face, as the keys of the dam would have it [m]
-    face_cells: float  # the same in cells
+    face: float  # width in plan of the narrower face, by the keys of the dam [m]
+    face_cells: float  # width of the narrower face in cells
     requested: tuple[float, float, float]  # height [m], crest width [m], slope [degree]
 
     def rounded(self) -> dict[str, Any]:
-        """Its numbers by name, as a result has them: to a millimetre."""
+        """Numbers by name, as stored in a result: rounded to a millimetre."""
         return {name: np.round(one, 3).tolist() for name, one in self._asdict().items()}
 
 
 def with_dam(
     z: np.ndarray, grid: Grid, dam: Mapping[str, Any], name: str
 ) -> tuple[np.ndarray, DamShape]:
-    """Return elevations (ny, nx), row 0 the northernmost, with one dam, and the dam as it came out;
-    `name` is for messages.
+    """Return elevations (ny, nx), row 0 the northernmost, with one dam, and its shape as
+    rasterised; `name` is for messages.
 
     The crest lies `height` above the terrain below it, is `crest_width` wide and falls off to both
     sides at `slope` until it meets the terrain: max(z, crest - tan(slope) (d - crest_width / 2)) at
-    the distance d from its line. Cells without an elevation stay so. A dam whose face is narrower
-    than two cells is refused unless it says `allow_coarse`.
+    the distance d from its line. Cells without an elevation are unchanged. A dam whose face is
+    narrower than two cells is refused unless it sets `allow_coarse`.
     """
     vertices = np.array(dam["x"]) + 1j * np.array(dam["y"])
     line, crest = _crest(z, grid, vertices, name)
@@ -80,7 +79,7 @@ def with_dam(
 
 
 def finer(shape: DamShape) -> float:
-    """The largest cells of which enough cross the face [m], two digits of them."""
+    """Largest cell size with enough cells across the face [m], to two digits."""
     cell = max(shape.face, 1e-3) / FINE
     unit = 10.0 ** (math.floor(math.log10(cell)) - 1)
     return math.floor(cell / unit) * unit
@@ -89,7 +88,7 @@ def finer(shape: DamShape) -> float:
 def _shape(
     z: np.ndarray, raised: np.ndarray, grid: Grid, dam: Mapping[str, Any], vertices: np.ndarray
 ) -> DamShape:
-    """What came of a dam, from profiles across it on the surface that boulders meet."""
+    """Shape of a dam as rasterised, from profiles across the surface that boulders meet."""
     base, wide, fall = dam["height"], dam["crest_width"], np.tan(np.radians(dam["slope"]))
     places, normal = _stations(vertices)
     half = wide / 2 + 2 * grid.cell + 3 * base / fall
@@ -99,7 +98,7 @@ def _shape(
     before, after = height(z, grid, x, y), height(raised, grid, x, y)
     middle = before[:, PROFILE // 2]
     added = np.nan_to_num(after - before)
-    own = added > NEAR * base  # what the dam raised, noticeably
+    own = added > NEAR * base  # noticeably raised by the dam
     near = own & (abs(off) <= wide / 2 + grid.cell)
     top = np.max(np.where(near, after, -np.inf), axis=1)
     top = np.where(np.isfinite(top), top, after[:, PROFILE // 2])
@@ -125,7 +124,7 @@ def _shape(
 
 
 def _stations(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places along a polyline, evenly spaced and off its ends, and unit normals there."""
+    """Places along a polyline, evenly spaced and away from its ends, and unit normals there."""
     ends = lengths(vertices)
     line = (np.arange(STATIONS) + 0.5) * ends[-1] / STATIONS
     sides = np.diff(vertices)
@@ -135,7 +134,7 @@ def _stations(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _within(points: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates of points, moved between the outer cell centres."""
+    """Coordinates of points, clipped to the outer cell centres."""
     margin = grid.cell / 2
     x = np.clip(points.real, grid.west + margin, grid.east - margin)
     return x, np.clip(points.imag, grid.south + margin, grid.north - margin)
@@ -144,8 +143,8 @@ def _within(points: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
 def _face(
     before: np.ndarray, off: np.ndarray, crest: np.ndarray, wide: float, fall: float
 ) -> tuple[float, int]:
-    """Width of the narrower face in plan as its keys have it, from the edge of the crest to where
-    it meets the terrain, in the median [m]; and its side, -1 or 1."""
+    """Median width in plan of the narrower face, by its keys, from the edge of the crest to the
+    terrain [m]; and its side, -1 or 1."""
     above = crest[:, None] - fall * np.maximum(0.0, abs(off) - wide / 2) - before
     found = {}
     for side in (-1, 1):
@@ -165,8 +164,8 @@ def _face(
 def _slope(
     after: np.ndarray, own: np.ndarray, top: np.ndarray, off: np.ndarray, side: int
 ) -> float:
-    """Angle of a face in the median [degree]: the chord from 10 to 90 % of the way down from the
-    crest to the toe."""
+    """Median angle of a face [degree]: the chord from 10 to 90 % of the distance from crest to
+    toe."""
     mine = side * off >= 0
     z, of_dam, out = after[:, mine], own[:, mine], abs(off[mine])
     if side < 0:
@@ -186,7 +185,7 @@ def _slope(
 def _crest(
     z: np.ndarray, grid: Grid, vertices: np.ndarray, name: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distances along the line of a crest, every half cell or less, and the terrain there."""
+    """Distances along the line of a crest, at most half a cell apart, and the terrain there."""
     ends = lengths(vertices)
     line = np.union1d(ends, np.arange(0.0, ends[-1], grid.cell / 2))
     x, y = (np.interp(line, ends, part) for part in (vertices.real, vertices.imag))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Elevations between cell centres, as the kernel has them (theory, chapter 2)."""
+"""Elevations between cell centres, as in the kernel (theory, chapter 2)."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A terrain of surveyed points by inverse distance (Shepard 1968), as in the paper, section 3.4."""
+"""Terrain interpolated from surveyed points by inverse distance (Shepard 1968), as in the paper,
+section 3.4."""
 
 from __future__ import annotations
 
@@ -11,16 +12,16 @@ from rockfall.io.grid import Grid, row_blocks
 
 
 class Weights(NamedTuple):
-    """Which points tell of a place, and how much: 1/distance**power."""
+    """Weighting of surveyed points: 1/distance**power."""
 
     power: float  # [-]
-    neighbours: int  # nearest points, at most
-    within: float  # and no farther than this [m]
+    neighbours: int  # maximum number of nearest points
+    within: float  # maximum distance [m]
 
 
 def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray:
-    """Elevations (ny, nx) [m] at the centres of cells, of points (n, 3) [m]; NaN where none is near
-    enough. At a point they are its own, and among equal elevations the same."""
+    """Elevations (ny, nx) [m] at cell centres, from points (n, 3) [m]; NaN where none is near
+    enough. At a point the result is its elevation, and equal elevations are reproduced."""
     from scipy.spatial import cKDTree
 
     tree, z = cKDTree(points[:, :2]), np.empty(grid.shape)
@@ -35,8 +36,8 @@ def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray
 
 
 def left_out(points: np.ndarray, weights: Weights) -> np.ndarray:
-    """How far the elevations that the other points give lie above those of points (n) [m]; NaN
-    where no other is near enough."""
+    """Leave-one-out error: height (n) [m] of the interpolation from the other points above each
+    point; NaN where no other is near enough."""
     from scipy.spatial import cKDTree
 
     number = min(weights.neighbours, len(points) - 1) + 1
@@ -44,23 +45,23 @@ def left_out(points: np.ndarray, weights: Weights) -> np.ndarray:
         points[:, :2], range(1, number + 1), distance_upper_bound=_beyond(weights.within)
     )
     own = which == np.arange(len(points))[:, None]
-    own[~own.any(axis=1), -1] = True  # so many lie in one place that it is not among them
+    own[~own.any(axis=1), -1] = True  # more points coincide than there are neighbours
     others = len(points), number - 1
     apart, which = apart[~own].reshape(others), which[~own].reshape(others)
     return _mean(points[:, 2], apart, which, weights.power) - points[:, 2]
 
 
 def _beyond(within: float) -> float:
-    """What SciPy takes for a limit: it wants distances below it."""
+    """Upper limit for SciPy, which requires distances to be strictly below it."""
     return float(np.nextafter(within, np.inf))
 
 
 def _mean(z: np.ndarray, apart: np.ndarray, which: np.ndarray, power: float) -> np.ndarray:
-    """Weighted by distances to the points, the nearest first; infinite ones count for nothing."""
+    """Mean weighted by distances to the points, the nearest first; infinite ones are ignored."""
     if not apart.shape[-1]:
         return np.full(apart.shape[:-1], np.nan)
     nearest = apart[..., :1]
-    with np.errstate(invalid="ignore"):  # relative to the nearest, which weighs 1: no overflow
+    with np.errstate(invalid="ignore"):  # relative to the nearest, which has weight 1: no overflow
         weight = np.where(nearest > 0, (nearest / apart) ** power, apart == 0)
     weight[np.isinf(apart)] = 0.0
     of = np.append(z, 0.0)[which]

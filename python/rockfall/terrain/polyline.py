@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Places beside a polyline in plan; points and vertices are x + iy."""
+"""Distances to and along a polyline in plan; points and vertices are x + iy."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 
 
 def beside(points: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far points are from a polyline, and how far along it from its first vertex their nearest
-    places on it are [m]; NaN where a point is."""
+    """Distances of points from a polyline, and distances of their nearest places along it from its
+    first vertex [m]; NaN where a point is NaN."""
     along, apart, before = np.full(points.shape, np.nan), np.full(points.shape, np.inf), 0.0
     for start, side in zip(vertices[:-1], np.diff(vertices), strict=True):
         if side == 0:
@@ -23,5 +23,5 @@ def beside(points: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def lengths(vertices: np.ndarray) -> np.ndarray:
-    """How far along a polyline its vertices are [m]."""
+    """Distances of the vertices along a polyline [m]."""
     return np.concatenate([[0.0], np.cumsum(abs(np.diff(vertices)))])

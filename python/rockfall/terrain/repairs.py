@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Edits of elevations (ny, nx) [m], NaN where there are none: holes, pits, noise, excavations."""
+"""Edits of elevations (ny, nx) [m], NaN where missing: holes, pits, noise, excavations."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from rockfall.io.grid import Grid
 
 AROUND = np.ones((3, 3), bool)
-HALF = ((0, 1), (1, 0), (1, 1), (1, -1))  # of the steps to the cells about one
+HALF = ((0, 1), (1, 0), (1, 1), (1, -1))  # half of the steps to the neighbouring cells
 
 
 def without_holes(z: np.ndarray, far: float) -> np.ndarray:
-    """Holes, which the terrain surrounds, filled from what lies about them, as far as so many
-    cells from an edge (by GDAL). Beyond the terrain nothing is made up."""
+    """Fill holes enclosed by terrain from their surroundings, up to `far` cells from an edge (by
+    GDAL). Nothing is extrapolated beyond the terrain."""
     from rasterio.fill import fillnodata
     from scipy.ndimage import label
 
@@ -33,8 +33,8 @@ def without_holes(z: np.ndarray, far: float) -> np.ndarray:
 
 
 def without_pits(z: np.ndarray, deepest: float) -> np.ndarray:
-    """Pits no deeper than this [m] filled up to where they run over; deeper ones, such as ditches
-    and quarries, stay."""
+    """Fill pits no deeper than `deepest` [m] up to their spill level; deeper ones, such as ditches
+    and quarries, remain."""
     from scipy.ndimage import label, maximum
 
     level = _spill(z)
@@ -46,15 +46,15 @@ def without_pits(z: np.ndarray, deepest: float) -> np.ndarray:
 
 
 def _spill(z: np.ndarray) -> np.ndarray:
-    """The lowest level at which water leaves each cell for where the terrain ends [m]: along a
-    minimum spanning tree of the cells, whose ways have the lowest passes."""
+    """Lowest level at which water drains from each cell to the terrain's edge [m]: along a minimum
+    spanning tree of the cells, whose paths have the lowest passes."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
     known = ~np.isnan(z)
     height = np.concatenate([[0.0], z[known] - np.nanmin(z)])  # 0: outside
     i, j = _pairs(np.where(known, np.cumsum(known).reshape(z.shape), 0))
-    pass_ = np.maximum(height[i], height[j]) + 1.0  # zero would be no pair
+    pass_ = np.maximum(height[i], height[j]) + 1.0  # a zero would mean no edge
     tree = minimum_spanning_tree(coo_array((pass_, (i, j)), shape=(height.size,) * 2).tocsr())
     order, before = breadth_first_order(tree, 0, directed=False)
     level, before_ = height.tolist(), before.tolist()
@@ -67,7 +67,7 @@ def _spill(z: np.ndarray) -> np.ndarray:
 
 
 def _pairs(number: np.ndarray) -> np.ndarray:
-    """The numbers of cells that touch (2, n), each pair once; 0 is all that lies outside."""
+    """Pairs of adjacent cells (2, n), each once; 0 stands for everything outside."""
     padded, pairs = np.pad(number, 1), []
     ny, nx = padded.shape
     for down, right in HALF:
@@ -82,8 +82,8 @@ def _pairs(number: np.ndarray) -> np.ndarray:
 
 
 def smoothed(z: np.ndarray, std: float) -> np.ndarray:
-    """Weighted by a Gaussian of this standard deviation [cells] over the cells that are known;
-    what has no elevation keeps none."""
+    """Smooth with a Gaussian of this standard deviation [cells] over known cells; missing
+    elevations remain missing."""
     from scipy.ndimage import gaussian_filter
 
     known, base = ~np.isnan(z), np.nanmin(z)
@@ -95,8 +95,8 @@ def smoothed(z: np.ndarray, std: float) -> np.ndarray:
 
 
 def lowered(z: np.ndarray, grid: Grid, shape: Any, depth: float, floor: float) -> np.ndarray:
-    """Cells whose centres lie within a polygon, lowered by a depth [m] and then to a floor [m], at
-    least; NaN for what is not given."""
+    """Lower cells whose centres lie in a polygon by a depth [m], and then at least to a floor [m];
+    NaN for values that are not given."""
     from rasterio.features import geometry_mask
 
     inside = geometry_mask([shape], out_shape=z.shape, transform=grid.transform, invert=True)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results in words, for a terminal."""
+"""Text output of results for a terminal."""

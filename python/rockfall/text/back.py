@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A back-analysis in words and tables."""
+"""Text output of a back-analysis, with tables."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from rockfall.text.table import table
 
 
 def back_text(found: Back) -> str:
-    """What was sought and found, what each set of data says, and what keeps it from being sure."""
+    """Parameters and their posterior, the contribution of each set of data, and reasons for
+    caution."""
     members = count(len(found.members), "member")
     text = [
         f"{found.case.case['title'] or 'rockfall'}: {members} of {found.boulders:,} boulders, "

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A comparison as text, for a terminal; +- is half of a 95 % interval."""
+"""Text output of a comparison for a terminal; +- is half of a 95 % interval."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def text(comparison: Comparison) -> str:
 
 
 def tables(comparison: Comparison) -> Iterator[tuple[str, list[list[str]]]]:
-    """The tables that are not empty: a caption, and rows, the first of which is the head."""
+    """Non-empty tables: a caption, and rows, the first of which is the header."""
     errors = comparison.errors
     for caption, table, rows in (
         ("Numbers at the lines", errors, _errors),
@@ -45,7 +45,7 @@ def tables(comparison: Comparison) -> Iterator[tuple[str, list[list[str]]]]:
 
 
 def notes(comparison: Comparison) -> list[str]:
-    """What a reader of the tables must know."""
+    """Notes for readers of the tables."""
     judged = comparison.errors["consistent"], comparison.passing["consistent"]
     marked = any(consistent.eq(False).any() for consistent in judged)
     return [*([EXACT] if marked else []), *comparison.notes]
@@ -69,7 +69,7 @@ def _errors(table: pd.DataFrame) -> Iterable[list[str]]:
 
 
 def _printed_errors(table: pd.DataFrame) -> Iterable[list[str]]:
-    """The errors of a paper's own method against what was observed (its table 3)."""
+    """Errors of a paper's own method relative to the observations (its table 3)."""
     yield [f"error of method {table['against'].iloc[0]} as printed [%]", *STATISTICS]
     for (line, quantity), rows in table.groupby(["line", "quantity"], sort=False):
         errors = rows.set_index("statistic")["printed_error_percent"].reindex(STATISTICS)
@@ -166,7 +166,7 @@ def _within(row: Mapping[str, Any], name: str) -> str:
 
 
 def ranks_text(table: pd.DataFrame) -> str:
-    """Results by their distance from what was observed."""
+    """Results by their distance from the observations."""
     return aligned(_ranks(table))
 
 
@@ -183,7 +183,7 @@ def _ranks(table: pd.DataFrame) -> Iterable[list[str]]:
 
 
 def _contacts(table: pd.DataFrame) -> Iterable[list[str]]:
-    """Observed impacts by reach; speeds and heights beside the maxima of their cells."""
+    """Observed impacts by reach; speeds and heights with the maxima of their cells."""
     yield from _stops(table, "observed impacts in cells that")
     for name, maps in VALUES.items():
         maximum = maps[-1]
@@ -211,7 +211,7 @@ def _stops(
 
 
 def _rounded(value: float, digits: int, whose: str) -> str:
-    """What was observed is not shown with more digits than it was given."""
+    """Number rounded to its given digits if observed, else to `digits`."""
     text = _number(value, f".{digits}f")
     return text.rstrip("0").rstrip(".") if whose == "observed" and "." in text else text
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A measured convergence in words and tables."""
+"""Text output of a measured convergence, with tables."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ TERRAINS = {
 
 
 def text(found: Convergence) -> str:
-    """The study, the Monte Carlo and the numerical errors, each as a table and what it says."""
+    """The study, the Monte Carlo and the numerical errors, each as a table and its
+    interpretation."""
     of = f" from each of {found.sources:,} sources" if found.sources > 1 else ""
     parts = [f"{found.name}\n\nBy number of boulders{of}:\n", table(_study(found.study))]
     parts += ["", *_study_says(found.study)]
@@ -55,7 +56,7 @@ def _study(study: pd.DataFrame) -> Iterator[list[str]]:
 
 
 def _study_says(study: pd.DataFrame) -> Iterator[str]:
-    """From how many boulders on changes are small, and how wide the last intervals are."""
+    """Number of boulders from which changes are small, and the width of the last intervals."""
     sizes = sorted(study["boulders"].unique())
     table = study[study["statistic"] != "max"]
     settled = sizes[-1]
@@ -80,7 +81,7 @@ def _study_says(study: pd.DataFrame) -> Iterator[str]:
 
 
 def _rule(key: tuple[str, str, str]) -> str:
-    """A number as a rule of `rockfall run --until` has it."""
+    """Number in the form of a rule for `rockfall run --until`."""
     line, quantity, statistic = key
     return f"fraction@{line}" if quantity == "boulders" else f"{quantity}.{statistic}@{line}"
 
@@ -137,7 +138,7 @@ def _numerical(found: Convergence) -> Iterator[list[str]]:
 
 
 def _numerical_says(found: Convergence) -> Iterator[str]:
-    """For each variant, how many numbers change significantly, and the largest change."""
+    """Number of significant changes for each variant, and the largest change."""
     all_ = found.numerical
     for variant, one in all_[all_["variant"] != AS_GIVEN].groupby("variant", sort=False):
         known = one[one["change"].notna()]

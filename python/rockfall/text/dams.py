@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Dams in a line each: what came out on the raster, and what was requested."""
+"""Dams in one line each: shape as rasterised, and as requested."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The design sheet as text to read."""
+"""Text output of the design sheet."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _lines(found: Design) -> Iterator[str]:
 
 
 def load_rows(loads: Iterable[Mapping[str, Any]]) -> Iterator[list[str]]:
-    """Quantiles of what comes, with intervals, and the level that one in 1,000 exceeds."""
+    """Quantiles of loads, with intervals, and the level that one in 1,000 exceeds."""
     yield ["  loads", "95 %", "99 %", "1 in 1,000"]
     for row in loads:
         about = DESIGN[row["quantity"]]
@@ -58,7 +58,7 @@ def load_rows(loads: Iterable[Mapping[str, Any]]) -> Iterator[list[str]]:
 
 
 def demand_rows(asked: Mapping[str, Any], standard: str) -> Iterator[list[str]]:
-    """What the standard asks."""
+    """Requirements of the standard."""
     yield [f"  {standard}", "design value"]
     yield ["  m_d [t]", number(asked["m_d"] / 1000, up=True)]
     for name, title, factor in (
@@ -73,7 +73,7 @@ def demand_rows(asked: Mapping[str, Any], standard: str) -> Iterator[list[str]]:
 
 
 def choice_rows(choices: Iterable[Mapping[str, Any]], residual: float) -> Iterator[list[str]]:
-    """For each class the height that leaves the residual, and the cheapest."""
+    """Height that leaves the residual for each class, with the cheapest marked."""
     yield [f"  at most {100 * residual:g} % pass", "height [m]", "passing [%]", "cost of 1 m"]
     for row in choices:
         energy = f"{row['capacity'] / 1000:,.0f} kJ"
@@ -89,7 +89,7 @@ def _checks(checks: pd.DataFrame) -> Iterator[list[str]]:
 
 
 def check_row(row: Mapping[str, Any]) -> list[str]:
-    """A barrier beside what is asked of it."""
+    """A barrier and the requirements for it."""
     if not row["n"]:
         return [f"  {row['line']}", number(row["height"]), "-", "-", "-", "-", "no boulder comes"]
     unsure = [what for what in ("height", "energy") if not row[f"{what}_certain"]]
@@ -109,7 +109,7 @@ def check_row(row: Mapping[str, Any]) -> list[str]:
 
 
 def unconfirmed(row: Mapping[str, Any]) -> str:
-    """What a verdict rests on and nobody confirmed."""
+    """Unconfirmed assumptions of a verdict."""
     return f"; unconfirmed: {of}" if (of := row.get("unconfirmed")) else ""
 
 
@@ -125,7 +125,7 @@ def _along(along: pd.DataFrame) -> Iterator[list[str]]:
 
 
 def factor_lines(found: Design) -> Iterator[str]:
-    """The factors, and those that are to be confirmed."""
+    """Partial factors, with those to be confirmed marked."""
     values = ", ".join(f"{name} {value:.4g}" for name, value in found.factors.values.items())
     yield f"Factors: {values}"
     if unconfirmed := found.factors.unconfirmed:
@@ -134,7 +134,7 @@ def factor_lines(found: Design) -> Iterator[str]:
 
 
 def shown(row: Mapping[str, Any], name: str, factor: float = 1.0, *, up: bool = False) -> str:
-    """A number with its interval, where it has one."""
+    """Number with its interval, if it has one."""
     value, low, high = (factor * row.get(name + end, np.nan) for end in ("", "_low", "_high"))
     if np.isnan(low) and np.isnan(high):
         return number(value, up=up)
@@ -142,12 +142,12 @@ def shown(row: Mapping[str, Any], name: str, factor: float = 1.0, *, up: bool = 
 
 
 def needed(row: Mapping[str, Any], name: str, factor: float = 1.0) -> str:
-    """What a standard asks, never shown as less."""
+    """Required value, rounded up."""
     return shown(row, name, factor, up=True)
 
 
 def class_name(row: Mapping[str, Any]) -> str:
-    """The class that suffices, and those at the ends of its interval where they are others."""
+    """Sufficient class, and those at the ends of its interval if different."""
     value, low, high = (row[f"ead_class{end}"] for end in ENDS)
     text = f"{value:.0f}" + (" (declared by its maker)" if value == ABOVE else "")
     return text if low == value == high else f"{text} ({number(low, 1)} to {number(high, 1)})"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An ensemble in words and tables."""
+"""Text output of an ensemble, with tables."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ INDICES = {
     "total": "with all that an input does (total Sobol' index)",
 }
 UNDECIDED = "undecided"
-LEAST_EXCESS = 0.005  # of an index above another: what is seen in whole per cent
+LEAST_EXCESS = 0.005  # minimum visible difference of two indices, in whole per cent
 
 
 def ensemble_summary(found: xr.Dataset) -> str:
-    """The table for a reader: for each line its results side by side, inputs sorted by fraction."""
+    """Table for reading: for each line its results side by side, inputs sorted by fraction."""
     blocks, variants = found.sizes["run"], found.sizes["variant"]
     text = [
         f"{found.attrs['title'] or 'rockfall'}: {blocks} draws of {variants} runs, "
@@ -52,7 +52,7 @@ def ensemble_summary(found: xr.Dataset) -> str:
 
 
 def more_needed(found: xr.Dataset) -> str:
-    """What would decide the indices that are undecided."""
+    """Runs needed to resolve the undecided indices."""
     errors = np.stack([found[f"{kind}_error"].values for kind in INDICES])
     runs = runs_needed(errors, found.sizes["run"])
     about = f"{UNDECIDED}: the 95 % interval is longer than half of all that is possible; "
@@ -60,8 +60,8 @@ def more_needed(found: xr.Dataset) -> str:
 
 
 def orders_reversed(found: xr.Dataset) -> Iterator[str]:
-    """Where a first-order index came out above the total, which it cannot be: whether by more than
-    the errors of the two, of the result in which the two differ most."""
+    """Warnings of a first-order index above the total, which is impossible in theory, with the
+    significance of the difference, for the result with the largest one."""
     for line in map(str, found["line"].values) if "line" in found else ():
         within: list[str] = []
         beyond: list[str] = []
@@ -109,8 +109,8 @@ def sorted_inputs(at: xr.Dataset) -> list[str]:
 
 
 def indices_of(one: xr.Dataset, kind: str) -> Iterator[str]:
-    """The indices of an input, for each result, with their intervals [%]; "-" where there is no
-    epistemic variance to be explained."""
+    """Indices of an input, for each result, with their intervals [%]; "-" if there is no epistemic
+    variance to explain."""
     for value, error in zip(one[kind].values, one[f"{kind}_error"].values, strict=True):
         index, low, high = (100 * limit for limit in limits(value, error))
         if np.isnan(value):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A hazard in words and tables."""
+"""Text output of a hazard, with tables."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from rockfall.text.table import table
 if TYPE_CHECKING:
     import xarray as xr
 
-MAX_OBJECTS = 20  # listed one by one
+MAX_OBJECTS = 20  # listed individually
 
 
 def hazard_summary(found: xr.Dataset) -> str:
-    """The scenarios, the area of each class and how much of it is certain, and the objects."""
+    """The scenarios, the area of each class and its certain fraction, and the objects."""
     scenarios = count(found.sizes["scenario"], "scenario")
     lines = [f"{found.attrs['title'] or 'rockfall'}: {scenarios}"]
     lines.append(table(scenario_rows(found)))
@@ -40,8 +40,8 @@ def hazard_summary(found: xr.Dataset) -> str:
 
 
 def hazard_warnings(found: xr.Dataset) -> Iterator[str]:
-    """What `run` would say of the model in each scenario, once where all say the same; where there
-    are too few boulders to tell cells that are safe, and where zones say less than the map."""
+    """Model remarks of `run` for each scenario, merged if all are equal; warnings of too few
+    boulders to identify safe cells, and of zones that show less than the map."""
     yield from _of_model(found)
     yearly, longest = float(found["frequency"].sum()), float(found["return_period"].max())
     clusters = (found["boulders"] / found["boulders_per_cluster"]).values.tolist()
@@ -63,7 +63,7 @@ def hazard_warnings(found: xr.Dataset) -> Iterator[str]:
 
 
 def _of_model(found: xr.Dataset) -> Iterator[str]:
-    """What is said of all scenarios alike, then what of one."""
+    """Remarks common to all scenarios, then those of single ones."""
     if "scenario_warnings" not in found:
         yield (
             "the file is of an older version, without what must be said of the model: run the "
@@ -86,7 +86,7 @@ def _of_model(found: xr.Dataset) -> Iterator[str]:
 
 
 def scenario_rows(found: xr.Dataset) -> Iterator[list[str]]:
-    """Table of the scenarios: how often a year, and how many boulders."""
+    """Table of the scenarios: annual frequency and number of boulders."""
     yield ["  scenario", "a year", "years from one to the next", "simulated"]
     columns = (found[name].values for name in ("scenario", "frequency", "boulders"))
     for name, yearly, boulders in zip(*columns, strict=True):
@@ -94,7 +94,7 @@ def scenario_rows(found: xr.Dataset) -> Iterator[list[str]]:
 
 
 def class_rows(found: xr.Dataset) -> Iterator[list[str]]:
-    """Cells and area of each class that there is, the highest first."""
+    """Cells and area of each class present, the highest first."""
     classes, cell = found["hazard_class"].values, grid_of(found["hazard_class"])[0].cell
     certain = found["hazard_class_certain"].values > 0
     yield ["  hazard", "cells", "area [m2]", "certain"]
@@ -105,7 +105,7 @@ def class_rows(found: xr.Dataset) -> Iterator[list[str]]:
 
 
 def object_rows(found: xr.Dataset) -> Iterator[list[str]]:
-    """Objects, those met most often first; or of the highest risk, where there is one."""
+    """Objects, those hit most often first; or those of the highest risk, if available."""
     rows = object_table(found)
     key = "risk" if "risk" in rows else "frequency"
     rows = rows.iloc[np.argsort(-rows[key].to_numpy(), kind="stable")][:MAX_OBJECTS]
@@ -123,6 +123,6 @@ def object_rows(found: xr.Dataset) -> Iterator[list[str]]:
 
 
 def _within(row: object, name: str) -> str:
-    """A number and its interval."""
+    """Number and its interval."""
     ends = (number(row[f"{name}{end}"], 2) for end in ("_low", "_high"))  # type: ignore[index]
     return f"{number(row[name], 2)} ({' to '.join(ends)})"  # type: ignore[index]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Impacts and their fit in a few lines of text."""
+"""Text summaries of impacts and their fit."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ INCIDENCES = 0, 10, 20, 30, 45, 60, 91  # [degrees]
 ENDS = [name for name in STATUS if name != "not_done"]
 #: Means, and the standard error for which the number of contacts is estimated.
 AIMED, AIM = ("a1", "a4", "a5"), 0.05
-SLOPES = 34.0, 38.0, 42.0  # of the planes on which a set is checked [degrees]
+SLOPES = 34.0, 38.0, 42.0  # slope of the planes on which a set is checked [degrees]
 
 
 def impact_summary(data: xr.Dataset) -> str:
-    """How the impacts of each ratio ended."""
+    """Outcomes of the impacts of each ratio."""
     head = f"{'R_b/R_m':>8}{'solid':>7}{'impacts':>9}"
     lines = [head + "".join(f"{name:>11}" for name in ENDS)]
     for ratio in data["ratio"].values:
@@ -50,7 +50,7 @@ def impact_summary(data: xr.Dataset) -> str:
 
 
 def contact_summary(data: xr.Dataset) -> str:
-    """How the contacts of thrown blocks ended, and what they left of the velocity."""
+    """Outcomes of the contacts of thrown blocks, and the velocity they retained."""
     n, attrs = data.sizes["contact"], data.attrs
     lines = [f"{attrs['shape']} blocks on {attrs['ground']}: {n:,} contacts"]
     ends = data["exit"].values
@@ -77,7 +77,7 @@ def contact_summary(data: xr.Dataset) -> str:
 
 
 def sequences_summary(data: xr.Dataset) -> str:
-    """How the contacts of boulders thrown at rocks ended, for each ratio."""
+    """Outcomes of the contacts of boulders thrown at rocks, for each ratio."""
     lines = [f"{'R_b/R_m':>8}{'solid':>7}{'throws':>8}{'short':>7}{'contacts':>10}"]
     lines[0] += "".join(f"{name:>10}" for name in CONTACT_EXITS) + f"{'ms each':>9}"
     attrs = {name: np.atleast_1d(value) for name, value in data.attrs.items()}
@@ -93,8 +93,8 @@ def sequences_summary(data: xr.Dataset) -> str:
 
 
 def fit_summary(data: xr.Dataset, sets: dict[int, ImpactSet], state: str) -> str:
-    """Each ratio: a1..a9, and the check that needs no fit: bounces on planes by the set and by the
-    impacts themselves."""
+    """a1..a9 of each ratio, and a check that does not use the fit: bounces on planes by the set and
+    by the impacts themselves."""
     lines = []
     for ratio, found in sets.items():
         impacts = as_rebounds(impacts_of(data, ratio, state))
@@ -110,10 +110,11 @@ def fit_summary(data: xr.Dataset, sets: dict[int, ImpactSet], state: str) -> str
 
 
 def contacts_summary(contacts: Contacts, sets: dict[int, ImpactSet]) -> str:
-    """The same of each set that was fitted to measured contacts, and how many would do."""
+    """a1..a9 and checks of each set fitted to measured contacts, and the number of contacts
+    needed."""
     lines = []
     for ratio, impacts in contacts.by_ratio().items():
-        found = sets[ratio or 1]  # all ratios have the same, where none was measured
+        found = sets[ratio or 1]  # all ratios are equal if none was measured
         lines += set_lines(f"{title(ratio)}: {found.impacts:,} contacts", found)
         lines.append(contacts_needed(found))
         if impacts.lateral is not None:
@@ -123,12 +124,12 @@ def contacts_summary(contacts: Contacts, sets: dict[int, ImpactSet]) -> str:
 
 
 def contacts_needed(found: ImpactSet) -> str:
-    """How many contacts would give the means `AIMED` the standard error `AIM`, as errors fall with
-    the root of their number."""
+    """Number of contacts that gives the means `AIMED` the standard error `AIM`, as errors fall with
+    its square root."""
     numbers = []
     for name in AIMED:
         error = found.mean_error[COEFFICIENTS.index(name)]
-        number = float(f"{found.impacts * (error / AIM) ** 2:.2g}")  # to a factor of two
+        number = float(f"{found.impacts * (error / AIM) ** 2:.2g}")  # accurate to a factor of two
         numbers.append(f"{number:,.0f} for {name}")
     return f"  contacts for a standard error of {AIM:g}: about {', '.join(numbers)}"
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What passed lines by source, by class of volume, and along a line, as text and as files."""
+"""Boulders that pass lines by source, by class of volume, and along a line, as text and as
+files."""
 
 from __future__ import annotations
 
@@ -38,8 +39,8 @@ def print_groups(
     classes: Sequence[float] | None = None,
     table: str | Path | None = None,
 ) -> None:
-    """Print what passed the lines of a result by source or by class of volume; with `table`, a CSV
-    file, write line_statistics of these groups there."""
+    """Print the boulders that pass the lines of a result by source or by class of volume; with
+    `table`, a CSV file, write line_statistics of these groups to it."""
     result, places = open_lines(path, table, {"": GROUP_TABLE})
     statistics = line_statistics(result, by, classes)
     print("\n".join(_groups(statistics, by)))
@@ -49,8 +50,8 @@ def print_groups(
 def print_profile(
     path: str | Path, line: str, width: float | None = None, table: str | Path | None = None
 ) -> None:
-    """Print what passes each window of a line of a result; with `table`, a CSV file, write it
-    there, and its figure beside it as NAME.png."""
+    """Print the boulders that pass each window of a line of a result; with `table`, a CSV file,
+    write them to it, and a figure next to it as NAME.png."""
     result, places = open_lines(path, table, {"": PROFILE, ".png": FIGURE})
     profile = line_profile(result, line, width)
     about = [ALONG, *filter(None, [kept_note(result)])]
@@ -87,7 +88,7 @@ def _titles(numbers: Iterable[tuple[str, str]]) -> list[str]:
 
 
 def _shown(row: Mapping[Any, Any], name: str, factor: float) -> str:
-    """A number with its interval, where it has one."""
+    """Number with its interval, if it has one."""
     value, low, high = (factor * row[f"{name}{end}"] for end in ENDS)
     known = np.isfinite([low, high]).any()
     return number(value) + (f" ({number(low)} to {number(high)})" if known else "")

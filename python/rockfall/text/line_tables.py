@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Line statistics and return levels as text to read and as CSV."""
+"""Line statistics and return levels as text and as CSV."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ ENDS = "", "_low", "_high"
 
 
 def print_lines(path: str | Path, table: str | Path | None = None) -> None:
-    """Print both tables of a result; with `table`, a CSV file, write line_statistics there and
-    return_levels beside it as NAME_levels.csv, in the units of the result."""
+    """Print both tables of a result; with `table`, a CSV file, write line_statistics to it and
+    return_levels next to it as NAME_levels.csv, in the units of the result."""
     kinds = {"": LINE_TABLE, "_levels.csv": LEVEL_TABLE}
     result, places = open_lines(path, table, kinds)
     statistics, levels = line_statistics(result), return_levels(result)
@@ -52,8 +52,9 @@ def print_lines(path: str | Path, table: str | Path | None = None) -> None:
 def open_lines(
     path: str | Path, table: str | Path | None, kinds: Mapping[str, str]
 ) -> tuple[xr.Dataset, list[Path]]:
-    """A result with lines, and where files of these kinds go: `table`, and what is called as it
-    with other ends; refused before the work if they may not. Nowhere without `table`."""
+    """Result with lines, and the paths of files of these kinds: `table`, and files with the same
+    name and other endings; refused before the work if they may not be written. No paths without
+    `table`."""
     first = table and _csv(Path(table))
     result = read_result(path)
     if "line" not in result:
@@ -67,7 +68,8 @@ def open_lines(
 
 
 def write_tables(path: str | Path, result: xr.Dataset, made: Mapping[Path, Any]) -> None:
-    """Write tables, or what writes itself to a path, all or none, and say where."""
+    """Write tables, or objects that write themselves to a path, all or none, and print the
+    paths."""
     if not made:
         return
     with atomic_folder(next(iter(made)).parent, [Path(path), *files_behind(result)]) as part:
@@ -113,7 +115,7 @@ def _levels(tails: pd.DataFrame) -> Iterator[list[str]]:
 
 
 def _row(row: pd.Series, names: list[str], without: str = "") -> Iterator[list[str]]:
-    """The numbers of a quantity; below them their intervals, or what is said of those without."""
+    """Numbers of a quantity, and below them their intervals, or a note if there is none."""
     about = QUANTITIES[row["quantity"]]
     numbers, limits = [f"  {about.short}"], [""]
     for name in names:
@@ -130,7 +132,7 @@ def _row(row: pd.Series, names: list[str], without: str = "") -> Iterator[list[s
 
 
 def _bounded(tails: pd.DataFrame) -> Iterator[str]:
-    """Where tails end."""
+    """Upper end points of tails."""
     for _, row in tails[np.isfinite(tails["end"])].iterrows():
         about = QUANTITIES[row["quantity"]]
         end, high = (number(about.factor * row[limit], 4) for limit in ("end", "end_high"))
@@ -138,7 +140,7 @@ def _bounded(tails: pd.DataFrame) -> Iterator[str]:
 
 
 def _refused(tails: pd.DataFrame) -> Iterator[str]:
-    """Each reason once, with the quantities that it is for."""
+    """Reasons for refusal, each with its quantities."""
     for reason, rows in tails[tails["refused"] != ""].groupby("refused", sort=False):
         names = ", ".join(QUANTITIES[quantity].name for quantity in rows["quantity"])
         yield f"  refused: {reason} ({'all' if len(rows) == len(tails) else names})"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One case by every rebound model, and beside what was observed, as tables for a terminal."""
+"""Tables for a terminal: a case by every rebound model, and compared with observations."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BARE = ("ks", "p")  # without a unit
 
 
 def models_text(found: Models) -> str:
-    """For each line, and for the run-out, a row for each model; in brackets the difference from the
+    """A row per model for each line, and for the run-out; in brackets the difference from the
     first, boulder by boulder."""
     text = [f"{found.title}: {found.boulders:,} boulders by each model, 95 % intervals"]
     lines = [line for line in dict.fromkeys(found.table["line"]) if line]
@@ -54,7 +54,7 @@ def _run_out(found: Models) -> Iterator[list[str]]:
 
 
 def _cell(row: pd.Series[Any], quantity: str) -> str:
-    """A number +- the longer side of its interval, and the same of its difference."""
+    """Number +- the longer side of its interval, with the same for its difference."""
     about = QUANTITIES[quantity]
 
     def within(name: str, sign: str = "") -> str:
@@ -71,8 +71,8 @@ def _cell(row: pd.Series[Any], quantity: str) -> str:
 
 
 def validation_text(found: Validation) -> str:
-    """For each place and quantity what was observed, and a row for each law: means over seeds and
-    their standard errors."""
+    """Observed numbers for each place and quantity, and a row for each rebound model: means over
+    seeds and their standard errors."""
     mean, std = (percent(BOUNDS[name]) for name in ("mean", "std"))
     seeds = f"seeds {found.seeds[0]} to {found.seeds[-1]}"
     text = [
@@ -106,7 +106,7 @@ def _at_place(rows: pd.DataFrame) -> Iterator[list[str]]:
 
 
 def _with_error(row: pd.Series, whose: str, factor: float) -> str:
-    """A number and its standard error, to two of its digits."""
+    """Number and its standard error, to two digits of the latter."""
     value, error = factor * row[whose], factor * row[f"{whose}_error"]
     if value != value:
         return "-"

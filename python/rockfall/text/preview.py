@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a case would run, what it needs, and about how long it takes."""
+"""Preview of a case: its inputs, its needs, and its approximate run time."""
 
 from __future__ import annotations
 
@@ -30,32 +30,32 @@ from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import MAXIMA
 from rockfall.text.dams import dam_lines
 
-PROBE_BOULDERS = 100  # to see how often they rebound
-PILOT_REBOUNDS = 200_000  # about: some hundredths of a second, and the same on every machine
-PILOT_BOULDERS = 20_000  # at most; the cells that many reach are estimated from those of these
+PROBE_BOULDERS = 100  # to estimate the number of rebounds
+PILOT_REBOUNDS = 200_000  # approximate: some hundredths of a second, and the same on every machine
+PILOT_BOULDERS = 20_000  # maximum; reached cells of larger runs are extrapolated from these
 PROGRAM = 80e6  # bytes of the program and its packages, while boulders are simulated
 PACKAGES = 20e6  # and of those that write results
-READING = 80e6  # bytes that the reader of a window takes besides
+READING = 80e6  # additional bytes for reading a window
 START = 0.4  # CPU seconds to start and end
-MAX_ZONES = 12  # listed one by one
+MAX_ZONES = 12  # listed individually
 ROW = 1.0e-6  # CPU seconds to write the row of a boulder
 VALUE = 20e-9  # CPU seconds to write the value of a cell
 
 
 @dataclass
 class Pilot:
-    """Some boulders of a run, simulated to see what all of them would take."""
+    """Pilot run with some boulders, to estimate the needs of the complete run."""
 
     tally: Tally
-    seconds: float  # CPU time of a boulder
-    reading: float  # and of the windows of the terrain
-    cells: float  # that all boulders of the run would reach
+    seconds: float  # CPU time per boulder
+    reading: float  # CPU time for windows of the terrain
+    cells: float  # reached by all boulders of the run
     density: np.ndarray | float  # of these boulders [kg/m3]
 
 
 def preview(scene: Scene) -> str:
-    """A page about a scene. Some of its boulders are simulated, for the time and for what they
-    meet; nothing is kept."""
+    """Page about a scene. Some of its boulders are simulated, for timing and statistics, without
+    output."""
     case = scene.case
     check_team(case.case["threads"])
     pilot = _pilot(scene)
@@ -96,8 +96,8 @@ def preview(scene: Scene) -> str:
 
 
 def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
-    """Bytes that a run takes: its rasters, tallies of maps, counts of classes, rows of results, the
-    program; and when the rasters are gone, what is `made` of it in the end."""
+    """Memory of a run in bytes: its rasters, map tallies, class counts, result rows, the program;
+    and `made`, for the outputs made after the rasters are freed."""
     names = set(scene.case.output.get("maps", []))
     tally = start(scene, threads=1)
     plan, held = plan_of(scene.case), {"maps": 0, "results": scene.x.nbytes + scene.y.nbytes}
@@ -122,8 +122,8 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
 
 
 def _pilot(scene: Scene) -> Pilot:
-    """Boulders whose number follows from the scene, not from a clock: `check` prints the same of a
-    case whenever it is called."""
+    """Pilot run with a number of boulders that follows from the scene, not from a clock, so that
+    `check` always prints the same for a case."""
     probe = _follow(scene, min(scene.boulders, PROBE_BOULDERS))
     rebounds = max(1.0, float(probe.tally.columns()["impacts"].mean()))
     number = min(scene.boulders, PILOT_BOULDERS, int(PILOT_REBOUNDS / rebounds))
@@ -131,12 +131,12 @@ def _pilot(scene: Scene) -> Pilot:
 
 
 def _follow(scene: Scene, number: int) -> Pilot:
-    """Boulders from sources drawn at random, followed twice: the second time no memory is new, as
+    """Simulate boulders from random sources twice: the second time no memory is newly allocated, as
     for most boulders of a long run."""
     maps = scene.case.output.get("maps", [])
     output = {"maps": list(dict.fromkeys([*maps, "passages"])) if maps else None}
     drawn = np.sort(np.random.default_rng(0).integers(scene.x.size, size=number))
-    if scene.weight is not None:  # some release more
+    if scene.weight is not None:  # sources release different numbers
         boulders = 1 + (scene.boulders * (drawn + 0.5) / scene.x.size).astype("i8")
         drawn = scene.sources_of(boulders)
     case = scene.case.replace(
@@ -154,7 +154,7 @@ def _follow(scene: Scene, number: int) -> Pilot:
     few = start(one, threads=1)
     run_chunks(few, None, lambda: False, lambda _: None)
     cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
-    for array in few.arrays("count", "ground"):  # sums, that the second time would count again
+    for array in few.arrays("count", "ground"):  # sums, which the second time would count again
         array.values[...] = 0
     before = one.windows.reading if one.windows else 0.0
     run_chunks(few, None, lambda: False, lambda _: None)
@@ -163,10 +163,9 @@ def _follow(scene: Scene, number: int) -> Pilot:
 
 
 def _all_cells(few: Tally, boulders: int) -> float:
-    """Cells that so many boulders would reach, when cells differ in how often they are passed as
-    a gamma distribution: the passages of a cell are then negative binomial (Fisher, Corbet &
-    Williams 1943). Its mean and shape are those which give as many cells passed at all, and passed
-    once, as the few boulders did."""
+    """Number of cells that all boulders would reach, if passages per cell follow a gamma
+    distribution: counts are then negative binomial (Fisher, Corbet & Williams 1943). Its mean and
+    shape reproduce the numbers of cells passed at all, and passed once, by the few boulders."""
     place = plan_of(few.scene.case).counts["passages"] - 1
     if place < 0:
         return 0.0
@@ -203,7 +202,7 @@ def _elevations(ground: Ground) -> str:
 
 
 def _slopes(ground: Ground) -> str:
-    """Quantiles of the terrain and of the sources [degree]."""
+    """Quantiles of the slopes of the terrain and at the sources [degree]."""
 
     def text(quantiles: np.ndarray) -> str:
         if np.isnan(quantiles).any():
@@ -215,7 +214,7 @@ def _slopes(ground: Ground) -> str:
 
 
 def _speed(scene: Scene) -> str:
-    """The maximum that energy allows: from the highest release to the lowest cell."""
+    """Maximum speed permitted by energy: from the highest release to the lowest cell."""
     low, head = scene.ground.low.value, survey(scene).head[0]
     speed = np.sqrt(2 * scene.case.flight["gravity"] * max(0.0, head - low))
     return f"at most {speed:.0f} m/s: from the highest release to the lowest cell without a loss"
@@ -230,7 +229,7 @@ def _surface(scene: Scene) -> str:
 
 
 def _grounds(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """What rebounds followed in the pilot run."""
+    """Rebounds by ground in the pilot run."""
     met = [one for one in rebounds_by_ground(values) if one.rebounds]
     parts = (f"{percent(one.fraction)} {one.name} ({one.model.replace('_', ' ')})" for one in met)
     if "ground" in values:
@@ -254,19 +253,19 @@ def _boulders(scene: Scene) -> str:
 
 
 def weighing(scene: Scene) -> str:
-    """By what sources share boulders."""
+    """Weighting of sources in the number of boulders."""
     return "true surface area" if scene.frequency is None else "frequency"
 
 
 def _released(scene: Scene) -> tuple[int, int]:
-    """The fewest and the most boulders that a source releases."""
+    """Minimum and maximum number of boulders that a source releases."""
     numbers = scene.sources_of(np.arange(1, scene.boulders + 1))
     counts = np.bincount(numbers, minlength=scene.x.size)
     return int(counts.min()), int(counts.max())
 
 
 def _attributes(scene: Scene) -> Iterator[tuple[str, str]]:
-    """What a layer says of releases."""
+    """Release attributes of a layer."""
     found = scene.features
     if found is not None and found.law is not None and found.value is not None:
         said = ~np.isnan(found.value).all(axis=0)
@@ -278,7 +277,7 @@ def _attributes(scene: Scene) -> Iterator[tuple[str, str]]:
 
 
 def _densities(scene: Scene) -> np.ndarray | float:
-    """Of one boulder from each source, or of all."""
+    """Densities, one per source, or a single one."""
     found, features = scene.source_boulders, scene.features
     if found is not None and found.density is not None:
         return found.density
@@ -289,7 +288,7 @@ def _densities(scene: Scene) -> np.ndarray | float:
 
 
 def _sizes(density: np.ndarray | float, volumes: np.ndarray) -> str:
-    """Of the pilot's boulders."""
+    """Sizes of the pilot's boulders."""
     radii = sphere_radius(volumes)
     masses = density * volumes
     return (
@@ -299,7 +298,7 @@ def _sizes(density: np.ndarray | float, volumes: np.ndarray) -> str:
 
 
 def _sets(scene: Scene, values: dict[str, Any]) -> str:
-    """Their name, and what they say they were fitted on; that no rebound followed them."""
+    """Name of the impact sets, and their fitted ranges; a note if no rebound followed them."""
     name = scene.case.impact["sets"]
     if name not in sets_followed(values, name):
         return f"{name}, which no rebound of a pilot run followed"
@@ -314,7 +313,7 @@ def _sets(scene: Scene, values: dict[str, Any]) -> str:
 
 
 def _forest(scene: Scene) -> list[tuple[str, str]]:
-    """The trees; no row where there are none."""
+    """Description of the trees; empty without trees."""
     trees = scene.trees
     if trees is None:
         return []
@@ -338,7 +337,7 @@ def _rebounds(values: dict[str, np.ndarray]) -> str:
 
 def _rocks(scene: Scene, volumes: np.ndarray) -> list[str]:
     """R_m, R_b/R_m and the neutral slope of each zone, or of the smallest, usual and largest rocks:
-    of the mean volume, and in brackets of the 5 and 95 % quantiles where other sets serve them."""
+    for the mean volume, and in brackets for the 5 and 95 % quantiles if they use other sets."""
     grounds, neutral = list(rocks_of(scene)), NeutralSlopes(scene)
     mean, *ends = sphere_radius(np.array([volumes.mean(), *np.quantile(volumes, [0.05, 0.95])]))
     lines = [_ground(one, neutral, mean, ends) for one in grounds[:MAX_ZONES]]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a run gave, in the few lines that its user wants to see first."""
+"""Short summary of a run."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def summary(result: Held) -> str:
-    """How many boulders, how they ended, how they passed the lines, and warnings."""
+    """Number of boulders, outcomes, passages at the lines, and warnings."""
     boulders, rows = simulated(result), result.sizes["boulder"]
     lines = [f"{result.attrs['title'] or 'rockfall'}: {boulders:,} boulders"]
     if rows < boulders:
@@ -48,7 +48,7 @@ def summary(result: Held) -> str:
 
 
 def _ends(result: Held) -> Iterator[list[str]]:
-    """The fraction of the boulders that ended with each status."""
+    """Fraction of the boulders with each status."""
     boulders = simulated(result)
     for word, n in ended(result).items():
         if n:
@@ -77,7 +77,7 @@ def _passages(result: Held) -> Iterator[list[str]]:
 
 
 def _barriers(result: Held) -> Iterator[list[str]]:
-    """What each barrier did with the boulders that came to it, with 95 % intervals."""
+    """Performance of each barrier on the boulders that reached it, with 95 % intervals."""
     yield ["  barrier (95 %)", "outcome", "boulders", "fraction"]
     for row in barrier_rows(result):
         outcome, fraction = row["outcome"].replace("_", " "), QUANTITIES["fraction"]
@@ -85,25 +85,25 @@ def _barriers(result: Held) -> Iterator[list[str]]:
 
 
 def _within(row: dict[str, float], name: str, about: Quantity) -> str:
-    """A number and the longer side of its interval, or that it has none."""
+    """Number and the longer side of its interval, or a note that it has none."""
     value, decimals = about.factor * row[name], about.decimals
     half = about.factor * longer_side(row, name)
     if math.isnan(half):
         return f"{value:.{decimals}f} {about.unit} ({TOO_FEW})"
-    if 0 < half < 10**-decimals:  # two digits in place of +- 0.0
+    if 0 < half < 10**-decimals:  # two digits instead of +- 0.0
         decimals = 1 - math.floor(math.log10(half))
     return f"{value:.{decimals}f} +- {half:.{decimals}f} {about.unit}"
 
 
 def _grounds(grounds: list[GroundRebounds]) -> Iterator[list[str]]:
-    """What the rebounds followed."""
+    """Rebounds by ground."""
     yield ["  ground", "rebounds", "fraction", "model"]
     for name, model, rebounds, fraction in grounds:
         yield [f"  {name}", f"{rebounds:,}", percent(fraction), model.replace("_", " ")]
 
 
 def _rebounds(result: Held) -> Iterator[str]:
-    """How the draws of the impact model fared, and where it does not hold."""
+    """Statistics of the draws of the impact model, and extrapolation."""
     rebounds, redrawn, forced = (
         int(result[f"rebounds{of}"].values) for of in ("", "_redrawn", "_forced")
     )

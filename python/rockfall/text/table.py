@@ -10,8 +10,8 @@ from rich.cells import cell_len  # columns on a terminal; the rest of rich takes
 
 
 def table(rows: Iterable[Iterable[str]]) -> str:
-    """Columns as wide as their longest cell, the first to the left, the others to the right. A row
-    of one cell is a heading: it stands alone, however long."""
+    """Columns as wide as their longest cell, the first left-aligned, the others right-aligned. A
+    row of one cell is a heading of any length."""
     cells = [list(row) for row in rows]
     columns = zip_longest(*(row for row in cells if len(row) > 1), fillvalue="")
     widths = [max(map(cell_len, column)) for column in columns]

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Back-analysis: which uncertain inputs make what was observed likely."""
+"""Back-analysis: the uncertain inputs that make the observations likely."""

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     #: A value of each boulder of a result, NaN of those that have none.
     Take = Callable[[xr.Dataset], np.ndarray]
 
-MIN_CROSSED = 20  # simulated boulders, below which a run does not explain that some were observed
+MIN_CROSSED = 20  # simulated boulders, below which a run does not explain observed ones
 PRIOR = 0.5  # Jeffreys', of each bin
 MAX_BINS = 6
 REPLICATES = 1000
@@ -73,7 +73,7 @@ class Counted:
         return self.values.size
 
     def _in_bins(self, values: np.ndarray) -> np.ndarray:
-        """Boulders in each bin; one on an edge is half in either."""
+        """Boulders in each bin; one on an edge counts half in each."""
         sides = [np.searchsorted(self.edges, values, side) for side in ("left", "right")]
         both = [np.bincount(one, minlength=self.edges.size + 1) for one in sides]
         return (both[0] + both[1]) / 2
@@ -91,7 +91,7 @@ class Counted:
         return np.where(runs.sum(axis=1) >= MIN_CROSSED, found, -np.inf)
 
     def learn_noise(self, runs: np.ndarray) -> None:
-        """What a simulated boulder is worth, by runs of the same inputs."""
+        """Set the worth of a simulated boulder, from runs of the same inputs."""
         size = runs.sum(axis=1).mean()
         if not size:
             return
@@ -101,7 +101,7 @@ class Counted:
         self.worth = 1 / (2 * max(times, 1.0) - 1)
 
     def noise(self, boulders: float) -> float:
-        """The variance of the log-likelihood by the boulders of a run, to first order."""
+        """Variance of the log-likelihood due to the boulders of a run, to first order."""
         return (self.counts.size - 1) * self.n / (self.worth * boulders + self.n)
 
     def discrepancy(
@@ -115,7 +115,7 @@ class Counted:
 
 
 class Passing(Counted):
-    """Fractions of a number of boulders that come at least so far."""
+    """Fractions of a number of boulders that travel at least given distances."""
 
     def __init__(self, name: str, distance: np.ndarray, fraction: np.ndarray, n: int, take: Take):
         self.name, self.take, self.edges, self.worth = name, take, distance, 1.0
@@ -125,7 +125,7 @@ class Passing(Counted):
 
 @dataclass
 class Printed:
-    """A mean, and a standard deviation where it is known, of so many boulders; see `Counted`."""
+    """Mean, and standard deviation if known, of a known number of boulders; see `Counted`."""
 
     name: str
     mean: float
@@ -143,18 +143,18 @@ class Printed:
         return np.array([values.size, values.mean(), std, (apart**4).mean() / std**4])
 
     def learn_noise(self, runs: np.ndarray) -> None:
-        """What a simulated boulder is worth, by runs of the same inputs."""
+        """Set the worth of a simulated boulder, from runs of the same inputs."""
         size, mean, std, _ = runs.T
         times = mean.var(ddof=1) / (std**2 / size).mean()
         self.worth = 1 / (2 * max(times, 1.0) - 1) if np.isfinite(times) else 1.0
 
     def noise(self, boulders: float) -> float:
-        """The variance of the log-likelihood by the boulders of a run, to first order."""
+        """Variance of the log-likelihood due to the boulders of a run, to first order."""
         return 2 * self.n / (self.worth * boulders + self.n)
 
     def _standing(self, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Expected mean and logarithm of the standard deviation (runs, 1 or 2), and the sampling
-        errors of those observed and simulated together (Bonett 2006, to first order)."""
+        """Expected mean and logarithm of the standard deviation (runs, 1 or 2), and the joint
+        sampling errors of the observed and simulated ones (Bonett 2006, to first order)."""
         size, mean, std, kurtosis = runs.T
         fewer = 1 / self.n + 1 / (self.worth * np.maximum(size, 1))
         expected = np.stack([mean, np.log(std)], axis=1)
@@ -187,8 +187,8 @@ Evidence = Counted | Printed
 
 
 def evidence(result: xr.Dataset, seen: Observed) -> tuple[list[Evidence], list[str]]:
-    """The sets of data that a back-analysis can use, and notes on those that it cannot; `result` is
-    a run of the case."""
+    """Sets of data that a back-analysis can use, and notes on those that it cannot; `result` is a
+    run of the case."""
     notes: list[str] = []
     found = [*_of_stops(result, seen, notes), *_of_lines(result, seen, notes)]
     if seen.contacts is not None:
@@ -253,7 +253,7 @@ def _at_line(line: int, quantity: str) -> Take:
 
 
 def shares(data: list[Evidence], result: xr.Dataset) -> np.ndarray:
-    """What each set of data counts."""
+    """Weight of each set of data."""
     from scipy.stats import spearmanr
 
     values = [one.take(result) for one in data]
@@ -269,8 +269,8 @@ def shares(data: list[Evidence], result: xr.Dataset) -> np.ndarray:
 def predictive_p(
     one: Evidence, runs: np.ndarray, weight: np.ndarray, random: np.random.Generator
 ) -> float:
-    """The posterior predictive probability that as many boulders of the posterior are as far from
-    what it predicts as those observed (Gelman, Meng and Stern 1996)."""
+    """Posterior predictive probability that an equal number of boulders from the posterior deviate
+    from its prediction as much as the observed ones (Gelman, Meng and Stern 1996)."""
     picked = random.choice(weight.size, REPLICATES, p=weight)
     observed, again = one.discrepancy(runs, picked, weight, random)
     return (1 + int(np.count_nonzero(again >= observed))) / (1 + REPLICATES)

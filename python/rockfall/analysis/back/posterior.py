@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a back-analysis says of each parameter, and its files: a table, all members, draws of the
-posterior, and a case whose ensemble takes these in place of the prior."""
+"""Posterior of a back-analysis for each parameter, and its files: a table, all members, draws of
+the posterior, and a case whose ensemble uses these in place of the prior."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 LEVELS = (0.05, 0.5, 0.95)
 KS = 1.63  # of Kolmogorov-Smirnov at 1 %, since smoothing has errors too; times root n
-EDGE = 0.5  # of the posterior beyond the 5 or 95 % that the prior gives either end
+EDGE = 0.5  # fraction of the posterior beyond the prior's 5 or 95 % quantile
 NOISY = 1.0  # variance of the log-likelihood, above which boulders help more than members
 DRAWS = 256  # rows of the file of draws
 TABLE, DRAWN, ALL, CASE = "posterior.csv", "draws.csv", "members.nc", "case.nml"
@@ -46,8 +46,8 @@ CONTRADICTED = 0.05  # of all sets of data together
 
 
 class Parameter(NamedTuple):
-    """Something sought: its column among the members, what it is called, its units, and its value
-    in the case, of which it is a factor, or None."""
+    """A parameter of the back-analysis: its column among the members, its name, its units, and its
+    value in the case if it is a factor, else None."""
 
     column: str
     label: str
@@ -56,8 +56,8 @@ class Parameter(NamedTuple):
 
 
 def parameters(found: Back) -> Iterator[Parameter]:
-    """What was sought, in the order of the columns of the cube; the impact set is not among them,
-    since sets have no order."""
+    """Parameters in the order of the columns of the cube, without the impact set, since sets have
+    no order."""
     inputs, case = found.inputs, found.case
     sought = set(found.sought.tolist())
     volume, drop, source, sets, _, first, _ = inputs.ends[:7].tolist()
@@ -91,12 +91,11 @@ def _zones(found: Back) -> list[str]:
 
 
 def posterior_table(found: Back) -> pd.DataFrame:
-    """A row for each parameter: parameter, units, case (its value there), 5, 50 and 95 % quantiles
-    of prior and posterior, ratio (of the posterior's 5-95 % range to the prior's, of logarithms
-    where it is a factor), moved
-    (Kolmogorov-Smirnov distance of the two) and verdict. Of the impact sets ratio is the effective
-    number (exp of the entropy) over that of the prior, and set_best the likeliest, from 0.
-    """
+    """Table with a row for each parameter: parameter, units, case (its value there), 5, 50 and 95 %
+    quantiles of prior and posterior, ratio (of the posterior's 5-95 % range to the prior's, of
+    logarithms for factors), moved (Kolmogorov-Smirnov distance of the two) and verdict. For impact
+    sets ratio is the effective number (exp of the entropy) over that of the prior, and set_best the
+    most likely, from 0."""
     import pandas as pd
 
     rows = [_row(found, one) for one in parameters(found)]
@@ -132,12 +131,12 @@ def _row(found: Back, one: Parameter) -> dict[str, Any]:
 
 
 def _informed(found: Back, moved: bool) -> str:
-    """What it means that a posterior is, or is not, told apart from the prior."""
+    """Interpretation of a posterior that is, or is not, distinct from the prior."""
     return "informed" if moved else "not informed" if found.is_enough else "undecided"
 
 
 def _spread(found: Back, one: Parameter) -> float:
-    """The standard deviation of a shift, or of the logarithm of a factor, by the prior."""
+    """Prior standard deviation of a shift, or of the logarithm of a factor."""
     given = found.inputs.given
     if one.column.startswith("source"):
         return given["source_shift"]
@@ -146,7 +145,7 @@ def _spread(found: Back, one: Parameter) -> float:
 
 
 def _moved(weight: np.ndarray, scores: np.ndarray) -> float:
-    """The Kolmogorov-Smirnov distance of the posterior from the prior."""
+    """Kolmogorov-Smirnov distance of the posterior from the prior."""
     from scipy.special import ndtr
 
     order = np.argsort(scores)
@@ -172,9 +171,9 @@ def _set_row(found: Back) -> dict[str, Any]:
 
 
 def weighted_quantile(values: np.ndarray, weight: np.ndarray, level: float) -> float:
-    """The value that a part of the weight does not exceed, interpolated between the middles of
-    their steps. Of n effective draws level (n + 1) are below it (Weibull 1939), so that the next
-    one, as the truth, is so with this probability; ranges are wider where n is small."""
+    """Value below which a fraction of the weight lies, interpolated between the middles of the
+    steps. Of n effective draws, level (n + 1) are below it (Weibull 1939), so that the next draw,
+    like the truth, is below it with this probability; ranges are wider for small n."""
     order = np.argsort(values)
     values, weight = values[order], weight[order]
     n = effective(weight)
@@ -183,7 +182,7 @@ def weighted_quantile(values: np.ndarray, weight: np.ndarray, level: float) -> f
 
 
 def warnings(found: Back) -> Iterator[str]:
-    """What keeps the posterior from being believed."""
+    """Reasons not to trust the posterior."""
     if not found.is_enough:
         more = "--boulders" if found.noise > NOISY else "--members"
         yield (
@@ -204,8 +203,8 @@ def warnings(found: Back) -> Iterator[str]:
 
 
 def draws_table(found: Back) -> pd.DataFrame:
-    """Draws of the posterior, each with equal probability (systematic resampling), as `&ensemble
-    draws` reads them."""
+    """Draws of the posterior, each with equal probability (systematic resampling), in the form that
+    `&ensemble draws` reads."""
     columns = [name for name in found.members if name.startswith(
         ("radius_", "volume", "drop_height", "source_east", "source_north", "set"))]  # fmt: skip
     random = np.random.default_rng((found.case.case["seed"], DRAWS))
@@ -221,8 +220,8 @@ def draws_table(found: Back) -> pd.DataFrame:
 def write_back(
     found: Back, folder: str | Path, inputs: Iterable[str | Path] = (), draw: Draw | None = None
 ) -> list[Path]:
-    """Write TABLE, DRAWN, ALL and CASE to a folder, and DRAWING where it is told how to `draw`, all
-    of them or none, over nothing but an earlier back-analysis."""
+    """Write TABLE, DRAWN, ALL and CASE to a folder, and DRAWING if `draw` is given, all of them or
+    none, and only over an earlier back-analysis."""
     folder = Path(folder)
     inputs = [*inputs, *input_files(found.case)]
     former = check_back(folder, inputs)
@@ -237,8 +236,8 @@ def write_back(
 
 
 def check_back(folder: Path, inputs: Iterable[str | Path]) -> list[Path]:
-    """Refuse a folder in which something else lies, before the work and not after it; the files of
-    an earlier back-analysis."""
+    """Refuse a folder with other contents, before the work starts; returns the files of an earlier
+    back-analysis."""
     check_folder(folder)
     kinds = dict.fromkeys([folder / name for name in (TABLE, DRAWN, ALL, CASE)], POSTERIOR)
     kinds[folder / DRAWING] = FIGURE
@@ -272,7 +271,7 @@ def _contents(found: Back) -> Contents:
 
 
 def _case_text(found: Back, folder: Path) -> str:
-    """The case with the posterior as its uncertain inputs, and files as seen from a folder."""
+    """Case with the posterior as its uncertain inputs, and file names relative to a folder."""
     known = {"source_shift": 0.0, "draws": DRAWN}
     known |= {key: 1.0 for key in found.case.ensemble if key.endswith("_factor")}
     case = _seen_from(folder, found.case).replace(ensemble=known)
@@ -281,7 +280,7 @@ def _case_text(found: Back, folder: Path) -> str:
 
 
 def _seen_from(folder: Path, case: Case) -> Case:
-    """The case with the names of files that are there relative to a folder."""
+    """Case with the names of existing files relative to a folder."""
 
     def moved(name: str) -> str:
         path = case.path(name)

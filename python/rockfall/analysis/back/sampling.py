@@ -23,19 +23,19 @@ WIDEST = 0.9  # of a kernel, by the standard deviation of all
 
 
 class Sampler:
-    """Points of which the likelihood is asked for, and their weights. Of a direction without order
-    `levels` is how many values it has, otherwise 0."""
+    """Points for which the likelihood is requested, and their weights. `levels` is the number of
+    values of a direction without order, otherwise 0."""
 
     def __init__(self, first: np.ndarray, levels: np.ndarray) -> None:
         self.points, self.levels = first, levels  # (n, dimensions), of the prior
-        self.log_likelihood = np.empty(0)  # as the runs are
+        self.log_likelihood = np.empty(0)  # in the order of runs
         self.smooth = np.empty(0)
         self.sizes = [len(first)]
         self.densities = [_log_prior(first)]  # of each mixture, at all points
         self.mixtures: list[_Mixture] = []
 
     def learn(self, log_likelihood: np.ndarray) -> None:
-        """What the last points are worth."""
+        """Add the log-likelihoods of the last points."""
         self.log_likelihood = np.append(self.log_likelihood, log_likelihood)
         self.smooth = smoothed(self.points, self.levels, self.log_likelihood)
 
@@ -45,11 +45,11 @@ class Sampler:
         return _log_prior(self.points) + self.smooth - mixed
 
     def weights(self) -> np.ndarray:
-        """They add up to 1; all 0 where nothing is likely."""
+        """Weights that add up to 1; all 0 if no likelihood is finite."""
         return normalised(self.log_weights())
 
     def propose(self, n: int, random: np.random.Generator) -> np.ndarray:
-        """More points, likely ones more often."""
+        """Propose more points, concentrated at likely ones."""
         weight = self._tempered()
         mixture = _Mixture(self.points, weight)
         new = mixture.draw(n, random)
@@ -60,7 +60,7 @@ class Sampler:
         return new
 
     def more_of_prior(self, points: np.ndarray) -> None:
-        """More points of the prior, where nothing is likely so far."""
+        """Add points of the prior, if no point is likely so far."""
         self.points = np.concatenate([self.points, points])
         self.sizes[0] += len(points)
         self.densities = [one(self.points) for one in self._all()]
@@ -69,7 +69,7 @@ class Sampler:
         return [_log_prior, *(one.log_density for one in self.mixtures)]
 
     def _tempered(self) -> np.ndarray:
-        """Weights with as much of the likelihood as leaves enough points for the kernels."""
+        """Weights with the likelihood tempered enough to leave enough points for the kernels."""
         enough = min(len(self.points) / 4, 5.0 * (self.points.shape[1] + 1))
         logs = self.log_weights()
         part, step = 1.0, 0.5
@@ -86,7 +86,7 @@ class Sampler:
 
 
 class _Mixture:
-    """Normal kernels, and a part from the prior."""
+    """Mixture of normal kernels and the prior."""
 
     def __init__(self, points: np.ndarray, weight: np.ndarray) -> None:
         some = weight > 0
@@ -126,7 +126,7 @@ def _log_prior(points: np.ndarray) -> np.ndarray:
 
 
 def normalised(logs: np.ndarray) -> np.ndarray:
-    """Weights that add up to 1, of their logarithms; all 0 where none is finite."""
+    """Weights that add up to 1, from their logarithms; all 0 if none is finite."""
     if not np.isfinite(logs).any():
         return np.zeros(logs.size)
     found = np.exp(logs - logs[np.isfinite(logs)].max())
@@ -134,5 +134,6 @@ def normalised(logs: np.ndarray) -> np.ndarray:
 
 
 def effective(weight: np.ndarray) -> float:
-    """As many points of equal weight would know as much (Kong 1992)."""
+    """Effective number of points: the number of equally weighted points with the same information
+    (Kong 1992)."""
     return float(1 / (weight**2).sum()) if weight.any() else 0.0

@@ -14,16 +14,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-FAR = 10.0  # a deficit that no posterior depends on; beyond it grows with the logarithm
-FITTED = 200  # members that the numbers are learned from
-TREND = 100.0  # variance of the coefficients of the quadratic: any
+FAR = 10.0  # deficits beyond this do not affect the posterior and are compressed logarithmically
+FITTED = 200  # members used to fit the hyperparameters
+TREND = 100.0  # prior variance of the coefficients of the quadratic: uninformative
 LENGTH, AMPLITUDE, NOISE, SLOPE = (0.1, 30.0), (0.1, 100.0), (1e-3, 30.0), (1e-3, 3.0)
-FIRST = (2.0, 5.0, 1.0, 0.3)  # of each, to begin with
+FIRST = (2.0, 5.0, 1.0, 0.3)  # initial values
 
 
 def smoothed(points: np.ndarray, levels: np.ndarray, log_likelihood: np.ndarray) -> np.ndarray:
-    """Smooth log-likelihoods of points (n, dimensions), -inf where they are; a direction with
-    `levels`, as impact sets are, has values without order."""
+    """Smoothed log-likelihoods of points (n, dimensions), -inf where the input is; a direction with
+    `levels`, such as impact sets, has unordered values."""
     known = np.isfinite(log_likelihood)
     found = np.full(known.size, -np.inf)
     if not known.any():
@@ -67,7 +67,7 @@ class _Process:
         return minimize(self._cost, np.log(first), jac=True, bounds=limits, options=most).x
 
     def mean(self, numbers: np.ndarray) -> np.ndarray:
-        """What is expected without the noise."""
+        """Posterior mean without the noise."""
         from scipy.linalg import cho_solve
 
         smooth = self._matern(numbers)[0] + self.trend
@@ -88,7 +88,7 @@ class _Process:
         return near * (1 + r + r**2 / 3), [near * 5 / 3 * (1 + r) * of for of in parts]
 
     def _cost(self, numbers: np.ndarray) -> tuple[float, np.ndarray]:
-        """Minus the logarithm of the marginal likelihood, and its gradient."""
+        """Negative log marginal likelihood, and its gradient."""
         from scipy.linalg import cho_solve
 
         matern, by_length = self._matern(numbers)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Back-analysis of a case: members of its ensemble, weighted by how likely they make what was
-observed, more of them where that is likely."""
+"""Back-analysis of a case: members of its ensemble, weighted by the likelihood of the observations,
+with more members where it is high."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ if TYPE_CHECKING:
 
 MEMBERS, EFFECTIVE = 1024, 100
 ROUND = 128  # members; twice as many in the first
-REPLICATES = 24  # of the case as it is, with what is not sought drawn anew
-NOT_MEMBERS = 2**30  # numbers of draws, from here on
-STREAM = 1  # of random numbers beside those of the ensemble
+REPLICATES = 24  # runs of the unchanged case, with new draws of inputs that are not parameters
+NOT_MEMBERS = 2**30  # draw numbers from here on are not members
+STREAM = 1  # of random numbers, in addition to those of the ensemble
 
 
 @dataclass(frozen=True)
 class Back:
-    """What a back-analysis found.
+    """Results of a back-analysis.
 
     `members` has a row for each run: the numbers drawn, in the order of `inputs.kept_names`, its
-    `log_likelihood`, that `smooth` over members, and `weight`; `data` one for each set of data: n,
-    what it counts, and the posterior predictive p. `effective`: members of equal weight that would
-    know as much.
+    `log_likelihood`, the one `smooth` over members, and `weight`; `data` one for each set of data:
+    n, its weight, and the posterior predictive p. `effective`: the number of equally weighted
+    members with the same information.
     """
 
     case: Case
@@ -52,8 +52,8 @@ class Back:
     members: pd.DataFrame
     data: pd.DataFrame
     notes: tuple[str, ...]
-    asked: int  # effective members
-    noise: float  # variance of the log-likelihood by the boulders of a member
+    asked: int  # requested effective members
+    noise: float  # variance of the log-likelihood due to the boulders of a member
     boulders: int
 
     @property
@@ -77,7 +77,7 @@ def back_analysis(
     progress: bool = False,
     **arrays: Any,
 ) -> Back:
-    """The posterior of what the group &ensemble of a case calls uncertain, by observations: CSV
+    """Posterior of the uncertain inputs in the group &ensemble of a case, given observations: CSV
     files (docs/observed.md), or one `Observed`.
 
     Members are drawn and run until `enough` of them are effective, or there are `members`. The
@@ -151,7 +151,7 @@ def back_analysis(
             cube = np.concatenate([cube, points])
     if not (done := sampler.log_likelihood.size):
         raise KeyboardInterrupt
-    cube, kept, runs = cube[:done], kept[:done], [of[:done] for of in runs]  # in whole rounds
+    cube, kept, runs = cube[:done], kept[:done], [of[:done] for of in runs]  # complete rounds only
     if not weight.any():
         raise RockfallError(
             f"{case.name}: in none of {len(cube)} members as many as 20 boulders come to where "
@@ -173,7 +173,7 @@ def back_analysis(
 
 
 def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:
-    """How much runs differ of which all is the same but what is not sought."""
+    """Measure the variation between runs that differ only in inputs that are not parameters."""
     results = []
     for k in range(REPLICATES):
         draw = inputs.at("dem", inputs.design[0, 0], NOT_MEMBERS + k)
@@ -185,7 +185,7 @@ def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:
 def _member(
     scene: Scene, inputs: Uncertain, point: np.ndarray, number: int, data: list[Evidence]
 ) -> tuple[dict[str, float], list[np.ndarray]]:
-    """Numbers drawn, and what is kept of a run for each set of data."""
+    """Numbers drawn for a member, and its run's data for each set of observations."""
     draws = [inputs.at(name, point, number) for name in inputs.names]
     result = run_scene(drawn_scene(scene, draws, inputs.boulders_seed(number)))
     row: dict[str, float] = {}
@@ -199,8 +199,7 @@ def _member(
 
 
 def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
-    """Columns of the cube that what is uncertain depends on; of the sizes of rocks those where
-    boulders come."""
+    """Columns of the cube that are parameters; of rock sizes only those that boulders reach."""
     found: list[int] = []
     for name in inputs.names:
         k = INPUTS.index(name)
@@ -218,7 +217,7 @@ def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
 
 
 def _reached_materials(scene: Scene, base: xr.Dataset) -> set[int]:
-    """Rows of the sizes of rocks that boulders come to; of none, a factor does nothing."""
+    """Rows of the rock sizes that boulders reach; a factor on others has no effect."""
     if scene.values is not None:
         return {0}
     rows = {0}

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs over the uncertain inputs of a case: how uncertain a result is, and what makes it so."""
+"""Runs over the uncertain inputs of a case: uncertainty of a result, and its sources."""

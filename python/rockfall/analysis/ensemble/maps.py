@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps of how runs over uncertain inputs differ."""
+"""Maps of the differences between runs over uncertain inputs."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 REACHED = 0.01  # fraction of the boulders: the outline of a hazard map
 RANGED = ("energy_mean", "energy_max")  # maps of the case whose quantiles over the runs are kept
 LEVELS = {"q05": 0.05, "q95": 0.95}
-AT_ONCE = 2**22  # numbers in memory while maps are made
+AT_ONCE = 2**22  # numbers in memory at a time while maps are made
 
 
 class MemberMaps:
-    """Maps of the members, of which those cells are kept that boulders reached."""
+    """Maps of the members, stored only for cells that boulders reached."""
 
     def __init__(self, scene: Scene) -> None:
         self.shape, self.boulders = scene.grid.shape, scene.boulders
@@ -52,7 +52,7 @@ class MemberMaps:
         return found
 
     def _maps(self, name: str, part: np.ndarray) -> dict[str, tuple[np.ndarray, str, str]]:
-        """Values, meaning and units of the maps made of one, in some cells."""
+        """Values, meaning and units of the maps derived from one, in some cells."""
         members = self._dense(name, part)
         if name != "passages":
             about = self.about[name]
@@ -70,13 +70,13 @@ class MemberMaps:
     def _quantiles(
         self, name: str, members: np.ndarray, long_name: str, units: str
     ) -> Iterator[tuple[str, tuple[np.ndarray, str, str]]]:
-        """Of no boulder there is no energy: 0."""
+        """Quantiles over the members; the energy is 0 where no boulder passes."""
         for label, level in LEVELS.items():
             about = f"{long_name}: {level:.0%} quantile over the runs"
             yield f"{name}_{label}", (np.quantile(members, level, axis=0), about, units)
 
     def _dense(self, name: str, part: np.ndarray) -> np.ndarray:
-        """A map of all members in these cells (members, cells), 0 where no boulder passed."""
+        """Map of all members in these cells (members, cells), 0 where no boulder passed."""
         found = np.zeros((len(self.cells), part.size))
         for row, cells, values in zip(found, self.cells, self.values[name], strict=True):
             place = np.searchsorted(part, cells)

@@ -27,10 +27,10 @@ import numpy as np
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.limits import Z
 
-MIN_CROSSED = 20  # boulders at a line, below which their mean is not a number
-MIN_ABOVE = 5  # boulders above a quantile, below which it is not a number
+MIN_CROSSED = 20  # boulders at a line below which their mean is NaN
+MIN_ABOVE = 5  # boulders above a quantile below which it is NaN
 RESAMPLES = 500  # of the blocks, for the errors
-RESOLVED = 0.25  # half of the 95 % interval of an index that says something: half of all there is
+RESOLVED = 0.25  # half-width of the 95 % interval of a resolved index
 
 
 def deviations(values: np.ndarray, name: str, row: dict[str, float], source: Sources) -> np.ndarray:
@@ -69,8 +69,8 @@ def _conditional(values: np.ndarray, name: str, row: dict[str, float]) -> np.nda
 
 
 def _apart(numbers: np.ndarray, source: Sources) -> np.ndarray:
-    """Numbers less the mean of their stratum, so that their squares sum up to the variance of the
-    mean of all; NaN of a boulder alone."""
+    """Numbers less the mean of their stratum, scaled so that their squares sum to the variance of
+    the overall mean; NaN for a stratum of one boulder."""
     n = source.released
     mean = np.bincount(source.stratum, numbers, n.size) / np.maximum(n, 1)
     few = np.where(n > 1, np.sqrt(n / np.maximum(n - 1, 1)), np.nan)
@@ -83,7 +83,7 @@ class Parts(NamedTuple):
     monte_carlo: np.ndarray  # of a run
     epistemic: np.ndarray
     first: np.ndarray  # (inputs, results), of the epistemic: what knowing an input would take away
-    total: np.ndarray  # (inputs, results), of it too: what would be left, were it alone unknown
+    total: np.ndarray  # (inputs, results), part of it too: left if only this input is unknown
 
 
 def parts(y: np.ndarray, covariance: np.ndarray) -> Parts:
@@ -109,7 +109,7 @@ def parts(y: np.ndarray, covariance: np.ndarray) -> Parts:
 
 
 class Indices(NamedTuple):
-    """Parts, Sobol' indices and standard errors; no indices (NaN) where the epistemic variance is
+    """Parts, Sobol' indices and standard errors; indices are NaN where the epistemic variance is
     not significant."""
 
     parts: Parts
@@ -143,8 +143,8 @@ def indices(y: np.ndarray, covariance: np.ndarray) -> Indices:
 
 
 def limits(value: float, error: float) -> tuple[float, float, float]:
-    """An index with its 95 % interval, within 0 and 1, about the possible value nearest to the
-    estimate; NaN where it is undecided: where the interval is longer than half of that."""
+    """An index with its 95 % interval, both clipped to 0 and 1; NaN where it is undecided: where
+    the interval is longer than half of that range."""
     half = Z * error
     if not half <= RESOLVED:
         return np.nan, np.nan, np.nan
@@ -153,5 +153,5 @@ def limits(value: float, error: float) -> tuple[float, float, float]:
 
 
 def runs_needed(error: np.ndarray, runs: int) -> int:
-    """Draws that would decide the least known of indices with these errors."""
+    """Number of draws that would resolve the least certain of indices with these errors."""
     return int(np.ceil(runs * (Z * np.nanmax(error) / RESOLVED) ** 2))

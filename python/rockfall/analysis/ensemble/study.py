@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How uncertain a result is: runs over the uncertain inputs of a case, and which of them matter."""
+"""Uncertainty of a result: runs over the uncertain inputs of a case, and the influence of each
+input."""
 
 from __future__ import annotations
 
@@ -61,7 +62,7 @@ KEPT = {  # of the draws: units, meaning
 
 
 class _Run(NamedTuple):
-    """Results of a run, and for each of them its `sobol_indices.deviations`."""
+    """Results of a run, with the `sobol_indices.deviations` of each."""
 
     values: np.ndarray  # (lines * RESULTS)
     deviations: list[np.ndarray]
@@ -133,7 +134,7 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     done = len(seeds)
     try:
         case = case.replace(ensemble={"runs": done})
-    except RockfallError:  # so few are no ensemble
+    except RockfallError:  # too few for an ensemble
         raise KeyboardInterrupt from None
     data = _dataset(base, names, y[:done], indices(y[:done], covariance[:done]))
     data |= _drawn(draws, seeds)
@@ -146,7 +147,7 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
 
 
 def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
-    """The scene without outputs that many runs do not look at, but for these maps."""
+    """Scene without the outputs that studies do not use, except these maps."""
     case = scene.case
     refuse_by_area(scene, what)
     if case.case["sampling"] != "random":
@@ -160,7 +161,7 @@ def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
 
 
 def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
-    """A, B, and A with each of its inputs in turn as in B."""
+    """A, B, and A with each of its inputs in turn taken from B."""
     yield a
     yield b
     for i in range(len(a)):
@@ -170,7 +171,7 @@ def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
 def _run(scene: Scene) -> _Run:
     result = run_scene(scene)
     source, values, deviates = sources(result), [], []
-    alone = Sources.alone(scene.boulders)  # the intervals are not looked at
+    alone = Sources.alone(scene.boulders)  # intervals are not used
     for k in range(len(scene.case.lines)):
         at_line = {q: line_values(result, q, k) for q, _ in RESULTS.values()}
         rows = {q: line_numbers(result, k, q, alone) for q in at_line}
@@ -270,14 +271,13 @@ def _with_attributes(data: dict[str, Any], case: Case, base: _Run, inputs: Uncer
 
 
 def is_ensemble(result: xr.Dataset) -> bool:
-    """Whether a result is that of an ensemble, with the case as it is in it."""
+    """Return True if a result is an ensemble, which includes the result of the unchanged case."""
     return "ensemble_runs" in result.attrs
 
 
 def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
     """One row for each line and result: its numbers, then the fractions of each input with 95 %
-    intervals, NaN where they are undecided. `help(rockfall.ensemble)` has an example.
-    """
+    intervals, NaN where they are undecided. `help(rockfall.ensemble)` has an example."""
     import pandas as pd
 
     names = ("case_value", "mean", "q05", "q95", "monte_carlo_std", "epistemic_std")
@@ -299,7 +299,8 @@ def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
 
 
 def write_ensemble(found: xr.Dataset, path: Path) -> None:
-    """Write all of it as netCDF, or the table as CSV, as the name ends; whole or not at all."""
+    """Write the complete ensemble as netCDF, or the table as CSV, by the file extension;
+    atomically."""
     check_place(path, found.sizes["line"], files_behind(found))
     if path.suffix == ".nc":
         write_result(found, path, ENSEMBLE)
@@ -308,8 +309,8 @@ def write_ensemble(found: xr.Dataset, path: Path) -> None:
 
 
 def check_place(path: Path, lines: int, inputs: Iterable[Path] = ()) -> None:
-    """Refuse a place where nothing can be written, before the runs and not after them; `lines`:
-    how many there are. A file that is there is replaced if it is an ensemble of before."""
+    """Refuse an output path that cannot be written, before the runs start; `lines` is the number of
+    lines. An existing file is replaced if it is an earlier ensemble."""
     if path.suffix not in (".nc", ".csv"):
         raise RockfallError(f"{path}: must end in .nc (everything) or .csv (the table)")
     if path.suffix == ".csv" and not lines:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is uncertain in a case, and scenes in which it has been drawn."""
+"""Uncertain inputs of a case, and scenes with drawn inputs."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ from rockfall.scene.scene import Scene
 from rockfall.scene.sources.attributes import VALUES, VOLUMES
 
 INPUTS = ("volume", "drop_height", "source", "sets", "dem", "radius", "draws")
-NUMBERS = (2, 1, 2, 1, 0)  # that an input needs in a draw; radius: one for each zone
-STREAMS = ("boulders", "design", "dem", "source")  # of random numbers; a new one goes to the end
+NUMBERS = (2, 1, 2, 1, 0)  # numbers that an input needs in a draw; radius: one for each zone
+STREAMS = ("boulders", "design", "dem", "source")  # of random numbers; append new ones at the end
 REACH = 6  # correlation lengths; exp(-6) is a quarter of a per cent
 BITS = 30  # of a number of the design
-TRIES = 1000  # shifts of the sources, before they are refused
-Grounds = dict[str, GroundRule]  # by the name of the ground of the case for which each stands in
+TRIES = 1000  # shifts of the sources before they are refused
+Grounds = dict[str, GroundRule]  # by the name of the case's ground that each replaces
 
 
 @dataclass
 class Draw:
-    """An input as drawn: what it changes in a scene, and its numbers, to be kept."""
+    """A drawn input: its changes to a scene, and its numbers, to be kept."""
 
     arrays: dict[str, Any] = field(default_factory=dict)  # by names of Scene
     groups: dict[str, dict[str, Any]] = field(default_factory=dict)  # as in Case.replace
-    factors: dict[str, float] = field(default_factory=dict)  # on VALUES of the layer of sources
+    factors: dict[str, float] = field(default_factory=dict)  # on VALUES of the source layer
     kept: dict[str, Any] = field(default_factory=dict)
 
     def __or__(self, other: Draw) -> Draw:
-        """Both, of which neither changes what the other does."""
+        """Combine two draws that change different things."""
         pairs = ((getattr(self, one.name), getattr(other, one.name)) for one in fields(Draw))
         return Draw(*(mine | theirs for mine, theirs in pairs))
 
 
 def drawn_scene(scene: Scene, draws: Iterable[Draw], seed: int) -> Scene:
-    """The scene with all that has been drawn, for boulders of this seed."""
+    """Scene with all drawn inputs, for boulders of this seed."""
     arrays: dict[str, Any] = {}
     groups: dict[str, Any] = {"case": {"seed": seed}}
     factors: dict[str, float] = {}
@@ -62,7 +62,7 @@ def drawn_scene(scene: Scene, draws: Iterable[Draw], seed: int) -> Scene:
 
 
 class Uncertain:
-    """The uncertain inputs of a case (`names`), as its group &ensemble has them."""
+    """Uncertain inputs of a case (`names`), from its group &ensemble."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.given = scene, scene.case.ensemble
@@ -93,7 +93,7 @@ class Uncertain:
             )
 
     def _set_files(self) -> list[SetFile]:
-        """Impact sets of the names given, each of their draws."""
+        """Impact sets of the given names, one per draw."""
         case, found = self.scene.case, []
         for name in self.given.get("sets", []):
             draws = draws_in(set_path(case, name, "ensemble"), case.impact["turning"])
@@ -102,8 +102,8 @@ class Uncertain:
         return found
 
     def _tables(self) -> list[Grounds]:
-        """What stands in for which ground, in each draw: tables for that which holds where nothing
-        else is said; each draw of a `talus-ensemble` for `talus`, with those of other ensembles."""
+        """Grounds replaced in each draw: tables for the default ground; each draw of a
+        `talus-ensemble` for `talus`, together with those of other ensembles."""
         case = self.scene.case
         usual = case.surface.get("ground", case.impact["table"])
         stand_ins: dict[str, list[GroundRule]] = {}
@@ -128,7 +128,7 @@ class Uncertain:
         ]
 
     def _check_factors(self) -> None:
-        """Refuse factors on what neither the case nor the layer of the sources gives."""
+        """Refuse factors on values that neither the case nor the source layer gives."""
         scene = self.scene
         of_case = {
             "volume_std": scene.case.boulder.get("volume_std", 0.0),
@@ -162,7 +162,7 @@ class Uncertain:
 
     def _design(self) -> np.ndarray:
         """Uniform numbers (runs, 2, numbers) of the inputs in A and B: a scrambled Sobol' sequence
-        (Owen 1998), the same for whatever is uncertain, and longer for more runs."""
+        (Owen 1998), independent of which inputs are uncertain, and extended by more runs."""
         from scipy.stats import qmc
 
         numbers, runs = int(self.ends[-1]), self.given["runs"]
@@ -179,12 +179,12 @@ class Uncertain:
 
     def draw(self, name: str, run: int, side: int) -> Draw:
         """An input of a run, as in A (side 0) or B (side 1). It depends on the seed of the case, on
-        the input, run and side; not on how many runs there are, nor on what else is uncertain."""
+        the input, run and side; not on the number of runs or on other uncertain inputs."""
         return self.at(name, self.design[run, side], 2 * run + side)
 
     def at(self, name: str, point: np.ndarray, number: int) -> Draw:
-        """An input at a point of the unit cube: uniform numbers of all inputs. `number` tells apart
-        what the point leaves open: errors of the terrain, shifts that are drawn again."""
+        """An input at a point of the unit cube: uniform numbers of all inputs. `number` seeds what
+        the point does not determine: errors of the terrain, repeated shifts."""
         k = INPUTS.index(name)
         numbers = point[self.ends[k] : self.ends[k + 1]]
         if name in STREAMS:
@@ -193,7 +193,7 @@ class Uncertain:
         return getattr(self, f"_{name}")(numbers)
 
     def boulders_seed(self, run: int) -> int:
-        """The seed of the boulders in all variants of a run."""
+        """Seed of the boulders in all variants of a run."""
         return int(self._sequence("boulders", run).generate_state(1, "u8")[0]) >> 2
 
     def _sequence(self, name: str, number: int) -> np.random.SeedSequence:
@@ -204,8 +204,8 @@ class Uncertain:
         return self.given[key] ** _normal(numbers)
 
     def _radius(self, numbers: np.ndarray) -> Draw:
-        """One factor for each row of the table of zones, on R_m or on its three Rg; one factor
-        everywhere, where rasters or one value give the sizes."""
+        """One factor for each row of the zone table, on R_m or on its three Rg; a single factor if
+        rasters or one value give the sizes."""
         return self._radii_by(self._factor(numbers, "radius_factor"))
 
     def _radii_by(self, factor: np.ndarray) -> Draw:
@@ -215,8 +215,8 @@ class Uncertain:
         return Draw({"sizes": scene.sizes * factor[:, None]}, kept={"radius": factor})
 
     def _volume(self, numbers: np.ndarray) -> Draw:
-        """A factor on all volumes, whether the case, a layer or rasters give them; another on
-        standard deviations."""
+        """A factor on all volumes, whether from the case, a layer or rasters; another on standard
+        deviations."""
         size = self._factor(numbers[0], "volume_factor")
         spread = self._factor(numbers[1], "volume_std_factor")
         return self._volumes_by(float(size), float(spread))
@@ -246,7 +246,7 @@ class Uncertain:
         )
 
     def _draws(self, numbers: np.ndarray) -> Draw:
-        """A row of the file of draws: inputs that belong together."""
+        """A row of the file of draws: inputs drawn jointly."""
         k = int(numbers[0] * len(self.rows))
         row, found = self.rows[k], Draw(kept={"draw": k})
         if "radius_1" in row:
@@ -271,7 +271,7 @@ class Uncertain:
         return Draw({"z": (z + error).astype(z.dtype)})
 
     def _source(self, numbers: np.ndarray, random: np.random.Generator) -> Draw:
-        """One shift for all sources, drawn again until all of them lie on known terrain."""
+        """A common shift of all sources, repeated until all of them lie on known terrain."""
         deviation = self.given["source_shift"]
         for tried in range(TRIES):
             shift = deviation * (random.standard_normal(2) if tried else _normal(numbers))
@@ -283,7 +283,7 @@ class Uncertain:
         )
 
     def _shifted(self, east: float, north: float) -> Draw | None:
-        """None where a source would leave the known terrain."""
+        """Shifted sources, None if one would leave the known terrain."""
         x, y = self.scene.x + east, self.scene.y + north
         if not known_at(self.scene, x, y).all():
             return None
@@ -301,15 +301,14 @@ class Uncertain:
 
 
 def has_rocks(sizes: np.ndarray) -> bool:
-    """Whether a row of the sizes of rocks, R_m or three Rg [m], is known and above zero."""
+    """Return True if a row of rock sizes, R_m or three Rg [m], is known and above zero."""
     return bool(np.isfinite(sizes).all() and (sizes > 0).any())
 
 
 def read_draws(path: Path, radii: int, sets: int) -> list[dict[str, float]]:
-    """Draws of inputs that belong together, a row each, from a CSV file: factors radius_1 ... (of
-    each row of the table of zones), volume and volume_std, drop_height; source_east, source_north
-    [m]; set, from 0; draw, a number that is not read. Not all need be there; a group must be there
-    whole."""
+    """Read joint draws of inputs, one per row, from a CSV file: factors radius_1 ... (of each row
+    of the zone table), volume and volume_std, drop_height; source_east, source_north [m]; set, from
+    0; draw, a number that is not read. Groups may be missing, but only completely."""
     groups = (
         [f"radius_{i + 1}" for i in range(radii)], ["volume", "volume_std"], ["drop_height"],
         ["source_east", "source_north"], ["set"],

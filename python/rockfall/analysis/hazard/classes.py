@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From counts of boulders to frequencies with intervals, and from these to classes of hazard."""
+"""Conversion of counts of boulders to frequencies with intervals, and of these to hazard
+classes."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from rockfall.simulation.maps import count_limits
 (WORDS,) = (
     key.allowed.split(", ") for key in key_table() if (key.group, key.name) == ("hazard", "matrix")
 )
-CLASSES = ("none", *WORDS)  # by number; the first where no boulder comes
+CLASSES = ("none", *WORDS)  # by number; the first if no boulder passes
 RESIDUAL = 1
 
 
@@ -27,7 +28,7 @@ class Frequencies(NamedTuple):
 
 
 class Matrix(NamedTuple):
-    """The classes of hazard by intensity and return period."""
+    """Hazard classes by intensity and return period."""
 
     periods: np.ndarray  # [year], rising
     classes: np.ndarray  # (intensities + 1, periods); the first intensity is none
@@ -41,11 +42,11 @@ class Matrix(NamedTuple):
 
 
 def frequencies(parts: Iterable[tuple[np.ndarray, int, int, float]]) -> Frequencies:
-    """Of scenarios: counts, of so many boulders, of which so many count as one
-    (`boulders_per_cluster`), and how often a year they come.
+    """Combine scenarios, each given as counts, number of boulders, number of boulders that count as
+    one (`boulders_per_cluster`), and annual frequency.
 
     The limits are sums of those of the scenarios (Wilson's). Scenarios share random numbers, so
-    their errors may go the same way: other rules would be too narrow then.
+    their errors may have the same sign, for which other rules would be too narrow.
     """
     value = low = high = np.zeros(())
     for counts, boulders, per_cluster, yearly in parts:
@@ -56,13 +57,13 @@ def frequencies(parts: Iterable[tuple[np.ndarray, int, int, float]]) -> Frequenc
 
 
 def intensities(frequency: np.ndarray, periods: np.ndarray) -> np.ndarray:
-    """The intensity that is met at least once in each period (periods, ...): 0 none, then from the
-    weakest. `frequency` (intensities, ...) is that of each intensity or a stronger one."""
+    """Intensity reached at least once in each period (periods, ...): 0 none, then from the weakest.
+    `frequency` (intensities, ...) is that of each intensity or a stronger one."""
     return np.stack([np.count_nonzero(frequency >= 1 / period, axis=0) for period in periods])
 
 
 def hazard_classes(frequency: np.ndarray, matrix: Matrix, passed: np.ndarray) -> np.ndarray:
-    """The highest class of all pairs of intensity and period. What is rarer than all periods is
+    """Highest class over all pairs of intensity and period. Events rarer than all periods are
     residual where boulders passed."""
     found = np.zeros(frequency.shape[1:], "i1")
     for column, intensity in enumerate(intensities(frequency, matrix.periods)):
@@ -71,8 +72,8 @@ def hazard_classes(frequency: np.ndarray, matrix: Matrix, passed: np.ndarray) ->
 
 
 class Classes(NamedTuple):
-    """Classes by the estimated frequencies, and by the lower and the upper ends of their
-    intervals: between them, because no class falls as frequencies rise."""
+    """Classes by the estimated frequencies, and by the lower and upper limits of their intervals,
+    which bound the class because no class decreases with frequency."""
 
     value: np.ndarray
     low: np.ndarray
@@ -80,34 +81,34 @@ class Classes(NamedTuple):
 
     @property
     def certain(self) -> np.ndarray:
-        """Whether the intervals leave no other class."""
+        """True where the intervals allow no other class."""
         return self.low == self.high
 
 
 def classify(found: Frequencies, matrix: Matrix) -> Classes:
-    """The classes of frequencies (intensities, ...), of which the first is of all passages."""
+    """Classify frequencies (intensities, ...), of which the first is that of all passages."""
     passed = found.value[0] > 0
     value, low, high = (hazard_classes(one, matrix, passed) for one in found)
     return Classes(value, low, high)
 
 
 def intensity_words(case: Case) -> list[str]:
-    """The intensities by number, as the thresholds of the case part them."""
+    """Labels of the intensities by number, from the thresholds of the case."""
     ends = [f"{threshold:.10g}" for threshold in case.hazard["thresholds"]]
     between = [f"{low}_to_{high}_kJ" for low, high in zip(ends[:-1], ends[1:], strict=True)]
     return ["none", f"up_to_{ends[0]}_kJ", *between, f"above_{ends[-1]}_kJ"]
 
 
 def unseen(parts: Iterable[tuple[int, float]]) -> float:
-    """How often [1/year] what none of the boulders did may still come, of scenarios of so many
-    boulders that come so often."""
+    """Upper limit of the frequency [1/year] of an event that no boulder showed, for scenarios of
+    given numbers of boulders and frequencies."""
     none = np.zeros(1, "i4")
     return float(frequencies((none, boulders, 1, yearly) for boulders, yearly in parts).high[0])
 
 
 def boulders_needed(yearly: float, period: float) -> int:
-    """How many boulders in each scenario show that what none of them does is rarer than once in a
-    period: the upper limit of none in n is z2/(n + z2)."""
+    """Number of boulders per scenario that shows that an event seen in none of them is rarer than
+    once in a period: the upper limit of none in n is z2/(n + z2)."""
     upper = unseen([(1, 1.0)])  # z2/(1 + z2)
     z2 = upper / (1 - upper)
     return max(1, int(np.ceil(z2 * (yearly * period - 1))))

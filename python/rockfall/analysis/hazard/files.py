@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A hazard as files for a GIS and a spreadsheet: netCDF, GeoTIFF with styles, zones, objects."""
+"""Hazard files for a GIS and a spreadsheet: netCDF, GeoTIFF with styles, zones, objects."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ GEOMETRY = {
     **dict.fromkeys(("LINESTRING", "MULTILINESTRING"), "line"),
     **dict.fromkeys(("POLYGON", "MULTIPOLYGON"), "polygon"),
 }
-NO_CELL = 255  # in a raster of yes and no
+NO_CELL = 255  # value without data in a yes-no raster
 
 
 def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
@@ -64,7 +64,7 @@ def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
 
 
 def read_hazard(path: str | Path) -> xr.Dataset:
-    """The hazard of a file hazard.nc; a RockfallError where it is none."""
+    """Read the hazard from a file hazard.nc; a RockfallError refuses other files."""
     import xarray as xr
 
     try:
@@ -77,7 +77,7 @@ def read_hazard(path: str | Path) -> xr.Dataset:
 
 
 def put_hazard(found: xr.Dataset, folder: Path) -> Iterator[Path]:
-    """The files of `write_hazard`, into a folder of their own."""
+    """Write the files of `write_hazard` into a new folder."""
     need("zones need", "vector", "pyogrio", "shapely")
     put_netcdf(found, folder / "hazard.nc", folder / "hazard.nc")
     yield folder / "hazard.nc"
@@ -91,7 +91,7 @@ def put_hazard(found: xr.Dataset, folder: Path) -> Iterator[Path]:
 
 
 def colours_of(data: xr.DataArray) -> dict[int, str]:
-    """The colour of each class of a map of classes, but for those that are left blank."""
+    """Colour of each class of a class map, without those left blank."""
     words = flags_of(data)
     if str(data.name).endswith("certain"):
         return {0: DOUBTFUL}
@@ -119,7 +119,7 @@ def _put_maps(found: xr.Dataset, folder: Path) -> Iterator[Path]:
 
 
 def _layers(found: xr.Dataset) -> Iterator[tuple[str, tuple]]:
-    """Zones, what of them is not certain, and objects; a layer without features is left out."""
+    """Zones, uncertain areas, and objects; a layer without features is left out."""
     minimum_area = case_in(found.attrs).hazard["minimum_area"]
     words, (grid, _) = np.array(CLASSES, dtype=object), grid_of(found["hazard_class"])
     zones, doubtful = zones_of(found, minimum_area), uncertain_of(found)
@@ -146,7 +146,7 @@ def _layers(found: xr.Dataset) -> Iterator[tuple[str, tuple]]:
 
 
 def _styles(kinds: dict[str, str]) -> dict[str, Style]:
-    """Zones and objects by their class, what is not certain hatched."""
+    """Styles of zones and objects by their class, uncertain areas hatched."""
     colours = dict(zip(CLASSES, HAZARD_COLOURS, strict=True))
     drawn = {"Point": marker, "LineString": thick, "Polygon": fill}
     found = {"uncertain": alike(fill(DOUBTFUL, "f_diagonal"))}

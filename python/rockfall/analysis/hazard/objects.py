@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Objects at risk: how many boulders come to each, and what that costs.
+"""Objects at risk: number of boulders that reach each, and the resulting cost.
 
-A line is met where boulders first cross it, an area where they first cross its outline: so an
-evaluation line each, which counts a boulder once. A point is met by what passes its cell.
+A line is hit where boulders first cross it, an area where they first cross its outline: each
+becomes an evaluation line, which counts a boulder once. A point is hit by boulders that pass its
+cell.
 """
 
 from __future__ import annotations
@@ -29,18 +30,18 @@ if TYPE_CHECKING:
 VULNERABILITY = "vulnerability"  # an attribute for all intensities, or with _1, _2, ... for each
 FRACTIONS = (VULNERABILITY, "exposure")
 BYTES = 8 * len(LINE)  # of a boulder at a line
-ROOM = 0.5  # of the memory
+ROOM = 0.5  # fraction of the memory
 MAX_NAMED = 5  # of objects in a remark
 
 
 @dataclass
 class Objects:
-    """Points, lines and polygons, and what is known of them."""
+    """Points, lines and polygons, with their attributes."""
 
     path: str = ""
     shapes: np.ndarray = field(default_factory=lambda: np.empty(0, object))
     names: list[str] = field(default_factory=list)
-    lines: list[dict[str, Any]] = field(default_factory=list)  # as in a case
+    lines: list[dict[str, Any]] = field(default_factory=list)  # in the form of a case
     owner: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # object of each line
     point: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # objects in a cell
     places: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))  # their x and y [m]
@@ -55,8 +56,8 @@ class Objects:
 def read_objects(
     path: str | Path, layer: str | None, grid: Grid, intensities: int, remarks: list[str]
 ) -> Objects:
-    """The objects in a layer, of the only one for None, with so many intensities to be vulnerable
-    to."""
+    """Read the objects in a layer (None: the only one), with vulnerabilities for the given number
+    of intensities."""
     import shapely
 
     shapes, columns = read_features(path, grid, remarks, layer, "--objects-layer")
@@ -71,7 +72,7 @@ def read_objects(
 
 
 def beyond_elevations(objects: Objects, scene: Scene) -> list[str]:
-    """A remark, where objects reach to where no boulder can come for want of elevations."""
+    """Remark on objects that extend to where missing elevations stop boulders."""
     import shapely
 
     grid, names = scene.grid, []
@@ -92,7 +93,7 @@ def beyond_elevations(objects: Objects, scene: Scene) -> list[str]:
 
 
 def check_room(objects: Objects, boulders: int) -> None:
-    """Refuse more lines than there is memory for their boulders."""
+    """Refuse more lines than fit in memory with their boulders."""
     need = BYTES * len(objects.lines) * boulders
     if need > ROOM * machine_memory():
         raise RockfallError(
@@ -103,7 +104,7 @@ def check_room(objects: Objects, boulders: int) -> None:
 
 
 def _place(objects: Objects, number: int, shape: Any, grid: Grid) -> None:
-    """Where boulders meet an object."""
+    """Place an object: add the line or cell at which boulders hit it."""
     west, south, east, north = shape.bounds
     if not (
         west <= grid.east and east >= grid.west and south <= grid.north and north >= grid.south
@@ -123,7 +124,7 @@ def _place(objects: Objects, number: int, shape: Any, grid: Grid) -> None:
 
 
 def _take_values(objects: Objects, columns: dict[str, np.ndarray], intensities: int) -> None:
-    """Vulnerability, exposure and value, where the layer has them."""
+    """Read vulnerability, exposure and value, if the layer has them."""
     size = len(objects)
     objects.exposure = _numbers(objects, columns, "exposure", np.ones(size))
     objects.value = _numbers(objects, columns, "value", np.ones(size))
@@ -166,8 +167,8 @@ def _numbers(
 
 
 def object_counts(objects: Objects, result: xr.Dataset, grid: Grid, maps: np.ndarray) -> np.ndarray:
-    """Boulders of a run that meet each object, and those with more energy than each threshold
-    (intensities, objects); `maps` are the same counts by cell (intensities, y, x)."""
+    """Boulders of a run that hit each object, and those with more energy than each threshold
+    (intensities, objects); `maps` are the corresponding counts by cell (intensities, y, x)."""
     thresholds = result["threshold"].values
     counts = np.zeros((1 + thresholds.size, len(objects)), "i4")
     rows, columns = grid.cells(*objects.places.T)
@@ -185,10 +186,11 @@ def object_counts(objects: Objects, result: xr.Dataset, grid: Grid, maps: np.nda
 
 def risks(objects: Objects, found: Frequencies) -> Frequencies | None:
     """Annual risk of each object: the sum over intensities of their frequency, times vulnerability,
-    exposure and value; between its limits, as vulnerability does not fall with intensity."""
+    exposure and value; limits follow from those of frequencies, since vulnerability does not
+    decrease with intensity."""
     if objects.vulnerability is None:
         return None
-    more = np.diff(objects.vulnerability, axis=1, prepend=0.0).T  # than to the intensity below
+    more = np.diff(objects.vulnerability, axis=1, prepend=0.0).T  # than at the next lower intensity
     of = objects.exposure * objects.value
     value, low, high = ((more * one).sum(axis=0) * of for one in found)
     return Frequencies(value, low, high)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The scenarios of a case: classes of boulders, each an ordinary run, and how often they come."""
+"""Scenarios of a case: classes of boulders, each an ordinary run, and their frequencies."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ VOLUMES = (
     "volume", "volume_mean", "volume_std", "volume_min", "volume_max", "volumes",
     "d1", "d2", "d3", "shape", "rock_density", "volume_spread",
 )  # fmt: skip
-OUTPUT: dict[str, Any] = {  # what a hazard looks at
+OUTPUT: dict[str, Any] = {  # output needed for a hazard
     "maps": [
         "passages", "energy_exceeded",
         "energy_line_angle_max", "energy_line_angle_min", "travel_time_min",
@@ -28,7 +28,7 @@ KM2 = 1e6  # [m2]
 
 
 class Scenario(NamedTuple):
-    """A class of boulders as a case of its own, and how many come loose a year."""
+    """A class of boulders as its own case, with the annual number of releases."""
 
     name: str
     frequency: float  # of all sources together [1/year]
@@ -36,7 +36,7 @@ class Scenario(NamedTuple):
 
 
 def base_case(case: Case) -> Case:
-    """The case as all scenarios have it; refused without any, or where one contradicts itself."""
+    """Case common to all scenarios; refused without any, or if one is contradictory."""
     if not case.scenario:
         raise RockfallError(
             f"{case.name}: a hazard needs a &scenario: a class of boulders with its frequency"
@@ -48,7 +48,7 @@ def base_case(case: Case) -> Case:
 
 
 def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
-    """Those of the scene of a base case, with evaluation lines."""
+    """Scenarios for the scene of a base case, with evaluation lines."""
     case = scene.case.replace(line=lines)
     for what, keys, given in _of_layer(scene):
         for one in case.scenario:
@@ -71,8 +71,8 @@ def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
 
 
 def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]:
-    """What a layer of sources may give that a scenario gives too: its name, the keys of the
-    scenario, and whether the layer gives that of each source."""
+    """Properties that both a source layer and a scenario may give: name, keys of the scenario, and
+    a mask of sources for which the layer gives it."""
     found = scene.features
     if found is not None and found.law is not None and found.value is not None:
         yield "volume", VOLUMES, found.law[found.of - 1] > 0
@@ -80,8 +80,8 @@ def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]
 
 
 def _case(case: Case, scenario: dict[str, Any]) -> Case:
-    """The case with boulders of a scenario. One that names a distribution of volumes has all its
-    keys; another changes single keys of &boulder."""
+    """Case with the boulders of a scenario. A scenario that names a volume distribution defines all
+    its keys; another changes single keys of &boulder."""
     boulder: dict[str, Any] = dict.fromkeys(VOLUMES) if "volume" in scenario else {}
     boulder |= {"rock_density": None} if "density" in scenario else {}
     boulder |= {key: scenario[key] for key in (*VOLUMES, "density") if key in scenario}
@@ -93,7 +93,7 @@ def _case(case: Case, scenario: dict[str, Any]) -> Case:
 
 
 def _frequency(scenario: dict[str, Any], scene: Scene) -> float:
-    """Boulders of all sources together [1/year]."""
+    """Annual number of boulders over all sources [1/year]."""
     given = scenario.get("frequency") or 1 / scenario["return_period"]
     of = {
         "year": 1.0,
@@ -105,7 +105,7 @@ def _frequency(scenario: dict[str, Any], scene: Scene) -> float:
 
 
 def source_area(scene: Scene) -> float:
-    """Surface of the source cells [m2]: their true one where they release boulders by it, which
-    makes their frequencies differ; their area in plan where all release alike."""
+    """Area of the source cells [m2]: the surface area if they release boulders by it, which makes
+    their frequencies differ; the plan area if all release alike."""
     cells = scene.x.size if scene.area is None else scene.area.sum()
     return float(cells) * scene.grid.cell**2

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A hazard: each scenario of a case run once, and put together by how often it comes."""
+"""Hazard study: each scenario of a case is run once, and combined by frequency."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ LAYOUT = 1  # of the file
 
 @dataclass
 class Study:
-    """What a hazard runs: read and checked."""
+    """Checked inputs of a hazard."""
 
     case: Case
     scene: Scene
     scenarios: list[Scenario]
     objects: Objects
-    remarks: list[str] = field(default_factory=list)  # what is likely a mistake, a line each
-    warnings: list[InputWarning] = field(default_factory=list)  # those of its scenes
+    remarks: list[str] = field(default_factory=list)  # likely mistakes, one line each
+    warnings: list[InputWarning] = field(default_factory=list)  # of its scenes
 
 
 def hazard(
@@ -74,11 +74,11 @@ def hazard(
     memory: float | None = None,
     **arrays: Any,
 ) -> xr.Dataset:
-    """Run each &scenario of a case and put them together: an xarray.Dataset of annual frequencies
-    and classes of hazard, with 95 % intervals, for each cell and each of the `objects` (a layer of
-    points, lines and polygons, or a GeoDataFrame; `objects_layer` is its name in a file of
-    several). `results` are those of the scenarios, if they have been run elsewhere. docs/hazard.md
-    explains it; the other arguments are as in `rockfall.run`.
+    """Run each &scenario of a case and combine them: an xarray.Dataset of annual frequencies and
+    hazard classes, with 95 % intervals, for each cell and each of the `objects` (a layer of points,
+    lines and polygons, or a GeoDataFrame; `objects_layer` is its name in a file with several).
+    `results` are those of the scenarios, if they have been run elsewhere. docs/hazard.md explains
+    it; the other arguments are as in `rockfall.run`.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -98,7 +98,7 @@ def read_study(
     objects_layer: str | None = None,
     **arrays: Any,
 ) -> Study:
-    """Read and check everything that a hazard needs, before anything is run."""
+    """Read and check all inputs of a hazard before any run."""
     memory = memory or machine_memory()
     scene = read_scene(base_case(case), memory=memory, **arrays)
     _check_memory(scene, memory)
@@ -112,7 +112,7 @@ def read_study(
             remarks += beyond_elevations(found, scene)
         found.path = of_frames(found.path, files)
         remarks = [of_frames(one, files) for one in remarks]
-    case = case.replace(barrier=scene.case.barrier, dam=scene.case.dam)  # layers are read
+    case = case.replace(barrier=scene.case.barrier, dam=scene.case.dam)  # layers have been read
     study = Study(case, scene, scenarios_of(scene, found.lines), found)
     for one in (scene, *(replace(scene, case=k.case, warnings=None) for k in study.scenarios)):
         remarks += implausible(one)
@@ -123,7 +123,7 @@ def read_study(
 
 
 def _check_memory(scene: Scene, memory: float) -> None:
-    """Refuse maps for which there is too little of it, before anything is run."""
+    """Refuse maps that do not fit in memory, before any run."""
     levels, scenarios = 1 + len(scene.case.hazard["thresholds"]), len(scene.case.scenario)
     cells = scene.grid.nx * scene.grid.ny
     need = cells * (8 * levels * scenarios + 20 * levels + 25)  # as measured
@@ -143,8 +143,7 @@ def run_study(
     threads: int | None = None,
     checkpoints: Sequence[Checkpoint] = (),
 ) -> xr.Dataset:
-    """Run the scenarios, one after the other; each goes on from its checkpoint, or is taken from
-    its result."""
+    """Run the scenarios in turn; each resumes from its checkpoint, or is taken from its result."""
     if results and len(results) != len(study.scenarios):
         many = f"{len(study.scenarios)} scenarios"
         raise RockfallError(f"results: {len(results)} for {many}: one is needed for each, in order")
@@ -161,7 +160,7 @@ def run_study(
 
 
 def _read_scenario(study: Study, scenario: Scenario, path: str | Path) -> xr.Dataset:
-    """The result of a scenario that was run elsewhere: all of it, with the same inputs."""
+    """Result of a scenario that was run elsewhere: complete, with the same inputs."""
     result = read_result(path)
     theirs, ours = (
         one.replace(case={"threads": 0}).text() for one in (case_of(result), scenario.case)
@@ -177,7 +176,7 @@ def _read_scenario(study: Study, scenario: Scenario, path: str | Path) -> xr.Dat
 
 
 class _Run:
-    """What is kept of the run of a scenario."""
+    """Retained data of the run of a scenario."""
 
     def __init__(self, study: Study, scenario: Scenario, result: xr.Dataset) -> None:
         self.boulders, self.yearly = simulated(result), scenario.frequency
@@ -228,7 +227,8 @@ def _places(study: Study, run: _Run, matrix: Matrix) -> dict[str, tuple]:
 
 
 def _scenarios(study: Study, runs: list[_Run]) -> dict[str, np.ndarray]:
-    """What each scenario is, and its counts: enough for other frequencies without another run."""
+    """Properties and counts of each scenario, sufficient to apply other frequencies without another
+    run."""
     return {
         "frequency": np.array([run.yearly for run in runs]),
         "boulders": np.array([run.boulders for run in runs]),
@@ -240,7 +240,7 @@ def _scenarios(study: Study, runs: list[_Run]) -> dict[str, np.ndarray]:
 
 
 def _frequencies(found: Frequencies, yearly: float) -> dict[str, np.ndarray]:
-    """Frequencies of cells with their limits, and what follows from them."""
+    """Frequencies of cells with their limits, and quantities derived from them."""
     values = {}
     for end, one in zip(ENDS, found, strict=True):
         values[f"passage_frequency{end}"] = one[0].astype("f4")
@@ -254,7 +254,7 @@ def _frequencies(found: Frequencies, yearly: float) -> dict[str, np.ndarray]:
 
 
 def _classes(prefix: str, found: Frequencies, matrix: Matrix) -> dict[str, np.ndarray]:
-    """Intensities and classes of hazard."""
+    """Intensities and hazard classes."""
     classes = classify(found, matrix)
     values = {f"{prefix}intensity": intensities(found.value, matrix.periods).astype("i1")}
     for end, one in zip(CLASS_ENDS, classes, strict=True):

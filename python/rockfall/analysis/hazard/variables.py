@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every variable of a hazard: its dimensions, units and meaning, in one table."""
+"""Table of all variables of a hazard: dimensions, units and meaning."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from rockfall.case import Case
 from rockfall.result.flat_maps import BEYOND, PLAN, shown
 from rockfall.result.variables import MAP
 
-ENDS = {  # of names: what they are
+ENDS = {  # of names: their meanings
     "": "",
     "_low": "lower limit of the 95 % interval of ",
     "_high": "upper limit of the 95 % interval of ",
 }
 CLASS_ENDS = {"": "", "_lower": "lowest ", "_upper": "highest "}
-EXTREMES = {  # maps of which the extreme over the scenarios is kept
+EXTREMES = {  # maps whose extreme over the scenarios is kept
     "energy_line_angle_max": np.fmax,
     "energy_line_angle_min": np.fmin,
     "travel_time_min": np.fmin,
@@ -40,11 +40,11 @@ class Variable(NamedTuple):
 
     @property
     def is_map(self) -> bool:
-        """Whether it is a map in plan, or several."""
+        """True for a map in plan, or several."""
         return self.dims[-2:] == PLAN and {*self.dims} <= {*PLAN, *BEYOND}
 
     def about(self, case: Case) -> dict[str, Any]:
-        """Its attributes."""
+        """Attributes of the variable."""
         texts = {"units": self.units, "long_name": self.long_name, "comment": self.comment}
         found: dict[str, Any] = {name: text for name, text in texts.items() if text}
         if self.words:
@@ -55,7 +55,7 @@ class Variable(NamedTuple):
 
 
 def words_of(kind: str, case: Case) -> Sequence[str]:
-    """What numbers from 0 mean."""
+    """Meanings of the numbers from 0."""
     return {"hazard": CLASSES, "intensity": intensity_words(case), "certain": ("no", "yes")}[kind]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Classes of hazard as polygons, whose sides are those of cells: no line says more than that."""
+"""Hazard classes as polygons along cell edges, which add no false precision."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 
 class Zones(NamedTuple):
-    """Patches of cells alike: polygons, and for each its number and how many cells it has."""
+    """Patches of equal cells: polygons, each with its number and its count of cells."""
 
     shapes: np.ndarray
     number: np.ndarray
     cells: np.ndarray
-    patch: np.ndarray  # (y, x): of each cell, from 1; 0 where it is of none
+    patch: np.ndarray  # (y, x): patch of each cell, from 1; 0 if none
 
 
 def zones_of(found: xr.Dataset, minimum_area: float) -> Zones:
-    """Zones of a class of hazard, each of an area [m2] at least: GDAL's sieve gives smaller patches
-    the class of the largest beside them."""
+    """Zones of a hazard class, each with at least an area [m2]: GDAL's sieve gives smaller patches
+    the class of their largest neighbour."""
     from rasterio.features import sieve
 
     numbers, grid = _north_up(found["hazard_class"])
@@ -36,7 +36,8 @@ def zones_of(found: xr.Dataset, minimum_area: float) -> Zones:
 
 
 def highest_classes(zones: Zones, found: xr.Dataset) -> np.ndarray:
-    """The highest class on the map within each zone: what a small patch had before it joined."""
+    """Highest class on the map within each zone: of small patches, the class before they were
+    merged."""
     numbers, _ = _north_up(found["hazard_class"])
     highest = np.zeros(len(zones.cells) + 1, "u1")
     np.maximum.at(highest, zones.patch, numbers)
@@ -44,7 +45,7 @@ def highest_classes(zones: Zones, found: xr.Dataset) -> np.ndarray:
 
 
 def lowered_area(found: xr.Dataset, minimum_area: float) -> np.ndarray:
-    """Of each class, the area [m2] that zones show as a lower one, or as none."""
+    """Area [m2] of each class that zones show with a lower class, or none."""
     numbers, grid = _north_up(found["hazard_class"])
     zones = zones_of(found, minimum_area)
     shown = np.concatenate([[0], zones.number])[zones.patch]
@@ -52,15 +53,15 @@ def lowered_area(found: xr.Dataset, minimum_area: float) -> np.ndarray:
 
 
 def uncertain_of(found: xr.Dataset) -> Zones:
-    """Patches of cells whose class is not certain: their number is that of the lowest class, times
-    the number of classes, plus that of the highest."""
+    """Patches of cells with an uncertain class: their number is the lowest class, times the number
+    of classes, plus the highest."""
     low, grid = _north_up(found["hazard_class_lower"])
     high, _ = _north_up(found["hazard_class_upper"])
     return _patches(np.where(low == high, 0, low * len(CLASSES) + high), grid)
 
 
 def certain_fractions(zones: Zones, found: xr.Dataset) -> np.ndarray:
-    """Of the cells of each zone, the fraction whose class is certain."""
+    """Fraction of the cells of each zone whose class is certain."""
     certain, _ = _north_up(found["hazard_class_certain"])
     patch = zones.patch.ravel()
     return np.bincount(patch, certain.ravel(), len(zones.cells) + 1)[1:] / zones.cells

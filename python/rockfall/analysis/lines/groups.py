@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The boulders of a result in groups: by source, or by class of volume."""
+"""Groups of the boulders of a result: by source, or by class of volume."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
 BY = ("source", "volume")
-MAX_SOURCES = 50  # of more, neighbours by number share a group
-RANGES = 20  # of which there are then so many
+MAX_SOURCES = 50  # beyond this, neighbours by number share a group
+RANGES = 20  # number of such groups
 MAX_VOLUMES = 6  # that are classes of their own
 
-Group = tuple[str, np.ndarray]  # its name, and which boulders are of it
+Group = tuple[str, np.ndarray]  # name, and mask of its boulders
 
 
 def groups(result: Held, by: str, classes: Sequence[float] | None = None) -> list[Group]:
-    """Every boulder is of one group, and no group is empty.
+    """Groups of boulders: each boulder is in exactly one group, and no group is empty.
 
-    by = 'source': the polygons or points of the layer of sources, by their names; without a layer
-    the sources, by number. by = 'volume': `classes` are the edges between classes [m3]; by default
-    the few volumes there are, or quarters of the boulders. An edge is of the class above it.
+    by = 'source': the polygons or points of the source layer, by their names; without a layer the
+    sources, by number. by = 'volume': `classes` are the edges between classes [m3]; by default the
+    distinct volumes if few, or quarters of the boulders. An edge belongs to the class above it.
     """
     check_by(by, classes)
     found = _by_source(result) if by == "source" else _by_volume(result["volume"].values, classes)
@@ -36,7 +36,7 @@ def groups(result: Held, by: str, classes: Sequence[float] | None = None) -> lis
 
 
 def check_by(by: str, classes: Sequence[float] | None) -> None:
-    """Refuse groups that there are not, and classes of anything but volumes."""
+    """Refuse unknown groups, and classes of anything but volumes."""
     if by not in BY:
         raise RockfallError(f"by = '{by}': must be {' or '.join(BY)}")
     if classes is not None and by != "volume":
@@ -56,7 +56,7 @@ def _by_source(result: Held) -> Iterator[Group]:
 
 
 def part_names(result: Held) -> list[str]:
-    """Of the parts of samples: features, sources, or ranges of either."""
+    """Names of the parts of samples: features, sources, or ranges of either."""
     last = result["sample_part_last"].values
     if last[-1] == last.size:
         return _names(result, last)
@@ -64,7 +64,7 @@ def part_names(result: Held) -> list[str]:
 
 
 def _names(result: Held, numbers: np.ndarray) -> list[str]:
-    """Of features, or of sources where there are none."""
+    """Names of features, or of sources without features."""
     if "feature" not in result:
         return [str(k) for k in numbers]
     names = [str(name) for name in result["feature"].values]

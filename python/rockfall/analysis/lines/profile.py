@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where on a line boulders pass, with which energy and how high: numbers of windows along it."""
+"""Distribution of boulders along a line: frequency, energy and height in windows."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MAX_WINDOWS = 10_000  # of a line
-ROUNDING = 1e-9  # of lengths: no window is of nothing else
-WINDOWS = 40  # of a line, about, where no width is given
+ROUNDING = 1e-9  # relative to lengths: narrower windows are rounding errors
+WINDOWS = 40  # approximate number per line, if no width is given
 SHOWN = {"energy_total": ("mean", "q95"), "passing_height": ("mean", "q95")}
 _NUMBERS = [f"{name}_{number}" for name, numbers in SHOWN.items() for number in numbers]
 _COLUMNS = ["line", "start", "end", "n"]
@@ -79,8 +79,8 @@ def line_number(result: xr.Dataset, line: str) -> int:
 def windows(
     result: xr.Dataset, line: int, width: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Edges of windows along a line [m], and the window in which each boulder crosses it, -1 where
-    it does not."""
+    """Edges of windows along a line [m], and the window in which each boulder crosses it, -1 if it
+    does not."""
     _, x, y = lines(result)[line]
     length = float(lengths(x + 1j * y)[-1])
     width = round_step(length / WINDOWS) if width is None else width

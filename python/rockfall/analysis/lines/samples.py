@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Samples of the quantities at lines, of all boulders of a result or of groups of them: from their
-rows, or where a run keeps no rows, from its counts and sums."""
+"""Samples of the quantities at lines, for all boulders of a result or for groups: from their rows,
+or, if a run keeps no rows, from its counts and sums."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 
 
 class LineSamples:
-    """What is known of the quantities at the lines of a result."""
+    """Samples of the quantities at the lines of a result."""
 
     def __init__(self, result: Held, source: Sources | None = None) -> None:
-        """`source` is that of each boulder, where it is not that of the result."""
+        """`source` is that of each boulder, if different from the result's."""
         self.result, self._counted = result, result.sizes["boulder"] < simulated(result)
         if source is None and not self._counted:
             source = sources(result)
@@ -42,13 +42,13 @@ class LineSamples:
 
     @property
     def boulders(self) -> int:
-        """How many are known."""
+        """Number of boulders with values."""
         return simulated(self.result) if self._source is None else self._source.number.size
 
     @property
     def sources(self) -> int:
-        """How many there are; where boulders are counted and sources release different numbers,
-        groups of them at most."""
+        """Number of sources; for counted boulders of sources with unequal releases, at most the
+        number of groups."""
         if self._source is not None:
             return self._source.count
         case = case_of(self.result)
@@ -57,15 +57,15 @@ class LineSamples:
         return int(np.count_nonzero(self._released(None)))
 
     def given(self) -> LineSamples:
-        """The same with the sources for all there are."""
+        """Samples with the sources taken as given rather than sampled."""
         source = None if self._source is None else replace(self._source, sampled=False)
         found = LineSamples(self.result, source)
         found.sampled = False
         return found
 
     def groups(self, by: str, classes: Sequence[float] | None = None) -> list[Group]:
-        """Of boulders, as `rockfall.analysis.lines.groups.groups` has them; where they are counted,
-        which parts of the sources are of each."""
+        """Groups of boulders, as in `rockfall.analysis.lines.groups.groups`; for counted boulders,
+        the parts of the sources in each."""
         if not self._counted:
             return groups(self.result, by, classes)
         check_by(by, classes)
@@ -76,7 +76,7 @@ class LineSamples:
         return [one for one in chosen if self._released(one[1]).any()]
 
     def sample(self, line: int, quantity: str, chosen: np.ndarray | None = None) -> Sample:
-        """A quantity at the line of this index, of all boulders or of a group."""
+        """Sample of a quantity at the line of this index, for all boulders or a group."""
         if self._counted:
             return self._counts(line, quantity, chosen)
         values, source = line_values(self.result, quantity, line), self._source
@@ -86,14 +86,14 @@ class LineSamples:
         return Values(values[chosen], source[chosen])
 
     def ends(self, quantity: str) -> Sample:
-        """What is known of the ends of boulders: plan_distance, path_length and so on."""
+        """Sample of a quantity at the ends of boulders: plan_distance, path_length and so on."""
         if self._counted:
             return self._counts(-1, quantity, None)
         assert self._source is not None
         return Values(self.result[quantity].values, self._source)
 
     def _counts(self, line: int, quantity: str, parts: np.ndarray | None) -> Counts:
-        """At the line of this index; -1: the end."""
+        """Counts at the line of this index; -1: at the end."""
         result, kind = self.result, int(line < 0)
         number = fields(6 + kind).index(quantity)
         all_parts = np.full(result.sizes["sample_part"], True)
@@ -114,13 +114,13 @@ class LineSamples:
         )
 
     def _released(self, parts: np.ndarray | None) -> np.ndarray:
-        """Boulders of each group of sources of these parts: all of them have an end."""
+        """Number of boulders of each group of sources in these parts: all of them have an end."""
         of = self.result["sample_group_part"].values - 1
         chosen = np.full(of.size, True) if parts is None else parts[of]
         return self._dense("group_", 0, 0, np.flatnonzero(chosen)).sum(axis=1)
 
     def _dense(self, kind: str, place: int, quantity: int, of: np.ndarray) -> np.ndarray:
-        """Counts (of, bins) of these parts, or groups, with the empty ones."""
+        """Counts (of, bins) of these parts, or groups, including empty bins."""
         bins = self.result[f"sample_{kind}bin"].values
         counts = self.result[f"sample_{kind}count"].values
         n = self.result.sizes["sample_group" if kind else "sample_part"]

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 HEIGHTS = ("upper_edge", "normal_height", "normal_upper_edge")
 HEIGHT_NEEDS = ("jump_height", "passing_height")  # and the volume
 ENERGY_NEEDS = ("energy_translational", "energy_rotational")
-QUANTITIES = fields(6)  # as the kernel numbers them
+QUANTITIES = fields(6)  # in the kernel's numbering
 
 
 def line_values(result: Held, quantity: str, line: int) -> np.ndarray:
-    """A quantity of each boulder at a line; NaN where it did not cross."""
+    """Values of a quantity of each boulder at a line; NaN where it did not cross."""
     check_rows(result, "a quantity of each boulder at a line")
     if quantity == "position":
         return _along(result, line)
@@ -36,7 +36,7 @@ def line_values(result: Held, quantity: str, line: int) -> np.ndarray:
 
 
 def _along(result: Held, line: int) -> np.ndarray:
-    """How far from the first vertex of a line, along it, each boulder crossed."""
+    """Distance along a line, from its first vertex, at which each boulder crossed."""
     mine = result["line_vertex_line"].values == line
     vertices = (result[f"line_vertex_{axis}"].values[mine] for axis in "xy")
     return places_along(*vertices, *(result[f"line_{axis}"].values[line] for axis in "xy"))

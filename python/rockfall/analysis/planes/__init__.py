@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How boulders do on planes: the slope above which they get faster."""
+"""Motion of boulders on planes: the slope above which they accelerate."""

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The neutral slopes of a scene, on which a bounce loses what the next flight gains, beside the
-slopes that its ground has. What is steeper lets boulders run away: the bounce has no terminal
+"""Neutral slopes of a scene, on which a bounce loses what the next flight gains, compared with the
+slopes of its ground. On steeper ground boulders accelerate without limit: bouncing has no terminal
 velocity."""
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FIFTHS = {"smallest fifth": (0.0, 0.2), "middle": (0.2, 0.8), "largest fifth": (
 
 @dataclass(frozen=True)
 class Rocks:
-    """Ground of one kind: its name, "" for all there is; R_m (1,), of method A (3,) [m]; and the
+    """Ground of one kind: its name, "" for all; R_m (1,), or for method A sizes (3,) [m]; and the
     tangents of the slopes of some of its cells, evenly spaced."""
 
     name: str
@@ -34,17 +34,17 @@ class Rocks:
     tangents: np.ndarray
 
     def steeper(self, slope: float) -> float:
-        """The fraction of its cells steeper than a slope [degree]; NaN where none is known."""
+        """Fraction of its cells steeper than a slope [degree]; NaN if none is known."""
         if not self.tangents.size:
             return np.nan
         return float((self.tangents > np.tan(np.radians(slope))).mean())
 
 
 def rocks_of(scene: Scene) -> Iterator[Rocks]:
-    """The zones that some cell has, in the order of their table. Where sizes come as rasters: the
-    fifth of the cells with the smallest rocks, that with the largest and those between, by R_m or
-    Rg70, each with the medians of its sizes; cells that absorb left out. Ground whose rebounds
-    follow others than the case's impact sets is left out, too."""
+    """Zones that occur in some cell, in the order of their table. For raster sizes: the fifths of
+    the cells with the smallest, largest and middle rocks, by R_m or Rg70, each with the medians of
+    its sizes, without absorbing cells. Ground with rebounds other than the case's impact sets is
+    left out."""
     surface, ground = scene.case.surface, scene.ground
     scale = radius_over_rg(scene.case) if surface["method"] == "A" else 1.0
     usual = _follows_sets(scene)
@@ -63,7 +63,7 @@ def rocks_of(scene: Scene) -> Iterator[Rocks]:
 
 
 def _follows_sets(scene: Scene) -> np.ndarray:
-    """Whose rebounds follow the case's impact sets, of the cells that were looked at."""
+    """Mask of the sampled cells whose rebounds follow the case's impact sets."""
     numbers = np.concatenate(scene.ground.numbers)
     if not scene.grounds:
         return np.ones(numbers.size, bool)
@@ -83,7 +83,7 @@ def _by_size(radii: np.ndarray, tangents: np.ndarray) -> Iterator[Rocks]:
 
 
 class NeutralSlopes:
-    """Those of the impact sets of a scene, each found when it is first asked for."""
+    """Neutral slopes of the impact sets of a scene, computed on first use."""
 
     def __init__(self, scene: Scene) -> None:
         sets = scene.coefficients.mean.T, scene.coefficients.covariance.T
@@ -92,8 +92,8 @@ class NeutralSlopes:
         self._slope = cache(self._find)
 
     def weights(self, radius: float, radii: np.ndarray) -> np.ndarray:
-        """How often each set serves a boulder of this radius [m], (5,); sizes of rocks that absorb
-        it left out."""
+        """Weights (5,) of the sets for a boulder of this radius [m], without absorbing rock
+        sizes."""
         sizes = size_weights() if radii.size > 1 else np.ones(1)
         sets = [weight * set_weights(radius / r, self._between)
                 for weight, r in zip(sizes, radii, strict=True) if np.isfinite(r)]  # fmt: skip
@@ -104,8 +104,8 @@ class NeutralSlopes:
         return [int(np.argmax(set_weights(radius / r, False))) + 1 for r in radii]
 
     def of(self, radius: float, radii: np.ndarray) -> float:
-        """The neutral slope [degree] of boulders of this radius on rocks of these radii [m],
-        from 5 to 75."""
+        """Neutral slope [degree] of boulders of this radius on rocks of these radii [m], from 5 to
+        75."""
         return self._slope(tuple(self.weights(radius, radii).tolist()))
 
     def _find(self, weights: tuple[float, ...]) -> float:

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders that bounce down an endless plane: what a set, or the impacts themselves, make of them.
+"""Boulders bouncing down an infinite plane, by a set or by resampled impacts.
 
 On a plane a flight between two bounces keeps V_n and W and adds 2 tan(slope) V_n to V_t, whatever
 gravity is; and a rebound is linear in speed. So a bounce is a random map of directions with a
-factor on the speed, and there is no terminal speed: where the logarithm of the factor is below
-zero in the mean, boulders fade, where it is above, they run away. The slope between is the neutral
-slope: on it half of the boulders go on for ever.
+factor on the speed, and there is no terminal speed: if the mean logarithm of the factor is below
+zero, boulders stop, if it is above, they accelerate without limit. The slope between is the neutral
+slope: on it half of the boulders never stop.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 
 from rockfall.scene.rebound import MAX_DRAWS, admissible, limited
 
-NEAREST = 20  # impacts of which one is drawn
+NEAREST = 20  # impacts from which one is drawn
 FIRST, LAST = 20, 60  # bounces that count: the start is forgotten
-FLATTEST, STEEPEST, NEAR = 5.0, 75.0, 0.05  # where a neutral slope is looked for [degree]
-USUAL, RISE = 34.0, 0.015  # a neutral slope [degree], and what the growth gains a degree there
+FLATTEST, STEEPEST, NEAR = 5.0, 75.0, 0.05  # search range and tolerance of a neutral slope [degree]
+USUAL, RISE = 34.0, 0.015  # initial neutral slope [degree], and increase of growth per degree there
 
 #: (n, 3) V_in -> (n, 3) V_out
 Rebound = Callable[[np.ndarray, np.random.Generator], np.ndarray]
@@ -36,7 +36,7 @@ class Growth:
 
 
 def set_rebound(mean: np.ndarray, covariance: np.ndarray) -> Rebound:
-    """Rebounds by a set: V_out = A V_in, drawn again until admissible, as the kernel does."""
+    """Rebounds by a set: V_out = A V_in, redrawn until admissible, as in the kernel."""
     values, vectors = np.linalg.eigh(covariance)
     factor = vectors * np.sqrt(np.maximum(values, 0))
 
@@ -56,7 +56,7 @@ def set_rebound(mean: np.ndarray, covariance: np.ndarray) -> Rebound:
 
 
 def mixed_rebound(rebounds: Sequence[Rebound], weights: np.ndarray) -> Rebound:
-    """Rebounds by one of several rules, drawn anew each time with these probabilities."""
+    """Rebounds by one of several rules, selected each time with these probabilities."""
 
     def rebound(v_in: np.ndarray, generator: np.random.Generator) -> np.ndarray:
         v_out = np.empty_like(v_in)
@@ -71,8 +71,9 @@ def mixed_rebound(rebounds: Sequence[Rebound], weights: np.ndarray) -> Rebound:
 def resampled_rebound(v_in: np.ndarray, v_out: np.ndarray) -> Rebound:
     """Rebounds drawn from impacts: one of those nearest in angle and spin, scaled to the speed.
 
-    The least-squares map of all impacts takes it from its own incidence to that of the boulder: a
-    neighbour as it is would smear angles and spins, and slow boulders by about 0.02 a bounce.
+    The least-squares map of all impacts transforms it from its own incidence to that of the
+    boulder: an unchanged neighbour would smear angles and spins, and slow boulders by about 0.02 a
+    bounce.
     """
     from scipy.spatial import cKDTree
 
@@ -94,13 +95,13 @@ def _speed(v: np.ndarray) -> np.ndarray:
 
 
 def _place(v: np.ndarray) -> np.ndarray:
-    """Angle and spin of an impact, so that equal distances mean about as much."""
+    """Angle and spin of an impact, scaled so that distances are comparable."""
     angle = np.arctan2(-v[:, 1], v[:, 0])
     return np.stack([np.log(np.maximum(angle, 1e-3)), 1.5 * v[:, 2] / _speed(v)], axis=1)
 
 
 def _fly(v: np.ndarray, slope: float) -> np.ndarray:
-    """From one bounce to the next; a boulder thrown back comes down the slope again as it may."""
+    """Velocity at the next bounce; a boulder thrown uphill comes down again."""
     v_in = np.stack([v[:, 0] + 2 * np.tan(np.radians(slope)) * v[:, 1], -v[:, 1], v[:, 2]], axis=1)
     back = v_in[:, 0] < 0
     v_in[back] *= [-1, 1, -1]  # the frame turns round with it
@@ -108,7 +109,7 @@ def _fly(v: np.ndarray, slope: float) -> np.ndarray:
 
 
 def growth(rebound: Rebound, slope: float, boulders: int = 1000, seed: int = 1) -> Growth:
-    """Of bounces on a plane of this slope [degrees], when the first have been forgotten."""
+    """Growth of bounces on a plane of this slope [degrees], after a start-up phase."""
     generator = np.random.default_rng(seed)
     v = np.tile([10.0, 2.0, 8.0], (boulders, 1))
     logs = []
@@ -125,8 +126,8 @@ def growth(rebound: Rebound, slope: float, boulders: int = 1000, seed: int = 1) 
 
 
 def neutral_slope(rebound: Rebound, boulders: int = 1000, seed: int = 1) -> float:
-    """The slope on which speeds neither grow nor fade [degrees], from 5 to 75, by secants within
-    a bracket. (SciPy's brentq takes longer to import than this to run.)"""
+    """Slope on which speeds neither grow nor decay [degrees], from 5 to 75, by secants within a
+    bracket. (SciPy's brentq takes longer to import than this to run.)"""
     low, high, slope = FLATTEST, STEEPEST, USUAL
     rise, last = RISE, None
     while high - low > NEAR:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How sure a number is, and how many boulders make it surer: one rule for all that asks."""
+"""Precision of numbers, and the boulders needed for more: common rules for all statistics."""

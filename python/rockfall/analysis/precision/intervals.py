@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""95 % confidence intervals of what boulders from given sources did, and the boulders they need.
+"""95 % confidence intervals for values of boulders from given sources, and the boulders they need.
 
-The sources of a case are all there are: other boulders would come from the same ones, so many from
-each. Boulders are then a stratified sample (Cochran 1977, chapter 5), and intervals hold what
-differs within the sources alone. With &release sources = 'sample' the sources are some of many: the
-boulders of each are a cluster, and few sources tell little of what others would do (Student's
-distribution; of two the intervals are 6.5 times as long as a normal distribution would have them).
+The sources of a case are the complete set: other boulders would come from the same ones, with the
+same number from each. Boulders are then a stratified sample (Cochran 1977, chapter 5), and
+intervals cover only the variation within sources. With &release sources = 'sample' the sources are
+some of many: the boulders of each are a cluster, and few sources say little about others (Student's
+distribution; with two, the intervals are 6.5 times as long as those of a normal distribution).
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from rockfall.limits import MIN_FOR_MEAN, Z, fraction_limits
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
-TARGETS = (0.05, 0.02, 0.01)  # half widths of an interval, relative to the number, to plan for
+TARGETS = (0.05, 0.02, 0.01)  # relative half-widths of an interval to plan for
 SIMPSON = np.r_[1, np.tile([4, 2], 199), 4, 1] / 1200.0  # weights of 401 values
-CROSSED = 500  # boulders past the line before the interval of anything but a fraction is used
+CROSSED = 500  # boulders past the line from which intervals of anything but a fraction are used
 #: Skewness over the coefficient of variation: exact for gamma distributions. Few values seldom show
 #: the tail that they come from, so that an upper limit supposes it.
 SKEWED = 2.0
 SKEWED_SQUARES = 3.0  # the same of squared deviations
-WITHHELD = math.nan, math.nan  # limits that too few boulders would give
+WITHHELD = math.nan, math.nan  # limits from too few boulders
 
 
 @dataclass(frozen=True)
 class Sources:
-    """Where boulders come from. Of some of them (`sources[which]`) it still knows how many were
-    released: how many of those come is a matter of chance too."""
+    """Sources of boulders. A selection (`sources[which]`) keeps the released numbers: the number of
+    selected boulders is random too."""
 
     number: np.ndarray  # source of each boulder, from 0
-    stratum: np.ndarray  # the same, where sources of a single boulder share one with another
+    stratum: np.ndarray  # source, with sources of a single boulder merged with another
     released: np.ndarray  # boulders of each stratum
     sampled: bool = False  # the sources are a sample of others
 
@@ -54,7 +54,7 @@ class Sources:
 
     @classmethod
     def alone(cls, boulders: int) -> Sources:
-        """So many boulders of one source."""
+        """The given number of boulders from one source."""
         return cls.of(np.zeros(boulders, int))
 
     def __getitem__(self, which: np.ndarray | slice) -> Sources:
@@ -62,11 +62,11 @@ class Sources:
 
     @property
     def count(self) -> int:
-        """Of the sources of the boulders."""
+        """Number of sources with boulders."""
         return int(self.number.max(initial=-1)) + 1
 
     def sums(self, residual: np.ndarray) -> Sums:
-        """Those of a variable of the boulders, less its mean."""
+        """Sums of a variable of the boulders, less its mean."""
         of, size = self.number if self.sampled else self.stratum, self.released.size
         n, total, squares = (
             np.bincount(of, v, size) for v in (np.ones(of.size), residual, residual**2)
@@ -75,7 +75,7 @@ class Sources:
 
 
 def strata(boulders: np.ndarray) -> np.ndarray:
-    """The stratum of each source that released so many boulders."""
+    """Stratum of each source, given the number of boulders it released."""
     of = np.arange(boulders.size)
     single = np.flatnonzero(boulders == 1)
     of[single[1::2]] = single[: single[1::2].size * 2 : 2]
@@ -87,18 +87,18 @@ def strata(boulders: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Sums:
-    """What the boulders of each stratum, or of each source where these are a sample, add to a
-    variable less its mean: all that its interval needs to know."""
+    """Sums over the boulders of each stratum, or of each source if these are sampled, of a variable
+    less its mean: sufficient for its interval."""
 
     n: np.ndarray  # boulders
     total: np.ndarray
     squares: np.ndarray
-    released: np.ndarray  # boulders, of which the others have no value
+    released: np.ndarray  # boulders, including those without a value
     sampled: bool
 
     @property
     def size(self) -> int:
-        """Boulders in all."""
+        """Total number of boulders."""
         return int(self.n.sum())
 
     def limits_of_mean(
@@ -108,8 +108,8 @@ class Sums:
         fewest: int = MIN_FOR_MEAN,
         skewed: float = SKEWED,
     ) -> tuple[float, float]:
-        """Limits of the interval of the mean, less the mean, of values of this shape; NaN of fewer
-        than `fewest` values, or sources where these are a sample. See `hall` for the others."""
+        """Limits of the interval of the mean, less the mean, of values of this shape; NaN for fewer
+        than `fewest` values, or sources if these are sampled. See `hall` for the others."""
         n = self.size
         if shape.apart < fewest:
             return WITHHELD
@@ -130,16 +130,16 @@ class Sums:
         if clusters.apart < fewest:
             return WITHHELD
         apart = hall(self._error_of_clusters(), m - 1, m, clusters, signed, skewed)
-        # sources that happen to agree know no more than their boulders
+        # sources that agree by chance have no more information than their boulders
         return min(low, apart[0]), max(high, apart[1])
 
     def effective_number(self, fraction: float) -> float:
-        """As many independent boulders would know the fraction of an indicator as well (Korn and
+        """Effective number of independent boulders for the fraction of an indicator (Korn and
         Graubard 1998).
 
-        Where few boulders speak, sources in which all did the same seem surer than they are: the
-        variance is that of Z**2 more boulders which might have done otherwise, and at most that of
-        boulders from anywhere, which no stratified sample exceeds.
+        With few boulders, sources in which all behaved alike seem too certain: the variance is that
+        with Z**2 more boulders of uncertain outcome, and at most that of boulders from anywhere,
+        which no stratified sample exceeds.
         """
         n = self.size
         if self.sampled:
@@ -151,36 +151,37 @@ class Sums:
         return n * anywhere / min(anywhere, self._within().sum() + Z**2)
 
     def _within(self) -> np.ndarray:
-        """What each stratum adds to the variance of the sum; boulders that were released and are
-        not among these add none (a domain: Cochran 1977, section 5A.14)."""
+        """Contribution of each stratum to the variance of the sum; released boulders outside the
+        selection contribute none (a domain: Cochran 1977, section 5A.14)."""
         n = self.released
         scatter = np.maximum(self.squares - self.total**2 / np.maximum(n, 1), 0)
         return scatter * (n / np.maximum(n - 1, 1)) * (1 - 1 / n.sum())
 
     def _half_of_clusters(self) -> float:
-        """Half the interval of a mean as the clusters differ; 0 where there is but one. Few
-        clusters hardly know how much: Student's distribution has their number less one."""
+        """Half-width of the interval of a mean from the variation between clusters; 0 for a single
+        one. For few clusters it uses Student's distribution with their number less one."""
         clusters = int(np.count_nonzero(self.n))
         return student(clusters - 1) * self._error_of_clusters() if clusters > 1 else 0.0
 
     def _error_of_clusters(self) -> float:
-        """Standard error of a mean as two clusters or more differ (linearised; Cochran 1977)."""
+        """Standard error of a mean from the variation between two or more clusters (linearised;
+        Cochran 1977)."""
         sums = self.total[self.n > 0]
         return math.sqrt((sums**2).sum() * sums.size / (sums.size - 1)) / self.size
 
 
 @dataclass(frozen=True)
 class Shape:
-    """What the interval of a mean knows of the values besides their variance."""
+    """Properties of values, besides their variance, for the interval of a mean."""
 
     skewness: float
     below: float  # standard deviations from the mean down to the lowest value
     above: float  # and up to the highest
-    apart: int  # values other than the median, and one: a value that many share tells of no other
+    apart: int  # number of values other than the median, plus one: ties carry no information
 
     @classmethod
     def of(cls, values: np.ndarray, counts: np.ndarray | None = None) -> Shape:
-        """Values, each of which occurs so often; once, if not given."""
+        """Shape of values with the given counts; each once by default."""
         if counts is None:
             counts, middle = np.ones(values.size), (values.size - 1) // 2
             median = np.partition(values, middle)[middle] if values.size else 0.0
@@ -202,9 +203,9 @@ def hall(
     error: float, freedom: float, n: int, shape: Shape, signed: bool, skewed: float
 ) -> tuple[float, float]:
     """Limits of the interval of a mean of n values with this standard error, less the mean: those
-    of Student's t, of which Hall's cubic takes the skewness (Hall 1992). The upper one supposes a
-    skewness of `skewed` coefficients of variation at least, those above the lowest value; of
-    `signed` values the lower one does the same, from the highest."""
+    of Student's t, with Hall's cubic correction for skewness (Hall 1992). The upper limit assumes a
+    skewness of at least `skewed` coefficients of variation, above the lowest value; for `signed`
+    values the lower limit does the same, from the highest."""
     skewness = shape.skewness
     low = min(skewness, -skewed / shape.above) if signed else skewness
     high = max(skewness, skewed / shape.below)
@@ -216,8 +217,8 @@ def hall(
 
 
 def limits_of_printed(mean: float, std: float, n: float, signed: bool) -> tuple[float, float]:
-    """Limits of the interval of a mean of n values, of which no more is known than their mean and
-    standard deviation; unless they are `signed`, that none is below 0. NaN of too few."""
+    """Limits of the interval of a mean of n values from their mean and standard deviation alone;
+    unless `signed`, no value is below 0. NaN for too few."""
     if not n >= MIN_FOR_MEAN:
         return WITHHELD
     below = mean / std if std > 0 and mean > 0 and not signed else math.inf
@@ -227,15 +228,15 @@ def limits_of_printed(mean: float, std: float, n: float, signed: bool) -> tuple[
 
 
 def _inverse_of_cubic(t: float, a: float) -> float:
-    """The w of w + a w**2 / 3 + a**2 w**3 / 27 + a / 6 = t, which rises with w."""
+    """Inverse of the increasing cubic w + a w**2 / 3 + a**2 w**3 / 27 + a / 6 = t."""
     if abs(a) < 1e-6:
         return t
     return 3 / a * (float(np.cbrt(1 + a * (t - a / 6))) - 1)
 
 
 def sources(result: Held) -> Sources:
-    """Those of the boulders of a result, by `source`. In a sample, sources at one place are one:
-    it was the place that was chosen, whatever volumes it releases."""
+    """Sources of the boulders of a result, by `source`. In a sample, sources at one place are
+    merged: the place was chosen, whatever volumes it releases."""
     of, sampled = result["source"].values, are_sampled(result)
     if sampled:
         of = result["start_x"].values + 1j * result["start_y"].values
@@ -243,20 +244,20 @@ def sources(result: Held) -> Sources:
 
 
 def are_sampled(result: Held) -> bool:
-    """Whether the sources of a result are a sample of others."""
+    """Return True if the sources of a result are a sample of others."""
     text = str(result.attrs.get("case", ""))
-    return "sample" in text and case_of(result).release["sources"] == "sample"  # few are asked
+    return "sample" in text and case_of(result).release["sources"] == "sample"  # cheap test first
 
 
 def fraction_interval(holds: np.ndarray, source: Sources) -> tuple[float, float, float]:
-    """Fraction of the boulders of which something holds, and the limits of its 95 % interval
+    """Fraction of the boulders for which something holds, and the limits of its 95 % interval
     (Wilson 1927)."""
     fraction = float(holds.mean())
     return fraction, *fraction_limits(fraction, effective_number(holds.astype(float), source))
 
 
 def effective_number(indicator: np.ndarray, source: Sources) -> float:
-    """As many independent boulders would know the fraction of an indicator as well."""
+    """Effective number of independent boulders for the fraction of an indicator."""
     fraction = indicator.mean()
     return source.sums(indicator - fraction).effective_number(fraction)
 
@@ -275,9 +276,9 @@ def student(freedom: float) -> float:
 
 
 def between_ranks(ordered: np.ndarray, level: float, effective: float) -> tuple[float, float]:
-    """The order statistics that enclose a quantile, interpolated between ranks, without which a
-    small sample's intervals would hold too much; NaN where the sample ends before them. (SciPy's
-    quantile_test does not interpolate, and knows no sources.)"""
+    """Order statistics that enclose a quantile, interpolated between ranks, without which intervals
+    of small samples would be too wide; NaN where the sample ends before them. (SciPy's
+    quantile_test does not interpolate, and has no strata.)"""
     n = ordered.size
     low, high = np.interp(
         ranks_around(n, level, effective), np.arange(1, n + 1), ordered, np.nan, np.nan
@@ -286,14 +287,14 @@ def between_ranks(ordered: np.ndarray, level: float, effective: float) -> tuple[
 
 
 def ranks_around(n: int, level: float, effective: float) -> np.ndarray:
-    """The ranks, from 1, between which a quantile of n values lies."""
+    """Ranks, from 1, that enclose a quantile of n values."""
     half = Z * np.sqrt(level * (1 - level) / effective)
     return n * np.array([level - half, level + half]) + 0.5
 
 
 def half_width(row: Mapping[str, float], name: str) -> float:
-    """Half the length of a confidence interval, relative to its number: 0 of many equal values, inf
-    of the number 0, NaN without an interval."""
+    """Half-width of a confidence interval, relative to its number: 0 for equal values, inf for the
+    number 0, NaN without an interval."""
     value = row.get(name, np.nan)
     if name != "fraction" and row.get("std") == 0 and row["n"] >= CROSSED:
         return 0.0
@@ -304,20 +305,20 @@ def half_width(row: Mapping[str, float], name: str) -> float:
 
 
 def longer_side(row: Mapping[str, float], name: str) -> float:
-    """The longer one of the two sides of a number's interval, which as +- errs on none; NaN without
-    one. In a skewed one the truth may lie farther above than half its length."""
+    """Longer side of a number's interval, a conservative +-; NaN without one. In a skewed interval
+    the truth may be farther above than half its length."""
     value, low, high = (row.get(f"{name}{end}", np.nan) for end in ("", "_low", "_high"))
     return float(np.maximum(high - value, value - low))
 
 
 def boulders_needed(boulders: float, width: float, limit: float, crossed: float = np.inf) -> float:
-    """How many boulders make an interval as narrow as `limit` that has `width` with so many of
-    them: it falls as 1/sqrt(n). Where `crossed` is given, the boulders past the line, the interval
-    is believed from `CROSSED` on."""
+    """Number of boulders for an interval as narrow as `limit`, from one of `width` with `boulders`:
+    the width falls as 1/sqrt(n). If `crossed`, the boulders past the line, is given, the interval
+    is used from `CROSSED` on."""
     return boulders * max((width / limit) ** 2, CROSSED / crossed if crossed else np.inf)
 
 
 def rounded_up(boulders: float) -> int:
-    """To two digits: a number of boulders is a forecast."""
+    """Round up to two digits: a number of boulders is a forecast."""
     step = 10 ** max(0, math.floor(math.log10(max(boulders, 1.0))) - 1)
     return math.ceil(boulders / step - 1e-9) * step

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What statistics ask of the numbers of boulders, wherever they come from: values of each boulder,
-or the bins, sums and largest values that a run keeps in their place (rockfall.result.samples)."""
+"""Samples for statistics, from any source: values of each boulder, or the bins, sums and largest
+values that a run keeps in their place (rockfall.result.samples)."""
 
 from __future__ import annotations
 
@@ -25,67 +25,67 @@ from rockfall.analysis.precision.intervals import (
 from rockfall.limits import MIN_FOR_STD, SAMPLE_COARSE, SAMPLE_EDGES
 from rockfall.result.samples import BASE_BITS
 
-OF_SQUARES = False, MIN_FOR_STD, SKEWED_SQUARES  # their rule of `Sums.limits_of_mean`
-LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)  # of bins, in units; 1: of one number
+OF_SQUARES = False, MIN_FOR_STD, SKEWED_SQUARES  # arguments of `Sums.limits_of_mean` for squares
+LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)  # of bins, in units; 1: a single number
 
 
 class Sample(ABC):
-    """The values of n boulders, of those that were released."""
+    """Values of n boulders, among those that were released."""
 
     n: int
     released: int
 
     @abstractmethod
     def mean(self) -> float:
-        """Of one value or more."""
+        """Mean of one value or more."""
 
     @abstractmethod
     def std(self) -> float:
-        """With n - 1."""
+        """Standard deviation, with n - 1."""
 
     @abstractmethod
     def max(self) -> float:
-        """Of one value or more."""
+        """Maximum of one value or more."""
 
     @abstractmethod
     def quantile(self, levels: Sequence[float]) -> np.ndarray:
-        """Type 7 of Hyndman and Fan (1996)."""
+        """Quantiles of type 7 of Hyndman and Fan (1996)."""
 
     @abstractmethod
     def between(self, level: float, effective: float) -> tuple[float, float]:
-        """The order statistics that enclose a quantile, as `between_ranks` has them."""
+        """Order statistics that enclose a quantile, as in `between_ranks`."""
 
     @abstractmethod
     def largest(self, n: int) -> np.ndarray:
-        """So many of the largest values, rising; all there are, where fewer are known."""
+        """The n largest values, in increasing order; fewer if fewer are known."""
 
     @abstractmethod
     def effective_passing(self) -> float:
-        """As many independent boulders would know as well which fraction has a value."""
+        """Effective number of independent boulders for the fraction that has a value."""
 
     @abstractmethod
     def effective_below(self, value: float) -> float:
-        """The same of the values that are at most this."""
+        """Effective number of independent boulders for the fraction of values up to `value`."""
 
     @abstractmethod
     def limits_of_mean(self, signed: bool) -> tuple[float, float]:
-        """Those of the interval of the mean, less the mean; NaN of too few values. Values that are
-        not `signed` have a lower end."""
+        """Limits of the interval of the mean, less the mean; NaN for too few values. Values that
+        are not `signed` have a lower bound."""
 
     @abstractmethod
     def limits_of_variance(self) -> tuple[float, float]:
-        """The same of the mean of squared deviations from the middle: the mean without some of both
-        ends, the fewer the more values there are, about which the tail of a skewed sample weighs as
-        much as in its population (Bonett 2006)."""
+        """Limits of the interval of the mean of squared deviations from the trimmed mean, less that
+        mean. The trimmed fraction falls with the number of values, so that the tail of a skewed
+        sample weighs as much as in its population (Bonett 2006)."""
 
     @property
     def _cut(self) -> int:
-        """Values that this leaves out at either end."""
+        """Number of values trimmed at either end."""
         return min(int(self.n / (2 * math.sqrt(max(self.n - 4, 1)))), (self.n - 1) // 2)
 
 
 class Values(Sample):
-    """Values of boulders from these sources, NaN of those that have none."""
+    """Values of boulders from these sources, NaN for those without one."""
 
     def __init__(self, values: np.ndarray, source: Sources) -> None:
         self._has, self._all = ~np.isnan(values), source
@@ -133,9 +133,9 @@ class Values(Sample):
 
 
 class Counts(Sample):
-    """What is kept of boulders in place of their values. Mean, standard deviation and maximum are
-    those of values in whole units, quantiles lie within their bin (0.4 % of them). Intervals know
-    the boulders of each group of sources in coarse bins, within which they lie as all do."""
+    """Counts of boulders in place of their values. Mean, standard deviation and maximum are those
+    of values in integer units, quantiles lie within their bin (0.4 % of them). Intervals use counts
+    of each group of sources in coarse bins, within which all groups have the same distribution."""
 
     def __init__(
         self,
@@ -147,8 +147,8 @@ class Counts(Sample):
         tail: np.ndarray,
         sampled: bool,
     ) -> None:
-        """Counts in bins; words (parts, 5) of sums; counts in coarse bins of each group, which
-        released so many; units in one of the quantity; the largest values, none without a tail."""
+        """Counts in bins; words (parts, 5) of sums; counts in coarse bins of each group, with its
+        released number; units in one of the quantity; the largest values, none without a tail."""
         used = np.flatnonzero(bins)
         self._bins, self._low, self._width = bins[used], LOW[used], WIDTH[used]
         self._coarse = used // (bins.size // SAMPLE_COARSE)
@@ -183,13 +183,13 @@ class Counts(Sample):
         return self._tail[max(0, self._tail.size - n) :]
 
     def _at(self, ranks: np.ndarray) -> np.ndarray:
-        """The values of ranks from 0, between which it is interpolated."""
+        """Values of ranks from 0, with interpolation."""
         below = np.floor(ranks).astype(int)
         low, high = self._ranked(below), self._ranked(np.minimum(below + 1, self.n - 1))
         return low + (high - low) * (ranks - below)
 
     def _ranked(self, rank: np.ndarray) -> np.ndarray:
-        """The values of whole ranks: of the largest themselves, of others as if evenly in bins."""
+        """Values of integer ranks: exact for the largest, uniform within bins for the others."""
         k = np.searchsorted(self._before + self._bins, rank, side="right")
         alone = self._width[k] == 1
         within = np.where(alone, 0.5, (rank - self._before[k] + 0.5) / self._bins[k])
@@ -227,13 +227,13 @@ class Counts(Sample):
         return self._limits_of((values - middle) ** 2, *OF_SQUARES)
 
     def _limits_of(self, numbers: np.ndarray, *rule: Any) -> tuple[float, float]:
-        """Those of the mean of a variable, of which each bin has a number."""
+        """Limits for the mean of a variable with a number for each bin."""
         shape = Shape.of(numbers, self._bins)
         numbers = numbers - self._bins @ numbers / self.n
         return self._by_group(numbers, numbers**2).limits_of_mean(shape, *rule)
 
     def _by_group(self, numbers: np.ndarray, squares: np.ndarray) -> Sums:
-        """Of a variable and its square in each bin."""
+        """Sums of a variable and its square in each bin."""
         n, *sums = (
             np.bincount(self._coarse, self._bins * v, SAMPLE_COARSE)
             for v in (np.ones(self._bins.size), numbers, squares)
@@ -242,7 +242,7 @@ class Counts(Sample):
         return self._sums(self._groups.sum(axis=1), *(self._groups @ mean for mean in means))
 
     def _sums(self, n: np.ndarray, total: np.ndarray, squares: np.ndarray) -> Sums:
-        """By stratum; where the sources are a sample, by group."""
+        """Sums by stratum, or by group if the sources are sampled."""
         size = self._released.size
         of = np.arange(size) if self._sampled else strata(self._released)
         n, total, squares, released = (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The case of the laboratory of blocks: which blocks are thrown at what ground, and how.
+"""Cases of the block laboratory: blocks, ground and throws.
 
 A namelist file whose group &lab names a ground; the groups &block, &ground and &throw change single
 values. Names, defaults and limits of the physics are the kernel's; those of the grounds are in
@@ -32,12 +32,12 @@ PLANNED = {  # keys of the plan, by group
     "throw": ("step_factor",),
 }
 WHOLE = "count", "patches"
-POINTS = "points"  # the shape that the user's points have
+POINTS = "points"  # shape of blocks from the user's points
 
 
 @cache
 def grounds() -> dict[str, dict[str, Any]]:
-    """Values of &ground of each ground that is shipped, by its name."""
+    """Values of &ground of each shipped ground, by name."""
     path = Path(str(importlib.resources.files("rockfall") / "data" / "lab_grounds.csv"))
     _, _, rows = read_table(path)
     return {
@@ -54,7 +54,7 @@ def grounds() -> dict[str, dict[str, Any]]:
 
 @cache
 def draws_of(name: str) -> list[dict[str, float]]:
-    """Values of &ground of each draw of a ground that evidence leaves open; it may leave none."""
+    """Values of &ground of each draw of a ground that evidence leaves uncertain; may be empty."""
     path = Path(str(importlib.resources.files("rockfall") / "data" / "lab_draws.csv"))
     _, columns, rows = read_table(path)
     return [
@@ -66,7 +66,7 @@ def draws_of(name: str) -> list[dict[str, float]]:
 
 @cache
 def _defaults() -> dict[str, dict[str, Any]]:
-    """Every key but those of a ground, with its default."""
+    """Default of every key except those of a ground."""
     plan = dict(zip(names(PLAN), _lab.defaults(PLAN).tolist(), strict=False))
     limits = dict(zip(names(THROW), _lab.defaults(THROW).tolist(), strict=False))
     seed, throws, contacts = (int(value) for value in _lab.defaults(DEFAULT_PLAN)[:3])
@@ -84,17 +84,17 @@ def _defaults() -> dict[str, dict[str, Any]]:
 
 
 def is_block_case(path: str | Path) -> bool:
-    """Does the case in a file name a ground?"""
+    """Return True if the case in a file names a ground."""
     return names_ground(read_text(path), str(path))
 
 
 def read_block_case(path: str | Path) -> BlockCase:
-    """The case of the laboratory of blocks in a namelist file."""
+    """Read the case of the block laboratory in a namelist file."""
     return block_case_of(read_text(path), str(path), Path(path).parent)
 
 
 def block_case_of(text: str, name: str, folder: Path = Path()) -> BlockCase:
-    """The case in a text; files that it names are in a folder."""
+    """Parse a case from a text; file names are relative to a folder."""
     import f90nml
 
     check_namelist(_lab.check_block_case, text.encode(), name)
@@ -102,7 +102,7 @@ def block_case_of(text: str, name: str, folder: Path = Path()) -> BlockCase:
 
 
 class BlockCase:
-    """A case of the laboratory of blocks, group by group: `case.ground["friction"]`."""
+    """A case of the block laboratory, group by group: `case.ground["friction"]`."""
 
     def __init__(
         self, *, name: str = "case of blocks", folder: Path = Path(), **groups: Mapping[str, Any]
@@ -121,7 +121,7 @@ class BlockCase:
             }
             for group, values in (_defaults() | shipped).items()
         }
-        for group, values in given.items():  # also keys that are unknown
+        for group, values in given.items():  # including unknown keys
             self._groups[group] = {**values, **self._groups.get(group, {})}
         check_namelist(_lab.check_block_case, self.text().encode(), name)
         if self.lab["shape"] not in (*SHAPES, POINTS):
@@ -144,8 +144,8 @@ class BlockCase:
         return isinstance(other, BlockCase) and self._groups == other._groups
 
     def replace(self, **groups: Mapping[str, Any]) -> BlockCase:
-        """With other values: `case.replace(ground={"friction": 0.6})`. Another ground comes with
-        all of its own: what was changed of the one before is not kept."""
+        """Return a copy with other values: `case.replace(ground={"friction": 0.6})`. Another ground
+        brings all its own values: changes to the previous one are dropped."""
         kept = dict(self._groups)
         if groups.get("lab", {}).get("ground", self.lab["ground"]) != self.lab["ground"]:
             del kept["ground"]
@@ -153,23 +153,23 @@ class BlockCase:
         return BlockCase(name=self.name, folder=self.folder, **(kept | changed))
 
     def text(self) -> str:
-        """The case, every value, as the text of a namelist file."""
+        """The complete case as the text of a namelist file."""
         return namelist_text(self._groups, indent=2)
 
     def row(self, kind: int) -> np.ndarray:
-        """A row of the kernel, in the order of `names(kind)`."""
+        """Kernel row in the order of `names(kind)`."""
         values = self.ground if kind == GROUND else {"gravity": self.throw["gravity"]}
         if kind == THROW:
             values |= range_values(self.throw)
         return np.array([float(values[key]) for key in names(kind)])
 
     def spectrum(self) -> Spectrum:
-        """Of the ground's relief."""
+        """Spectrum of the ground's relief."""
         ground = self.ground
         return Spectrum(ground["relief"], ground["shortest"], ground["longest"], ground["hurst"])
 
     def surfaces(self) -> list[Surface]:
-        """The blocks' surfaces, in facets that are small enough."""
+        """Surfaces of the blocks, with sufficiently small facets."""
         if self.lab["shape"] == POINTS:
             blocks = [hull(*_points(self.folder / self.block["points"]))]
         else:
@@ -179,7 +179,7 @@ class BlockCase:
 
 
 def relief_keys(spectrum: Spectrum) -> dict[str, float]:
-    """The keys of &ground that give a relief a spectrum."""
+    """Keys of &ground that give a relief with a spectrum."""
     return {
         "relief": round(spectrum.slope, 2),
         "shortest": spectrum.shortest,
@@ -199,10 +199,10 @@ def _points(path: Path) -> tuple[np.ndarray, str]:
 
 
 def _like(value: Any, default: Any) -> Any:
-    """A value with the type of the default."""
+    """Value with the type of the default."""
     if isinstance(default, list):
         return [float(one) for one in (value if isinstance(value, list) else [value])]
     try:
         return type(default)(value)
     except (TypeError, ValueError):
-        return value  # the kernel says what is wrong
+        return value  # the kernel reports the error

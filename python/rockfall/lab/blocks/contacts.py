@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Throw blocks, and keep the records of their contacts."""
+"""Simulation of block throws, with records of their contacts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from rockfall.simulation.simulate import check_team
 if TYPE_CHECKING:
     import xarray as xr
 
-THROWS_IN_CHUNK = 256  # of a thread: about a second
+THROWS_IN_CHUNK = 256  # per thread: about a second
 
 
 def run_throws(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Uniform random numbers that are the same in every NumPy: raw words of Philox."""
+"""Uniform random numbers independent of the NumPy version: raw words of Philox."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import numpy as np
 
 
 class Uniform:
-    """Numbers that depend on the seed and a stream's number alone."""
+    """Random numbers that depend only on the seed and a stream number."""
 
     def __init__(self, seed: int, stream: int) -> None:
         self._bits = np.random.Philox(key=seed, counter=[0, 0, 0, stream])
 
     def between(self, low: float, high: float, shape: int | tuple[int, ...]) -> np.ndarray:
-        """Numbers of a shape, uniform between two."""
+        """Uniform numbers of a given shape between two limits."""
         n = int(np.prod(shape))
         return low + (high - low) * (self._bits.random_raw(n) / 2.0**64).reshape(shape)
 
     def directions(self, n: int) -> np.ndarray:
-        """Unit vectors (n, 3), uniform on the sphere: those of points in a ball."""
+        """Unit vectors (n, 3), uniform on the sphere: directions of points in a ball."""
         found = np.empty((0, 3))
         while len(found) < n:
             points = self.between(-1, 1, (4 * n, 3))

@@ -12,8 +12,8 @@ from rockfall.lab.blocks.random import Uniform
 
 CELLS = 512  # along a patch's side
 CELLS_OF_WAVE = 16  # along the shortest wave
-WAVES_OF_PATCH, CELLS_OF_MEASURED_WAVE = 4, 4  # what a measured patch must hold
-RINGS = 12  # of wave numbers, whose power has the Hurst exponent
+WAVES_OF_PATCH, CELLS_OF_MEASURED_WAVE = 4, 4  # requirements of a measured patch
+RINGS = 12  # rings of wave numbers, for the Hurst exponent of the power
 QUANTUM = 2.0**-20  # heights are rounded to it, of R_b: an FFT's last bits differ between libraries
 
 
@@ -38,7 +38,7 @@ def patches(spectrum: Spectrum, count: int, seed: int) -> tuple[np.ndarray, floa
 
 
 def _patch(spectrum: Spectrum, width: float, seed: int, number: int) -> np.ndarray:
-    """White noise, filtered; scaled so that the slope has just its standard deviation."""
+    """White noise, filtered and scaled to the exact standard deviation of the slope."""
     wave = np.fft.fftfreq(CELLS, width / CELLS)  # cycles per R_b
     square = wave[:, None] ** 2 + wave[None, :] ** 2
     inside = (square >= spectrum.longest**-2) & (square <= spectrum.shortest**-2)
@@ -57,9 +57,9 @@ def measure(heights: np.ndarray, cell: float, radius: float, band: Spectrum, nam
     """Spectrum of measured heights (rows, columns) [m] in square cells [m], for blocks of a radius
     R_b [m], between the wave lengths of a band.
 
-    A patch that is too small to hold the longest waves four times over, or too coarse for the
-    shortest, is refused; `name` is the file's. Power is that in a Hann window, after the plane that
-    fits best is taken off.
+    A patch smaller than four of the longest waves, or too coarse for the shortest, is refused;
+    `name` is the file's. The power is computed in a Hann window, after the best-fitting plane is
+    removed.
     """
     if not np.isfinite(heights).all():
         raise RockfallError(f"{name}: has cells without an elevation: cut out a patch without any")

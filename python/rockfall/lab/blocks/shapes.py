@@ -17,8 +17,8 @@ SHAPES = {
     "platy": (1.0, 0.8, 0.42),
 }
 JITTER = 0.12  # of the six faces of the box: their tilt, and their distance over the half axis
-FACETS = 14  # random ones, which cut corners and edges off
-CUT = 0.72, 1.0  # their distance from the middle, over that of a tangent plane: see `random_block`
+FACETS = 14  # random facets, which cut off corners and edges
+CUT = 0.72, 1.0  # their distance from the centre, over that of a tangent plane: see `random_block`
 QUANTUM = (
     2.0**-20
 )  # vertices are rounded to it: the last bits of a hull may differ between libraries
@@ -76,8 +76,8 @@ def hull(points: np.ndarray, name: str = "block") -> Surface:
 
 
 def refine(surface: Surface, edge: float) -> Surface:
-    """Cut triangles in two at their longest edge until none is longer than `edge` times R_b, the
-    radius of the sphere of the same volume: so that a facet feels what is below its middle."""
+    """Halve triangles at their longest edge until none is longer than `edge` times R_b, the radius
+    of the sphere of the same volume, so that contact below the middle of a facet is detected."""
     vertices = list(surface.vertices)
     longest = edge * np.cbrt(3 * volume(surface) / (4 * np.pi))
     middles: dict[tuple[int, int], int] = {}

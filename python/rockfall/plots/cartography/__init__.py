@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps on paper: relief, marks, names that keep apart, frame and scale."""
+"""Printed maps: relief, marks, non-overlapping labels, frame and scale."""

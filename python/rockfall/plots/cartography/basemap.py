@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A picture of the user's, such as an orthophoto, in place of the relief."""
+"""A user's image, such as an orthophoto, in place of the relief."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ BYTE = "uint8"
 
 
 class Basemap(NamedTuple):
-    """Colours (ny, nx, 3), 0 to 255, white where the picture has none, and where they lie [m]."""
+    """Colours (ny, nx, 3), 0 to 255, white where the image has none, and their position [m]."""
 
     colours: np.ndarray
     extent: Extent
 
 
 def read_basemap(path: str | Path, result: xr.Dataset, extent: Extent) -> Basemap:
-    """The part of a picture within an extent, in the CRS of the result.
+    """Read the part of an image within an extent, in the CRS of the result.
 
-    GeoTIFF, JPEG or PNG with georeference and CRS, one band (grey, or with a palette) or three of
-    8 bits; anything else is a RockfallError.
+    GeoTIFF, JPEG or PNG with georeference and CRS, one band (grey, or with a palette) or three of 8
+    bits; anything else is a RockfallError.
     """
     import rasterio
     from rasterio.io import DatasetReader

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Names on a map that keep apart from each other and within its frame."""
+"""Non-overlapping labels within the frame of a map."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     #: x, y [m], the angle of the text [degree], and where it hangs on its place [points].
     Place = tuple[float, float, float, tuple[float, float]]
 
-FREE = 2.0  # between two texts [dots]
+FREE = 2.0  # minimum gap between two texts [dots]
 TRIED = 24  # places along a curve
 BESIDE = ((0.0, 4.0), (0.0, -4.0), (4.0, 0.0), (-4.0, 0.0))  # of a name, in turn [points]
 
 
 class Labels:
-    """The texts of a map, which must have its scale already."""
+    """Labels of a map whose scale is already set."""
 
     def __init__(self, axes: Axes) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -32,7 +32,7 @@ class Labels:
         self.renderer = FigureCanvasAgg(axes.figure).get_renderer()  # type: ignore[arg-type]
 
     def put(self, text: str, places: Iterable[Place], **about: Any) -> bool:
-        """Write a text at the first place that is free; nothing where there is none."""
+        """Write a text at the first free place; nothing if there is none."""
         from matplotlib.patheffects import withStroke
 
         halo = [withStroke(linewidth=2, foreground="white")]
@@ -59,7 +59,7 @@ class Labels:
 
 
 def beside(x: np.ndarray, y: np.ndarray) -> Iterator[Place]:
-    """Places for the name of a polyline, from its start on."""
+    """Candidate places for the name of a polyline, from its start on."""
     for at in np.linspace(0, x.size - 1, TRIED) if x.size else ():
         for offset in BESIDE:
             place = (float(np.interp(at, np.arange(x.size), c)) for c in (x, y))
@@ -67,7 +67,7 @@ def beside(x: np.ndarray, y: np.ndarray) -> Iterator[Place]:
 
 
 def along(curve: np.ndarray) -> Iterator[Place]:
-    """Places for a number on a contour, from its middle to its ends."""
+    """Candidate places for a number on a contour, from its middle to its ends."""
     inner = np.linspace(0.08, 0.92, TRIED)
     for part in sorted(inner, key=lambda one: abs(one - 0.5)):
         k = int(part * (len(curve) - 1))

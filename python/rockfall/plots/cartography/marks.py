@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What stands on a map beside its values: sources, evaluation lines, barriers, objects."""
+"""Marks on a map in addition to its values: sources, evaluation lines, barriers, objects."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rockfall.plots.extent import Extent
 
 SMALL = 7  # size of names
-FEW_SOURCES = 20  # fewer are drawn one by one
+FEW_SOURCES = 20  # fewer are drawn individually
 FINEST = 2.5  # side of a cell of the outline of sources [points]
 ROCK = "#00604a"  # of where boulders start
 SOURCE: dict[str, Any] = {"color": ROCK, "linewidth": 0.8}
@@ -30,12 +30,12 @@ CASING = 1.6  # of white about a line [points]
 
 
 def starts(result: xr.Dataset) -> np.ndarray:
-    """Where boulders start (n, 2) [m], each place once."""
+    """Start points (n, 2) [m], each once."""
     return np.unique(np.column_stack([result["start_x"], result["start_y"]]), axis=0)
 
 
 def key_of(result: xr.Dataset) -> list[Any]:
-    """Handles of a key to the marks of a result."""
+    """Legend handles for the marks of a result."""
     from matplotlib.lines import Line2D
 
     few = len(starts(result)) < FEW_SOURCES
@@ -51,7 +51,7 @@ def key_of(result: xr.Dataset) -> list[Any]:
 
 
 def draw_marks(sheet: Sheet, result: xr.Dataset) -> None:
-    """Sources, and lines and barriers with their names."""
+    """Draw sources, and lines and barriers with their names."""
     draw_sources(sheet, starts(result))
     nets = barriers_of(result)
     for k, (name, x, y) in enumerate(lines(result)):
@@ -60,7 +60,7 @@ def draw_marks(sheet: Sheet, result: xr.Dataset) -> None:
 
 
 def draw_line(sheet: Sheet, x: np.ndarray, y: np.ndarray, look: dict[str, Any]) -> None:
-    """A polyline with a casing that parts it from the map."""
+    """Draw a polyline with a casing that separates it from the map."""
     from matplotlib.patheffects import Normal, withStroke
 
     casing = withStroke(linewidth=look["linewidth"] + CASING, foreground="white", alpha=0.8)
@@ -68,7 +68,7 @@ def draw_line(sheet: Sheet, x: np.ndarray, y: np.ndarray, look: dict[str, Any]) 
 
 
 def draw_sources(sheet: Sheet, places: np.ndarray) -> None:
-    """Few one by one, many by the outline of the cells that they are in."""
+    """Draw few sources individually, many as the outline of their cells."""
     from matplotlib.collections import LineCollection
 
     if len(places) < FEW_SOURCES:
@@ -80,15 +80,14 @@ def draw_sources(sheet: Sheet, places: np.ndarray) -> None:
 
 
 def outlined(places: np.ndarray, finest: float) -> tuple[Any, Any]:
-    """The cells that hold sources, no smaller than the distance between these or than `finest`
-    [m]."""
+    """Cells that hold sources, no smaller than their spacing or `finest` [m]."""
     apart = [np.diff(np.unique(c.round(3))) for c in places.T]
     spacing = float(np.median(np.concatenate(apart))) if any(map(len, apart)) else finest
     return occupied(places, max(spacing, finest))
 
 
 def inside(x: np.ndarray, y: np.ndarray, extent: Extent) -> tuple[np.ndarray, np.ndarray]:
-    """The places along a polyline that lie within an extent, in their order."""
+    """Points of a polyline within an extent, in order."""
     along = np.linspace(0, x.size - 1, 200 * (x.size - 1) + 1)
     x, y = (np.interp(along, np.arange(c.size), c) for c in (x, y))
     here = (x >= extent[0]) & (x <= extent[1]) & (y >= extent[2]) & (y <= extent[3])

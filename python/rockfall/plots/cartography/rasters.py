@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rasters as pictures: cut, thinned, outlined."""
+"""Rasters as images: cut, thinned, outlined."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
     from rockfall.plots.extent import Extent
 
-DOTS = 1500  # along the longer side of a map; its picture has fewer
+DOTS = 1500  # along the longer side of a map; its image has fewer
 
 
 def cropped(
     values: np.ndarray, grid: Grid, flipped: bool, extent: Extent, merge: np.ufunc, dots: int = 0
 ) -> tuple[np.ndarray, Grid]:
-    """The part of a raster within an extent, of no more `dots` than a picture has: where several
-    cells make one, `merge` says how (np.add: their mean)."""
+    """Part of a raster within an extent, with at most `dots` cells per side: if several cells are
+    merged, `merge` is the function (np.add: their mean)."""
     values = values[::-1] if flipped else values
     west, east, south, north = extent
     columns = _span(west - grid.west, east - grid.west, grid.cell, grid.nx)
@@ -35,7 +35,7 @@ def cropped(
 
 
 def merged(values: np.ndarray, step: int, merge: np.ufunc) -> np.ndarray:
-    """A raster with `step` x `step` cells merged to one, fewer at its southern and eastern edge."""
+    """Raster with `step` x `step` cells merged to one, fewer at its southern and eastern edge."""
     for axis in (0, 1) if step > 1 else ():
         values = merge.reduceat(values, np.arange(0, values.shape[axis], step), axis=axis)
     return values
@@ -48,13 +48,13 @@ def _span(first: float, last: float, cell: float, size: int) -> slice:
 
 
 def draw_image(axes: Axes, values: np.ndarray, grid: Grid, **about: Any) -> None:
-    """A raster where its cells lie."""
+    """Draw a raster at the position of its cells."""
     extent = (grid.west, grid.east, grid.south, grid.north)
     axes.imshow(values, extent=extent, interpolation="nearest", **about)
 
 
 def edges(inside: np.ndarray, grid: Grid) -> np.ndarray:
-    """The sides (n, 2, 2) [m] between cells that are inside and cells that are not."""
+    """Sides (n, 2, 2) [m] between cells inside and cells outside."""
     inside = np.pad(inside, 1)
     row, column = np.nonzero(inside[:, 1:] != inside[:, :-1])
     upright = np.stack([[column, row - 1], [column, row]])
@@ -65,7 +65,7 @@ def edges(inside: np.ndarray, grid: Grid) -> np.ndarray:
 
 
 def occupied(points: np.ndarray, cell: float) -> tuple[np.ndarray, Grid]:
-    """Which cells of this side have one of the points (n, 2) in them, and their grid."""
+    """Mask of the cells of this side that contain a point (n, 2), and their grid."""
     west, south = np.floor(points.min(axis=0) / cell) * cell
     column, row = np.floor((points - (west, south)) / cell).astype(int).T
     inside = np.zeros((row.max() + 1, column.max() + 1), bool)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a map lies on: shaded relief or a picture of the user's, and contours."""
+"""Background of a map: shaded relief or a user's image, and contours."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 
 BROWN = "#5f4426"
 DARKEST = 0.35
-LIGHTS = ((315.0, 0.5), (0.0, 0.2), (270.0, 0.2), (45.0, 0.1))  # azimuth [degree], its part
-INTERVALS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # [m], as maps have them
-INDEX = 5  # each fifth contour is drawn bold and bears its elevation
-LINES = 60  # contours of a map, about
-CONTOUR_DOTS = 400  # of the terrain under contours: finer ones tremble
-SHORTEST = 12  # vertices of a contour that is drawn
+LIGHTS = ((315.0, 0.5), (0.0, 0.2), (270.0, 0.2), (45.0, 0.1))  # azimuth [degree], weight
+INTERVALS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # [m], standard map intervals
+INDEX = 5  # each fifth contour is drawn bold with its elevation
+LINES = 60  # approximate number of contours on a map
+CONTOUR_DOTS = 400  # resolution of the terrain under contours: finer ones are ragged
+SHORTEST = 12  # minimum number of vertices of a contour
 
 
 class Contours(NamedTuple):
-    """Their interval [m], and the curves (n, 2) [m] of each level."""
+    """Interval [m], and curves (n, 2) [m] of each level."""
 
     interval: float
     curves: dict[float, list[np.ndarray]]
@@ -36,7 +36,7 @@ class Contours(NamedTuple):
 
 
 def shade(z: np.ndarray, cell: float) -> np.ndarray:
-    """Brightness of a terrain, most of its light from the north-west, steep ground darker; nodata
+    """Brightness of a terrain with most light from the north-west and steep ground darker; nodata
     is white."""
     down, right = np.gradient(z, cell)
     length = np.sqrt(1 + right**2 + down**2)
@@ -51,7 +51,7 @@ def shade(z: np.ndarray, cell: float) -> np.ndarray:
 
 
 def contours_of(terrain: Terrain, extent: Extent) -> Contours:
-    """Contours within an extent, at an interval that leaves room between them."""
+    """Contours within an extent, at an interval that keeps them apart."""
     from contourpy import contour_generator
 
     z, grid = cropped(*terrain, False, extent, np.add, CONTOUR_DOTS)
@@ -73,7 +73,7 @@ def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
 
 
 def draw_contours(axes: Axes, contours: Contours) -> None:
-    """Draw contours; those that bear their level are thicker."""
+    """Draw contours; labelled ones are thicker."""
     from matplotlib.collections import LineCollection
 
     for level, curves in contours.curves.items():

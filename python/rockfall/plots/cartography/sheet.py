@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The sheet of a map: its room on paper, frame with coordinates, scale bar, north arrow, key.
+"""Map sheet: space on paper, frame with coordinates, scale bar, north arrow, legend.
 
-Everything has its place in inches, so that the scale is known before anything is drawn.
+All positions are in inches, so that the scale is known before drawing.
 """
 
 from __future__ import annotations
@@ -35,20 +35,20 @@ if TYPE_CHECKING:
     from rockfall.result.trajectories import Terrain
 
 LEFT, RIGHT, TOP = 0.28, 0.1, 0.08  # margins of a map [inch]
-TICKS, STRIP, ROW = 0.24, 0.44, 0.19  # heights below it: coordinates, scale, a row of the key
-NARROWEST_BAR = 3.0  # of the bar of colours [inch]
-KEY_COLUMN = 1.75  # width of a column of the key [inch]
+TICKS, STRIP, ROW = 0.24, 0.44, 0.19  # heights below it: coordinates, scale, a row of the legend
+NARROWEST_BAR = 3.0  # of the colour bar [inch]
+KEY_COLUMN = 1.75  # width of a column of the legend [inch]
 INCH = 0.0254  # [m]
 SCALES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # and powers of ten
-APART = 1.0  # between two coordinates [inch]
-SMALL = 7  # size of texts about the map
-PALE = 0.35  # of white over a picture of the user's
+APART = 1.0  # minimum distance of two coordinates [inch]
+SMALL = 7  # size of texts around the map
+PALE = 0.35  # opacity of white over a user's image
 WKT_NAME = re.compile(r'\w+\["([^"]+)"')
 EPSG = re.compile(r'(?:AUTHORITY\["EPSG","|ID\["EPSG",)([0-9]+)"?\]\]$')  # at the end of a WKT
 
 
 class Room(NamedTuple):
-    """The largest size that a map may have on paper, with all that belongs to it [inch]."""
+    """Maximum size of a map on paper, with all its parts [inch]."""
 
     wide: float = WIDE
     high: float = 8.6
@@ -59,8 +59,8 @@ PAGE = Room()
 
 @dataclass
 class Sheet:
-    """A map that is drawn: `scale` in metres per inch, `bottom` and `wide` of its frame [inch],
-    `free` the height of the room between the scale bar and the key [inch]."""
+    """A drawn map: `scale` in metres per inch, `bottom` and `wide` of its frame [inch], `free` the
+    height of the space between the scale bar and the legend [inch]."""
 
     figure: Figure
     axes: Axes
@@ -75,8 +75,8 @@ class Sheet:
 
     @property
     def bar(self) -> tuple[float, float, float]:
-        """Where the bar of colours stands: left, bottom, width [inch]; under a slender map it is
-        wider than that, for its numbers."""
+        """Position of the colour bar: left, bottom, width [inch]; wider than a narrow map, to fit
+        its numbers."""
         inner = self.figure.get_figwidth() - LEFT - RIGHT
         wide = max(self.wide, min(NARROWEST_BAR, inner))
         left = min(self.left + (self.wide - wide) / 2, LEFT + inner - wide)
@@ -84,11 +84,11 @@ class Sheet:
 
     @property
     def dots(self) -> float:
-        """Metres of a typographic point."""
+        """Metres per typographic point."""
         return self.scale / 72
 
     def box(self, left: float, bottom: float, wide: float, high: float) -> Any:
-        """A place in inches as matplotlib has it."""
+        """A position in inches in Matplotlib's form."""
         w, h = self.figure.get_size_inches()
         return left / w, bottom / h, wide / w, high / h
 
@@ -101,8 +101,8 @@ def new_sheet(
     basemap: Basemap | None = None,
     room: Room = PAGE,
 ) -> Sheet:
-    """A sheet as wide as its room, with a map at a round scale, a key of these handles and so much
-    space above it [inch]; what the map lies on is drawn."""
+    """Sheet as wide as its space, with a map at a round scale, a legend of these handles and the
+    given space above it [inch]; the background of the map is drawn."""
     from matplotlib.figure import Figure
 
     west, east, south, north = extent
@@ -130,34 +130,34 @@ def new_sheet(
 
 
 def round_scale(rough: float) -> float:
-    """The round denominator of a scale (5000 of 1:5,000) that is next above `rough`."""
+    """Next round scale denominator (5000 of 1:5,000) above `rough`."""
     power = 10.0 ** np.floor(np.log10(rough))
     return float(power * next(one for one in SCALES if one * power >= 0.9999 * rough))
 
 
 def scale_text(denominator: float) -> str:
-    """A scale, which holds at the size in which a map is drawn."""
+    """Scale as text, valid at the size in which a map is drawn."""
     return f"1:{denominator:,.0f} on A4"
 
 
 def named_crs(crs: Mapping[str, Any]) -> str:
-    """The name of the coordinate system of a grid mapping; "" where it has none."""
+    """Name of the coordinate system of a grid mapping; "" if it has none."""
     keys = ("projected_crs_name", "geographic_crs_name")
-    found = WKT_NAME.match(str(crs.get("crs_wkt", "")))  # of some systems CF has no parameters
+    found = WKT_NAME.match(str(crs.get("crs_wkt", "")))  # CF has no parameters for some systems
     names = (str(crs[key]) for key in keys if crs.get(key))
     return next(names, found[1] if found else "")
 
 
 def crs_text(crs: Mapping[str, Any]) -> str:
-    """The coordinate system of a grid mapping, with the EPSG code that its text states."""
+    """Coordinate system of a grid mapping, with the EPSG code in its text."""
     code = EPSG.search(str(crs.get("crs_wkt", "")).rstrip())
     parts = [named_crs(crs), f"EPSG:{code[1]}" if code else ""]
     return ", ".join(filter(None, parts)) or "no coordinate system is given"
 
 
 def finish(sheet: Sheet, crs: Mapping[str, Any]) -> None:
-    """Contours with their numbers where they are free, the frame, what tells the scale, and the
-    coordinate system, by the attributes of the grid mapping."""
+    """Draw contour labels in free places, the frame, the scale, and the coordinate system from the
+    attributes of the grid mapping."""
     if sheet.contours is not None:
         draw_contours(sheet.axes, sheet.contours)
         _name_contours(sheet, sheet.contours)
@@ -181,7 +181,7 @@ def _name_contours(sheet: Sheet, contours: Contours) -> None:
 
 
 def _draw_frame(sheet: Sheet) -> None:
-    """Coordinates along the frame, far enough apart."""
+    """Draw coordinates along the frame, sufficiently spaced."""
     axes, (west, east, south, north) = sheet.axes, sheet.extent
     step = round_step(sheet.scale * APART)
     ticks: dict[str, Any] = {"labelsize": SMALL, "length": 2.5, "pad": 2}
@@ -197,15 +197,15 @@ def _draw_frame(sheet: Sheet) -> None:
 
 
 def _inner(low: float, high: float, step: float) -> list[float]:
-    """Round numbers between two ends, not too near them for their texts."""
+    """Round numbers between two ends, with space for their texts."""
     margin = 0.3 * step
     first = int(np.ceil((low + margin) / step))
     return [step * k for k in range(first, int(np.floor((high - margin) / step)) + 1)]
 
 
 def _draw_strip(sheet: Sheet, crs: str) -> None:
-    """Scale bar and number, interval of the contours, arrow to the north of the grid; below them
-    the coordinate system."""
+    """Draw scale bar and number, contour interval, and arrow to grid north; below them the
+    coordinate system."""
     from matplotlib.patches import Polygon, Rectangle
 
     figure, inches = sheet.figure, sheet.figure.dpi_scale_trans

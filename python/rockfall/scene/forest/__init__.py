@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trees: a list of them, or a stand of which only the density is known, to stems for the kernel."""
+"""Trees for the kernel: from a list, or generated from the density of a stand."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def read_forest(scene: Scene, rasters: dict[str, Any]) -> None:
-    """The trees of the case, if it has any."""
+    """Read or generate the trees of the case, if it has any."""
     if "trees" in scene.case.forest:
         scene.trees = listed_trees(scene, rasters)
     elif scene.case.has_forest:

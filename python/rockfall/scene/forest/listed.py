@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
 
-SPECIES_NUMBER = 3  # which of the random numbers of a stem tells its species
+SPECIES_NUMBER = 3  # index of the random number of a stem that selects its species
 
 
 class Listed(NamedTuple):
-    """The trees of a list, wherever they stand."""
+    """The trees of a list, inside or outside the terrain."""
 
     x: np.ndarray  # map coordinates [m]
     y: np.ndarray
@@ -37,7 +37,7 @@ class Listed(NamedTuple):
 
 
 def listed_trees(scene: Scene, rasters: dict[str, Any]) -> Trees:
-    """Those of the list of a case that stand on the terrain."""
+    """Trees of the case's list that lie on the terrain."""
     path, grid = scene.case.path(scene.case.forest["trees"]), scene.grid
     if path.suffix.lower() in LAYERS:
         found = _from_layer(path, scene)
@@ -64,7 +64,7 @@ def listed_trees(scene: Scene, rasters: dict[str, Any]) -> Trees:
 
 
 def _from_table(path: Path) -> Listed:
-    """Those of a CSV file; columns that are not known are free text."""
+    """Read trees from a CSV file; unknown columns are ignored."""
     where, columns, rows = read_table(path)
     for column in ("x", "y", "dbh"):
         if column not in columns:
@@ -84,7 +84,7 @@ def _from_table(path: Path) -> Listed:
 
 
 def _from_layer(path: Path, scene: Scene) -> Listed:
-    """Those of a layer of points with the attributes dbh and species."""
+    """Read trees from a point layer with the attributes dbh and species."""
     forest = scene.case.forest
     x, y, columns, feature = read_points(
         path, scene.grid, scene.remarks, forest.get("trees_layer"), "trees_layer"
@@ -111,7 +111,7 @@ def _from_layer(path: Path, scene: Scene) -> Listed:
 
 
 def _factors(table: Species, path: Path, species: list[str]) -> np.ndarray:
-    """By the species of each tree."""
+    """Toughness factors from the species of each tree."""
     known: dict[str, float] = {}
     for k, name in enumerate(species, start=1):
         if name not in known:
@@ -122,7 +122,8 @@ def _factors(table: Species, path: Path, species: list[str]) -> np.ndarray:
 def _drawn_factors(
     scene: Scene, path: Path, found: Listed, inside: np.ndarray, rasters: dict[str, Any]
 ) -> np.ndarray:
-    """By the percentage of conifers, for each tree by its number in the list."""
+    """Toughness factors drawn from the percentage of conifers, by the number of each tree in the
+    list."""
     forest, grid, table = scene.case.forest, scene.grid, read_species(scene)
     if "conifers" not in forest and "uniform_conifers" not in forest:
         raise RockfallError(

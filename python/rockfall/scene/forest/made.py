@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trees made of what is known of a stand: stems a hectare, their diameters, the share of conifers.
+"""Trees generated from stand data: stems per hectare, diameters, fraction of conifers.
 
-A tree is a function of the seed of the forest and of its cell: neither threads nor blocks of rows
-change it. Diameters follow a gamma distribution, by inversion. SciPy may choose other last bits
-elsewhere: they are rounded to a tenth of a millimetre.
+A tree depends only on the forest seed and its cell, not on threads or blocks of rows. Diameters
+follow a gamma distribution, drawn by inversion. They are rounded to a tenth of a millimetre because
+the last bits of SciPy's results may differ between platforms.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from rockfall.scene.layers import layer_blocks
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
-MAX_DENSITY = 1e6  # stems a hectare
-MAX_STEMS = 1e8  # of a forest
-THINNEST = 20.0  # stems a hectare: 22 m from each other, single trees and no forest
-DECIMALS = 2  # of a diameter [cm]
+MAX_DENSITY = 1e6  # stems per hectare
+MAX_STEMS = 1e8  # stems in a forest
+THINNEST = 20.0  # stems per hectare: 22 m apart, single trees rather than a forest
+DECIMALS = 2  # decimals of a diameter [cm]
 
 
 class Cells(NamedTuple):
-    """Where trees stand on the raster: sorted rows, and columns."""
+    """Raster cells with trees: sorted rows, and columns."""
 
     row: np.ndarray
     column: np.ndarray
 
 
 def made_trees(scene: Scene, rasters: dict[str, Any]) -> Trees:
-    """Those of a case with stems a hectare."""
+    """Generate the trees of a case with a stem density."""
     grid, table = scene.grid, read_species(scene)
     columns = {row: found for row, found in _columns(scene, rasters) if found.size}
     if not columns:
@@ -67,7 +67,7 @@ def _columns(scene: Scene, rasters: dict[str, Any]) -> Iterator[tuple[int, np.nd
     columns, even = np.arange(nx, dtype="i4"), int(forest["spread"] == "even")
     per_cell = scene.grid.cell**2 / HECTARE
     for rows, block in _blocks(scene, "stems", rasters):
-        density = np.nan_to_num(np.asarray(block, float))  # none where nothing is known
+        density = np.nan_to_num(np.asarray(block, float))  # no trees where the density is missing
         _check(scene, "stems", density, (density >= 0) & (density <= MAX_DENSITY))
         total += density.sum() * per_cell
         densest = max(densest, density.max(initial=0.0))
@@ -98,7 +98,7 @@ def _diameters(scene: Scene, cells: Cells, u: np.ndarray, rasters: dict[str, Any
 
 
 def conifer_shares(scene: Scene, cells: Cells, rasters: dict[str, Any]) -> np.ndarray:
-    """Of conifers among the stems of cells, 0 to 1."""
+    """Fraction of conifers among the stems of cells, 0 to 1."""
     percent = _at_trees(scene, "conifers", cells, rasters)
     _check(scene, "conifers", percent, (percent >= 0) & (percent <= 100))
     if 0 < percent.max() <= 1:
@@ -109,7 +109,7 @@ def conifer_shares(scene: Scene, cells: Cells, rasters: dict[str, Any]) -> np.nd
 
 
 def _at_trees(scene: Scene, key: str, cells: Cells, rasters: dict[str, Any]) -> np.ndarray:
-    """The values of a raster at trees, or the one value everywhere."""
+    """Values of a raster at trees, or the uniform value."""
     found = np.empty(cells.row.size)
     for rows, block in _blocks(scene, key, rasters):
         mine = slice(*np.searchsorted(cells.row, [rows.start, rows.stop]))
@@ -118,7 +118,7 @@ def _at_trees(scene: Scene, key: str, cells: Cells, rasters: dict[str, Any]) -> 
 
 
 def _blocks(scene: Scene, key: str, rasters: dict[str, Any]) -> Iterator[tuple[slice, np.ndarray]]:
-    """Blocks of rows of a raster, or of the one value everywhere."""
+    """Blocks of rows of a raster, or of the uniform value."""
     uniform = scene.case.forest.get(f"uniform_{key}")
     if uniform is None:
         yield from layer_blocks(scene, key, f"values of {key}", np.float32, rasters)
@@ -128,7 +128,7 @@ def _blocks(scene: Scene, key: str, rasters: dict[str, Any]) -> Iterator[tuple[s
 
 
 def _check(scene: Scene, key: str, values: np.ndarray, good: np.ndarray) -> None:
-    """Refuse what cannot be where trees stand, or are to stand."""
+    """Refuse invalid values where trees are to be generated."""
     if good.all():
         return
     forest, limits = scene.case.forest, {

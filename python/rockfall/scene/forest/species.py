@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How tough the stems of a species are, beside those of silver fir: a table that users may edit."""
+"""Toughness of the stems of a species relative to silver fir: a table that users may edit."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from rockfall.scene.layers import file_checksum
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
-CONIFER, BROADLEAF = "conifer", "broadleaf"  # where only the share of conifers is known
+CONIFER, BROADLEAF = "conifer", "broadleaf"  # where only the fraction of conifers is known
 MAX_FACTOR = 100.0
 _SHIPPED = Path(str(importlib.resources.files("rockfall") / "data" / "species.csv"))
 
 
 class Species:
-    """Factors by the name of a species, or by its genus: `spruce`, `Picea abies`."""
+    """Toughness factors by the name of a species or its genus: `spruce`, `Picea abies`."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -42,7 +42,7 @@ class Species:
                 raise RockfallError(f"{path}: no row for the species {name}")
 
     def factor(self, name: str, where: str) -> float:
-        """That of a species as a list names it."""
+        """Toughness factor of a species by its name in a list."""
         words = name.lower().split()
         for one in (" ".join(words), *words[:1]):
             if one in self.factors:
@@ -52,7 +52,7 @@ class Species:
 
 
 def read_species(scene: Scene) -> Species:
-    """The table of a case, or the shipped one."""
+    """Read the species table of a case, or the shipped one."""
     named = scene.case.forest.get("species_table")
     path = _SHIPPED if named is None else scene.case.path(named)
     scene.checksums["species_table"] = file_checksum(path)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers given as GeoDataFrames, or what looks like them: a `geometry` of shapely's, a `crs`, and
-columns. They become files for as long as a scene is read, so that what holds of files holds of
-them."""
+"""Layers given as GeoDataFrames or objects like them (a shapely `geometry`, a `crs`, columns). They
+are written to temporary files while a scene is read, so that they are treated like files."""
 
 from __future__ import annotations
 
@@ -17,20 +16,21 @@ from rockfall.case import FROM_ARRAY, Case, key_table
 from rockfall.errors import RockfallError, need
 from rockfall.scene.scene import Scene
 
-GROUPS = {"lines": "line", "barriers": "barrier", "dams": "dam"}  # a group more, of its features
+GROUPS = {"lines": "line", "barriers": "barrier", "dams": "dam"}  # group of features of each
 KEYS = {"zones": ("surface", "zones"), "trees": ("forest", "trees")}
 PLACES = {"x", "y", "cells", "polygons", "polygons_layer", "points", "points_layer"}
 SOURCES = {"Polygon": ("release", "polygons"), "Point": ("release", "points")}
 
 
 def is_frame(given: Any) -> bool:
-    """Whether something is a GeoDataFrame, or like one."""
+    """Return True for a GeoDataFrame or an object like one."""
     return hasattr(given, "geometry") and hasattr(given, "columns")
 
 
 @contextmanager
 def frame_files(frames: Mapping[str, Any]) -> Iterator[dict[str, Path]]:
-    """Frames as files, by name, until the block ends; who reads them names the frames in errors."""
+    """Write frames to files, by name, for the duration of the block; callers name the frames in
+    errors."""
     with TemporaryDirectory() as folder:
         files = {name: _write(frame, name, Path(folder)) for name, frame in frames.items()}
         try:
@@ -40,15 +40,15 @@ def frame_files(frames: Mapping[str, Any]) -> Iterator[dict[str, Path]]:
 
 
 def of_frames(text: str, files: Mapping[str, Path]) -> str:
-    """A text in which frames are called what they are, not their files."""
+    """Replace temporary file names in a text by the names of their frames."""
     for name, file in files.items():
         text = text.replace(str(file), f"{name} = (GeoDataFrame)")
     return text
 
 
 def with_frames(frames: Mapping[str, Any], case: Case, read: Callable[[Case], Scene]) -> Scene:
-    """The scene of a case that has the layers of frames, by name: those of GROUPS beside its own,
-    the others (zones, trees, sources) in their place."""
+    """Read the scene of a case with the layers of frames, by name: those of GROUPS in addition to
+    its own, the others (zones, trees, sources) in place of its own."""
     keys = {name: _key(name, frame) for name, frame in frames.items() if name not in GROUPS}
     with frame_files(frames) as files:
         scene = read(_naming(case, files, keys))
@@ -62,7 +62,7 @@ def with_frames(frames: Mapping[str, Any], case: Case, read: Callable[[Case], Sc
 
 
 def _write(frame: Any, name: str, folder: Path) -> Path:
-    """A frame as a FlatGeobuf, in the order of its rows; the bytes depend on nothing else."""
+    """Write a frame as a FlatGeobuf in the order of its rows, with reproducible bytes."""
     need("GeoDataFrames need", "vector", "pyogrio", "shapely")
     import pyogrio
     import shapely
@@ -86,7 +86,7 @@ def _write(frame: Any, name: str, folder: Path) -> Path:
 
 
 def _column(column: Any) -> np.ndarray:
-    """A column as a file may have it: numbers (NaN: none), or texts (None: none)."""
+    """Convert a column for a file: numbers (NaN if missing) or texts (None if missing)."""
     if column.dtype.kind in "iu" and not column.isna().any():
         return column.to_numpy(np.int64)
     if column.dtype.kind in "iuf":
@@ -95,7 +95,7 @@ def _column(column: Any) -> np.ndarray:
 
 
 def _key(name: str, frame: Any) -> tuple[str, str]:
-    """Group and key of a case that name such a layer."""
+    """Group and key of a case for such a layer."""
     if name in KEYS:
         return KEYS[name]
     if name != "sources":
@@ -110,7 +110,8 @@ def _key(name: str, frame: Any) -> tuple[str, str]:
 
 
 def _naming(case: Case, files: Mapping[str, Path], keys: Mapping[str, tuple[str, str]]) -> Case:
-    """The case that names files in place of frames; what picks a layer of its own file goes."""
+    """Case that names files in place of frames; keys that select a layer of the replaced file are
+    removed."""
     groups: dict[str, Any] = {}
     if "sources" in files:
         groups["release"] = dict.fromkeys(PLACES & case.release.keys())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lines, barriers and dams of layers: the scene's case has them as if they had been typed."""
+"""Lines, barriers and dams from layers, added to the scene's case as if typed there."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from rockfall.scene.layers import note_layer
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
-OF_LAYER = {"name", "x", "y", "file", "layer", "field"}  # keys that are no attributes
-LOGICAL = {"true": True, "1": True, "false": False, "0": False}  # as formats of layers write them
-STRENGTH = {"capacity", "class"}  # of which a barrier has one
+OF_LAYER = {"name", "x", "y", "file", "layer", "field"}  # keys that are not attributes
+LOGICAL = {"true": True, "1": True, "false": False, "0": False}  # as written by vector formats
+STRENGTH = {"capacity", "class"}  # a barrier has exactly one of these
 
 
 class _Drawn(NamedTuple):
-    """A group as if it had been typed."""
+    """A group as if typed in the case."""
 
     where: str  # for messages
     values: dict[str, Any]
@@ -47,17 +47,17 @@ def read_lines(scene: Scene) -> None:
 
 
 def with_lines_of(case: Case, scene: Scene) -> Case:
-    """A case with the coordinates that a scene of it has read."""
+    """A case with the coordinates read for a scene of it."""
     return case.replace(**{group: getattr(scene.case, group) for group in _groups()})
 
 
 def _groups() -> list[str]:
-    """Of which a layer may have several."""
+    """Groups that allow several entries from a layer."""
     return [group for group in REPEATABLE if group in {key.group for key in file_keys()}]
 
 
 def _blame(case: Case, drawn: Mapping[str, list[_Drawn]]) -> None:
-    """Say which feature of a layer the case cannot have, if it is one alone."""
+    """Raise an error that names the offending feature of a layer, if a single one is invalid."""
     for group, several in drawn.items():
         for one in several:
             alone = copy.copy(case)
@@ -66,7 +66,7 @@ def _blame(case: Case, drawn: Mapping[str, list[_Drawn]]) -> None:
 
 
 def _drawn(scene: Scene, group: str) -> Iterator[_Drawn]:
-    """The groups of a name, each feature of a layer as one."""
+    """The groups of a name, with each feature of a layer as one group."""
     for one in getattr(scene.case, group):
         if "file" in one:
             yield from _features(scene, group, one)
@@ -75,7 +75,7 @@ def _drawn(scene: Scene, group: str) -> Iterator[_Drawn]:
 
 
 def _features(scene: Scene, group: str, given: Mapping[str, Any]) -> Iterator[_Drawn]:
-    """A group for each line of a layer; what it does not say itself is the feature's."""
+    """A group for each line of a layer, with missing values taken from the feature."""
     path = scene.case.path(given["file"])
     parts, columns = read_layer(path, given.get("layer"), scene.grid, scene.remarks)
     note_layer(
@@ -101,7 +101,7 @@ def _features(scene: Scene, group: str, given: Mapping[str, Any]) -> Iterator[_D
 def _names(
     path: Path, given: Mapping[str, Any], columns: dict[str, np.ndarray], parts: list[int]
 ) -> Iterator[str]:
-    """A name for each part of each feature; where several have the same, they are numbered."""
+    """A name for each part of each feature; duplicates are numbered."""
     usual = given.get("name") or given.get("layer") or path.stem
     found: list[str | None] = [None] * len(parts)
     column = attribute(columns, "name")
@@ -117,8 +117,8 @@ def _names(
 
 
 def _plain(value: Any, kind: str) -> Any:
-    """An attribute as a case has it; None where it is empty. Columns of integers in which some
-    are empty come as reals."""
+    """An attribute in the type of the case; None if empty. Integer columns with empty values arrive
+    as reals."""
     if (value := plain(value)) is None:
         return None
     if kind == "logical":

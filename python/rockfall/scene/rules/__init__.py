@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What inputs hardly ever mean, by what they are about."""
+"""Rules for implausible inputs, grouped by subject."""

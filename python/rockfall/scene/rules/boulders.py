@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources, releases, boulders, the rocks on the slope and trees in other units than the keys'."""
+"""Sources, releases, boulders, rocks on the slope and trees in units other than those of the
+keys."""
 
 from __future__ import annotations
 
@@ -15,25 +16,25 @@ from rockfall.scene.scene import InputWarning, Scene
 from rockfall.scene.sources.attributes import LAWS, values_of
 from rockfall.scene.surface import radius_over_rg
 
-NO_DATA = (127, 255, 32767, 65535, 2147483647)  # the largest integers that rasters hold
-DENSITIES = (1000.0, 4000.0)  # [kg/m3] tuff with pores, ores
+NO_DATA = (127, 255, 32767, 65535, 2147483647)  # largest integers of raster types
+DENSITIES = (1000.0, 4000.0)  # [kg/m3] porous tuff, ores
 GRAVITY = (1.0, 25.0)  # [m/s2] the Moon, Jupiter
-DROP = 50.0  # [m] a boulder that falls so far in the air has its source there
-SPEED = 50.0  # [m/s] of a release
-VOLUME = 150.0  # [m3] 6.6 m across: hardly a single boulder is; litres of 0.15 m3 are
-TRUNCATED = 0.02  # by which the mean of a normal distribution may grow when it is cut at zero
-SPREAD = 2.0  # standard deviation over mean from which a percentage is likelier than a volume
+DROP = 50.0  # [m] a boulder with a longer free fall has its source at the lower point
+SPEED = 50.0  # [m/s] at the release
+VOLUME = 150.0  # [m3] 6.6 m across: larger boulders are rare; 0.15 m3 in litres is 150
+TRUNCATED = 0.02  # relative increase of the mean of a normal distribution truncated at zero
+SPREAD = 2.0  # standard deviation over mean beyond which a percentage was probably given
 RADIUS = 3.0  # [m] mean radius of the rocks on a slope
 DBH = (4.0, 150.0)  # [cm] mean diameters of stands
 SAPLING = 1.5  # [cm] thinner stems are not surveyed; in metres no stem is thicker
-THIN = 4.5  # [cm] up to here stems are more frequent than below SAPLING, where both are surveyed
-DENSE = 20_000.0  # stems a hectare: thickets
-ORDERED = 0.9  # of the places: in published tables of zones half are not in the usual order
+THIN = 4.5  # [cm] stems up to here are more frequent than below SAPLING, where both are surveyed
+DENSE = 20_000.0  # stems per hectare: thickets
+ORDERED = 0.9  # fraction of places: in published zone tables half are not in the usual order
 RG_FULL = 100.0  # [m] an Rg of Rockyfor3D that means water
 
 
 def boulder_rules(scene: Scene) -> Iterator[InputWarning]:
-    """Doubts about where boulders start, what they are, and what they meet."""
+    """Warnings about boulder starts, boulder properties, and what boulders meet."""
     for rule in (
         _release, _source_cells, _source_points, _densities, _volumes, _spreads, _gravity, _rocks,
         _order, _forest,
@@ -61,7 +62,8 @@ def _source_cells(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _source_points(scene: Scene) -> Iterator[InputWarning]:
-    """Points given several times with the same boulders; other boulders may come from one place."""
+    """Points given several times with the same boulders; different boulders may start at one
+    place."""
     release = scene.case.release
     if not {"x", "points"} & release.keys():
         return
@@ -120,7 +122,7 @@ def _densities(scene: Scene) -> Iterator[InputWarning]:
 
 
 class _Volumes(NamedTuple):
-    """What is said of volumes."""
+    """Volume distribution of a case, scenario or feature."""
 
     group: str  # one warning each
     where: str
@@ -128,7 +130,7 @@ class _Volumes(NamedTuple):
 
 
 def _distributions(scene: Scene) -> Iterator[_Volumes]:
-    """Volumes by the case, by each scenario, and by each feature of a layer that says so itself."""
+    """Volume distributions of the case, of each scenario, and of each feature with its own."""
     boulder = scene.case.boulder
     yield _Volumes("", "&boulder", boulder)
     for one in scene.case.scenario:
@@ -147,7 +149,7 @@ def _distributions(scene: Scene) -> Iterator[_Volumes]:
 
 
 def _volumes(scene: Scene) -> Iterator[InputWarning]:
-    """The largest volume of each key; of features and of rasters the largest of all."""
+    """Warnings about the largest volume of each key, over all features or cells."""
     found: dict[str, tuple[float, str]] = {}
     for group, where, said in _distributions(scene):
         for key in ("volume_mean", "volume_max", "volumes"):
@@ -167,8 +169,8 @@ def _volumes(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _spreads(scene: Scene) -> Iterator[InputWarning]:
-    """Normal distributions whose mean is another after they are cut at zero: of features, the one
-    that is widest for its mean."""
+    """Normal distributions whose mean changes when they are truncated at zero; of features, the one
+    with the largest relative spread."""
     found: dict[str, tuple[float, str, float, float]] = {}
     for group, where, said in _distributions(scene):
         mean, std = said.get("volume_mean"), said.get("volume_std")
@@ -187,7 +189,7 @@ def _spreads(scene: Scene) -> Iterator[InputWarning]:
 
 
 def truncated_mean(mean: float, std: float) -> float:
-    """Mean of a normal distribution that is cut at zero (Johnson, Kotz & Balakrishnan 1994)."""
+    """Mean of a normal distribution truncated at zero (Johnson, Kotz & Balakrishnan 1994)."""
     lower = mean / std
     density = math.exp(-(lower**2) / 2) / math.sqrt(2 * math.pi)
     return mean + std * density / (0.5 * math.erfc(-lower / math.sqrt(2)))
@@ -201,7 +203,7 @@ def _gravity(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _rocks(scene: Scene) -> Iterator[InputWarning]:
-    """Sizes of the rocks on the slope, far beyond those of slopes."""
+    """Rock sizes far beyond those found on slopes."""
     ground, surface = scene.ground, scene.case.surface
     limit = RADIUS
     if surface["method"] == "A":
@@ -221,8 +223,8 @@ def _rocks(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _order(scene: Scene) -> Iterator[InputWarning]:
-    """Rg in the wrong order: larger where they are met more often, nearly everywhere. Published
-    tables have them so in some zones (Bourrier et al. 2009, table 1)."""
+    """Rg in the wrong order: larger where more frequent, nearly everywhere. Published tables do
+    this in some zones (Bourrier et al. 2009, table 1)."""
     ground = scene.ground
     if scene.case.surface["method"] == "B":
         return
@@ -238,7 +240,7 @@ def _order(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _forest(scene: Scene) -> Iterator[InputWarning]:
-    """Diameters and densities in other units."""
+    """Stem diameters and densities in other units."""
     if scene.trees is None:
         return
     diameters = scene.trees.dbh

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nets, walls and dams, classes of hazard and uncertain inputs in other units than the keys'."""
+"""Nets, walls and dams, hazard classes and uncertain inputs in units other than those of the
+keys."""
 
 from __future__ import annotations
 
@@ -9,18 +10,18 @@ from rockfall.scene.scene import InputWarning, Scene
 from rockfall.terrain.dams import FINE, finer
 
 NET = 15.0  # [m] nets are up to 10 m high, walls hardly higher
-CAPACITY = 20_000.0  # [kJ] twice what the strongest nets that were tested take
-DAM = 30.0  # [m] dams against rockfall are up to some 25 m high
-FLAT = 15.0  # [degree] no face of a dam is flatter; a ratio of height to width is a small number
-LOWERED = 0.8  # of the height that was asked for: a crest that is lower has another purpose
-THRESHOLD = 10_000.0  # [kJ] above all thresholds between intensities, and all nets
-PERIOD = 1.0  # [year] shorter return periods are no classes of hazard; frequencies are below 1
-FREQUENCY = {"year": 20.0, "source": 1.0, "km2": 10_000.0, "m": 1.0}  # [1/year] a boulder of a
+CAPACITY = 20_000.0  # [kJ] twice the capacity of the strongest tested nets
+DAM = 30.0  # [m] rockfall dams are up to about 25 m high
+FLAT = 15.0  # [degree] no dam face is flatter; a height-to-width ratio is a small number
+LOWERED = 0.8  # fraction of the requested height: a lower crest has another cause
+THRESHOLD = 10_000.0  # [kJ] above all intensity thresholds and all nets
+PERIOD = 1.0  # [year] shorter return periods are not hazard classes; frequencies are below 1
+FREQUENCY = {"year": 20.0, "source": 1.0, "km2": 10_000.0, "m": 1.0}  # [1/year] one boulder per
 #: class every few weeks, from one place every year, from a metre of cliff every year
 
 
 def protection_rules(scene: Scene) -> Iterator[InputWarning]:
-    """Doubts about what protects, and about what `hazard` and `ensemble` are given."""
+    """Warnings about protection, and about the inputs of `hazard` and `ensemble`."""
     for rule in _barriers, dam_rules, _hazard, _scenarios, _ensemble:
         yield from rule(scene)
 
@@ -42,7 +43,7 @@ def _barriers(scene: Scene) -> Iterator[InputWarning]:
 
 
 def dam_rules(scene: Scene) -> Iterator[InputWarning]:
-    """Doubts about dams as they came out on the cells."""
+    """Warnings about dams as rasterised."""
     for number, one in enumerate(scene.dams, start=1):
         asked, _, slope = one.requested
         where = f"&dam {number}, height = {asked:g}, slope = {slope:g}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Elevations that are no elevations, or in other units; a projection that distorts lengths."""
+"""Elevations that are invalid or in other units; a projection that distorts lengths."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from rockfall.scene.ground import LOWEST_LAND
 from rockfall.scene.scene import InputWarning, Scene
 
 LOW, HIGH = -9000.0, 9000.0  # elevations [m]: below the deepest sea slopes, above Everest
-GAP = 300.0  # [m] from the lowest elevation to the next: no terrain leaves out so much
-USUAL = (0.0, -1.0, -99.0, -999.0, -9999.0)  # what programs write for no data
-USUAL_GAP = 20.0  # [m] the same for these: a lake or the sea has a shore
-MOST = 0.5  # of the cells: fewer have no data; a plain below a cliff may have more
+GAP = 300.0  # [m] from the lowest elevation to the next: no terrain has so large a gap
+USUAL = (0.0, -1.0, -99.0, -999.0, -9999.0)  # common values for no data
+USUAL_GAP = 20.0  # [m] as GAP, for these values: a lake or the sea has a shore
+MOST = 0.5  # fraction of cells: no-data values are rarer; a plain below a cliff may be larger
 FULL_CIRCLE = (-180.0, 360.0, -90.0, 90.0)  # west, east, south, north of degrees
-SMALL_CELL = 0.1  # of degrees: 11 km
-WALL = 50.0  # tangent of a slope (89 degrees) that terrain in degrees has, and no other on average
-STEEP = 60.0  # [degree] half of no terrain is steeper; elevations in feet turn 28 degrees into it
+SMALL_CELL = 0.1  # [degree]: 11 km
+WALL = 50.0  # tangent of 89 degrees: the mean slope of terrain in degrees, and of no other
+STEEP = 60.0  # [degree] no terrain has a steeper median; elevations in feet turn 28 degrees into it
 FEET = (52.0, 68.0)  # [degree] median and 90 % quantile of slopes: hardly any 500 m of the Alps are
 #: so steep, but mountains of 21 and 37 degrees whose elevations are in feet
-SCALE = 0.03  # by which lengths of a projection may be off: within its own country none is
+SCALE = 0.03  # scale error of a projection: smaller within the country it was made for
 STEPS = 0.05  # of places where whole metres bend to and fro: rounded slopes, not round numbers
 STEP_SLOPE = 2.0  # [degree] that a step of 1 m may turn a cell by: more than slopes are known to
 
 
 def dem_rules(scene: Scene) -> Iterator[InputWarning]:
-    """Doubts about the terrain model."""
+    """Warnings about the terrain model."""
     file = scene.case.terrain["dem"]
     where = "&terrain dem" if file == FROM_ARRAY else f"&terrain dem = '{file}'"
     for rule in _nodata, _low, _spikes, _units, _projection, _steps:
@@ -38,7 +38,7 @@ def dem_rules(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _nodata(scene: Scene) -> Iterator[str]:
-    """Nodata that the file does not declare."""
+    """Nodata values that the file does not declare."""
     ground = scene.ground
     ends = (ground.low, 1, LOW, "below"), (ground.high, -1, -HIGH, "above")
     for found, sign, limit, word in ends:
@@ -54,7 +54,7 @@ def _nodata(scene: Scene) -> Iterator[str]:
 
 
 def _low(scene: Scene) -> Iterator[str]:
-    """Elevations between those of land and a nodata value, as resampling makes them at voids."""
+    """Elevations between those of land and a nodata value, as resampling creates them at voids."""
     low, deep = scene.ground.low, scene.ground.deep
     if LOW < low.value < LOWEST_LAND and not (low.count == deep and low.next - low.value > GAP):
         yield (
@@ -64,7 +64,7 @@ def _low(scene: Scene) -> Iterator[str]:
 
 
 def _spikes(scene: Scene) -> Iterator[str]:
-    """Single cells that stand out of all around them, and are not among the lines above."""
+    """Single cells that differ from all their neighbours, and are not reported above."""
     ground = scene.ground
     if not ground.spikes or ground.low.value < LOWEST_LAND or -ground.high.value >= HIGH:
         return
@@ -76,7 +76,7 @@ def _spikes(scene: Scene) -> Iterator[str]:
 
 
 def _units(scene: Scene) -> Iterator[str]:
-    """Degrees or feet of which nothing tells."""
+    """Degrees or feet that the file does not declare."""
     grid, (_, half, steep) = scene.grid, scene.ground.quantiles()
     west, east, south, north = FULL_CIRCLE
     inside = grid.west >= west and grid.east <= east and grid.south >= south and grid.north <= north

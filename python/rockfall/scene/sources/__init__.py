@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources from the terrain: steep cells, how many boulders each releases by its area, and what it
-says of their size and shape."""
+"""Sources from the terrain: steep cells, the number of boulders per area, and the size and shape of
+boulders."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from rockfall.scene.sources.attributes import Table, read_attributes
 
 SIDES = ("d1", "d2", "d3")
 SHAPES = int(_core.constant("shapes"))  # numbered from 1
-SPHERE = 3  # where the case names none
+SPHERE = 3  # default shape
 MAX_SIDE = 1e3  # [m]
 
 
 def threshold(scene: Scene) -> float:
-    """The slope from which cells are steep [degree]: the case's, or the usual one of its cells."""
+    """Slope from which cells are steep [degree]: the case's, or the default for its cell size."""
     usual = _core.slope_threshold(scene.grid.cell)
     return scene.case.release.get("slope_threshold", usual)
 
@@ -44,7 +44,7 @@ def steep_blocks(
 
 
 def refuse_by_area(scene: Scene, what: str) -> None:
-    """Refuse what needs the same number of boulders from each source."""
+    """Refuse an option that requires the same number of boulders from each source."""
     if scene.frequency is not None:
         raise RockfallError(
             f"{scene.case.name}: sources have a frequency: {what} needs as many boulders from each"
@@ -57,10 +57,10 @@ def refuse_by_area(scene: Scene, what: str) -> None:
 
 
 def read_sources(scene: Scene, bands: Iterable[tuple[Scene, Box]], rasters: dict[str, Any]) -> None:
-    """Release points, or the centres of source cells in the order of the raster; and what they say
-    of their boulders.
+    """Release points, or the centres of source cells in raster order, with their boulder
+    properties.
 
-    `bands` are rows of the terrain in order, each in a scene that holds it and what lies about it.
+    `bands` are rows of the terrain in order, each in a scene that holds it and its neighbours.
     """
     _find_sources(scene, bands, rasters)
     if "d1" in scene.case.boulder:
@@ -105,7 +105,7 @@ def _find_sources(
 
 
 def _polygons(scene: Scene) -> tuple[np.ndarray | None, Table | None]:
-    """The polygon that holds each cell, from 1, and their attributes; None without a layer."""
+    """Polygon number of each cell, from 1, and the attributes of polygons; None without a layer."""
     case, release = scene.case, scene.case.release
     if "polygons" not in release:
         return None, None
@@ -118,7 +118,7 @@ def _polygons(scene: Scene) -> tuple[np.ndarray | None, Table | None]:
 
 
 def _find_points(scene: Scene) -> None:
-    """Sources at the points of a layer or a table."""
+    """Read sources at the points of a layer or a table."""
     case, release = scene.case, scene.case.release
     path = case.path(release["points"])
     if path.suffix.lower() in LAYERS:
@@ -139,7 +139,7 @@ def _find_points(scene: Scene) -> None:
 
 
 def _take_attributes(scene: Scene, table: Table, of: np.ndarray) -> None:
-    """What features say of the releases of their sources; that of each source is given."""
+    """Apply the release attributes of features; those of each source are given."""
     scene.features, frequency = read_attributes(scene, table, of)
     some = ~np.isnan(frequency)
     if not some.any():
@@ -158,8 +158,8 @@ def _take_attributes(scene: Scene, table: Table, of: np.ndarray) -> None:
 
 
 def _read_boulders(scene: Scene, rasters: dict[str, Any]) -> None:
-    """Of the boulders of each source volume, inertia and density; sources of shape 0 have none, and
-    are left out."""
+    """Read volume, inertia and density of the boulders of each source; sources of shape 0 have none
+    and are left out."""
     boulder = scene.case.boulder
     if "shape" in boulder:
         shape = _at_sources(scene, "shape", "shapes", np.int32, rasters)
@@ -195,7 +195,7 @@ def _read_boulders(scene: Scene, rasters: dict[str, Any]) -> None:
 def _at_sources(
     scene: Scene, key: str, what: str, dtype: Any, rasters: dict[str, Any]
 ) -> np.ndarray:
-    """A raster at the cells of the sources."""
+    """Values of a raster at the source cells."""
     grid, found = scene.grid, np.empty(scene.x.size, dtype)
     row = ((grid.north - scene.y) / grid.cell).astype(int).clip(0, grid.ny - 1)
     column = ((scene.x - grid.west) / grid.cell).astype(int).clip(0, grid.nx - 1)
@@ -206,7 +206,7 @@ def _at_sources(
 
 
 def _check(scene: Scene, key: str, values: np.ndarray, good: np.ndarray, allowed: str) -> None:
-    """Refuse what the boulder of a source cannot be."""
+    """Refuse invalid boulder properties of a source."""
     if good.all():
         return
     k = np.flatnonzero(~good)[0]
@@ -220,7 +220,7 @@ def _check(scene: Scene, key: str, values: np.ndarray, good: np.ndarray, allowed
 def _cells(
     scene: Scene, box: Box, rasters: dict[str, Any], polygons: np.ndarray | None
 ) -> Iterator[tuple[slice, np.ndarray]]:
-    """Blocks of rows of a box, with what is above zero in source cells."""
+    """Blocks of rows of a box, positive in source cells."""
     release = scene.case.release
     parts = list(row_blocks(box.shape))
     if polygons is not None:
@@ -236,7 +236,7 @@ def _cells(
 def _noted(
     scene: Scene, blocks: Iterable[tuple[slice, np.ndarray]]
 ) -> Iterator[tuple[slice, np.ndarray]]:
-    """The blocks of source cells; which values they have is noted."""
+    """Pass on blocks of source cells and record their values."""
     for rows, block in blocks:
         scene.source_values.take(-block[block > 0].astype(float))
         yield rows, block

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a layer, or a table, says of the releases of its polygons or points: attributes by the names
-that docs/releases.md lists. Others are left alone; what a feature does not say, the case says."""
+"""Release attributes of polygons or points in a layer or table, by the names that docs/releases.md
+lists. Other attributes are ignored; the case supplies missing ones."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ class Table(NamedTuple):
     path: str
     columns: dict[str, np.ndarray]
     size: int
-    where: Callable[[int], str]  # is a feature, for messages
-    is_text: bool = False  # numbers are spelled, as in CSV
+    where: Callable[[int], str]  # a feature's position, for messages
+    is_text: bool = False  # numbers are text, as in CSV
 
     def refuse(self, k: int, name: str, value: Any, rule: str) -> NoReturn:
         raise RockfallError(f"{self.where(k)}: {name} = {value!r}: {rule}")
 
     def values(self, name: str) -> list[Any]:
-        """Of an attribute; None where it is empty, or not there at all."""
+        """Values of an attribute; None where empty or missing."""
         column = attribute(self.columns, name)
         return [None] * self.size if column is None else [*map(plain, column)]
 
     def numbers(self, name: str) -> np.ndarray:
-        """Those of an attribute that a key of the case may have too; NaN where there is none."""
+        """Numbers of an attribute that is also a key of the case; NaN where missing."""
         column = attribute(self.columns, name)
         if column is None:
             return np.full(self.size, np.nan)
@@ -73,7 +73,7 @@ class Table(NamedTuple):
         return found
 
     def number(self, k: int, name: str, value: Any) -> float:
-        """A number as it stands in a column that may hold anything."""
+        """Parse a number from a column that may hold anything."""
         if value is None:
             return np.nan
         if self.is_text and np.isfinite(number := decimal(value)):
@@ -84,7 +84,8 @@ class Table(NamedTuple):
 
 
 def read_attributes(scene: Scene, table: Table, of: np.ndarray) -> tuple[Features, np.ndarray]:
-    """The features of a scene, `of` each source; and their frequencies, NaN where none."""
+    """Features of a scene, given the feature of each source, and their frequencies (NaN if
+    missing)."""
     if attribute(table.columns, "velocity") is not None:
         raise RockfallError(
             f"{table.path}: attribute velocity: must be {', '.join(VELOCITY)} [m/s]"
@@ -100,8 +101,8 @@ def read_attributes(scene: Scene, table: Table, of: np.ndarray) -> tuple[Feature
 
 
 def values_of(scene: Scene) -> np.ndarray | None:
-    """Density, drop height and velocity of each feature (features, 5), those of the case where it
-    says none; None where no feature says anything."""
+    """Density, drop height and velocity of each feature (features, 5), from the case where missing;
+    None if no feature has any."""
     if scene.features is None or scene.features.value is None:
         return None
     boulder, release = scene.case.boulder, scene.case.release
@@ -112,15 +113,15 @@ def values_of(scene: Scene) -> np.ndarray | None:
 
 @cache
 def _key(name: str) -> tuple[str, str]:
-    """Group and name of the key of a case that holds such numbers."""
+    """Group and name of the case key for such numbers."""
     name = "velocity" if name in VELOCITY else "volume_mean" if name == "volume" else name
     groups = ("boulder", "release", "scenario")
     return next((g, k.name) for g in groups for k in key_table() if (k.group, k.name) == (g, name))
 
 
 def _laws(scene: Scene, table: Table) -> tuple[np.ndarray, np.ndarray]:
-    """The law of the volumes of each feature, 0 where that is the case's; and mean, std, min, max
-    (4, features), NaN where there are none."""
+    """Volume distribution of each feature (0: the case's), and its mean, std, min, max (4,
+    features), NaN where missing."""
     boulder, law = scene.case.boulder, np.zeros(table.size, int)
     given = np.array([table.numbers(name) for name in VOLUMES])
     usual = boulder["volume"] if boulder["volume"] in LAWS else "fixed"
@@ -158,8 +159,8 @@ def _volume(table: Table, k: int, name: str, value: Any) -> float:
 
 
 def _check_laws(scene: Scene, table: Table, law: np.ndarray, given: np.ndarray) -> None:
-    """Each law has the numbers that it needs and no others: what &boulder might not say is refused.
-    Features that say the same things are alike in this, but for the smallest range of volumes."""
+    """Check that each distribution has exactly the numbers it needs, by the rules of &boulder.
+    Features with the same keys need one check, with the smallest range of volumes."""
     patterns = np.vstack([law, ~np.isnan(given)]).T
     firsts = np.unique(patterns[law > 0], axis=0, return_index=True)[1]
     some = set(np.flatnonzero(law > 0)[firsts].tolist())
@@ -176,11 +177,11 @@ def _check_laws(scene: Scene, table: Table, law: np.ndarray, given: np.ndarray) 
         values = {n: None if np.isnan(v) else v for n, v in zip(VOLUMES, given[:, k], strict=True)}
         alone = scene.case.replace()
         alone.name = table.where(k)
-        alone.replace(boulder=own | {"volume": LAWS[law[k] - 1], **values})  # refuses
+        alone.replace(boulder=own | {"volume": LAWS[law[k] - 1], **values})  # raises an error
 
 
 def _check_source(scene: Scene, table: Table, law: np.ndarray, given: np.ndarray) -> None:
-    """One place says what the boulders of a source are."""
+    """Check that the boulders of a source are defined in one place only."""
     boulder = scene.case.boulder
     if boulder["volume"] != "source":
         return
@@ -199,7 +200,7 @@ def _check_source(scene: Scene, table: Table, law: np.ndarray, given: np.ndarray
 
 
 def _names(scene: Scene, table: Table) -> list[str]:
-    """The names of the features; their numbers where they have none."""
+    """Names of the features, or their numbers if unnamed."""
     names = table.values("name")
     if field := scene.case.release.get("name_field"):
         names = [*map(plain, named_attribute(table.path, table.columns, field))]
