@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the shipped impact sets do on planes: boulders that pass 200 m, their speed and jump height.
+"""Boulders by the shipped sets and tables on planes: how many pass 200 m, speed, jump height.
 
     python -m benchmarks.accuracy.planes [--boulders 10000] [-o docs]
 
 For each set, each R_b/R_m of 1 to 5 and slopes of 24 to 46 degrees: the share of the boulders that
 pass a line 200 m below the release, in plan; their mean speed there, and the 95 % quantile of their
 jump height; and the neutral slope, on which a bounce straight down loses what the next flight
-gains. Writes planes.md, with standard errors, and figures/planes.png.
+gains. The same, but for neutral slopes, by each shipped table of impacts, for compact blocks.
+Writes planes.md, with standard errors, and figures/planes.png.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from rockfall.analysis.planes.plane_bounce import neutral_slope, set_rebound
 from rockfall.analysis.precision.intervals import sources
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import shipped_sets
+from rockfall.impact_tables import table_names
 from rockfall.io.files import atomic_write
 from rockfall.io.grid import Grid
 from rockfall.lab.sets import Sets, read_sets
@@ -43,6 +45,7 @@ SEEDS = range(1, 6)  # of neutral slopes, for their errors
 FLOWN = 1000  # boulders, straight down for their neutral slope
 FIRST, LAST = 20, 60  # contacts between which they count: the start is forgotten
 FEW = 20  # boulders at the line, below which no mean is told
+RATIO_OF_TABLES = 2  # R_b/R_m of those that need it
 COLOURS = [INK, BLUE, GREEN, VERMILION, GREY]  # of each ratio
 HOW = {"fraction": ("share passing", "%", 1), "speed": ("mean speed", "m/s", 1),
        "height": ("95 % quantile of the jump height", "m", 2)}  # fmt: skip
@@ -86,7 +89,18 @@ def measure(path: Path, slope: float, ratio: float, boulders: int) -> dict[str, 
     """What boulders do at the line: HOW -> a number with its standard error."""
     rocks = {"uniform_mean_radius": RADIUS / ratio}
     impact = {"sets": str(path), "rest_angle": 90.0}  # the set alone: who is slow rests
-    speed, height = at_line(slope, boulders, 1, surface=rocks, impact=impact)
+    return numbers(*at_line(slope, boulders, 1, surface=rocks, impact=impact), boulders)
+
+
+def measure_table(name: str, slope: float, boulders: int) -> dict[str, Number]:
+    """The same by a table of impacts; the rocks are for those that need their size."""
+    rocks = {"uniform_mean_radius": RADIUS / RATIO_OF_TABLES}
+    impact = {"form": "table", "table": name}
+    return numbers(*at_line(slope, boulders, 1, surface=rocks, impact=impact), boulders)
+
+
+def numbers(speed: dict[str, float], height: dict[str, float], boulders: int) -> dict[str, Number]:
+    """Fraction that passes, mean speed and quantile of the jump height, with standard errors."""
     n, share = speed["n"], speed["fraction"]
     found = {"fraction": Number(share, np.sqrt(share * (1 - share) / boulders))}
     none = Number(np.nan)
@@ -136,13 +150,14 @@ def neutral_flown(path: Path, ratio: int, law: float) -> float:
 
 
 class Measured(NamedTuple):
-    """A set: neutral slopes by ratio, by its law and as flown, and by (slope, ratio) what boulders
-    do at the line."""
+    """A set, or all tables: numbers at the line by (slope, column); a column is an R_b/R_m or a
+    table. Neutral slopes of a set by column, by its law and as flown."""
 
     name: str
-    neutral: dict[int, Number]
-    flown: dict[int, float]
-    at_line: dict[tuple[int, int], dict[str, Number]]
+    columns: list[str]
+    at_line: dict[tuple[int, str], dict[str, Number]]
+    neutral: dict[str, Number] = {}
+    flown: dict[str, float] = {}
 
 
 def look(path: Path, boulders: int) -> Iterator[Measured]:
@@ -150,14 +165,27 @@ def look(path: Path, boulders: int) -> Iterator[Measured]:
     sets, *more = read_sets(path)
     if more:
         return
+    columns = {f"R_b/R_m = {ratio}": ratio for ratio in RATIOS}
     at_line = {
-        (slope, ratio): measure(path, slope, ratio, boulders)
+        (slope, name): measure(path, slope, ratio, boulders)
         for slope in SLOPES
-        for ratio in RATIOS
+        for name, ratio in columns.items()
     }
-    slopes = {ratio: neutral(sets, ratio) for ratio in RATIOS}
-    flown = {ratio: neutral_flown(path, ratio, slopes[ratio].value) for ratio in RATIOS}
-    yield Measured(sets.name, slopes, flown, at_line)
+    slopes = {name: neutral(sets, ratio) for name, ratio in columns.items()}
+    flown = {
+        name: neutral_flown(path, ratio, slopes[name].value) for name, ratio in columns.items()
+    }
+    yield Measured(f"`{sets.name}`", list(columns), at_line, slopes, flown)
+
+
+def look_at_tables(boulders: int) -> Measured:
+    """At all shipped tables of impacts."""
+    at_line = {
+        (slope, name): measure_table(name, slope, boulders)
+        for slope in SLOPES
+        for name in table_names()
+    }
+    return Measured("Tables of impacts", table_names(), at_line)
 
 
 def text(number: Number, digits: int, scale: float = 1.0) -> str:
@@ -167,10 +195,10 @@ def text(number: Number, digits: int, scale: float = 1.0) -> str:
     return f"{scale * value:.{digits}f} ± {scale * error:.{digits}f}"
 
 
-def table(first: str, rows: dict[str, list[str]]) -> Iterator[str]:
-    """A table in Markdown with a column for each ratio."""
-    yield f"| {first} | " + " | ".join(f"R_b/R_m = {ratio}" for ratio in RATIOS) + " |"
-    yield "| --- |" + " --: |" * len(RATIOS)
+def table(first: str, columns: list[str], rows: dict[str, list[str]]) -> Iterator[str]:
+    """A table in Markdown."""
+    yield f"| {first} | " + " | ".join(columns) + " |"
+    yield "| --- |" + " --: |" * len(columns)
     yield from (f"| {name} | " + " | ".join(cells) + " |" for name, cells in rows.items())
     yield ""
 
@@ -178,19 +206,20 @@ def table(first: str, rows: dict[str, list[str]]) -> Iterator[str]:
 def neutral_rows(one: Measured) -> dict[str, list[str]]:
     """By the law of the set, and as the program flies boulders straight down."""
     return {
-        f"`{one.name}`": [text(one.neutral[ratio], 1) for ratio in RATIOS],
-        f"`{one.name}`, flown": [f"{one.flown[ratio]:.1f}" for ratio in RATIOS],
+        one.name: [text(one.neutral[column], 1) for column in one.columns],
+        f"{one.name}, flown": [f"{one.flown[column]:.1f}" for column in one.columns],
     }
 
 
-def page(found: list[Measured], boulders: int) -> str:
+def page(sets: list[Measured], tables: Measured, boulders: int) -> str:
     lines = [
-        "# Shipped impact sets on planes",
+        "# Shipped impact sets and tables on planes",
         "",
         *wrap(
             f"{boulders:,} boulders for each number, released {DROP:g} m above a plane; a line "
             f"{DISTANCE:g} m further down, in plan. R_b/R_m is the same everywhere, boulders turn "
-            "past the aspect. This page and its figure are written by "
+            "past the aspect. By tables of impacts blocks are compact, and R_b/R_m = "
+            f"{RATIO_OF_TABLES} where it matters. This page and its figure are written by "
             "`benchmarks/accuracy/planes.py`.",
             100,
         ),
@@ -207,17 +236,21 @@ def page(found: list[Measured], boulders: int) -> str:
         "",
         "## Neutral slopes [degree]",
         "",
-        *table("set", dict(row for one in found for row in neutral_rows(one).items())),
+        *table(
+            "set", sets[0].columns, dict(row for one in sets for row in neutral_rows(one).items())
+        ),
     ]  # fmt: skip
-    for one in found:
-        lines += [f"## `{one.name}`", ""]
+    for one in (*sets, tables):
+        lines += [f"## {one.name}", ""]
         for key, (label, unit, digits) in HOW.items():
             scale = 100.0 if unit == "%" else 1.0
             lines += table(
                 f"{label} [{unit}]",
+                one.columns,
                 {
                     f"{slope} degrees": [
-                        text(one.at_line[slope, ratio][key], digits, scale) for ratio in RATIOS
+                        text(one.at_line[slope, column][key], digits, scale)
+                        for column in one.columns
                     ]
                     for slope in SLOPES
                 },
@@ -227,24 +260,24 @@ def page(found: list[Measured], boulders: int) -> str:
 
 @styled
 def draw(found: list[Measured]):
-    """A row of panels for each set; the neutral slopes as triangles along the shares."""
+    """A row of panels for each set and for all tables; neutral slopes as triangles along the
+    shares."""
     figure = new_figure(9.0, 2.4 * len(found) + 0.6)
     panels = figure.subplots(len(found), len(HOW), squeeze=False, sharex=True, sharey="col")
     for row, one in zip(panels, found, strict=True):
         for panel, (key, (label, unit, _)) in zip(row, HOW.items(), strict=True):
             scale = 100.0 if unit == "%" else 1.0
-            for ratio, colour in zip(RATIOS, COLOURS, strict=True):
-                numbers = [one.at_line[slope, ratio][key] for slope in SLOPES]
-                values, errors = (scale * np.array(column) for column in zip(*numbers, strict=True))
-                panel.errorbar(SLOPES, values, errors, color=colour, linewidth=1, marker="o",
-                               markersize=2, label=f"{ratio}")  # fmt: skip
-                if key == "fraction":
-                    panel.plot(one.neutral[ratio].value, -4, "^", color=colour, markersize=5,
+            for k, column in enumerate(one.columns):
+                colour, style = COLOURS[k % len(COLOURS)], "-" if k < len(COLOURS) else "--"
+                known = [one.at_line[slope, column][key] for slope in SLOPES]
+                values, errors = (scale * np.array(part) for part in zip(*known, strict=True))
+                panel.errorbar(SLOPES, values, errors, color=colour, linewidth=1, linestyle=style,
+                               marker="o", markersize=2, label=column)  # fmt: skip
+                if key == "fraction" and column in one.neutral:
+                    panel.plot(one.neutral[column].value, -4, "^", color=colour, markersize=5,
                                clip_on=False)  # fmt: skip
-            panel.set(title=plain(one.name), ylabel=f"{label} [{unit}]")
-    lines, names = panels[0, 0].get_legend_handles_labels()
-    about = {"title": "R_b/R_m; triangles: neutral slopes", "ncols": len(RATIOS)}
-    figure.legend(lines, names, loc="outside lower center", **about)
+            panel.set(title=plain(one.name.strip("`")), ylabel=f"{label} [{unit}]")
+        row[0].legend(fontsize=5, loc="upper left", frameon=False)
     for panel in panels[-1]:
         panel.set_xlabel("slope [degree]")
     return figure
@@ -256,11 +289,12 @@ def main() -> None:
     docs = ROOT / "docs" / "validation"
     parser.add_argument("-o", metavar="FOLDER", type=Path, dest="folder", default=docs)
     options = parser.parse_args()
-    found = [one for path in shipped_sets().values() for one in look(path, options.boulders)]
+    sets = [one for path in shipped_sets().values() for one in look(path, options.boulders)]
+    tables = look_at_tables(options.boulders)
     (options.folder / "figures").mkdir(parents=True, exist_ok=True)
     with atomic_write(options.folder / "planes.md") as part:
-        part.write_text(page(found, options.boulders), encoding="utf-8")
-    save(draw(found), options.folder / "figures" / "planes.png", dpi=130)
+        part.write_text(page(sets, tables, options.boulders), encoding="utf-8")
+    save(draw([*sets, tables]), options.folder / "figures" / "planes.png", dpi=130)
 
 
 if __name__ == "__main__":

@@ -34,13 +34,14 @@ def test_without_scatter_boulders_stop_or_run_away(tmp_path):
     assert found.value == pytest.approx(want, abs=0.06) and found.error < 0.01  # bisection
 
 
-def test_the_page_tells_every_number_of_every_set_but_ensembles(tmp_path, monkeypatch):
+def test_the_page_has_every_number_of_every_set_and_table_but_ensembles(tmp_path, monkeypatch):
     name = "one"
     path = scenes.write_sets(tmp_path / f"{name}.nml", *scenes.sets())
     groups = path.read_text().replace("&impact_set", "&impact_set draw = 2,")
     (tmp_path / "many.nml").write_text(path.read_text() + groups)
     shipped = {name: path, "many": tmp_path / "many.nml"}
     monkeypatch.setattr(planes, "shipped_sets", lambda: shipped)
+    monkeypatch.setattr(planes, "table_names", lambda: ["talus"])
     monkeypatch.setattr(planes, "SLOPES", (34, 44))
     monkeypatch.setattr(planes, "SEEDS", (1, 2))
     monkeypatch.setattr(planes, "FLOWN", 100)
@@ -49,5 +50,5 @@ def test_the_page_tells_every_number_of_every_set_but_ensembles(tmp_path, monkey
     text = (tmp_path / "planes.md").read_text(encoding="utf-8")
     assert f"## `{name}`\n" in text and "many" not in text
     rows = [line for line in text.splitlines() if line.startswith(("| 34", "| 44"))]
-    assert len(rows) == 2 * len(planes.HOW)
+    assert len(rows) == 2 * 2 * len(planes.HOW)  # of the set, of the table
     assert (tmp_path / "figures" / "planes.png").read_bytes().startswith(b"\x89PNG")
