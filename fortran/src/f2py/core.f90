@@ -511,23 +511,16 @@ contains
       integer(c_int), intent(in) :: thresholds  !! number of thresholds
       integer(c_int), intent(out) :: counts(5), sums(7), maxima(5), bins, layers(3)
       type(map_plan_t) :: plan
+      integer :: k
 
-      plan = plan_of(names, thresholds)
+      plan = plan_maps(pack(map_fields, [(index(" "//names//" ", " "//trim(map_fields(k))//" ") > 0, &
+                                          k=1, size(map_fields))]), thresholds)
       counts = [plan%count, plan%exceeded]
       sums = plan%sum
       maxima = plan%max
       bins = plan%rows
       layers = stack_layers(plan)
    end subroutine map_plan
-
-   pure type(map_plan_t) function plan_of(names, thresholds) result(plan)
-      character(len=*), intent(in) :: names  !! separated by blanks
-      integer, intent(in) :: thresholds
-      integer :: k
-
-      plan = plan_maps(pack(map_fields, [(index(" "//names//" ", " "//trim(map_fields(k))//" ") > 0, &
-                                          k=1, size(map_fields))]), thresholds)
-   end function plan_of
 
    !> Limits of the 95 % intervals of fractions of the boulders of a run; boulders of a cluster may all behave alike.
    subroutine count_limits(counts, boulders, per_cluster, low, high, n)

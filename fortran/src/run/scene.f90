@@ -22,7 +22,7 @@ module rockfall_scene
    use rockfall_grounds, only: read_ground, read_stochastic
    implicit none
    private
-   public :: scene_arrays_t, stays, grounds_of, scene_from, check_sources, boulders_of, largest_volumes, n_barriers
+   public :: scene_arrays_t, stays, grounds_of, scene_from, check_sources, boulders_of, largest_volumes
 
    !> Ground type as passed to the kernel.
    type :: ground_text_t
@@ -435,12 +435,6 @@ contains
       end if
       lift_of = lift_of + dot_product(v, v)/(2*scene%gravity)
    end function lift_of
-   pure integer function n_barriers(scene)
-      type(scene_t), intent(in) :: scene
-
-      n_barriers = 0
-      if (allocated(scene%barriers)) n_barriers = size(scene%barriers)
-   end function n_barriers
 
    !> Check that sources in rows first to last of the raster lie on known terrain, given a window of it. Raises `head`
    !> to the maximum energy head of their boulders.
