@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     Advance = Callable[..., None]
 
-BOULDERS = (100, 1000, 2000, 5000, 10_000)  # from each source, as in the paper
+BOULDERS = (100, 1000, 2000, 5000, 10_000)  # per source, as in the paper
 REFERENCE, MIN_REFERENCE = 1_000_000, 20_000  # boulders over all sources; one has all of them
 QUANTITIES = ("speed", "passing_height", "energy_total")
 STATISTICS = ("mean", "std", "q95")

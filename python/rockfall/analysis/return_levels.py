@@ -85,7 +85,7 @@ class Tail:
     fit: Fit | None
     refused: str | None
     levels: dict[int, Level]
-    end: tuple[float, float] = (np.inf, np.inf)  # and its upper limit; no value lies beyond
+    end: tuple[float, float] = (np.inf, np.inf)  # end point and its upper limit; no value is beyond
 
     @property
     def shape_limits(self) -> tuple[float, float]:

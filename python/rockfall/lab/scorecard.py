@@ -123,7 +123,7 @@ class Score:
 
 
 def _quiet(function: Callable, values: np.ndarray, *args, **options):
-    """Apply a function to the finite values; NaN without a warning if there are none."""
+    """Apply a function to values; NaN without a warning if none is finite."""
     if not np.isfinite(values).any():
         return np.full(np.shape(args[0]) if args else (), np.nan)
     return function(values, *args, **options)

@@ -28,7 +28,7 @@ ALWAYS = (  # attributes that every result has
     "boulders_requested", "complete", "impact_set", "impact_set_checksum", "input_checksums",
     "threads", "wall_seconds", "cpu_seconds",
 )  # fmt: skip
-NUMBERS = (  # and those of them that are numbers
+NUMBERS = (  # numeric ones among them
     "seed", "boulder_first", "boulder_last", "boulders_requested", "complete", "threads",
     "wall_seconds", "cpu_seconds",
 )  # fmt: skip

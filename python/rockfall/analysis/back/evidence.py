@@ -96,7 +96,7 @@ class Counted:
             return
         part = runs / runs.sum(axis=1, keepdims=True)
         mean = part.mean(axis=0)
-        times = size * part.var(axis=0, ddof=1).sum() / (mean * (1 - mean)).sum()  # of binomial
+        times = size * part.var(axis=0, ddof=1).sum() / (mean * (1 - mean)).sum()  # over binomial
         self.worth = 1 / (2 * max(times, 1.0) - 1)
 
     def noise(self, boulders: float) -> float:

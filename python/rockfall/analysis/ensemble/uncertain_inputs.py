@@ -36,7 +36,7 @@ class Draw:
     """A drawn input: its changes to a scene, and its numbers, to be kept."""
 
     arrays: dict[str, Any] = field(default_factory=dict)  # by names of Scene
-    groups: dict[str, dict[str, Any]] = field(default_factory=dict)  # as in Case.replace
+    groups: dict[str, dict[str, Any]] = field(default_factory=dict)  # arguments of Case.replace
     factors: dict[str, float] = field(default_factory=dict)  # on VALUES of the source layer
     kept: dict[str, Any] = field(default_factory=dict)
 

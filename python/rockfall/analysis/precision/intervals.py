@@ -29,7 +29,7 @@ CROSSED = 500  # boulders past the line from which intervals of anything but a f
 #: Skewness over the coefficient of variation: exact for gamma distributions. Few values seldom show
 #: the tail of their distribution, so that upper limits assume it.
 SKEWED = 2.0
-SKEWED_SQUARES = 3.0  # the same of squared deviations
+SKEWED_SQUARES = 3.0  # the ratio for squared deviations
 WITHHELD = math.nan, math.nan  # limits from too few boulders
 
 
@@ -176,7 +176,7 @@ class Shape:
 
     skewness: float
     below: float  # standard deviations from the mean down to the lowest value
-    above: float  # and up to the highest
+    above: float  # standard deviations from the mean up to the highest value
     apart: int  # number of values other than the median, plus one: ties carry no information
 
     @classmethod
