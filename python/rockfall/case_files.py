@@ -19,7 +19,7 @@ from rockfall.io.zone_table import read_zone_table
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
-#: Endings of what may lie beside a layer (GDAL's drivers of shapefiles and GeoPackages).
+#: Extensions of companion files of a layer (GDAL's drivers of shapefiles and GeoPackages).
 BESIDE = (
     ".shp", ".shx", ".dbf", ".prj", ".cpg", ".qpj", ".cst", ".qix", ".sbn", ".sbx", ".idm", ".ind",
 )  # fmt: skip

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 STOPS = signal.SIGINT, signal.SIGTERM
-#: Seconds in which signals are one: `timeout` sends its own to a process and to its group.
+#: Seconds in which signals count as one: `timeout` signals both a process and its group.
 TOGETHER = 0.1
 
 _number: int = signal.SIGINT  # the last signal received

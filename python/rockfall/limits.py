@@ -6,7 +6,7 @@ import os
 from rockfall._core import rockfall_f2py as _core
 
 MACHINE_MEMORY = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")  # bytes
-#: Of the machine that this process may use; macOS does not say it of a process.
+#: Processors available to this process; macOS only reports those of the machine.
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 MAX_TEXT = int(_core.constant("max_text"))  # maximum bytes of a text file
 MAX_ELEVATION = _core.constant("max_elevation")  # [m]; more is an undeclared nodata value
@@ -17,7 +17,7 @@ MIN_FOR_MEAN = int(_core.constant("min_for_mean"))  # boulders needed for a vali
 MIN_FOR_STD = int(_core.constant("min_for_std"))
 fraction_limits = _core.fraction_limits  # of the 95 % interval of a fraction of n (Wilson 1927)
 EAD_ENERGY = tuple(_core.ead_energies().tolist())  # of barriers of classes 0 to 7 [J]
-barrier_outcomes = _core.barrier_outcomes  # of a barrier with boulders that come to it
+barrier_outcomes = _core.barrier_outcomes  # of a barrier with boulders that reach it
 line_quantities = _core.line_quantities  # of rows at a line (fields, n), and volumes
 places_along = _core.places_along  # a line, of points
 # Of samples (rockfall_samples):

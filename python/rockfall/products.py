@@ -67,15 +67,14 @@ def report(
     """Write a result (a Dataset, or its netCDF file) as one offline HTML page, or as a PDF, by the
     extension of `path`.
 
-    `dem` is the terrain under maps (default: the case's, if it is there), `observed` are CSV files
-    of observations that are drawn beside the result, `basemap` is a raster picture under maps,
-    `limits` are those of classes ("kJ=30,300"), and `view` puts the terrain with trajectories into
-    the page. It is in `language` (en, de, fr or it), names `project` (its name or number), `client`
-    and `author` on page 1, which is made to be signed, and the date `dem_date` of the survey of the
-    terrain; `hazard`, a file hazard.nc, adds its zones, `models`, a file models.nc of `rockfall
-    models`, the spread over rebound models.
-    Returns the path of the page. What cannot be drawn or written is a RockfallError,
-    missing terrain a UserWarning.
+    `dem` is the terrain under maps (default: the case's, if it exists), `observed` are CSV files of
+    observations drawn with the result, `basemap` is a raster image under maps, `limits` are those
+    of classes ("kJ=30,300"), and `view` adds a three-dimensional view of the terrain with
+    trajectories. The page is in `language` (en, de, fr or it), and names `project` (its name or
+    number), `client` and `author` on page 1, which is made to be signed, and the date `dem_date` of
+    the survey of the terrain; `hazard`, a file hazard.nc, adds its zones, `models`, a file
+    models.nc of `rockfall models`, the spread over rebound models. Returns the path of the page.
+    Invalid inputs or outputs raise a RockfallError, missing terrain gives a UserWarning.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from rockfall.result.variables import HISTOGRAM, LINE
 
-#: Units of results that are shown as others, and the factor to those.
+#: Units in which results are shown if different, and the factors to them.
 SHOWN = {"1": ("%", 100.0), "J": ("kJ", 1e-3), "m s-1": ("m/s", 1.0), "rad s-1": ("rad/s", 1.0)}
 
 
@@ -103,7 +103,7 @@ def number(value: float, digits: int = 3, *, up: bool = False) -> str:
     return f"{near:,.{max(0, beyond)}f}"
 
 
-#: In place of an interval, where too few boulders were there for one that holds.
+#: Text in place of an interval, if there are too few boulders for a valid one.
 TOO_FEW = "n too small"
 
 

@@ -56,7 +56,7 @@ def _layer(one):
     return QgsProcessingParameterFeatureSource(one.name, one.label, shapes, optional=one.optional)
 
 
-#: How a parameter is made, by the kind of the option.
+#: Constructors of parameters, by the kind of the option.
 MAKERS = {
     "count": _number(QgsProcessingParameterNumber.Integer, 1),
     "number": _number(QgsProcessingParameterNumber.Integer, 0),

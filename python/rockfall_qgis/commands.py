@@ -43,7 +43,7 @@ RUNS = (
            advanced=True),
     Option("RESUME", "Go on with a run that was stopped", "yes", "--resume", advanced=True),
 )  # fmt: skip
-#: Of the layers of a project that `rockfall new` makes a case of; each is named so in its file.
+#: Layers of a project from which `rockfall new` makes a case, by their names in files.
 DRAFTS = (
     Option("SOURCES", "Sources (default: steep cells)", "layer", choices=(POINT, POLYGON)),
     Option("ZONES", "Zones with mean_radius, rg70 to rg10 or ground", "layer", choices=(POLYGON,)),

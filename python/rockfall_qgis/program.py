@@ -8,8 +8,8 @@ import signal
 import subprocess
 import threading
 
-#: Of the Python, GDAL and PROJ of QGIS, or of the environment that QGIS was started in, which are
-#: not those of the program.
+#: Variables of the Python, GDAL and PROJ of QGIS, or of its environment, which the program must
+#: not inherit.
 FOREIGN = ("PYTHON", "GDAL_", "PROJ_", "VIRTUAL_ENV", "CONDA_", "__PYVENV_LAUNCHER__")
 PROGRESS = re.compile(r"rockfall: (\d+) of (\d+) ")
 WARNING = "rockfall: warning: "

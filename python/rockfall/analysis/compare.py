@@ -50,10 +50,10 @@ _BESIDE = [f"{whose}{end}" for whose in ("observed", "simulated") for end in (""
 
 @dataclass(frozen=True)
 class Comparison:
-    """Tables in SI units, empty where nothing of the kind was observed.
+    """Tables of a comparison in SI units, empty without observations of the kind.
 
-    `_low` and `_high` are the limits of 95 % confidence intervals, NaN where there is none.
-    `within_interval`: that of the simulated number holds the observed one; `consistent`: their
+    `_low` and `_high` are the limits of 95 % confidence intervals, NaN if there is none.
+    `within_interval`: that of the simulated number contains the observed one; `consistent`: their
     difference is within the sampling error of both.
     """
 
@@ -78,7 +78,7 @@ class Comparison:
 def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
     """Compare a result with observations: CSV files (docs/observed.md), or one `Observed`.
 
-    Of printed numbers those observed are used, and those of the method, A or B, of the result.
+    Printed numbers are used if observed, or if from the method, A or B, of the result.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))

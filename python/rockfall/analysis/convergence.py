@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 
     Advance = Callable[..., None]
 
-BOULDERS = (100, 1000, 2000, 5000, 10_000)  # from each source, as in the paper
+BOULDERS = (100, 1000, 2000, 5000, 10_000)  # per source, as in the paper
 REFERENCE, MIN_REFERENCE = 1_000_000, 20_000  # boulders over all sources; one has all of them
 QUANTITIES = ("speed", "passing_height", "energy_total")
 STATISTICS = ("mean", "std", "q95")
-#: The numbers of a line, the fraction of the boulders that cross it first.
+#: Numbers of a line, first the fraction of the boulders that cross it.
 NUMBERS = (("boulders", "fraction"), *((q, s) for q in QUANTITIES for s in STATISTICS))
 KEYS = ["line", "quantity", "statistic"]
 ERRORS = (0.1, 0.01, 0.001)  # for which cost is estimated

@@ -48,22 +48,22 @@ def line_statistics(
     standard deviation (n - 1), quantiles and maximum, in the units of the result; NaN where none
     crossed. `NAME_low` and `NAME_high` are the limits of the 95 % confidence interval of fraction
     (Wilson 1927), mean, std (Hall 1992) and quantiles (order statistics). The maximum has none: it
-    grows with n. Too few boulders give no interval that holds: below 10 that of the mean is NaN,
-    below 100 that of std, and quantiles have no limit beyond the values that there are. `withheld`
-    names the numbers that lack one.
+    grows with n. Too few boulders give no valid interval: below 10 that of the mean is NaN, below
+    100 that of std, and limits of quantiles beyond the values of the sample are NaN. `withheld`
+    names the numbers without an interval.
 
-    by = 'source' or 'volume' has these rows for each group of boulders, named in a column of that
-    name beside `boulders`, how many were released, of which `fraction` is then; `classes` are the
+    by = 'source' or 'volume' gives these rows for each group of boulders, named in a column of that
+    name, with the number released in `boulders`, to which `fraction` then refers; `classes` are the
     edges between classes of volume [m3] (see `rockfall.analysis.lines.groups.groups`). Raises
-    RockfallError for another `by`, or edges that do not rise.
+    RockfallError for another `by`, or edges that do not increase.
 
-    energy_total is E_trans + E_rot, rotational_share is E_rot / E_total; position is how far along
-    the line from its first vertex a boulder crossed [m]: its std is the lateral spread. jump_height
-    is that of the boulder's point, passing_height of its centre, upper_edge of its highest point,
-    all vertical; normal_height and normal_upper_edge are those normal to the slope.
+    energy_total is E_trans + E_rot, rotational_share is E_rot / E_total; position is the distance
+    along the line, from its first vertex, at which a boulder crossed [m]: its std is the lateral
+    spread. jump_height is that of the boulder's point, passing_height of its centre, upper_edge of
+    its highest point, all vertical; normal_height and normal_upper_edge are normal to the slope.
 
-    Boulders of &case sampling = 'sobol' are spread more evenly than random ones, and the intervals
-    do not know it: they are those of as many random boulders, and too wide
+    With &case sampling = 'sobol' boulders are spread more evenly than random ones, which the
+    intervals ignore: they are those of the same number of random boulders, and too wide
     (docs/validation/benchmarks.md).
 
     >>> import rockfall

@@ -154,8 +154,8 @@ def forest_experiment() -> dict[tuple[str, str], dict[str, float]]:
 
 
 def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Lines where many of those that pass roll from rock to rock (theory, chapter 8): they lower
-    the numbers of those that pass, on which designs rest. Nothing where rows are not kept.
+    """Remarks on lines where many of the passing boulders roll from rock to rock (theory, chapter
+    8), which lowers the numbers on which designs rest. None if rows are not kept.
 
     A boulder rolls where the ground is steeper than the rest angle. The passing height of a boulder
     on the ground is R_b/cos(slope), which gives the slope there.

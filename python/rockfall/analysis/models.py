@@ -40,16 +40,16 @@ if TYPE_CHECKING:
 
     from rockfall.scene.scene import Scene
 
-#: Obstacles of this size [m] part the soil types 3 and 4 of Rockyfor3D, scree and talus.
+#: Obstacle size [m] that separates the soil types 3 and 4 of Rockyfor3D, scree and talus.
 LARGE = 0.1
-#: Shipped grounds that stand for rocks below and above it, by model.
+#: Shipped grounds used for rocks below and above it, by model.
 ROCKS = {
     "rockyfor3d": ("soil_3", "soil_4"),
     "pfeiffer_bowen": ("pfeiffer_talus", "pfeiffer_rock"),
     "constant": ("talus", "rock_ledge"),
     "bourrier_hungr": ("bourrier_hungr", "bourrier_hungr"),
 }
-#: Obstacles of this size [m] stop every boulder in Rockyfor3D; impact sets know nothing of that.
+#: Obstacles of this size [m] stop every boulder in Rockyfor3D, but not with impact sets.
 STOPPING = 100.0
 AS_GIVEN = "grounds of the case"
 LAYOUT = 1  # of the file
@@ -81,10 +81,10 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
     """Run a case by the impact sets with methods A and B, as far as it has their sizes, and by each
     classical model, or by these `grounds` (rows of its table, impact sets) in place of those.
 
-    Ground that the case gives to zones or cells by name is the same in all; models differ where
-    its own impact sets, or its `&surface ground`, hold. There classical models take the shipped
-    grounds that `ROCKS` has for rocks of that size. Where every place has a ground by name, all of
-    them are varied but those that absorb.
+    Ground that the case assigns to zones or cells by name is the same for all models; models differ
+    where its own impact sets, or its `&surface ground`, apply. There classical models use the
+    shipped grounds in `ROCKS` for rocks of that size. If every place has a named ground, all of
+    them except absorbing ones are varied.
     """
     import pandas as pd
 

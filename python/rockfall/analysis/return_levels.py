@@ -85,7 +85,7 @@ class Tail:
     fit: Fit | None
     refused: str | None
     levels: dict[int, Level]
-    end: tuple[float, float] = (np.inf, np.inf)  # and its upper limit; no value lies beyond
+    end: tuple[float, float] = (np.inf, np.inf)  # end point and its upper limit; no value is beyond
 
     @property
     def shape_limits(self) -> tuple[float, float]:
@@ -96,10 +96,11 @@ class Tail:
 
 
 def return_levels(result: xr.Dataset, levels: Sequence[int] = LEVELS) -> pd.DataFrame:
-    """One row for each line and quantity, in the units of the result: n, max and `level_N`, what
-    one in N of the boulders that pass exceeds, with the limits of its 95 % interval; the GPD that
-    it comes from (threshold, boulders above it, shape with its limits, scale, p of the fit, the end
-    of the tail and its upper limit); NaN where refused, for the reason in `refused`, else empty.
+    """One row for each line and quantity, in the units of the result: n, max and `level_N`, the
+    value exceeded by one in N of the boulders that pass, with the limits of its 95 % interval; the
+    GPD behind it (threshold, boulders above it, shape with its limits, scale, p of the fit, the
+    upper end point of the tail and its upper limit); NaN if refused, for the reason in `refused`,
+    else empty.
 
     Levels that at least 25 boulders exceed are quantiles of the sample.
 

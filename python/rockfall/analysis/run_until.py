@@ -87,9 +87,9 @@ def run_until(
     """Run a case with as many boulders from each source as `rules` need, `cap` at most.
 
     `rules` is text as in `read_rules`; `arrays` are as in `rockfall.scene.read.read_scene`. The
-    result is that of `run` with the number of boulders found, which stands in place of the case's
-    own; its attributes `until` and `until_met` hold the rules, and whether all are met (1) or not
-    (0). Without a `cap` all sources together give a million boulders at most.
+    result is that of `run` with the final number of boulders, which replaces the case's own; its
+    attributes `until` and `until_met` hold the rules, and 1 if all are met or 0 if not. Without a
+    `cap` the limit is a million boulders over all sources.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

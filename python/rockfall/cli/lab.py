@@ -47,7 +47,7 @@ from rockfall.text.lab import (
     sequences_summary,
 )
 
-#: Sets by ratio, their provenance, and what is printed of them.
+#: Sets by ratio, their provenance, and their printed summary.
 Fitted = tuple[dict[int, ImpactSet], list[str], Callable[[], str]]
 
 

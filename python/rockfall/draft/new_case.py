@@ -25,8 +25,8 @@ TOTAL = 100_000  # boulders in a first run
 
 
 def new_case(dem: str | Path, layers: Iterable[str | Path], out: str | Path) -> New:
-    """Write a commented case for a DEM and the layers of some files, with a table of zones beside
-    it where there are some, over nothing that is there; returns what it was made of.
+    """Write a commented case for a DEM and the layers of some files, with a table of zones next to
+    it if there are any, without overwriting files; returns its contents.
 
     >>> import rockfall
     >>> new = rockfall.new_case("dem.tif", ["cliff.gpkg"], "new.nml")

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-#: A repository that derives tables from data of EnviDat, at the commit whose files are known here.
+#: Repository with tables derived from EnviDat data, at the commit of the checksums below.
 DERIVED = "https://github.com/ofuhrer/rust_rockfall/raw/722f7c7"
 
 

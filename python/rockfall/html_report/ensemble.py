@@ -113,7 +113,7 @@ def _label(name: str) -> str:
 
 
 def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
-    """Names in the tables that are not translated."""
+    """Explanations of the tables."""
     if not tables:
         return []
     words = [

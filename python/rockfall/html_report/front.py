@@ -40,7 +40,7 @@ LINE = {"title": 7.0, "question": 5.0, "warning": 3.9, "answer": 4.6, "sure": 3.
 ROW = 4.3  # of a table [mm]
 BETWEEN, MORE = 1.2, 4.5  # two paragraphs; a note on omissions [mm]
 NAME = 15  # letters of the first cell of a row
-LOWEST = {True: 62.0, False: 45.0}  # of a map with words beside it, of a broad one [mm]
+LOWEST = {True: 62.0, False: 45.0}  # of a map with text next to it, of a broad one [mm]
 TALLEST = 165.0  # [mm]
 UPRIGHT = 0.8  # height over width from which a map leaves space for text next to it
 

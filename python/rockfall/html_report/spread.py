@@ -68,7 +68,7 @@ def spread_words(models: Models | None) -> Iterator[str]:
 
 
 def model_tables(models: Models | None) -> Iterator[Table]:
-    """For each line a row for each model, with 95 % confidence intervals."""
+    """Tables for each line with a row for each model, with 95 % confidence intervals."""
     for line in [] if models is None else _lines(models):
         assert models is not None
         columns = {of: _at(models, line, of).set_index("model") for of in _columns()}

@@ -22,7 +22,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.files import TIFF, check_regular, check_text_file
 from rockfall.io.tables import plain_decimal
 
-#: Rasters without text in their headers: GDAL takes a text that is no number there for zero.
+#: Rasters without text in their headers, where GDAL would read invalid numbers as zero.
 BINARY = ("GTiff", "HFA", "GSBG", "GS7BG")
 IMAGINE = b"EHFA_HEADER_TAG"
 START = 1024  # bytes by which GDAL identifies a format too
@@ -34,7 +34,7 @@ _TYPES = {
     "Byte", "Int8", "UInt16", "Int16", "UInt32", "Int32", "UInt64", "Int64", "Float32", "Float64",
 }  # fmt: skip
 _WINDOW = ("xOff", "yOff", "xSize", "ySize")
-#: Elements of a VRT that are read, and their attributes.
+#: Permitted elements of a VRT, and their attributes.
 _ELEMENTS = {
     "VRTDataset": ("rasterXSize", "rasterYSize"),
     "SRS": ("dataAxisToSRSAxisMapping",),
@@ -55,7 +55,7 @@ _ELEMENTS = {
     "NODATA": (),
     "UseMaskBand": (),
 }
-#: Those that tell nothing of the numbers.
+#: Elements that do not affect the numbers.
 _APART = {
     "Metadata", "ColorInterp", "ColorTable", "CategoryNames", "Histograms", "Description",
     "OverviewList",

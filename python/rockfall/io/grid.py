@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from affine import Affine
     from rasterio.crs import CRS
 
-#: Marks the cells without a number in rasters of integers; no zone can have it.
+#: Missing value of integer rasters; no zone can have this id.
 NO_ID = int(np.iinfo(np.int32).min)
 
-#: Edges that differ by less than this part of a cell are the same edge.
+#: Edges that differ by less than this fraction of a cell are equal.
 TOLERANCE = 1e-6
 
 _BLOCK = 1_000_000  # cells

@@ -72,7 +72,7 @@ SIGNS = (  # first bytes of our files, other content of the header, and kind
 RESULT_NAME = re.compile(r"(\.nc|(^|\.)part\d+of\d+)$")
 HEAD = 4096  # bytes
 EXISTS = "already exists; not overwritten (--overwrite replaces it)"
-#: Whether what an earlier command wrote may be replaced: yes in scripts, which say so by the call.
+#: Permission to replace earlier output: given in scripts, where the call implies it.
 _replacing: ContextVar[bool] = ContextVar("replacing", default=True)
 
 

@@ -27,7 +27,7 @@ RANGED = "speed", "angle", "spin"  # random, for an impact: min, median, max
 ENDS = "min", "median", "max"
 THROW, BOULDER, IMPACT_ALONE = 10, 15, 16  # kinds of the kernel's rows and names
 THROWN = {"slope": ("min", "max"), "speed": ENDS, "angle": ENDS, "spin": ENDS}  # of a throw, drawn
-#: Of an impact and a packing: by the ratio, the point, the packing.
+#: Keys of an impact and a packing that follow from the ratio, the point or the packing.
 SET_ELSEWHERE = "radius", "aim_x", "aim_y", "heading_x", "heading_y", "gravity"
 
 

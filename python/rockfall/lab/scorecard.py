@@ -55,7 +55,7 @@ OTHERS = (
     Target("B_EL2_rotational_share", "EL2, B: E_rot / E_tot, mean", 0.04, 0.12, "0.08", True),
     Target("B_EL2_rotational_share_std", "EL2, B: E_rot / E_tot, std", 0.04, 0.12, "0.08", True),
 )
-#: Printed without a target: the paper has no such number.
+#: Printed without a target, since the paper gives none.
 BESIDE = {
     "B_EL1_passing": "EL1, B: fraction passing", "B_EL2_passing": "EL2, B: fraction passing",
     "A_EL1_passing": "EL1, A: fraction passing", "A_EL2_passing": "EL2, A: fraction passing",
@@ -123,7 +123,7 @@ class Score:
 
 
 def _quiet(function: Callable, values: np.ndarray, *args, **options):
-    """Apply a function to the finite values; NaN without a warning if there are none."""
+    """Apply a function to values; NaN without a warning if none is finite."""
     if not np.isfinite(values).any():
         return np.full(np.shape(args[0]) if args else (), np.nan)
     return function(values, *args, **options)

@@ -100,7 +100,7 @@ def _chunks(
     on_layer = case.throw["on_layer"]
     for k, ratio in enumerate(case.lab["ratios"]):
         while about["done"][k] < total[k]:
-            first = int(about["done"][k])  # from 0
+            first = int(about["done"][k])  # counted from 0
             layer = first // on_layer  # one layer per thread at a time
             end = min(total[k], (layer + team) * on_layer)
             clock = time.process_time()

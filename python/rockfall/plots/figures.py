@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 
 
 PER_FIGURE = 8  # lines
-#: Figures of rebounds beside those of the laboratory and of the paper.
+#: Figures of rebounds, compared with the laboratory and the paper.
 LABORATORY = ("incident_energy", "incidence_angle", "restitution", "impact_set")
 
 

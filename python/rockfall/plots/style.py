@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"  # Okabe and Ito (2008)
 INK, GREY = "#222222", "#8A8A8A"
-#: One of many trajectories, an evaluation line, a barrier, and what was observed.
+#: Styles of one of many trajectories, an evaluation line, a barrier, and observations.
 TRAJECTORY: _Look = {"color": BLUE, "linewidth": 0.5, "alpha": 0.6}
 LINE: _Look = {"color": INK, "linewidth": 0.9, "linestyle": (0, (5, 2))}
 BARRIER: _Look = {"color": INK, "linewidth": 1.8, "solid_capstyle": "butt"}

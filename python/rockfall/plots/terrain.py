@@ -41,7 +41,7 @@ def terrain_of(
         path = _found(result, _places(result, beside) if dem is None else [Path(dem)])
         z, grid = _read(result, path)
         for dam in case_of(result).dam:
-            with contextlib.suppress(RockfallError):  # its crest goes on where no boulder came
+            with contextlib.suppress(RockfallError):  # its crest extends beyond the boulders
                 z, _ = with_dam(z, grid, dam, str(path))
         return z, grid
     except RockfallError as error:

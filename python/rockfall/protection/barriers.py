@@ -27,8 +27,8 @@ def barrier_statistics(result: xr.Dataset) -> pd.DataFrame:
     """One row for each barrier and outcome: n and fraction of all boulders with this outcome at the
     barrier, with the limits of its 95 % confidence interval (as line_statistics).
 
-    Outcomes are stopped, broken_through and passed_over; the fraction that none of them holds never
-    came to the barrier. `height` [m] and `capacity` [J] are the barrier's.
+    Outcomes are stopped, broken_through and passed_over; the remaining fraction never reached the
+    barrier. `height` [m] and `capacity` [J] are the barrier's.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

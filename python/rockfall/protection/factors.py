@@ -16,7 +16,7 @@ COLUMNS = ["standard", "factor", "condition", "value", "source"]
 UNCONFIRMED = "unconfirmed"  # in a source
 BACK_ANALYSED = "back-analysed"  # of the rebound: fitted to observations of the slope
 
-#: What decides on the row of a factor; those not named here have one row.
+#: Condition that selects the row of a factor; other factors have a single row.
 DECIDES = {
     "gamma_dp": "survey",
     "gamma_vol": "blocks",

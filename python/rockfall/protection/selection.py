@@ -32,8 +32,8 @@ def height_for(came: Crossings, capacity: float, residual: float) -> float:
 def choices(
     came: Crossings, residual: float, costs: Costs | None = None
 ) -> list[dict[str, float | bool]]:
-    """For each EAD class the height that leaves at most `residual`, the actual residual fraction
-    with its 95 % interval, and the cost per metre; `cheapest` marks one."""
+    """Height for each EAD class that leaves at most `residual`, the actual residual fraction with
+    its 95 % interval, and the cost per metre; `cheapest` marks one."""
     rows: list[dict[str, float | bool]] = []
     for k, capacity in enumerate(EAD_ENERGY):
         height = height_for(came, capacity, residual)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     import xarray as xr
 
-    #: Of a unit that is shown: limits between classes, instead of those below.
+    #: Limits between classes by unit shown, in place of those below.
     Limits = Mapping[str, tuple[float, ...]]
 
 COUNTED = {"tree_impacts": "hits", "sources": "sources"}  # maps that do not count boulders
@@ -33,7 +33,7 @@ LIMITS = {  # of each unit shown; the Swiss classes of intensity end at 30 and 3
     "year-1": (0.0001, 0.001, 0.0033, 0.01, 0.033, 0.1, 1.0),
 }
 UNITS = (*LIMITS, "boulders", *COUNTED.values())
-#: Pale to dark, in grey print too, and of no hue that relief or water has.
+#: Pale to dark, also in grey print, and distinct from the hues of relief and water.
 RAMP = ("#fff7bc", "#fed976", "#fdae4f", "#f87d3a", "#e6432b", "#bd1b43", "#84115f", "#430b52")
 STATUS_MARKERS = {  # of each status of a boulder: shape, by Matplotlib's names, and colour
     "stopped": (".", "#d55e00"),

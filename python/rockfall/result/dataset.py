@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 CONVENTIONS = "CF-1.11"
 NO_COUNT = -1  # fill value of counts
-#: What netCDF4 and xarray raise of a file that is damaged.
+#: Exceptions of netCDF4 and xarray for a damaged file.
 DAMAGED = (
     OSError, ValueError, TypeError, LookupError, RuntimeError, AttributeError, OverflowError,
 )  # fmt: skip

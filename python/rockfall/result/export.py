@@ -47,10 +47,10 @@ def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
     """Write a result (a Dataset, or its netCDF file) to `folder`; returns the files written.
 
     <map>_<unit>.tif for each variable on (y, x), energies in kJ, nodata where no boulder passed,
-    with a style for QGIS (.qml) beside it; rockfall.gpkg with the layers sources, stops, lines,
+    with a QGIS style (.qml) for each; rockfall.gpkg with the layers sources, stops, lines,
     crossings and trajectories, as far as the result has them, energies in kJ, and their styles; in
-    SI boulders.csv, and line_<name>.csv for each line.
-    All of them or, with a RockfallError, none; over nothing but files of an earlier export.
+    SI boulders.csv, and line_<name>.csv for each line. Writes all of them or, with a RockfallError,
+    none, and only over files of an earlier export.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))

@@ -17,8 +17,8 @@ from rockfall.errors import RockfallError
 if TYPE_CHECKING:
     import xarray as xr
 
-#: What makes a case that of a slope; seeds, numbers of boulders, their volumes, lines and outputs
-#: may differ.
+#: Groups that define the case of a slope; seeds, numbers of boulders, their volumes, lines and
+#: outputs may differ.
 GROUPS = ("terrain", "surface", "impact", "release", "flight", "forest", "barrier", "dam")
 DECODED = {"dem": "terrain", "surface": "ground", "trees": "trees"}  # checksums of decoded inputs
 FILES = {  # checksums of files

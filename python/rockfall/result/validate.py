@@ -28,20 +28,20 @@ ALWAYS = (  # attributes that every result has
     "boulders_requested", "complete", "impact_set", "impact_set_checksum", "input_checksums",
     "threads", "wall_seconds", "cpu_seconds",
 )  # fmt: skip
-NUMBERS = (  # and those of them that are numbers
+NUMBERS = (  # numeric ones among them
     "seed", "boulder_first", "boulder_last", "boulders_requested", "complete", "threads",
     "wall_seconds", "cpu_seconds",
 )  # fmt: skip
 TEXTS = ("line", "feature", "ground", "ground_model")  # text variables
 FIXED = ("place", "line", "quantity", "word", "tail", "rank", "status")  # dimensions of samples
-#: What boulders have, and their crossings: ranges that no run leaves.
+#: Ranges of values of boulders and their crossings that no run exceeds.
 POSITIVE = {"volume"}
 NOT_NEGATIVE = {
     "path_length", "plan_distance", "travel_time", "speed_max", "jump_height_max", "impacts",
     "time", "speed", "energy_translational", "energy_rotational", "trees_hit",
 }  # fmt: skip
 PLACES = {"start_x", "start_y", "stop_x", "stop_y", "x", "y"}
-#: Along these every value is a number; at lines NaN says that a boulder did not cross.
+#: Dimensions without missing values; at lines NaN means that a boulder did not cross.
 FINITE = ("x", "y", "boulder", "line_vertex", "trajectory_vertex")
 
 

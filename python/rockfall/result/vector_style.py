@@ -21,10 +21,10 @@ COLUMNS = (
     "styleName TEXT, styleQML TEXT, styleSLD TEXT, useAsDefault BOOLEAN, description TEXT, "
     "owner TEXT, ui TEXT, update_time DATETIME DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now'))"
 )
-#: Types of symbols and of their only layer.
+#: Types of symbols, and of their single layer.
 KINDS = {"Point": ("marker", "SimpleMarker"), "LineString": ("line", "SimpleLine"),
          "Polygon": ("fill", "SimpleFill")}  # fmt: skip
-#: Shapes of markers, and by how much they are turned, of those of figures.
+#: Marker shapes and rotations for those of figures.
 SHAPES = {
     ".": ("circle", 0), "x": ("cross2", 0), "^": ("triangle", 0), "s": ("square", 0),
     "+": ("cross", 0), "v": ("triangle", 180), "D": ("diamond", 0),
@@ -94,7 +94,7 @@ def _crossings() -> Style:
     return Style(total, symbols, "graduatedSymbol")
 
 
-#: Of the layers of an exported result.
+#: Styles of the layers of an exported result.
 STYLES = {
     "sources": alike(marker(INK, "^", 1.4)),
     "stops": Style("status", [(name, name.replace("_", " "), marker(colour, shape))

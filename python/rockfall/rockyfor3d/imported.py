@@ -27,9 +27,9 @@ from rockfall.rockyfor3d.nets import NETS, TOLERANCE, barriers
 MARK = "! Made by `rockfall import-rockyfor3d`"  # first words of an imported case
 CASE, DEM, STEMS, SOURCES = "case.nml", "dem.tif", "stems.tif", "sources.tif"
 TREES = "trees.csv"
-FILES = (CASE, DEM, STEMS, SOURCES, TREES)  # that an import may write
+FILES = (CASE, DEM, STEMS, SOURCES, TREES)  # files that an import may write
 HECTARE = 1e4  # [m2]
-BOULDERS = 100  # from each source
+BOULDERS = 100  # per source
 DROP_HEIGHT = 1.0  # [m]
 MAPS = (
     "passages", "deposits", "reach_probability_by_source", "energy_mean", "energy_q95",

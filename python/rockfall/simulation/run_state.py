@@ -15,7 +15,7 @@ from rockfall.errors import check_kernel
 from rockfall.io.grid import Box
 from rockfall.scene.scene import Scene
 
-MAX_COLUMNS = int(_core.constant("max_columns"))  # bin counts that allow one more count
+MAX_COLUMNS = int(_core.constant("max_columns"))  # maximum columns of `bin_counts`, one to spare
 
 
 class Array(NamedTuple):

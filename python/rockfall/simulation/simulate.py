@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from rockfall.result.contents import Contents
     from rockfall.simulation.checkpoint import Checkpoint
 
-# A forked child would wait for ever for the idle threads that a run leaves in its parent.
+# A forked child would wait forever for the idle threads that a run leaves in its parent.
 os.register_at_fork(before=_core.end_team)
 
 CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C

@@ -17,7 +17,7 @@ from rockfall.io.output_files import BY_SLURM, RESULT, atomic_folder, check_outp
 
 MAX_SHARDS = 10_000
 ROCKFALL = shlex.join([sys.executable, "-m", "rockfall"])
-#: What `sbatch --time` takes: minutes, M:S, H:M:S, D-H, D-H:M, D-H:M:S.
+#: Formats of `sbatch --time`: minutes, M:S, H:M:S, D-H, D-H:M, D-H:M:S.
 TIME = r"[0-9]{1,9}(:[0-9]{1,9}){0,2}|[0-9]{1,9}-[0-9]{1,9}(:[0-9]{1,9}){0,2}"
 RUN = Template(
     f"""#!/bin/sh

@@ -20,7 +20,7 @@ from rockfall.simulation.maps import HITS, boulders_per_cluster, plan_of
 from rockfall.simulation.tally import Tally
 from rockfall.version import __version__
 
-#: Maps that are maxima of the kernel themselves, and of which quantity; so are counts.
+#: Maps that are maxima of the kernel unchanged, with their quantity; counts are, too.
 MAXIMA = {
     "energy_max": "energy", "speed_max_map": "speed", "jump_height_max_map": "jump_height",
     "passing_height_max": "passing_height", "tree_impact_height_max": "tree_height",
@@ -197,7 +197,7 @@ def _bins() -> dict[str, Any]:
         edges = np.round(np.arange(n + 1) * widths[k], 10)
         about = {key: quantity[key] for key in ("units", "long_name")}
         data[dim] = (dim, (edges[:-1] + edges[1:]) / 2, about | {"bounds": f"{dim}_bounds"})
-        pairs = np.stack([edges[:-1], edges[1:]], axis=1)  # CF: what they are, their bins say
+        pairs = np.stack([edges[:-1], edges[1:]], axis=1)  # CF: attributes are the parent's
         data[f"{dim}_bounds"] = ((dim, "bound"), pairs, {})
     return data
 

@@ -16,7 +16,7 @@ from rockfall.text.table import table
 if TYPE_CHECKING:
     import xarray as xr
 
-NUMBERS = {  # as printed
+NUMBERS = {  # printed names
     "the case as it is": "case_value",
     "mean of the draws": "mean",
     "5 % of them below": "q05",

@@ -1,22 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How likely observations are by the boulders of a run, and whether any run explains them.
+"""Likelihood of observations given the boulders of a run, and a check that some run explains them.
 
-Quantiles of the observed boulders part the simulated ones into bins. Of S simulated boulders s_k
-are in bin k, of the observed ones c_k. The frequencies of the bins are not known but from the
-simulated boulders, so with Jeffreys' prior (1/2 for each bin) the counts observed have the
-Dirichlet-multinomial probability
+Quantiles of the observed boulders define bins. Of S simulated boulders s_k are in bin k, of the
+observed ones c_k. The frequencies of the bins are only known from the simulated boulders, so with
+Jeffreys' prior (1/2 for each bin) the observed counts have the Dirichlet-multinomial probability
 
     p(c | s) ~ B(c + s + 1/2) / B(s + 1/2),    B(a) = prod Gamma(a_k) / Gamma(sum a_k)
 
-which holds the Monte Carlo noise of the run: few boulders make it flat. Of a printed mean and
+which includes the Monte Carlo noise of the run: few boulders make it flat. For a printed mean and
 standard deviation the probabilities are normal, with the sampling errors of both numbers.
 
-What is drawn anew in each member and not sought, such as errors of the terrain, makes runs of the
-same inputs differ by more than their boulders do. Replicates tell by how much: as if there were
-fewer boulders, S'. A member and the field each have such a deviation, so that the s_k count as
-1/(2/S' - 1/S) boulders.
+Inputs drawn for each member that are not parameters, such as errors of the terrain, make runs with
+the same parameters differ by more than their boulders do. Replicates measure this as an equivalent
+smaller number of boulders, S'. A member and the field each have such a deviation, so that the s_k
+count as 1/(2/S' - 1/S) boulders.
 
-Sets of data that hang together, as speed and energy do, count less: each with the inverse of the
+Dependent sets of data, such as speed and energy, are down-weighted: each with the inverse of the
 sum of its squared rank correlations with all, itself included, among the simulated boulders.
 """
 
@@ -36,7 +35,7 @@ from rockfall.errors import RockfallError
 if TYPE_CHECKING:
     import xarray as xr
 
-    #: A value of each boulder of a result, NaN of those that have none.
+    #: Value of each boulder of a result, NaN if it has none.
     Take = Callable[[xr.Dataset], np.ndarray]
 
 MIN_CROSSED = 20  # simulated boulders, below which a run does not explain observed ones
@@ -48,11 +47,11 @@ MIN_PRINTED = 2  # boulders behind a printed mean
 
 @dataclass
 class Counted:
-    """Boulders, each with a value: counts in bins.
+    """Observed values of boulders, as counts in bins.
 
-    Methods: `counted` is what is kept of the values of a run, `log_likelihood` is that of each run
-    (runs, numbers kept), `discrepancy` how far the data are from what all runs with their weights
-    predict, and as many boulders of runs that were picked.
+    Methods: `counted` is the data kept of the values of a run, `log_likelihood` that of each run
+    (runs, numbers kept), `discrepancy` the distance of the data, and of an equal number of boulders
+    from selected runs, from the weighted prediction of all runs.
     """
 
     name: str
@@ -97,7 +96,7 @@ class Counted:
             return
         part = runs / runs.sum(axis=1, keepdims=True)
         mean = part.mean(axis=0)
-        times = size * part.var(axis=0, ddof=1).sum() / (mean * (1 - mean)).sum()  # of binomial
+        times = size * part.var(axis=0, ddof=1).sum() / (mean * (1 - mean)).sum()  # over binomial
         self.worth = 1 / (2 * max(times, 1.0) - 1)
 
     def noise(self, boulders: float) -> float:

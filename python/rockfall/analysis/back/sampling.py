@@ -2,12 +2,12 @@
 """Adaptive importance sampling (Cornuet et al. 2012) in the space of normal scores, where the prior
 is normal with mean 0 and variance 1 in each direction.
 
-The first points are those of the prior. The next come from a mixture: a fifth from the prior, so
-that no weight is unbounded; the others from normal kernels about the points that there are, as
-their weights say (West 1993). Every point is weighted by prior times likelihood over the density of
-all the mixtures together that the points came from (Owen and Zhou 2000), the likelihood smoothed
-over all points: otherwise those with luck would weigh most. Where few points carry the weight, the
-likelihood is tempered for the kernels, and for these alone.
+The first points are draws of the prior. Later ones come from a mixture: a fifth from the prior, so
+that weights are bounded; the others from normal kernels around the existing points, with their
+weights (West 1993). Every point is weighted by prior times likelihood over the density of all the
+mixtures combined (Owen and Zhou 2000). The likelihood is smoothed over all points: otherwise points
+with favourable noise would have the largest weights. If few points carry the weight, the likelihood
+is tempered, but only for the kernels.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class _Mixture:
         apart = points[some] - centre
         spread = (self.weight[:, None] * apart).T @ apart
         n = effective(weight)
-        spread += np.diag(np.full(dimensions, 1 / n + 1e-6))  # few points say little of it
+        spread += np.diag(np.full(dimensions, 1 / n + 1e-6))  # poor estimate from few points
         width = min(WIDEST, (4 / ((dimensions + 2) * n)) ** (1 / (dimensions + 4)))
         self.centres = centre + np.sqrt(1 - width**2) * apart
         self.factor = width * np.linalg.cholesky(spread)

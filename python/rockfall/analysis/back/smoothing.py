@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The log-likelihood of members without the noise of their runs: a Gaussian process through all of
-them (Rasmussen and Williams 2006, chapter 2; Järvenpää et al. 2021).
+"""Smoothing of the log-likelihood of members, to remove the noise of their runs: a Gaussian process
+through all of them (Rasmussen and Williams 2006, chapter 2; Järvenpää et al. 2021).
 
-A quadratic in each direction, and what departs from it: a Matérn process of roughness 5/2 with a
-length in each direction. The deficit t below the largest has a noise of variance a + b t, since far
-from what was observed a boulder more or less matters more. Lengths, amplitude, a and b are the
-likeliest. Members have boulders of their own: were these the same in all, their noise would be too.
+The mean is a quadratic in each direction; departures from it are a Matérn process of roughness 5/2
+with a length in each direction. The deficit t below the maximum has noise of variance a + b t,
+since far from the observations each boulder matters more. Lengths, amplitude, a and b are
+maximum-likelihood estimates. Each member has its own boulders: common ones would make the noise
+common, too.
 """
 
 from __future__ import annotations

@@ -81,9 +81,9 @@ def back_analysis(
     files (docs/observed.md), or one `Observed`.
 
     Members are drawn and run until `enough` of them are effective, or there are `members`. The
-    prior is that of the ensemble; errors of the terrain, and rocks where no boulder comes, are
-    drawn anew for each member and not sought. docs/ensemble.md, "Back-analysis", explains it. On
-    Ctrl-C it raises `Interrupted`, whose `result` is the posterior of the rounds that were done.
+    prior is that of the ensemble; errors of the terrain, and rocks that no boulder reaches, are
+    drawn for each member and are not parameters. docs/ensemble.md, "Back-analysis", explains it. On
+    Ctrl-C it raises `Interrupted`, whose `result` is the posterior of the completed rounds.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

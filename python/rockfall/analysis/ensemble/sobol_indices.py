@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where the variance of a result comes from: the number of boulders, or which uncertain input.
+"""Sources of the variance of a result: the number of boulders, and the uncertain inputs.
 
-A run gives Y = f(X) + e: f is what infinitely many boulders would give with the inputs X, and e is
-the error of those that were simulated. The variance of e is that of Monte Carlo, the variance of f
-the epistemic one.
+A run gives Y = f(X) + e: f is the result for infinitely many boulders with the inputs X, and e is
+the error due to their finite number. The variance of e is the Monte Carlo variance, that of f the
+epistemic one.
 
-Each block of runs has inputs and boulders of its own. In a block the same boulders run through A
-and B, two independent draws of all inputs, and through A_i, which has input i of B and all else of
-A. The same boulders do alike, not the same: the errors of two runs P and Q of a block are
+Each block of runs has its own inputs and boulders. In a block the same boulders run through A and
+B, two independent draws of all inputs, and through A_i, which has input i of B and all others of A.
+The same boulders behave similarly but not equally: the errors of two runs P and Q of a block are
 correlated. Hence
 
     E (Y_P - Y_Q)^2     = E (f_P - f_Q)^2 + Var e_P + Var e_Q - 2 Cov(e_P, e_Q)
     E Y_B (Y_Ai - Y_A)  = E f_B (f_Ai - f_A) + Cov(e_B, e_Ai) - Cov(e_B, e_A)
 
-These covariances are known from the boulders of the two runs (see `deviations`); with them taken
-off, the estimators of Saltelli et al. (2010) and Jansen (1999) are those of f, without bias,
-however few the boulders.
+These covariances are known from the boulders of the two runs (see `deviations`); after their
+subtraction, the estimators of Saltelli et al. (2010) and Jansen (1999) are unbiased for f, for any
+number of boulders.
 """
 
 from __future__ import annotations
@@ -34,14 +34,15 @@ RESOLVED = 0.25  # half-width of the 95 % interval of a resolved index
 
 
 def deviations(values: np.ndarray, name: str, row: dict[str, float], source: Sources) -> np.ndarray:
-    """A vector whose product with that of another run of the same boulders is the covariance of the
-    errors of the two, and with itself the variance. NaN where too few boulders crossed.
+    """Deviations of the boulders of a run: the product with those of another run of the same
+    boulders is the covariance of the errors of the two, the product with itself the variance. NaN
+    where too few boulders crossed.
 
-    `values` are those of the boulders at a line, NaN where they did not cross, `row` what
-    `line_numbers` says of them, `name` is fraction, mean or a quantile such as q95.
+    `values` are those of the boulders at a line, NaN where they did not cross, `row` are their
+    `line_numbers`, `name` is fraction, mean or a quantile such as q95.
 
-    A result deviates, to first order, by the mean of an influence of each boulder (Hampel 1974).
-    The boulders of a source are a stratum: other boulders would come from the same sources.
+    To first order, a result deviates by the mean influence of its boulders (Hampel 1974). The
+    boulders of a source are a stratum: other boulders would come from the same sources.
     """
     crossed = ~np.isnan(values)
     if name == "fraction":
@@ -55,8 +56,9 @@ def deviations(values: np.ndarray, name: str, row: dict[str, float], source: Sou
 def _conditional(values: np.ndarray, name: str, row: dict[str, float]) -> np.ndarray | float:
     """Influence on a mean or quantile of each of the boulders that crossed.
 
-    That on a quantile asks for the density there: of boulders within one standard error of its
-    rank (Siddiqui 1960). With 500 to 2000 boulders its variance comes out up to a third too large.
+    The influence on a quantile depends on the density there, estimated from boulders within one
+    standard error of its rank (Siddiqui 1960). With 500 to 2000 boulders its variance is
+    overestimated by up to a third.
     """
     if name == "mean":
         return values - row["mean"] if row["n"] >= MIN_CROSSED else np.nan
@@ -90,10 +92,11 @@ def parts(y: np.ndarray, covariance: np.ndarray) -> Parts:
     """Unbiased parts of the variance, from results (blocks, 2 + inputs, results) of the runs A, B,
     A_1, A_2 ... and covariances (blocks, 2 + inputs, 2 + inputs, results) of their errors.
 
-    The epistemic variance is that over all A and B, less that of Monte Carlo. The errors of a pair
-    within a block are correlated; it is one of 2 blocks - 1 pairs that a run is in. In the
-    first-order part (Saltelli et al. 2010) Y_B stands less the mean of the other blocks, which
-    leaves its expectation and lowers its variance. The total part is that of Jansen (1999).
+    The epistemic variance is that over all A and B, less the Monte Carlo variance. The errors of a
+    pair within a block are correlated; each run is in one such pair of 2 blocks - 1. In the
+    first-order part (Saltelli et al. 2010) the mean of the other blocks is subtracted from Y_B,
+    which leaves its expectation unchanged and lowers its variance. The total part is that of Jansen
+    (1999).
     """
     a, b, mixed = y[:, 0], y[:, 1], y[:, 2:]
     pairs, two = 2 * len(y), y[:, :2].reshape(2 * len(y), -1)
@@ -121,11 +124,11 @@ class Indices(NamedTuple):
 
 
 def indices(y: np.ndarray, covariance: np.ndarray) -> Indices:
-    """The parts as fractions of the epistemic variance: Sobol' indices, of first order and total.
+    """Sobol' indices, of first order and total: parts as fractions of the epistemic variance.
 
     Standard errors come from resampled blocks (Efron 1979), those of an index from the linearised
-    ratio. They are those of independent blocks, so an even design has smaller ones. Indices are
-    given where the epistemic variance is above its 95 % limit of zero.
+    ratio. They assume independent blocks, so an even design has smaller ones. Indices are given
+    where the epistemic variance is significantly above zero (95 %).
     """
     found = parts(y, covariance)
     random = np.random.default_rng(0)

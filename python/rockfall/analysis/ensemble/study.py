@@ -70,18 +70,18 @@ class _Run(NamedTuple):
 
 
 def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dataset:
-    """Run a case over what its group &ensemble calls uncertain: an xarray.Dataset, which is the
-    result of the case as it is, and more.
+    """Run a case over the uncertain inputs in its group &ensemble: an xarray.Dataset with the
+    result of the unchanged case, and more.
 
-    For each line and result it holds the value of the case as it is, the mean over the runs, and
-    two standard deviations: `monte_carlo_std`, of a run with so many boulders, which more of them
-    reduce, and `epistemic_std`, of the uncertain inputs, which they do not; and the fractions of
-    the epistemic variance that each input explains (`first_order`, `total`). docs/ensemble.md
-    explains them, `rockfall.analysis.ensemble.sobol_indices` how they are estimated. NaN where too
-    few boulders pass in some run, or where the epistemic variance is not significant. Beside them
-    are the draws, the results of every run, and, where the case asks for passages or
+    For each line and result it holds the value of the unchanged case, the mean over the runs, and
+    two standard deviations: `monte_carlo_std`, of a run with its number of boulders, which more of
+    them reduce, and `epistemic_std`, of the uncertain inputs, which they do not; and the fractions
+    of the epistemic variance that each input explains (`first_order`, `total`). docs/ensemble.md
+    explains them, `rockfall.analysis.ensemble.sobol_indices` their estimation. NaN where too few
+    boulders pass in some run, or where the epistemic variance is not significant. The Dataset also
+    holds the draws, the results of every run, and, if the case requests passages or
     reach_probability, maps over the runs. `arrays` are as in `rockfall.run`. On Ctrl-C it raises
-    `Interrupted`, whose `result` is the ensemble of the draws that were done, if these are enough.
+    `Interrupted`, whose `result` is the ensemble of the completed draws, if there are enough.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

@@ -36,7 +36,7 @@ class Draw:
     """A drawn input: its changes to a scene, and its numbers, to be kept."""
 
     arrays: dict[str, Any] = field(default_factory=dict)  # by names of Scene
-    groups: dict[str, dict[str, Any]] = field(default_factory=dict)  # as in Case.replace
+    groups: dict[str, dict[str, Any]] = field(default_factory=dict)  # arguments of Case.replace
     factors: dict[str, float] = field(default_factory=dict)  # on VALUES of the source layer
     kept: dict[str, Any] = field(default_factory=dict)
 
@@ -342,10 +342,10 @@ def gaussian_field(
 ) -> np.ndarray:
     """A Gaussian field (ny, nx) of mean 0, variance 1, correlation exp(-r/length); length in cells.
 
-    White noise is filtered by FFT on a torus larger than the raster, so that opposite edges do not
-    know of each other (circulant embedding, Dietrich and Newsam 1997). On a raster of `REACH`
-    lengths or more the correlation is exact within exp(-REACH); on any, the variance within 2 %.
-    Takes 50 bytes a cell, up to 150 where `length` is as long as the raster.
+    White noise is filtered by FFT on a torus larger than the raster, so that opposite edges are
+    uncorrelated (circulant embedding, Dietrich and Newsam 1997). On a raster of `REACH` lengths or
+    more the correlation is exact within exp(-REACH); on any, the variance within 2 %. Takes 50
+    bytes per cell, up to 150 if `length` is as long as the raster.
     """
     torus = tuple(size + min(size, int(np.ceil(REACH * length))) for size in shape)
     y, x = (np.minimum(np.arange(n), n - np.arange(n)) for n in torus)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-#: Of hazard: as Swiss maps of hazard have them, and of intensity: pale to dark.
+#: Colours of hazard, as on Swiss hazard maps, and of intensity, from pale to dark.
 HAZARD_COLOURS = ("#ffffff", "#fff9c4", "#ffe14d", "#5b8ff9", "#e03131")
 WEAKEST, STRONGEST = (200, 230, 201), (27, 94, 32)  # intensity: red, green, blue
 DOUBTFUL = "#ff8c00"
@@ -49,9 +49,9 @@ NO_CELL = 255  # value without data in a yes-no raster
 
 
 def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
-    """Write a hazard to a folder: hazard.nc, a GeoTIFF for each map, with a QGIS style (.qml)
-    beside each, hazard.gpkg with zones and objects, objects.csv. All of them or, with a
-    RockfallError, none; over nothing but files of an earlier hazard.
+    """Write a hazard to a folder: hazard.nc, a GeoTIFF and a QGIS style (.qml) for each map,
+    hazard.gpkg with zones and objects, objects.csv. Writes all of them or, with a RockfallError,
+    none, and only over files of an earlier hazard.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

@@ -126,7 +126,7 @@ def _check_memory(scene: Scene, memory: float) -> None:
     """Refuse maps that do not fit in memory, before any run."""
     levels, scenarios = 1 + len(scene.case.hazard["thresholds"]), len(scene.case.scenario)
     cells = scene.grid.nx * scene.grid.ny
-    need = cells * (8 * levels * scenarios + 20 * levels + 25)  # as measured
+    need = cells * (8 * levels * scenarios + 20 * levels + 25)  # measured memory
     if need > memory:
         raise RockfallError(
             f"{scene.case.name}: a hazard of {cells:,} cells, {scenarios} scenarios and "

@@ -32,14 +32,14 @@ _COLUMNS += [one for name in ("fraction", "per_metre", *_NUMBERS) for one in wit
 
 def line_profile(result: xr.Dataset, line: str, width: float | None = None) -> pd.DataFrame:
     """One row for each window of `width` [m] along a line, from its first vertex; the last may be
-    shorter. By default a round width, of which the line has about 40.
+    shorter. The default is a round width that gives about 40 windows.
 
     `start` and `end` [m]; `n` and `fraction` of all boulders that first cross the line there;
     `per_metre` is that fraction over the length of the window [1/m]; mean and 95 % quantile of the
     total energy [J] and of the passing height (centre, vertical) [m] of those that cross. `..._low`
     and `..._high` are the limits of 95 % confidence intervals, as in `line_statistics`; NaN where
-    too few cross. Raises RockfallError for a line that is not there, and for a width that is not
-    above 0 or makes more than 10,000 windows.
+    too few cross. Raises RockfallError for an unknown line, and for a width that is not above 0 or
+    gives more than 10,000 windows.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
 HEIGHTS = ("upper_edge", "normal_height", "normal_upper_edge")
-HEIGHT_NEEDS = ("jump_height", "passing_height")  # and the volume
+HEIGHT_NEEDS = ("jump_height", "passing_height")  # in addition to the volume
 ENERGY_NEEDS = ("energy_translational", "energy_rotational")
 QUANTITIES = fields(6)  # in the kernel's numbering
 

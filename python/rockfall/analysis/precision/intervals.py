@@ -27,9 +27,9 @@ TARGETS = (0.05, 0.02, 0.01)  # relative half-widths of an interval to plan for
 SIMPSON = np.r_[1, np.tile([4, 2], 199), 4, 1] / 1200.0  # weights of 401 values
 CROSSED = 500  # boulders past the line from which intervals of anything but a fraction are used
 #: Skewness over the coefficient of variation: exact for gamma distributions. Few values seldom show
-#: the tail that they come from, so that an upper limit supposes it.
+#: the tail of their distribution, so that upper limits assume it.
 SKEWED = 2.0
-SKEWED_SQUARES = 3.0  # the same of squared deviations
+SKEWED_SQUARES = 3.0  # the ratio for squared deviations
 WITHHELD = math.nan, math.nan  # limits from too few boulders
 
 
@@ -45,9 +45,9 @@ class Sources:
 
     @classmethod
     def of(cls, number: np.ndarray, sampled: bool = False) -> Sources:
-        """Boulders of these sources; those of a single boulder are taken in pairs, neighbours by
-        number, so that what a pair differs by counts as chance (collapsed strata: Cochran 1977,
-        section 5A.12)."""
+        """Boulders of these sources; sources with a single boulder are paired with their neighbour
+        by number, so that the difference within a pair counts as chance (collapsed strata: Cochran
+        1977, section 5A.12)."""
         boulders = np.bincount(number)
         stratum = strata(boulders)[number]
         return cls(number, stratum, np.bincount(stratum, minlength=boulders.size), sampled)
@@ -176,7 +176,7 @@ class Shape:
 
     skewness: float
     below: float  # standard deviations from the mean down to the lowest value
-    above: float  # and up to the highest
+    above: float  # standard deviations from the mean up to the highest value
     apart: int  # number of values other than the median, plus one: ties carry no information
 
     @classmethod
@@ -263,9 +263,9 @@ def effective_number(indicator: np.ndarray, source: Sources) -> float:
 
 
 def student(freedom: float) -> float:
-    """Student's t that 97.5 % do not exceed, for n >= 1: of t = sqrt(n) tan(a) the density is
-    cos(a)**(n - 1), which is integrated (Simpson), and the limit found by Newton's method, from
-    below. To import scipy.special takes as long as a small run."""
+    """97.5 % quantile of Student's t for n >= 1: the density of t = sqrt(n) tan(a) in a is
+    cos(a)**(n - 1), which is integrated (Simpson); the quantile is found by Newton's method, from
+    below. Importing scipy.special takes as long as a small run."""
     half = freedom / 2
     density = math.exp(math.lgamma(half + 0.5) - math.lgamma(half)) / math.sqrt(math.pi)
     angle = math.atan(Z / math.sqrt(freedom))

@@ -13,7 +13,7 @@ from rockfall.plots.style import INK, plain
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    #: x, y [m], the angle of the text [degree], and where it hangs on its place [points].
+    #: x, y [m], the angle of the text [degree], and its offset from the place [points].
     Place = tuple[float, float, float, tuple[float, float]]
 
 FREE = 2.0  # minimum gap between two texts [dots]

@@ -87,7 +87,7 @@ def outlined(places: np.ndarray, finest: float) -> tuple[Any, Any]:
 
 
 def inside(x: np.ndarray, y: np.ndarray, extent: Extent) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a polyline within an extent, in order."""
+    """Points sampled along a polyline, within an extent, in order."""
     along = np.linspace(0, x.size - 1, 200 * (x.size - 1) + 1)
     x, y = (np.interp(along, np.arange(c.size), c) for c in (x, y))
     here = (x >= extent[0]) & (x <= extent[1]) & (y >= extent[2]) & (y <= extent[3])

@@ -25,8 +25,8 @@ STEEP = 60.0  # [degree] no terrain has a steeper median; elevations in feet tur
 FEET = (52.0, 68.0)  # [degree] median and 90 % quantile of slopes: hardly any 500 m of the Alps are
 #: so steep, but mountains of 21 and 37 degrees whose elevations are in feet
 SCALE = 0.03  # scale error of a projection: smaller within the country it was made for
-STEPS = 0.05  # of places where whole metres bend to and fro: rounded slopes, not round numbers
-STEP_SLOPE = 2.0  # [degree] that a step of 1 m may turn a cell by: more than slopes are known to
+STEPS = 0.05  # fraction of places with bends in integer elevations: rounded, not exact
+STEP_SLOPE = 2.0  # [degree] maximum error of a slope by a 1 m step: above survey accuracy
 
 
 def dem_rules(scene: Scene) -> Iterator[InputWarning]:

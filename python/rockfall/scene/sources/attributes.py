@@ -160,7 +160,7 @@ def _volume(table: Table, k: int, name: str, value: Any) -> float:
 
 def _check_laws(scene: Scene, table: Table, law: np.ndarray, given: np.ndarray) -> None:
     """Check that each distribution has exactly the numbers it needs, by the rules of &boulder.
-    Features with the same keys need one check, with the smallest range of volumes."""
+    Features with the same keys share one check; extreme spreads and ranges have their own."""
     patterns = np.vstack([law, ~np.isnan(given)]).T
     firsts = np.unique(patterns[law > 0], axis=0, return_index=True)[1]
     some = set(np.flatnonzero(law > 0)[firsts].tolist())
