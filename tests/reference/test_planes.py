@@ -47,7 +47,7 @@ def test_the_page_has_every_number_of_every_set_and_table_but_ensembles(tmp_path
     monkeypatch.setattr(planes, "FLOWN", 100)
     monkeypatch.setattr(sys, "argv", ["planes.py", "--boulders", "30", "-o", str(tmp_path)])
     planes.main()
-    text = (tmp_path / "planes.md").read_text(encoding="utf-8")
+    text = (tmp_path / "validation" / "planes.md").read_text(encoding="utf-8")
     assert f"## `{name}`\n" in text and "many" not in text
     rows = [line for line in text.splitlines() if line.startswith(("| 34", "| 44"))]
     assert len(rows) == 2 * 2 * len(planes.HOW)  # of the set, of the table
