@@ -280,7 +280,7 @@ def draw(found: list[Measured]):
                     panel.plot(one.neutral[column].value, -4, "^", color=colour, markersize=5,
                                clip_on=False)  # fmt: skip
             panel.set(title=plain(one.name.strip("`")), ylabel=f"{label} [{unit}]")
-        row[0].legend(fontsize=5, loc="upper left", frameon=False)
+        row[1].legend(fontsize=5, loc="upper left", frameon=False)
     for panel in panels[-1]:
         panel.set_xlabel("slope [degree]")
     return figure
