@@ -51,7 +51,7 @@ module lab_contact_record
       real(wp) :: time = 0, x(3) = 0, v(3) = 0, spin(3) = 0, energy = 0
    end type instant_t
 
-   !> Throw: its body, initial conditions, and contacts.
+   !> A throw with its body, initial conditions, and contacts.
    type :: thrown_t
       integer :: body = 0                          !! index of the block, or of the layer of rocks
       type(throw_t) :: throw

@@ -14,7 +14,7 @@ module rockfall_random
    public :: normal_restitution_word, tangential_restitution_word, obstacle_spread_word
    public :: tree_class_word, tree_within_word
 
-   !> Purposes: separate streams. Those from 65 on belong to the laboratory.
+   !> Purposes, one stream each. Those from 65 on belong to the laboratory.
    integer(i8), parameter :: for_release = 1, for_impact = 2, for_scramble = 3
    integer(i8), parameter :: for_ground = 5   !! properties of the ground at an impact
    integer(i8), parameter :: for_forest = 11  !! counter: cell, stem; stem 0 gives the number of stems

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Barriers: nets and walls that intercept boulders below their top edge and absorb energy up to their capacity.
+!> Nets and walls that intercept boulders below their top edge and absorb energy up to their capacity.
 module rockfall_barrier
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t, within

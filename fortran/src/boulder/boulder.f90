@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Boulders: spheres of random volume, with their release points and conditions
+!> Boulders as spheres of random volume, with their release points and conditions
 !> (Bourrier et al. 2009, sections 2 and 3.4).
 module rockfall_boulder
    use rockfall_kinds, only: wp, i8

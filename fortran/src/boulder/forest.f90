@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Trees: the first stem hit by a flight, the energy that it absorbs, and the turn of the boulder. In plan both stem and
+!> Hits of trees, i.e. the first stem hit by a flight, the energy that it absorbs, and the turn of the boulder. In plan
+!> both stem and
 !> boulder are discs, so the boulder's centre meets a disc whose radius is the sum of both.
 module rockfall_forest
    use rockfall_kinds, only: wp, i8

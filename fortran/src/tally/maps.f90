@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps: statistics of the boulders in each raster cell as counts, integer sums, and maxima, so that the order of
+!> Maps, i.e. statistics of the boulders in each raster cell as counts, integer sums, and maxima, so that the order of
 !> boulders does not change a bit. A boulder counts once per cell: its visits are collected first.
 !>
 !> Threads that add to the same maps lock bands of rows, one at a time. A boulder's cells are neighbours, so one lock
