@@ -20,9 +20,7 @@ SAME = {"run_ensemble", "ensemble_table"}  # in the example of ensemble
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("name", sorted({*rockfall.__all__} - NO_EXAMPLE - SAME))
-def test_example(name, place, monkeypatch):
-    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])  # drawn by other tests
-    monkeypatch.setattr("rockfall.plots.figures.DRAWN", ("speed",))
+def test_example(name, place, monkeypatch, blank_figures):
     monkeypatch.setattr("rockfall.analysis.back.study.ROUND", 16)
     pytest.importorskip("matplotlib", reason="the report extra is not installed")
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")

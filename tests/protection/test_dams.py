@@ -102,7 +102,7 @@ def test_cells_of_the_size_that_is_named_give_no_warning(tmp_path):
 
 
 def test_check_run_report_shards_and_the_program_tell_the_same(
-    tmp_path, capsys, monkeypatch, caplog
+    tmp_path, capsys, monkeypatch, caplog, blank_figures
 ):
     monkeypatch.chdir(tmp_path)
     case = plane(tmp_path, 0.8).replace(dam=[DAM], case={"boulders": 40, "threads": 1})

@@ -202,7 +202,7 @@ def test_a_check_says_what_rebounds_follow(tmp_path):
     assert "R_m 0.1 m" in text
 
 
-def test_the_summary_and_the_page_have_a_row_for_each_ground(tmp_path, capsys):
+def test_the_summary_and_the_page_have_a_row_for_each_ground(tmp_path, capsys, blank_figures):
     make_full_case(tmp_path, surface={"zones": None, "table": None, "ground": "road"})
     assert main(["run", str(tmp_path / "case.nml"), "-o", str(tmp_path / "out.nc")]) == 0
     out = capsys.readouterr().out
