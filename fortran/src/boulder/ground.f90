@@ -11,9 +11,7 @@ module rockfall_ground
    use rockfall_classical_rebound, only: classical_t, classical_rebound, lengthen_hop, by_sets
    implicit none
    private
-   public :: ground_t, ground_rebound, is_stochastic, rest_slope_of, rest_on_rocks
-
-   real(wp), parameter :: rest_on_rocks = 38.0_wp  !! rest angle of rocky ground: its angle of repose [degrees]
+   public :: ground_t, ground_rebound, is_stochastic, rest_slope_of
 
    type :: ground_t
       character(len=:), allocatable :: name

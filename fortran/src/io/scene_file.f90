@@ -20,7 +20,7 @@ module rockfall_scene_file
    use rockfall_case, only: case_t
    use rockfall_case_file, only: differing_key
    use rockfall_scene_type, only: scene_t
-   use rockfall_scene, only: scene_arrays_t, stays, grounds_of, scene_from
+   use rockfall_scene, only: scene_arrays_t, stays, scene_from
    implicit none
    private
    public :: inputs_t, read_scene
@@ -252,14 +252,13 @@ contains
    subroutine take_texts(inputs, length)
       type(inputs_t), intent(inout) :: inputs
       integer, intent(in) :: length(:)
-      character(len=:), allocatable :: text, names
 
       associate (file => inputs%file, arrays => inputs%arrays)
-         call read_letters(file, "ground_text", text, names, "names")
+         call read_letters(file, "ground_text", arrays%ground_text, arrays%ground_names, "names")
          if (.not. sound(file)) return
-         if (any(length < 0) .or. sum(int(length, i8)) /= len(text)) call mark_damaged(file, "ground_length")
-         if (.not. sound(file)) return
-         arrays%grounds = grounds_of(text, length, names)
+         if (any(length < 0) .or. sum(int(length, i8)) /= len(arrays%ground_text)) &
+            call mark_damaged(file, "ground_length")
+         if (sound(file)) arrays%ground_length = length
       end associate
    end subroutine take_texts
 
@@ -299,7 +298,7 @@ contains
       real(wp), intent(in) :: value  !! [m]
 
       is_size = above_zero(value)
-      if (allocated(inputs%arrays%grounds) .and. .not. ieee_is_nan(value)) is_size = value >= 0
+      if (allocated(inputs%arrays%ground_length) .and. .not. ieee_is_nan(value)) is_size = value >= 0
    end function is_size
 
    !> Return whether a value is positive; also for NaN, whose comparison could raise a trapped exception.

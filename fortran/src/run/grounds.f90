@@ -14,13 +14,13 @@ module rockfall_grounds
    use rockfall_direction, only: lateral, by_lab
    use rockfall_classical_rebound, only: classical_t, scatter_t, scatter, by_sets, rockyfor3d, &
                                          pfeiffer_bowen, bourrier_hungr, constant, absorbing, by_table, by_ratio_table
-   use rockfall_ground, only: ground_t, rest_slope_of, rest_on_rocks
+   use rockfall_ground, only: ground_t, rest_slope_of
    use rockfall_packed_table, only: is_packed_table, read_packed_table
    use rockfall_case_keys, only: key_t, check_key, row_text
    use rockfall_impact_sets, only: coefficients_t, read_sets
    implicit none
    private
-   public :: read_ground, read_stochastic, ground_parameter, model_names
+   public :: read_ground, read_stochastic, rest_angle_of_rocks, ground_parameter, model_names
    public :: rocks_of_model, no_rocks, any_rocks, some_rocks
 
    !> Models, in the order of their numbers.
@@ -134,7 +134,7 @@ contains
          ground%sets(k)%fitted = fitted(sets%speed_range(:, k), sets%angle_range(:, k))
       end do
       ground%classical%model = by_sets
-      ground%rest_slope = rest_slope_of(rest_on_rocks)
+      ground%rest_slope = rest_slope_of(rest_angle_of_rocks())
       if (turning /= by_lab) return
       ground%lateral = [(lateral(sets%incidence(:, k), sets%lateral(:, :, k)), k=1, impact_ratios)]
    end subroutine read_stochastic
@@ -217,16 +217,28 @@ contains
       end if
    end subroutine read_scatter
 
+   !> Rest angle of rocky ground [degrees]: the default of its key.
+   pure real(wp) function rest_angle_of_rocks()
+      rest_angle_of_rocks = default_of("rest_angle")
+   end function rest_angle_of_rocks
+
    !> Value of a key, or its default.
    pure real(wp) function value_of(group, name) result(value)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: name
       type(error_t), allocatable :: error
+
+      value = default_of(name)
+      call get_real(group, name, value, error)
+   end function value_of
+
+   !> Default of a key; 0 if it is required.
+   pure real(wp) function default_of(name) result(value)
+      character(len=*), intent(in) :: name
       integer :: k, status
 
       value = 0
       k = findloc(table%key%name == name, .true., dim=1)
       call parse_real(trim(table(k)%key%default), value, status)
-      call get_real(group, name, value, error)
-   end function value_of
+   end function default_of
 end module rockfall_grounds

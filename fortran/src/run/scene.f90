@@ -15,14 +15,14 @@ module rockfall_scene
    use rockfall_line, only: line
    use rockfall_barrier, only: barrier_t
    use rockfall_boulder, only: release_t, volume_distribution_t, fixed_volume, last_of, max_volume, mean_volume
-   use rockfall_ground, only: ground_t, rest_slope_of, rest_on_rocks
+   use rockfall_ground, only: ground_t, rest_slope_of
    use rockfall_forest, only: build_forest
    use rockfall_scene_type, only: scene_t
    use rockfall_case, only: case_t
-   use rockfall_grounds, only: read_ground, read_stochastic
+   use rockfall_grounds, only: read_ground, read_stochastic, rest_angle_of_rocks
    implicit none
    private
-   public :: scene_arrays_t, stays, grounds_of, scene_from, check_sources, boulders_of, largest_volumes
+   public :: scene_arrays_t, stays, scene_from, check_sources, boulders_of, largest_volumes
 
    !> Ground type as passed to the kernel.
    type :: ground_text_t
@@ -54,8 +54,8 @@ module rockfall_scene
       real(wp), pointer, contiguous :: tree_factor(:) => null()  !! of their species [-]
       character(len=:), allocatable :: sets_text, sets_name      !! file of impact sets, and its name for messages
       integer :: draw = 0                                        !! draw to read; 0: the file must have only one
-      character(len=:), allocatable :: ground_text, ground_names  !! as in grounds_of
-      type(ground_text_t), allocatable :: grounds(:)             !! if not only the case's impact sets apply,
+      character(len=:), allocatable :: ground_text, ground_names  !! as in grounds_of, with
+      integer, allocatable :: ground_length(:)                   !! if not only the case's impact sets apply,
       integer(i1), allocatable :: material_ground(:)             !! with the 1-based ground of each material, or
       integer(i1), pointer, contiguous :: cell_ground(:, :) => null()  !! of each cell; default: the first
    contains
@@ -80,7 +80,7 @@ contains
       if (case%sobol) scene%sobol = sobol_sequence(max_dimensions)
       scene%gravity = case%gravity
       scene%stop_speed = case%stop_speed
-      scene%rest_slope = rest_slope_of(merge(case%rest_angle, rest_on_rocks, case%rest_angle >= 0))
+      scene%rest_slope = rest_slope_of(merge(case%rest_angle, rest_angle_of_rocks(), case%rest_angle >= 0))
       scene%between_ratios = case%between_ratios
       scene%ground_drawn = case%method == method_a .or. case%between_ratios
       scene%max_impacts = case%impact_limit
@@ -139,8 +139,7 @@ contains
       case ("tree_factor"); arrays%tree_factor => reals
       case ("impact_sets"); arrays%sets_text = text_of(bytes)
       case ("impact_sets_file"); arrays%sets_name = text_of(bytes)
-      case ("ground_length"); allocate (arrays%grounds, source=grounds_of(arrays%ground_text, integers, &
-                                                                          arrays%ground_names))
+      case ("ground_length"); arrays%ground_length = integers
       case ("ground_text"); arrays%ground_text = text_of(bytes)
       case ("ground_names"); arrays%ground_names = text_of(bytes)
       case ("material_ground"); arrays%material_ground = bytes
@@ -365,13 +364,15 @@ contains
       type(scene_arrays_t), intent(in) :: arrays
       type(scene_t), intent(inout) :: scene
       type(error_t), allocatable, intent(out) :: error
+      type(ground_text_t), allocatable :: given(:)
       type(ground_t), allocatable :: grounds(:)
       integer :: k
 
-      if (.not. allocated(arrays%grounds)) return
-      allocate (grounds(size(arrays%grounds)))
+      if (.not. allocated(arrays%ground_length)) return
+      allocate (given(size(arrays%ground_length)), grounds(size(arrays%ground_length)))
+      given = grounds_of(arrays%ground_text, arrays%ground_length, arrays%ground_names)
       do k = 1, size(grounds)
-         call set_ground_of(arrays%grounds(k), case, scene, grounds(k), error)
+         call set_ground_of(given(k), case, scene, grounds(k), error)
          if (allocated(error)) return
       end do
       scene%ground_drawn = scene%ground_drawn .or. any(grounds%classical%roughness > 0)
