@@ -36,6 +36,7 @@ class GroundRule(NamedTuple):
         b""  # a file of impact sets, a packed table, or parameters; empty: the case's sets
     )
     file: str = ""  # source of the content, for messages
+    rest_angle: float | None = None  # [degree]; None: not given, that of rocky ground holds
 
     @property
     def rocks(self) -> int:
@@ -139,7 +140,9 @@ class GroundTable:
         for column in given:
             row.number(column)
         values = "".join(f" {column} = {row.cells[column]}" for column in given)
-        return GroundRule(name, model, f"&ground model = '{model}'{values} /".encode(), row.where)
+        text = f"&ground model = '{model}'{values} /".encode()
+        rest_angle = row.number("rest_angle") if "rest_angle" in given else None
+        return GroundRule(name, model, text, row.where, rest_angle)
 
 
 def find_ground(case: Case, table: GroundTable, name: str, where: str) -> GroundRule:
@@ -190,7 +193,7 @@ def ensemble_grounds(name: str, path: Path) -> list[GroundRule]:
 def _ground_of(name: str, path: Path, table: ImpactTable) -> GroundRule:
     if len(name) > MAX_NAME:
         raise RockfallError(f"ground '{name}': must be at most {MAX_NAME} characters")
-    return GroundRule(name, TABLES[len(table.ratio) > 1], table.pack(), str(path))
+    return GroundRule(name, TABLES[len(table.ratio) > 1], table.pack(), str(path), table.rest_angle)
 
 
 def check_number(grounds: Iterable[GroundRule], where: str) -> None:

@@ -32,6 +32,7 @@ EAST, NORTH = PLACE.c, PLACE.f
 TABLE = "zone,mean_radius\n1,0.3\n2,0.2\n3,Inf\n"
 POINT = {"x": [EAST + 150.0], "y": [NORTH - 50.0]}
 PLAN = "EPSG:3857"
+OWN_MEADOW = "name,model,r_n,r_t,roughness_angle,source\nmeadow,constant,0.3,0.8,4,test\n"
 
 
 class Site:
@@ -65,6 +66,14 @@ class Site:
 
     def set(self, group, **keys):
         self.groups[group] = self.groups.get(group, {}) | keys
+
+    def meadow(self, table=None, **impact):
+        """Meadow everywhere, of the shipped table of grounds or of the user's."""
+        self.set("surface", ground="meadow")
+        self.set("impact", **impact)
+        if table:
+            (self.folder / "own.csv").write_text(table)
+            self.set("surface", ground_table="own.csv")
 
     def by_cells(self):
         self.groups["release"] = {"cells": "cells.tif", "drop_height": 2.0}
@@ -317,6 +326,10 @@ MISTAKES = {
         r"the source \(600150, 4999950\) is given 3 times: it releases as many times"),
     "overlapping zones": (lambda site: site.polygons((0, 200), (100, 300)),
         "zones.gpkg: polygons of different zone overlap in 1,600 cells: the later polygon counts"),
+    "one rest angle for all": (lambda site: site.meadow(rest_angle=38.0),
+        "ground without rocks .* of 27 to 38 degrees: slow boulders rest there"),
+    "meadow without a rest angle": (lambda site: site.meadow(OWN_MEADOW),
+        "ground without rocks .* of 27 to 38 degrees: slow boulders rest there"),
     "zones in another CRS": (lambda site: site.polygons((0, 150), (150, 300), crs="EPSG:25832"),
         "zones.gpkg: reprojected from EPSG:25832 to EPSG:32632.*"),
 }  # fmt: skip

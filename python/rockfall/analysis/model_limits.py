@@ -19,7 +19,12 @@ import numpy as np
 from rockfall.grounds import other_tables, repose
 from rockfall.io.tables import read_table
 from rockfall.quantities import part_of, percent
-from rockfall.result.grounds import classical_grounds, stochastic_fraction, table_grounds
+from rockfall.result.grounds import (
+    classical_grounds,
+    rebounds_by_ground,
+    stochastic_fraction,
+    table_grounds,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -32,6 +37,7 @@ if TYPE_CHECKING:
 MAX_OUTSIDE = 0.2  # fraction of the rebounds from which it is a warning
 MAX_FAST = 0.05  # fraction of the boulders
 SLOW = 2.0  # [m/s]: bouncing boulders pass a line faster
+LOWEST_REST = 22.0  # [degree] of all shipped grounds: soft soil
 MAX_SLOW = 0.1  # fraction of passing boulders from which quantiles are no design load
 #: Upper envelope of observed maximum speeds [m/s] per degree of the mean slope (Dorren 2015,
 #: Rockyfor3D revealed, ecorisQ; it uses 0.64 to 0.8).
@@ -165,7 +171,8 @@ def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
         return
     lines, speeds, passing, jump, volume = (np.asarray(values[name]) for name in names)
     radius = np.cbrt(0.75 / np.pi * volume)
-    rests = np.radians(case.impact.get("rest_angle", repose()))
+    lowest = LOWEST_REST if rebounds_by_ground(values) else repose()
+    rests = np.radians(case.impact.get("rest_angle", lowest))
     steep = radius < (passing - jump) * np.cos(rests)
     for name, speed, rolls in zip(lines, speeds, steep & (speeds < SLOW), strict=True):
         passed = np.isfinite(speed)

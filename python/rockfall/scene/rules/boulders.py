@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rockfall.grounds import ABSORBS, repose
+from rockfall.quantities import percent
 from rockfall.scene.ground import falls_and_rises
 from rockfall.scene.rebound import sphere_radius
 from rockfall.scene.scene import InputWarning, Scene
@@ -30,6 +32,9 @@ SAPLING = 1.5  # [cm] thinner stems are not surveyed; in metres no stem is thick
 THIN = 4.5  # [cm] stems up to here are more frequent than below SAPLING, where both are surveyed
 DENSE = 20_000.0  # stems per hectare: thickets
 ORDERED = 0.9  # fraction of places: in published zone tables half are not in the usual order
+SMOOTH_REST = 27.0  # [degree] ground without rocks may hold no boulder above (theory, chapter 8)
+OF_ROCKS = "talus", "scree"  # in the name of a ground that takes no sizes of rocks and has some
+RESTING = 0.1  # fraction of the terrain above which a warning is given
 RG_FULL = 100.0  # [m] an Rg of Rockyfor3D that means water
 
 
@@ -37,7 +42,7 @@ def boulder_rules(scene: Scene) -> Iterator[InputWarning]:
     """Warnings about boulder starts, boulder properties, and what boulders meet."""
     for rule in (
         _release, _source_cells, _source_points, _densities, _volumes, _spreads, _gravity, _rocks,
-        _order, _forest,
+        _order, _rests, _forest,
     ):  # fmt: skip
         yield from rule(scene)
 
@@ -236,6 +241,32 @@ def _order(scene: Scene) -> Iterator[InputWarning]:
             "&surface rg70, rg20, rg10",
             "obstacles met at 70 % are larger than those met at 10 %, nearly everywhere: are they "
             "in the wrong order?",
+        )
+
+
+def _rests(scene: Scene) -> Iterator[InputWarning]:
+    """Ground without rocks that holds boulders as talus does: because the case gives one angle for
+    all, or because the user's row gives none."""
+    given = scene.case.impact.get("rest_angle")
+    angle = repose() if given is None else given
+    smooth = [
+        one.rocks == 0
+        and one.model != ABSORBS
+        and not any(rock in one.name for rock in OF_ROCKS)
+        and (given is not None or one.rest_angle is None)
+        for one in scene.grounds
+    ]
+    if angle <= SMOOTH_REST or not any(smooth):
+        return
+    number = np.concatenate(scene.ground.numbers)
+    slope = np.degrees(np.arctan(np.concatenate(scene.ground.slopes)))
+    here = np.append(False, smooth)[number] & (slope > SMOOTH_REST) & (slope <= angle)
+    if here.size and (fraction := float(here.mean())) > RESTING:
+        yield InputWarning(
+            f"&impact rest_angle = {angle:g}",
+            f"{percent(fraction)} of the terrain is ground without rocks (meadow, soil, road, "
+            f"bedrock) of {SMOOTH_REST:g} to {angle:g} degrees: slow boulders rest there, where "
+            f"nothing may hold them; compare with rest_angle = {SMOOTH_REST:g}",
         )
 
 
