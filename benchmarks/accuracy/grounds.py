@@ -4,8 +4,8 @@ the slope on which half of them pass.
 
     python -m benchmarks.accuracy.grounds [--boulders 1000] [-o docs]
 
-For each ground, beside the stochastic impact set, and slopes of 15 to 55 degrees: the share of the
-boulders that pass a line 200 m below the release, in plan; their mean speed there, and the 95 %
+For each ground, beside the stochastic impact set, and slopes of 15 to 55 degrees: the fraction of
+the boulders that pass a line 200 m below the release, in plan; their mean speed there, and the 95 %
 quantile of their jump height. Numbers are means over seeds, with standard errors from how the seeds
 differ. Writes the last section of grounds.md, and figures/grounds.png.
 """
@@ -130,7 +130,7 @@ def section(found: list[Measured], boulders: int) -> Iterator[str]:
         "`python -m benchmarks.accuracy.grounds` writes this section and its figure."
     )
     yield fill(about, 100, break_on_hyphens=False) + "\n"
-    yield "![share passing, mean speed and jump height against the slope](figures/grounds.png)\n"
+    yield "![fraction passing, mean speed and jump height against the slope](figures/grounds.png)\n"
     yield "| ground | model | half of the boulders pass from [degree] |\n| --- | --- | --: |"
     for one in found:
         yield f"| {one.kind.label} | {one.kind.model.replace('_', ' ')} | {text(one.half, 1)} |"

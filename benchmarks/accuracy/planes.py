@@ -3,9 +3,9 @@
 
     python -m benchmarks.accuracy.planes [--boulders 10000] [-o docs]
 
-For each set, each R_b/R_m of 1 to 5 and slopes of 24 to 46 degrees: the share of the boulders that
-pass a line 200 m below the release, in plan; their mean speed there, and the 95 % quantile of their
-jump height; and the neutral slope, on which a bounce straight down loses what the next flight
+For each set, each R_b/R_m of 1 to 5 and slopes of 24 to 46 degrees: the fraction of the boulders
+that pass a line 200 m below the release, in plan; their mean speed there, and the 95 % quantile of
+their jump height; and the neutral slope, on which a bounce straight down loses what the next flight
 gains. The same, but for neutral slopes, by each shipped table of impacts, for compact blocks.
 Writes validation/planes.md, with standard errors, and figures/planes.png.
 """
@@ -45,10 +45,10 @@ SEEDS = range(1, 6)  # of neutral slopes, for their errors
 FLOWN = 1000  # boulders, straight down for their neutral slope
 FIRST, LAST = 20, 60  # contacts between which they count: the start is forgotten
 COMPLETE = 0.99  # of those, that must have all contacts before the plane ends
-FEW = 20  # boulders at the line, below which no mean is told
+FEW = 20  # boulders at the line, below which no mean is reported
 RATIO_OF_TABLES = 2  # R_b/R_m of those that need it
 COLOURS = [INK, BLUE, GREEN, VERMILION, GREY]  # of each ratio
-HOW = {"fraction": ("share passing", "%", 1), "speed": ("mean speed", "m/s", 1),
+HOW = {"fraction": ("fraction passing", "%", 1), "speed": ("mean speed", "m/s", 1),
        "height": ("95 % quantile of the jump height", "m", 2)}  # fmt: skip
 
 
@@ -102,8 +102,8 @@ def measure_table(name: str, slope: float, boulders: int) -> dict[str, Number]:
 
 def numbers(speed: dict[str, float], height: dict[str, float], boulders: int) -> dict[str, Number]:
     """Fraction that passes, mean speed and quantile of the jump height, with standard errors."""
-    n, share = speed["n"], speed["fraction"]
-    found = {"fraction": Number(share, np.sqrt(share * (1 - share) / boulders))}
+    n, fraction = speed["n"], speed["fraction"]
+    found = {"fraction": Number(fraction, np.sqrt(fraction * (1 - fraction) / boulders))}
     none = Number(np.nan)
     found["speed"] = Number(speed["mean"], speed["std"] / np.sqrt(n)) if n >= FEW else none
     known = n and np.isfinite(height["q95_high"] - height["q95_low"])
@@ -230,12 +230,12 @@ def page(sets: list[Measured], tables: Measured, boulders: int) -> str:
         *wrap(
             "± is the standard error; - where too few pass to know the number. On the **neutral "
             "slope** boulders that go straight down neither gain nor lose speed in the long run; "
-            "those that turn go down a flatter way. There is no terminal velocity: what is steeper "
+            "those that turn descend less steeply. There is no terminal velocity: what is steeper "
             "makes them faster without end.",
             100,
         ),
         "",
-        "![share passing, mean speed and jump height against the slope](../figures/planes.png)",
+        "![fraction passing, mean speed and jump height against the slope](../figures/planes.png)",
         "",
         "## Neutral slopes [degree]",
         "",
@@ -264,7 +264,7 @@ def page(sets: list[Measured], tables: Measured, boulders: int) -> str:
 @styled
 def draw(found: list[Measured]):
     """A row of panels for each set and for all tables; neutral slopes as triangles along the
-    shares."""
+    fractions."""
     figure = new_figure(9.0, 2.4 * len(found) + 0.6)
     panels = figure.subplots(len(found), len(HOW), squeeze=False, sharex=True, sharey="col")
     for row, one in zip(panels, found, strict=True):

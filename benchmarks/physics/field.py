@@ -39,6 +39,7 @@ import rockfall
 from benchmarks.machine import NOTHING, ROOT, machine
 from benchmarks.physics import impacts, platrock_runs
 from benchmarks.physics.laws import Law, add_laws, ground, matrix, table
+from benchmarks.physics.pasture import make as make_table
 from benchmarks.physics.tschamut import SHAPE_OF_BLOCK
 from cases.tschamut.make_case import HALVES, make
 from rockfall.analysis.lines.values import line_values
@@ -60,11 +61,9 @@ from rockfall.analysis.validation import (
 )
 from rockfall.errors import RockfallError
 from rockfall.field.download import fetch
-from rockfall.impact_tables import SHAPES, save_table
+from rockfall.impact_tables import SHAPES
 from rockfall.io.files import atomic_write
-from rockfall.lab.blocks.case import BlockCase, grounds
-from rockfall.lab.blocks.contacts import run_throws
-from rockfall.lab.tables import table_of
+from rockfall.lab.blocks.case import grounds
 from rockfall.lab.talus import CELL, NORTH, WEST, Talus, zones
 from rockfall.quantities import QUANTITIES
 
@@ -106,11 +105,7 @@ def relief_laws(name: str, shapes: Sequence[str], folder: Path, throws: int) -> 
         relief = factor * grounds()[name]["relief"]
         stem = f"{name}-r{relief:g}-{throws}"
         for shape in shapes:
-            path = folder / f"{stem}-{shape}.nc"
-            if not path.exists():
-                lab = {"ground": name, "shape": shape, "throws": throws}
-                case = BlockCase(lab=lab, ground={"relief": relief})
-                save_table(table_of([run_throws(case)]), path)
+            make_table(folder / f"{stem}-{shape}.nc", name, shape, {"relief": relief}, throws)
         seen = os.path.relpath(folder, ROOT / "cases" / "site")  # from a case: names are short
         yield table(f"table {name}, relief x {factor:g}={seen}/{stem}-{{shape}}.nc")
 
