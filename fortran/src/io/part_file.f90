@@ -2,7 +2,7 @@
 !> Part file (docs/files.md): results of some boulders of a run, with tallies that add up to those of all. Checkpoints,
 !> results of shards and results of this program are part files; `rockfall` reads and writes them too.
 module rockfall_part_file
-   use, intrinsic :: iso_c_binding, only: c_f_pointer
+   use, intrinsic :: iso_c_binding, only: c_associated, c_f_pointer
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
    use netcdf, only: nf90_global, nf90_copy_att, nf90_inq_attname, nf90_inq_varid, nf90_inquire_variable, &
                      nf90_put_att, nf90_strerror, nf90_byte, nf90_int, nf90_int64, nf90_float, nf90_double
@@ -222,6 +222,7 @@ contains
       integer(i8), intent(in) :: rows
       type(axis_t), allocatable :: axes(:)
       type(about_t) :: about
+      integer(i1), target :: none(0)
       integer(i1), pointer, contiguous :: bytes(:)
       integer(i8) :: step
       integer :: id, k
@@ -229,7 +230,8 @@ contains
       about = described(row%about%group, row%about%name)
       axes = [(axis_t(row%axis(k), row%length(k)), k=1, row%rank)]
       step = bytes_of(row)*row%length(1)
-      call c_f_pointer(row%at, bytes, [step*product(row%length(2:))])
+      bytes => none
+      if (c_associated(row%at)) call c_f_pointer(row%at, bytes, [step*product(row%length(2:))])
       if (row%axis(1) == "boulder") axes%length = [rows, row%length(2:row%rank)]
       if (row%axis(1) == "boulder" .and. row%rank == 2) then  ! more rows are allocated than used
          do k = 1, int(row%length(2))
