@@ -5,6 +5,7 @@ parts."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -31,8 +32,12 @@ class Plan(NamedTuple):
 
 def plan_of(case: Case) -> Plan:
     """Tallies needed for the maps of a case."""
-    names = " ".join(case.output.get("maps", []))
-    counts, sums, maxima, bins, layers = _core.map_plan(names, len(case.hazard["thresholds"]))
+    return _plan(" ".join(case.output.get("maps", [])), len(case.hazard["thresholds"]))
+
+
+@lru_cache(maxsize=16)
+def _plan(names: str, thresholds: int) -> Plan:
+    counts, sums, maxima, bins, layers = _core.map_plan(names, thresholds)
     quantities = (
         "energy", "speed", "jump_height", "passing_height", "tree_height", "tree_energy", HITS,
     )  # fmt: skip

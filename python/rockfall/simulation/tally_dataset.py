@@ -59,14 +59,13 @@ def make_result(tally: Tally, maps: bool = True) -> Contents:
 def table_variables(tally: Tally, *groups: str) -> dict[str, Any]:
     """Kernel arrays of some groups of the table of variables, for rows of completed boulders."""
     data: dict[str, tuple] = {}
-    for group in groups:
-        for array in tally.arrays(group):
-            about: dict[str, Any] = {**variables.about(group, array.name)}
-            if array.name == "status":
-                about |= _flags(variables.STATUS)
-            if group == "histogram":
-                about |= {"units": "1", "long_name": f"rebounds by {about['long_name']}"}
-            data[array.file_name] = (array.dims, array.values, about)
+    for array in sorted(tally.arrays(*groups), key=lambda array: groups.index(array.group)):
+        about: dict[str, Any] = {**variables.about(array.group, array.name)}
+        if array.name == "status":
+            about |= _flags(variables.STATUS)
+        if array.group == "histogram":
+            about |= {"units": "1", "long_name": f"rebounds by {about['long_name']}"}
+        data[array.file_name] = (array.dims, array.values, about)
     return data
 
 
