@@ -2,6 +2,7 @@
 """`&output kept`: statistics of boulders whose rows are not kept are those of the rows, and parts,
 threads, kills and the standalone program change no bit of them."""
 
+import netCDF4
 import numpy as np
 import pytest
 
@@ -136,6 +137,23 @@ def test_a_run_that_is_killed_goes_on(tmp_path, monkeypatch, case):
     state = Checkpoint(tmp_path / "a.nc", np.inf)
     assert 500 <= state.found() <= 1500
     same(run_scene(scene, checkpoint=state), run(case))
+
+
+@pytest.mark.parametrize("name", ["boulder", "sample_part_last", "sample_group_part"])
+def test_a_checkpoint_of_other_rows_or_groups_is_refused(tmp_path, monkeypatch, case, name):
+    case = case.replace(output={"kept": 70})
+    scene = read_scene(case, dem=Z, transform=grid(Z))
+    with monkeypatch.context() as patch:
+        killed_after(patch, 2)
+        with pytest.raises(Killed):
+            run_scene(scene, chunk=500, checkpoint=Checkpoint(tmp_path / "a.nc", 0.0))
+    state = Checkpoint(tmp_path / "a.nc", np.inf)
+    with netCDF4.Dataset(state.path, "a") as file:
+        values = file[name][...]
+        values[-1] -= 1 if name != "sample_part_last" or len(values) > 1 else -1
+        file[name][...] = values
+    with pytest.raises(rockfall.RockfallError, match=f"is damaged: ({name}|source)"):
+        run_scene(scene, checkpoint=state)
 
 
 @pytest.mark.parametrize("kept", ["none", 33])

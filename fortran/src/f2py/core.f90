@@ -46,13 +46,14 @@ module rockfall_f2py
    use rockfall_state_table, only: table_t, row_text
    use rockfall_run_state, only: run_t, arrays_of, map_tallies, begin_run => open_run, &
                                  begin_joined_run => open_joined_run, extend_run => continue_run, &
+                                 add_part => merge_run, &
                                  end_run => close_run, advance_run => advance, settle_run => settle, &
                                  restore_run => restore_sources, forget_tallies_of => forget_tallies
    implicit none
    private
    public :: new_scene, give, build_scene, limit_terrain, close_scene, carry_in_lanes, trajectory, survey, reach
    public :: block_of, map_plan
-   public :: open_run, open_joined_run, continue_run, close_run, advance, array, map, settle, restore_sources
+   public :: open_run, open_joined_run, continue_run, merge_run, close_run, advance, array, map, settle, restore_sources
    public :: forget_tallies
    public :: check_maps, count_limits, check_case, table_row, repeatable_groups, read_sets, fields
    public :: histogram_bins, team
@@ -192,12 +193,13 @@ contains
       call give_run(opened, error, run, code, message)
    end subroutine open_run
 
-   !> Open a run of `total` boulders to be joined from parts: from a valid case, with the number of grounds (0: only
-   !> impact sets), and sources from the features of a layer or not (1 or 0).
-   subroutine open_joined_run(text, total, window, grounds, features, part_last, group_part, run, code, message, np, ng)
+   !> Open a run without a scene, to be joined from parts, or a part of one: from a valid case, with the number of
+   !> grounds (0: only impact sets), and sources from the features of a layer or not (1 or 0).
+   subroutine open_joined_run(text, boulders, window, grounds, features, part_last, group_part, run, code, message, &
+                              np, ng)
       integer(c_int), intent(in) :: np, ng
       character(len=*), intent(in) :: text
-      integer(c_int64_t), intent(in) :: total
+      integer(c_int64_t), intent(in) :: boulders(3)  !! of the complete run, before the part, in it
       integer(c_int), intent(in) :: window(4), grounds, features
       integer(c_int32_t), intent(in) :: part_last(np), group_part(ng)  !! as in layout_t
       integer(c_intptr_t), intent(out) :: run
@@ -213,7 +215,8 @@ contains
       layout%group_part = group_part
       call read_case(text, "", case, error)
       if (.not. allocated(error)) &
-         call begin_joined_run(case, total, window, grounds, features /= 0, layout, opened%run, error)
+         call begin_joined_run(case, boulders(1), boulders(2), boulders(3), window, grounds, features /= 0, layout, &
+                               opened%run, error)
       call give_run(opened, error, run, code, message)
    end subroutine open_joined_run
 
@@ -233,6 +236,21 @@ contains
       call extend_run(scene%case, scene%scene, before%run, opened%run, error)
       call give_run(opened, error, run, code, message)
    end subroutine continue_run
+
+   !> Add a part to a run, both from open_joined_run.
+   subroutine merge_run(run, part, code, message)
+      !f2py threadsafe
+      integer(c_intptr_t), intent(in) :: run, part
+      integer(c_int), intent(out) :: code
+      character(len=1024), intent(out) :: message
+      type(open_run_t), pointer :: joined, other
+      type(error_t), allocatable :: error
+
+      joined => run_of(run)
+      other => run_of(part)
+      call add_part(joined%run, other%run, error)
+      call give_error(error, code, message)
+   end subroutine merge_run
 
    !> Return the handle of a run, unless there is an error.
    subroutine give_run(opened, error, run, code, message)

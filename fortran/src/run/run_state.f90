@@ -21,16 +21,18 @@ module rockfall_run_state
    use rockfall_ensemble, only: run_boulders, recorded_boulders
    use rockfall_case_keys, only: map_names
    use rockfall_case, only: case_t, keeps_all
-   use rockfall_samples, only: samples_t, add_tail, n_sample_bins, n_coarse_bins, n_words, n_largest
+   use rockfall_samples, only: merge_samples, merge_tails, samples_t, n_sample_bins, n_coarse_bins, n_words, n_largest
    use rockfall_line, only: line_t
    use rockfall_line_samples, only: layout_t, layout_of, add_samples, n_quantities, tails
    use rockfall_state_table, only: table_t
    use rockfall_scene, only: boulders_of
    implicit none
    private
-   public :: run_t, open_run, open_joined_run, continue_run, close_run, advance, arrays_of, rows_of, map_tallies
+   public :: run_t, open_run, open_joined_run, continue_run, merge_run, close_run, advance, arrays_of, rows_of
+   public :: map_tallies
    public :: settle, restore_sources, forget_tallies
 
+   integer(i8), parameter :: no_row = huge(1_i8)           !! number of a row that is still empty
    integer, parameter :: n_totals = size(boulder_counts) - 3  !! of boulder_counts: those summed over all boulders
 
    !> Run, or a range of its boulders. Arrays that the case does not need have size zero.
@@ -126,10 +128,11 @@ contains
       if (any(run%plan%count(3:4) > 0)) run%first_partial = first_partial(scene%release, before + 1)
    end subroutine describe
 
-   !> Open a run of `total` boulders to be joined from parts, whose rows may be added in any order.
-   subroutine open_joined_run(case, total, window, grounds, features, layout, run, error)
+   !> Open a run without a scene: one to be joined from parts, whose rows may arrive in any order, or a part.
+   subroutine open_joined_run(case, total, before, boulders, window, grounds, features, layout, run, error)
       type(case_t), intent(in) :: case
-      integer(i8), intent(in) :: total
+      integer(i8), intent(in) :: total             !! boulders of the complete run
+      integer(i8), intent(in) :: before, boulders  !! of the part: before it, and in it
       integer, intent(in) :: window(4)
       integer, intent(in) :: grounds   !! number of grounds; 0: only the impact sets
       logical, intent(in) :: features  !! sources come from the features of a layer
@@ -138,14 +141,16 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       run%total = total
-      run%boulders = total
-      run%done = total
+      run%before = before
+      run%boulders = boulders
+      run%done = boulders
       run%at = window(:2)
       run%nodes = window(3:)
       run%layout = layout
-      if (case%kept /= keeps_all) allocate (run%number(min(case%kept, total)), source=0_i8)
+      if (case%kept /= keeps_all) allocate (run%number(min(case%kept, boulders)), source=no_row)
       run%plan = map_plan(pack(map_names, case%map), size(case%thresholds))
       run%thresholds = case%thresholds
+      if (any(run%plan%count(3:4) > 0)) allocate (run%shared%cell(0), run%shared%source(0), run%shared%boulders(0))
       call make_rows(case, grounds, features, run, error)
       if (.not. allocated(error)) call make_tallies(run, error)
    end subroutine open_joined_run
@@ -158,18 +163,11 @@ contains
       type(run_t), intent(inout) :: other
       type(run_t), intent(inout) :: run
       type(error_t), allocatable, intent(out) :: error
-      integer(i8) :: k, n
-      integer :: line, q
 
       call describe(case, scene, other%before, boulders_of(scene) - other%before, [other%at, other%nodes], run)
       call make_rows(case, n_grounds(scene), allocated(scene%release%feature), run, error)
       if (allocated(error)) return
-      n = rows_of(other)
-      run%reals(:n, :) = other%reals(:n, :)
-      run%status(:n) = other%status(:n)
-      run%integers(:n, :) = other%integers(:n, :)
-      run%line(:n, :, :) = other%line(:n, :, :)
-      run%outcome(:n, :) = other%outcome(:n, :)
+      call copy_rows(run, 0_i8, other)
       run%count = other%count
       run%histogram = other%histogram
       run%by_ground = other%by_ground
@@ -186,15 +184,81 @@ contains
       run%block(:11) = other%block(:11)
       other%block(:11) = c_null_ptr
       if (allocated(run%number)) call make_largest(run, error)
-      if (allocated(error) .or. .not. allocated(run%number)) return
-      do line = 1, size(run%samples%largest, 3)
-         do q = 1, tails
-            do k = 1, size(other%samples%largest, 1, i8)
-               call add_tail(run%samples%largest(:, q, line), other%samples%largest(k, q, line))
-            end do
+      if (.not. allocated(error) .and. allocated(run%number)) &
+         call merge_tails(run%samples%largest, other%samples%largest)
+   end subroutine continue_run
+
+   !> Add a part to a run. Where not all rows are kept, those of the part follow those of earlier arrivals.
+   subroutine merge_run(run, part, error)
+      type(run_t), intent(inout) :: run
+      type(run_t), intent(in) :: part
+      type(error_t), allocatable, intent(out) :: error
+      integer(i8) :: row, n
+
+      n = rows_of(part)
+      row = part%before - run%before
+      if (allocated(run%number)) row = rows_of(run)
+      if (row + n > size(run%status, kind=i8)) then
+         call fail(error, "a run of "//integer_text(run%total)//" boulders has no more rows to be merged")
+         return
+      end if
+      if (allocated(run%number)) run%number(row + 1:row + n) = part%number(:n)
+      call copy_rows(run, row, part)
+      run%count = run%count + part%count
+      run%histogram = run%histogram + part%histogram
+      run%by_ground = run%by_ground + part%by_ground
+      if (allocated(run%number)) call merge_samples(run%samples, part%samples)
+      call merge_maps(run, part, error)
+   end subroutine merge_run
+
+   !> Copy the rows of another run, after the first `row` rows.
+   pure subroutine copy_rows(run, row, other)
+      type(run_t), intent(inout) :: run
+      integer(i8), intent(in) :: row
+      type(run_t), intent(in) :: other
+
+      associate (n => rows_of(other))
+         run%reals(row + 1:row + n, :) = other%reals(:n, :)
+         run%status(row + 1:row + n) = other%status(:n)
+         run%integers(row + 1:row + n, :) = other%integers(:n, :)
+         run%line(row + 1:row + n, :, :) = other%line(:n, :, :)
+         run%outcome(row + 1:row + n, :) = other%outcome(:n, :)
+      end associate
+   end subroutine copy_rows
+
+   !> Add the tallies of a part to those of the same cells; memory of cells without any remains untouched.
+   subroutine merge_maps(run, part, error)
+      type(run_t), intent(inout) :: run
+      type(run_t), intent(in) :: part
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i, j, k
+
+      do j = 1, run%nodes(2)
+         do k = 1, size(run%counts, 3)
+            where (part%counts(:, j, k) /= 0) run%counts(:, j, k) = run%counts(:, j, k) + part%counts(:, j, k)
+         end do
+         do k = 1, size(run%sums, 3)
+            where (part%sums(:, j, k) /= 0) run%sums(:, j, k) = run%sums(:, j, k) + part%sums(:, j, k)
+         end do
+         do k = 1, size(run%maxima, 3)
+            where (part%maxima(:, j, k) > run%maxima(:, j, k)) run%maxima(:, j, k) = part%maxima(:, j, k)
+         end do
+         do i = 1, merge(run%nodes(1), 0, size(part%column) > 0)
+            if (part%column(i, j) == 0) cycle
+            if (run%column(i, j) == 0) then
+               if (run%columns(1) == size(run%bin_counts, 2)) then
+                  call fail(error, "the counts of quantile maps do not fit in memory")
+                  return
+               end if
+               run%columns = run%columns + 1
+               run%column(i, j) = run%columns(1)
+            end if
+            associate (counts => run%bin_counts(:, run%column(i, j)))
+               counts = counts + part%bin_counts(:, part%column(i, j))
+            end associate
          end do
       end do
-   end subroutine continue_run
+   end subroutine merge_maps
 
    subroutine close_run(run)
       type(run_t), intent(inout) :: run
@@ -562,13 +626,13 @@ contains
       type(table_t), intent(inout) :: table
       character(len=*), parameter :: cells(*) = [character(len=9) :: "x", "y"]
 
-      if (size(run%counts) > 0) &
+      if (size(run%counts, 3) > 0) &
          call table%add("tally", "counts", [character(len=18) :: cells, "tally_counts_layer"], run%counts)
-      if (size(run%sums) > 0) &
+      if (size(run%sums, 3) > 0) &
          call table%add("tally", "sums", [character(len=16) :: cells, "tally_sums_layer"], run%sums)
-      if (size(run%maxima) > 0) &
+      if (size(run%maxima, 3) > 0) &
          call table%add("tally", "maxima", [character(len=18) :: cells, "tally_maxima_layer"], run%maxima)
-      if (size(run%column) > 0) then
+      if (run%plan%rows > 0) then
          call table%add("tally", "bin_counts", [character(len=9) :: "tally_bin", "column"], run%bin_counts)
          call table%add("work", "column", cells, run%column, "i4")
          call table%add("work", "columns", ["one"], run%columns, "i4")

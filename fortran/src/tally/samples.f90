@@ -5,7 +5,8 @@ module rockfall_samples
    use rockfall_kinds, only: wp, i4, i8, i16
    implicit none
    private
-   public :: samples_t, add_number, add_tail, sample_bin, sample_edge, sample_size, sample_sum
+   public :: samples_t, add_number, add_tail, merge_samples, merge_tails, sample_bin, sample_edge
+   public :: sample_size, sample_sum
    public :: n_sample_bins, n_coarse_bins, bins_per_coarse, n_words, n_largest, largest_unit
 
    !> Bins of integers: width 1 below 512, then 256 per octave, so that no bin is wider than 0.4 % of its numbers; up to
@@ -72,15 +73,64 @@ contains
       end associate
    end subroutine add_number
 
+   !> Add the samples of other numbers; memory of bins without any remains untouched.
+   pure subroutine merge_samples(samples, more)
+      type(samples_t), intent(inout) :: samples
+      type(samples_t), intent(in) :: more
+      integer :: i, j, k
+
+      do k = 1, size(samples%bins, 4)
+         do i = 1, size(samples%bins, 2)
+            do j = 1, size(samples%bins, 3)
+               associate (counts => samples%bins(:, i, j, k), words => samples%sums(:, i, j, k), &
+                          more_counts => more%bins(:, i, j, k), more_words => more%sums(:, i, j, k))
+                  where (more_counts /= 0) counts = counts + more_counts
+                  call add_digits(words(1:2), number_of(more_words(1:2)))
+                  call add_digits(words(3:4), number_of(more_words(3:4)))
+                  words(5) = max(words(5), more_words(5))
+               end associate
+            end do
+            do j = 1, size(samples%groups, 3)
+               associate (counts => samples%groups(:, i, j, k), more_counts => more%groups(:, i, j, k))
+                  where (more_counts /= 0) counts = counts + more_counts
+               end associate
+            end do
+         end do
+      end do
+      samples%ended = samples%ended + more%ended
+      call merge_tails(samples%largest, more%largest)
+   end subroutine merge_samples
+
+   !> Insert heaps into those of the same lines and tails.
+   pure subroutine merge_tails(heaps, more)
+      real(wp), intent(inout) :: heaps(:, :, :)
+      real(wp), intent(in) :: more(:, :, :)
+      integer :: i, j, k
+
+      do k = 1, size(more, 3)
+         do j = 1, size(more, 2)
+            do i = 1, size(more, 1)
+               call add_tail(heaps(:, j, k), more(i, j, k))
+            end do
+         end do
+      end do
+   end subroutine merge_tails
+
    pure subroutine add_digits(digits, number)
       integer(i8), intent(inout) :: digits(2)
       integer(i16), intent(in) :: number
       integer(i16) :: total
 
-      total = shiftl(int(digits(1), i16), base_bits) + digits(2) + number
+      total = number_of(digits) + number
       digits(1) = int(shifta(total, base_bits), i8)
       digits(2) = int(iand(total, 2_i16**base_bits - 1), i8)
    end subroutine add_digits
+
+   pure integer(i16) function number_of(digits)
+      integer(i8), intent(in) :: digits(2)
+
+      number_of = shiftl(int(digits(1), i16), base_bits) + digits(2)
+   end function number_of
 
    !> Size of a sample, over all parts.
    pure integer(i8) function sample_size(samples, quantity, place)

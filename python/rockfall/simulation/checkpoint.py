@@ -15,7 +15,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.result.dataset import put_netcdf
-from rockfall.simulation.part_file import boulders_in, make_part, read_part
+from rockfall.simulation.part_file import CLOCKS, LAYOUT_OF, boulders_in, make_part, read_part
 from rockfall.simulation.tally import Tally, origin_of
 
 REST = 20.0  # minimum pause between saves, as a multiple of the duration of the last save
@@ -72,10 +72,15 @@ class Checkpoint:
                 f"{self.path}: is of another run, its {what} differs; remove it, or run without "
                 "--resume elsewhere"
             )
-        part.add_to(tally)
-        tally.done = self.saved = part.last - part.first + 1
-        if not tally.restore_sources(part.shared()):
-            raise RockfallError(f"{self.path}: is damaged: tally_shared_cell")
+        damaged = tally.differs_in(part.arrays, *LAYOUT_OF.values())
+        if not damaged:
+            part.load(tally.run)
+            tally.wall, tally.cpu = (part.clocks[clock] for clock in CLOCKS)
+            tally.done = self.saved = part.last - part.first + 1
+            if not tally.restore_sources(part.shared()):
+                damaged = "tally_shared_cell"
+        if damaged:
+            raise RockfallError(f"{self.path}: is damaged: {damaged}")
 
     def look(self, tally: Tally) -> None:
         """Write the file if it is due."""

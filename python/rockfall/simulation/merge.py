@@ -11,12 +11,9 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.simulation.maps import join_sources
-from rockfall.simulation.part_file import Part, read_part, when
-from rockfall.simulation.run_state import Run
+from rockfall.simulation.part_file import LAYOUT_OF, Part, read_part, when
 from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import make_result
-
-LAYOUT = ("part_last", "group_part")  # of samples
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -61,15 +58,19 @@ class Joined:
         """Add a part, or its file."""
         part = read_part(part)
         if self.first is None or self.tally is None:
-            self.first, self.tally = part, _tally_for(part)
+            origin = part.origin
+            run, self.first = part.empty_run(0, origin.boulders), part
+            self.tally = Tally(origin, run, origin.window, origin.boulders, crs=part.crs)
         what = self.first.origin.difference(part.origin)
-        if not what and not _have_layout(self.tally, part):
+        if not what and self.tally.differs_in(part.arrays, *LAYOUT_OF.values()):
             what = "sources"
         if what:
             raise RockfallError(
                 f"{part.name}: is of another run than {self.first.name}: its {what} differs"
             )
-        part.add_to(self.tally)
+        self.tally.run.merge(part.loaded_run())
+        self.tally.wall += part.clocks["wall_seconds"]
+        self.tally.cpu += part.clocks["cpu_seconds"]
         self.tally.threads = max(self.tally.threads, part.threads)
         self.tally.date = max(filter(None, (self.tally.date, part.date)), key=when, default="")
         self.shared += [part.shared()] if part.shared() else []
@@ -93,29 +94,12 @@ class Joined:
             join_sources(tally.scene.case, tally.array("tally_counts"), self.shared)
         tally.done = tally.boulders
         tally.sort_rows()
+        if tally.number is not None and tally.rows < tally.number.size:
+            raise RockfallError("merge: rows of boulders are missing")
         tally.trajectories = {number: self.trajectories[number] for number in numbers}
         result = make_result(tally)
         result.attrs["threads"] = tally.threads
         return result
-
-
-def _tally_for(part: Part) -> Tally:
-    """Tally for all boulders of the run of a part."""
-    origin = part.origin
-    layout = (part.arrays.get(f"sample_{name}", np.zeros(1, "i4")) for name in LAYOUT)
-    run = Run.joined(
-        origin.case, origin.boulders, origin.window, len(origin.grounds), bool(origin.features),
-        *layout,
-    )  # fmt: skip
-    return Tally(origin, run, origin.window, origin.boulders, crs=part.crs)
-
-
-def _have_layout(tally: Tally, part: Part) -> bool:
-    """Return True if the samples of a part have the same parts and groups of sources as the run."""
-    names = (f"sample_{name}" for name in LAYOUT)
-    return tally.number is None or all(
-        np.array_equal(tally.array(name), part.arrays[name]) for name in names
-    )
 
 
 def _check_whole(ranges: Sequence[tuple[int, int, str]], tally: Tally) -> None:

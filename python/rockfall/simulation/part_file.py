@@ -26,10 +26,11 @@ from rockfall.io.grid import Box, Grid
 from rockfall.result import variables
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import DAMAGED, georeference
-from rockfall.result.samples import BASE_BITS, lengths, possible, rows_kept, sample_dims
+from rockfall.result.samples import lengths, possible, sample_dims
 from rockfall.result.validate import are_crossings, out_of_range
 from rockfall.scene.scene import Features, InputWarning
-from rockfall.simulation.maps import SHARED, plan_of
+from rockfall.simulation.maps import SHARED
+from rockfall.simulation.run_state import Run
 from rockfall.simulation.tally import Origin
 from rockfall.simulation.tally_dataset import (
     run_attributes,
@@ -46,8 +47,11 @@ if TYPE_CHECKING:
 LAYOUT = int(_core.constant("part_layout"))  # layout version of the file
 STACKS = ("counts", "sums", "maxima")  # of maps, by layer
 BEFORE = "tally_"  # prefix of the names of tallies
-ADDED = ("count", "ground", "histogram")  # groups of the table of variables: sums over boulders
-GROUPS = ("kept", "boulder", "energy", "feature", "tree", "line", "barrier", *ADDED)
+NO_ROW = np.iinfo("i8").max  # number of a row of the kernel that is still empty
+GROUPS = (  # of the table of variables
+    "kept", "boulder", "energy", "feature", "tree", "line", "barrier", "count", "ground",
+    "histogram",
+)  # fmt: skip
 CLOCKS = ("wall_seconds", "cpu_seconds")
 NUMBERS = ("boulders_requested", "boulder_first", "boulder_last", "threads")
 LAYOUT_OF = {"part": "sample_part_last", "group": "sample_group_part"}  # of samples
@@ -122,41 +126,52 @@ class Part:
     date: str = ""  # when it was written; "": unknown
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
 
-    def add_to(self, tally: Tally) -> None:
-        """Store rows at their places and add counts and tallies; those of sources that the part
-        splits are left to be joined or continued."""
-        rows, found = self._rows_in(tally), {array.file_name: array for array in tally.run.arrays()}
-        for name, array in found.items():
-            if array.group in ADDED:
-                np.add(array.values, self.arrays[name], out=array.values)
-            elif "boulder" in array.dims and array.group != "kept":
-                array.values[..., rows] = self.arrays[name]
-        views = {name: array.values for name, array in found.items()}
-        if tally.number is not None:
-            _add_samples(views, self.arrays)
-        _add_cells(views, self.arrays)
-        tally.wall += self.clocks["wall_seconds"]
-        tally.cpu += self.clocks["cpu_seconds"]
+    def empty_run(self, before: int, boulders: int) -> Run:
+        """Run of the kernel with room for boulders of the run of this part."""
+        origin = self.origin
+        layout = (self.arrays.get(name, np.zeros(1, "i4")) for name in LAYOUT_OF.values())
+        return Run.joined(
+            origin.case.text(), (origin.boulders, before, boulders), origin.window,
+            len(origin.grounds), origin.features is not None, *layout,
+        )  # fmt: skip
 
-    def _rows_in(self, tally: Tally) -> slice:
-        """Places of its rows. If only some rows are kept, those with its numbers; for a run in
-        parts, which arrive in any order, the next free ones (0)."""
-        number = tally.number
-        if number is None:
-            return slice(self.first - 1 - tally.before, self.last - tally.before)
-        numbers = self.arrays["boulder"]
-        if isinstance(tally.scene, Origin):
-            begin = int(np.count_nonzero(number))
-            rows = slice(begin, begin + numbers.size)
-            if rows.stop > number.size:
-                raise _damaged(self, "boulder")
-            number[rows] = numbers
-            return rows
-        begin = int(np.searchsorted(number, self.first))
-        rows = slice(begin, begin + numbers.size)
-        if not np.array_equal(number[rows], numbers):
-            raise _damaged(self, "boulder")
-        return rows
+    def loaded_run(self) -> Run:
+        """Run of the kernel with the results of this part."""
+        run = self.empty_run(self.first - 1, self.last - self.first + 1)
+        self.load(run)
+        return run
+
+    def load(self, run: Run) -> None:
+        """Store rows, sums and tallies in an empty run that begins with these boulders; the cells
+        of sources that the part splits are left to be joined or continued."""
+        arrays, work = self.arrays, {}
+        cells, n = arrays[f"{BEFORE}cell"], arrays["status"].size
+        for array in run.arrays():
+            name, values = array.file_name, array.values
+            if array.group == "work":
+                work[array.name] = values
+            elif array.group == "kept":
+                empty = values[:n] == NO_ROW
+                if n > values.size or not (empty | (values[:n] == arrays[name])).all():
+                    raise _damaged(self, name)
+                values[:n] = arrays[name]
+            elif "boulder" in array.dims:
+                values[..., :n] = arrays[name]
+            elif array.dims[1:] == ("y", "x"):
+                values.reshape(len(values), -1)[:, cells] = arrays[name]
+            elif array.name == "bin_counts":
+                if cells.size > len(values):
+                    raise RockfallError("the counts of quantile maps do not fit in memory")
+                values[: cells.size] = arrays[name]
+            elif array.name not in SHARED:
+                values[...] = arrays[name]
+        for before, bins in ("", "bins"), ("group_", "groups"):
+            if bins in work:
+                filled = arrays[f"sample_{before}bin"]
+                work[bins].reshape(-1)[filled] = arrays[f"sample_{before}count"]
+        if "column" in work:
+            work["column"].reshape(-1)[cells] = np.arange(1, cells.size + 1)
+            work["columns"][0] = cells.size
 
     def shared(self) -> dict[str, np.ndarray]:
         """Cells reached from sources that the part splits; {} if no map needs them."""
@@ -171,43 +186,6 @@ class Part:
         rows = np.stack([self.arrays[f"trajectory_{name}"] for name in variables.fields(4)], axis=1)
         numbers, begins = np.unique(self.arrays["trajectory_boulder"], return_index=True)
         return dict(zip(numbers.tolist(), np.split(rows, begins[1:]), strict=True))
-
-
-def _add_samples(views: Mapping[str, np.ndarray], arrays: Mapping[str, np.ndarray]) -> None:
-    """Add the samples of other boulders of the run."""
-    for name, dense in (("", "bins"), ("group_", "groups")):
-        views[dense].reshape(-1)[arrays[f"sample_{name}bin"]] += arrays[f"sample_{name}count"]
-    sums, more = views["sample_sums"], arrays["sample_sums"]
-    for digit in (0, 2):
-        sums[..., digit : digit + 2] += more[..., digit : digit + 2]
-        sums[..., digit] += sums[..., digit + 1] >> BASE_BITS
-        sums[..., digit + 1] &= (1 << BASE_BITS) - 1
-    np.maximum(sums[..., 4], more[..., 4], out=sums[..., 4])
-    for mine, its in zip(views["sample_largest"], arrays["sample_largest"], strict=True):
-        for one, other in zip(mine, its, strict=True):  # row by row, to save memory
-            one[:] = np.sort(np.concatenate([one, other]))[other.size :]
-    np.add(views["sample_ended"], arrays["sample_ended"], out=views["sample_ended"])
-
-
-def _add_cells(views: Mapping[str, np.ndarray], arrays: Mapping[str, np.ndarray]) -> None:
-    """Add tallies of cells."""
-    cells = arrays[f"{BEFORE}cell"]
-    for name in STACKS:
-        if BEFORE + name in arrays:
-            stack = views[BEFORE + name]
-            flat = stack.reshape(len(stack), -1)
-            join = np.maximum if name == "maxima" else np.add
-            flat[:, cells] = join(flat[:, cells], arrays[BEFORE + name])
-    if f"{BEFORE}bin_counts" in arrays:
-        column, counts = views["column"].reshape(-1), views[f"{BEFORE}bin_counts"]
-        new = cells[column[cells] == 0]
-        used = int(views["columns"][0])
-        if used + new.size > len(counts):
-            raise RockfallError("the counts of quantile maps do not fit in memory")
-        column[new] = np.arange(used + 1, used + new.size + 1)
-        counts[used : used + new.size] = 0
-        views["columns"][0] += new.size
-        counts[column[cells] - 1] += arrays[f"{BEFORE}bin_counts"]
 
 
 # ---- from a file
@@ -362,64 +340,37 @@ def _case(text: str, file: str) -> Case:
     return case_in({"case": text, "case_file": file})
 
 
-def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
-    """Type and dimensions of every variable that a part of its case has."""
-    case = part.origin.case
-    found = {"crs": ("i4", ())} | _typed("boulder", "", "boulder") | _typed("count", "")
-    if rows_kept(case, part.origin.boulders) is not None:
-        found |= _typed("kept", "", "boulder")
-        for name, kind in variables.TYPES["sample"].items():
-            found[f"sample_{name}"] = kind, sample_dims(name)
-    if part.origin.grounds:
-        found |= _typed("ground", "", "ground")
-    if case.output["energy_balance"]:
-        found |= _typed("energy", "", "boulder")
-    if part.origin.features is not None:
-        found |= _typed("feature", "", "boulder")
-    if case.has_forest:
-        found |= _typed("tree", "", "boulder")
-    if case.lines:
-        found |= _typed("line", "line_", "line", "boulder")
-    if case.barrier:
-        found["barrier_outcome"] = variables.TYPES["barrier"]["outcome"], ("barrier", "boulder")
-    if case.output["rebounds"]:
-        for name, kind in variables.TYPES["histogram"].items():
-            found[f"{name}_histogram"] = kind, (f"{name}_bin",)
-    plan = plan_of(case)
-    by_source = plan.counts["sources"] or plan.counts["released"]
-    wanted: dict[str, Any] = {name: plan.layers[name] for name in STACKS}
-    wanted |= {"cell": True, "bin_counts": plan.bins} | dict.fromkeys(SHARED, by_source)
-    for name, kind in variables.TYPES["tally"].items():
-        if wanted[name]:
-            found[BEFORE + name] = kind, _dimensions(name)
-    return found
-
-
-def _typed(group: str, before: str, *dims: str) -> dict[str, tuple[str, tuple[str, ...]]]:
-    """Type and dimensions of all variables of a group."""
-    return {before + name: (kind, dims) for name, kind in variables.TYPES[group].items()}
+@lru_cache(maxsize=8)
+def _table(
+    text: str, boulders: int, grounds: int, features: bool
+) -> tuple[dict[str, tuple[Any, tuple[str, ...]]], dict[str, int]]:
+    """Type and dimensions of every variable that a part of a case has, and the lengths that do not
+    depend on the part, from the arrays of an empty run."""
+    run = Run.joined(
+        text, (boulders, 0, 0), Box(0, 0, 0, 0), grounds, features, *np.zeros((2, 1), "i4")
+    )
+    found: dict[str, tuple[Any, tuple[str, ...]]] = {"crs": ("i4", ())}
+    found[f"{BEFORE}cell"] = variables.TYPES["tally"]["cell"], _dimensions("cell")
+    shape: dict[str, int] = {}
+    for array in run.arrays():
+        if array.group == "work":
+            continue
+        dims = _dimensions(array.name) if array.group == "tally" else array.dims
+        found[array.file_name] = array.values.dtype, dims
+        shape |= dict(zip(array.dims, array.values.shape, strict=True))
+    if "sample_ended" in found:
+        for name in "bin", "count", "group_bin", "group_count":
+            found[f"sample_{name}"] = variables.TYPES["sample"][name], sample_dims(name)
+    for dim in "boulder", "tally_shared", "sample_part", "sample_group":
+        shape.pop(dim, None)
+    return found, shape
 
 
 def _dimensions(tally: str) -> tuple[str, ...]:
-    """Dimensions of a tally; those of stacks include a layer."""
+    """Dimensions of a tally in files; those of stacks include a layer."""
     if tally in STACKS:
         return f"tally_{tally}_layer", "tally"
     return {"cell": ("tally",), "bin_counts": ("tally", "tally_bin")}.get(tally, ("tally_shared",))
-
-
-def _lengths(part: Part) -> dict[str, int]:
-    """Lengths of the dimensions that follow from the case and the boulders."""
-    case = part.origin.case
-    plan = plan_of(case)
-    found = {f"tally_{name}_layer": plan.layers[name] for name in STACKS}
-    bins = _core.histogram_bins()[0]
-    found |= {f"{name}_bin": n for name, n in zip(variables.HISTOGRAM, bins, strict=True)}
-    found |= {"boulder": part.last - part.first + 1, "line": len(case.lines)}
-    if rows_kept(case, part.origin.boulders) is not None:
-        found |= {f"sample_{dim}": n for dim, n in lengths(case, part.origin.boulders).items()}
-        del found["boulder"]  # a numbered dimension
-    found |= {"ground": len(part.origin.grounds), "barrier": len(case.barrier)}
-    return found | {"tally_bin": plan.bins}
 
 
 def _check_shapes(
@@ -429,9 +380,15 @@ def _check_shapes(
 ) -> None:
     """Check that all variables of its case are present, with their types and lengths, in a file (of
     `size` bytes) that can hold them; others are dropped."""
-    expected, lengths = _expected(part), _lengths(part)
+    origin = part.origin
+    about = origin.boulders, len(origin.grounds), origin.features is not None
+    table, known = _table(origin.case.text(), *about)
+    expected, lengths = {**table}, {**known}
+    if "sample_ended" not in expected:  # else a dimension of its own
+        lengths["boulder"] = part.last - part.first + 1
     if "trajectory_boulder" in shapes:
-        expected |= _typed("vertex", "trajectory_", "trajectory_vertex")
+        for name, kind in variables.TYPES["vertex"].items():
+            expected[f"trajectory_{name}"] = kind, ("trajectory_vertex",)
     for name in sorted(set(shapes) - set(expected)):
         del shapes[name]
     for name, (kind, dims) in expected.items():

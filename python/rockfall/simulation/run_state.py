@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.case import Case
 from rockfall.errors import check_kernel
 from rockfall.io.grid import Box
 from rockfall.scene.scene import Scene
@@ -48,11 +47,18 @@ class Run:
 
     @classmethod
     def joined(
-        cls, case: Case, boulders: int, box: Box, grounds: int, features: bool, *layout: np.ndarray
-    ) -> Run:
-        """Create a run from parts alone; `layout`: part_last and group_part of samples."""
-        about = case.text().encode(), boulders, window(box), grounds, features
+        cls, case: str, boulders: tuple[int, int, int], box: Box, grounds: int, features: bool,
+        *layout: np.ndarray,
+    ) -> Run:  # fmt: skip
+        """Create a run to be joined from parts, or a part. `boulders`: of the complete run, before
+        the part, in it; `layout`: part_last and group_part of samples."""
+        about = case.encode(), boulders, window(box), grounds, features
         return cls(_core.open_joined_run(*about, *layout), "merge")
+
+    def merge(self, part: Run) -> None:
+        """Add a part."""
+        code, message = _core.merge_run(self.handle, part.handle)
+        check_kernel(code, message, "merge")
 
     def continued(self, scene: Scene) -> Run:
         """Create a run of a scene with more boulders that starts from the results of this one."""

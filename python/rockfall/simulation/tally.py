@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -77,6 +77,14 @@ class Tally:
     def array(self, file_name: str) -> np.ndarray:
         """A view of an array of the run, by its name in files."""
         return self.run.array(file_name)
+
+    def differs_in(self, arrays: Mapping[str, np.ndarray], *names: str) -> str:
+        """First of the named arrays, of those that the run has, that differs; "" if none."""
+        own = {array.file_name: array.values for array in self.run.arrays()}
+        differ = (
+            name for name in names if name in own and not np.array_equal(own[name], arrays[name])
+        )
+        return next(differ, "")
 
     def arrays(self, *groups: str) -> list[Array]:
         """Arrays of some groups of the table of variables; row arrays are limited to completed
