@@ -55,7 +55,7 @@ def blank_figures(monkeypatch):
         save(figure.Figure(figsize=(1, 1)), path, dpi=20, **how)
 
     monkeypatch.setattr(figure.Figure, "savefig", blank)
-    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])
+    monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     monkeypatch.setattr("rockfall.plots.figures.DRAWN", ("speed",))
 
 

@@ -15,7 +15,6 @@ import xarray as xr
 import rockfall
 from made import make_raster, refused
 from programs import find_program, refuses
-from rockfall import html_report
 from rockfall.analysis.ensemble import study
 from rockfall.analysis.ensemble.sobol_indices import (
     MIN_CROSSED,
@@ -32,9 +31,10 @@ from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.cli import main
 from rockfall.errors import RockfallError
-from rockfall.html_report import Picture
+from rockfall.html_report import page as html_page
 from rockfall.html_report.intervals import in_unit
 from rockfall.html_report.language import Speaker
+from rockfall.html_report.page import Picture
 from rockfall.limits import Z
 from rockfall.plots.figures import figures
 from rockfall.scene.reach import survey
@@ -362,7 +362,7 @@ def test_an_index_that_is_not_known_is_undecided_and_others_stay_within_all_and_
 
 def test_an_ensemble_is_a_result(place, capsys, monkeypatch):
     """The file holds the run of the case as it is, to the last bit; every command reads it."""
-    monkeypatch.setattr(html_report, "figures", lambda *_: [])  # they take long
+    monkeypatch.setattr(html_page, "figures", lambda *_: [])  # they take long
     text = Path("case.nml").read_text() + "&output maps = 'passages', 'energy_max' /\n"
     Path("case.nml").write_text(text)
     assert main(["ensemble", "case.nml", "-o", "all.nc", "--quiet"]) == 0
@@ -392,13 +392,13 @@ def small(tmp_path_factory):
 def first_page(found, monkeypatch, language="en"):
     """What the page of an ensemble says, and the part before the inputs."""
     shown = [replace(one, draw=lambda: None) for one in figures(found) if one.name == "epistemic"]
-    monkeypatch.setattr(html_report, "figures", lambda *_: shown)
+    monkeypatch.setattr(html_page, "figures", lambda *_: shown)
     monkeypatch.setattr(
-        html_report, "_picture",
+        html_page, "_picture",
         lambda figure, title, caption, say: Picture(say(title), say(caption), "data:,", 9, 9),
     )  # fmt: skip
-    monkeypatch.setattr(html_report, "convergence_figure", lambda *_: None)
-    page = html_report.report(found, language=language).replace("\u00a0", " ")
+    monkeypatch.setattr(html_page, "convergence_figure", lambda *_: None)
+    page = html_page.report(found, language=language).replace("\u00a0", " ")
     return page, page[page.index('id="answer"') : page.index('id="inputs"')]
 
 

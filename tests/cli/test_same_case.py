@@ -25,7 +25,7 @@ OBSERVED = "line,quantity,unit,mean\nL,speed,m/s,12.0\n"
 @pytest.fixture(autouse=True)
 def no_figures(monkeypatch, blank_figures):
     """Drawing takes longer than all else."""
-    monkeypatch.setattr("rockfall.html_report.hazard_figures", lambda *_: [])
+    monkeypatch.setattr("rockfall.html_report.page.hazard_figures", lambda *_: [])
     monkeypatch.setattr("rockfall.cli.hazard.hazard_figures", lambda *_: [])
 
 

@@ -58,7 +58,7 @@ def place(ready, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     drawn = [Drawing(name, name, name, Figure) for name in ("passing", "profile", "stops")]
     monkeypatch.setattr("rockfall.products.figures_of", lambda *_: drawn)
-    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: drawn)
+    monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: drawn)
     return tmp_path
 
 

@@ -13,10 +13,10 @@ from rockfall.cli import main
 from scenes import grid, make_case, rough, sets
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
-from rockfall.html_report import report  # noqa: E402
 from rockfall.html_report.front import WARNING_LINES  # noqa: E402
 from rockfall.html_report.inputs import Parties  # noqa: E402
 from rockfall.html_report.language import LANGUAGES, catalogue  # noqa: E402
+from rockfall.html_report.page import report  # noqa: E402
 
 NAMES = ["road", "track to the upper alp", "net", "railway", "school", "campsite by the river"]
 LINES = [
@@ -44,12 +44,12 @@ def result(tmp_path_factory):
 @pytest.fixture
 def bare(monkeypatch):
     """A page without the figures that follow page 1."""
-    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])
-    monkeypatch.setattr("rockfall.html_report._convergence", lambda *_: iter(()))
+    monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
+    monkeypatch.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))
 
 
 def warned(monkeypatch, texts):
-    monkeypatch.setattr("rockfall.html_report.warnings", lambda *_: texts)
+    monkeypatch.setattr("rockfall.html_report.page.warnings", lambda *_: texts)
 
 
 def text_of(page):
@@ -66,11 +66,11 @@ def pages(result, tmp_path_factory):
     without any, as for paper."""
     folder = tmp_path_factory.mktemp("pages")
     with pytest.MonkeyPatch.context() as here:
-        here.setattr("rockfall.html_report.figures", lambda *_: [])
-        here.setattr("rockfall.html_report._convergence", lambda *_: iter(()))
-        here.setattr("rockfall.html_report.warnings", lambda *_: WARNINGS)
+        here.setattr("rockfall.html_report.page.figures", lambda *_: [])
+        here.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))
+        here.setattr("rockfall.html_report.page.warnings", lambda *_: WARNINGS)
         found = {language: page_1(result, language) for language in LANGUAGES}
-        here.setattr("rockfall.html_report.warnings", lambda *_: [])
+        here.setattr("rockfall.html_report.page.warnings", lambda *_: [])
         found["without"] = page_1(result, "de", on_paper=True)
     for name, text in found.items():
         (folder / f"{name}.html").write_text(text, encoding="utf-8")

@@ -38,7 +38,6 @@ from scenes import grid, make_case, rough, sets
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
 from rockfall.grounds import IMPACT_SETS, models  # noqa: E402
-from rockfall.html_report import Picture, report, write_report  # noqa: E402
 from rockfall.html_report.convergence import history, known_of, mixed, sizes  # noqa: E402
 from rockfall.html_report.inputs import Parties, input_table  # noqa: E402
 from rockfall.html_report.intervals import estimate, rows_of  # noqa: E402
@@ -50,6 +49,7 @@ from rockfall.html_report.maps import (  # noqa: E402
     maps,
     window_of,
 )
+from rockfall.html_report.page import Picture, report, write_report  # noqa: E402
 from rockfall.html_report.summary import (  # noqa: E402
     ENDED,  # noqa: E402
     answers,
@@ -242,7 +242,7 @@ def test_each_caution_has_its_number_in_the_order_of_a_decision(result):
 
 def test_what_lies_outside_the_model_is_a_box_at_the_top(tmp_path, monkeypatch):
     """Above all else on the page, and only where there is something to say."""
-    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])
+    monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     result = run(tmp_path, line=[], output={})
     clean, changed = result.copy(deep=True), result.copy(deep=True)
     for name in ("range", "speed", "angle"):
@@ -402,11 +402,11 @@ def pages(tmp_path_factory, result):
     people = Parties("P 17", "Gemeinde", "A. B.", "2024")
     with pytest.MonkeyPatch.context() as here:
         here.setattr("rockfall.html_report.language.log.warning", lambda *of: missing.append(of))
-        here.setattr("rockfall.html_report.return_levels", no_levels)
+        here.setattr("rockfall.html_report.page.return_levels", no_levels)
         for language in LANGUAGES:
             some = kinds if language in ("en", "de") else ()  # figures take long
             shown = [one for one in figures(result) if one.name in some]
-            here.setattr("rockfall.html_report.figures", lambda *_, shown=shown: shown)
+            here.setattr("rockfall.html_report.page.figures", lambda *_, shown=shown: shown)
             where = rough(), grid(rough())
             write_report(
                 result, folder / f"{language}.html", where, None, None, False, language, people
@@ -515,7 +515,7 @@ def test_nothing_is_taken_from_elsewhere(page):
 
 
 def test_the_same_result_gives_the_same_bytes(result, monkeypatch):
-    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])  # tested apart
+    monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])  # tested apart
     terrain = (rough(), grid(rough()))
     assert report(result, terrain) == report(result.copy(deep=True), terrain)
 
@@ -533,7 +533,7 @@ def test_the_case_and_its_origin_are_all_there(page, result):
 
 def test_how_to_run_it_again_promises_what_holds(tmp_path, monkeypatch):
     case = make_case(tmp_path, *sets(), terrain={"dem": "dem.tif"}, release={"x": 1.0, "y": 1.0})
-    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])
+    monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     whole = run(tmp_path, boulders=10, line=[]).assign_attrs(
         case=case.text(), case_file="my case.nml"
     )
@@ -581,10 +581,10 @@ def kinds_of_result(folder):
 def test_every_kind_of_result_has_a_page_in_every_language(tmp_path, monkeypatch):
     """The catalogue has the same texts for all languages: one of them tells what it lacks."""
     missing = silenced(monkeypatch)
-    monkeypatch.setattr("rockfall.html_report.return_levels", no_levels)
-    monkeypatch.setattr("rockfall.html_report._picture", only_said)  # drawing is tested apart
-    monkeypatch.setattr("rockfall.html_report.convergence_figure", lambda *_: None)
-    monkeypatch.setattr("rockfall.html_report.figures", undrawn)
+    monkeypatch.setattr("rockfall.html_report.page.return_levels", no_levels)
+    monkeypatch.setattr("rockfall.html_report.page._picture", only_said)  # drawing is tested apart
+    monkeypatch.setattr("rockfall.html_report.page.convergence_figure", lambda *_: None)
+    monkeypatch.setattr("rockfall.html_report.page.figures", undrawn)
     for name, text in OBSERVED.items():
         (tmp_path / name).write_text(text)
     for k, one in enumerate(kinds_of_result(tmp_path)):
@@ -612,8 +612,8 @@ def only_said(figure, title, caption, say):
 @pytest.fixture
 def stored(tmp_path, monkeypatch, result):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rockfall.html_report.return_levels", no_levels)
-    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])
+    monkeypatch.setattr("rockfall.html_report.page.return_levels", no_levels)
+    monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     rockfall.write_result(result, "out.nc")
     return tmp_path
 
@@ -845,7 +845,7 @@ def test_the_view_has_ground_lines_and_trajectories_over_it(result):
 
 def test_a_page_with_a_view_carries_its_library(result, monkeypatch):
     plotly = pytest.importorskip("plotly.offline", reason="the view extra is not installed")
-    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])
+    monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     page = report(result, (rough(), grid(rough())), view=True)
     packed = re.search(r'id="terrain-library">([^<]+)<', page)[1]
     library = zlib.decompress(b64decode(packed))
@@ -856,7 +856,7 @@ def test_a_page_with_a_view_carries_its_library(result, monkeypatch):
 
 def test_the_report_on_paper(result, monkeypatch, tmp_path):
     pytest.importorskip("weasyprint", reason="the pdf extra is not installed")
-    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])
+    monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     path = tmp_path / "report.pdf"
     write_report(result, path)
     assert path.read_bytes().startswith(b"%PDF") and kind_of(path) == FIGURE
@@ -900,13 +900,13 @@ def test_a_figure_opens_large_and_closes_by_key(browser, page):
 
 def test_figures_of_the_laboratory_are_an_appendix_of_runs_by_impact_sets(result, monkeypatch):
     """Not beside the others, and not of a run whose rebounds followed other laws."""
-    monkeypatch.setattr("rockfall.html_report._picture", only_said)
-    monkeypatch.setattr("rockfall.html_report.figures", undrawn)
-    monkeypatch.setattr("rockfall.html_report._convergence", lambda *_: iter(()))
+    monkeypatch.setattr("rockfall.html_report.page._picture", only_said)
+    monkeypatch.setattr("rockfall.html_report.page.figures", undrawn)
+    monkeypatch.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))
     front, appendix = report(result).split('<section id="appendix">')
     assert "Tangential and normal restitution" in appendix and "Incidence angles" in appendix
     assert "Incidence angles" not in front
-    monkeypatch.setattr("rockfall.html_report.stochastic_fraction", lambda *_: 0.0)
+    monkeypatch.setattr("rockfall.html_report.page.stochastic_fraction", lambda *_: 0.0)
     page = report(result)
     assert 'id="appendix"' not in page and "Incidence angles" not in page
 

@@ -19,7 +19,7 @@ from rockfall.analysis.observations import read_observed
 from rockfall.cli import main
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
-from rockfall.scene.sources.attributes import values_of
+from rockfall.scene.source_attributes import values_of
 from rockfall.simulation.simulate import run_scene
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")

@@ -13,7 +13,7 @@ from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.samples import Counts, Values
 from rockfall.analysis.run_until import run_until
 from rockfall.errors import RockfallError
-from rockfall.html_report import report
+from rockfall.html_report.page import report
 from rockfall.limits import SAMPLE_BINS, SAMPLE_COARSE, SAMPLE_EDGES
 from rockfall.result.samples import simulated
 from rockfall.result.validate import check_values

@@ -19,7 +19,7 @@ from rockfall.io.raster_file import raster_file
 from rockfall.io.zone_table import RADII
 from rockfall.scene.coefficients import open_sets
 from rockfall.scene.digest import digest
-from rockfall.scene.forest import read_forest
+from rockfall.scene.forest.read import read_forest
 from rockfall.scene.frames import is_frame, with_frames
 from rockfall.scene.layers import LAYERS, array_checksum, file_checksum
 from rockfall.scene.lines import read_lines

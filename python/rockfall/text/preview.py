@@ -21,8 +21,8 @@ from rockfall.scene.ground import Ground
 from rockfall.scene.reach import survey
 from rockfall.scene.rebound import sphere_radius
 from rockfall.scene.scene import Scene
+from rockfall.scene.source_attributes import values_of
 from rockfall.scene.sources import threshold
-from rockfall.scene.sources.attributes import values_of
 from rockfall.simulation.maps import HITS, plan_of
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.simulate import check_team, run_chunks, start

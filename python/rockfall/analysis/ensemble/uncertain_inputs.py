@@ -20,7 +20,7 @@ from rockfall.scene.coefficients import SetFile, draws_in
 from rockfall.scene.kernel_scene import known_at
 from rockfall.scene.layers import file_checksum
 from rockfall.scene.scene import Scene
-from rockfall.scene.sources.attributes import VALUES, VOLUMES
+from rockfall.scene.source_attributes import VALUES, VOLUMES
 
 INPUTS = ("volume", "drop_height", "source", "sets", "dem", "radius", "draws")
 NUMBERS = (2, 1, 2, 1, 0)  # numbers that an input needs in a draw; radius: one for each zone

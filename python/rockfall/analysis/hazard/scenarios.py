@@ -11,7 +11,7 @@ import numpy as np
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.scene.scene import Scene
-from rockfall.scene.sources.attributes import DENSITY
+from rockfall.scene.source_attributes import DENSITY
 
 VOLUMES = (
     "volume", "volume_mean", "volume_std", "volume_min", "volume_max", "volumes",

@@ -15,7 +15,7 @@ from rockfall.quantities import percent
 from rockfall.scene.ground import falls_and_rises
 from rockfall.scene.rebound import sphere_radius
 from rockfall.scene.scene import InputWarning, Scene
-from rockfall.scene.sources.attributes import LAWS, values_of
+from rockfall.scene.source_attributes import LAWS, values_of
 from rockfall.scene.surface import radius_over_rg
 
 NO_DATA = (127, 255, 32767, 65535, 2147483647)  # largest integers of raster types

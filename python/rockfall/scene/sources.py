@@ -18,7 +18,7 @@ from rockfall.limits import MAX_REAL
 from rockfall.scene.kernel_scene import area_ratios, terrain_of
 from rockfall.scene.layers import LAYERS, layer_blocks, note_layer
 from rockfall.scene.scene import Scene, SourceBoulders
-from rockfall.scene.sources.attributes import Table, read_attributes
+from rockfall.scene.source_attributes import Table, read_attributes
 
 SIDES = ("d1", "d2", "d3")
 SHAPES = int(_core.constant("shapes"))  # numbered from 1

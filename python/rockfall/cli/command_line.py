@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The command line: arguments in, exit status out. The work of the commands is done in other
+packages."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import io
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+from rockfall.cli.arguments import make_parser
+from rockfall.cli.messages import DONE, FAULT, REFUSED, say
+from rockfall.errors import RockfallError
+from rockfall.interrupts import exit_status, stoppable
+
+_NO_MEMORY = "not enough memory for this case; `rockfall check` says what it needs"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command and return the exit status. All errors are reported in one line on stderr."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # from libraries, for their developers
+    _open_closed_streams()
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # for names with unsupported letters
+    try:
+        with stoppable():
+            arguments = make_parser().parse_args(argv)
+            _check_names(arguments)
+            status = arguments.command(arguments)
+            sys.stdout.flush()
+        return status
+    except SystemExit as done:  # --help, --version
+        return int(done.code or DONE)
+    except RockfallError as error:
+        return say(str(error), error.code)
+    except KeyboardInterrupt:
+        return say("interrupted; no file is half-written", exit_status())
+    except ImportError as error:
+        return say(_NO_MEMORY, REFUSED) if "failed to map" in str(error) else _fault(error)
+    except MemoryError:
+        return say(_NO_MEMORY, REFUSED)
+    except BrokenPipeError:
+        _close_stdout()  # the reader closed the pipe
+        return DONE
+    except OSError as error:
+        if error.errno == errno.ENOMEM:
+            return say(_NO_MEMORY, REFUSED)
+        if error.filename is not None:
+            return _fault(error)
+        _close_stdout()  # accepts no more output
+        return say(f"output: {error.strerror or error}", REFUSED)
+    except Exception as error:
+        return _fault(error)
+
+
+def _check_names(arguments: argparse.Namespace) -> None:
+    """Refuse names that are not UTF-8: netCDF and case files can hold no others."""
+    encoding = sys.getfilesystemencoding()
+    if encoding != "utf-8":
+        raise RockfallError(f"file names are in {encoding} here: set LC_ALL=C.UTF-8")
+    values = vars(arguments).values()
+    names = [one for value in values for one in (value if isinstance(value, list) else [value])]
+    for name in (*(one for one in names if isinstance(one, Path)), Path.cwd()):
+        if os.fsencode(name).decode("utf-8", "replace") != str(name):
+            raise RockfallError(f"{name}: is not a name in UTF-8")
+
+
+def _fault(error: Exception) -> int:
+    if os.environ.get("ROCKFALL_TRACEBACK"):
+        traceback.print_exc()
+    about = f"internal error: {type(error).__name__}: {error}"
+    return say(f"{about} (please report; set ROCKFALL_TRACEBACK=1 for the trace)", FAULT)
+
+
+def _open_closed_streams() -> None:
+    """Redirect closed standard streams (>&-) to the null device, so that output is not written to a
+    file opened later under the same descriptor."""
+    for name, mode in ("stdin", "r"), ("stdout", "w"), ("stderr", "w"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))
+
+
+def _close_stdout() -> None:
+    """Drop pending output of a closed stream, so that Python does not try again at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,0 +1,331 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Report of a result as one HTML page that needs no network: text, maps, lines, figures,
+provenance.
+
+The modules of this package provide numbers and texts; `templates` define the structure of the page.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import importlib.resources
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rockfall.analysis.compare import compare
+from rockfall.analysis.lines.samples import LineSamples
+from rockfall.analysis.return_levels import return_levels
+from rockfall.case_files import files_behind
+from rockfall.errors import RockfallError, need
+from rockfall.html_report.convergence import convergence_figure
+from rockfall.html_report.ensemble import (
+    PER_LINE,
+    range_answers,
+    range_headline,
+    range_tables,
+    range_words,
+)
+from rockfall.html_report.front import front_of, overview
+from rockfall.html_report.inputs import (
+    Parties,
+    doubtful_inputs,
+    doubts_note,
+    ground_figure,
+    input_table,
+    words_of,
+    zone_table,
+)
+from rockfall.html_report.intervals import rows_of
+from rockfall.html_report.language import Speaker
+from rockfall.html_report.maps import data_uri, map_section
+from rockfall.html_report.pdf import check_pdf, write_pdf
+from rockfall.html_report.spread import (
+    missing_spread,
+    model_tables,
+    spread_table,
+    spread_words,
+)
+from rockfall.html_report.summary import (
+    angle,
+    answers,
+    certainty,
+    ends_table,
+    headline,
+    question,
+    requested,
+    technical,
+)
+from rockfall.html_report.tables import (
+    barrier_table,
+    compared,
+    dam_tables,
+    design_tables,
+    ground_table,
+    hazard_tables,
+    level_table,
+    line_tables,
+    precision_table,
+    provenance,
+    words_of_hazard,
+)
+from rockfall.html_report.terrain_view import terrain_view
+from rockfall.html_report.validity import cautions, warnings
+from rockfall.io.files import atomic_write
+from rockfall.io.output_files import FIGURE, PAGE, SIGNATURE, check_output
+from rockfall.plots.figures import LABORATORY, drawn_lines, figures
+from rockfall.plots.hazard_figures import hazard_figures
+from rockfall.plots.style import capital, save
+from rockfall.protection.barriers import barriers_of
+from rockfall.protection.design import design
+from rockfall.result.flat_maps import flat_maps
+from rockfall.result.grounds import stochastic_fraction
+from rockfall.result.samples import has_rows, simulated
+from rockfall.text.design import factor_lines
+from rockfall.text.hazard import hazard_warnings
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+    from rockfall.analysis.models import Models
+    from rockfall.html_report.intervals import Rows
+    from rockfall.html_report.tables import Table
+    from rockfall.plots.map_figures import Look
+    from rockfall.result.trajectories import Terrain
+
+PDF = ".pdf"
+NOBODY = Parties()
+MAX_SVG = 400_000  # bytes; a denser figure is rasterised
+DOTS_PER_INCH = 200
+GROUNDS = "Grounds: radii of their rocks"
+UNIT = re.compile(r"(?<=\d) (?=(?:%|kJ|m|m/s|m2|m³|kg/m³)(?!\w))")  # kept on the line of its number
+COLOURS = 128  # of a rasterised figure
+DRAWN_LINES = 8  # lines with figures; the tables have all
+
+
+class Picture(NamedTuple):
+    """A figure of the page: a data URI and its size [CSS pixels]."""
+
+    title: str
+    caption: str
+    uri: str
+    wide: int
+    high: int
+
+
+def write_report(
+    result: xr.Dataset,
+    path: str | Path,
+    terrain: Terrain | None = None,
+    observed: Any = None,
+    look: Look | None = None,
+    view: bool = False,
+    language: str = "en",
+    parties: Parties = NOBODY,
+    hazard: xr.Dataset | None = None,
+    models: Models | None = None,
+) -> None:
+    """Write the page of a result to `path` (.html, or .pdf) atomically; other arguments are as in
+    `report`."""
+    path = Path(path)
+    check_page(path, files_behind(result))
+    on_paper = path.suffix.lower() == PDF
+    view = view and not on_paper
+    page = report(
+        result, terrain, observed, look, view, on_paper, language, parties, hazard, models
+    )
+    if on_paper:
+        write_pdf(page, path)
+        return
+    with atomic_write(path) as part:
+        part.write_text(page, encoding="utf-8")
+
+
+def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
+    """Refuse a page that cannot be made or written, before the work starts."""
+    path = Path(path)
+    need("a report needs", "report", "matplotlib", "PIL", "jinja2")
+    ending = path.suffix.lower()
+    if ending not in (".html", ".htm", PDF):
+        raise RockfallError(f"{path}: is no name for a page; it must end in .html or .pdf")
+    if ending == PDF:
+        check_pdf()
+    check_output(path, FIGURE if ending == PDF else PAGE, inputs)
+
+
+def report(
+    result: xr.Dataset,
+    terrain: Terrain | None = None,
+    observed: Any = None,
+    look: Look | None = None,
+    view: bool = False,
+    on_paper: bool = False,
+    language: str = "en",
+    parties: Parties = NOBODY,
+    hazard: xr.Dataset | None = None,
+    models: Models | None = None,
+) -> str:
+    """Page of a result as text. The same result gives the same text.
+
+    `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps; `observed`, from
+    `rockfall.analysis.observations.read_observed`, is compared with the result in figures and
+    tables; `look` has limits between classes of maps and a basemap. `view` adds a three-dimensional
+    view of the terrain, and needs `terrain`. With `on_paper` all maps are figures. `language` is
+    en, de, fr or it; `hazard`, from `rockfall.hazard`, adds its zones; `models`, from
+    `rockfall.analysis.models`, the spread over rebound models.
+    """
+    result = flat_maps(result)
+    words = [*words_of(result), *(words_of_hazard(hazard) if hazard is not None else ())]
+    kept = [] if observed is None else observed.kept.values()
+    words += [str(name) for one in kept for name in one.columns]
+    say = Speaker(language, words)
+    rows, levels = rows_of(result), return_levels(result)
+    sheet = design(result) if rows and has_rows(result) else None
+    ranges = range_tables(result, rows)
+    zoomed = set() if on_paper else {f"map_{name}" for name in result.data_vars}
+    drawn = figures(result, terrain, observed, look, DRAWN_LINES)
+    shown = [one for one in drawn if one.name not in zoomed]
+    laboratory = [one for one in shown if one.name in LABORATORY]
+    if not stochastic_fraction(result):
+        laboratory = []  # the reference is not what rebounds followed
+    grounds = ground_figure(result, terrain)
+    endangered = [] if hazard is None else list(hazard_tables(hazard))
+    doubts = doubtful_inputs(result, hazard)
+    outside = [*doubts_note(doubts), *warnings(result), *missing_spread(result, models)]
+    texts: dict[str, Any] = {
+        "title": str(result.attrs["title"]) or "rockfall",
+        "question": question(rows, hazard is not None),
+        "warnings": outside,
+        "answers": range_answers(result) if ranges else answers(result, rows),
+        "certainty": [
+            *certainty(result, rows, not outside),
+            *range_words(result, ranges),
+            *spread_words(models),
+        ],
+    }
+    shown_first = [
+        *([range_headline(result) if ranges else headline(rows)] if rows else ()),
+        *spread_table(models),
+        *endangered[:1],
+        *ranges[::PER_LINE],
+    ]
+    front = front_of(result, rows, parties, texts, shown_first, say)
+    stops = None if observed is None else observed.stops
+    drawn_first = list(overview(result, terrain, stops, hazard, look, front.room))
+    return _rendered(
+        say,
+        title=texts["title"],
+        on_paper=on_paper,
+        parties=parties,
+        question=texts["question"],
+        front=front,
+        overview=[_picture(figure, title, "", say) for title, figure in drawn_first],
+        doubtful_inputs=doubts,
+        indices=[one for k, one in enumerate(ranges) if k % PER_LINE],
+        inputs=[input_table(result, parties), *zone_table(result), *dam_tables(result)],
+        ground_map=_picture(grounds, GROUNDS, "", say) if grounds else None,
+        ends=[ends_table(result)],
+        angle=list(angle(result)),
+        cautions=cautions(result, rows, levels),
+        map_section=None if on_paper else map_section(result, terrain, look),
+        view=terrain_view(result, terrain, say) if view and terrain is not None else None,
+        lines=[*line_tables(rows), level_table(levels)] if rows else [],
+        design=[
+            *(design_tables(sheet) if sheet else ()),
+            *([barrier_table(result)] if barriers_of(result) and has_rows(result) else ()),
+        ],
+        factors=list(factor_lines(sheet)) if sheet else [],
+        hazard=endangered[1:],
+        hazard_warnings=[] if hazard is None else list(hazard_warnings(hazard)),
+        hazard_figures=[
+            _picture(one.draw(), one.title, one.caption, say)
+            for one in ([] if hazard is None else hazard_figures(hazard, terrain))
+        ],
+        grounds=[
+            *([ground_table(result)] if "rebounds_by_ground" in result else ()),
+            *model_tables(models),
+        ],
+        has_clusters=LineSamples(result).sampled,
+        convergence=list(_convergence(result, rows, say)),
+        comparison=None if observed is None else compared(compare(result, observed)),
+        figures=[
+            _picture(one.draw(), one.title, one.caption, say)
+            for one in shown
+            if one.name not in LABORATORY
+        ],
+        appendix=[_picture(one.draw(), one.title, one.caption, say) for one in laboratory],
+        technical=[*technical(result), *requested(result)],
+        provenance=provenance(result, say),
+    )
+
+
+def _convergence(
+    result: xr.Dataset, rows: Rows, say: Speaker
+) -> Iterator[tuple[str, Picture | None, Table | None]]:
+    """Figure and table of convergence of each line; none if no boulder passes."""
+    caption = "Numbers after so many boulders, with their 95 % band"
+    caption += (
+        "; the sources take turns, in a random order." if LineSamples(result).sources > 1 else "."
+    )
+    which = drawn_lines(result, DRAWN_LINES) if has_rows(result) else []
+    for k, (line, numbers) in enumerate(rows.items()):
+        if numbers["speed"]["n"]:
+            figure = None
+            if k in which:
+                drawn = convergence_figure(result, k)
+                figure = _picture(drawn, f"Convergence at {line}", caption, say)
+            yield line, figure, precision_table(line, numbers, simulated(result))
+        else:
+            yield line, None, None
+
+
+def _picture(figure: Figure, title: str, caption: str, say: Speaker) -> Picture:
+    """Figure as vectors (SVG), or rasterised if too dense. The same figure gives the same bytes."""
+    say.figure(figure)
+    wide, high = (round(96 * inch) for inch in figure.get_size_inches())
+    content, kind = _saved(figure, "svg"), "image/svg+xml"
+    if len(content) > MAX_SVG:
+        content, kind = _saved(figure, "png"), "image/png"
+    return Picture(capital(say(title)), say(caption), data_uri(content, kind), wide, high)
+
+
+def _saved(figure: Figure, ending: str) -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"figure.{ending}"
+        save(figure, path, DOTS_PER_INCH)
+        if ending == "png":  # a third of the bytes
+            from PIL import Image
+
+            Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
+        return path.read_bytes()
+
+
+def _rendered(say: Speaker, **content: Any) -> str:
+    """Render the page from this content. All texts are escaped; only our scripts can run in it."""
+    import jinja2
+    from markupsafe import Markup
+
+    folder = importlib.resources.files(__package__) / "templates"
+
+    def read(name: str) -> str:
+        return (folder / name).read_text(encoding="utf-8")
+
+    script = read("page.js")
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(read), autoescape=True, undefined=jinja2.StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    environment.filters["capital"] = capital
+    environment.filters["say"] = lambda text: UNIT.sub("\u00a0", say(text))
+    return environment.get_template("page.html.j2").render(
+        signature=SIGNATURE,
+        language=say.language,
+        style=Markup(read("page.css")),
+        script=Markup(script),
+        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+        **content,
+    )
