@@ -11,6 +11,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "back_analysis": "analysis.back.study",
     "barrier_statistics": "protection.barriers",
     "compare": "analysis.compare",
+    "compare_variants": "analysis.variants",
     "convergence": "analysis.convergence:converge",
     "design": "protection.design",
     "ensemble": "analysis.ensemble.study:run_ensemble",

@@ -164,7 +164,8 @@ def test_bad_observations_are_one_line_and_nothing_is_written(name, result, capf
 
 
 ARGUMENTS = {
-    "no observations": (["r.nc"], r"compare needs results \(.nc\) and observations \(CSV\)"),
+    "no observations": (["r.nc"],
+        r"compare needs results \(.nc\) and observations \(CSV\), or variants \(.nc\)"),
     "a result twice": (["r.nc", "r.nc", "o.csv"], r"compare: a result is given twice"),
     "observations missing": (["r.nc", "no.csv"], r"no.csv: no such file or directory"),
     "observations twice": (["r.nc", "o.csv", "./o.csv"], r"o.csv: is given twice"),

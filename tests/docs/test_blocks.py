@@ -147,7 +147,7 @@ def site(tmp_path_factory):
     result = rockfall.run(case)
     for name in ("prior", "bare", "ensemble", "hazard"):
         shutil.copy("case.nml", f"{name}.nml")
-    for name in ("result", "one", "other", "case", "bare"):
+    for name in ("result", "one", "other", "case", "bare", "road", "net", "dam"):
         rockfall.write_result(result, f"{name}.nc")
     rockfall.write_hazard(rockfall.hazard(case), "hazard")
     shutil.copytree(ROOT / "cases", "cases")

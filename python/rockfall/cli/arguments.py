@@ -235,11 +235,13 @@ def _add_results(commands: _Commands) -> None:
 
     export = result("export", "write a result as GeoTIFF, GeoPackage and CSV")
     export.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
-    about = "compare a result with observations; of several results, rank them"
+    about = "compare a result with observations (several: rank them), or variants with the first"
     compare = _add(commands, "results", "compare", about)
-    about = "one or more results OUT.nc, and observations OBSERVED.csv"
+    about = "results OUT.nc and observations OBSERVED.csv; or variants A.nc B.nc ... alone"
     compare.add_argument("files", metavar="FILE", type=Path, nargs="+", help=about)
     compare.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="all tables as CSV")
+    about = "of variants: maps of the differences, as GeoTIFF"
+    compare.add_argument("--maps", metavar="DIR", type=Path, help=about)
     lines = result("lines", "print line statistics with intervals, and return levels")
     lines.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="write them, too")
     about = "split them: source or volume"

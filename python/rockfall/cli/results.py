@@ -8,11 +8,12 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rockfall.analysis.compare import compare, write_comparison
 from rockfall.analysis.observations import read_observed
 from rockfall.analysis.ranks import rank_results
+from rockfall.analysis.variants import compare_variants, difference_maps, write_variants
 from rockfall.case_files import files_behind
 from rockfall.cli.messages import DONE, warn
 from rockfall.errors import RockfallError
@@ -22,6 +23,10 @@ from rockfall.result.export import export
 from rockfall.text.comparison import ranks_text, text
 from rockfall.text.line_details import print_groups, print_profile
 from rockfall.text.line_tables import print_lines
+from rockfall.text.variants import variants_text
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 REPORTED = (
     "language",
@@ -42,11 +47,15 @@ def export_command(arguments: argparse.Namespace) -> int:
 def compare_command(arguments: argparse.Namespace) -> int:
     paths = [path for path in arguments.files if path.suffix == ".nc"]
     sources = [path for path in arguments.files if path.suffix != ".nc"]
-    if not paths or not sources:
-        raise RockfallError("compare needs results (.nc) and observations (CSV)")
+    if not paths or len(arguments.files) < 2:
+        raise RockfallError("compare needs results (.nc) and observations (CSV), or variants (.nc)")
     results = {str(path): read_result(path) for path in paths}
     if len(results) < len(paths):
         raise RockfallError("compare: a result is given twice")
+    if not sources:
+        return _compare_variants(results, arguments)
+    if arguments.maps:
+        raise RockfallError("--maps requires variants: results without observations")
     seen = read_observed(*sources)
     if len(results) == 1:
         (result,) = results.values()
@@ -59,6 +68,21 @@ def compare_command(arguments: argparse.Namespace) -> int:
         behind = (path for result in results.values() for path in files_behind(result))
         write_comparison(table, arguments.output, keep=(*arguments.files, *behind))
     print(said)
+    return DONE
+
+
+def _compare_variants(results: dict[str, xr.Dataset], arguments: argparse.Namespace) -> int:
+    names = [Path(path).stem for path in results]
+    if len({*names}) < len(names):
+        raise RockfallError("compare: variants need different file names")
+    variants = dict(zip(names, results.values(), strict=True))
+    table = compare_variants(variants)
+    inputs = [*arguments.files, *(path for one in results.values() for path in files_behind(one))]
+    if arguments.output:
+        write_comparison(table, arguments.output, keep=inputs)
+    if arguments.maps:
+        write_variants(table, difference_maps(variants), arguments.maps, inputs)
+    print(variants_text(table))
     return DONE
 
 
