@@ -131,6 +131,32 @@ def test_frequencies_of_sources_and_of_area_are_those_of_all(tmp_path):
     assert steep.scenarios[0].frequency == pytest.approx(100 * surface / 1e6)
 
 
+POWER = {"volume": "pareto", "volume_min": 0.1, "volume_max": 20.0, "volume_exponent": 0.5}
+
+
+def test_activity_gives_the_frequency_of_all_volumes(tmp_path):
+    """0.05 / sqrt(0.1) - 0.05 / sqrt(20) a year, and of that the fraction above 5 m3."""
+    one = {"name": "one", "activity": 0.05} | POWER
+    found = read_study(make_case(tmp_path, one, case={"boulders": 4000}), dem=Z, transform=GRID)
+    assert found.scenarios[0].frequency == pytest.approx(0.1581139 - 0.0111803, rel=1e-6)
+    case = found.scenarios[0].case.replace(impact={"impact_limit": 1})
+    volume = run(case)["volume"].values
+    assert 0.1 <= volume.min() and volume.max() <= 20.0
+    above = found.scenarios[0].frequency * (volume[:, None] > [0.2, 1.0, 5.0]).mean(axis=0)
+    expected = 0.05 * (np.array([0.2, 1.0, 5.0]) ** -0.5 - 20.0**-0.5)
+    np.testing.assert_allclose(above, expected, rtol=0.08)
+    one = {"name": "one", "activity": 0.05}  # of the volumes of &boulder
+    found = read_study(
+        make_case(tmp_path, one, boulder=POWER | {"volume_mean": None}), dem=Z, transform=GRID
+    )
+    assert found.scenarios[0].frequency == pytest.approx(0.1469336, rel=1e-6)
+
+
+def test_activity_needs_a_power_distribution(tmp_path):
+    with refused("case: &scenario activity = 0.05: is only valid with volume = 'pareto'"):
+        make_case(tmp_path, {"name": "one", "activity": 0.05})
+
+
 def test_a_scenario_changes_boulders(tmp_path):
     """One key of &boulder, or with a distribution of its own all keys of volumes."""
     boulder = {"volume": "normal", "volume_mean": 1.0, "volume_std": 0.2, "density": 2600.0}
@@ -397,9 +423,10 @@ def test_objects_that_cannot_be_are_refused(tmp_path, layer):
 @pytest.mark.parametrize(
     ("scenario", "groups", "message"),
     [
-        ([{"name": "a"}], {}, "&scenario frequency, return_period: give one of the two"),
+        ([{"name": "a"}], {},
+         "&scenario frequency, return_period, activity: give one of the three"),
         ([ONE | {"return_period": 3.0}], {},
-         "&scenario frequency, return_period: give one of the two"),
+         "&scenario frequency, return_period, activity: give one of the three"),
         ([ONE | {"frequency": -1.0}], {}, "&scenario frequency = -1.0: must be > 0 [1/year]"),
         ([ONE | {"frequency": 0.0}], {}, "&scenario frequency = 0.0: must be > 0 [1/year]"),
         ([ONE | {"frequency_per": "km2"}], {},

@@ -300,7 +300,7 @@ def rockfall_counts():
         ("&scenario name = 'a', frequency = -1.0 /",
          r"case.nml: &scenario frequency = -1.0: must be > 0 \[1/year\]"),
         ("&scenario name = 'a', frequency = 1.0, return_period = 1.0 /",
-         "case.nml: &scenario frequency, return_period: give one of the two"),
+         "case.nml: &scenario frequency, return_period, activity: give one of the three"),
         ("&scenario frequency = 1.0 /",
          "case.nml: &scenario name is missing: text, of a class of boulders, with its frequency"),
         (SCENARIOS + "&hazard thresholds = 30.0, 20.0 /",

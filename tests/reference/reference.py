@@ -422,6 +422,10 @@ def volume(world: World, number: int) -> Decimal:
     values = [exact(value) for value in world.volume]
     if world.law == "list":
         return values[math.floor(uniform(first) * len(values))]
+    if world.law == "pareto":
+        low, high, exponent = values
+        ends = low**-exponent, high**-exponent
+        return (ends[0] - uniform(first) * (ends[0] - ends[1])) ** (-1 / exponent)
     if world.law == "uniform":
         return values[0] + (values[1] - values[0]) * uniform(first)
     mean, deviation = values

@@ -126,6 +126,9 @@ def volume(world: World, number: int) -> tuple[float, float]:
     if world.law == "lognormal":
         deviation = math.sqrt(math.log1p((world.volume[1] / world.volume[0]) ** 2))
         scale = float(value) * (1 + 7 * deviation)
+    if world.law == "pareto":
+        low, high, exponent = world.volume
+        scale = float(value) * (1 + (high / low) ** exponent / exponent)
     return value, 100 * U * scale
 
 
@@ -161,7 +164,9 @@ def world_of(scene: Scene) -> World:
     if (scene.grid.west, scene.grid.north) != (-cell / 2, (scene.grid.ny - 0.5) * cell):
         raise ValueError("the south-western cell centre must be at 0, 0")
     law = boulder["volume"]
-    keys = {"uniform": ("min", "max")}.get(law, ("mean", "std"))
+    keys = {"uniform": ("min", "max"), "pareto": ("min", "max", "exponent")}.get(
+        law, ("mean", "std")
+    )
     volume = tuple(boulder.get(f"volume_{key}", 0.0) for key in keys)
     return World(
         z=scene.z,

@@ -187,8 +187,10 @@ def test_mean_radius_that_changes_from_cell_to_cell(tmp_path):
     [{"volume": "lognormal", "volume_mean": 1.0, "volume_std": 1.0},
      {"volume": "uniform", "volume_min": 0.1, "volume_max": 2.0, "volume_mean": None},
      {"volume": "list", "volumes": [0.1, 0.4, 3.0], "volume_mean": None},
+     {"volume": "pareto", "volume_min": 0.05, "volume_max": 8.0, "volume_exponent": 0.6,
+      "volume_mean": None},
      NORMAL | {"volume_std": 1.5}],
-    ids=["lognormal", "uniform", "list", "truncated"],
+    ids=["lognormal", "uniform", "list", "pareto", "truncated"],
 )  # fmt: skip
 @pytest.mark.parametrize("sampling", ["random", "sobol"])
 def test_laws_of_volume_by_random_and_even_points(tmp_path, boulder, sampling):

@@ -11,18 +11,19 @@ module rockfall_boulder
    public :: boulder_t, source_boulder_t, feature_t, volume_distribution_t, release_t, draw_boulder, boulder_of
    public :: max_volume, mean_volume, feature_of
    public :: source_of, first_of, last_of, released_by, inertia_factor, kinetic_energy
-   public :: fixed_volume, normal_volume, uniform_volume, lognormal_volume, list_volume
+   public :: fixed_volume, normal_volume, uniform_volume, lognormal_volume, list_volume, pareto_volume
 
    real(wp), parameter :: inertia_factor = 0.4_wp  !! I/(m R_b**2) of a sphere [-]
    integer, parameter :: fixed_volume = 1, normal_volume = 2, uniform_volume = 3, lognormal_volume = 4, &
-                         list_volume = 5
+                         list_volume = 5, pareto_volume = 6
 
    !> Volume distribution, and the density that converts volumes to masses.
    type :: volume_distribution_t
       integer :: kind = fixed_volume
       real(wp) :: mean = 1.0_wp              !! fixed, normal, lognormal [m3]
       real(wp) :: std = 0.0_wp               !! normal (before truncation at zero), lognormal [m3]
-      real(wp) :: min = 0.0_wp, max = 0.0_wp !! uniform [m3]
+      real(wp) :: min = 0.0_wp, max = 0.0_wp !! uniform, pareto [m3]
+      real(wp) :: exponent = 1.0_wp          !! pareto: of the number of larger boulders, > 0 [-]
       real(wp), allocatable :: list(:)       !! list: all equally probable [m3]
       !> [kg/m3]; the energies and volumes given in the paper imply 2800.
       real(wp) :: density = 2800.0_wp
@@ -139,6 +140,8 @@ contains
          boulder%volume = distribution%min + (distribution%max - distribution%min)*uniform(word(volume_word))
       case (lognormal_volume)
          boulder%volume = lognormal(distribution, normal(table, word(volume_word)))
+      case (pareto_volume)
+         boulder%volume = pareto(distribution, uniform(word(volume_word)))
       case (list_volume)
          boulder%volume = distribution%list(1 + int(uniform(word(volume_word))*size(distribution%list)))
       case default
@@ -177,7 +180,7 @@ contains
 
       select case (distribution%kind)
       case (normal_volume); volume = distribution%mean + distribution%std*normal(table, last_word)
-      case (uniform_volume); volume = distribution%max
+      case (uniform_volume, pareto_volume); volume = distribution%max
       case (lognormal_volume); volume = lognormal(distribution, normal(table, last_word))
       case (list_volume); volume = maxval(distribution%list)
       case default; volume = distribution%mean
@@ -192,6 +195,7 @@ contains
       ! truncation at zero raises the mean most where the mean is zero: by sqrt(2/pi) = 0.798 of std
       case (normal_volume); volume = distribution%mean + 0.8_wp*distribution%std
       case (uniform_volume); volume = (distribution%min + distribution%max)/2
+      case (pareto_volume); volume = mean_of_pareto(distribution)
       case (list_volume); volume = sum(distribution%list)/size(distribution%list)
       case default; volume = distribution%mean
       end select
@@ -225,4 +229,39 @@ contains
       variance = logarithm(1 + (distribution%std/distribution%mean)**2)
       lognormal = distribution%mean*exponential(sqrt(variance)*z - variance/2)
    end function lognormal
+
+   !> Volume [m3] of a truncated power distribution, whose number of boulders larger than V falls as V**-exponent.
+   pure real(wp) function pareto(distribution, u) result(volume)
+      type(volume_distribution_t), intent(in) :: distribution
+      real(wp), intent(in) :: u  !! uniform, 0 to 1
+
+      associate (range => distribution%max/distribution%min, b => distribution%exponent)
+         volume = distribution%min*power(1 - u*(1 - power(range, -b)), -1/b)
+      end associate
+      volume = min(max(volume, distribution%min), distribution%max)
+   end function pareto
+
+   pure real(wp) function mean_of_pareto(distribution) result(volume)
+      type(volume_distribution_t), intent(in) :: distribution
+      real(wp), parameter :: near_one = 1e-6_wp
+      real(wp) :: integral
+
+      volume = distribution%min
+      if (distribution%max <= distribution%min) return
+      associate (range => distribution%max/distribution%min, b => distribution%exponent)
+         if (abs(1 - b) < near_one) then
+            integral = logarithm(range)
+         else
+            integral = (power(range, 1 - b) - 1)/(1 - b)
+         end if
+         volume = volume*b*integral/(1 - power(range, -b))
+      end associate
+   end function mean_of_pareto
+
+   pure real(wp) function power(base, exponent)
+      real(wp), intent(in) :: base  !! > 0
+      real(wp), intent(in) :: exponent
+
+      power = exponential(exponent*logarithm(base))
+   end function power
 end module rockfall_boulder

@@ -3,12 +3,13 @@
 module rockfall_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_text, only: integer_text, first_repeated
+   use rockfall_text, only: integer_text, first_repeated, joined
    use rockfall_namelist, only: namelist_t, group_t
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, about
    use rockfall_case_keys, only: read_keys, map_names, n_maps, max_thresholds, max_periods, hazard_classes, &
                                  text_length, max_name
-   use rockfall_boulder, only: volume_distribution_t, fixed_volume, normal_volume, uniform_volume, lognormal_volume, &
+   use rockfall_boulder, only: volume_distribution_t, fixed_volume, normal_volume, uniform_volume, &
+                               lognormal_volume, pareto_volume, &
                                list_volume
    use rockfall_surface, only: method_a, method_b
    use rockfall_direction, only: past_aspect, to_aspect, by_lab
@@ -268,9 +269,9 @@ contains
       type(group_t), intent(in) :: group, release
       type(case_t), intent(inout) :: this
       type(error_t), allocatable, intent(out) :: error
-      character(len=*), parameter :: keys(11) = [character(len=13) :: "volume_mean", "volume_std", "volume_min", &
-                                                 "volume_max", "volumes", "d1", "d2", "d3", "shape", "rock_density", &
-                                                 "volume_spread"]
+      character(len=*), parameter :: keys(12) = [character(len=15) :: "volume_mean", "volume_std", "volume_min", &
+                                                 "volume_max", "volumes", "volume_exponent", "d1", "d2", "d3", &
+                                                 "shape", "rock_density", "volume_spread"]
       logical :: needs(size(keys)), takes(size(keys))
       character(len=:), allocatable :: law
       integer :: k
@@ -282,15 +283,16 @@ contains
       case ("lognormal"); this%volumes%kind = lognormal_volume; needs(1:2) = .true.
       case ("uniform"); this%volumes%kind = uniform_volume; needs(3:4) = .true.
       case ("list"); this%volumes%kind = list_volume; needs(5) = .true.
+      case ("pareto"); this%volumes%kind = pareto_volume; needs([3, 4, 6]) = .true.
       case ("source")
          this%by_feature = (has_key(release, "points") .or. has_key(release, "polygons")) &
-                           .and. .not. any([(has_key(group, trim(keys(k))), k=6, size(keys))])
+                           .and. .not. any([(has_key(group, trim(keys(k))), k=7, size(keys))])
          this%by_source = .not. this%by_feature
-         needs(6:8) = this%by_source
+         needs(7:9) = this%by_source
       case default; this%volumes%kind = fixed_volume; needs(1) = .true.
       end select
       takes = needs
-      takes(9:) = this%by_source
+      takes(10:) = this%by_source
       do k = 1, size(keys)
          if (needs(k)) call need(group, trim(keys(k)), "for volume = '"//law//"'", error)
          if (.not. takes(k) .and. has_key(group, trim(keys(k)))) then
@@ -303,6 +305,7 @@ contains
       this%volumes%min = real_of(group, "volume_min")
       this%volumes%max = real_of(group, "volume_max")
       this%volumes%list = reals_of(group, "volumes")
+      if (law == "pareto") this%volumes%exponent = real_of(group, "volume_exponent")
       this%volumes%density = real_of(group, "density")
       if (this%volumes%max < this%volumes%min) then
          call refuse(group, "volume_max", "must not be below volume_min", error)
@@ -682,7 +685,8 @@ contains
       type(namelist_t), intent(in) :: list
       type(case_t), intent(in) :: this
       type(error_t), allocatable, intent(out) :: error
-      integer :: g, other
+      character(len=*), parameter :: rates(*) = [character(len=13) :: "frequency", "return_period", "activity"]
+      integer :: g, other, k
 
       do g = 1, size(list%group)
          if (list%group(g)%name /= "scenario") cycle
@@ -694,8 +698,10 @@ contains
             end do
             if (len(text_of(group, "name")) > max_name) then
                call refuse(group, "name", "must be at most "//integer_text(max_name)//" characters", error)
-            else if (has_key(group, "frequency") .eqv. has_key(group, "return_period")) then
-               call fail(error, about(group, "frequency, return_period")//": give one of the two")
+            else if (count([(has_key(group, trim(rates(k))), k=1, size(rates))]) /= 1) then
+               call fail(error, about(group, joined(rates, ", "))//": give one of the three")
+            else if (has_key(group, "activity") .and. law_of(group) /= "pareto") then
+               call refuse(group, "activity", "is only valid with volume = 'pareto'", error)
             else if (text_of(group, "frequency_per") == "km2" .and. this%at_points) then
                call refuse(group, "frequency_per", "has no meaning for points, which have no area", error)
             else if ((text_of(group, "frequency_per") == "m") .neqv. has_key(group, "cliff_length")) then
@@ -704,5 +710,19 @@ contains
             if (allocated(error)) return
          end associate
       end do
+
+   contains
+
+      !> Distribution of the volumes of a scenario.
+      pure function law_of(group) result(law)
+         type(group_t), intent(in) :: group
+         character(len=:), allocatable :: law
+
+         if (has_key(group, "volume")) then
+            law = text_of(group, "volume")
+         else
+            law = text_of(list%group(findloc(list%group%name, "boulder", dim=1)), "volume")
+         end if
+      end function law_of
    end subroutine check_scenarios
 end module rockfall_case

@@ -101,12 +101,14 @@ module rockfall_case_keys
       key_t("impact", "rest_angle", "real", 1, "absent", "0 to 90", "degree", &
             "steepest slope, over its radius, on which a boulder rests; 90: any; absent: that of each ground"), &
       key_t("impact", "impact_limit", "integer", 1, "100000", "1 to 2147483647", "", "contacts of a boulder at most"), &
-      key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, list, source", "", &
-            "law; source: what rasters, or attributes of a layer, say at each source"), &
+      key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, pareto, list, source", &
+            "", "distribution; source: what rasters, or attributes of a layer, say at each source"), &
       key_t("boulder", "volume_mean", "real", 1, "absent", "> 0", "m3", "fixed, normal, lognormal"), &
       key_t("boulder", "volume_std", "real", 1, "absent", ">= 0", "m3", "normal (truncated at 0), lognormal"), &
-      key_t("boulder", "volume_min", "real", 1, "absent", "> 0", "m3", "uniform"), &
-      key_t("boulder", "volume_max", "real", 1, "absent", "> 0", "m3", "uniform"), &
+      key_t("boulder", "volume_min", "real", 1, "absent", "> 0", "m3", "uniform, pareto"), &
+      key_t("boulder", "volume_max", "real", 1, "absent", "> 0", "m3", "uniform, pareto"), &
+      key_t("boulder", "volume_exponent", "real", 1, "absent", "0.05 to 10", "", &
+            "pareto: the number of boulders larger than V falls as V**-volume_exponent; 0.4 to 0.7 is usual"), &
       key_t("boulder", "volumes", "real", many, "absent", "> 0", "m3", "list: each with equal probability"), &
       key_t("boulder", "density", "real", 1, "2800.0", "> 0", "kg/m3", "of the boulders"), &
       key_t("boulder", "block_shape", "text", 1, "'compact'", "compact, elongated, platy", "", &
@@ -244,16 +246,19 @@ module rockfall_case_keys
       key_t("scenario", "name", "text", 1, "required", "", "", "of a class of boulders, with its frequency"), &
       key_t("scenario", "frequency", "real", 1, "absent", "> 0", "1/year", "how many boulders come loose"), &
       key_t("scenario", "return_period", "real", 1, "absent", "> 0", "year", "instead of frequency: 1/frequency"), &
+      key_t("scenario", "activity", "real", 1, "absent", "> 0", "", &
+            "pareto: activity V**-volume_exponent boulders a year are larger than V [m3]; in place of frequency"), &
       key_t("scenario", "frequency_per", "text", 1, "'year'", "year, source, km2, m", "", &
             "year: of all sources together; source: of each; km2: of source cells; m: of cliff_length"), &
       key_t("scenario", "cliff_length", "real", 1, "absent", "> 0", "m", &
             "of all cliffs together, for frequency_per = 'm'"), &
-      key_t("scenario", "volume", "text", 1, "absent", "fixed, normal, uniform, lognormal, list", "", &
+      key_t("scenario", "volume", "text", 1, "absent", "fixed, normal, uniform, lognormal, pareto, list", "", &
             "with its own keys, in place of all volume keys of &boulder"), &
       key_t("scenario", "volume_mean", "real", 1, "absent", "> 0", "m3", "in place of that of &boulder"), &
       key_t("scenario", "volume_std", "real", 1, "absent", ">= 0", "m3", "in place of that of &boulder"), &
       key_t("scenario", "volume_min", "real", 1, "absent", "> 0", "m3", "in place of that of &boulder"), &
       key_t("scenario", "volume_max", "real", 1, "absent", "> 0", "m3", "in place of that of &boulder"), &
+      key_t("scenario", "volume_exponent", "real", 1, "absent", "0.05 to 10", "", "in place of that of &boulder"), &
       key_t("scenario", "volumes", "real", many, "absent", "> 0", "m3", "in place of those of &boulder"), &
       key_t("scenario", "density", "real", 1, "absent", "> 0", "kg/m3", "in place of that of &boulder"), &
       key_t("hazard", "thresholds", "real", max_thresholds, "30.0, 300.0", "0 to 100000", "kJ", &

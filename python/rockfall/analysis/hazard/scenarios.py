@@ -10,11 +10,13 @@ import numpy as np
 
 from rockfall.case import Case
 from rockfall.errors import RockfallError
+from rockfall.scene.frequencies import stated_frequency
 from rockfall.scene.scene import Scene
 from rockfall.scene.source_attributes import DENSITY
 
 VOLUMES = (
-    "volume", "volume_mean", "volume_std", "volume_min", "volume_max", "volumes",
+    "volume", "volume_mean", "volume_std", "volume_min", "volume_max", "volume_exponent",
+    "volumes",
     "d1", "d2", "d3", "shape", "rock_density", "volume_spread",
 )  # fmt: skip
 OUTPUT: dict[str, Any] = {  # output needed for a hazard
@@ -94,14 +96,14 @@ def _case(case: Case, scenario: dict[str, Any]) -> Case:
 
 def _frequency(scenario: dict[str, Any], scene: Scene) -> float:
     """Annual number of boulders over all sources [1/year]."""
-    given = scenario.get("frequency") or 1 / scenario["return_period"]
-    of = {
+    given = stated_frequency(scenario, scene.case.boulder)
+    of: dict[str, Any] = {
         "year": 1.0,
         "source": scene.x.size,
         "km2": source_area(scene) / KM2,
         "m": scenario.get("cliff_length"),
     }
-    return given * of[scenario["frequency_per"]]
+    return float(given * of[scenario["frequency_per"]])
 
 
 def source_area(scene: Scene) -> float:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from rockfall.scene.frequencies import stated_frequency
 from rockfall.scene.scene import InputWarning, Scene
 from rockfall.terrain.dams import FINE, finer
 
@@ -89,9 +90,9 @@ def _hazard(scene: Scene) -> Iterator[InputWarning]:
 
 def _scenarios(scene: Scene) -> Iterator[InputWarning]:
     for one in scene.case.scenario:
-        frequency = one.get("frequency") or 1 / one["return_period"]
+        frequency = stated_frequency(one, scene.case.boulder)
         if frequency > FREQUENCY[one["frequency_per"]]:
-            key = "frequency" if "frequency" in one else "return_period"
+            key = next(key for key in ("frequency", "return_period", "activity") if key in one)
             other = "return period" if key == "frequency" else "frequency"
             yield InputWarning(
                 f"&scenario name = '{one['name']}' {key} = {one[key]:g}, "

@@ -1,0 +1,22 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Frequency that a scenario of a hazard states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+
+def stated_frequency(scenario: Mapping[str, Any], boulder: Mapping[str, Any]) -> float:
+    """Boulders a year of what its `frequency_per` names. An activity is the number larger than
+    1 m3, of a power distribution between the ends of the volumes of the scenario, or of &boulder
+    (Hungr et al. 1999)."""
+    if "frequency" in scenario:
+        return float(scenario["frequency"])
+    if "return_period" in scenario:
+        return 1 / float(scenario["return_period"])
+    volumes = {**boulder, **scenario}
+    above_min, above_max = (
+        volumes[f"volume_{end}"] ** -volumes["volume_exponent"] for end in ("min", "max")
+    )
+    return float(scenario["activity"] * (above_min - above_max))
