@@ -70,10 +70,9 @@ One CF netCDF file, or the same as an `xarray.Dataset`. Attributes hold the whol
 of the program, checksums of all inputs, the range of boulders, threads, wall and CPU seconds. Only
 what the case asks for is there. This page is made from the program's own table.
 
-A command replaces no file; with `--overwrite`, its own earlier ones, which it knows by their
-contents. Never does it write over a file that the case, a part or the command reads, whatever its
-name there (a link, another spelling), or that rockfall did not write. Several files come all
-together or not at all.
+A command replaces a file only with `--overwrite`, and never one that the case, a part or the
+command reads, whatever its name there (a link, another spelling). Functions in Python replace
+files, as those of other packages do, but no inputs. Several files come all together or not at all.
 
 `input_checksums` are SHA-256 of the named files; `decoded_checksums` of what was read of them and
 of all that lies beside them: elevations and their place (`dem`), the radius of each cell

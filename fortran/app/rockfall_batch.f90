@@ -35,7 +35,7 @@ program rockfall_batch
    use rockfall_console, only: arguments_t, read_arguments, stem, one_line, decimal
    use rockfall_ground, only: ground_t
    use rockfall_scene_file, only: inputs_t, read_scene
-   use rockfall_part_file, only: write_part, is_result
+   use rockfall_part_file, only: write_part
    use rockfall_checkpoint, only: checkpoint_t, check_checkpoint, remove_checkpoint
    use rockfall_run_state, only: run_t
    use rockfall_run_loop, only: run_case
@@ -147,7 +147,7 @@ contains
          "  --threads N          0 = all cores", &
          "  --shard I/N          the I-th of N parts", &
          "  --checkpoint SECONDS between checkpoints, in PART.checkpoint; default: 60, 0 = none", &
-         "  --overwrite          replace what an earlier command wrote there; default: refuse", &
+         "  --overwrite          replace existing files, never inputs; default: refuse", &
          "  --resume             go on from the last checkpoint, if any, also one of `rockfall run`", &
          "  --quiet              no summary", &
          "  -h, --help, --version", &
@@ -159,8 +159,8 @@ contains
       write (output_unit, "(a)") (trim(help(k)), k=1, size(help))
    end subroutine print_help
 
-   !> Reject an output that cannot be written, is an input, is not a part file, or exists without --overwrite. A result
-   !> next to the checkpoint of a stopped run may be replaced: check_checkpoint decides.
+   !> Reject an output that cannot be written, is an input, or exists without --overwrite. A result next to the
+   !> checkpoint of a stopped run may be replaced: check_checkpoint decides.
    subroutine check_output(output, arguments, scene, error)
       character(len=*), intent(in) :: output, scene
       type(arguments_t), intent(in) :: arguments
@@ -173,12 +173,8 @@ contains
          call fail(error, output//": there is no folder "//folder_of(output))
       else if (same_file(output, arguments%case) .or. same_file(output, scene)) then
          call fail(error, output//": is an input; it is not overwritten")
-      else if (path_exists(output)) then
-         if (.not. is_result(output)) then
-            call fail(error, output//": is there, and not a result of a run that rockfall wrote; it is not overwritten")
-         else if (.not. (arguments%overwrite .or. path_exists(output//".checkpoint"))) then
-            call fail(error, output//": already exists; not overwritten (--overwrite replaces it)")
-         end if
+      else if (path_exists(output) .and. .not. (arguments%overwrite .or. path_exists(output//".checkpoint"))) then
+         call fail(error, output//": already exists; not overwritten (--overwrite replaces it)")
       end if
       if (allocated(error)) return
       open (newunit=unit, file=temporary_name(output), status="new", action="write", iostat=status)

@@ -255,7 +255,7 @@ def test_bad_draws_are_one_line(place, capfd, text):
 ARGUMENTS = {
     ("--members", "31"): "--members 31: must be at least 32",
     ("--members", "40", "--effective", "41"): "--effective 41: must be 2 to --members 40",
-    ("-o", "taken"): "taken/case.nml: is there, and not a back-analysis that rockfall wrote; .*",
+    ("-o", "taken"): "taken/case.nml: already exists; not overwritten .*",
 }
 
 

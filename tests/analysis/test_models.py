@@ -193,7 +193,6 @@ def test_the_command_writes_a_table_and_a_figure(case, tmp_path, capsys, monkeyp
     before = everything(tmp_path)
     assert main([*command, "--overwrite"]) == 0
     assert everything(tmp_path).keys() == before.keys()
-    (tmp_path / "out/models.csv").write_text("mine")
-    refuses(command, "out.models.csv: is there, and not .*; it is not overwritten", capsys)
+    refuses(command, "out.models.csv: already exists; not overwritten .*", capsys)
     words = ["models", case.name, "-o", "new", "--ground", "mud"]
     refuses(words, "--ground = 'mud': no ground of grounds.csv, and no file of .*", capsys)

@@ -92,8 +92,8 @@ ARGUMENTS = {
     (CASE, "-o", "/proc/x"): "/proc/x: cannot be written (is its folder writable?)",
     (CASE, "-o", CASE): f"{CASE}: is an input; it is not overwritten",
     (CASE, "-o", "ready/scene.nc"): "ready/scene.nc: is an input; it is not overwritten",
-    (CASE, "-o", "zones.csv"): "zones.csv: is there, and not a result of a run that rockfall "
-    "wrote; it is not overwritten",
+    (CASE, "-o", "zones.csv"): "zones.csv: already exists; not overwritten (--overwrite "
+    "replaces it)",
 }  # fmt: skip
 
 

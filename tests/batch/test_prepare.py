@@ -11,6 +11,7 @@ from affine import Affine
 import rockfall
 from made import make_layer, make_raster, refused
 from programs import everything, same_results
+from rockfall.io.output_files import overwriting
 from rockfall.scene.prepare import prepare
 
 NY, NX = 40, 50
@@ -125,12 +126,14 @@ def test_a_prepared_case_moves_and_is_prepared_again(tmp_path):
     assert "again" in (tmp_path / "b/case.nml").read_text()
 
 
-def test_other_folders_are_left_alone(tmp_path):
+def test_other_files_are_left_alone(tmp_path):
     case = make_case(tmp_path, *CASES["zones"])
     before = everything(tmp_path)
-    with refused(f"{tmp_path}: is not empty and holds no prepared case; take another"):
+    said = f"{tmp_path / 'case.nml'}: already exists; not overwritten (--overwrite replaces it)"
+    with overwriting(False), refused(said):
         prepare(case, tmp_path)
     assert everything(tmp_path) == before
-    (tmp_path / "empty").mkdir()
-    prepare(case, tmp_path / "empty")
-    assert (tmp_path / "empty/case.nml").exists()
+    (tmp_path / "used").mkdir()
+    (tmp_path / "used/notes.txt").write_text("mine")
+    prepare(case, tmp_path / "used")
+    assert sorted(os.listdir(tmp_path / "used")) == ["case.nml", "notes.txt", "scene.nc"]

@@ -329,11 +329,10 @@ def test_bad_places_and_layers_are_one_line(hazard_case, capsys):
     refuses([*ARGUMENTS[:4], "--objects", "far.gpkg"], "far.gpkg: .*", capsys)
     Path("out").mkdir()
     Path("out/hazard_class.tif").write_text("mine")
-    taken = "is there, and not a map that rockfall wrote; it is not overwritten"
+    taken = r"already exists; not overwritten \(--overwrite replaces it\)"
     refuses(ARGUMENTS, f"out/hazard_class.tif: {taken}", capsys)
     Path("out/hazard_class.tif").unlink()
     Path("out/hazard_class.qml").write_text("<!DOCTYPE qgis>")
-    taken = "is there, and not a style for QGIS that rockfall wrote; it is not overwritten"
     refuses(ARGUMENTS, f"out/hazard_class.qml: {taken}", capsys)
     Path("out/hazard_class.qml").unlink()
     make_layer("bare.gpkg", [ROAD], crs=None, name=["a"])

@@ -215,7 +215,7 @@ def test_nothing_is_written_over_that_is_not_ours(tmp_path, monkeypatch, capsys)
     make_raster("other.tif", hill())
     for out, said in (
         ("dem.tif", "is an input"),
-        ("other.tif", "is there, and not a map"),
+        ("other.tif", "already exists; not overwritten"),
         ("dem.nc", "must end in .tif"),
     ):
         assert main(["dem", "dem.tif", "-o", out, "--smooth", "5"]) == 2

@@ -13,6 +13,7 @@ from programs import everything, find_program, run_program, same_results
 from rockfall.analysis.models import ROCKS, run_models
 from rockfall.cli import main
 from rockfall.errors import RockfallError
+from rockfall.io.output_files import overwriting
 from rockfall.rockyfor3d import nets
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
@@ -342,8 +343,8 @@ def test_the_command_says_what_it_left(tmp_path, capsys, monkeypatch):
         **{**forest(), "conif_percent": None, "dbhstd": None},
     )
     before = everything(folder)
-    for _ in range(2):  # the second time over the first
-        assert main(["import-rockyfor3d", "rocky", "-o", "case"]) == 0
+    for again in [], ["--overwrite"]:
+        assert main(["import-rockyfor3d", "rocky", "-o", "case", *again]) == 0
         out = capsys.readouterr().out
     assert everything(folder) == before
     for words in "soiltype.asc is not there", "dbhstd.asc is not there", "other.asc: not a file", \
@@ -393,8 +394,8 @@ def test_no_folder(tmp_path):
 def test_a_case_of_someone_else_is_not_overwritten(tmp_path):
     folder = make_folder(tmp_path / "rocky")
     (folder / "case.nml").write_text("&case /")
-    words = "is there, and not a file that rockfall wrote; it is not overwritten"
-    with refused(f"{folder / 'case.nml'}: {words}"):
+    words = "already exists; not overwritten (--overwrite replaces it)"
+    with overwriting(False), refused(f"{folder / 'case.nml'}: {words}"):
         rockfall.import_rockyfor3d(folder, folder)
     assert (folder / "case.nml").read_text() == "&case /"
 

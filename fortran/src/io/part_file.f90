@@ -27,7 +27,7 @@ module rockfall_part_file
    use rockfall_run_state, only: run_t, arrays_of, rows_of, settle, restore_sources
    implicit none
    private
-   public :: write_part, read_part, boulders_in, is_result
+   public :: write_part, read_part, boulders_in
 
    character(len=*), parameter :: types(*) = ["i1", "i4", "i8", "f4", "f8"]  !! as in `stored_as`
    integer, parameter :: kinds(*) = [nf90_byte, nf90_int, nf90_int64, nf90_float, nf90_double]
@@ -341,20 +341,6 @@ contains
          n = max(-1_i8, integer_of(file, "boulder_last") - integer_of(file, "boulder_first") + 1)
       call close_netcdf(file)
    end function boulders_in
-
-   !> Return whether a file is a part or a result written by rockfall.
-   logical function is_result(name)
-      character(len=*), intent(in) :: name
-      type(netcdf_file_t) :: file
-      type(error_t), allocatable :: error
-
-      call open_netcdf(name, file, error)
-      is_result = .not. allocated(error)
-      if (.not. is_result) return
-      is_result = index(text_of(file, nf90_global, "source"), "rockfall ") == 1
-      if (is_result) is_result = integer_of(file, "boulders_requested") >= 0
-      call close_netcdf(file)
-   end function is_result
 
    integer(i8) function integer_of(file, name) result(value)
       type(netcdf_file_t), intent(in) :: file

@@ -30,7 +30,7 @@ from rockfall.analysis.run_out import (
 )
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
-from rockfall.io.output_files import COMPARISON, check_output
+from rockfall.io.output_files import check_output
 from rockfall.io.tables import write_csv
 from rockfall.limits import MIN_FOR_MEAN, MIN_FOR_STD
 from rockfall.result.samples import check_rows, kept_note
@@ -121,7 +121,7 @@ def write_comparison(
 ) -> None:
     """Write `Comparison.table`, or ranks, as CSV, atomically, and over none of the files to
     keep."""
-    check_output(path, COMPARISON, keep)
+    check_output(path, keep)
     write_csv(table, path)
 
 

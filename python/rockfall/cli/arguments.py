@@ -51,7 +51,7 @@ def _add(
 
 
 def _add_overwrite(command: argparse.ArgumentParser) -> None:
-    about = "replace what an earlier command wrote there; default: refuse"
+    about = "replace existing files, never inputs; default: refuse"
     command.add_argument("--overwrite", action="store_true", help=about)
 
 
@@ -86,7 +86,6 @@ def make_parser() -> argparse.ArgumentParser:
 def _add_draft(commands: _Commands) -> None:
     about = "write a commented case for a DEM and layers of zones, sources, lines, barriers, trees"
     new = _add(commands, "draft", "new", about, "DEM", writes=False)
-    new.set_defaults(overwrite=True)  # only output of a lost case, never a case
     about = "GeoPackage, GeoJSON, shapefile: each layer is known by shapes, attributes and name"
     new.add_argument("layers", metavar="LAYER", type=Path, nargs="*", help=about)
     new.add_argument("-o", "--output", metavar="CASE.nml", type=Path, required=True)

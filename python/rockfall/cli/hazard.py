@@ -19,20 +19,7 @@ from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError, need
 from rockfall.interrupts import exit_status, interrupts
 from rockfall.io.files import atomic_write
-from rockfall.io.output_files import (
-    BY_HAZARD,
-    FIGURE,
-    HAZARD,
-    LAYERS,
-    MAP,
-    OBJECT_TABLE,
-    SCENARIO,
-    STYLE,
-    atomic_folder,
-    check_folder,
-    check_output,
-    check_outputs,
-)
+from rockfall.io.output_files import atomic_folder, check_folder, check_output, check_outputs
 from rockfall.plots.hazard_figures import hazard_figures
 from rockfall.plots.style import save
 from rockfall.result.flat_maps import shown
@@ -71,10 +58,11 @@ def _write_cases(arguments: argparse.Namespace, case: Case, inputs: list[Path]) 
     stem = arguments.case.with_suffix("")
     cases = {Path(f"{stem}_scenario{k}.nml"): one for k, one in enumerate(study.scenarios, start=1)}
     for path in cases:
-        check_output(path, SCENARIO, inputs)
+        check_output(path, inputs)
     for path, scenario in cases.items():
         with atomic_write(path) as part:
-            part.write_text(f"{BY_HAZARD}\n{scenario.case.text()}", encoding="utf-8")
+            text = f"! Written by `rockfall hazard`.\n{scenario.case.text()}"
+            part.write_text(text, encoding="utf-8")
     print(*cases, sep="\n")
     return DONE
 
@@ -139,14 +127,8 @@ def _check_place(folder: Path, case: Case, inputs: Iterable[str | Path]) -> None
     check_folder(folder)
     if not folder.resolve().parent.is_dir():
         raise RockfallError(f"{folder}: there is no folder {folder.parent}")
-    kinds: dict[str, str] = {
-        "hazard.nc": HAZARD,
-        "hazard.gpkg": LAYERS,
-        "objects.csv": OBJECT_TABLE,
-    }
-    for name, _ in map_names(case):
-        kinds |= {f"{name}.tif": MAP, f"{name}.qml": STYLE}
+    names = ["hazard.nc", "hazard.gpkg", "objects.csv", "hazard_class.png"]
+    names += [f"{name}.{ending}" for name, _ in map_names(case) for ending in ("tif", "qml")]
     periods = (shown("return_period", one) for one in case.hazard["return_periods"])
-    for name in ("hazard_class", *(f"intensity_{period}" for period in periods)):
-        kinds[f"{name}.png"] = FIGURE
-    check_outputs({folder / name: kind for name, kind in kinds.items()}, inputs)
+    names += [f"intensity_{period}.png" for period in periods]
+    check_outputs([folder / name for name in names], inputs)

@@ -15,7 +15,7 @@ from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import shipped_sets
 from rockfall.impact_tables import save_table, shipped_tables
 from rockfall.interrupts import exit_status
-from rockfall.io.output_files import FIGURE, IMPACTS, SETS, TABLE, check_output, overwriting
+from rockfall.io.output_files import check_output, overwriting
 from rockfall.io.raster import read_dem
 from rockfall.lab.blocks.case import is_block_case, read_block_case, relief_keys
 from rockfall.lab.blocks.contacts import run_throws
@@ -56,7 +56,7 @@ def pack_command(arguments: argparse.Namespace) -> int:
         raise RockfallError(f"--layers {arguments.layers}: must be 1 or more")
     if arguments.output:
         need("a picture needs", "report", "matplotlib")
-        check_output(arguments.output, FIGURE, [arguments.case])
+        check_output(arguments.output, [arguments.case])
     case = read_lab_case(arguments.case)
     layers = pack_layers(case, arguments.ratio, count=arguments.layers, threads=arguments.threads)
     unit = case.packing["mean_radius"]
@@ -72,7 +72,7 @@ def pack_command(arguments: argparse.Namespace) -> int:
 def impact_command(arguments: argparse.Namespace) -> int:
     path = arguments.output or Path(f"{arguments.case.stem}.nc")
     with overwriting(arguments.overwrite or arguments.resume):
-        check_output(path, IMPACTS, [arguments.case])
+        check_output(path, [arguments.case])
     if is_block_case(arguments.case):
         return _throw(arguments, path)
     case = read_lab_case(arguments.case)
@@ -118,7 +118,7 @@ def relief_command(arguments: argparse.Namespace) -> int:
 def fit_command(arguments: argparse.Namespace) -> int:
     need("a fit needs", "report", "threadpoolctl")
     if arguments.output:
-        check_output(arguments.output, SETS, [arguments.impacts])
+        check_output(arguments.output, [arguments.impacts])
     measured = arguments.impacts.suffix.lower() == ".csv"
     sets, about, summary = (_from_contacts if measured else _from_impacts)(arguments)
     if not arguments.quiet:
@@ -160,7 +160,7 @@ def _from_contacts(arguments: argparse.Namespace) -> Fitted:
 
 
 def table_command(arguments: argparse.Namespace) -> int:
-    check_output(arguments.output, TABLE, arguments.contacts)
+    check_output(arguments.output, arguments.contacts)
     made = table_of([open_contacts(path) for path in arguments.contacts])
     save_table(made, arguments.output)
     if not arguments.quiet:

@@ -7,7 +7,7 @@ import argparse
 
 from rockfall.case import read_case
 from rockfall.cli.messages import DONE
-from rockfall.io.output_files import RESULT, check_output
+from rockfall.io.output_files import check_result_path
 from rockfall.result.dataset import write_result
 from rockfall.scene.prepare import prepare
 from rockfall.simulation.merge import join
@@ -16,7 +16,7 @@ from rockfall.text.summary import summary
 
 
 def merge_command(arguments: argparse.Namespace) -> int:
-    check_output(arguments.output, RESULT, arguments.parts)
+    check_result_path(arguments.output, arguments.parts)
     result = join(arguments.parts)
     write_result(result, arguments.output)
     print(summary(result))

@@ -12,14 +12,7 @@ from typing import TYPE_CHECKING
 from rockfall.case_files import files_behind
 from rockfall.cli.messages import DONE
 from rockfall.errors import RockfallError, need
-from rockfall.io.output_files import (
-    DESIGN,
-    FACTORS,
-    FIGURE,
-    atomic_folder,
-    check_folder,
-    check_outputs,
-)
+from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
 from rockfall.io.tables import write_csv
 from rockfall.plots.along_figures import along_figure
 from rockfall.plots.style import save
@@ -64,14 +57,12 @@ def design_command(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def design_files(found: Mapping[str, Design]) -> dict[str, str]:
-    """Names of the files that `write_design` writes, and their kinds."""
+def design_files(found: Mapping[str, Design]) -> list[str]:
+    """Names of the files that `write_design` writes."""
     along = any(one.along is not None for one in found.values())
-    files = {f"design_{name}.csv": DESIGN for name in TABLES if along or name != "along"}
-    files["design_factors.csv"] = FACTORS
-    if along:
-        files |= {f"design_along{k}.png": FIGURE for k in numbered(found)}
-    return files
+    files = [f"design_{name}.csv" for name in TABLES if along or name != "along"]
+    figures = [f"design_along{k}.png" for k in numbered(found)]
+    return [*files, "design_factors.csv", *(figures if along else [])]
 
 
 def numbered(found: Mapping[str, Design]) -> list[str]:
@@ -87,7 +78,7 @@ def write_design(
     inputs = [Path(name) for name in found]
     inputs += [path for one in results.values() for path in files_behind(one)]
     files = design_files(found)
-    check_outputs({folder / name: kind for name, kind in files.items()}, inputs)
+    check_outputs([folder / name for name in files], inputs)
     with atomic_folder(folder, inputs) as part:
         for name in TABLES:
             if f"design_{name}.csv" in files:

@@ -15,7 +15,7 @@ from rockfall.cli.given import overridden, scene_of
 from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError
 from rockfall.interrupts import exit_status, interrupts
-from rockfall.io.output_files import RESULT, check_output, overwriting
+from rockfall.io.output_files import check_result_path, overwriting
 from rockfall.result.dataset import write_result
 from rockfall.result.samples import simulated
 from rockfall.scene.scene import Scene
@@ -36,7 +36,7 @@ def run_command(arguments: argparse.Namespace) -> int:
     stem = arguments.case.stem
     path = arguments.output or Path(f"{stem}.nc" if of == 1 else f"{stem}.part{which}of{of}")
     with overwriting(arguments.overwrite or _was_stopped(path, arguments)):
-        check_output(path, RESULT, input_files(case))
+        check_result_path(path, input_files(case))
         with locked(path, warn):
             return _run_to(path, case, arguments, shard, _checkpoint(arguments, path))
 

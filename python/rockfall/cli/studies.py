@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
 from rockfall.analysis.back.posterior import check_back, write_back
@@ -21,15 +21,7 @@ from rockfall.cli.given import overridden, warn_of_inputs
 from rockfall.cli.messages import DONE, say
 from rockfall.errors import RockfallError, need
 from rockfall.interrupts import exit_status
-from rockfall.io.output_files import (
-    FIGURE,
-    MODELS,
-    STUDY,
-    VALIDATION,
-    atomic_folder,
-    check_folder,
-    check_outputs,
-)
+from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
 from rockfall.io.tables import write_csv
 from rockfall.plots.convergence import figure
 from rockfall.plots.ensemble_figures import posterior_figure
@@ -42,12 +34,9 @@ from rockfall.text.ensemble import ensemble_summary
 from rockfall.text.models import models_text, validation_text
 
 TABLES = ("study", "error", "cost", "numerical")
-FILES = {  # of a convergence study, and their kinds
-    **{f"{table}.csv": STUDY for table in TABLES},
-    **{f"convergence.{ending}": FIGURE for ending in ("png", "pdf")},
-}
-
-MODEL_FILES = {"models.csv": MODELS, "models.png": FIGURE, "models.nc": MODELS}
+DRAWINGS = "convergence.png", "convergence.pdf"
+FILES = (*(f"{table}.csv" for table in TABLES), *DRAWINGS)  # of a convergence study
+MODEL_FILES = "models.csv", "models.png", "models.nc"
 
 
 def ensemble_command(arguments: argparse.Namespace) -> int:
@@ -133,7 +122,7 @@ def validate_command(arguments: argparse.Namespace) -> int:
     case = overridden(arguments)
     inputs = [*input_files(case), *arguments.observed]
     if arguments.output is not None:
-        check_outputs({arguments.output: VALIDATION}, inputs)
+        check_outputs([arguments.output], inputs)
     seen = read_observed(*arguments.observed)
     tables = arguments.table or None
     found = validate(case, seen, tables, arguments.seeds, progress=not arguments.quiet)
@@ -147,14 +136,13 @@ def validate_command(arguments: argparse.Namespace) -> int:
 def write_convergence(
     found: Convergence, folder: Path, inputs: Iterable[str | Path] = ()
 ) -> list[Path]:
-    """Write all of FILES to a folder, or none; over no file of the `inputs` and only over an
-    earlier study."""
+    """Write all of FILES to a folder, or none; over no file of the `inputs`."""
     inputs = list(inputs)
     check_writable(folder, inputs)
     with atomic_folder(folder, inputs) as part:
         for name in TABLES:
             write_csv(getattr(found, name), part / f"{name}.csv")
-        figure(found, [part / name for name in FILES if FILES[name] == FIGURE])
+        figure(found, [part / name for name in DRAWINGS])
     return [folder / name for name in FILES]
 
 
@@ -164,7 +152,7 @@ def check_writable(folder: Path, inputs: Iterable[str | Path] = ()) -> None:
 
 
 def _check_folder(
-    folder: Path, files: Mapping[str, str], study: str, inputs: Iterable[str | Path]
+    folder: Path, files: Iterable[str], study: str, inputs: Iterable[str | Path]
 ) -> None:
     need(f"{study} needs", "report", "matplotlib")
     check_folder(folder)
@@ -172,4 +160,4 @@ def _check_folder(
         raise RockfallError(f"{folder}: there is no folder {folder.parent}")
     if not os.access(folder if folder.exists() else folder.parent, os.W_OK):
         raise RockfallError(f"{folder}: is not writable")
-    check_outputs({folder / name: kind for name, kind in files.items()}, inputs)
+    check_outputs([folder / name for name in files], inputs)

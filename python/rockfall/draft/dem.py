@@ -18,7 +18,7 @@ from rockfall.io.arrays import check_elevations
 from rockfall.io.crs import check_metres, crs_name
 from rockfall.io.grid import Grid
 from rockfall.io.layers import read_features
-from rockfall.io.output_files import MAP, SIGNATURE, check_output
+from rockfall.io.output_files import check_output
 from rockfall.io.raster import read_dem, write_geotiff
 from rockfall.io.raster_file import open_raster, raster_files
 from rockfall.io.tables import read_table
@@ -126,8 +126,8 @@ def write_dem(
     """Write a DEM as GeoTIFF, atomically, with its provenance."""
     made = shlex.join(["dem", str(made_from), *options])
     tags = {
-        "TIFFTAG_SOFTWARE": SIGNATURE, "units": "m", "long_name": "elevation",
-        "history": f"{SIGNATURE} {__version__}: {made}",
+        "TIFFTAG_SOFTWARE": "rockfall", "units": "m", "long_name": "elevation",
+        "history": f"rockfall {__version__}: {made}",
         "source_sha256": file_checksum(Path(made_from)),
     }  # fmt: skip
     z = dem.z if math.isnan(dem.nodata) else np.where(np.isnan(dem.z), dem.nodata, dem.z)
@@ -139,7 +139,7 @@ def check_place(path: str | Path, source: str | Path, steps: Iterable[tuple[str,
     if Path(path).suffix.lower() not in (".tif", ".tiff"):
         raise RockfallError(f"{path}: is no name for a GeoTIFF; it must end in .tif")
     layers = [given for _, given in steps if isinstance(given, Path)]
-    check_output(path, MAP, [*raster_files(source), *layers])
+    check_output(path, [*raster_files(source), *layers])
 
 
 def _read_points(path: str | Path) -> np.ndarray:

@@ -36,8 +36,9 @@ def new_case(dem: str | Path, layers: Iterable[str | Path], out: str | Path) -> 
     dem, out, files = Path(dem), Path(out), [Path(one) for one in layers]
     if out.suffix.lower() != ".nml":
         raise RockfallError(f"{out}: is no name for a case; it must end in .nml")
-    if os.path.lexists(out):
-        raise RockfallError(f"{out}: already exists; not overwritten")
+    for path in out, *(out.with_name(f"{out.stem}_zones.{ending}") for ending in ("csv", "gpkg")):
+        if os.path.lexists(path):
+            raise RockfallError(f"{path}: already exists; not overwritten")
     z, grid = read_dem(dem)
     new = New(dem, out, grid)
     for file in files:

@@ -75,7 +75,7 @@ from rockfall.html_report.tables import (
 from rockfall.html_report.terrain_view import terrain_view
 from rockfall.html_report.validity import cautions, warnings
 from rockfall.io.files import atomic_write
-from rockfall.io.output_files import FIGURE, PAGE, SIGNATURE, check_output
+from rockfall.io.output_files import check_output
 from rockfall.plots.figures import LABORATORY, drawn_lines, figures
 from rockfall.plots.hazard_figures import hazard_figures
 from rockfall.plots.style import capital, save
@@ -154,7 +154,7 @@ def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
         raise RockfallError(f"{path}: is no name for a page; it must end in .html or .pdf")
     if ending == PDF:
         check_pdf()
-    check_output(path, FIGURE if ending == PDF else PAGE, inputs)
+    check_output(path, inputs)
 
 
 def report(
@@ -322,7 +322,6 @@ def _rendered(say: Speaker, **content: Any) -> str:
     environment.filters["capital"] = capital
     environment.filters["say"] = lambda text: UNIT.sub("\u00a0", say(text))
     return environment.get_template("page.html.j2").render(
-        signature=SIGNATURE,
         language=say.language,
         style=Markup(read("page.css")),
         script=Markup(script),

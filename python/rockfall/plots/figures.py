@@ -17,7 +17,7 @@ from rockfall.analysis.precision.intervals import fraction_interval, sources
 from rockfall.case import case_of
 from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import set_path
-from rockfall.io.output_files import FIGURE, atomic_folder, check_outputs
+from rockfall.io.output_files import atomic_folder, check_outputs
 from rockfall.lab.sets import read_sets
 from rockfall.plots.along_figures import line_profile_figure
 from rockfall.plots.ensemble_figures import ranges_figure
@@ -108,13 +108,13 @@ def write_figures(
     inputs: Iterable[str | Path] = (),
 ) -> list[Path]:
     """Write figures to a folder, created if missing, all of them or none, over no file of the
-    `inputs` and only over our figures; returns the files written."""
+    `inputs`; returns the files written."""
     if format not in FORMATS:
         raise RockfallError(f"format = '{format}': must be one of {', '.join(FORMATS)}")
     need("figures need", "report", "matplotlib")
     files = {f"{one.name}.{format}": one.draw for one in shown}
     inputs = list(inputs)
-    check_outputs({Path(folder) / name: FIGURE for name in files}, inputs)  # drawing takes long
+    check_outputs([Path(folder) / name for name in files], inputs)  # drawing takes long
     with atomic_folder(folder, inputs) as part:
         for name, draw in files.items():
             save(draw(), part / name)

@@ -12,7 +12,6 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.files import atomic_write
-from rockfall.io.output_files import SIGNATURE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,9 +75,9 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
 
     dpi = dpi or (300 if Path(path).suffix == ".png" else 200)  # vectors with dense parts as dots
     about = {
-        ".png": {"Software": SIGNATURE},
-        ".pdf": {"Creator": SIGNATURE, "CreationDate": None},
-        ".svg": {"Creator": SIGNATURE, "Date": None},
+        ".png": {"Software": "rockfall"},
+        ".pdf": {"Creator": "rockfall", "CreationDate": None},
+        ".svg": {"Creator": "rockfall", "Date": None},
     }
     with matplotlib.rc_context(STYLE), atomic_write(path) as part:
         try:

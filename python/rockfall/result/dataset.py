@@ -14,7 +14,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.crs import grid_mapping
 from rockfall.io.files import atomic_write, check_netcdf
 from rockfall.io.grid import row_blocks
-from rockfall.io.output_files import RESULT, check_output
+from rockfall.io.output_files import check_result_path
 from rockfall.limits import PIECE
 from rockfall.result.validate import TEXTS, check_result, check_values
 
@@ -110,13 +110,13 @@ def read_result(path: str | Path) -> xr.Dataset:
     return result
 
 
-def write_result(result: Held, path: str | Path, kind: str = RESULT) -> None:
+def write_result(result: Held, path: str | Path) -> None:
     """Write a result as netCDF, atomically, and never over an input of its case.
 
     >>> import rockfall
     >>> rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "other.nc")
     """
-    check_output(path, kind, files_behind(result))
+    check_result_path(path, files_behind(result))
     with atomic_write(path) as part:
         put_netcdf(result, part, path)
 

@@ -19,7 +19,7 @@ from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.io.arrays import grid_of
 from rockfall.io.files import atomic_write
-from rockfall.io.output_files import SIGNATURE, atomic_folder
+from rockfall.io.output_files import atomic_folder
 from rockfall.io.raster import write_geotiff
 from rockfall.io.tables import spreadsheet_text
 from rockfall.quantities import SHOWN
@@ -50,7 +50,7 @@ def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
     with a QGIS style (.qml) for each; rockfall.gpkg with the layers sources, stops, lines,
     crossings and trajectories, as far as the result has them, energies in kJ, and their styles; in
     SI boulders.csv, and line_<name>.csv for each line. Writes all of them or, with a RockfallError,
-    none, and only over files of an earlier export.
+    none.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -123,7 +123,7 @@ def write_map(path: Path, data: xr.DataArray) -> Path:
         for key, value in data.attrs.items()
         if key not in ("_FillValue", "grid_mapping")
     }
-    tags["TIFFTAG_SOFTWARE"] = SIGNATURE
+    tags["TIFFTAG_SOFTWARE"] = "rockfall"
     write_geotiff(path, values[::-1] if flipped else values, grid, fill, **tags)
     return path
 
@@ -361,7 +361,7 @@ def write_geopackage(
                     pyogrio.raw.write(
                         part, shapely.to_wkb(shapes), list(fields.values()), list(fields),
                         layer=layer, geometry_type=kind, crs=crs, driver="GPKG",
-                        append=part.exists(), **({} if features else {"DESCRIPTION": SIGNATURE}),
+                        append=part.exists(),
                     )  # fmt: skip
                     features += len(shapes)
                 _check_arrived(part, layer, features)

@@ -7,10 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
-from rockfall.io.output_files import SIGNATURE
 from rockfall.result.classes import Classes
 
-HEAD = f"<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n<!-- {SIGNATURE} -->\n"
+HEAD = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 OPACITY = "0.7"
 
 

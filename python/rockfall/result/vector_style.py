@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
-from rockfall.io.output_files import SIGNATURE
 from rockfall.result.classes import STATUS_MARKERS, classes_of
 
 TABLE = "layer_styles"
@@ -115,14 +114,14 @@ def put_styles(path: Path, layers: Mapping[str, str], styles: Mapping[str, Style
             f"CREATE TABLE {TABLE} (id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, {COLUMNS})"
         )
         database.execute(
-            "INSERT INTO gpkg_contents (table_name, data_type, identifier, description) "
-            "VALUES (?, 'attributes', ?, ?)", [TABLE, TABLE, SIGNATURE]
+            "INSERT INTO gpkg_contents (table_name, data_type, identifier) "
+            "VALUES (?, 'attributes', ?)", [TABLE, TABLE]
         )  # fmt: skip
         database.executemany(
             f"INSERT INTO {TABLE} (f_table_catalog, f_table_schema, f_table_name, "
             "f_geometry_column, styleName, styleQML, styleSLD, useAsDefault, description, owner) "
-            "VALUES ('', '', ?, 'geom', 'rockfall', ?, '', 1, ?, '')",
-            [(name, text, SIGNATURE) for name, text in texts.items()],
+            "VALUES ('', '', ?, 'geom', 'rockfall', ?, '', 1, '', '')",
+            list(texts.items()),
         )
 
 

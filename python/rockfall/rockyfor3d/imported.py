@@ -18,7 +18,7 @@ from rockfall.case_text import Entry, Group, case_text
 from rockfall.draft.dem import read_source
 from rockfall.errors import RockfallError
 from rockfall.io.files import read_text
-from rockfall.io.output_files import SIGNATURE, atomic_folder, check_folder
+from rockfall.io.output_files import atomic_folder
 from rockfall.io.raster import write_geotiff
 from rockfall.io.tables import plain_decimal
 from rockfall.rockyfor3d.folder import Folder
@@ -27,7 +27,6 @@ from rockfall.rockyfor3d.nets import NETS, TOLERANCE, barriers
 MARK = "! Made by `rockfall import-rockyfor3d`"  # first words of an imported case
 CASE, DEM, STEMS, SOURCES = "case.nml", "dem.tif", "stems.tif", "sources.tif"
 TREES = "trees.csv"
-FILES = (CASE, DEM, STEMS, SOURCES, TREES)  # files that an import may write
 HECTARE = 1e4  # [m2]
 BOULDERS = 100  # per source
 DROP_HEIGHT = 1.0  # [m]
@@ -69,7 +68,7 @@ def import_rockyfor3d(
     folder, out = Folder(directory), Path(out)
     folder.rasters = {name: path.resolve() for name, path in folder.rasters.items()}
     inputs = [*folder.rasters.values(), *filter(None, [folder.trees])]
-    with atomic_folder(out, inputs, _former(out), last=CASE) as part:
+    with atomic_folder(out, inputs, last=CASE) as part:
         made = Import(folder, out, part, crs)
         groups = list(_groups(made))
         made.notes += [f"{name}: not a file that we know; left out" for name in folder.unread]
@@ -79,15 +78,6 @@ def import_rockyfor3d(
         (part / CASE).write_text(case_text(head, groups, foot), encoding="utf-8")
         read_case(part / CASE)
     return [*made.notes, *LEFT]
-
-
-def _former(out: Path) -> list[Path]:
-    """The files of an earlier import."""
-    check_folder(out)
-    case = out / CASE
-    if not (case.is_file() and case.read_bytes().startswith(MARK.encode())):
-        return []
-    return [out / name for name in FILES if (out / name).is_file()]
 
 
 def _groups(made: Import) -> Iterator[Group]:
@@ -226,7 +216,7 @@ def _nets(made: Import) -> Iterator[Group]:
 def _write(made: Import, name: str, values: np.ndarray) -> None:
     nodata = np.nan if values.dtype.kind == "f" else None
     write_geotiff(
-        made.part / name, values, made.folder.grid, nodata=nodata, TIFFTAG_SOFTWARE=SIGNATURE
+        made.part / name, values, made.folder.grid, nodata=nodata, TIFFTAG_SOFTWARE="rockfall"
     )
 
 

@@ -11,8 +11,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.case_files import input_files
-from rockfall.errors import RockfallError
-from rockfall.io.output_files import SCENE, atomic_folder, check_folder, check_outputs, kind_of
+from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import (
     CONVENTIONS,
@@ -76,21 +75,21 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
     """Write `scene.nc` and `case.nml` to `folder`; returns these paths.
 
     The scene file holds all numbers of the kernel's input, so rockfall-batch gives identical
-    results. `arrays` are as in `rockfall.scene.read.read_scene`. A folder that holds anything other
-    than a prepared case is refused.
+    results. `arrays` are as in `rockfall.scene.read.read_scene`.
     """
     folder, inputs = Path(folder), list(input_files(case))
-    former = _prepared_files(folder)
-    check_outputs(dict.fromkeys(former), inputs, former)
+    files = [folder / "scene.nc", folder / "case.nml"]
+    check_folder(folder)
+    check_outputs(files, inputs)
     scene = read_scene(case, **arrays)
     survey(scene)
     input_warnings(scene)
-    with atomic_folder(folder, inputs, former, last="case.nml") as part:
+    with atomic_folder(folder, inputs, last="case.nml") as part:
         put_netcdf(_scene_file(scene), part / "scene.nc", folder / "scene.nc")
         head = f"{MARK} from {case.name}, for rockfall-batch and the scene file beside it."
         text = f"{' '.join(head.splitlines())}\n{scene.case.text()}"
         (part / "case.nml").write_text(text, encoding="utf-8")
-    return [folder / "scene.nc", folder / "case.nml"]
+    return files
 
 
 def _scene_file(scene: Scene) -> Contents:
@@ -126,16 +125,3 @@ def _scene_file(scene: Scene) -> Contents:
         **feature_names(scene),
     }
     return Contents(data, attrs, ("x", "y"))
-
-
-def _prepared_files(folder: Path) -> list[Path]:
-    """Files of the prepared case in a folder; a folder with other files is refused."""
-    check_folder(folder)
-    if not folder.exists() or not any(folder.iterdir()):
-        return []
-    case, scene = folder / "case.nml", folder / "scene.nc"
-    if not (case.is_file() and case.read_bytes().startswith(MARK.encode())) or (
-        kind_of(scene) != SCENE
-    ):
-        raise RockfallError(f"{folder}: is not empty and holds no prepared case; take another")
-    return [scene, case]

@@ -13,15 +13,15 @@ from string import Template
 from rockfall.case import read_case
 from rockfall.case_files import input_files
 from rockfall.errors import RockfallError
-from rockfall.io.output_files import BY_SLURM, RESULT, atomic_folder, check_outputs
+from rockfall.io.output_files import atomic_folder, check_outputs
 
 MAX_SHARDS = 10_000
 ROCKFALL = shlex.join([sys.executable, "-m", "rockfall"])
 #: Formats of `sbatch --time`: minutes, M:S, H:M:S, D-H, D-H:M, D-H:M:S.
 TIME = r"[0-9]{1,9}(:[0-9]{1,9}){0,2}|[0-9]{1,9}-[0-9]{1,9}(:[0-9]{1,9}){0,2}"
 RUN = Template(
-    f"""#!/bin/sh
-{BY_SLURM}
+    """#!/bin/sh
+# Written by `rockfall slurm`.
 #SBATCH --job-name=$name
 #SBATCH --array=1-$shards
 #SBATCH --cpus-per-task=$threads
@@ -33,15 +33,15 @@ RUN = Template(
 set -eu
 mkdir -p $folder/parts
 part=$$SLURM_ARRAY_TASK_ID
-export OMP_NUM_THREADS="$${{SLURM_CPUS_PER_TASK:-$threads}}"
+export OMP_NUM_THREADS="$${SLURM_CPUS_PER_TASK:-$threads}"
 exec $program $case --quiet --resume --overwrite --threads "$$OMP_NUM_THREADS" \\
-  --shard "$$part/$shards" --output $folder/parts/"part$${{part}}of$shards"
+  --shard "$$part/$shards" --output $folder/parts/"part$${part}of$shards"
 """
 )
 PROGRAMS = "python", "batch"
 MERGE = Template(
-    f"""#!/bin/sh
-{BY_SLURM}
+    """#!/bin/sh
+# Written by `rockfall slurm`.
 #SBATCH --job-name=$name-merge
 #SBATCH --time=$time
 #SBATCH --output=$folder/merge.log
@@ -50,14 +50,14 @@ cd $folder/parts
 part=0
 while [ "$$part" -lt $shards ]; do
   part=$$((part + 1))
-  set -- "$$@" "part$${{part}}of$shards"
+  set -- "$$@" "part$${part}of$shards"
 done
 exec $rockfall merge "$$@" --output $folder/$stem.nc
 """
 )
 SUBMIT = Template(
-    f"""#!/bin/sh
-{BY_SLURM}
+    """#!/bin/sh
+# Written by `rockfall slurm`.
 # The array, and the merge once all of its jobs are done.
 set -eu
 job=$$(sbatch --parsable $folder/run.sh)
@@ -96,7 +96,7 @@ def write_jobs(
     if any(character.isspace() for character in str(folder)):
         raise RockfallError(f"{folder}: #SBATCH lines take no folder with blanks in its name")
     inputs = list(input_files(case))
-    check_outputs({folder / f"{Path(path).stem}.nc": RESULT}, inputs)  # which merge.sh writes
+    check_outputs([folder / f"{Path(path).stem}.nc"], inputs)  # which merge.sh writes
     about = {
         "case": shlex.quote(str(Path(path).absolute())), "folder": shlex.quote(str(folder)),
         "name": "rockfall", "stem": shlex.quote(Path(path).stem), "shards": shards,

@@ -12,7 +12,6 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import line_statistics
 from rockfall.analysis.lines.profile import line_profile
-from rockfall.io.output_files import FIGURE, GROUP_TABLE, PROFILE
 from rockfall.plots.along_figures import line_profile_figure
 from rockfall.plots.style import save
 from rockfall.quantities import DESIGN, QUANTITIES, number, with_unit
@@ -41,7 +40,7 @@ def print_groups(
 ) -> None:
     """Print the boulders that pass the lines of a result by source or by class of volume; with
     `table`, a CSV file, write line_statistics of these groups to it."""
-    result, places = open_lines(path, table, {"": GROUP_TABLE})
+    result, places = open_lines(path, table, "")
     statistics = line_statistics(result, by, classes)
     print("\n".join(_groups(statistics, by)))
     write_tables(path, result, dict(zip(places, [statistics], strict=False)))
@@ -52,7 +51,7 @@ def print_profile(
 ) -> None:
     """Print the boulders that pass each window of a line of a result; with `table`, a CSV file,
     write them to it, and a figure next to it as NAME.png."""
-    result, places = open_lines(path, table, {"": PROFILE, ".png": FIGURE})
+    result, places = open_lines(path, table, "", ".png")
     profile = line_profile(result, line, width)
     about = [ALONG, *filter(None, [kept_note(result)])]
     print("\n".join([*about, "", line, aligned(_along(profile))]))

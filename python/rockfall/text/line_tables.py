@@ -14,7 +14,7 @@ from rockfall.analysis.line_statistics import QUANTILES, line_statistics, quanti
 from rockfall.analysis.return_levels import LEVELS, return_levels
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError
-from rockfall.io.output_files import LEVEL_TABLE, LINE_TABLE, atomic_folder, check_output
+from rockfall.io.output_files import atomic_folder, check_output
 from rockfall.io.tables import write_csv
 from rockfall.quantities import QUANTITIES, TOO_FEW, number
 from rockfall.result.dataset import read_result
@@ -40,8 +40,7 @@ ENDS = "", "_low", "_high"
 def print_lines(path: str | Path, table: str | Path | None = None) -> None:
     """Print both tables of a result; with `table`, a CSV file, write line_statistics to it and
     return_levels next to it as NAME_levels.csv, in the units of the result."""
-    kinds = {"": LINE_TABLE, "_levels.csv": LEVEL_TABLE}
-    result, places = open_lines(path, table, kinds)
+    result, places = open_lines(path, table, "", "_levels.csv")
     statistics, levels = line_statistics(result), return_levels(result)
     print("\n".join(_text(statistics, levels, simulated(result))))
     if is_ensemble(result):
@@ -50,21 +49,21 @@ def print_lines(path: str | Path, table: str | Path | None = None) -> None:
 
 
 def open_lines(
-    path: str | Path, table: str | Path | None, kinds: Mapping[str, str]
+    path: str | Path, table: str | Path | None, *endings: str
 ) -> tuple[xr.Dataset, list[Path]]:
-    """Result with lines, and the paths of files of these kinds: `table`, and files with the same
-    name and other endings; refused before the work if they may not be written. No paths without
-    `table`."""
+    """Result with lines, and the paths of its tables: `table` for the ending "", and files with the
+    same name and other endings; refused before the work if they may not be written. No paths
+    without `table`."""
     first = table and _csv(Path(table))
     result = read_result(path)
     if "line" not in result:
         raise RockfallError(f"{path}: has no evaluation lines")
     if not first:
         return result, []
-    places = {first.with_name(first.stem + (end or first.suffix)): of for end, of in kinds.items()}
-    for place, kind in places.items():
-        check_output(place, kind, [Path(path), *files_behind(result)])
-    return result, list(places)
+    places = [first.with_name(first.stem + (end or first.suffix)) for end in endings]
+    for place in places:
+        check_output(place, [Path(path), *files_behind(result)])
+    return result, places
 
 
 def write_tables(path: str | Path, result: xr.Dataset, made: Mapping[Path, Any]) -> None:
@@ -79,7 +78,7 @@ def write_tables(path: str | Path, result: xr.Dataset, made: Mapping[Path, Any])
 
 
 def _csv(path: Path) -> Path:
-    if path.suffix.lower() != ".csv" or path.is_dir():
+    if path.suffix.lower() != ".csv":
         raise RockfallError(f"{path}: must be a file name that ends in .csv")
     return path
 

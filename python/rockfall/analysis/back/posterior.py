@@ -15,14 +15,7 @@ from rockfall.analysis.back.sampling import effective
 from rockfall.analysis.back.study import Back
 from rockfall.case import FROM_ARRAY, REPEATABLE, Case, file_keys
 from rockfall.case_files import input_files
-from rockfall.io.output_files import (
-    FIGURE,
-    POSTERIOR,
-    atomic_folder,
-    check_folder,
-    check_outputs,
-    kind_of,
-)
+from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
 from rockfall.io.tables import write_csv
 from rockfall.io.zone_table import read_zone_table
 from rockfall.result.contents import Contents
@@ -221,11 +214,11 @@ def write_back(
     found: Back, folder: str | Path, inputs: Iterable[str | Path] = (), draw: Draw | None = None
 ) -> list[Path]:
     """Write TABLE, DRAWN, ALL and CASE to a folder, and DRAWING if `draw` is given, all of them or
-    none, and only over an earlier back-analysis."""
+    none."""
     folder = Path(folder)
     inputs = [*inputs, *input_files(found.case)]
-    former = check_back(folder, inputs)
-    with atomic_folder(folder, inputs, former, last=CASE) as part:
+    check_back(folder, inputs)
+    with atomic_folder(folder, inputs, last=CASE) as part:
         write_csv(posterior_table(found), part / TABLE)
         write_csv(draws_table(found), part / DRAWN)
         put_netcdf(_contents(found), part / ALL, folder / ALL)
@@ -235,15 +228,10 @@ def write_back(
     return [folder / name for name in (TABLE, DRAWN, ALL, *[DRAWING] * bool(draw), CASE)]
 
 
-def check_back(folder: Path, inputs: Iterable[str | Path]) -> list[Path]:
-    """Refuse a folder with other contents, before the work starts; returns the files of an earlier
-    back-analysis."""
+def check_back(folder: Path, inputs: Iterable[str | Path]) -> None:
+    """Refuse a folder whose files may not be overwritten, before the work starts."""
     check_folder(folder)
-    kinds = dict.fromkeys([folder / name for name in (TABLE, DRAWN, ALL, CASE)], POSTERIOR)
-    kinds[folder / DRAWING] = FIGURE
-    former = [path for path, kind in kinds.items() if kind_of(path) == kind]
-    check_outputs(kinds, inputs, former)
-    return former
+    check_outputs([folder / name for name in (TABLE, DRAWN, ALL, DRAWING, CASE)], inputs)
 
 
 def _contents(found: Back) -> Contents:

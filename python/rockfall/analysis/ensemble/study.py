@@ -22,7 +22,7 @@ from rockfall.case import Case
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
-from rockfall.io.output_files import ENSEMBLE, ENSEMBLE_TABLE, check_output
+from rockfall.io.output_files import check_output
 from rockfall.io.tables import write_csv
 from rockfall.quantities import QUANTITIES
 from rockfall.result.dataset import write_result
@@ -303,16 +303,16 @@ def write_ensemble(found: xr.Dataset, path: Path) -> None:
     atomically."""
     check_place(path, found.sizes["line"], files_behind(found))
     if path.suffix == ".nc":
-        write_result(found, path, ENSEMBLE)
+        write_result(found, path)
         return
     write_csv(ensemble_table(found), path)
 
 
 def check_place(path: Path, lines: int, inputs: Iterable[Path] = ()) -> None:
     """Refuse an output path that cannot be written, before the runs start; `lines` is the number of
-    lines. An existing file is replaced if it is an earlier ensemble."""
+    lines."""
     if path.suffix not in (".nc", ".csv"):
         raise RockfallError(f"{path}: must end in .nc (everything) or .csv (the table)")
     if path.suffix == ".csv" and not lines:
         raise RockfallError(f"{path}: without a &line there is no table; maps go to a file .nc")
-    check_output(path, ENSEMBLE_TABLE if path.suffix == ".csv" else ENSEMBLE, inputs)
+    check_output(path, inputs)

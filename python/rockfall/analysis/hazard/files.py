@@ -51,7 +51,7 @@ NO_CELL = 255  # value without data in a yes-no raster
 def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
     """Write a hazard to a folder: hazard.nc, a GeoTIFF and a QGIS style (.qml) for each map,
     hazard.gpkg with zones and objects, objects.csv. Writes all of them or, with a RockfallError,
-    none, and only over files of an earlier hazard.
+    none.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
