@@ -87,7 +87,7 @@ def test_maxima_are_of_single_precision(tmp_path):
         "boulder": {"volume_mean": 1e12, "density": 1e12},
         "release": {"drop_height": 1e12}, "flight": {"gravity": 1e12},
     }  # fmt: skip
-    with pytest.raises(rockfall.RockfallError, match="energy_max: can come to"):
+    with pytest.raises(rockfall.RockfallError, match="energy_max: can reach"):
         check(scene_of(tmp_path, maps=["energy_max"], **heavy))
     check(scene_of(tmp_path, maps=["speed_max_map"], **heavy))
 

@@ -47,7 +47,7 @@ module rockfall_f2py
    use rockfall_run_state, only: run_t, arrays_of, map_tallies, begin_run => open_run, &
                                  begin_joined_run => open_joined_run, extend_run => continue_run, &
                                  add_part => merge_run, &
-                                 end_run => close_run, advance_run => advance, settle_run => settle, &
+                                 end_run => close_run, advance_run => advance, settle_run => settle_partial_sources, &
                                  restore_run => restore_sources, forget_tallies_of => forget_tallies
    implicit none
    private

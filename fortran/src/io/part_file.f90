@@ -24,7 +24,7 @@ module rockfall_part_file
    use rockfall_scene_file, only: inputs_t
    use rockfall_line_samples, only: layout_t
    use rockfall_state_table, only: array_t, table_t
-   use rockfall_run_state, only: run_t, arrays_of, rows_of, settle, restore_sources
+   use rockfall_run_state, only: run_t, arrays_of, rows_of, settle_partial_sources, restore_sources
    implicit none
    private
    public :: write_part, read_part, boulders_in
@@ -49,10 +49,10 @@ contains
       call create_netcdf(part, file)
       if (sound(file)) then
          call describe(file, case, text, inputs, run)
-         call settle(run, inputs%scene%release, 1)
+         call settle_partial_sources(run, inputs%scene%release, 1)
          cell = reached_cells(run)
          call pass_arrays(file, run, cell)
-         call settle(run, inputs%scene%release, -1)
+         call settle_partial_sources(run, inputs%scene%release, -1)
       end if
       call close_netcdf(file)
       done = sound(file)

@@ -11,7 +11,7 @@ module rockfall_run_state
    use rockfall_crossings, only: crossing_t
    use rockfall_maps, only: maps_t, lacks_slots
    use rockfall_source_maps, only: contributing_t, contributing_cells, partial_sources, boulders_within, &
-                                   first_partial, settle_sources => settle
+                                   first_partial, adjust_released
    use rockfall_map_values, only: map_plan_t, map_plan, stack_layers, map_views, max_columns, halvings
    use rockfall_histogram, only: bins, quantities, n_bins
    use rockfall_boulder, only: release_t
@@ -30,7 +30,7 @@ module rockfall_run_state
    private
    public :: run_t, open_run, open_joined_run, continue_run, merge_run, close_run, advance, arrays_of, rows_of
    public :: map_tallies
-   public :: settle, restore_sources, forget_tallies
+   public :: settle_partial_sources, restore_sources, forget_tallies
 
    integer(i8), parameter :: no_row = huge(1_i8)           !! number of a row that is still empty
    integer, parameter :: n_totals = size(boulder_counts) - 3  !! of boulder_counts: those summed over all boulders
@@ -70,7 +70,7 @@ module rockfall_run_state
       integer(i4), pointer, contiguous :: last_source(:, :, :) => null()  !! as in maps_t, with its first_partial
       integer(i8) :: first_partial = 0
       integer(i8) :: max_columns = max_columns            !! maximum for `bin_counts`
-      type(contributing_t) :: shared                      !! cells of partial sources, set by `settle`
+      type(contributing_t) :: shared                      !! cells of partial sources, set by `settle_partial_sources`
       ! Boulders of the last chunk that left the window of the terrain, and where:
       integer(i8), allocatable :: left(:)
       real(wp), allocatable :: left_at(:, :)              !! (boulders, 2), map coordinates [m]
@@ -620,7 +620,7 @@ contains
    end subroutine add_sample_arrays
 
    !> Add the stacks of maps (columns, rows, layers), of which files contain the cells reached by boulders; and, after
-   !> `settle`, the cells of partial sources.
+   !> `settle_partial_sources`, the cells of partial sources.
    subroutine add_map_arrays(run, table)
       type(run_t), intent(in), target :: run
       type(table_t), intent(inout) :: table
@@ -661,7 +661,7 @@ contains
 
    !> In the cells of partial sources, count only the boulders done (sign 1), as required for a part; these cells are
    !> stored in `shared`. Sign -1 reverts this, for a run that continues.
-   subroutine settle(run, release, sign)
+   subroutine settle_partial_sources(run, release, sign)
       type(run_t), intent(inout), target :: run
       type(release_t), intent(in) :: release
       integer, intent(in) :: sign
@@ -670,8 +670,8 @@ contains
       if (.not. any(run%plan%count(3:4) > 0)) return
       maps = map_tallies(run, [1, 1])
       if (sign > 0) run%shared = contributing_cells(maps, release, run%before + 1, run%before + run%done)
-      call settle_sources(maps, release, run%shared, sign)
-   end subroutine settle
+      call adjust_released(maps, release, run%shared, sign)
+   end subroutine settle_partial_sources
 
    !> Restore the cells of partial sources from `shared`, as read from a file. Not `good` unless they belong to the
    !> sources cut by the boulders done, with the correct numbers of boulders, and cells in order.
@@ -702,6 +702,6 @@ contains
             end associate
          end do
       end associate
-      call settle(run, release, -1)
+      call settle_partial_sources(run, release, -1)
    end subroutine restore_sources
 end module rockfall_run_state

@@ -23,24 +23,24 @@ contains
    pure integer function log_bin(quantity, x)
       integer, intent(in) :: quantity
       real(wp), intent(in) :: x  !! [J], [m/s] or [m], by quantity
-      integer :: piece  ! quarter octaves above 2**first
+      integer :: quarter  ! quarter octaves above 2**first
 
       log_bin = 1
       if (x < log_bin_edge(quantity, 2)) return
-      piece = int(shiftr(transfer(x, 0_i8), bits_below)) - per_octave*(exponent_bias + first(quantity))
-      log_bin = min(piece + 2, n_log_bins(quantity))
+      quarter = int(shiftr(transfer(x, 0_i8), bits_below)) - per_octave*(exponent_bias + first(quantity))
+      log_bin = min(quarter + 2, n_log_bins(quantity))
    end function log_bin
 
    !> Lower edge of a bin, in the unit of the quantity; past the last bin, that of the last, which is open-ended.
    pure real(wp) function log_bin_edge(quantity, bin)
       integer, intent(in) :: quantity, bin
-      integer :: piece
+      integer :: quarter
 
       log_bin_edge = 0
       if (bin < 2) return
-      piece = min(bin, n_log_bins(quantity)) - 2
-      log_bin_edge = scale(1 + mod(piece, per_octave)/real(per_octave, wp), &
-                         first(quantity) + piece/per_octave)
+      quarter = min(bin, n_log_bins(quantity)) - 2
+      log_bin_edge = scale(1 + mod(quarter, per_octave)/real(per_octave, wp), &
+                         first(quantity) + quarter/per_octave)
    end function log_bin_edge
 
    !> Quantile p of the counted numbers, in the unit of the quantity, with the rank definition used at the lines (type 7

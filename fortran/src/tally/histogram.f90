@@ -6,12 +6,12 @@ module rockfall_histogram
    use rockfall_boulder, only: inertia_factor
    implicit none
    private
-   public :: histograms_t, histograms, count_rebound, bins, quantities, bin_width, n_bins
+   public :: histograms_t, empty_histograms, count_rebound, bins, quantities, bin_width, n_bins
 
    integer, parameter :: bins = 50, quantities = 6  !! maximum number of bins; quantities
    !> Quantities of histograms, i.e. incidence angle [degree]; tangential, normal and rotational fraction of the
-   !> incident energy (eqs
-   !> 8-11); R_t and R_n (eqs 6, 7) [-]. Bins start at zero; the first and last also hold smaller and larger values.
+   !> incident energy (eqs 8-11); R_t and R_n (eqs 6, 7) [-]. Bins start at zero; the first and last also hold smaller
+   !> and larger values.
    integer, parameter :: angle = 1, tangential = 2, normal = 3, rotational = 4, r_t = 5, r_n = 6
    real(wp), parameter :: bin_width(quantities) = [2.0_wp, 0.02_wp, 0.02_wp, 0.02_wp, 0.04_wp, 0.1_wp]
    integer, parameter :: n_bins(quantities) = [45, 50, 50, 50, 50, 50]
@@ -24,7 +24,7 @@ module rockfall_histogram
 contains
 
    !> Create empty histograms.
-   pure function histograms() result(this)
+   pure function empty_histograms() result(this)
       type(histograms_t) :: this
       real(wp) :: s, c
       integer :: k
@@ -34,32 +34,32 @@ contains
          this%sine2(k) = s*s
          this%sine2(n_bins(angle) - k) = c*c
       end do
-   end function histograms
+   end function empty_histograms
 
    !> Count one rebound. The incident energy is V_t**2 + V_n**2 + (I/m R_b**2) W**2 up to a factor; the angle is found
    !> from its squared sine, without libm.
    pure subroutine count_rebound(this, v_in, v_out)
       type(histograms_t), intent(inout) :: this
       real(wp), intent(in) :: v_in(3), v_out(3)  !! V_t, V_n, W before and after [m/s]
-      real(wp) :: part(3), energy
+      real(wp) :: parts(3), energy
 
-      part = v_in**2*[1.0_wp, 1.0_wp, inertia_factor]
-      energy = sum(part)
+      parts = v_in**2*[1.0_wp, 1.0_wp, inertia_factor]
+      energy = sum(parts)
       if (energy <= 0) return
-      call add(this, angle, 1 + count(part(2) >= this%sine2*(part(1) + part(2))))
-      call add(this, tangential, bin_of(part(1)/energy, tangential))
-      call add(this, normal, bin_of(part(2)/energy, normal))
-      call add(this, rotational, bin_of(part(3)/energy, rotational))
-      call add(this, r_t, bin_of_ratio(v_out(1), v_in(1), r_t))
-      call add(this, r_n, bin_of_ratio(v_out(2), -v_in(2), r_n))
+      call increment(this, angle, 1 + count(parts(2) >= this%sine2*(parts(1) + parts(2))))
+      call increment(this, tangential, bin_of(parts(1)/energy, tangential))
+      call increment(this, normal, bin_of(parts(2)/energy, normal))
+      call increment(this, rotational, bin_of(parts(3)/energy, rotational))
+      call increment(this, r_t, bin_of_ratio(v_out(1), v_in(1), r_t))
+      call increment(this, r_n, bin_of_ratio(v_out(2), -v_in(2), r_n))
    end subroutine count_rebound
 
-   pure subroutine add(this, quantity, bin)
+   pure subroutine increment(this, quantity, bin)
       type(histograms_t), intent(inout) :: this
       integer, intent(in) :: quantity, bin
 
       this%count(bin, quantity) = this%count(bin, quantity) + 1
-   end subroutine add
+   end subroutine increment
 
    pure integer function bin_of(value, quantity)
       real(wp), intent(in) :: value  !! in the unit of the quantity

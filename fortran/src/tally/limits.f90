@@ -9,7 +9,7 @@ module rockfall_limits
    use rockfall_boulder, only: volume_distribution_t, max_volume, mean_volume
    use rockfall_bins, only: energy, speed, jump_height, passing_height
    use rockfall_maps, only: per_unit, square_base
-   use rockfall_passing_maps, only: steepest
+   use rockfall_passing_maps, only: max_steepness
    use rockfall_map_values, only: map_plan_t
    implicit none
    private
@@ -36,64 +36,67 @@ contains
       integer(i8), intent(in) :: boulders    !! of the whole run: all may pass the same cell
       integer, intent(in) :: max_hits        !! maximum number of tree hits per boulder: all may be in one cell
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: one(4), together(size(names)), limit(size(names)), volume, hits
+      real(wp) :: max_single(4), max_total(size(names)), limit(size(names)), volume, hits
       character(len=:), allocatable :: advice
-      integer :: k, place(size(names))
+      integer :: k, layer(size(names))
 
       volume = max_volume(distribution, normal_table())
-      one(energy) = distribution%density*volume*gravity*fall
-      one(speed) = sqrt(2*gravity*fall)
-      one(jump_height) = fall
-      one(passing_height) = fall + volume**(1/3.0_wp)*steepest  ! a radius is less than the side of a cube of the volume
+      max_single(energy) = distribution%density*volume*gravity*fall
+      max_single(speed) = sqrt(2*gravity*fall)
+      max_single(jump_height) = fall
+      max_single(passing_height) = fall + volume**(1/3.0_wp)*max_steepness  ! R_b < side of a cube of that volume
       hits = real(boulders, wp)*max_hits
-      together(:4) = boulders*one*per_unit
-      together(energy) = min(together(energy), &
-                             distribution%density*gravity*fall*sum_of_many(boulders, mean_volume(distribution), volume))
-      together(5:6) = [hits*(one(jump_height)*per_unit(jump_height) + rounding), together(energy) + hits*rounding]
-      together(7:) = together(:4)*one*per_unit
+      max_total(:4) = boulders*max_single*per_unit
+      max_total(energy) = min(max_total(energy), &
+                              distribution%density*gravity*fall &
+                              *sum_of_many(boulders, mean_volume(distribution), volume))
+      max_total(5:6) = [hits*(max_single(jump_height)*per_unit(jump_height) + rounding), &
+                        max_total(energy) + hits*rounding]
+      max_total(7:) = max_total(:4)*max_single*per_unit
       limit = max_sum
       limit(7:) = max_sum*square_base
-      place = [plan%sum(:6), plan%square]
+      layer = [plan%sum(:6), plan%square]
       do k = 1, size(names)
          advice = ""
          if (k == 5 .or. k == 6) advice = ", or a lower &impact impact_limit"
-         if (place(k) > 0 .and. together(k) > limit(k)) then
+         if (layer(k) > 0 .and. max_total(k) > limit(k)) then
             call fail(error, "&output maps: "//trim(names(k))//": the sum of "//integer_text(boulders) &
-                      //" boulders can come to "//short(together(k))//" "//trim(units(k))//about(volume, fall) &
-                      //": must be at most "//short(limit(k))//"; take fewer or smaller boulders"//advice)
+                      //" boulders can reach "//three_digits(max_total(k))//" "//trim(units(k)) &
+                      //explanation(volume, fall)//": must be at most "//three_digits(limit(k)) &
+                      //"; use fewer or smaller boulders"//advice)
             return
          end if
       end do
-      if (plan%max(energy) > 0 .and. one(energy) > huge(1.0_sp)) then
-         call fail(error, "&output maps: energy_max: can come to "//short(one(energy))//" J"//about(volume, fall) &
-                   //": must be at most 3.4e38")
+      if (plan%max(energy) > 0 .and. max_single(energy) > huge(1.0_sp)) then
+         call fail(error, "&output maps: energy_max: can reach "//three_digits(max_single(energy))//" J" &
+                   //explanation(volume, fall)//": must be at most 3.4e38")
       end if
    end subroutine check_tallies
 
    !> Bound of the sum of n independent volumes [m3], by Chernoff: from 2e times its mean on, it exceeds k times the
    !> maximum of one volume with a probability below 2**-k; k = 128 means practically never.
-   pure real(wp) function sum_of_many(n, mean, max_one)
+   pure real(wp) function sum_of_many(n, mean, max_single)
       integer(i8), intent(in) :: n
-      real(wp), intent(in) :: mean, max_one  !! of one volume [m3]
+      real(wp), intent(in) :: mean, max_single  !! of one volume [m3]
 
-      sum_of_many = max(6*n*mean, 128*max_one)
+      sum_of_many = max(6*n*mean, 128*max_single)
    end function sum_of_many
 
    !> Explanation of the large numbers, for messages.
-   pure function about(volume, fall) result(text)
+   pure function explanation(volume, fall) result(text)
       real(wp), intent(in) :: volume, fall  !! [m3], [m]
       character(len=:), allocatable :: text
 
-      text = " (volumes up to "//short(volume)//" m3 falling up to "//short(fall)//" m)"
-   end function about
+      text = " (volumes up to "//three_digits(volume)//" m3 falling up to "//three_digits(fall)//" m)"
+   end function explanation
 
    !> Format a number with three digits.
-   pure function short(value) result(text)
+   pure function three_digits(value) result(text)
       real(wp), intent(in) :: value  !! any unit
       character(len=:), allocatable :: text
       character(len=16) :: buffer
 
       write (buffer, "(es9.2e2)") value
       text = trim(adjustl(buffer))
-   end function short
+   end function three_digits
 end module rockfall_limits

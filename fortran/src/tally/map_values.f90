@@ -42,7 +42,7 @@ module rockfall_map_values
 
    !> Kind of a map, parsed from its name.
    type :: kind_t
-      integer :: is = a_count
+      integer :: form = a_count
       integer :: quantity = energy
       real(wp) :: probability = 0.0_wp  !! of a quantile [-]
       integer :: side = 0               !! 0: the quantile, -1 and 1: lower and upper limit of its interval
@@ -51,36 +51,36 @@ module rockfall_map_values
 contains
 
    !> Parse a map name; composed names are quantity_max, quantity_mean, quantity_std, quantity_q95, quantity_q95_low.
-   pure type(kind_t) function kind_of(name) result(kind)
+   pure type(kind_t) function parsed_kind(name) result(kind)
       character(len=*), intent(in) :: name  !! one of map_fields of rockfall_variables
       integer :: q, percent
 
       select case (name)
       case ("passages", "deposits", "sources", "tree_impacts"); return
-      case ("reach_probability"); kind%is = a_fraction; return
-      case ("reach_probability_by_source"); kind%is = a_source_fraction; return
-      case ("reach_probability_low"); kind%is = a_lower_limit; return
-      case ("reach_probability_high"); kind%is = an_upper_limit; return
-      case ("energy_exceeded"); kind%is = an_exceedance; return
-      case ("energy_line_angle_max"); kind%is = a_steepest; return
-      case ("energy_line_angle_min"); kind%is = a_flattest; return
-      case ("travel_time_min"); kind%is = a_shortest; return
-      case ("tree_impact_height_max"); kind%is = a_tree_maximum; return
-      case ("tree_impact_height_mean"); kind%is = a_tree_mean; return
-      case ("tree_energy"); kind%is = a_tree_sum; return
+      case ("reach_probability"); kind%form = a_fraction; return
+      case ("reach_probability_by_source"); kind%form = a_source_fraction; return
+      case ("reach_probability_low"); kind%form = a_lower_limit; return
+      case ("reach_probability_high"); kind%form = an_upper_limit; return
+      case ("energy_exceeded"); kind%form = an_exceedance; return
+      case ("energy_line_angle_max"); kind%form = a_steepest; return
+      case ("energy_line_angle_min"); kind%form = a_flattest; return
+      case ("travel_time_min"); kind%form = a_shortest; return
+      case ("tree_impact_height_max"); kind%form = a_tree_maximum; return
+      case ("tree_impact_height_mean"); kind%form = a_tree_mean; return
+      case ("tree_energy"); kind%form = a_tree_sum; return
       end select
       if (index(name, "speed") == 1) kind%quantity = speed
       if (index(name, "jump_height") == 1) kind%quantity = jump_height
       if (index(name, "passing_height") == 1) kind%quantity = passing_height
-      kind%is = merge(a_maximum, a_mean, index(name, "_max") > 0)
-      if (index(name, "_std") > 0) kind%is = a_std
+      kind%form = merge(a_maximum, a_mean, index(name, "_max") > 0)
+      if (index(name, "_std") > 0) kind%form = a_std
       q = index(name, "_q", back=.true.)
       if (q == 0) return
-      kind%is = a_quantile
+      kind%form = a_quantile
       kind%side = merge(1, 0, index(name, "_high") > 0) - merge(1, 0, index(name, "_low") > 0)
       read (name(q + 2:q + 3), "(i2)") percent
       kind%probability = percent/100.0_wp
-   end function kind_of
+   end function parsed_kind
 
    !> Tallies needed by a list of maps.
    pure type(map_plan_t) function map_plan(names, thresholds) result(plan)
@@ -97,8 +97,8 @@ contains
       bins = .false.
       travel = .false.
       do k = 1, size(names)
-         kind = kind_of(names(k))
-         select case (kind%is)
+         kind = parsed_kind(names(k))
+         select case (kind%form)
          case (a_count)
             count(:3) = count(:3) .or. names(k) == [character(len=8) :: "passages", "deposits", "sources"]
             sum(tree_impacts) = sum(tree_impacts) .or. names(k) == "tree_impacts"
@@ -120,11 +120,11 @@ contains
       sum(:4) = sum(:4) .or. square
       count(1) = count(1) .or. any(sum(:4))
       sum(tree_impacts) = sum(tree_impacts) .or. sum(tree_height)
-      plan%count = places(count)
-      plan%sum = places(sum)
-      plan%square = merge(2*places(square) - 1 + maxval(plan%sum), 0, square)
-      plan%max = places(max)
-      plan%travel = merge(places(travel) + maxval(plan%max), 0, travel)
+      plan%count = layer_numbers(count)
+      plan%sum = layer_numbers(sum)
+      plan%square = merge(2*layer_numbers(square) - 1 + maxval(plan%sum), 0, square)
+      plan%max = layer_numbers(max)
+      plan%travel = merge(layer_numbers(travel) + maxval(plan%max), 0, travel)
       if (plan%thresholds > 0) plan%exceeded = maxval(plan%count) + 1
       do k = 1, size(bins)
          if (.not. bins(k)) cycle
@@ -143,20 +143,20 @@ contains
    end function stack_layers
 
    !> Number the requested items 1, 2, ... in order.
-   pure function places(requested)
+   pure function layer_numbers(requested)
       logical, intent(in) :: requested(:)
-      integer :: places(size(requested))
+      integer :: layer_numbers(size(requested))
       integer :: k
 
-      places = [(merge(count(requested(:k)), 0, requested(k)), k=1, size(requested))]
-   end function places
+      layer_numbers = [(merge(count(requested(:k)), 0, requested(k)), k=1, size(requested))]
+   end function layer_numbers
 
    !> Maps as views of the stacks described by a plan; unused stacks may have any size. The stacks start at column and
    !> row `at` of the raster.
-   function map_views(plan, thresholds, at, counts, sums, maxima, bin_counts, slot, slots) result(maps)
+   function map_views(plan, thresholds, origin, counts, sums, maxima, bin_counts, slot, slots) result(maps)
       type(map_plan_t), intent(in) :: plan
       real(wp), intent(in) :: thresholds(:)                              !! of energy [J]
-      integer, intent(in) :: at(2)
+      integer, intent(in) :: origin(2)
       integer(i4), intent(in), target, contiguous :: counts(:, :, :)     !! (nx, ny, layers)
       integer(i8), intent(in), target, contiguous :: sums(:, :, :)
       real(sp), intent(in), target, contiguous :: maxima(:, :, :)      !! [J], [m/s], [m] by quantity
@@ -166,30 +166,30 @@ contains
       type(maps_t) :: maps
       integer :: k
 
-      if (plan%count(1) > 0) maps%passages(at(1):, at(2):) => counts(:, :, plan%count(1))
-      if (plan%count(2) > 0) maps%deposits(at(1):, at(2):) => counts(:, :, plan%count(2))
-      if (plan%count(3) > 0) maps%sources(at(1):, at(2):) => counts(:, :, plan%count(3))
-      if (plan%count(4) > 0) maps%released(at(1):, at(2):) => counts(:, :, plan%count(4))
+      if (plan%count(1) > 0) maps%passages(origin(1):, origin(2):) => counts(:, :, plan%count(1))
+      if (plan%count(2) > 0) maps%deposits(origin(1):, origin(2):) => counts(:, :, plan%count(2))
+      if (plan%count(3) > 0) maps%sources(origin(1):, origin(2):) => counts(:, :, plan%count(3))
+      if (plan%count(4) > 0) maps%released(origin(1):, origin(2):) => counts(:, :, plan%count(4))
       do k = 1, size(maps%layer)
-         if (plan%sum(k) > 0) maps%layer(k)%sum(at(1):, at(2):) => sums(:, :, plan%sum(k))
-         if (plan%square(k) > 0) maps%layer(k)%square(at(1):, at(2):, 1:) => sums(:, :, plan%square(k):)
-         if (plan%max(k) > 0) maps%layer(k)%max(at(1):, at(2):) => maxima(:, :, plan%max(k))
+         if (plan%sum(k) > 0) maps%layer(k)%sum(origin(1):, origin(2):) => sums(:, :, plan%sum(k))
+         if (plan%square(k) > 0) maps%layer(k)%square(origin(1):, origin(2):, 1:) => sums(:, :, plan%square(k):)
+         if (plan%max(k) > 0) maps%layer(k)%max(origin(1):, origin(2):) => maxima(:, :, plan%max(k))
          maps%layer(k)%bin_offset = plan%bins(k) - 1
       end do
       if (plan%thresholds > 0) then
          maps%threshold = thresholds
-         maps%exceeded(at(1):, at(2):, 1:) => counts(:, :, plan%exceeded:)
+         maps%exceeded(origin(1):, origin(2):, 1:) => counts(:, :, plan%exceeded:)
       end if
-      if (plan%travel(1) > 0) maps%steepest(at(1):, at(2):) => maxima(:, :, plan%travel(1))
-      if (plan%travel(2) > 0) maps%flattest(at(1):, at(2):) => maxima(:, :, plan%travel(2))
-      if (plan%travel(3) > 0) maps%shortest(at(1):, at(2):) => maxima(:, :, plan%travel(3))
-      if (plan%sum(tree_impacts) > 0) maps%tree_impacts(at(1):, at(2):) => sums(:, :, plan%sum(tree_impacts))
-      if (plan%sum(tree_height) > 0) maps%tree_height%sum(at(1):, at(2):) => sums(:, :, plan%sum(tree_height))
-      if (plan%max(tree_height) > 0) maps%tree_height%max(at(1):, at(2):) => maxima(:, :, plan%max(tree_height))
-      if (plan%sum(tree_energy) > 0) maps%tree_energy(at(1):, at(2):) => sums(:, :, plan%sum(tree_energy))
+      if (plan%travel(1) > 0) maps%steepest(origin(1):, origin(2):) => maxima(:, :, plan%travel(1))
+      if (plan%travel(2) > 0) maps%flattest(origin(1):, origin(2):) => maxima(:, :, plan%travel(2))
+      if (plan%travel(3) > 0) maps%shortest(origin(1):, origin(2):) => maxima(:, :, plan%travel(3))
+      if (plan%sum(tree_impacts) > 0) maps%tree_impacts(origin(1):, origin(2):) => sums(:, :, plan%sum(tree_impacts))
+      if (plan%sum(tree_height) > 0) maps%tree_height%sum(origin(1):, origin(2):) => sums(:, :, plan%sum(tree_height))
+      if (plan%max(tree_height) > 0) maps%tree_height%max(origin(1):, origin(2):) => maxima(:, :, plan%max(tree_height))
+      if (plan%sum(tree_energy) > 0) maps%tree_energy(origin(1):, origin(2):) => sums(:, :, plan%sum(tree_energy))
       if (plan%rows == 0) return
       maps%bin_counts => bin_counts
-      maps%slot(at(1):, at(2):) => slot
+      maps%slot(origin(1):, origin(2):) => slot
       maps%slots => slots
    end function map_views
 
@@ -199,10 +199,10 @@ contains
       integer, intent(in) :: min_passages  !! requested by the case
       type(kind_t) :: kind
 
-      kind = kind_of(name)
+      kind = parsed_kind(name)
       map_min_count = 0
-      if (any(kind%is == [a_mean, a_tree_mean, a_quantile])) map_min_count = min_passages
-      if (kind%is == a_std) map_min_count = max(2, min_passages)
+      if (any(kind%form == [a_mean, a_tree_mean, a_quantile])) map_min_count = min_passages
+      if (kind%form == a_std) map_min_count = max(2, min_passages)
    end function map_min_count
 
    !> Number of passages below which a map value is unreliable; 0 for maps that are always reliable. A quantile needs
@@ -212,11 +212,11 @@ contains
       integer(i8), intent(in) :: per_cluster  !! as for limit_rank
       type(kind_t) :: kind
 
-      kind = kind_of(name)
+      kind = parsed_kind(name)
       n = 0
-      if (kind%is == a_mean) n = min_for_mean
-      if (kind%is == a_std) n = min_for_std
-      if (kind%is /= a_quantile .or. kind%side /= 0) return
+      if (kind%form == a_mean) n = min_for_mean
+      if (kind%form == a_std) n = min_for_std
+      if (kind%form /= a_quantile .or. kind%side /= 0) return
       n = 1
       do while (.not. (has_limit(kind%probability, int(n, i8), per_cluster, -1) &
                        .and. has_limit(kind%probability, int(n, i8), per_cluster, 1)))
@@ -234,22 +234,22 @@ contains
       integer, intent(in) :: min_passages     !! as for map_min_count
       real(sp), intent(out) :: row(:)         !! in the unit of the map
       type(kind_t) :: kind
-      real(wp) :: all, clusters
+      real(wp) :: n_boulders, clusters
       integer :: min_count
 
-      kind = kind_of(name)
-      all = real(boulders, wp)
-      clusters = all/per_cluster
+      kind = parsed_kind(name)
+      n_boulders = real(boulders, wp)
+      clusters = n_boulders/per_cluster
       min_count = max(1, map_min_count(name, min_passages))
       row = ieee_value(1.0_sp, ieee_quiet_nan)
-      select case (kind%is)
-      case (a_fraction); row = real(maps%passages(:, j)/all, sp)
+      select case (kind%form)
+      case (a_fraction); row = real(maps%passages(:, j)/n_boulders, sp)
       case (a_source_fraction)
-         associate (n => maps%passages(:, j), of => maps%released(:, j))
-            where (of > 0) row = real(n/real(max(1, of), wp), sp)
+         associate (n => maps%passages(:, j), released => maps%released(:, j))
+            where (released > 0) row = real(n/real(max(1, released), wp), sp)
          end associate
-      case (a_lower_limit); row = real(fraction_limit(maps%passages(:, j)/all, clusters, -1), sp)
-      case (an_upper_limit); row = real(fraction_limit(maps%passages(:, j)/all, clusters, 1), sp)
+      case (a_lower_limit); row = real(fraction_limit(maps%passages(:, j)/n_boulders, clusters, -1), sp)
+      case (an_upper_limit); row = real(fraction_limit(maps%passages(:, j)/n_boulders, clusters, 1), sp)
       case (a_maximum)
          associate (maximum => maps%layer(kind%quantity)%max(:, j))
             where (maximum > 0) row = maximum
@@ -266,8 +266,9 @@ contains
          end associate
       case (a_std)
          associate (layer => maps%layer(kind%quantity), n => maps%passages(:, j))
-            where (n >= min_count) row = real(spread_of(layer%sum(:, j), layer%square(:, j, 1), layer%square(:, j, 2), &
-                                                        max(2, n))/per_unit(kind%quantity), sp)
+            where (n >= min_count) row = real(std_of_sums(layer%sum(:, j), layer%square(:, j, 1), &
+                                                          layer%square(:, j, 2), max(2, n)) &
+                                              /per_unit(kind%quantity), sp)
          end associate
       case (a_tree_maximum)
          associate (maximum => maps%tree_height%max(:, j))
@@ -288,14 +289,14 @@ contains
 
    !> Standard deviation (n - 1) of n integers from their sum and the two digits of the sum of their squares; exact
    !> except for the last operations, so that equal numbers give zero.
-   elemental real(wp) function spread_of(total, high, low, n) result(std)
+   elemental real(wp) function std_of_sums(total, high, low, n) result(std)
       integer(i8), intent(in) :: total, high, low
       integer(i4), intent(in) :: n
       integer(i16) :: squares
 
       squares = int(high, i16)*square_base + low
       std = sqrt(real(n*squares - int(total, i16)**2, wp)/(real(n, wp)*(n - 1)))
-   end function spread_of
+   end function std_of_sums
 
    !> Rank of a limit of the 95 % interval of quantile p of n numbers, from the binomial distribution: the rule of the
    !> line statistics for independent boulders. There is no limit below the first or above the last number. Boulders of

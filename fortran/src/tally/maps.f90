@@ -14,8 +14,8 @@ module rockfall_maps
    private
    public :: maps_t, layer_t, per_unit, visits_t, needs_visits, needs_heights, start_visits, visit_path, visit_cell
    public :: enter_cell, enter_other_cell, raise_values, first_cell, leaving_time
-   public :: add_visits, add_deposit, add_value, count_bin, keeps, lacks_slots, raise_cell, square_base
-   public :: share, unshare, hold, let_go
+   public :: add_visits, add_deposit, add_value, count_bin, is_requested, lacks_slots, raise_maximum, square_base
+   public :: init_locks, free_locks, lock_band, unlock_band
 
    real(wp), parameter :: per_unit(4) = [1.0_wp, 1000.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are in whole J, mm/s, mm
    integer(i8), parameter :: square_base = 2_i8**31  !! base of the two digits of sums of squares
@@ -63,7 +63,7 @@ module rockfall_maps
 
    !> Maxima of one boulder in one cell.
    type :: visit_t
-      integer :: at(2) = 0          !! column, row
+      integer :: cell(2) = 0        !! column, row
       integer :: entry = 0          !! index of its entry in the hash table
       real(wp) :: max(3) = 0.0_wp   !! speed**2, twice the energy per mass [m2/s2]; jump height [m]
    end type visit_t
@@ -89,7 +89,7 @@ module rockfall_maps
 contains
 
    !> Create the locks for several threads that add to the maps of a raster.
-   subroutine share(maps, rows)
+   subroutine init_locks(maps, rows)
       type(maps_t), intent(inout) :: maps
       integer, intent(in) :: rows
       integer :: k
@@ -98,10 +98,10 @@ contains
       do k = 0, ubound(maps%band, 1)
          call omp_init_lock(maps%band(k))
       end do
-   end subroutine share
+   end subroutine init_locks
 
    !> Destroy the locks.
-   subroutine unshare(maps)
+   subroutine free_locks(maps)
       type(maps_t), intent(inout) :: maps
       integer :: k
 
@@ -109,30 +109,30 @@ contains
          call omp_destroy_lock(maps%band(k))
       end do
       deallocate (maps%band)
-   end subroutine unshare
+   end subroutine free_locks
 
    !> Lock the band of a row, and release the one held before. Initially none is held: -1.
-   subroutine hold(maps, row, held)
+   subroutine lock_band(maps, row, held)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: row
       integer, intent(inout) :: held
 
       if (.not. associated(maps%band)) return
       if (row/band_rows == held) return
-      call let_go(maps, held)
+      call unlock_band(maps, held)
       held = row/band_rows
       call omp_set_lock(maps%band(held))
-   end subroutine hold
+   end subroutine lock_band
 
    !> Release the band held.
-   subroutine let_go(maps, held)
+   subroutine unlock_band(maps, held)
       type(maps_t), intent(in) :: maps
       integer, intent(inout) :: held
 
       if (held < 0) return
       call omp_unset_lock(maps%band(held))
       held = -1
-   end subroutine let_go
+   end subroutine unlock_band
 
    !> Return whether a map needs the cells along the trajectories.
    pure logical function needs_visits(maps)
@@ -147,7 +147,7 @@ contains
    pure logical function needs_heights(maps)
       type(maps_t), intent(in) :: maps
 
-      needs_heights = keeps(maps%layer(jump_height)) .or. keeps(maps%layer(passing_height))
+      needs_heights = is_requested(maps%layer(jump_height)) .or. is_requested(maps%layer(passing_height))
    end function needs_heights
 
    !> Start the visits of a boulder.
@@ -155,7 +155,7 @@ contains
       type(visits_t), intent(inout) :: visits
       integer :: k
 
-      if (.not. allocated(visits%entry)) call make_room(visits, first_entries)
+      if (.not. allocated(visits%entry)) call resize_table(visits, first_entries)
       do k = 1, visits%n
          visits%entry(visits%visit(k)%entry) = 0
       end do
@@ -181,8 +181,8 @@ contains
       logical :: eastward
 
       plan2 = start%v(1)*start%v(1) + start%v(2)*start%v(2)
-      east = axis(start%x, start%v(1), dem%cell, start%patch%i)
-      north = axis(start%y, start%v(2), dem%cell, start%patch%j)
+      east = path_axis(start%x, start%v(1), dem%cell, start%patch%i)
+      north = path_axis(start%y, start%v(2), dem%cell, start%patch%j)
       w(1) = start%v(3)
       t = 0
       k = 1
@@ -191,19 +191,19 @@ contains
       do
          next = min(east%cut, north%cut, time)
          w(2) = start%v(3) - gravity*next
-         if (present(spans)) call climb(spans, next, k, t, top)
+         if (present(spans)) call find_max_height(spans, next, k, t, top)
          call raise_values(visits, plan2 + max(w(1)*w(1), w(2)*w(2)), spin, top)
          if (next >= time) exit
          eastward = east%cut <= north%cut
-         call go_over(east, eastward)
-         call go_over(north, .not. eastward)
+         call step_axis(east, eastward)
+         call step_axis(north, .not. eastward)
          call enter_other_cell(visits, [east%cell, dem%ny + 1 - north%cell])
          w(1) = w(2)
       end do
    end subroutine visit_path
 
    !> Maximum height [m] from time t of span k to another time; k and t are advanced to where the next call continues.
-   pure subroutine climb(spans, until, k, t, top)
+   pure subroutine find_max_height(spans, until, k, t, top)
       type(span_t), intent(in), contiguous :: spans(:)
       real(wp), intent(in) :: until    !! since the start of the flight [s]
       integer, intent(inout) :: k
@@ -221,21 +221,21 @@ contains
          t = spans(k)%t0
          if (until <= t) exit
       end do
-   end subroutine climb
+   end subroutine find_max_height
 
    !> Start of a path over patch interval i, along one axis.
-   pure type(axis_t) function axis(x, v, size, i)
+   pure type(axis_t) function path_axis(x, v, size, i)
       real(wp), intent(in) :: x, v     !! its start [m], velocity [m/s]
       real(wp), intent(in) :: size     !! cell size [m]
       integer, intent(in) :: i
 
-      axis%x = x
-      axis%size = size
-      axis%step = merge(1, -1, v > 0)
-      axis%inverse = inverse_speed(v, size)
-      axis%cell = int(first_cell(x, axis%inverse, size, real(i, wp)))
-      call go_over(axis, .false.)
-   end function axis
+      path_axis%x = x
+      path_axis%size = size
+      path_axis%step = merge(1, -1, v > 0)
+      path_axis%inverse = inverse_speed(v, size)
+      path_axis%cell = int(first_cell(x, path_axis%inverse, size, real(i, wp)))
+      call step_axis(path_axis, .false.)
+   end function path_axis
 
    !> Cell in which a path starts.
    elemental real(wp) function first_cell(x, inverse, size, i) result(cell)
@@ -261,23 +261,23 @@ contains
       leaving_time = exit_time(x, cell + merge(-0.5_wp, -1.5_wp, inverse > 0), size, inverse)
    end function leaving_time
 
-   !> Move to the next cell if `so`, and compute the time at which the path leaves the current one.
-   pure subroutine go_over(axis, so)
+   !> Move to the next cell if `crosses`, and compute the time at which the path leaves the current one.
+   pure subroutine step_axis(axis, crosses)
       type(axis_t), intent(inout) :: axis
-      logical, intent(in) :: so
+      logical, intent(in) :: crosses
 
-      axis%cell = axis%cell + axis%step*merge(1, 0, so)  ! branchless: the outcome is unpredictable
+      axis%cell = axis%cell + axis%step*merge(1, 0, crosses)  ! branchless: the outcome is unpredictable
       axis%cut = leaving_time(axis%x, axis%inverse, axis%size, real(axis%cell, wp))
-   end subroutine go_over
+   end subroutine step_axis
 
    !> Add one visit: update the boulder's maxima in that cell.
-   pure subroutine visit_cell(visits, at, speed2, spin, jump_height)
+   pure subroutine visit_cell(visits, cell, speed2, spin, jump_height)
       type(visits_t), intent(inout) :: visits
-      integer, intent(in) :: at(2)                !! column, row
+      integer, intent(in) :: cell(2)              !! column, row
       real(wp), intent(in) :: speed2, spin        !! as in visit_path [m2/s2]
       real(wp), intent(in) :: jump_height         !! [m]
 
-      call enter_cell(visits, at)
+      call enter_cell(visits, cell)
       call raise_values(visits, speed2, spin, jump_height)
    end subroutine visit_cell
 
@@ -294,38 +294,38 @@ contains
    end subroutine raise_values
 
    !> Enter a cell, mostly the current one: most flights start where the last one ended.
-   pure subroutine enter_cell(visits, at)
+   pure subroutine enter_cell(visits, cell)
       type(visits_t), intent(inout) :: visits
-      integer, intent(in) :: at(2)  !! column, row
+      integer, intent(in) :: cell(2)  !! column, row
 
       if (visits%last > 0) then
-         if (all(visits%visit(visits%last)%at == at)) return
+         if (all(visits%visit(visits%last)%cell == cell)) return
       end if
-      call enter_other_cell(visits, at)
+      call enter_other_cell(visits, cell)
    end subroutine enter_cell
 
    !> Enter a different cell; at the first visit it gets the next index, in the first free entry of its hash chain (open
    !> addressing).
-   pure subroutine enter_other_cell(visits, at)
+   pure subroutine enter_other_cell(visits, cell)
       type(visits_t), intent(inout) :: visits
-      integer, intent(in) :: at(2)  !! column, row
+      integer, intent(in) :: cell(2)  !! column, row
       integer :: k
 
-      if (visits%n == size(visits%visit)) call make_room(visits, 2*visits%entries)  ! at most half full: short searches
-      k = iand(at(1) + row_factor*at(2), visits%entries - 1)
+      if (visits%n == size(visits%visit)) call resize_table(visits, 2*visits%entries)  ! at most half full
+      k = iand(cell(1) + row_factor*cell(2), visits%entries - 1)
       do while (visits%entry(k) > 0)
          visits%last = visits%entry(k)
-         if (all(visits%visit(visits%last)%at == at)) return
+         if (all(visits%visit(visits%last)%cell == cell)) return
          k = iand(k + 1, visits%entries - 1)
       end do
       visits%n = visits%n + 1
       visits%last = visits%n
       visits%entry(k) = visits%n
-      visits%visit(visits%n) = visit_t(at, k)
+      visits%visit(visits%n) = visit_t(cell, k)
    end subroutine enter_other_cell
 
    !> Rebuild the table with a new number of entries.
-   pure subroutine make_room(visits, entries)
+   pure subroutine resize_table(visits, entries)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: entries  !! a power of two
       type(visits_t) :: larger
@@ -335,13 +335,13 @@ contains
       allocate (larger%visit(entries/2))
       larger%entries = entries
       do k = 1, visits%n
-         call enter_cell(larger, visits%visit(k)%at)
+         call enter_cell(larger, visits%visit(k)%cell)
          larger%visit(k)%max = visits%visit(k)%max
       end do
       call move_alloc(larger%entry, visits%entry)
       call move_alloc(larger%visit, visits%visit)
       visits%entries = entries
-   end subroutine make_room
+   end subroutine resize_table
 
    !> Add a boulder's visits to the maps; thread-safe.
    subroutine add_visits(maps, visits, mass)
@@ -355,13 +355,13 @@ contains
       held = -1
       do k = 1, visits%n
          associate (visit => visits%visit(k))
-            call hold(maps, visit%at(2), held)
+            call lock_band(maps, visit%cell(2), held)
             if (associated(maps%passages)) &
-               maps%passages(visit%at(1), visit%at(2)) = maps%passages(visit%at(1), visit%at(2)) + 1
-            if (values_requested) call add_values(maps, visit%at(1), visit%at(2), values_of(visit, mass))
+               maps%passages(visit%cell(1), visit%cell(2)) = maps%passages(visit%cell(1), visit%cell(2)) + 1
+            if (values_requested) call add_values(maps, visit%cell(1), visit%cell(2), values_of(visit, mass))
          end associate
       end do
-      call let_go(maps, held)
+      call unlock_band(maps, held)
    end subroutine add_visits
 
    pure logical function has_layers(maps)
@@ -370,16 +370,16 @@ contains
 
       has_layers = associated(maps%bin_counts) .or. associated(maps%exceeded)
       do k = 1, size(maps%layer)
-         has_layers = has_layers .or. keeps(maps%layer(k))
+         has_layers = has_layers .or. is_requested(maps%layer(k))
       end do
    end function has_layers
 
    !> Return whether any tally of a quantity is requested.
-   pure logical function keeps(layer)
+   pure logical function is_requested(layer)
       type(layer_t), intent(in) :: layer
 
-      keeps = associated(layer%sum) .or. associated(layer%max) .or. layer%bin_offset >= 0
-   end function keeps
+      is_requested = associated(layer%sum) .or. associated(layer%max) .or. layer%bin_offset >= 0
+   end function is_requested
 
    !> Energy E = m (v**2 + (I/m R_b**2) W**2)/2 (eqs 1-3), speed and jump height of a visit.
    pure function values_of(visit, mass) result(values)
@@ -423,14 +423,14 @@ contains
       integer, intent(in) :: i, r
       real(wp), intent(in) :: value  !! [J], [m/s] or [m]
       real(wp), intent(in) :: units  !! units of `sum` per unit of the value [-]
-      integer(i8) :: whole
+      integer(i8) :: rounded
 
       if (associated(layer%sum)) then
-         whole = nint(units*value, i8)
-         layer%sum(i, r) = layer%sum(i, r) + whole
-         if (associated(layer%square)) call add_square(layer%square, i, r, whole)
+         rounded = nint(units*value, i8)
+         layer%sum(i, r) = layer%sum(i, r) + rounded
+         if (associated(layer%square)) call add_square(layer%square, i, r, rounded)
       end if
-      if (associated(layer%max)) call raise_cell(layer%max(i, r), real(value, sp))
+      if (associated(layer%max)) call raise_maximum(layer%max(i, r), real(value, sp))
    end subroutine add_value
 
    !> Add the square of a number, which may exceed an integer: with n = a*base + b it is
@@ -506,23 +506,23 @@ contains
    end function lacks_slots
 
    !> Raise a maximum; most visits only read it.
-   elemental subroutine raise_cell(maximum, value)
+   elemental subroutine raise_maximum(maximum, value)
       real(sp), intent(inout) :: maximum  !! [J], [m/s], [m], or of rockfall_travel_maps
       real(sp), intent(in) :: value       !! likewise
 
       if (value > maximum) maximum = value
-   end subroutine raise_cell
+   end subroutine raise_maximum
 
    !> Count a boulder that came to rest in a cell; thread-safe.
-   subroutine add_deposit(maps, at)
+   subroutine add_deposit(maps, cell)
       type(maps_t), intent(in) :: maps
-      integer, intent(in) :: at(2)  !! column, row
+      integer, intent(in) :: cell(2)  !! column, row
       integer :: held
 
       if (.not. associated(maps%deposits)) return
       held = -1
-      call hold(maps, at(2), held)
-      maps%deposits(at(1), at(2)) = maps%deposits(at(1), at(2)) + 1
-      call let_go(maps, held)
+      call lock_band(maps, cell(2), held)
+      maps%deposits(cell(1), cell(2)) = maps%deposits(cell(1), cell(2)) + 1
+      call unlock_band(maps, held)
    end subroutine add_deposit
 end module rockfall_maps

@@ -7,12 +7,12 @@ module rockfall_passing_maps
    use rockfall_terrain, only: terrain_t
    use rockfall_sources, only: surface_ratios
    use rockfall_bins, only: passing_height
-   use rockfall_maps, only: maps_t, visits_t, per_unit, add_value, count_bin, keeps, hold, let_go
+   use rockfall_maps, only: maps_t, visits_t, per_unit, add_value, count_bin, is_requested, lock_band, unlock_band
    implicit none
    private
-   public :: needs_passing, add_passing, steepest
+   public :: needs_passing, add_passing, max_steepness
 
-   real(wp), parameter :: steepest = 1.0e3_wp  !! maximum 1/cos(slope) of a cell [-], 89.94 degrees; larger is clamped
+   real(wp), parameter :: max_steepness = 1.0e3_wp  !! maximum 1/cos(slope) of a cell [-]; larger is clamped
 
 contains
 
@@ -20,7 +20,7 @@ contains
    pure logical function needs_passing(maps)
       type(maps_t), intent(in) :: maps
 
-      needs_passing = keeps(maps%layer(passing_height))
+      needs_passing = is_requested(maps%layer(passing_height))
    end function needs_passing
 
    !> Add the maximum heights of a boulder's centre in the cells that it visited; thread-safe.
@@ -35,13 +35,13 @@ contains
       held = -1
       do k = 1, visits%n
          associate (visit => visits%visit(k))
-            ratio = surface_ratios(dem, [(visit%at(1) - 1)*dem%cell], [(dem%ny - visit%at(2))*dem%cell])
-            height = visit%max(3) + radius*min(steepest, ratio(1))
-            call hold(maps, visit%at(2), held)
-            call add_value(maps%layer(passing_height), visit%at(1), visit%at(2), height, per_unit(passing_height))
-            call count_bin(maps, passing_height, visit%at(1), visit%at(2), height)
+            ratio = surface_ratios(dem, [(visit%cell(1) - 1)*dem%cell], [(dem%ny - visit%cell(2))*dem%cell])
+            height = visit%max(3) + radius*min(max_steepness, ratio(1))
+            call lock_band(maps, visit%cell(2), held)
+            call add_value(maps%layer(passing_height), visit%cell(1), visit%cell(2), height, per_unit(passing_height))
+            call count_bin(maps, passing_height, visit%cell(1), visit%cell(2), height)
          end associate
       end do
-      call let_go(maps, held)
+      call unlock_band(maps, held)
    end subroutine add_passing
 end module rockfall_passing_maps

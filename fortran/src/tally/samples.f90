@@ -74,43 +74,43 @@ contains
    end subroutine add_number
 
    !> Add the samples of other numbers; memory of bins without any remains untouched.
-   pure subroutine merge_samples(samples, more)
+   pure subroutine merge_samples(samples, other)
       type(samples_t), intent(inout) :: samples
-      type(samples_t), intent(in) :: more
+      type(samples_t), intent(in) :: other
       integer :: i, j, k
 
       do k = 1, size(samples%bins, 4)
          do i = 1, size(samples%bins, 2)
             do j = 1, size(samples%bins, 3)
                associate (counts => samples%bins(:, i, j, k), words => samples%sums(:, i, j, k), &
-                          more_counts => more%bins(:, i, j, k), more_words => more%sums(:, i, j, k))
+                          more_counts => other%bins(:, i, j, k), more_words => other%sums(:, i, j, k))
                   where (more_counts /= 0) counts = counts + more_counts
-                  call add_digits(words(1:2), number_of(more_words(1:2)))
-                  call add_digits(words(3:4), number_of(more_words(3:4)))
+                  call add_digits(words(1:2), combined_digits(more_words(1:2)))
+                  call add_digits(words(3:4), combined_digits(more_words(3:4)))
                   words(5) = max(words(5), more_words(5))
                end associate
             end do
             do j = 1, size(samples%groups, 3)
-               associate (counts => samples%groups(:, i, j, k), more_counts => more%groups(:, i, j, k))
+               associate (counts => samples%groups(:, i, j, k), more_counts => other%groups(:, i, j, k))
                   where (more_counts /= 0) counts = counts + more_counts
                end associate
             end do
          end do
       end do
-      samples%ended = samples%ended + more%ended
-      call merge_tails(samples%largest, more%largest)
+      samples%ended = samples%ended + other%ended
+      call merge_tails(samples%largest, other%largest)
    end subroutine merge_samples
 
    !> Insert heaps into those of the same lines and tails.
-   pure subroutine merge_tails(heaps, more)
+   pure subroutine merge_tails(heaps, other)
       real(wp), intent(inout) :: heaps(:, :, :)
-      real(wp), intent(in) :: more(:, :, :)
+      real(wp), intent(in) :: other(:, :, :)
       integer :: i, j, k
 
-      do k = 1, size(more, 3)
-         do j = 1, size(more, 2)
-            do i = 1, size(more, 1)
-               call add_tail(heaps(:, j, k), more(i, j, k))
+      do k = 1, size(other, 3)
+         do j = 1, size(other, 2)
+            do i = 1, size(other, 1)
+               call add_tail(heaps(:, j, k), other(i, j, k))
             end do
          end do
       end do
@@ -121,16 +121,16 @@ contains
       integer(i16), intent(in) :: number
       integer(i16) :: total
 
-      total = number_of(digits) + number
+      total = combined_digits(digits) + number
       digits(1) = int(shifta(total, base_bits), i8)
       digits(2) = int(iand(total, 2_i16**base_bits - 1), i8)
    end subroutine add_digits
 
-   pure integer(i16) function number_of(digits)
+   pure integer(i16) function combined_digits(digits)
       integer(i8), intent(in) :: digits(2)
 
-      number_of = shiftl(int(digits(1), i16), base_bits) + digits(2)
-   end function number_of
+      combined_digits = shiftl(int(digits(1), i16), base_bits) + digits(2)
+   end function combined_digits
 
    !> Size of a sample, over all parts.
    pure integer(i8) function sample_size(samples, quantity, place)
@@ -154,19 +154,19 @@ contains
    pure subroutine add_tail(heap, number)
       real(wp), intent(inout) :: heap(:)
       real(wp), intent(in) :: number  !! >= 0
-      integer :: here, next
+      integer :: node, next
 
       if (size(heap) == 0) return
       if (number <= heap(1)) return
-      here = 1
+      node = 1
       do
-         next = 2*here
+         next = 2*node
          if (next > size(heap)) exit
          if (next < size(heap)) next = next + merge(1, 0, heap(min(next + 1, size(heap))) < heap(next))
          if (heap(next) >= number) exit
-         heap(here) = heap(next)
-         here = next
+         heap(node) = heap(next)
+         node = next
       end do
-      heap(here) = number
+      heap(node) = number
    end subroutine add_tail
 end module rockfall_samples

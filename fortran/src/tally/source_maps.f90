@@ -12,8 +12,8 @@ module rockfall_source_maps
    use rockfall_maps, only: maps_t, visits_t, visit_cell
    implicit none
    private
-   public :: contributing_t, counts_sources, gather, add_source, add_source_of_boulder, partial_sources, first_partial
-   public :: contributing_cells, boulders_within, settle
+   public :: contributing_t, counts_sources, gather_cells, add_source, add_source_of_boulder
+   public :: partial_sources, first_partial, contributing_cells, boulders_within, adjust_released
 
    !> Cells to which partial sources contribute, by source; partial: a range of boulders contains some of its boulders.
    type :: contributing_t
@@ -32,15 +32,15 @@ contains
    end function counts_sources
 
    !> Add a boulder's cells to those of its source.
-   pure subroutine gather(cells, visits)
+   pure subroutine gather_cells(cells, visits)
       type(visits_t), intent(inout) :: cells  !! started with start_visits
       type(visits_t), intent(in) :: visits
       integer :: k
 
       do k = 1, visits%n
-         call visit_cell(cells, visits%visit(k)%at, 0.0_wp, 0.0_wp, 0.0_wp)
+         call visit_cell(cells, visits%visit(k)%cell, 0.0_wp, 0.0_wp, 0.0_wp)
       end do
-   end subroutine gather
+   end subroutine gather_cells
 
    !> Count a complete source in its cells; thread-safe.
    subroutine add_source(maps, cells, boulders)
@@ -50,7 +50,7 @@ contains
       integer :: k
 
       do k = 1, cells%n
-         call count_in(maps, cells%visit(k)%at, int(boulders, i4))
+         call count_source(maps, cells%visit(k)%cell, int(boulders, i4))
       end do
    end subroutine add_source
 
@@ -60,48 +60,48 @@ contains
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: visits
       integer(i8), intent(in) :: source, boulders
-      integer(i4) :: number, before
+      integer(i4) :: number, counted
       integer :: k, layer
 
       number = int(source, i4)
-      layer = layer_of(maps, source)
+      layer = source_layer(maps, source)
       do k = 1, visits%n
-         associate (at => visits%visit(k)%at)
+         associate (cell => visits%visit(k)%cell)
             !$omp atomic read
-            before = maps%last_source(at(1), at(2), layer)
-            if (before == number) cycle
+            counted = maps%last_source(cell(1), cell(2), layer)
+            if (counted == number) cycle
             !$omp atomic capture
-            before = maps%last_source(at(1), at(2), layer)
-            maps%last_source(at(1), at(2), layer) = number
+            counted = maps%last_source(cell(1), cell(2), layer)
+            maps%last_source(cell(1), cell(2), layer) = number
             !$omp end atomic
-            if (before /= number) call count_in(maps, at, int(boulders, i4))
+            if (counted /= number) call count_source(maps, cell, int(boulders, i4))
          end associate
       end do
    end subroutine add_source_of_boulder
 
    !> Layer of `last_source` for a source: the second is reserved for `first_partial`, whose cells are needed at the end
    !> of the run, when later sources may have visited them.
-   pure integer function layer_of(maps, source) result(layer)
+   pure integer function source_layer(maps, source) result(layer)
       type(maps_t), intent(in) :: maps
       integer(i8), intent(in) :: source
 
       layer = merge(2, 1, source == maps%first_partial)
-   end function layer_of
+   end function source_layer
 
-   subroutine count_in(maps, at, boulders)
+   subroutine count_source(maps, cell, boulders)
       type(maps_t), intent(in) :: maps
-      integer, intent(in) :: at(2)
+      integer, intent(in) :: cell(2)
       integer(i4), intent(in) :: boulders
 
       if (associated(maps%sources)) then
          !$omp atomic update
-         maps%sources(at(1), at(2)) = maps%sources(at(1), at(2)) + 1
+         maps%sources(cell(1), cell(2)) = maps%sources(cell(1), cell(2)) + 1
       end if
       if (associated(maps%released)) then
          !$omp atomic update
-         maps%released(at(1), at(2)) = maps%released(at(1), at(2)) + boulders
+         maps%released(cell(1), cell(2)) = maps%released(cell(1), cell(2)) + boulders
       end if
-   end subroutine count_in
+   end subroutine count_source
 
    !> Sources of which the range first..last contains some but not all boulders: none, one or two.
    pure function partial_sources(release, first, last) result(sources)
@@ -146,47 +146,47 @@ contains
       integer(i8), intent(in) :: first, last  !! completed boulders
       type(contributing_t) :: contributing
       integer(i8), allocatable :: sources(:)
-      integer(i8) :: n, own
-      integer :: i, j, k, layer, turn
+      integer(i8) :: n, n_own
+      integer :: i, j, k, layer, pass
 
       sources = partial_sources(release, first, last)
       if (.not. counts_sources(maps)) sources = [integer(i8) ::]
-      do turn = 1, 2  ! count first, then store
+      do pass = 1, 2  ! count first, then store
          n = 0
          do k = 1, size(sources)
-            layer = layer_of(maps, sources(k))
-            own = boulders_within(release, sources(k), first, last)
+            layer = source_layer(maps, sources(k))
+            n_own = boulders_within(release, sources(k), first, last)
             do j = 1, size(maps%last_source, 2)
                do i = 1, size(maps%last_source, 1)
                   if (maps%last_source(i, j, layer) /= sources(k)) cycle
                   n = n + 1
-                  if (turn == 1) cycle
+                  if (pass == 1) cycle
                   contributing%cell(n) = (j - 1)*size(maps%last_source, 1, i8) + i - 1
                   contributing%source(n) = int(sources(k), i4)
-                  contributing%boulders(n) = int(own, i4)
+                  contributing%boulders(n) = int(n_own, i4)
                end do
             end do
          end do
-         if (turn == 1) allocate (contributing%cell(n), contributing%source(n), contributing%boulders(n))
+         if (pass == 1) allocate (contributing%cell(n), contributing%source(n), contributing%boulders(n))
       end do
    end function contributing_cells
 
    !> Reduce the boulders of partial sources to those of the range in the cells to which they contribute (sign 1): the
    !> denominator of the reach probability in a part of a run. Sign -1 reverts this, for a run that continues.
-   pure subroutine settle(maps, release, contributing, sign)
+   pure subroutine adjust_released(maps, release, contributing, sign)
       type(maps_t), intent(inout) :: maps
       type(release_t), intent(in) :: release
       type(contributing_t), intent(in) :: contributing
       integer, intent(in) :: sign
-      integer(i4) :: all_of
+      integer(i4) :: n_released
       integer :: i, j, k
 
       if (.not. associated(maps%released)) return
       do k = 1, size(contributing%cell)
          i = int(mod(contributing%cell(k), size(maps%released, 1, i8))) + 1
          j = int(contributing%cell(k)/size(maps%released, 1)) + 1
-         all_of = int(released_by(release, int(contributing%source(k), i8)), i4)
-         maps%released(i, j) = maps%released(i, j) + sign*(contributing%boulders(k) - all_of)
+         n_released = int(released_by(release, int(contributing%source(k), i8)), i4)
+         maps%released(i, j) = maps%released(i, j) + sign*(contributing%boulders(k) - n_released)
       end do
-   end subroutine settle
+   end subroutine adjust_released
 end module rockfall_source_maps

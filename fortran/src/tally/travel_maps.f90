@@ -5,13 +5,13 @@ module rockfall_travel_maps
    use rockfall_kinds, only: wp, sp
    use rockfall_math, only: degree, arcsine
    use rockfall_terrain, only: terrain_t, node_height
-   use rockfall_maps, only: maps_t, visits_t, raise_cell, hold, let_go
+   use rockfall_maps, only: maps_t, visits_t, raise_maximum, lock_band, unlock_band
    implicit none
    private
    public :: needs_times, needs_travel, time_visits, add_travel, steepest_angle, flattest_angle, shortest_time
 
    real(wp), parameter :: offset = 2.0_wp            !! makes a sine or its negative positive [-]
-   real(wp), parameter :: steps = 2.0_wp**22         !! resolution of sines: both sums are exact in single precision
+   real(wp), parameter :: sine_steps = 2.0_wp**22    !! resolution of sines: both sums are exact in single precision
 
 contains
 
@@ -30,36 +30,36 @@ contains
    end function needs_travel
 
    !> Record when a flight reached the cells that the boulder had not visited before.
-   pure subroutine time_visits(visits, dem, start, v, begun, duration)
+   pure subroutine time_visits(visits, dem, start, v, start_time, duration)
       type(visits_t), intent(inout) :: visits
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: start(2)  !! of the flight [m]
       real(wp), intent(in) :: v(2)      !! in plan [m/s]
-      real(wp), intent(in) :: begun     !! since the release [s]
+      real(wp), intent(in) :: start_time  !! since the release [s]
       real(wp), intent(in) :: duration  !! [s]
       real(wp) :: t(2)
       integer :: k
 
       if (visits%n > size(visits%time)) visits%time = [visits%time, spread(0.0_wp, 1, size(visits%visit))]
       do k = visits%timed + 1, visits%n
-         associate (at => visits%visit(k)%at)
-            t(1) = arrival((at(1) - 1)*dem%cell - start(1), dem%cell, v(1))
-            t(2) = arrival((dem%ny - at(2))*dem%cell - start(2), dem%cell, v(2))
-            visits%time(k) = begun + min(duration, max(0.0_wp, t(1), t(2)))
+         associate (cell => visits%visit(k)%cell)
+            t(1) = arrival_time((cell(1) - 1)*dem%cell - start(1), dem%cell, v(1))
+            t(2) = arrival_time((dem%ny - cell(2))*dem%cell - start(2), dem%cell, v(2))
+            visits%time(k) = start_time + min(duration, max(0.0_wp, t(1), t(2)))
          end associate
       end do
       visits%timed = visits%n
    end subroutine time_visits
 
    !> Time along one axis at which a straight path enters a cell [s]; not positive if it starts there.
-   pure real(wp) function arrival(middle, cell, v)
+   pure real(wp) function arrival_time(middle, cell, v)
       real(wp), intent(in) :: middle  !! cell centre relative to the start of the path [m]
       real(wp), intent(in) :: cell    !! cell size [m]
       real(wp), intent(in) :: v       !! [m/s]
 
-      arrival = 0
-      if (abs(v) > 0) arrival = (middle - sign(0.5_wp*cell, v))/v
-   end function arrival
+      arrival_time = 0
+      if (abs(v) > 0) arrival_time = (middle - sign(0.5_wp*cell, v))/v
+   end function arrival_time
 
    !> Add the arrival of a boulder in the cells that it visited; thread-safe. The first cell is that of its release, to
    !> which there is no line.
@@ -73,51 +73,53 @@ contains
 
       held = -1
       do k = 1, visits%n
-         associate (at => visits%visit(k)%at)
-            call hold(maps, at(2), held)
+         associate (cell => visits%visit(k)%cell)
+            call lock_band(maps, cell(2), held)
             if (k > 1) then
-               sine = sine_of_line(dem, start, at)
-               if (associated(maps%steepest)) call raise_cell(maps%steepest(at(1), at(2)), real(offset + sine, sp))
-               if (associated(maps%flattest)) call raise_cell(maps%flattest(at(1), at(2)), real(offset - sine, sp))
+               sine = sine_of_line(dem, start, cell)
+               if (associated(maps%steepest)) &
+                  call raise_maximum(maps%steepest(cell(1), cell(2)), real(offset + sine, sp))
+               if (associated(maps%flattest)) &
+                  call raise_maximum(maps%flattest(cell(1), cell(2)), real(offset - sine, sp))
             end if
             if (associated(maps%shortest) .and. k <= visits%timed) &
-               call raise_cell(maps%shortest(at(1), at(2)), real(1/(1 + visits%time(k)), sp))
+               call raise_maximum(maps%shortest(cell(1), cell(2)), real(1/(1 + visits%time(k)), sp))
          end associate
       end do
-      call let_go(maps, held)
+      call unlock_band(maps, held)
    end subroutine add_travel
 
    !> Sine of the angle below the horizontal of the line from a release to the ground at a cell centre [-].
-   pure real(wp) function sine_of_line(dem, start, at) result(sine)
+   pure real(wp) function sine_of_line(dem, start, cell) result(sine)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: start(3)  !! [m]
-      integer, intent(in) :: at(2)      !! column, row
+      integer, intent(in) :: cell(2)    !! column, row
       real(wp) :: d(3)
 
-      d(1) = (at(1) - 1)*dem%cell - start(1)
-      d(2) = (dem%ny - at(2))*dem%cell - start(2)
-      d(3) = start(3) - node_height(dem, at)
-      sine = anint(steps*d(3)/sqrt(d(1)*d(1) + d(2)*d(2) + d(3)*d(3)))/steps
+      d(1) = (cell(1) - 1)*dem%cell - start(1)
+      d(2) = (dem%ny - cell(2))*dem%cell - start(2)
+      d(3) = start(3) - node_height(dem, cell)
+      sine = anint(sine_steps*d(3)/sqrt(d(1)*d(1) + d(2)*d(2) + d(3)*d(3)))/sine_steps
    end function sine_of_line
 
    !> Angle of the steepest energy line [degree], from its stored value.
-   elemental real(sp) function steepest_angle(kept)
-      real(sp), intent(in) :: kept  !! > 0 [-]
+   elemental real(sp) function steepest_angle(stored)
+      real(sp), intent(in) :: stored  !! > 0 [-]
 
-      steepest_angle = real(arcsine(kept - offset)/degree, sp)
+      steepest_angle = real(arcsine(stored - offset)/degree, sp)
    end function steepest_angle
 
    !> Angle of the flattest energy line [degree], from its stored value.
-   elemental real(sp) function flattest_angle(kept)
-      real(sp), intent(in) :: kept  !! > 0 [-]
+   elemental real(sp) function flattest_angle(stored)
+      real(sp), intent(in) :: stored  !! > 0 [-]
 
-      flattest_angle = real(arcsine(offset - kept)/degree, sp)
+      flattest_angle = real(arcsine(offset - stored)/degree, sp)
    end function flattest_angle
 
    !> Shortest time [s], from its stored value 1/(1 + t).
-   elemental real(sp) function shortest_time(kept)
-      real(sp), intent(in) :: kept  !! > 0 [1/s]
+   elemental real(sp) function shortest_time(stored)
+      real(sp), intent(in) :: stored  !! > 0 [1/s]
 
-      shortest_time = real(1/real(kept, wp) - 1, sp)
+      shortest_time = real(1/real(stored, wp) - 1, sp)
    end function shortest_time
 end module rockfall_travel_maps

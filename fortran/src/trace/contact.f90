@@ -20,11 +20,11 @@ module rockfall_contact
    use rockfall_histogram, only: count_rebound
    use rockfall_scene_type, only: scene_t, inertia_of, is_slow
    use rockfall_outcome, only: boulder_result_t, count_outcome, stopped, absorbed, impact_limit
-   use rockfall_scratch, only: scratch_t, contact_t, with_lines, with_all, count_ground, record
+   use rockfall_scratch, only: scratch_t, contact_t, with_lines, with_all, count_ground, record_vertex
    use rockfall_draws, only: impact_words, ground_uniforms
    implicit none
    private
-   public :: handle_impact, find_ground, find_class, close_impact, rest_or_roll
+   public :: handle_impact, find_ground, find_impact_set, close_impact, rest_or_roll
 
    real(wp), parameter :: rockless_radius = 1.0e-9_wp  !! R_m of ground without rocks: below that of any boulder [m]
 
@@ -43,7 +43,7 @@ contains
       type(roll_t), intent(inout) :: roll   !! next roll, if any
       type(scratch_t), intent(inout) :: scratch
       integer(i8) :: word(words_per_block)
-      integer :: at(2), class, ground
+      integer :: cell(2), set, ground
       logical :: outside, fast, steep, slow
       real(wp) :: radius, obstacle, ratio, v_in(3), heading(2), g(2), steepness
       real(wp) :: u_ground(words_per_block)
@@ -51,44 +51,45 @@ contains
       type(turning_t) :: turning
 
       word = impact_words(scene, number, result%impacts)
-      at = cell_of(scene%dem, landing%patch, landing%u, landing%w)
-      call find_ground(scene, number, result%impacts, at, level, ground, radius, obstacle, u_ground, result%status)
+      cell = cell_of(scene%dem, landing%patch, landing%u, landing%w)
+      call find_ground(scene, number, result%impacts, cell, level, ground, radius, obstacle, u_ground, result%status)
       if (result%status == absorbed) return
       ratio = result%boulder%radius/radius
       if (level >= with_all .and. ground > 0) then
          if (allocated(scene%grounds(ground)%table)) then
-            call contact_by_table(scene, scene%grounds(ground), number, ground, landing, v, ratio, uniform(word), &
-                                  omega_r, level, result, flight, roll, scratch)
+            call handle_table_contact(scene, scene%grounds(ground), number, ground, landing, v, ratio, uniform(word), &
+                                      omega_r, level, result, flight, roll, scratch)
             return
          end if
       end if
       scratch%touch = touch_t()
-      call find_class(scene, ratio, u_ground, class, outside)
+      call find_impact_set(scene, ratio, u_ground, set, outside)
       g = gradient(scene%dem, landing%patch, landing%u, landing%w)
       steepness = steepness_of(g(1), g(2))
       call decompose(v, g, steepness, flight%heading, omega_r, v_in, heading)
       if (level >= with_all .and. ground > 0) then
          call ground_rebound(scene%grounds(ground), scene%table, scene%key, number, int(result%impacts, i8), &
                              word(:rebound_words), u_ground(roughness_word), result%boulder, &
-                             inertia_of(scene, number), obstacle, scene%gravity/steepness, class, v_in, out)
-         call see_ground_fit(scene%grounds(ground), class, v_in, outside, fast, steep, ratio)
+                             inertia_of(scene, number), obstacle, scene%gravity/steepness, set, v_in, out)
+         call check_fit_range(scene%grounds(ground), set, v_in, outside, fast, steep, ratio)
          call count_ground(ground, scratch)
       else
-         call rebound(scene%sets(class), scene%table, scene%key, number, int(result%impacts, i8), &
+         call rebound(scene%sets(set), scene%table, scene%key, number, int(result%impacts, i8), &
                       word(:rebound_words), v_in, out)
-         call beyond_fit(scene%sets(class)%fitted, v_in(1:2), fast, steep)
+         call beyond_fit(scene%sets(set)%fitted, v_in(1:2), fast, steep)
       end if
       call count_outcome(out, outside, fast, steep, result)
       if (level >= with_lines .and. scene%histograms_requested) call count_rebound(scratch%histograms, v_in, out%v)
       turning = turning_t(scene%turning, uniform(word(turn_word)), side_of(word(turn_word)))
-      if (turning%rule == by_lab) turning%lateral = lateral_angle(scene%lateral(class), v_in(1:2), turning%u)
+      if (turning%rule == by_lab) turning%lateral = lateral_angle(scene%lateral(set), v_in(1:2), turning%u)
       if (level >= with_all .and. ground > 0 .and. turning%rule == by_lab) then
          if (is_stochastic(scene%grounds(ground))) &
-            turning%lateral = lateral_angle(scene%grounds(ground)%lateral(class), v_in(1:2), turning%u)
+            turning%lateral = lateral_angle(scene%grounds(ground)%lateral(set), v_in(1:2), turning%u)
       end if
-      call outgoing_flight(scene%dem, landing, at, g, steepness, heading, turning, out%v, flight, omega_r)
+      call outgoing_flight(scene%dem, landing, cell, g, steepness, heading, turning, out%v, flight, omega_r)
       if (level >= with_all) then
-         call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v, v_in, out%v, ratio))
+         call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v, v_in, out%v, &
+                                               ratio))
          result%energy%ground = result%energy%ground &
                                 + 0.5_wp*result%boulder%mass*(twice_energy(v_in) - twice_energy(out%v))
       end if
@@ -98,10 +99,10 @@ contains
    end subroutine handle_impact
 
    !> Handle a contact drawn from a table: find its end, or where the boulder stops.
-   pure subroutine contact_by_table(scene, here, number, ground, landing, v, ratio, u, omega_r, level, result, flight, &
-                                    roll, scratch)
+   pure subroutine handle_table_contact(scene, ground_data, number, ground, landing, v, ratio, u, omega_r, level, &
+                                        result, flight, roll, scratch)
       type(scene_t), intent(in) :: scene
-      type(ground_t), intent(in) :: here
+      type(ground_t), intent(in) :: ground_data
       integer(i8), intent(in) :: number
       integer, intent(in) :: ground          !! its index
       type(landing_t), intent(in) :: landing
@@ -119,8 +120,8 @@ contains
 
       before = squared_length(v) + inertia_factor*omega_r*omega_r
       call keep_touch(ground, ratio, result%boulder%radius, landing%jump_height, scratch%touch)
-      call table_contact(scene%dem, scene%gravity, here%table, result%boulder, inertia_of(scene, number), ratio, u, &
-                         landing, v, flight%heading, omega_r, scratch%touch, roll, contact)
+      call table_contact(scene%dem, scene%gravity, ground_data%table, result%boulder, inertia_of(scene, number), &
+                         ratio, u, landing, v, flight%heading, omega_r, scratch%touch, roll, contact)
       call count_outcome(rebound_t(contact%v_out, forced=contact%limited), .false., contact%fast, .false., result)
       call count_ground(ground, scratch)
       if (scene%histograms_requested) call count_rebound(scratch%histograms, contact%v_in, contact%v_out)
@@ -128,8 +129,8 @@ contains
       flight%heading = roll%heading
       omega_r = roll%w
       if (level >= with_all) then
-         call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v, contact%v_in, &
-                                        contact%v_out, ratio))
+         call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v, contact%v_in, &
+                                               contact%v_out, ratio))
          ! V_n of a boulder that rolls on is in neither: it is restored at its next contact
          result%energy%ground = result%energy%ground + 0.5_wp*result%boulder%mass &
                                 *(before - squared_length(flight%v) - inertia_factor*omega_r*omega_r)
@@ -139,14 +140,14 @@ contains
          scratch%touch = touch_t()
          call rest_or_roll(scene, ground, landing, squared_length(flight%v), omega_r, result, roll)
       end if
-   end subroutine contact_by_table
+   end subroutine handle_table_contact
 
    !> Find the ground of a raster cell, its rocks and obstacles, and whether it absorbs the boulder.
-   pure subroutine find_ground(scene, number, impact, at, level, ground, radius, obstacle, u_ground, status)
+   pure subroutine find_ground(scene, number, impact, cell, level, ground, radius, obstacle, u_ground, status)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       integer, intent(in) :: impact
-      integer, intent(in) :: at(2)          !! column, row from the north
+      integer, intent(in) :: cell(2)        !! column, row from the north
       integer, value :: level               !! basic, ..., with_all
       integer, intent(out) :: ground        !! 0: the scene has only the case's impact sets
       real(wp), intent(out) :: radius       !! R_m of the rocks; positive if the scene has several grounds [m]
@@ -156,13 +157,13 @@ contains
 
       u_ground = 0
       if (scene%ground_drawn) u_ground = ground_uniforms(scene, number, impact)
-      radius = rock_radius(scene%surface, at, u_ground(obstacle_word))
+      radius = rock_radius(scene%surface, cell, u_ground(obstacle_word))
       ground = 0
       obstacle = 0
       if (radius > huge(radius)) then
          status = absorbed
       else if (level >= with_all .and. allocated(scene%grounds)) then
-         ground = ground_at(scene%surface, at)
+         ground = ground_at(scene%surface, cell)
          obstacle = radius/scene%surface%size_to_radius
          if (absorbs(scene%grounds(ground)%classical, obstacle)) status = absorbed
          radius = max(radius, rockless_radius)
@@ -170,20 +171,20 @@ contains
    end subroutine find_ground
 
    !> Choose the impact set of a ratio R_b/R_m.
-   pure subroutine find_class(scene, ratio, u_ground, class, outside)
+   pure subroutine find_impact_set(scene, ratio, u_ground, set, outside)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: ratio, u_ground(words_per_block)
-      integer, intent(out) :: class
+      integer, intent(out) :: set
       logical, intent(out) :: outside  !! outside the calibrated ratios
 
-      call ratio_class(ratio, class, outside)
-      if (scene%between_ratios) class = ratio_between(ratio, u_ground(ratio_word))
-   end subroutine find_class
+      call ratio_class(ratio, set, outside)
+      if (scene%between_ratios) set = ratio_between(ratio, u_ground(ratio_word))
+   end subroutine find_impact_set
 
    !> Check whether a rebound is outside the fitted range of its impact set; classical models have no such range.
-   pure subroutine see_ground_fit(ground, class, v_in, outside, fast, steep, ratio)
+   pure subroutine check_fit_range(ground, set, v_in, outside, fast, steep, ratio)
       type(ground_t), intent(in) :: ground
-      integer, intent(in) :: class
+      integer, intent(in) :: set
       real(wp), intent(in) :: v_in(3)      !! V_t, V_n, W [m/s]
       logical, intent(inout) :: outside    !! outside the calibrated ratios
       logical, intent(out) :: fast, steep
@@ -192,12 +193,12 @@ contains
       fast = .false.
       steep = .false.
       if (is_stochastic(ground)) then
-         call beyond_fit(ground%sets(class)%fitted, v_in(1:2), fast, steep)
+         call beyond_fit(ground%sets(set)%fitted, v_in(1:2), fast, steep)
       else
          outside = .false.
          ratio = -1
       end if
-   end subroutine see_ground_fit
+   end subroutine check_fit_range
 
    !> Finish an impact: a boulder that flies on after its last permitted contact ends here.
    pure subroutine close_impact(scene, speed2, flies, result)

@@ -10,22 +10,22 @@ module rockfall_ensemble
    use rockfall_outcome, only: boulder_result_t
    use rockfall_crossings, only: crossing_t
    use rockfall_scratch, only: scratch_t
-   use rockfall_trajectory, only: trace_full, choose_trace
+   use rockfall_trajectory, only: trace_full, choose_tracer
    use rockfall_sources, only: share_of
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
-   use rockfall_tallies, only: totals_t, prepare, add_boulder
+   use rockfall_tallies, only: totals_t, prepare_scratch, add_boulder
    use rockfall_lanes, only: run_in_lanes
    use rockfall_wide_lanes, only: run_in_wide_lanes => run_in_lanes
-   use rockfall_maps, only: maps_t, share, unshare, needs_visits, needs_heights, visits_t, start_visits
-   use rockfall_source_maps, only: counts_sources, gather, add_source, add_source_of_boulder
+   use rockfall_maps, only: maps_t, init_locks, free_locks, needs_visits, needs_heights, visits_t, start_visits
+   use rockfall_source_maps, only: counts_sources, gather_cells, add_source, add_source_of_boulder
    implicit none
    private
    public :: run_boulders, trace_boulder, recorded_boulders
 
    integer, parameter :: batch = 16        !! boulders assigned to a thread at a time
-   !> Largest source that one thread runs alone: `small` boulders in small calls; in larger ones a size that leaves
-   !> each thread about `turns` such sources.
-   integer, parameter :: small = 256, turns = 8
+   !> Largest source that one thread runs alone: `max_alone` boulders in small calls; in larger ones a size that leaves
+   !> each thread about `turns_per_thread` such sources.
+   integer, parameter :: max_alone = 256, turns_per_thread = 8
 
    !> Work space of a thread.
    type :: worker_t
@@ -60,13 +60,13 @@ contains
       integer :: next
 
       shared_maps = maps
-      if (team_size(threads) > 1) call share(shared_maps, scene%dem%ny)
+      if (team_size(threads) > 1) call init_locks(shared_maps, scene%dem%ny)
       next = 1
       !$omp parallel default(none) num_threads(team_size(threads)) &
       !$omp& shared(scene, first, threads, results, crossings, shared_maps, histogram_counts, by_ground, next)
       call run_thread(scene, first, threads, results, crossings, shared_maps, histogram_counts, by_ground, next)
       !$omp end parallel
-      if (team_size(threads) > 1) call unshare(shared_maps)
+      if (team_size(threads) > 1) call free_locks(shared_maps)
    end subroutine run_boulders
 
    !> Run one thread's part of the boulders. A separate procedure, so that its work space is default-initialised, which
@@ -93,14 +93,14 @@ contains
          call run_in_lanes(scene, first, results, crossings, maps, next, worker%totals)
       else
          allocate (worker%spans(merge(scene%dem%nx + scene%dem%ny, 0, needs_heights(maps) .or. has_obstacles(scene))))
-         call choose_trace(scene, needs_visits(maps), worker%trace)
-         call prepare(scene, maps, worker%scratch)
+         call choose_tracer(scene, needs_visits(maps), worker%trace)
+         call prepare_scratch(scene, maps, worker%scratch)
          if (counts_sources(maps)) then
             call run_by_source(scene, first, threads, results, crossings, maps, worker)
          else
             !$omp do schedule(dynamic, batch)
             do k = 1, size(results)
-               call run_one(scene, first + k - 1, results(k), crossings(:, k), maps, worker)
+               call run_boulder(scene, first + k - 1, results(k), crossings(:, k), maps, worker)
             end do
             !$omp end do
          end if
@@ -112,7 +112,7 @@ contains
    end subroutine run_thread
 
    !> Trace a boulder and add it to the tallies.
-   subroutine run_one(scene, number, result, crossings, maps, worker)
+   subroutine run_boulder(scene, number, result, crossings, maps, worker)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       type(boulder_result_t), intent(inout) :: result
@@ -123,7 +123,7 @@ contains
       call worker%trace(scene, number, result, worker%scratch, worker%spans)
       if (allocated(worker%scratch%crossings)) crossings = worker%scratch%crossings
       call add_boulder(scene, maps, result, worker%scratch, worker%totals)
-   end subroutine run_one
+   end subroutine run_boulder
 
    !> Run one thread's part if maps count sources. All threads go through the sources in the same order. Small sources
    !> that are complete in this call are distributed, one thread each; the boulders of other sources are distributed,
@@ -137,20 +137,20 @@ contains
       type(maps_t), intent(in) :: maps
       type(worker_t), intent(inout) :: worker
       type(visits_t) :: cells
-      integer(i8) :: last, next, source, to, s, b, max_small
+      integer(i8) :: last, next, source, to, s, b, max_size
       integer :: k, sources
 
       last = first + size(results) - 1
-      max_small = max(small, size(results)/(turns*team_size(threads)))
+      max_size = max(max_alone, size(results)/(turns_per_thread*team_size(threads)))
       next = first
       do while (next <= last)
          source = source_of(scene%release, next)
-         to = last_of_small(scene%release, source, next, last, max_small)
+         to = last_small_source(scene%release, source, next, last, max_size)
          if (to < source) then
             !$omp do schedule(dynamic, batch)
             do b = next, min(last, last_of(scene%release, source))
                k = int(b - first) + 1
-               call run_one(scene, b, results(k), crossings(:, k), maps, worker)
+               call run_boulder(scene, b, results(k), crossings(:, k), maps, worker)
                call add_source_of_boulder(maps, worker%scratch%visits, source, released_by(scene%release, source))
             end do
             !$omp end do
@@ -163,8 +163,8 @@ contains
                call start_visits(cells)
                do b = first_of(scene%release, s), last_of(scene%release, s)
                   k = int(b - first) + 1
-                  call run_one(scene, b, results(k), crossings(:, k), maps, worker)
-                  call gather(cells, worker%scratch%visits)
+                  call run_boulder(scene, b, results(k), crossings(:, k), maps, worker)
+                  call gather_cells(cells, worker%scratch%visits)
                end do
                call add_source(maps, cells, released_by(scene%release, s))
             end do
@@ -176,61 +176,62 @@ contains
 
    !> Last of the consecutive sources from `source` on with at most `max_small` boulders each, all within first..last;
    !> source - 1 if there are none.
-   pure integer(i8) function last_of_small(release, source, first, last, max_small) result(to)
+   pure integer(i8) function last_small_source(release, source, first, last, max_size) result(to)
       type(release_t), intent(in) :: release
-      integer(i8), intent(in) :: source, first, last, max_small
+      integer(i8), intent(in) :: source, first, last, max_size
 
       to = source - 1
       if (first > first_of(release, source)) return
       do
-         if (last_of(release, to + 1) > last .or. released_by(release, to + 1) > max_small) return
+         if (last_of(release, to + 1) > last .or. released_by(release, to + 1) > max_size) return
          to = to + 1
          if (last_of(release, to) >= last) return
       end do
-   end function last_of_small
+   end function last_small_source
 
    !> Trace one boulder and keep its trajectory in `scratch%record`, allocated to the given size; `scratch%recorded` is
    !> the number of its vertices.
-   subroutine trace_boulder(scene, number, room, result, scratch)
+   subroutine trace_boulder(scene, number, max_vertices, result, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
-      integer, intent(in) :: room             !! vertices to keep
+      integer, intent(in) :: max_vertices     !! vertices to keep
       type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(out) :: scratch
 
       type(span_t), allocatable :: spans(:)
-      type(maps_t) :: none
+      type(maps_t) :: no_maps
 
       allocate (spans(merge(scene%dem%nx + scene%dem%ny, 0, has_obstacles(scene))))
-      call prepare(scene, none, scratch)
-      allocate (scratch%record(room))
+      call prepare_scratch(scene, no_maps, scratch)
+      allocate (scratch%record(max_vertices))
       call trace_full(scene, number, result, scratch, spans)
    end subroutine trace_boulder
 
-   !> Numbers of the boulders in first..last whose trajectories are recorded: `wanted` in total, from each source in
+   !> Numbers of the boulders in first..last whose trajectories are recorded: `requested` in total, from each source in
    !> proportion to its boulders, starting with its first. The choice does not depend on the range.
-   pure function recorded_boulders(release, wanted, first, last) result(number)
+   pure function recorded_boulders(release, requested, first, last) result(number)
       type(release_t), intent(in) :: release
-      integer(i8), intent(in) :: wanted, first, last
+      integer(i8), intent(in) :: requested, first, last
       integer(i8), allocatable :: number(:)
-      integer(i8) :: all, own, k, n, of, source
-      integer :: turn
+      integer(i8) :: n_boulders, first_own, last_own, k, n, n_recorded, source
+      integer :: pass
 
-      all = last_of(release, size(release%x, kind=i8))
-      of = min(wanted, all)
-      do turn = 1, 2  ! count first, then store
+      n_boulders = last_of(release, size(release%x, kind=i8))
+      n_recorded = min(requested, n_boulders)
+      do pass = 1, 2  ! count first, then store
          n = 0
          if (last >= first) then
             do source = source_of(release, first), source_of(release, last)
-               own = first_of(release, source)
-               do k = max(first, own), min(last, own - 1 + share_of(of, last_of(release, source), all) &
-                                           - share_of(of, own - 1, all))
+               first_own = first_of(release, source)
+               last_own = first_own - 1 + share_of(n_recorded, last_of(release, source), n_boulders) &
+                          - share_of(n_recorded, first_own - 1, n_boulders)
+               do k = max(first, first_own), min(last, last_own)
                   n = n + 1
-                  if (turn == 2) number(n) = k
+                  if (pass == 2) number(n) = k
                end do
             end do
          end if
-         if (turn == 1) allocate (number(n))
+         if (pass == 1) allocate (number(n))
       end do
    end function recorded_boulders
 end module rockfall_ensemble

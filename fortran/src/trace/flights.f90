@@ -14,17 +14,17 @@ module rockfall_flights
    use rockfall_scratch, only: scratch_t
    implicit none
    private
-   public :: flights_t, landings_t, take_off, take_off_again, take_off_from, fly_on, flight_of, landing_of
-   public :: replace_landing, lanes, filled
+   public :: flights_t, landings_t, take_off, take_off_again, take_off_from, fly_to_landings, flight_of, landing_of
+   public :: replace_landing, lanes, padded
 
    integer, parameter :: lanes = 64  !! number of simultaneous flights; a multiple of `width`
    integer, parameter :: width = 4   !! flights per instruction on the widest processors
-   integer, parameter :: few = 12    !! flights in the air below which landed boulders are handled, to refill the lanes
+   integer, parameter :: refill_below = 12  !! number of flights in the air below which landed boulders are handled
 
    !> Cell that each flight leaves.
    type :: cell_t
       real(wp), dimension(lanes) :: i = 0, j = 0     !! next cell, as in axis_t [-]
-      real(wp), dimension(lanes) :: so = 0           !! leaves the cell: 1 or 0
+      real(wp), dimension(lanes) :: left_cell = 0    !! leaves the cell: 1 or 0
       real(wp), dimension(lanes) :: until = 0        !! time of leaving it [s]
       real(wp), dimension(lanes) :: speed2 = 0       !! maximum squared speed over the cell [m2/s2]
       real(wp), dimension(lanes) :: top = 0          !! maximum height over the cell [m]
@@ -33,7 +33,7 @@ module rockfall_flights
    !> Flights in the air. Lanes are not cleared when they become free.
    type :: flights_t
       integer :: n = 0
-      integer :: begun = 0                                            !! flights that have already been started
+      integer :: n_started = 0                                        !! flights that have already been started
       integer :: lane(lanes) = 0                                      !! lane of the boulder
       real(wp), dimension(lanes) :: x = 0, y = 0, z = 0               !! start [m]
       real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0            !! velocity at the start [m/s]
@@ -72,11 +72,11 @@ module rockfall_flights
 contains
 
    !> Number of lanes rounded up to a full vector width; padding is cheaper than a remainder loop.
-   pure integer function filled(n)
+   pure integer function padded(n)
       integer, intent(in) :: n
 
-      filled = (n + width - 1)/width*width
-   end function filled
+      padded = (n + width - 1)/width*width
+   end function padded
 
    !> Add a flight.
    subroutine take_off(f, lane, start)
@@ -96,7 +96,7 @@ contains
       f%v3(n) = start%v(3)
       f%d0(n) = start%above
       f%d1(n) = start%rate
-      call lie_over(f, n, start%patch)
+      call set_patch(f, n, start%patch)
    end subroutine take_off
 
    !> Add the next flight of a boulder from its last landing.
@@ -143,7 +143,7 @@ contains
    end subroutine take_off_from
 
    !> Set the patch that a flight is over.
-   subroutine lie_over(f, k, patch)
+   subroutine set_patch(f, k, patch)
       type(flights_t), intent(inout) :: f
       integer, intent(in) :: k
       type(patch_t), intent(in) :: patch
@@ -154,11 +154,11 @@ contains
       f%a(k) = patch%a
       f%b(k) = patch%b
       f%c(k) = patch%c
-   end subroutine lie_over
+   end subroutine set_patch
 
    !> Advance the flights until most have landed or left the known terrain; record the cells on the way if maps need
    !> them.
-   subroutine fly_on(dem, gravity, w, f, l, scratch)
+   subroutine fly_to_landings(dem, gravity, w, f, l, scratch)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity                 !! [m/s2]
       real(wp), intent(in) :: w(:)                    !! W of each lane [m/s]
@@ -167,18 +167,18 @@ contains
       type(scratch_t), intent(inout) :: scratch(:)    !! of each lane
 
       if (scratch(1)%heights_requested) then
-         call fly_rounds(dem, gravity, w, f, l, scratch, .true., .true.)
+         call fly_patches(dem, gravity, w, f, l, scratch, .true., .true.)
       else if (scratch(1)%cells_requested) then
-         call fly_rounds(dem, gravity, w, f, l, scratch, .true., .false.)
+         call fly_patches(dem, gravity, w, f, l, scratch, .true., .false.)
       else
-         call fly_rounds(dem, gravity, w, f, l, scratch, .false., .false.)
+         call fly_patches(dem, gravity, w, f, l, scratch, .false., .false.)
       end if
-      call touch_down(l, gravity, dem%cell, dem%per_cell)
-   end subroutine fly_on
+      call place_landings(l, gravity, dem%cell, dem%per_cell)
+   end subroutine fly_to_landings
 
    !> Advance patch by patch. `cells` and `heights` are compile-time constants at each call, so the compiler specialises
    !> the procedure.
-   subroutine fly_rounds(dem, gravity, w, f, l, scratch, cells, heights)
+   subroutine fly_patches(dem, gravity, w, f, l, scratch, cells, heights)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity, w(:)
       type(flights_t), intent(inout) :: f
@@ -186,23 +186,23 @@ contains
       type(scratch_t), intent(inout) :: scratch(:)
       logical, value :: cells, heights  !! record the cells, and the heights over them
 
-      call begin(f, dem, scratch, cells)
+      call start_flights(f, dem, scratch, cells)
       l%n = 0
-      do while (f%n > 0 .and. (l%n == 0 .or. f%n > few))
-         call cross(f, gravity, dem%cell, dem%per_cell)
+      do while (f%n > 0 .and. (l%n == 0 .or. f%n > refill_below))
+         call cross_patches(f, gravity, dem%cell, dem%per_cell)
          if (cells) then
             call leave_cells(f, gravity, dem%cell, heights)
-            call note_cells(f%left(1), f, dem%ny, w, scratch)
-            call note_cells(f%left(2), f, dem%ny, w, scratch)
+            call record_left_cells(f%left(1), f, dem%ny, w, scratch)
+            call record_left_cells(f%left(2), f, dem%ny, w, scratch)
          end if
-         call part(dem, gravity, w, f, l, scratch, cells)
-         call enter(f, gravity, dem%per_cell)
+         call split_landed(dem, gravity, w, f, l, scratch, cells)
+         call enter_patch_heights(f, gravity, dem%per_cell)
       end do
-      f%begun = f%n
-   end subroutine fly_rounds
+      f%n_started = f%n
+   end subroutine fly_patches
 
    !> Initialise the flights that have just been added.
-   subroutine begin(f, dem, scratch, cells)
+   subroutine start_flights(f, dem, scratch, cells)
       type(flights_t), intent(inout) :: f
       type(terrain_t), intent(in) :: dem
       type(scratch_t), intent(inout) :: scratch(:)
@@ -210,7 +210,7 @@ contains
       integer :: k
 
       !$omp simd
-      do k = f%begun + 1, f%n
+      do k = f%n_started + 1, f%n
          f%inverse1(k) = inverse_speed(f%v1(k), dem%cell)
          f%inverse2(k) = inverse_speed(f%v2(k), dem%cell)
          f%t(k) = 0
@@ -218,26 +218,26 @@ contains
       end do
       if (.not. cells) return
       !$omp simd
-      do k = f%begun + 1, f%n
+      do k = f%n_started + 1, f%n
          f%cell_i(k) = first_cell(f%x(k), f%inverse1(k), dem%cell, f%i(k))
          f%cell_j(k) = first_cell(f%y(k), f%inverse2(k), dem%cell, f%j(k))
          f%v3_in(k) = f%v3(k)
          f%top(k) = 0
       end do
-      do k = f%begun + 1, f%n
+      do k = f%n_started + 1, f%n
          call enter_cell(scratch(f%lane(k))%visits, [int(f%cell_i(k)), dem%ny + 1 - int(f%cell_j(k))])
       end do
-   end subroutine begin
+   end subroutine start_flights
 
    !> Cross a patch, or find the contact on it.
-   subroutine cross(f, gravity, cell, per_cell)
+   subroutine cross_patches(f, gravity, cell, per_cell)
       type(flights_t), intent(inout) :: f
       real(wp), intent(in) :: gravity, cell, per_cell  !! [m/s2], [m], [1/m]
       real(wp) :: tx, ty, d0, d1, d2, t, next, length, s, east, north, contact
       integer :: k
 
       !$omp simd private(tx, ty, d0, d1, d2, t, next, length, s, east, north, contact)
-      do k = 1, filled(f%n)
+      do k = 1, padded(f%n)
          east = merge(1.0_wp, -1.0_wp, f%v1(k) > 0)
          north = merge(1.0_wp, -1.0_wp, f%v2(k) > 0)
          tx = side_time(f%x(k), f%v1(k), f%i(k), cell, f%inverse1(k))
@@ -262,7 +262,7 @@ contains
          f%next_j(k) = f%j(k) + north
          f%contact(k) = contact
       end do
-   end subroutine cross
+   end subroutine cross_patches
 
    !> Leave up to two cells over the patch: each axis has one cell boundary, in the middle of the patch. Records the
    !> same values of the cells as `visit_path`.
@@ -270,26 +270,27 @@ contains
       type(flights_t), intent(inout) :: f
       real(wp), intent(in) :: gravity, cell  !! [m/s2], [m]
       logical, intent(in) :: heights         !! as in fly_rounds
-      real(wp) :: plan2, v3, before, t, end, i, j, so, first, second, one, two, last, top, top1, top2, top3
+      real(wp) :: plan2, v3, before, t, end, i, j, left_cell, first, second, left_first, left_second, last, top, &
+                  top1, top2, top3
       integer :: k
 
-      !$omp simd private(plan2, v3, before, end, i, j, so, last)
-      do k = 1, filled(f%n)
+      !$omp simd private(plan2, v3, before, end, i, j, left_cell, last)
+      do k = 1, padded(f%n)
          plan2 = f%v1(k)*f%v1(k) + f%v2(k)*f%v2(k)
          v3 = f%v3(k)
          before = f%v3_in(k)
          end = f%end(k)
          i = f%cell_i(k)
          j = f%cell_j(k)
-         so = 1
+         left_cell = 1
          call leave_cell(f%x(k), f%y(k), f%inverse1(k), f%inverse2(k), cell, plan2, v3, gravity, end, i, j, before, &
-                         so, f%left(1)%until(k), f%left(1)%speed2(k))
-         f%left(1)%so(k) = so
+                         left_cell, f%left(1)%until(k), f%left(1)%speed2(k))
+         f%left(1)%left_cell(k) = left_cell
          f%left(1)%i(k) = i
          f%left(1)%j(k) = j
          call leave_cell(f%x(k), f%y(k), f%inverse1(k), f%inverse2(k), cell, plan2, v3, gravity, end, i, j, before, &
-                         so, f%left(2)%until(k), f%left(2)%speed2(k))
-         f%left(2)%so(k) = so
+                         left_cell, f%left(2)%until(k), f%left(2)%speed2(k))
+         f%left(2)%left_cell(k) = left_cell
          f%left(2)%i(k) = i
          f%left(2)%j(k) = j
          f%cell_i(k) = i
@@ -299,14 +300,14 @@ contains
          f%speed2(k) = plan2 + max(before*before, last*last)
       end do
       if (.not. heights) return
-      !$omp simd private(t, end, first, second, one, two, top, top1, top2, top3)
-      do k = 1, filled(f%n)
+      !$omp simd private(t, end, first, second, left_first, left_second, top, top1, top2, top3)
+      do k = 1, padded(f%n)
          t = f%t(k)
          end = f%end(k)
          first = f%left(1)%until(k)
          second = f%left(2)%until(k)
-         one = f%left(1)%so(k)
-         two = f%left(2)%so(k)
+         left_first = f%left(1)%left_cell(k)
+         left_second = f%left(2)%left_cell(k)
          top = f%top(k)
          top1 = max(top, highest(f%d0(k), f%d1(k), f%d2(k), 0.0_wp, min(first, end) - t))
          top1 = merge(top1, top, first > t)  ! otherwise it left the cell at the end of the previous patch
@@ -314,13 +315,13 @@ contains
          top3 = max(0.0_wp, highest(f%d0(k), f%d1(k), f%d2(k), max(second, t) - t, end - t))
          f%left(1)%top(k) = top1
          f%left(2)%top(k) = top2
-         top = merge(top2, top1, one > 0)
-         f%top(k) = merge(top3, top, two > 0)
+         top = merge(top2, top1, left_first > 0)
+         f%top(k) = merge(top3, top, left_second > 0)
       end do
    end subroutine leave_cells
 
    !> Leave the current cell of a flight if that happens before a given time.
-   elemental subroutine leave_cell(x, y, inverse1, inverse2, cell, plan2, v3, gravity, end, i, j, v3_in, so, &
+   elemental subroutine leave_cell(x, y, inverse1, inverse2, cell, plan2, v3, gravity, end, i, j, v3_in, left_cell, &
                                    until, speed2)
       real(wp), intent(in) :: x, y                !! start of the flight [m]
       real(wp), intent(in) :: inverse1, inverse2  !! inverse speeds [s/m]
@@ -331,7 +332,7 @@ contains
       real(wp), intent(in) :: end                 !! the given time, since the start [s]
       real(wp), intent(inout) :: i, j             !! the cell, as in axis_t [-]
       real(wp), intent(inout) :: v3_in            !! vertical speed on entering it [m/s]
-      real(wp), intent(inout) :: so               !! leaves the cell: 1 or 0
+      real(wp), intent(inout) :: left_cell        !! leaves the cell: 1 or 0
       real(wp), intent(out) :: until              !! time of leaving, since the start [s]
       real(wp), intent(out) :: speed2             !! maximum squared speed over the cell [m2/s2]
       real(wp) :: tx, ty, east, north, v3_out
@@ -341,64 +342,64 @@ contains
       until = min(tx, ty)
       v3_out = v3 - gravity*until
       speed2 = plan2 + max(v3_in*v3_in, v3_out*v3_out)
-      so = merge(so, 0.0_wp, until < end)
-      v3_in = merge(v3_out, v3_in, so > 0)
+      left_cell = merge(left_cell, 0.0_wp, until < end)
+      v3_in = merge(v3_out, v3_in, left_cell > 0)
       east = merge(1.0_wp, -1.0_wp, inverse1 > 0)
       north = merge(1.0_wp, -1.0_wp, inverse2 > 0)
       east = merge(east, 0.0_wp, tx <= ty)
       north = merge(0.0_wp, north, tx <= ty)
-      i = i + so*east
-      j = j + so*north
+      i = i + left_cell*east
+      j = j + left_cell*north
    end subroutine leave_cell
 
    !> Record the cells that flights have left for others.
-   subroutine note_cells(left, f, ny, w, scratch)
+   subroutine record_left_cells(left, f, ny, w, scratch)
       type(cell_t), intent(in) :: left
       type(flights_t), intent(in) :: f
       integer, intent(in) :: ny        !! rows of the raster
       real(wp), intent(in) :: w(:)     !! W of each lane [m/s]
       type(scratch_t), intent(inout) :: scratch(:)
-      integer :: which(lanes + 1), n, k, m
+      integer :: flight(lanes + 1), n, k, m
 
       n = 0
-      do k = 1, f%n  ! branchless, as in `part`
-         which(n + 1) = k
-         n = n + int(left%so(k))
+      do k = 1, f%n  ! branchless, as in `split_landed`
+         flight(n + 1) = k
+         n = n + int(left%left_cell(k))
       end do
       do m = 1, n
-         k = which(m)
+         k = flight(m)
          associate (visits => scratch(f%lane(k))%visits)
             call raise_values(visits, left%speed2(k), inertia_factor*w(f%lane(k))**2, left%top(k))
             call enter_other_cell(visits, [int(left%i(k)), ny + 1 - int(left%j(k))])
          end associate
       end do
-   end subroutine note_cells
+   end subroutine record_left_cells
 
    !> Record the cell in which a flight ends.
-   subroutine note_last(f, k, dem, gravity, w, scratch)
+   subroutine record_last_cell(f, k, dem, gravity, w, scratch)
       type(flights_t), intent(inout) :: f
       integer, intent(in) :: k
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity  !! [m/s2]
       real(wp), intent(in) :: w        !! W [m/s]
       type(scratch_t), intent(inout) :: scratch
-      real(wp) :: plan2, so, until, speed2
+      real(wp) :: plan2, left_cell, until, speed2
 
       plan2 = f%v1(k)*f%v1(k) + f%v2(k)*f%v2(k)
       do  ! it may have left cells in which it spent no time
-         so = 1
+         left_cell = 1
          call leave_cell(f%x(k), f%y(k), f%inverse1(k), f%inverse2(k), dem%cell, plan2, f%v3(k), gravity, f%next_t(k), &
-                         f%cell_i(k), f%cell_j(k), f%v3_in(k), so, until, speed2)
-         if (.not. so > 0) exit
+                         f%cell_i(k), f%cell_j(k), f%v3_in(k), left_cell, until, speed2)
+         if (.not. left_cell > 0) exit
          call raise_values(scratch%visits, speed2, inertia_factor*w**2, f%top(k))
          f%top(k) = 0
          call enter_other_cell(scratch%visits, [int(f%cell_i(k)), dem%ny + 1 - int(f%cell_j(k))])
       end do
       call raise_values(scratch%visits, f%speed2(k), inertia_factor*w**2, f%top(k))
-   end subroutine note_last
+   end subroutine record_last_cell
 
    !> Separate the flights that have landed or left the known terrain from the others.
-   subroutine part(dem, gravity, w, f, l, scratch, cells)
+   subroutine split_landed(dem, gravity, w, f, l, scratch, cells)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity, w(:)
       type(flights_t), intent(inout) :: f
@@ -406,30 +407,30 @@ contains
       type(scratch_t), intent(inout) :: scratch(:)
       logical, intent(in) :: cells  !! as in fly_rounds
       type(patch_t) :: patch
-      integer :: ended(lanes + 1), on(lanes + 1), n_ended, n_on, k, m, n
+      integer :: ended(lanes + 1), flying(lanes + 1), n_ended, n_flying, k, m, n
 
       n_ended = 0
-      n_on = 0
+      n_flying = 0
       do k = 1, f%n  ! branchless: the outcome is unpredictable
          ended(n_ended + 1) = k
-         on(n_on + 1) = k
+         flying(n_flying + 1) = k
          n = int(f%contact(k))
          n_ended = n_ended + n
-         n_on = n_on + 1 - n
+         n_flying = n_flying + 1 - n
       end do
       do m = 1, n_ended
          k = ended(m)
          call set_landing(f, k, 1.0_wp, l)
-         if (cells) call note_last(f, k, dem, gravity, w(f%lane(k)), scratch(f%lane(k)))
+         if (cells) call record_last_cell(f, k, dem, gravity, w(f%lane(k)), scratch(f%lane(k)))
       end do
       n = 0
-      do m = 1, n_on
-         k = on(m)
+      do m = 1, n_flying
+         k = flying(m)
          call read_patch(dem, int(f%next_i(k)), int(f%next_j(k)), patch)
          if (.not. patch%known) then
-            call lie_over(f, k, patch_t(patch%i, patch%j))
+            call set_patch(f, k, patch_t(patch%i, patch%j))
             call set_landing(f, k, 0.0_wp, l)
-            if (cells) call note_last(f, k, dem, gravity, w(f%lane(k)), scratch(f%lane(k)))
+            if (cells) call record_last_cell(f, k, dem, gravity, w(f%lane(k)), scratch(f%lane(k)))
             cycle
          end if
          n = n + 1
@@ -444,7 +445,7 @@ contains
          f%inverse2(n) = f%inverse2(k)
          f%jump_height(n) = f%jump_height(k)
          f%t(n) = f%next_t(k)
-         call lie_over(f, n, patch)
+         call set_patch(f, n, patch)
          if (.not. cells) cycle
          f%cell_i(n) = f%cell_i(k)
          f%cell_j(n) = f%cell_j(k)
@@ -452,7 +453,7 @@ contains
          f%top(n) = f%top(k)
       end do
       f%n = n
-   end subroutine part
+   end subroutine split_landed
 
    !> Store the end of a flight.
    subroutine set_landing(f, k, contact, l)
@@ -483,27 +484,27 @@ contains
    end subroutine set_landing
 
    !> Heights over the patches that flights enter.
-   subroutine enter(f, gravity, per_cell)
+   subroutine enter_patch_heights(f, gravity, per_cell)
       type(flights_t), intent(inout) :: f
       real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
       integer :: k
 
       !$omp simd
-      do k = 1, filled(f%n)
+      do k = 1, padded(f%n)
          call enter_patch(f%x(k), f%y(k), f%z(k), f%v1(k), f%v2(k), f%v3(k), gravity, per_cell, f%t(k), &
                           f%i(k), f%j(k), f%z00(k), f%a(k), f%b(k), f%c(k), f%d0(k), f%d1(k))
       end do
-   end subroutine enter
+   end subroutine enter_patch_heights
 
    !> Place landings exactly on their patches.
-   subroutine touch_down(l, gravity, cell, per_cell)
+   subroutine place_landings(l, gravity, cell, per_cell)
       type(landings_t), intent(inout) :: l
       real(wp), intent(in) :: gravity, cell, per_cell  !! [m/s2], [m], [1/m]
       real(wp) :: x, y, z, t, contact, x_on, y_on, z_on
       integer :: k
 
       !$omp simd private(x, y, z, t, contact, x_on, y_on, z_on)
-      do k = 1, filled(l%n)
+      do k = 1, padded(l%n)
          t = l%time(k)
          x = l%x0(k) + l%v1(k)*t
          y = l%y0(k) + l%v2(k)*t
@@ -515,7 +516,7 @@ contains
          l%y(k) = merge(y_on, y, contact > 0)
          l%z(k) = merge(z_on, z, contact > 0)
       end do
-   end subroutine touch_down
+   end subroutine place_landings
 
    !> Return the start of a flight that has ended, without its height above the ground and its heading.
    pure type(flight_t) function flight_of(l, k) result(flight)

@@ -10,24 +10,24 @@ module rockfall_lanes
    use rockfall_terrain, only: patch_t, slope_at, steepness_of, cell_of, read_window, horn, is_pit
    use rockfall_flight, only: flight_t, landing_t, parabola_length
    use rockfall_rolling, only: roll_t, touch_t
-   use rockfall_flights, only: flights_t, landings_t, take_off, take_off_again, fly_on, flight_of, landing_of, &
-                               take_off_from, replace_landing, lanes, filled
+   use rockfall_flights, only: flights_t, landings_t, take_off, take_off_again, fly_to_landings, flight_of, &
+                               landing_of, take_off_from, replace_landing, lanes, padded
    use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, first_draw, draw_again, admissible, &
                               energy_of, beyond_fit
    use rockfall_direction, only: turn_past_aspect, divide_by_length, shortest
-   use rockfall_table_lanes, only: table_batch_t, clear_batch, add_contact, contacts_by_table, find_near
+   use rockfall_table_lanes, only: table_batch_t, clear_batch, add_contact, handle_table_contacts, find_paths_near_lines
    use rockfall_table_contact, only: velocity_after, end_touch
    use rockfall_scene_type, only: scene_t, inertia_of, is_slow
-   use rockfall_outcome, only: boulder_result_t, departure, add_flight, count_outcome, absorbed
+   use rockfall_outcome, only: boulder_result_t, departure_status, add_flight, count_outcome, absorbed
    use rockfall_crossings, only: crossing_t, record_crossings
-   use rockfall_scratch, only: scratch_t, with_all, clear, count_ground
+   use rockfall_scratch, only: scratch_t, with_all, clear_scratch, count_ground
    use rockfall_start, only: start_boulder, end_boulder
-   use rockfall_contact, only: handle_impact, find_ground, find_class, close_impact, rest_or_roll
+   use rockfall_contact, only: handle_impact, find_ground, find_impact_set, close_impact, rest_or_roll
    use rockfall_obstacles, only: obstacle_t
-   use rockfall_paths, only: roll_on
+   use rockfall_paths, only: follow_roll
    use rockfall_local_frame, only: in_local_frame, rolled_before, face_forward, launch_velocity
    use rockfall_ground, only: is_stochastic
-   use rockfall_tallies, only: totals_t, prepare, add_boulder
+   use rockfall_tallies, only: totals_t, prepare_scratch, add_boulder
    use rockfall_maps, only: maps_t
    use rockfall_travel_maps, only: time_visits
    use rockfall_histogram, only: count_rebound
@@ -39,7 +39,7 @@ module rockfall_lanes
 
    !> Boulders of a thread, each in its own lane until it ends.
    type :: pool_t
-      integer :: place(lanes) = 0                       !! index in the results
+      integer :: index(lanes) = 0                       !! index in the results
       real(wp) :: heading1(lanes) = 0, heading2(lanes) = 0  !! after the last rebound [-]
       real(wp) :: w(lanes) = 0                          !! W = R_b omega [m/s]
       integer :: free(lanes) = 0, n_free = 0            !! lanes without a boulder
@@ -47,10 +47,10 @@ module rockfall_lanes
    end type pool_t
 
    !> All impact sets of a scene, concatenated over its grounds.
-   type :: laws_t
+   type :: set_list_t
       type(impact_set_t), allocatable :: set(:)
-      integer, allocatable :: before(:)  !! number of sets before those of each ground; -1: the ground has none
-   end type laws_t
+      integer, allocatable :: offset(:)  !! number of sets before those of each ground; -1: the ground has none
+   end type set_list_t
 
    !> Contacts of the landed boulders, in order of landing.
    type :: contacts_t
@@ -69,7 +69,7 @@ module rockfall_lanes
       real(wp), dimension(lanes) :: out1 = 0, out2 = 0, out3 = 0 !! V_t, V_n, W after it [m/s]
       real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0       !! of the next flight [m/s]
       real(wp), dimension(lanes) :: rate = 0                     !! likewise [m/s]
-      real(wp), dimension(lanes) :: usual = 0                    !! 1 if handled by the loops, else 0
+      real(wp), dimension(lanes) :: in_loops = 0                 !! 1 if handled by the loops, else 0
       real(wp), dimension(lanes) :: z1 = 0, z2 = 0, z3 = 0, u = 0, side = 0  !! random numbers [-]
       real(wp), dimension(lanes) :: ratio = 0                    !! R_b/R_m [-]
       integer(i8) :: word(lanes, words_per_block) = 0            !! random words
@@ -104,62 +104,62 @@ contains
       type(contacts_t) :: contacts
       type(draws_t) :: draws
       type(table_batch_t), allocatable :: by_table
-      type(laws_t) :: laws
+      type(set_list_t) :: sets
       integer :: k
 
-      laws = laws_of(scene)
+      sets = all_sets(scene)
       pool%n_free = lanes
       allocate (scratch(lanes))
       do k = 1, lanes
-         call prepare(scene, maps, scratch(k))
+         call prepare_scratch(scene, maps, scratch(k))
          pool%free(k) = k
       end do
       if (has_tables(scene)) allocate (by_table)
       do
          call refill(scene, first, results, next, pool, scratch, flights)
          if (flights%n == 0) exit
-         call fly_on(scene%dem, scene%gravity, pool%w, flights, landings, scratch)
-         if (allocated(scene%lines)) call cross_lines(scene, results, pool, landings, scratch)
-         call look_up(scene, laws, first, results, pool, landings, scratch, contacts)
-         call meet(landings, scene%gravity, scene%dem%per_cell, contacts)
-         call draw_numbers(scene, landings%n, contacts)
-         if (size(laws%set) > 0) then
-            call draw(scene, laws, landings%n, contacts, draws)
-            call turn(landings%n, scene%dem%per_cell, contacts)
+         call fly_to_landings(scene%dem, scene%gravity, pool%w, flights, landings, scratch)
+         if (allocated(scene%lines)) call record_line_crossings(scene, results, pool, landings, scratch)
+         call classify_contacts(scene, sets, first, results, pool, landings, scratch, contacts)
+         call compute_incidence(landings, scene%gravity, scene%dem%per_cell, contacts)
+         call draw_random_numbers(scene, landings%n, contacts)
+         if (size(sets%set) > 0) then
+            call draw_rebounds(scene, sets, landings%n, contacts, draws)
+            call turn_and_launch(landings%n, scene%dem%per_cell, contacts)
          end if
          if (allocated(by_table)) then
-            call find_contacts_by_table(scene, results, pool, landings, contacts, scratch, by_table)
-            call contacts_by_table(scene, landings, contacts%g1, contacts%g2, contacts%steepness, contacts%word, &
-                                   scratch(1)%cells_requested, by_table)
+            call collect_table_contacts(scene, results, pool, landings, contacts, scratch, by_table)
+            call handle_table_contacts(scene, landings, contacts%g1, contacts%g2, contacts%steepness, contacts%word, &
+                                       scratch(1)%cells_requested, by_table)
          end if
-         call go_on(scene, laws, results, pool, landings, contacts, by_table, flights, scratch)
-         call take_out(scene, results, crossings, maps, landings, pool, scratch, totals)
+         call advance_boulders(scene, sets, results, pool, landings, contacts, by_table, flights, scratch)
+         call retire_boulders(scene, results, crossings, maps, landings, pool, scratch, totals)
       end do
    end subroutine run_in_lanes
 
    !> Collect the impact sets of the scene: those of the case or of its grounds.
-   pure type(laws_t) function laws_of(scene) result(laws)
+   pure type(set_list_t) function all_sets(scene) result(sets)
       type(scene_t), intent(in) :: scene
       integer :: ground, n
 
       if (.not. allocated(scene%grounds)) then
-         laws%set = scene%sets
-         laws%before = [0]
+         sets%set = scene%sets
+         sets%offset = [0]
          return
       end if
-      allocate (laws%before(size(scene%grounds)), source=-1)
+      allocate (sets%offset(size(scene%grounds)), source=-1)
       n = 0
       do ground = 1, size(scene%grounds)
          if (.not. is_stochastic(scene%grounds(ground))) cycle
-         laws%before(ground) = n
+         sets%offset(ground) = n
          n = n + impact_ratios
       end do
-      allocate (laws%set(n))
+      allocate (sets%set(n))
       do ground = 1, size(scene%grounds)
-         n = laws%before(ground)
-         if (n >= 0) laws%set(n + 1:n + impact_ratios) = scene%grounds(ground)%sets
+         n = sets%offset(ground)
+         if (n >= 0) sets%set(n + 1:n + impact_ratios) = scene%grounds(ground)%sets
       end do
-   end function laws_of
+   end function all_sets
 
    !> Return whether any ground has a table of impacts.
    pure logical function has_tables(scene)
@@ -195,21 +195,21 @@ contains
             if (pool%from > pool%to) return
          end if
          lane = pool%free(pool%n_free)
-         pool%place(lane) = pool%from
+         pool%index(lane) = pool%from
          pool%from = pool%from + 1
-         associate (result => results(pool%place(lane)))
-            call start_boulder(scene, first + pool%place(lane) - 1, with_all, result, flight)
+         associate (result => results(pool%index(lane)))
+            call start_boulder(scene, first + pool%index(lane) - 1, with_all, result, flight)
             if (result%status /= 0) cycle
          end associate
-         call clear(scene, with_all, scratch(lane))
-         call set_out(pool, lane, flight%heading(1), flight%heading(2), 0.0_wp)
+         call clear_scratch(scene, with_all, scratch(lane))
+         call set_heading(pool, lane, flight%heading(1), flight%heading(2), 0.0_wp)
          call take_off(flights, lane, flight)
          pool%n_free = pool%n_free - 1
       end do
    end subroutine refill
 
    !> Set the heading and the rotation of a boulder.
-   subroutine set_out(pool, lane, heading1, heading2, w)
+   subroutine set_heading(pool, lane, heading1, heading2, w)
       type(pool_t), intent(inout) :: pool
       integer, intent(in) :: lane
       real(wp), intent(in) :: heading1, heading2  !! [-]
@@ -218,10 +218,10 @@ contains
       pool%heading1(lane) = heading1
       pool%heading2(lane) = heading2
       pool%w(lane) = w
-   end subroutine set_out
+   end subroutine set_heading
 
    !> Record the line crossings of the landed boulders.
-   subroutine cross_lines(scene, results, pool, l, scratch)
+   subroutine record_line_crossings(scene, results, pool, l, scratch)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: results(:)
       type(pool_t), intent(in) :: pool
@@ -230,19 +230,19 @@ contains
       real(wp) :: near(lanes)
       integer :: k, lane
 
-      call find_near(scene%lines, l%n, l%x0, l%y0, l%x, l%y, near)
+      call find_paths_near_lines(scene%lines, l%n, l%x0, l%y0, l%x, l%y, near)
       do k = 1, l%n
          if (.not. near(k) > 0) cycle
          lane = l%lane(k)
-         call record_crossings(scene, scene%gravity, results(pool%place(lane)), flight_of(l, k), landing_of(l, k), &
+         call record_crossings(scene, scene%gravity, results(pool%index(lane)), flight_of(l, k), landing_of(l, k), &
                                pool%w(lane), scratch(lane)%crossings)
       end do
-   end subroutine cross_lines
+   end subroutine record_line_crossings
 
    !> Find the ground properties at the landings.
-   subroutine look_up(scene, laws, first, results, pool, l, scratch, c)
+   subroutine classify_contacts(scene, sets, first, results, pool, l, scratch, c)
       type(scene_t), intent(in) :: scene
-      type(laws_t), intent(in) :: laws
+      type(set_list_t), intent(in) :: sets
       integer(i8), intent(in) :: first
       type(boulder_result_t), intent(inout) :: results(:)
       type(pool_t), intent(in) :: pool
@@ -251,40 +251,40 @@ contains
       type(contacts_t), intent(inout) :: c
       type(patch_t) :: patch
       real(wp) :: radius, obstacle, u_ground(words_per_block), z(3, 3)
-      integer :: at(2), k, lane, class, row
+      integer :: cell(2), k, lane, set, row
       logical :: complete
 
       do k = 1, l%n
          lane = l%lane(k)
          c%ground(k) = 1
-         c%set(k) = size(laws%set) + 1
-         c%number(k) = first + pool%place(lane) - 1
+         c%set(k) = size(sets%set) + 1
+         c%number(k) = first + pool%index(lane) - 1
          c%w(k) = pool%w(lane)
          c%heading1(k) = pool%heading1(lane)
          c%heading2(k) = pool%heading2(lane)
-         associate (result => results(pool%place(lane)))
+         associate (result => results(pool%index(lane)))
             if (allocated(scratch(lane)%visits%time)) &
                call time_visits(scratch(lane)%visits, scene%dem, [l%x0(k), l%y0(k)], [l%v1(k), l%v2(k)], result%time, &
                                 l%time(k))
             patch%i = int(l%i(k))
             patch%j = int(l%j(k))
             if (.not. l%contact(k) > 0) then
-               result%status = departure(scene%dem, patch)
+               result%status = departure_status(scene%dem, patch)
                cycle
             end if
             result%impacts = result%impacts + 1
             c%impact(k) = result%impacts
-            at = cell_of(scene%dem, patch, l%u(k), l%w(k))
-            call find_ground(scene, c%number(k), result%impacts, at, with_all, c%ground(k), radius, obstacle, &
+            cell = cell_of(scene%dem, patch, l%u(k), l%w(k))
+            call find_ground(scene, c%number(k), result%impacts, cell, with_all, c%ground(k), radius, obstacle, &
                              u_ground, result%status)
             c%ground(k) = max(1, c%ground(k))
             if (result%status == absorbed) cycle
             c%ratio(k) = result%boulder%radius/radius
-            if (laws%before(c%ground(k)) < 0) cycle
-            call find_class(scene, c%ratio(k), u_ground, class, c%outside(k))
-            c%set(k) = laws%before(c%ground(k)) + class
-            call read_window(scene%dem, at, z, complete)
-            if (result%impacts == 1 .and. scene%sobol%dimensions > 1) z = 0  ! flat: excluded from the loops of `turn`
+            if (sets%offset(c%ground(k)) < 0) cycle
+            call find_impact_set(scene, c%ratio(k), u_ground, set, c%outside(k))
+            c%set(k) = sets%offset(c%ground(k)) + set
+            call read_window(scene%dem, cell, z, complete)
+            if (result%impacts == 1 .and. scene%sobol%dimensions > 1) z = 0  ! flat: left to the scalar code
             do row = 1, 3
                c%z(k, 3*row - 2) = z(1, row)
                c%z(k, 3*row - 1) = z(2, row)
@@ -292,10 +292,10 @@ contains
             end do
          end associate
       end do
-   end subroutine look_up
+   end subroutine classify_contacts
 
    !> Handle contacts by a table. The random numbers of a boulder's first contact may come from a Sobol' point.
-   subroutine find_contacts_by_table(scene, results, pool, l, c, scratch, b)
+   subroutine collect_table_contacts(scene, results, pool, l, c, scratch, b)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: results(:)
       type(pool_t), intent(in) :: pool
@@ -308,7 +308,7 @@ contains
       call clear_batch(b)
       do k = 1, l%n
          lane = l%lane(k)
-         associate (result => results(pool%place(lane)))
+         associate (result => results(pool%index(lane)))
             if (result%status /= 0 .or. (result%impacts == 1 .and. scene%sobol%dimensions > 1)) cycle
             if (.not. allocated(scene%grounds(c%ground(k))%table)) cycle
             call add_contact(b, k, c%ground(k), result%boulder, inertia_of(scene, c%number(k)), c%ratio(k), &
@@ -316,10 +316,10 @@ contains
                              scratch(lane)%touch)
          end associate
       end do
-   end subroutine find_contacts_by_table
+   end subroutine collect_table_contacts
 
    !> Transform the velocities at the ends of the flights to the local frames.
-   subroutine meet(l, gravity, per_cell, c)
+   subroutine compute_incidence(l, gravity, per_cell, c)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
       type(contacts_t), intent(inout) :: c
@@ -327,7 +327,7 @@ contains
       integer :: k
 
       !$omp simd private(v3, plan1, plan2, unit1, unit2, length)
-      do k = 1, filled(l%n)
+      do k = 1, padded(l%n)
          c%length(k) = parabola_length(l%v1(k)*l%v1(k) + l%v2(k)*l%v2(k), l%v3(k), gravity, l%time(k))
          v3 = l%v3(k) - gravity*l%time(k)
          c%speed2_in(k) = l%v1(k)*l%v1(k) + l%v2(k)*l%v2(k) + v3*v3
@@ -340,12 +340,12 @@ contains
          c%w(k) = rolled_before(c%w(k), c%heading1(k), c%heading2(k), unit1, unit2)
          c%heading1(k) = unit1
          c%heading2(k) = unit2
-         c%usual(k) = merge(1.0_wp, 0.0_wp, length > shortest)
+         c%in_loops(k) = merge(1.0_wp, 0.0_wp, length > shortest)
       end do
-   end subroutine meet
+   end subroutine compute_incidence
 
    !> Draw the random numbers of the contacts.
-   subroutine draw_numbers(scene, n, c)
+   subroutine draw_random_numbers(scene, n, c)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: n
       type(contacts_t), intent(inout) :: c
@@ -354,7 +354,7 @@ contains
 
       ! vectors of two take twice as long as scalars, those of four do not; the wide copy omits the next line
       !GCC$ novector
-      do k = 1, filled(n)
+      do k = 1, padded(n)
          call set_counter(for_impact, c%number(k), c%impact(k), 0_i8, w1, w2, w3, w4)
          call philox(scene%key, w1, w2, w3, w4)
          c%word(k, 1) = w1
@@ -363,31 +363,31 @@ contains
          c%word(k, 4) = w4
       end do
       !$omp simd
-      do k = 1, filled(n)
+      do k = 1, padded(n)
          c%z1(k) = normal(scene%table, c%word(k, 1))
          c%z2(k) = normal(scene%table, c%word(k, 2))
          c%z3(k) = normal(scene%table, c%word(k, 3))
       end do
       !$omp simd
-      do k = 1, filled(n)
+      do k = 1, padded(n)
          c%u(k) = uniform(c%word(k, turn_word))
          c%side(k) = side_of(c%word(k, turn_word))
       end do
-   end subroutine draw_numbers
+   end subroutine draw_random_numbers
 
    !> Draw the velocities after the contacts, by impact set.
-   subroutine draw(scene, laws, n, c, d)
+   subroutine draw_rebounds(scene, sets, n, c, d)
       type(scene_t), intent(in) :: scene
-      type(laws_t), intent(in) :: laws
+      type(set_list_t), intent(in) :: sets
       integer, intent(in) :: n
       type(contacts_t), intent(inout) :: c
       type(draws_t), intent(inout) :: d
-      integer :: first(size(laws%set) + 2)  !! first draw of each set, and the end
+      integer :: first(size(sets%set) + 2)  !! first draw of each set, and the end
       integer :: set, k, m
 
-      call sort(laws, n, c, first, d)
-      do set = 1, size(laws%set)
-         call draw_of_set(laws%set(set), d, first(set), first(set + 1) - 1)
+      call group_by_set(sets, n, c, first, d)
+      do set = 1, size(sets%set)
+         call draw_set_rebounds(sets%set(set), d, first(set), first(set + 1) - 1)
       end do
       do m = 1, d%n
          k = d%contact(m)
@@ -398,13 +398,13 @@ contains
          c%forced(k) = .false.
       end do
       do m = 1, d%n
-         if (.not. d%admissible(m) > 0) call redraw(scene, laws, d%contact(m), c)
+         if (.not. d%admissible(m) > 0) call redraw_rebound(scene, sets, d%contact(m), c)
       end do
-   end subroutine draw
+   end subroutine draw_rebounds
 
    !> Sort the draws by impact set.
-   subroutine sort(laws, n, c, first, d)
-      type(laws_t), intent(in) :: laws
+   subroutine group_by_set(sets, n, c, first, d)
+      type(set_list_t), intent(in) :: sets
       integer, intent(in) :: n
       type(contacts_t), intent(in) :: c
       integer, intent(out) :: first(:)
@@ -416,12 +416,12 @@ contains
          slot(c%set(k)) = slot(c%set(k)) + 1
       end do
       m = 1
-      do set = 1, size(laws%set) + 1
+      do set = 1, size(sets%set) + 1
          first(set) = m
          m = m + slot(set)
       end do
       slot = first
-      d%n = first(size(laws%set) + 1) - 1
+      d%n = first(size(sets%set) + 1) - 1
       do k = 1, n
          m = slot(c%set(k))
          slot(c%set(k)) = m + 1
@@ -433,10 +433,10 @@ contains
          d%z2(m) = c%z2(k)
          d%z3(m) = c%z3(k)
       end do
-   end subroutine sort
+   end subroutine group_by_set
 
    !> Compute draws first..last of one impact set.
-   subroutine draw_of_set(set, d, first, last)
+   subroutine draw_set_rebounds(set, d, first, last)
       type(impact_set_t), intent(in) :: set
       type(draws_t), intent(inout) :: d
       integer, intent(in) :: first, last
@@ -449,42 +449,42 @@ contains
          d%admissible(k) = admissible(d%out1(k), d%out2(k), d%out3(k), &
                                       energy_of(d%tangential(k), d%normal(k), d%w(k)))
       end do
-   end subroutine draw_of_set
+   end subroutine draw_set_rebounds
 
    !> Redraw a rebound that was not admissible.
-   subroutine redraw(scene, laws, k, c)
+   subroutine redraw_rebound(scene, sets, k, c)
       type(scene_t), intent(in) :: scene
-      type(laws_t), intent(in) :: laws
+      type(set_list_t), intent(in) :: sets
       integer, intent(in) :: k
       type(contacts_t), intent(inout) :: c
       type(rebound_t) :: out
 
       out = rebound_t([c%out1(k), c%out2(k), c%out3(k)])
-      call draw_again(laws%set(c%set(k)), scene%table, scene%key, c%number(k), c%impact(k), &
+      call draw_again(sets%set(c%set(k)), scene%table, scene%key, c%number(k), c%impact(k), &
                       [c%tangential(k), c%normal(k), c%w(k)], out)
       c%out1(k) = out%v(1)
       c%out2(k) = out%v(2)
       c%out3(k) = out%v(3)
       c%draws(k) = out%draws
       c%forced(k) = out%forced
-   end subroutine redraw
+   end subroutine redraw_rebound
 
    !> Compute the next flights. Special cases (flat cell, incomplete neighbourhood, vertical impact) are left to the
    !> scalar procedures.
-   subroutine turn(n, per_cell, c)
+   subroutine turn_and_launch(n, per_cell, c)
       integer, intent(in) :: n
       real(wp), intent(in) :: per_cell  !! [1/m]
       type(contacts_t), intent(inout) :: c
-      real(wp) :: d1, d2, a1, a2, h1, h2, lowest, length, before1, before2, w, u, side, usual, pit
+      real(wp) :: d1, d2, a1, a2, h1, h2, lowest, length, before1, before2, w, u, side, in_loops, pit
       integer :: k
 
-      !$omp simd private(d1, d2, a1, a2, h1, h2, lowest, length, before1, before2, w, u, side, usual, pit)
-      do k = 1, filled(n)
+      !$omp simd private(d1, d2, a1, a2, h1, h2, lowest, length, before1, before2, w, u, side, in_loops, pit)
+      do k = 1, padded(n)
          call horn(c%z(k, 1), c%z(k, 2), c%z(k, 3), c%z(k, 4), c%z(k, 6), c%z(k, 7), c%z(k, 8), c%z(k, 9), per_cell, &
                    d1, d2, lowest)
          call divide_by_length(d1, d2, a1, a2, length)
-         usual = c%usual(k)
-         c%usual(k) = merge(usual, 0.0_wp, length > shortest)
+         in_loops = c%in_loops(k)
+         c%in_loops(k) = merge(in_loops, 0.0_wp, length > shortest)
          before1 = c%heading1(k)
          before2 = c%heading2(k)
          w = c%out3(k)
@@ -500,12 +500,12 @@ contains
                               c%v1(k), c%v2(k), c%v3(k), c%rate(k))
          c%speed2(k) = c%v1(k)*c%v1(k) + c%v2(k)*c%v2(k) + c%v3(k)*c%v3(k)
       end do
-   end subroutine turn
+   end subroutine turn_and_launch
 
    !> Advance each boulder after its contact to its next flight, or end it.
-   subroutine go_on(scene, laws, results, pool, l, c, by_table, flights, scratch)
+   subroutine advance_boulders(scene, sets, results, pool, l, c, by_table, flights, scratch)
       type(scene_t), intent(in) :: scene
-      type(laws_t), intent(in) :: laws
+      type(set_list_t), intent(in) :: sets
       type(boulder_result_t), intent(inout) :: results(:)
       type(pool_t), intent(inout) :: pool
       type(landings_t), intent(inout) :: l
@@ -520,21 +520,21 @@ contains
 
       do k = 1, l%n
          lane = l%lane(k)
-         associate (result => results(pool%place(lane)))
+         associate (result => results(pool%index(lane)))
             call add_flight(c%length(k), l%time(k), c%speed2_in(k), l%jump_height(k), result)
             if (result%status /= 0) cycle
             if (allocated(by_table)) then
                if (by_table%by_table(k)) then
-                  call leave_table(scene, by_table, l, k, pool, result, flights, scratch(lane))
+                  call finish_table_contact(scene, by_table, l, k, pool, result, flights, scratch(lane))
                   cycle
                end if
             end if
-            if (c%set(k) > size(laws%set) .or. .not. c%usual(k) > 0) then
-               call rebound_alone(scene, c%number(k), l, k, pool, result, flights, scratch(lane))
+            if (c%set(k) > size(sets%set) .or. .not. c%in_loops(k) > 0) then
+               call rebound_single(scene, c%number(k), l, k, pool, result, flights, scratch(lane))
                cycle
             end if
             if (allocated(by_table)) scratch(lane)%touch = touch_t()
-            call beyond_fit(laws%set(c%set(k))%fitted, [c%tangential(k), c%normal(k)], fast, steep)
+            call beyond_fit(sets%set(c%set(k))%fitted, [c%tangential(k), c%normal(k)], fast, steep)
             call count_outcome(rebound_t([0.0_wp, 0.0_wp, 0.0_wp], c%draws(k), c%forced(k)), c%outside(k), fast, &
                                steep, result)
             if (allocated(scene%grounds)) call count_ground(c%ground(k), scratch(lane))
@@ -543,22 +543,22 @@ contains
                                   [c%out1(k), c%out2(k), c%out3(k)])
             slow = is_slow(scene, c%speed2(k))
             call close_impact(scene, c%speed2(k), .not. slow, result)
-            call set_out(pool, lane, c%heading1(k), c%heading2(k), c%next_w(k))
+            call set_heading(pool, lane, c%heading1(k), c%heading2(k), c%next_w(k))
             if (slow) then
                call rest_or_roll(scene, c%ground(k), landing_of(l, k), c%speed2(k), c%next_w(k), result, roll)
                flight%v = [c%v1(k), c%v2(k), c%v3(k)]
                if (result%status == 0) &
-                  call roll_alone(scene, l, k, pool, result, flight, roll, flights, scratch(lane))
+                  call roll_single(scene, l, k, pool, result, flight, roll, flights, scratch(lane))
                cycle
             end if
             if (result%status /= 0) cycle
             call take_off_again(flights, l, k, c%v1(k), c%v2(k), c%v3(k), c%rate(k))
          end associate
       end do
-   end subroutine go_on
+   end subroutine advance_boulders
 
    !> Start the next flight of a boulder after a contact by a table, or end it.
-   subroutine leave_table(scene, b, l, k, pool, result, flights, scratch)
+   subroutine finish_table_contact(scene, b, l, k, pool, result, flights, scratch)
       type(scene_t), intent(in) :: scene
       type(table_batch_t), intent(inout) :: b
       type(landings_t), intent(inout) :: l
@@ -576,13 +576,14 @@ contains
       call count_ground(b%ground(k), scratch)
       if (scene%histograms_requested) &
          call count_rebound(scratch%histograms, [b%tangential(k), b%normal(k), b%w(k)], &
-                            velocity_after(b%unit(k), b%part(k)*b%along(k), b%part(k)*b%across(k), b%n_left(k), &
-                                           b%part(k)*b%w_drawn(k)))
+                            velocity_after(b%unit(k), b%velocity_factor(k)*b%along(k), &
+                                           b%velocity_factor(k)*b%across(k), b%n_left(k), &
+                                           b%velocity_factor(k)*b%w_drawn(k)))
       scratch%touch = b%touch(k)
       scratch%touch%normal = b%pressed(k)
       scratch%touch%lift = b%lift(k)
       call end_touch(b%off(k) > 0, b%rolls(k) > 0, scratch%touch)
-      call set_out(pool, lane, b%heading1(k), b%heading2(k), b%next_w(k))
+      call set_heading(pool, lane, b%heading1(k), b%heading2(k), b%next_w(k))
       call close_impact(scene, b%speed2(k), .not. b%stops(k) > 0, result)
       if (result%status /= 0) return
       if (b%stops(k) > 0) then
@@ -604,11 +605,11 @@ contains
          return
       end if
       flight%v = [b%v1(k), b%v2(k), b%v3(k)]
-      call roll_alone(scene, l, k, pool, result, flight, b%roll(k), flights, scratch)
-   end subroutine leave_table
+      call roll_single(scene, l, k, pool, result, flight, b%roll(k), flights, scratch)
+   end subroutine finish_table_contact
 
    !> Compute a rebound that the loops do not handle, and the next flight.
-   subroutine rebound_alone(scene, number, l, k, pool, result, flights, scratch)
+   subroutine rebound_single(scene, number, l, k, pool, result, flights, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       type(landings_t), intent(inout) :: l
@@ -627,15 +628,15 @@ contains
       call handle_impact(scene, number, landing_of(l, k), [l%v1(k), l%v2(k), l%v3(k) - scene%gravity*l%time(k)], &
                          pool%w(lane), with_all, result, flight, roll, scratch)
       if (roll%rolls .and. result%status == 0) then
-         call roll_alone(scene, l, k, pool, result, flight, roll, flights, scratch)
+         call roll_single(scene, l, k, pool, result, flight, roll, flights, scratch)
          return
       end if
-      call set_out(pool, lane, flight%heading(1), flight%heading(2), pool%w(lane))
+      call set_heading(pool, lane, flight%heading(1), flight%heading(2), pool%w(lane))
       if (result%status == 0) call take_off(flights, lane, flight)
-   end subroutine rebound_alone
+   end subroutine rebound_single
 
    !> Compute a roll, and the next flight.
-   subroutine roll_alone(scene, l, k, pool, result, flight, roll, flights, scratch)
+   subroutine roll_single(scene, l, k, pool, result, flight, roll, flights, scratch)
       type(scene_t), intent(in) :: scene
       type(landings_t), intent(inout) :: l
       integer, intent(in) :: k
@@ -651,18 +652,18 @@ contains
       integer :: lane
 
       lane = l%lane(k)
-      call roll_on(scene, with_all, roll, result, flight, pool%w(lane), landing, v, no_obstacle, scratch)
+      call follow_roll(scene, with_all, roll, result, flight, pool%w(lane), landing, v, no_obstacle, scratch)
       if (landing%contact) then
-         call set_out(pool, lane, flight%heading(1), flight%heading(2), pool%w(lane))
+         call set_heading(pool, lane, flight%heading(1), flight%heading(2), pool%w(lane))
          call take_off(flights, lane, flight)
       else
-         result%status = departure(scene%dem, landing%patch)
+         result%status = departure_status(scene%dem, landing%patch)
          call replace_landing(l, k, landing)
       end if
-   end subroutine roll_alone
+   end subroutine roll_single
 
    !> Remove finished boulders from the pool.
-   subroutine take_out(scene, results, crossings, maps, l, pool, scratch, totals)
+   subroutine retire_boulders(scene, results, crossings, maps, l, pool, scratch, totals)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(inout) :: results(:)
       type(crossing_t), intent(inout) :: crossings(:, :)
@@ -675,14 +676,14 @@ contains
 
       do k = 1, l%n
          lane = l%lane(k)
-         associate (result => results(pool%place(lane)), own => scratch(lane))
+         associate (result => results(pool%index(lane)), work => scratch(lane))
             if (result%status == 0) cycle
-            call end_boulder(scene, landing_of(l, k), with_all, result, own)
-            if (allocated(own%crossings)) crossings(:, pool%place(lane)) = own%crossings
-            call add_boulder(scene, maps, result, own, totals)
+            call end_boulder(scene, landing_of(l, k), with_all, result, work)
+            if (allocated(work%crossings)) crossings(:, pool%index(lane)) = work%crossings
+            call add_boulder(scene, maps, result, work, totals)
          end associate
          pool%n_free = pool%n_free + 1
          pool%free(pool%n_free) = lane
       end do
-   end subroutine take_out
+   end subroutine retire_boulders
 end module rockfall_lanes

@@ -11,14 +11,14 @@ module rockfall_obstacles
    use rockfall_line, only: next_crossing
    use rockfall_barrier, only: barrier_t, barrier_outcome, place_in_front, stopped_there, broken_through, passed_over
    use rockfall_forest, only: forest_t, tree_hit_t, tree_impact_t, first_hit, tree_impact
-   use rockfall_tree_maps, only: gather_tree_hit
+   use rockfall_tree_maps, only: add_tree_hit
    use rockfall_scene_type, only: scene_t, is_slow
    use rockfall_outcome, only: boulder_result_t, stopped_by_tree, stopped_by_barrier, impact_limit
    use rockfall_crossings, only: crossing_t, crossing, record_crossings
-   use rockfall_scratch, only: scratch_t, contact_t, record
+   use rockfall_scratch, only: scratch_t, contact_t, record_vertex
    implicit none
    private
-   public :: obstacle_t, find_obstacle, meet_obstacle, note_passed_over, none
+   public :: obstacle_t, find_obstacle, hit_obstacle, record_passed_over, none
 
    !> Kinds of obstacles that can end a flight before it reaches the ground.
    integer, parameter :: none = 0, barrier = 1, tree = 2
@@ -74,7 +74,7 @@ contains
                                      [landing%x, landing%y], fraction)
             time = fraction*landing%time
             if (fraction > 1 .or. time >= obstacle%time) exit
-            if (stands_in_way(scene%barriers(k), result, crossing(scene, gravity, result, flight, time, omega_r))) then
+            if (hits_barrier(scene%barriers(k), result, crossing(scene, gravity, result, flight, time, omega_r))) then
                obstacle = obstacle_t(barrier, k, time)
                exit
             end if
@@ -83,17 +83,17 @@ contains
    end subroutine find_barrier
 
    !> Return whether a boulder crosses a barrier below its top edge.
-   pure logical function stands_in_way(this, result, crossing)
+   pure logical function hits_barrier(this, result, crossing)
       type(barrier_t), intent(in) :: this
       type(boulder_result_t), intent(in) :: result
       type(crossing_t), intent(in) :: crossing
 
-      stands_in_way = passed_over /= barrier_outcome(this%height, this%capacity, crossing%passing_height, &
-                                                     sum(kinetic_energy(result%boulder, crossing%v, crossing%omega)))
-   end function stands_in_way
+      hits_barrier = passed_over /= barrier_outcome(this%height, this%capacity, crossing%passing_height, &
+                                                    sum(kinetic_energy(result%boulder, crossing%v, crossing%omega)))
+   end function hits_barrier
 
    !> Record the barriers that a boulder crossed but never hit as passed over.
-   pure subroutine note_passed_over(scene, result, crossings)
+   pure subroutine record_passed_over(scene, result, crossings)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: result
       type(crossing_t), intent(inout) :: crossings(:)
@@ -102,10 +102,10 @@ contains
       do k = 1, size(scene%barriers)
          associate (at => crossings(scene%barriers(k)%line))
             if (.not. at%crossed .or. at%outcome /= 0) cycle
-            if (.not. stands_in_way(scene%barriers(k), result, at)) at%outcome = passed_over
+            if (.not. hits_barrier(scene%barriers(k), result, at)) at%outcome = passed_over
          end associate
       end do
-   end subroutine note_passed_over
+   end subroutine record_passed_over
 
    !> Find the first tree hit by a flight, if it is hit before `obstacle`.
    pure subroutine find_tree(forest, radius, flight, spans, felled, obstacle)
@@ -122,7 +122,7 @@ contains
    end subroutine find_tree
 
    !> Apply the energy loss at an obstacle; with the remaining energy the boulder flies on from there.
-   pure subroutine meet_obstacle(scene, number, obstacle, landing, v, omega_r, result, flight, scratch)
+   pure subroutine hit_obstacle(scene, number, obstacle, landing, v, omega_r, result, flight, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       type(obstacle_t), intent(in) :: obstacle
@@ -134,36 +134,36 @@ contains
       type(scratch_t), intent(inout) :: scratch
       type(tree_impact_t) :: impact
       type(landing_t) :: place
-      real(wp) :: energy, taken, remains, turned(2), heading(2)
+      real(wp) :: energy, loss, speed_factor, turned(2), heading(2)
 
       energy = sum(kinetic_energy(result%boulder, v, omega_r/result%boulder%radius))
       turned = v(1:2)
       heading = flight%heading
       if (obstacle%kind == tree) then
          call hit_tree(scene, number, obstacle%hit, landing, energy, result, scratch, impact)
-         taken = impact%taken
-         result%energy%trees = result%energy%trees + taken
+         loss = impact%taken
+         result%energy%trees = result%energy%trees + loss
          turned = rotated(turned, impact%sine, impact%cosine)
          heading = rotated(heading, impact%sine, impact%cosine)
       else
-         taken = min(energy, scene%barriers(obstacle%number)%capacity)
-         result%energy%barriers = result%energy%barriers + taken
+         loss = min(energy, scene%barriers(obstacle%number)%capacity)
+         result%energy%barriers = result%energy%barriers + loss
       end if
-      remains = 0
-      if (energy > taken) remains = sqrt((energy - taken)/energy)
-      omega_r = remains*omega_r
+      speed_factor = 0
+      if (energy > loss) speed_factor = sqrt((energy - loss)/energy)
+      omega_r = speed_factor*omega_r
       place = landing
       if (obstacle%kind == barrier) place = place_in_front(scene%dem, landing, v(1:2))
-      flight = flight_from(scene%dem, place, remains*[turned, v(3)], heading)
-      if (taken > 0 .and. is_slow(scene, squared_length(flight%v))) then
+      flight = flight_from(scene%dem, place, speed_factor*[turned, v(3)], heading)
+      if (loss > 0 .and. is_slow(scene, squared_length(flight%v))) then
          result%status = merge(stopped_by_tree, stopped_by_barrier, obstacle%kind == tree)
       else if (result%trees_hit >= scene%max_impacts) then
          result%status = impact_limit
       end if
       if (obstacle%kind == barrier) scratch%crossings(scene%barriers(obstacle%number)%line)%outcome = &
          int(merge(stopped_there, broken_through, result%status == stopped_by_barrier), i1)
-      call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v))
-   end subroutine meet_obstacle
+      call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v))
+   end subroutine hit_obstacle
 
    !> Apply a hit of a tree, and record it.
    pure subroutine hit_tree(scene, number, hit, landing, energy, result, scratch, impact)
@@ -181,7 +181,7 @@ contains
                            random_words(scene%key, for_tree, number, int(result%trees_hit, i8), 0_i8))
       if (impact%breaks) scratch%felled = [scratch%felled, hit%tree]
       if (.not. scratch%tree_hits_requested) return
-      call gather_tree_hit(scratch%tree_hits, cell_of(scene%dem, landing%patch, landing%u, landing%w), hit%height, &
-                           impact%taken)
+      call add_tree_hit(scratch%tree_hits, cell_of(scene%dem, landing%patch, landing%u, landing%w), hit%height, &
+                        impact%taken)
    end subroutine hit_tree
 end module rockfall_obstacles

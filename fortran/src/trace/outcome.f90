@@ -7,7 +7,8 @@ module rockfall_outcome
    use rockfall_impact, only: rebound_t
    implicit none
    private
-   public :: boulder_result_t, energy_balance_t, at_rest, departure, add_flight, count_outcome, close_balance
+   public :: boulder_result_t, energy_balance_t, at_rest, departure_status, add_flight, count_outcome, &
+             close_energy_balance
    public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier, left_window
 
    !> Status codes, in the order of the table of rockfall_variables; 0 while a boulder moves.
@@ -50,13 +51,13 @@ contains
    end function at_rest
 
    !> Status of a boulder that reaches an unknown patch.
-   pure integer function departure(dem, patch) result(status)
+   pure integer function departure_status(dem, patch) result(status)
       type(terrain_t), intent(in) :: dem
       type(patch_t), intent(in) :: patch
 
       status = merge(left_domain, left_window, min(patch%i, patch%j) < 1 .or. patch%i >= dem%nx .or. patch%j >= dem%ny)
       if (in_window(dem, patch%i, patch%j)) status = hit_nodata
-   end function departure
+   end function departure_status
 
    !> Add a flight to the result.
    pure subroutine add_flight(length, time, speed2, jump_height, result)
@@ -86,7 +87,7 @@ contains
    end subroutine count_outcome
 
    !> Close the energy balance with the energy left at the end and that released on the way.
-   pure subroutine close_balance(gravity, z, v, omega_r, result)
+   pure subroutine close_energy_balance(gravity, z, v, omega_r, result)
       real(wp), intent(in) :: gravity  !! [m/s2]
       real(wp), intent(in) :: z        !! elevation of the end [m]
       real(wp), intent(in) :: v(3)     !! velocity there [m/s]
@@ -103,5 +104,5 @@ contains
             energy%left = kinetic
          end if
       end associate
-   end subroutine close_balance
+   end subroutine close_energy_balance
 end module rockfall_outcome

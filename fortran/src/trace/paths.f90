@@ -10,21 +10,21 @@ module rockfall_paths
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t
    use rockfall_crossings, only: record_crossings
-   use rockfall_scratch, only: scratch_t, contact_t, with_lines, with_maps, with_all, visit_cells, record, &
+   use rockfall_scratch, only: scratch_t, contact_t, with_lines, with_maps, with_all, visit_cells, record_vertex, &
                                replace_velocity
    use rockfall_obstacles, only: obstacle_t, find_obstacle, none
    implicit none
    private
-   public :: fly_over_cells, fly_to_obstacle, roll_on
+   public :: fly_over_cells, fly_to_obstacle, follow_roll
 
 contains
 
    !> Fly, and record visits of raster cells.
-   pure subroutine fly_over_cells(scene, flight, omega_r, begun, landing, scratch, spans)
+   pure subroutine fly_over_cells(scene, flight, omega_r, start_time, landing, scratch, spans)
       type(scene_t), intent(in) :: scene
       type(flight_t), intent(in) :: flight
       real(wp), intent(in) :: omega_r  !! W [m/s]
-      real(wp), intent(in) :: begun    !! since the release [s]
+      real(wp), intent(in) :: start_time  !! since the release [s]
       type(landing_t), intent(out) :: landing
       type(scratch_t), intent(inout) :: scratch
       type(span_t), intent(inout), contiguous :: spans(:)
@@ -36,7 +36,7 @@ contains
       else
          call fly(scene%dem, scene%gravity, flight, landing)
       end if
-      call visit_cells(scene, scene%gravity, flight, omega_r, begun, landing%time, spans(:n), scratch)
+      call visit_cells(scene, scene%gravity, flight, omega_r, start_time, landing%time, spans(:n), scratch)
    end subroutine fly_over_cells
 
    !> Fly to the ground or to the first obstacle, and record the lines and cells up to there.
@@ -61,7 +61,7 @@ contains
 
    !> Follow a roll, or the slide of a contact by a table, to its end, where the next flight starts, or to the first
    !> obstacle. Lines and cells get the mean speed, the end gets the exact speed.
-   pure subroutine roll_on(scene, level, roll, result, flight, omega_r, landing, v, obstacle, scratch)
+   pure subroutine follow_roll(scene, level, roll, result, flight, omega_r, landing, v, obstacle, scratch)
       type(scene_t), intent(in) :: scene
       integer, value :: level                 !! basic, ..., with_all
       type(roll_t), intent(inout) :: roll     !! reset on return
@@ -74,9 +74,9 @@ contains
       type(scratch_t), intent(inout) :: scratch
       real(wp), parameter :: no_gravity = 0.0_wp
       type(span_t) :: span(1)
-      real(wp) :: before, mean, fraction, above
+      real(wp) :: energy_before, mean, fraction, above
 
-      before = squared_length(flight%v) + inertia_factor*omega_r*omega_r
+      energy_before = squared_length(flight%v) + inertia_factor*omega_r*omega_r
       flight = roll%path
       landing = roll%landing
       roll%rolls = .false.
@@ -112,9 +112,9 @@ contains
       result%speed_max = max(result%speed_max, squared_length(v))
       if (level >= with_all) result%energy%ground = result%energy%ground + result%boulder%mass &
          *(scene%gravity*(flight%z - landing%z - above) &
-           + 0.5_wp*(before - squared_length(v) - inertia_factor*omega_r*omega_r))
+           + 0.5_wp*(energy_before - squared_length(v) - inertia_factor*omega_r*omega_r))
       if (.not. landing%contact) return
       flight = launch(scene%dem, roll, landing, v)
-      if (level >= with_all) call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v))
-   end subroutine roll_on
+      if (level >= with_all) call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v))
+   end subroutine follow_roll
 end module rockfall_paths

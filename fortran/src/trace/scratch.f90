@@ -14,7 +14,7 @@ module rockfall_scratch
    implicit none
    private
    public :: scratch_t, contact_t, basic, with_lines, with_maps, with_all
-   public :: clear, visit_cells, count_ground, record, replace_velocity
+   public :: clear_scratch, visit_cells, count_ground, record_vertex, replace_velocity
 
    !> Level of recording, in addition to the boulder's result: nothing; lines and histograms; also visits of raster
    !> cells; also trajectory vertices, obstacles and the energy balance.
@@ -47,7 +47,7 @@ module rockfall_scratch
 contains
 
    !> Clear the work space for the next boulder.
-   pure subroutine clear(scene, level, scratch)
+   pure subroutine clear_scratch(scene, level, scratch)
       type(scene_t), intent(in) :: scene
       integer, value :: level  !! basic, ..., with_all
       type(scratch_t), intent(inout) :: scratch
@@ -65,15 +65,15 @@ contains
          if (allocated(scene%forest)) scratch%felled = [integer ::]
          scratch%tree_hits%n = 0
       end if
-   end subroutine clear
+   end subroutine clear_scratch
 
    !> Record the raster cells under a flight, or along a roll, which is a path without gravity.
-   pure subroutine visit_cells(scene, gravity, flight, omega_r, begun, time, spans, scratch)
+   pure subroutine visit_cells(scene, gravity, flight, omega_r, start_time, time, spans, scratch)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: gravity  !! of the path [m/s2]
       type(flight_t), intent(in) :: flight
       real(wp), intent(in) :: omega_r  !! W [m/s]
-      real(wp), intent(in) :: begun    !! since the release [s]
+      real(wp), intent(in) :: start_time  !! since the release [s]
       real(wp), intent(in) :: time     !! of the flight [s]
       type(span_t), intent(in), contiguous :: spans(:)  !! spans of the flight
       type(scratch_t), intent(inout) :: scratch
@@ -85,7 +85,7 @@ contains
             call visit_path(visits, scene%dem, gravity, flight, time, spin)
          end if
          if (allocated(visits%time)) &
-            call time_visits(visits, scene%dem, [flight%x, flight%y], flight%v(:2), begun, time)
+            call time_visits(visits, scene%dem, [flight%x, flight%y], flight%v(:2), start_time, time)
       end associate
    end subroutine visit_cells
 
@@ -98,14 +98,14 @@ contains
    end subroutine count_ground
 
    !> Append a vertex to the record, if any; keeps counting when it is full, so that the caller learns the size needed.
-   pure subroutine record(scratch, vertex)
+   pure subroutine record_vertex(scratch, vertex)
       type(scratch_t), intent(inout) :: scratch
       type(contact_t), intent(in) :: vertex
 
       if (.not. allocated(scratch%record)) return
       scratch%recorded = scratch%recorded + 1
       if (scratch%recorded <= size(scratch%record)) scratch%record(scratch%recorded) = vertex
-   end subroutine record
+   end subroutine record_vertex
 
    !> Replace the velocity at the last vertex by that of the roll that starts there.
    pure subroutine replace_velocity(scratch, v)

@@ -33,7 +33,7 @@ contains
       end if
       if (level >= with_all .and. allocated(scene%of_source)) &
          result%boulder = boulder_of(scene%of_source(result%source), result%boulder%volume)
-      call first_flight(scene, result%source, flight)
+      call set_first_flight(scene, result%source, flight)
       result%start = [flight%x, flight%y, flight%z]
       result%speed_max = squared_length(flight%v)  ! the square root is taken at the end
       if (flight%patch%known) return
@@ -42,7 +42,7 @@ contains
    end subroutine start_boulder
 
    !> Start of the first flight: above the source, at rest or with the release velocity.
-   pure subroutine first_flight(scene, source, flight)
+   pure subroutine set_first_flight(scene, source, flight)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: source
       type(flight_t), intent(out) :: flight
@@ -61,7 +61,7 @@ contains
          flight%z = height(flight%patch, u, w) + flight%above
          flight%rate = launch_rate(dem, flight%patch, u, w, flight%v)
       end associate
-   end subroutine first_flight
+   end subroutine set_first_flight
 
    !> Finalise the result of a boulder.
    pure subroutine end_boulder(scene, landing, level, result, scratch)

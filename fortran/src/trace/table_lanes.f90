@@ -17,11 +17,11 @@ module rockfall_table_lanes
    use rockfall_table_contact, only: side_u, keep_touch, meet_plane, find_pull, draw_record, follow, limit_energy, &
                                      after_fall, share_energy, leave, height_of
    use rockfall_line, only: line_t, comes_near
-   use rockfall_flights, only: landings_t, landing_of, lanes, filled
+   use rockfall_flights, only: landings_t, landing_of, lanes, padded
    use rockfall_scene_type, only: scene_t
    implicit none
    private
-   public :: table_batch_t, clear_batch, add_contact, contacts_by_table, find_near
+   public :: table_batch_t, clear_batch, add_contact, handle_table_contacts, find_paths_near_lines
 
    !> Contacts by a table among the landings, each at the index of its landing. Elements are not cleared when they
    !> become free.
@@ -46,7 +46,7 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: lift = 0                      !! as in touch_t [-]
       real(wp), dimension(lanes) :: flown = 0, rolls = 0, stops = 0  !! kind of its end: 1 or 0
       real(wp), dimension(lanes) :: total = 0, left = 0           !! energies, as in limit_energy [-]
-      real(wp), dimension(lanes) :: part = 0, n_left = 0          !! from share_energy: factor on the velocity, V_n [-]
+      real(wp), dimension(lanes) :: velocity_factor = 0, n_left = 0  !! as in share_energy; V_n [-]
       real(wp), dimension(lanes) :: slide = 0, time = 0, speed = 0  !! as in find_slide [m], [s], [m/s]
       real(wp), dimension(lanes) :: inside = 0, off = 0           !! ends on its first patch; ground falls away: 1 or 0
       real(wp), dimension(lanes) :: x = 0, y = 0, z = 0           !! end [m]
@@ -99,7 +99,7 @@ contains
    end subroutine add_contact
 
    !> Compute all contacts of a batch.
-   subroutine contacts_by_table(scene, l, g1, g2, steepness, word, paths, b)
+   subroutine handle_table_contacts(scene, l, g1, g2, steepness, word, paths, b)
       type(scene_t), intent(in) :: scene
       type(landings_t), intent(in) :: l
       real(wp), dimension(lanes), intent(in) :: g1, g2, steepness  !! of the ground where they landed [-]
@@ -108,18 +108,18 @@ contains
       type(table_batch_t), intent(inout) :: b
 
       if (b%n == 0) return
-      call approach(l, scene%gravity, g1, g2, steepness, word(:, side_u), b)
-      call drop_vertical(b)
+      call compute_incidence(l, scene%gravity, g1, g2, steepness, word(:, side_u), b)
+      call drop_vertical_impacts(b)
       call draw_records(scene, word, b)
       call follow_records(scene, b)
-      call slide_on(l, scene%gravity, scene%dem%per_cell, b)
-      if (allocated(scene%lines)) call find_near(scene%lines, l%n, l%x, l%y, b%x, b%y, b%near)
-      call walk(scene, l, g1, g2, paths, b)
-      call depart(l, g1, g2, steepness, b)
-   end subroutine contacts_by_table
+      call slide_on_patches(l, scene%gravity, scene%dem%per_cell, b)
+      if (allocated(scene%lines)) call find_paths_near_lines(scene%lines, l%n, l%x, l%y, b%x, b%y, b%near)
+      call walk_terrain(scene, l, g1, g2, paths, b)
+      call set_departures(l, g1, g2, steepness, b)
+   end subroutine handle_table_contacts
 
    !> Transform the velocities to the local frames, in units of `unit` too.
-   subroutine approach(l, gravity, g1, g2, steepness, word, b)
+   subroutine compute_incidence(l, gravity, g1, g2, steepness, word, b)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity  !! [m/s2]
       real(wp), dimension(lanes), intent(in) :: g1, g2, steepness
@@ -129,7 +129,7 @@ contains
       integer :: k
 
       !$omp simd private(normal, unit, a1, a2, a3, speed, along, across)
-      do k = 1, filled(l%n)
+      do k = 1, padded(l%n)
          call meet_plane(l%v1(k), l%v2(k), l%v3(k) - gravity*l%time(k), g1(k), g2(k), steepness(k), b%touches(k), &
                          b%pressed(k), b%tangential(k), normal, b%t1(k), b%t2(k), b%t3(k))
          b%normal(k) = normal
@@ -151,10 +151,10 @@ contains
          b%in(k)%pull(1) = along
          b%in(k)%pull(2) = across
       end do
-   end subroutine approach
+   end subroutine compute_incidence
 
    !> Remove boulders that land along the normal, and so have no tangent; `table_contact` handles them.
-   subroutine drop_vertical(b)
+   subroutine drop_vertical_impacts(b)
       type(table_batch_t), intent(inout) :: b
       integer :: m, n, k
 
@@ -166,7 +166,7 @@ contains
          n = n + merge(1, 0, b%by_table(k))
       end do
       b%n = n
-   end subroutine drop_vertical
+   end subroutine drop_vertical_impacts
 
    subroutine draw_records(scene, word, b)
       type(scene_t), intent(in) :: scene
@@ -205,7 +205,7 @@ contains
    end subroutine follow_records
 
    !> Find the ends of contacts that stay on their first patch.
-   subroutine slide_on(l, gravity, per_cell, b)
+   subroutine slide_on_patches(l, gravity, per_cell, b)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
       type(table_batch_t), intent(inout) :: b
@@ -213,7 +213,7 @@ contains
       integer :: k
 
       !$omp simd private(speed, slide, time, u, w, x, y, z, inside, still_inside, off)
-      do k = 1, filled(l%n)
+      do k = 1, padded(l%n)
          call limit_energy(b%along(k), b%across(k), b%drawn(k), b%w_drawn(k), b%inertia(k), b%allowed(k), &
                            b%speed_in(k), b%advance(k), b%radius(k), b%total(k), b%left(k), speed, slide)
          speed = b%unit(k)*speed
@@ -237,10 +237,10 @@ contains
          b%end1(k) = slope_at(l%a(k), l%c(k), w, per_cell)
          b%end2(k) = slope_at(l%b(k), l%c(k), u, per_cell)
       end do
-   end subroutine slide_on
+   end subroutine slide_on_patches
 
    !> Find the straight paths that may cross a line.
-   subroutine find_near(lines, n, x0, y0, x, y, near)
+   subroutine find_paths_near_lines(lines, n, x0, y0, x, y, near)
       type(line_t), intent(in) :: lines(:)
       integer, intent(in) :: n
       real(wp), dimension(lanes), intent(in) :: x0, y0, x, y  !! both ends [m]
@@ -255,14 +255,14 @@ contains
          high1 = lines(line)%high(1)
          high2 = lines(line)%high(2)
          !$omp simd
-         do k = 1, filled(n)
+         do k = 1, padded(n)
             near(k) = max(near(k), comes_near(low1, low2, high1, high2, x0(k), y0(k), x(k), y(k)))
          end do
       end do
-   end subroutine find_near
+   end subroutine find_paths_near_lines
 
    !> Walk the other contacts over the terrain.
-   subroutine walk(scene, l, g1, g2, paths, b)
+   subroutine walk_terrain(scene, l, g1, g2, paths, b)
       type(scene_t), intent(in) :: scene
       type(landings_t), intent(in) :: l
       real(wp), dimension(lanes), intent(in) :: g1, g2
@@ -287,32 +287,32 @@ contains
          b%end1(k) = g(1)
          b%end2(k) = g(2)
       end do
-   end subroutine walk
+   end subroutine walk_terrain
 
    !> Compute the velocities after the contacts.
-   subroutine depart(l, g1, g2, steepness, b)
+   subroutine set_departures(l, g1, g2, steepness, b)
       type(landings_t), intent(in) :: l
       real(wp), dimension(lanes), intent(in) :: g1, g2, steepness
       type(table_batch_t), intent(inout) :: b
-      real(wp) :: left, lift, part, normal, rests, rolls, pressed, unit
+      real(wp) :: left, lift, velocity_factor, normal, rests, rolls, pressed, unit
       integer :: k
 
-      !$omp simd private(left, lift, part, normal, rests, rolls, pressed, unit)
-      do k = 1, filled(l%n)
+      !$omp simd private(left, lift, velocity_factor, normal, rests, rolls, pressed, unit)
+      do k = 1, padded(l%n)
          left = after_fall(b%left(k), (l%z(k) - b%z(k) - b%pull(k)*b%slide(k))/b%radius(k), b%off(k))
          lift = b%lift(k)
          rolls = merge(0.0_wp, b%rolls(k), b%off(k) > 0)
          call share_energy(b%total(k), left, b%along(k), b%across(k), b%drawn(k), b%w_drawn(k), b%inertia(k), &
-                           steepness(k), b%flown(k), lift, part, normal, rests)
-         b%part(k) = part
+                           steepness(k), b%flown(k), lift, velocity_factor, normal, rests)
+         b%velocity_factor(k) = velocity_factor
          b%n_left(k) = normal
          b%stops(k) = max(b%stops(k), rests)
          unit = b%unit(k)
-         b%next_w(k) = unit*(part*b%w_drawn(k))
+         b%next_w(k) = unit*(velocity_factor*b%w_drawn(k))
          pressed = b%pressed(k)
-         call leave(unit*(part*b%along(k)), unit*(part*b%side(k)*b%across(k)), unit*normal, g1(k), g2(k), &
-                    steepness(k), b%t1(k), b%t2(k), b%t3(k), b%end1(k), b%end2(k), rolls, pressed, b%heading1(k), &
-                    b%heading2(k), b%v1(k), b%v2(k), b%v3(k))
+         call leave(unit*(velocity_factor*b%along(k)), unit*(velocity_factor*b%side(k)*b%across(k)), unit*normal, &
+                    g1(k), g2(k), steepness(k), b%t1(k), b%t2(k), b%t3(k), b%end1(k), b%end2(k), rolls, pressed, &
+                    b%heading1(k), b%heading2(k), b%v1(k), b%v2(k), b%v3(k))
          b%pressed(k) = pressed
          b%rolls(k) = rolls
          b%lift(k) = lift
@@ -320,5 +320,5 @@ contains
          b%speed2(k) = b%v1(k)*b%v1(k) + b%v2(k)*b%v2(k) + b%v3(k)*b%v3(k)
          b%rate(k) = b%v3(k) - (b%end1(k)*b%v1(k) + b%end2(k)*b%v2(k))
       end do
-   end subroutine depart
+   end subroutine set_departures
 end module rockfall_table_lanes

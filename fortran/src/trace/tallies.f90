@@ -10,10 +10,10 @@ module rockfall_tallies
    use rockfall_travel_maps, only: needs_times, needs_travel, add_travel
    use rockfall_passing_maps, only: needs_passing, add_passing
    use rockfall_tree_maps, only: needs_tree_hits, add_tree_hits
-   use rockfall_histogram, only: histograms, bins, quantities
+   use rockfall_histogram, only: empty_histograms, bins, quantities
    implicit none
    private
-   public :: totals_t, prepare, add_boulder
+   public :: totals_t, prepare_scratch, add_boulder
 
    !> Totals over the boulders of one thread.
    type :: totals_t
@@ -24,7 +24,7 @@ module rockfall_tallies
 contains
 
    !> Allocate what a run needs in a boulder's work space.
-   subroutine prepare(scene, maps, scratch)
+   subroutine prepare_scratch(scene, maps, scratch)
       type(scene_t), intent(in) :: scene
       type(maps_t), intent(in) :: maps
       type(scratch_t), intent(inout) :: scratch
@@ -34,9 +34,9 @@ contains
       if (needs_times(maps)) allocate (scratch%visits%time(0))
       scratch%tree_hits_requested = allocated(scene%forest) .and. needs_tree_hits(maps)
       if (allocated(scene%lines)) allocate (scratch%crossings(size(scene%lines)))
-      if (scene%histograms_requested) scratch%histograms = histograms()
+      if (scene%histograms_requested) scratch%histograms = empty_histograms()
       if (allocated(scene%grounds)) allocate (scratch%by_ground(size(scene%grounds)), source=0_i8)
-   end subroutine prepare
+   end subroutine prepare_scratch
 
    !> Add a boulder; thread-safe, if each thread has its own totals.
    subroutine add_boulder(scene, maps, result, scratch, totals)

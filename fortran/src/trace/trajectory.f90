@@ -8,16 +8,18 @@ module rockfall_trajectory
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, arc_length
    use rockfall_rolling, only: roll_t
    use rockfall_scene_type, only: scene_t, has_obstacles
-   use rockfall_outcome, only: boulder_result_t, departure, add_flight, close_balance, absorbed, left_domain, hit_nodata
+   use rockfall_outcome, only: boulder_result_t, departure_status, add_flight, close_energy_balance, absorbed, &
+                               left_domain, hit_nodata
    use rockfall_crossings, only: record_crossings
-   use rockfall_scratch, only: scratch_t, contact_t, basic, with_lines, with_maps, with_all, clear, record
+   use rockfall_scratch, only: scratch_t, contact_t, basic, with_lines, with_maps, with_all, clear_scratch, &
+                               record_vertex
    use rockfall_start, only: start_boulder, end_boulder
    use rockfall_contact, only: handle_impact
-   use rockfall_obstacles, only: obstacle_t, meet_obstacle, note_passed_over, none
-   use rockfall_paths, only: fly_over_cells, fly_to_obstacle, roll_on
+   use rockfall_obstacles, only: obstacle_t, hit_obstacle, record_passed_over, none
+   use rockfall_paths, only: fly_over_cells, fly_to_obstacle, follow_roll
    implicit none
    private
-   public :: trace_full, choose_trace
+   public :: trace_full, choose_tracer
 
 contains
 
@@ -29,7 +31,7 @@ contains
       type(scratch_t), intent(inout) :: scratch
       type(span_t), intent(inout), contiguous :: spans(:)
 
-      call trace(scene, number, result, scratch, spans, with_all)
+      call trace_at_level(scene, number, result, scratch, spans, with_all)
    end subroutine trace_full
 
    !> Trace a boulder without recording trajectory, obstacles, and energies.
@@ -40,7 +42,7 @@ contains
       type(scratch_t), intent(inout) :: scratch
       type(span_t), intent(inout), contiguous :: spans(:)
 
-      call trace(scene, number, result, scratch, spans, with_maps)
+      call trace_at_level(scene, number, result, scratch, spans, with_maps)
    end subroutine trace_maps
 
    !> Trace a boulder without maps, trajectory, obstacles, and energies.
@@ -51,7 +53,7 @@ contains
       type(scratch_t), intent(inout) :: scratch
       type(span_t), intent(inout), contiguous :: spans(:)
 
-      call trace(scene, number, result, scratch, spans, with_lines)
+      call trace_at_level(scene, number, result, scratch, spans, with_lines)
    end subroutine trace_lines
 
    !> Trace a boulder for its result only.
@@ -62,12 +64,12 @@ contains
       type(scratch_t), intent(inout) :: scratch
       type(span_t), intent(inout), contiguous :: spans(:)
 
-      call trace(scene, number, result, scratch, spans, basic)
+      call trace_at_level(scene, number, result, scratch, spans, basic)
    end subroutine trace_basic
 
    !> Choose, once per run, the copy of `trace` without the code that the scene does not need. Run-time tests would not
    !> suffice: next to code that may run, the compiler does not keep a flight in registers.
-   subroutine choose_trace(scene, cells_requested, trace)
+   subroutine choose_tracer(scene, cells_requested, trace)
       type(scene_t), intent(in) :: scene
       logical, intent(in) :: cells_requested
       procedure(trace_full), pointer, intent(out) :: trace  !! variant that the scene needs
@@ -77,11 +79,11 @@ contains
       if (cells_requested) trace => trace_maps
       if (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%grounds) &
           .or. allocated(scene%of_source) .or. allocated(scene%features)) trace => trace_full
-   end subroutine choose_trace
+   end subroutine choose_tracer
 
    !> Common body of the trace_* procedures. `level` is a compile-time constant at each call, so the compiler
    !> specialises it.
-   pure subroutine trace(scene, number, result, scratch, spans, level)
+   pure subroutine trace_at_level(scene, number, result, scratch, spans, level)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       type(boulder_result_t), intent(out) :: result
@@ -99,17 +101,17 @@ contains
       call start_boulder(scene, number, level, result, flight)
       if (result%status /= 0) return
       omega_r = 0
-      call clear(scene, level, scratch)
+      call clear_scratch(scene, level, scratch)
       obstacles = .false.
       if (level >= with_all) then
-         call record(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
+         call record_vertex(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
          obstacles = has_obstacles(scene)
          result%energy%released = sum(kinetic_energy(result%boulder, flight%v, 0.0_wp)) &
                                   + result%boulder%mass*scene%gravity*flight%z
       end if
       do
          if (roll%rolls) then
-            call roll_on(scene, level, roll, result, flight, omega_r, landing, v_in, obstacle, scratch)
+            call follow_roll(scene, level, roll, result, flight, omega_r, landing, v_in, obstacle, scratch)
             if (landing%contact) cycle
          else
             if (level >= with_all .and. obstacles) then
@@ -128,9 +130,9 @@ contains
                             landing%jump_height, result)
          end if
          if (level >= with_all .and. obstacle%kind /= none) then
-            call meet_obstacle(scene, number, obstacle, landing, v_in, omega_r, result, flight, scratch)
+            call hit_obstacle(scene, number, obstacle, landing, v_in, omega_r, result, flight, scratch)
          else if (.not. landing%contact) then
-            result%status = departure(scene%dem, landing%patch)
+            result%status = departure_status(scene%dem, landing%patch)
          else
             result%impacts = result%impacts + 1
             call handle_impact(scene, number, landing, v_in, omega_r, level, result, flight, roll, scratch)
@@ -139,12 +141,12 @@ contains
       end do
       if (level >= with_all) then
          if (any(result%status == [absorbed, left_domain, hit_nodata])) then
-            call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v_in))
+            call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v_in))
             flight%v = v_in
          end if
-         call close_balance(scene%gravity, landing%z, flight%v, omega_r, result)
-         if (allocated(scene%barriers)) call note_passed_over(scene, result, scratch%crossings)
+         call close_energy_balance(scene%gravity, landing%z, flight%v, omega_r, result)
+         if (allocated(scene%barriers)) call record_passed_over(scene, result, scratch%crossings)
       end if
       call end_boulder(scene, landing, level, result, scratch)
-   end subroutine trace
+   end subroutine trace_at_level
 end module rockfall_trajectory

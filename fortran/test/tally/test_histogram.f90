@@ -2,7 +2,7 @@
 !> Histograms of rebounds: bins by the definitions of the quantities, every rebound counted once in each.
 program test_histogram
    use rockfall_kinds, only: wp, i8
-   use rockfall_histogram, only: histograms_t, histograms, count_rebound, quantities, bin_width, &
+   use rockfall_histogram, only: histograms_t, empty_histograms, count_rebound, quantities, bin_width, &
       n_bins
    use check_m, only: check, finish
    implicit none
@@ -24,7 +24,7 @@ contains
       type(histograms_t) :: this
       integer :: k
 
-      this = histograms()
+      this = empty_histograms()
       call count_rebound(this, v_in, v_out)
       in_bins = sum(this%count) == quantities
       do k = 1, quantities
@@ -52,7 +52,7 @@ contains
       real(wp) :: v_in(3), v_out(3), energy, value(quantities)
       integer :: k, q, bin
 
-      this = histograms()
+      this = empty_histograms()
       want = 0
       do k = 1, 100000
          call random_number(v_in)

@@ -8,7 +8,7 @@ program test_map
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate
    use rockfall_bins, only: energy, speed, jump_height, n_log_bins, log_bin
    use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, visit_path, &
-      visit_cell, add_visits, add_deposit, lacks_slots, share, unshare
+      visit_cell, add_visits, add_deposit, lacks_slots, init_locks, free_locks
    use rockfall_map_values, only: map_plan_t, map_plan, stack_layers, map_views, map_row
    use check_m, only: check, check_close, finish
    implicit none
@@ -93,7 +93,7 @@ contains
       same = alone%n == visits%n
       do k = 1, min(alone%n, visits%n)
          associate (one => alone%visit(k), other => visits%visit(k))
-            same = same .and. all(one%at == other%at) .and. all(one%max(1:2) == other%max(1:2))
+            same = same .and. all(one%cell == other%cell) .and. all(one%max(1:2) == other%max(1:2))
          end associate
       end do
       call check("the same cells and speeds without heights", same)
@@ -390,13 +390,13 @@ contains
          counts = 99
          slot = 0
          slots = 0
-         call share(some, ny)
+         call init_locks(some, ny)
          !$omp parallel do num_threads(8) schedule(static, 1)
          do b = 1, boulders
             call pass_all_cells(some, b)
          end do
          !$omp end parallel do
-         call unshare(some)
+         call free_locks(some)
          given = .false.
          do r = 1, ny
             do i = 1, nx

@@ -5,8 +5,8 @@ program test_source_maps
    use rockfall_kinds, only: wp, i4, i8
    use rockfall_boulder, only: release_t
    use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, visit_cell
-   use rockfall_source_maps, only: contributing_t, counts_sources, gather, add_source, add_source_of_boulder, &
-                                   partial_sources, first_partial, contributing_cells, settle
+   use rockfall_source_maps, only: contributing_t, counts_sources, gather_cells, add_source, add_source_of_boulder, &
+                                   partial_sources, first_partial, contributing_cells, adjust_released
    use check_m, only: check, finish
    implicit none
 
@@ -73,7 +73,7 @@ contains
       call start_visits(cells)
       do b = 10*source - 9, 10*source
          call pass(visits, b)
-         call gather(cells, visits)
+         call gather_cells(cells, visits)
       end do
       call add_source(maps, cells, 10_i8)
    end subroutine gather_all
@@ -127,7 +127,7 @@ contains
          call check("of the last", all(pack(at, cells%source == 4) <= 8) .and. count(cells%source == 4) == 8*ny)
       end associate
       call check("their boulders", all(cells%boulders == merge(2, 3, cells%source == 1)))
-      call settle(maps, release, cells, 1)
+      call adjust_released(maps, release, cells, 1)
       call check("boulders of the range only", all(released(1:8, :) == 20 + 3) .and. all(released(9:15, :) == 20 + 2))
       call check("sources stay", all(sources(1:15, :) == 3) .and. all(sources(16:, :) == 0))
    end subroutine test_first_partial
@@ -155,7 +155,7 @@ contains
       last_source(3, 2, 1) = 1
       cells = contributing_cells(some, release, 1_i8, 4_i8)
       call check("by rows from the north-west", all(cells%cell == [nx + 2_i8]) .and. all(cells%boulders == [4]))
-      call settle(some, release, cells, 1)
+      call adjust_released(some, release, cells, 1)
       call check("nothing to settle", all(sources == 0))
       nothing = contributing_cells(none, release, 1_i8, 4_i8)
       call check("no map, no cells", size(nothing%cell) == 0)

@@ -10,7 +10,7 @@ program test_contact
    use rockfall_scene_type, only: scene_t, is_slow
    use rockfall_outcome, only: boulder_result_t, stopped, absorbed, impact_limit
    use rockfall_scratch, only: with_all
-   use rockfall_contact, only: find_ground, find_class, close_impact, rest_or_roll
+   use rockfall_contact, only: find_ground, find_impact_set, close_impact, rest_or_roll
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -67,13 +67,13 @@ contains
       logical :: outside
 
       u = 0.1_wp
-      call find_class(scene, 2.3_wp, u, class, outside)
+      call find_impact_set(scene, 2.3_wp, u, class, outside)
       call check("the nearest set", class == 2 .and. .not. outside)
       scene%between_ratios = .true.
-      call find_class(scene, 2.3_wp, u, class, outside)
+      call find_impact_set(scene, 2.3_wp, u, class, outside)
       call check("or the one above", class == 3)
       scene%between_ratios = .false.
-      call find_class(scene, 9.0_wp, u, class, outside)
+      call find_impact_set(scene, 9.0_wp, u, class, outside)
       call check("the last one, outside", class == size(scene%sets) .and. outside)
    end subroutine test_class
 

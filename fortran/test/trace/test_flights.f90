@@ -6,8 +6,8 @@ program test_flights
    use rockfall_terrain, only: terrain_t, terrain, locate, height
    use rockfall_flight, only: flight_t, landing_t, launch_rate, fly
    use rockfall_scratch, only: scratch_t
-   use rockfall_flights, only: flights_t, landings_t, take_off, take_off_again, take_off_from, fly_on, landing_of, &
-                               flight_of, lanes, filled
+   use rockfall_flights, only: flights_t, landings_t, take_off, take_off_again, take_off_from, fly_to_landings, &
+                               landing_of, flight_of, lanes, padded
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -32,10 +32,10 @@ contains
 
    !> Whole vectors of four.
    subroutine test_filled()
-      call check("none", filled(0) == 0)
-      call check("one to four", all([filled(1), filled(3), filled(4)] == 4))
-      call check("five", filled(5) == 8)
-      call check("all", filled(lanes) == lanes)
+      call check("none", padded(0) == 0)
+      call check("one to four", all([padded(1), padded(3), padded(4)] == 4))
+      call check("five", padded(5) == 8)
+      call check("all", padded(lanes) == lanes)
    end subroutine test_filled
 
    !> A flight from above the ground.
@@ -60,7 +60,7 @@ contains
 
       landed = 0
       do while (f%n > 0)
-         call fly_on(dem, gravity, spin, f, l, scratch)
+         call fly_to_landings(dem, gravity, spin, f, l, scratch)
          do k = 1, l%n
             landing(l%lane(k)) = landing_of(l, k)
          end do
@@ -143,17 +143,17 @@ contains
       z = 0
       dem = terrain(0.0_wp, 0.0_wp, cell, z8=z)
       call take_off(f, 5, flight_at(60.0_wp, 50.0_wp, 4.905_wp, [3.0_wp, 0.0_wp, 0.0_wp]))
-      call fly_on(dem, gravity, spin, f, first, scratch)
+      call fly_to_landings(dem, gravity, spin, f, first, scratch)
       flight = flight_of(first, 1)
       call check_close("where it began", flight%x, 60.0_wp, near)
       call check_close("falls for a second", first%time(1), 1.0_wp, near)
       call take_off_again(f, first, 1, 3.0_wp, 0.0_wp, gravity, gravity)
-      call fly_on(dem, gravity, spin, f, l, scratch)
+      call fly_to_landings(dem, gravity, spin, f, l, scratch)
       call check_close("hops for two", l%time(1), 2.0_wp, near)
       call check_close("from its landing", l%x(1), 69.0_wp, near)
       call check("in its lane", l%lane(1) == 5)
       call take_off_from(f, first, 1, 64.0_wp, 50.0_wp, 0.0_wp, 4.905_wp, -1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp)
-      call fly_on(dem, gravity, spin, f, l, scratch)
+      call fly_to_landings(dem, gravity, spin, f, l, scratch)
       call check_close("falls from above another place", l%x(1), 63.0_wp, near)
    end subroutine test_hops
 end program test_flights

@@ -12,7 +12,7 @@ program test_obstacles
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, stopped_by_barrier
    use rockfall_scratch, only: scratch_t, clear, with_all
-   use rockfall_obstacles, only: obstacle_t, find_obstacle, meet_obstacle, note_passed_over, none
+   use rockfall_obstacles, only: obstacle_t, find_obstacle, hit_obstacle, record_passed_over, none
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -81,7 +81,7 @@ contains
       call check_close("met after 10 m", obstacle%time, 0.5_wp, near)
       call check("and crossed", scratch%crossings(1)%crossed)
       before = energy_of(v)
-      call meet_obstacle(scene, 1_i8, obstacle, landing, v, w, result, flight, scratch)
+      call hit_obstacle(scene, 1_i8, obstacle, landing, v, w, result, flight, scratch)
       call check_close("energy that is left", energy_of(flight%v), before - 1.0e5_wp, near)
       call check_close("energy that was taken", result%energy%barriers, 1.0e5_wp, near)
       call check("the direction stays", abs(flight%v(1)*v(3) - flight%v(3)*v(1)) <= near)
@@ -96,7 +96,7 @@ contains
       scene%barriers%capacity = 1.0e6_wp
       call shoot(2.0_wp)
       before = energy_of(v)
-      call meet_obstacle(scene, 1_i8, obstacle, landing, v, w, result, flight, scratch)
+      call hit_obstacle(scene, 1_i8, obstacle, landing, v, w, result, flight, scratch)
       call check("stopped", result%status == stopped_by_barrier)
       call check("so the barrier says", scratch%crossings(1)%outcome == int(stopped_there, i1))
       call check_close("it takes all", result%energy%barriers, before, near)
@@ -108,7 +108,7 @@ contains
       call shoot(5.0_wp)
       call check("no obstacle", obstacle%kind == none)
       call check("but a crossing", scratch%crossings(1)%crossed .and. scratch%crossings(1)%outcome == 0)
-      call note_passed_over(scene, result, scratch%crossings)
+      call record_passed_over(scene, result, scratch%crossings)
       call check("passed over", scratch%crossings(1)%outcome == int(passed_over, i1))
    end subroutine test_pass_over
 
@@ -123,7 +123,7 @@ contains
       call check_close("when the discs touch", obstacle%time, (5 - radius - 0.2_wp)/20, near)
       before = energy_of(v)
       taken = min(before, energy_share(0.0_wp)*max_stem_energy(dbh))
-      call meet_obstacle(scene, 1_i8, obstacle, landing, v, w, result, flight, scratch)
+      call hit_obstacle(scene, 1_i8, obstacle, landing, v, w, result, flight, scratch)
       call check_close("energy that the stem takes", result%energy%trees, taken, near)
       call check_close("energy that is left", energy_of(flight%v), before - taken, 1.0e-6_wp)
       call check("one tree hit", result%trees_hit == 1)
