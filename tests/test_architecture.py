@@ -52,12 +52,10 @@ def room(module):
 
 
 def imports(path):
-    """Of our own modules: (line, module, name or "", within a function, for types) for each."""
+    """Of our own modules: (line, module, name or "", within a function) for each."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
     within = {id(node) for function in functions for node in ast.walk(function)}
-    typed = [node for node in tree.body if isinstance(node, ast.If)]  # TYPE_CHECKING
-    for_types = {id(node) for one in typed for node in ast.walk(one)}
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             found = [(alias.name, "") for alias in node.names]
@@ -72,7 +70,7 @@ def imports(path):
             module = module.removeprefix("rockfall").removeprefix(".")
             if name and (module + "." + name).lstrip(".") in [*MODULES, *DOORS]:
                 module, name = (module + "." + name).lstrip("."), ""
-            yield node.lineno, module or "__init__", name, id(node) in within, id(node) in for_types
+            yield node.lineno, module or "__init__", name, id(node) in within
 
 
 IMPORTS = [(module, *one) for module, path in MODULES.items() for one in imports(path)]
@@ -98,9 +96,8 @@ def test_no_import_upwards():
 
 def test_no_circles():
     graph = {module: set() for module in MODULES}
-    for module, _, other, _, _, for_types in IMPORTS:
-        at_home = room(module) == room(other)  # where an annotation may look back
-        if other in graph and other != module and not (for_types and at_home):
+    for module, _, other, *_ in IMPORTS:
+        if other in graph and other != module:
             graph[module].add(other)
     try:
         TopologicalSorter(graph).prepare()
@@ -111,7 +108,7 @@ def test_no_circles():
 def test_own_modules_are_imported_at_the_top():
     report(
         f"{module}:{line} imports {other} within a function"
-        for module, line, other, _, within, _ in IMPORTS
+        for module, line, other, _, within in IMPORTS
         if within
     )
 

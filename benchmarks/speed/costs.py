@@ -134,8 +134,9 @@ def cpu(scene: Scene, option: Option, repeat: int, folder: Path) -> tuple[float,
 def held(scene: Scene) -> dict[str, float]:
     """Bytes that a run holds of each thing."""
     tally: Tally = start(scene, 1)
-    cells, arrays = scene.z.size or 1, [*tally.run.arrays()]
-    rasters = [a for a in (scene.z, scene.zone, scene.values) if a is not None and a.size]
+    terrain, arrays = scene.rasters, [*tally.run.arrays()]
+    cells, of_cells = terrain.z.size or 1, (terrain.z, terrain.zone, terrain.values)
+    rasters = [a for a in of_cells if a is not None and a.size]
     rows = sum(a.values.nbytes for a in arrays if "boulder" in a.dims)
     layers = sum(a.values.nbytes for a in arrays if "y" in a.dims)
     counted = sum(a.values.shape[1] for a in arrays if a.file_name == "tally_bin_counts")

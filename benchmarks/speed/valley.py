@@ -148,7 +148,7 @@ def sizes_of_terrain(large: int, boulders: int, repeat: int) -> None:
         least = [min(run[k][0] for run in runs) for k in range(2)]
         print("with" if maps else "without", f"maps: {least[1] / least[0] - 1:+.1%}", end="")
         for scene, took, (_, rebounds) in zip(scenes, least, runs[0], strict=True):
-            size = "{} x {}".format(*scene.z.shape)
+            size = "{} x {}".format(*scene.rasters.z.shape)
             print(f"; {size} cells: {took:.0f} ns, {rebounds:,} rebounds", end="")
         print(flush=True)
 

@@ -148,20 +148,23 @@ def test_the_same_terrain_changes_nothing(tmp_path, monkeypatch):
 def test_other_digits_round_or_give_back_what_rounding_took(tmp_path):
     scene = read_scene(case_file(tmp_path))
     name, double = other_digits(scene)
-    assert name == "float64" and double.z.dtype == np.float64
-    assert np.array_equal(double.z.astype("f4"), scene.z) and not np.array_equal(double.z, scene.z)
+    assert name == "float64" and double.rasters.z.dtype == np.float64
+    assert np.array_equal(double.rasters.z.astype("f4"), scene.rasters.z)
+    assert not np.array_equal(double.rasters.z, scene.rasters.z)
     name, single = other_digits(double)
-    assert name == "float32" and np.array_equal(single.z, scene.z)
+    assert name == "float32" and np.array_equal(single.rasters.z, scene.rasters.z)
 
 
 def test_larger_cells_are_means_and_majorities(tmp_path):
     scene = read_scene(case_file(tmp_path))
-    scene.z = np.arange(15.0).reshape(3, 5)
-    scene.z[0, 0] = scene.z[2, 4] = np.nan
-    scene.zone = np.array([[0, 3, 1, 2, 2], [3, 1, 2, 1, 1], [4, 5, 5, 5, 0]], "i2")
-    scene.values = np.array([[[1, 2, 3, 4, 5], [6, 7, 8, np.inf, 5], [1, 1, 1, 1, 1]]], "f4")
-    scene.grid = Grid(100.0, 50.0, 5.0, 5, 3)
-    large = larger_cells(scene, 2)
+    z = np.arange(15.0).reshape(3, 5)
+    z[0, 0] = z[2, 4] = np.nan
+    scene = scene.replace(
+        grid=Grid(100.0, 50.0, 5.0, 5, 3), z=z,
+        zone=np.array([[0, 3, 1, 2, 2], [3, 1, 2, 1, 1], [4, 5, 5, 5, 0]], "i2"),
+        values=np.array([[[1, 2, 3, 4, 5], [6, 7, 8, np.inf, 5], [1, 1, 1, 1, 1]]], "f4"),
+    )  # fmt: skip
+    large = larger_cells(scene, 2).rasters
     assert (large.grid.cell, large.grid.nx, large.grid.ny) == (10.0, 3, 2)
     assert (large.grid.west, large.grid.north) == (100.0, 50.0)
     np.testing.assert_array_equal(large.z, [[4, 5, 6.5], [10.5, 12.5, np.nan]])

@@ -37,7 +37,6 @@ from rockfall.html_report.language import Speaker
 from rockfall.html_report.page import Picture
 from rockfall.limits import Z
 from rockfall.plots.figures import figures
-from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 from rockfall.text.ensemble import ensemble_summary, orders_reversed
@@ -136,7 +135,8 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
     same ones over two terrains, from two sources, whose difference is no Monte Carlo error."""
     case = case_of(tmp_path, 250 * 150, release={"x": [150.0, 200.0], "y": [380.0, 350.0]})
     scenes = [read_scene(case, dem=z, transform=grid(z)) for z in (TERRAIN, rough(seed=2))]
-    scenes[1].z = 0.05 * scenes[1].z + 0.95 * scenes[0].z
+    z, other = (scene.rasters.z for scene in scenes)
+    scenes[1] = scenes[1].replace(z=0.05 * other + 0.95 * z)
     chosen = [RESULTS[name] for name in ("fraction", "speed.mean", "speed.q95")]
     values, covariances = np.empty((250, 3, 2)), np.empty((250, 3, 2, 2))
     two = Sources.of(np.repeat([0, 1], 150))
@@ -492,7 +492,7 @@ def test_elevations_keep_their_type_and_what_is_not_known(tmp_path):
 
 def test_radii_vary_by_zone_and_rasters_as_a_whole(tmp_path):
     scene = scene_of(tmp_path, ensemble={"radius_factor": 2.0, "runs": 400})
-    scene.sizes = np.array([[0.3], [np.inf], [0.1]])
+    scene = scene.replace(sizes=np.array([[0.3], [np.inf], [0.1]]))
     inputs = Uncertain(scene)
     drawn = np.array([inputs.draw("radius", k, 1).arrays["sizes"] for k in range(400)])
     assert np.isinf(drawn[:, 1]).all()
@@ -500,7 +500,7 @@ def test_radii_vary_by_zone_and_rasters_as_a_whole(tmp_path):
     assert np.abs(logs.mean(axis=0)).max() < 0.15
     assert logs.std(axis=0) == pytest.approx(np.log(2), rel=0.15)
     assert abs(np.corrcoef(logs.T)[0, 1]) < 0.2
-    scene.values = np.full((1, *TERRAIN.shape), 0.2, "f4")
+    scene = scene.replace(values=np.full((1, *TERRAIN.shape), 0.2, "f4"))
     values = Uncertain(scene).draw("radius", 0, 0).arrays["values"]
     assert values.dtype == "f4" and np.ptp(values) == 0 and values[0, 0, 0] != np.float32(0.2)
 
@@ -516,7 +516,7 @@ def test_sources_stay_on_the_terrain_and_shifts_together(tmp_path):
     assert np.allclose(np.diff(x), 15) and x.max() < 167.5 < 150 + 15 + 5
     assert sum(one.kept["source_redrawn"] for one in draws) > 10
     for one in draws:  # the kernel agrees
-        survey(drawn_scene(inputs.scene, [one], 1))
+        drawn_scene(inputs.scene, [one], 1).survey()
 
 
 # ---- bad input
@@ -590,7 +590,7 @@ def test_chance_that_is_not_known_is_refused(tmp_path):
 
 def test_more_numbers_than_the_design_has_are_refused(tmp_path):
     scene = scene_of(tmp_path, ensemble={"radius_factor": 2.0})
-    scene.sizes = np.full((10_595, 1), 0.3)
+    scene = scene.replace(sizes=np.full((10_595, 1), 0.3))
     with refused(
         "case: &ensemble: 10601 numbers are uncertain, most of them rows of the table of zones: "
         "must be at most 10600"

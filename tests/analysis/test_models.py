@@ -68,12 +68,12 @@ def test_rocks_choose_the_ground_and_named_grounds_stay(case):
     small, large = (SHIPPED.ground(name) for name in ROCKS["rockyfor3d"])
     scene = with_rocks(read_scene(case), small, large)
     assert [one.name for one in scene.grounds] == ["soil_3", "soil_4", "road"]
-    assert scene.material_ground.tolist() == [1, 2, 3]
+    assert scene.rasters.material_ground.tolist() == [1, 2, 3]
     result = run_scene(scene)
     assert (result["rebounds_by_ground"] > 0).all()
     one = with_rocks(read_scene(case), large, large)
     assert [rule.name for rule in one.grounds] == ["soil_4", "road"]
-    assert one.material_ground.tolist() == [1, 1, 2]
+    assert one.rasters.material_ground.tolist() == [1, 1, 2]
 
 
 @pytest.mark.parametrize("way", ["uniform", "raster", "map", "map and raster"])
@@ -94,9 +94,9 @@ def test_sizes_may_come_in_any_way(tmp_path, way):
     scene = with_rocks(read_scene(case.replace(surface=surface)), small, large)
     names = [one.name for one in scene.grounds]
     if way == "uniform":
-        assert names == ["pfeiffer_rock"] and scene.cell_ground is None
+        assert names == ["pfeiffer_rock"] and scene.rasters.cell_ground is None
     else:
-        here = np.array(names)[scene.cell_ground - 1]
+        here = np.array(names)[scene.rasters.cell_ground - 1]
         wanted = np.where(np.arange(60) < 30, "pfeiffer_talus", "pfeiffer_rock")
         wanted = wanted if "raster" in way else np.full(60, "pfeiffer_rock")
         assert (here[10] == wanted).all()
@@ -156,7 +156,7 @@ def test_grounds_that_cover_everything_are_varied(case):
     scene = read_scene(case)
     small, large = (SHIPPED.ground(name) for name in ROCKS["constant"])
     varied = with_rocks(scene, small, large, {"road", "meadow"})
-    names = [varied.grounds[k - 1].name for k in varied.material_ground]
+    names = [varied.grounds[k - 1].name for k in varied.rasters.material_ground]
     assert names == ["talus", "talus", "soil_0"]
 
 

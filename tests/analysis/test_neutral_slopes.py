@@ -136,8 +136,9 @@ def test_what_is_told_does_not_depend_on_windows(zoned):
     for first in (0, 23, 50):
         last = {0: 23, 23: 50, 50: 80}[first]
         rows = slice(max(0, first - 3), min(80, last + 3))
-        band = replace(whole, z=whole.z[rows], zone=whole.zone[rows], at=(rows.start, 0))
-        parts.take(band, Box(first, 0, last, whole.grid.nx))
+        z, zone = whole.rasters.z[rows], whole.rasters.zone[rows]
+        band = replace(whole.rasters, z=z, zone=zone, at=(rows.start, 0))
+        parts.take(band, Box(first, 0, last, whole.grid.nx), whole.x, whole.y)
     told = lines(whole)
     whole.__dict__["ground"] = parts
     assert lines(whole) == told

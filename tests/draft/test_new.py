@@ -65,7 +65,7 @@ def test_a_site_of_every_layer_runs_from_new_to_lines(capsys):
     rows = ((N - scene.y) / 5).astype(int)
     assert rows.min() == 6 and rows.max() == 11 and scene.x.size == 120
     assert case.case["boulders_total"] == 100_000
-    assert scene.sizes[:, 0].tolist() == [0.3, 0.1]
+    assert scene.rasters.sizes[:, 0].tolist() == [0.3, 0.1]
     assert "default_zone = 1" in text and "120 cells lie in no polygon" in text
     result = rockfall.run(case.replace(case={"boulders_total": 360}))
     assert result.sizes["boulder"] == 360
@@ -107,7 +107,7 @@ def test_ids_of_polygons_are_kept_where_they_tell_them_apart():
     make_layer("other.gpkg", HALVES, zone=[7, 7], mean_radius=[0.1, 0.2])
     assert new("other.gpkg", "-o", "other.nml") == 0
     assert Path("other_zones.csv").read_text() == "zone,mean_radius\n1,0.1\n2,0.2\n"
-    assert sorted(read_scene(read_case("other.nml")).sizes[:, 0]) == [0.1, 0.2]
+    assert sorted(read_scene(read_case("other.nml")).rasters.sizes[:, 0]) == [0.1, 0.2]
 
 
 def test_the_table_of_zones_says_what_they_are_called():
@@ -116,7 +116,7 @@ def test_the_table_of_zones_says_what_they_are_called():
     assert new("site.gpkg", "-o", "case.nml") == 0
     table = Path("case_zones.csv").read_text()
     assert table == 'zone,mean_radius,name\n1,0.3,\'=scree\n2,0.1,"pasture, wet"\n'
-    assert read_scene(read_case("case.nml")).sizes[:, 0].tolist() == [0.3, 0.1]
+    assert read_scene(read_case("case.nml")).rasters.sizes[:, 0].tolist() == [0.3, 0.1]
     make_layer("one.gpkg", HALVES, mean_radius=[0.3, 0.3], name=["scree", "talus"])
     assert new("one.gpkg", "-o", "one.nml") == 0  # one zone of two names
     assert Path("one_zones.csv").read_text() == "zone,mean_radius\n1,0.3\n"

@@ -223,7 +223,7 @@ def test_zones_and_sources_name_a_layer(case, capsys):
         release={"x": None, "y": None, "polygons": "site.gpkg", "polygons_layer": "cliff"},
     )
     scene = read_scene(of_site)
-    assert (scene.x.size, set(scene.zone.ravel().tolist())) == (24, {1})
+    assert (scene.x.size, set(scene.rasters.zone.ravel().tolist())) == (24, {1})
     for group, key, layer, message in (
         ("surface", "zones_layer", None, r"site.gpkg: has 3 .*; name one with zones_layer"),
         ("surface", "zones_layer", "road", "site.gpkg: no attribute zone; has: none"),

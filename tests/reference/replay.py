@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -153,8 +153,8 @@ def at_origin(scene: Scene) -> Scene:
         for line in case.line
     ]  # fmt: skip
     moved = Grid(-grid.cell / 2, (grid.ny - 0.5) * grid.cell, grid.cell, grid.nx, grid.ny)
-    return replace(
-        scene, case=case.replace(line=lines), grid=moved, x=scene.x - west, y=scene.y - south
+    return scene.replace(
+        case=case.replace(line=lines), grid=moved, x=scene.x - west, y=scene.y - south
     )
 
 
@@ -169,7 +169,7 @@ def world_of(scene: Scene) -> World:
     )
     volume = tuple(boulder.get(f"volume_{key}", 0.0) for key in keys)
     return World(
-        z=scene.z,
+        z=scene.rasters.z,
         cell=cell,
         mean=scene.coefficients.mean.T,
         covariance=scene.coefficients.covariance.T,
@@ -221,20 +221,22 @@ def _ground_of_cells(scene: Scene) -> np.ndarray | None:
     """(ny, nx): which of the grounds each cell has, from 0."""
     if not scene.grounds:
         return None
-    if scene.cell_ground is not None:
-        return scene.cell_ground.astype(int) - 1
-    if scene.material_ground is None:
-        return np.zeros(scene.z.shape, int)
-    zone = np.ones(scene.z.shape, int) if scene.zone is None else scene.zone
-    return scene.material_ground.astype(int)[np.maximum(zone, 1) - 1] - 1
+    cells = scene.rasters
+    if cells.cell_ground is not None:
+        return cells.cell_ground.astype(int) - 1
+    if cells.material_ground is None:
+        return np.zeros(cells.z.shape, int)
+    zone = np.ones(cells.z.shape, int) if cells.zone is None else cells.zone
+    return cells.material_ground.astype(int)[np.maximum(zone, 1) - 1] - 1
 
 
 def _sizes(scene: Scene) -> np.ndarray:
     """(1 or 3, ny, nx): the rocks of each cell."""
-    if scene.values is not None:
-        return scene.values
-    zone = np.ones(scene.z.shape, int) if scene.zone is None else scene.zone
-    return np.moveaxis(scene.sizes[np.maximum(zone, 1) - 1], -1, 0)
+    cells = scene.rasters
+    if cells.values is not None:
+        return cells.values
+    zone = np.ones(cells.z.shape, int) if cells.zone is None else cells.zone
+    return np.moveaxis(cells.sizes[np.maximum(zone, 1) - 1], -1, 0)
 
 
 def tracks(result: xr.Dataset) -> list[np.ndarray]:

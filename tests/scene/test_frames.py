@@ -90,9 +90,8 @@ def test_zones_of_a_frame_take_the_place_of_a_raster(case):
     halves = [shapely.box(W, N - 200, W + 150, N), shapely.box(W + 150, N - 200, W + 900, N)]
     zones = frame(halves, zone=pd.array([-2, 77], "Int64"))
     scene = read_scene(case.replace(surface={"default_zone": 4}), zones=zones)
-    for cells, row in (
-        (scene.zone[:40, :30], 2), (scene.zone[:40, 30:], 3), (scene.zone[40:], 1)
-    ):  # fmt: skip
+    zone = scene.rasters.zone
+    for cells, row in (zone[:40, :30], 2), (zone[:40, 30:], 3), (zone[40:], 1):
         assert (cells == row).all()
     assert scene.case.surface["zones"] == "(array)"
 

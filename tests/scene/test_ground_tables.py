@@ -122,21 +122,21 @@ def test_a_zone_names_its_ground_or_has_the_cases(tmp_path):
     scene = read(case_with(tmp_path, **surface), **arrays)
     assert [one.name for one in scene.grounds] == ["sets.nml", "road", "own.nml"]
     assert [one.model for one in scene.grounds] == [IMPACT_SETS, "constant", IMPACT_SETS]
-    assert scene.material_ground.tolist() == [1, 2, 3]
-    assert scene.sizes[:, 0].tolist() == [0.2, 0.0, 0.3]
+    assert scene.rasters.material_ground.tolist() == [1, 2, 3]
+    assert scene.rasters.sizes[:, 0].tolist() == [0.2, 0.0, 0.3]
 
 
 def test_zones_that_all_name_theirs_leave_no_place_for_the_cases(tmp_path):
     arrays, surface = zones(tmp_path, "1,,road\n2,,meadow\n3,,road\n")
     scene = read(case_with(tmp_path, **surface), **arrays)
     assert [one.name for one in scene.grounds] == ["road", "meadow"]
-    assert scene.material_ground.tolist() == [1, 2, 1]
+    assert scene.rasters.material_ground.tolist() == [1, 2, 1]
 
 
 def test_rocks_of_no_size_are_for_grounds_that_need_none(tmp_path):
     z = rough()
     case = case_with(tmp_path, uniform_mean_radius=0.0, ground="road")
-    assert read(case).sizes.tolist() == [[0.0]]
+    assert read(case).rasters.sizes.tolist() == [[0.0]]
     for ground, name in (("rocky-slope", "rocky-slope"), (None, "sets.nml")):
         with pytest.raises(rockfall.RockfallError, match=f"ground '{name}' needs mean_radius > 0"):
             rockfall.run(case.replace(surface={"ground": ground}), dem=z, transform=grid(z))
@@ -147,7 +147,7 @@ def test_zones_without_a_name_have_the_ground_of_the_surface(tmp_path):
         "rg70", "note"))  # fmt: skip
     scene = read(case_with(tmp_path, ground="meadow", **surface), **arrays)
     assert [one.name for one in scene.grounds] == ["meadow", "road"]
-    assert scene.material_ground.tolist() == [1, 2, 1]
+    assert scene.rasters.material_ground.tolist() == [1, 2, 1]
 
 
 def test_a_raster_of_ids_goes_with_any_way_to_give_sizes(tmp_path):
@@ -164,7 +164,7 @@ def test_a_raster_of_ids_goes_with_any_way_to_give_sizes(tmp_path):
     for surface, arrays in ways:
         case = case_with(tmp_path, ground_map="given", **surface)
         scene = read(case, ground_map=ground_map, **arrays)
-        numbers.append(scene.cell_ground)
+        numbers.append(scene.rasters.cell_ground)
         names = [one.name for one in scene.grounds]
         assert names == ["sets.nml", *(f"soil_{k}" for k in range(8))]
     assert all(np.array_equal(one, numbers[0]) for one in numbers)
@@ -172,12 +172,12 @@ def test_a_raster_of_ids_goes_with_any_way_to_give_sizes(tmp_path):
     stored = np.where(ids < 0, -99, ids).astype("i2")
     make_raster(tmp_path / "soil.tif", stored, Affine(5, 0, 0, 0, -5, 400), None, nodata=-99)
     scene = read(case_with(tmp_path, uniform_mean_radius=0.2, ground_map="soil.tif"))
-    assert np.array_equal(scene.cell_ground, numbers[0])
+    assert np.array_equal(scene.rasters.cell_ground, numbers[0])
 
 
 def test_ground_that_needs_no_rocks_needs_no_sizes(tmp_path):
     scene = read(case_with(tmp_path, ground="pfeiffer_rock"))
-    assert scene.sizes.tolist() == [[0.0]] and [one.name for one in scene.grounds] == [
+    assert scene.rasters.sizes.tolist() == [[0.0]] and [one.name for one in scene.grounds] == [
         "pfeiffer_rock"
     ]
 

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 import rockfall
-from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
 from scenes import grid, make_case, rough, sets
 
@@ -41,7 +40,8 @@ def edges(cells, margin, shape):
 
 
 def box_of(case, z):
-    box = survey(read_scene(case, dem=z, transform=grid(z))).box()
+    scene = read_scene(case, dem=z, transform=grid(z))
+    box = scene.survey().box(scene.kernel)
     return box.row, box.column, box.stop_row, box.stop_column
 
 

@@ -121,7 +121,7 @@ def test_attributes_are_those_of_the_feature_or_else_of_the_case(case):
         heights = result["start_z"].values[::2000] - rockfall.run(ground)["start_z"].values
     assert np.allclose(heights, [1.0, 9.0, 5.0, 0.0])
     assert result["feature"].values.tolist() == ["left", "left", "tower", "4"]
-    assert values_of(read_scene(case)).tolist() == [
+    assert values_of(case, read_scene(case).features).tolist() == [
         [2600, 1, 0, 0, 0], [2800, 9, 0, 0, 0], [2500, 5, 0, 0, 0], [2800, 0, 2, -3, 0],
     ]  # fmt: skip
 
@@ -341,7 +341,7 @@ def test_factors_of_an_ensemble_are_on_what_the_layer_or_the_case_gives(describe
     made = drawn_scene(scene, draws, described.case["seed"])
     size, height = draws[0].kept["volume"], draws[1].kept["drop_height"]
     assert size > 1.1 and height > 1.1
-    before, after = values_of(scene), values_of(made)
+    before, after = (values_of(one.case, one.features) for one in (scene, made))
     assert after[:, 1] == pytest.approx(height * before[:, 1])
     assert np.array_equal(np.delete(after, 1, axis=1), np.delete(before, 1, axis=1))
     volumes = [run_scene(one)["volume"].values for one in (scene, made)]
@@ -374,7 +374,7 @@ def test_scenarios_give_what_the_layer_does_not(case):
     for one, volume in zip(study.scenarios, (0.1, 4.0), strict=True):
         scene = replace(study.scene, case=one.case)
         assert set(run_scene(scene)["volume"].values) == {volume}
-        assert values_of(scene)[:, 1].tolist() == [1, 9, 2, 3]
+        assert values_of(scene.case, scene.features)[:, 1].tolist() == [1, 9, 2, 3]
     make_layer("q.gpkg", POINTS, volume=[1.0, None, None, 2.0])
     study = read_study(at(both, "q.gpkg"))
     assert any("2 of 4 have their own in all scenarios" in line for line in study.remarks)

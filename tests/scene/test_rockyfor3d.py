@@ -185,7 +185,7 @@ def test_sources_of_shape_0_have_no_boulders(tmp_path):
     case = imported(tmp_path, blshape=shape)
     scene = read_scene(case)
     assert scene.x.tolist() == [27.5 * CELL]
-    assert scene.remarks == ["&boulder shape: 0 at 1 of 2 sources: no boulders there"]
+    assert scene.remarks == ("&boulder shape: 0 at 1 of 2 sources: no boulders there",)
     assert "mass 2,550 kg" in preview(scene)
 
 

@@ -9,7 +9,6 @@ import rockfall
 from made import make_raster
 from rockfall.io.grid import row_blocks
 from rockfall.scene.read import read_scene
-from rockfall.scene.scene import used_zones
 
 NY, NX = 1300, 1000  # more than a block
 NORTH_UP = Affine(2.0, 0.0, 5000.0, 0.0, -2.0, 9000.0)
@@ -47,9 +46,9 @@ def test_zones_and_sources_of_several_blocks(rasters, south_up, tmp_path):
     assert len(list(row_blocks((NY, NX)))) > 1
     case = case_in(tmp_path, rasters, south_up, zones="zones.tif", table="zones.csv")
     scene = read_scene(case)
-    assert np.array_equal(scene.z, rasters["dem"])
-    assert np.array_equal(np.array([900, 3, 55, -7])[scene.zone - 1], rasters["zones"])
-    assert used_zones(scene).tolist() == [0, 1, 3]
+    assert np.array_equal(scene.rasters.z, rasters["dem"])
+    assert np.array_equal(np.array([900, 3, 55, -7])[scene.rasters.zone - 1], rasters["zones"])
+    assert scene.rasters.used_zones().tolist() == [0, 1, 3]
     row, column = np.nonzero(rasters["cells"])  # from the north, then from the west
     assert np.array_equal(scene.x, 5000.0 + (column + 0.5) * 2.0)
     assert np.array_equal(scene.y, 9000.0 - (row + 0.5) * 2.0)
@@ -58,16 +57,16 @@ def test_zones_and_sources_of_several_blocks(rasters, south_up, tmp_path):
 @pytest.mark.parametrize("south_up", [False, True])
 def test_values_of_several_blocks(rasters, south_up, tmp_path):
     case = case_in(tmp_path, rasters, south_up, mean_radius="mean_radius.tif")
-    assert np.array_equal(read_scene(case).values[0], rasters["mean_radius"])
+    assert np.array_equal(read_scene(case).rasters.values[0], rasters["mean_radius"])
     given = read_scene(case, cells=rasters["cells"], mean_radius=rasters["dem"] + 1)
-    assert np.array_equal(given.values[0], rasters["dem"] + 1)
+    assert np.array_equal(given.rasters.values[0], rasters["dem"] + 1)
 
 
 def test_a_scene_gives_its_memory_back(rasters, tmp_path):
     scene = read_scene(case_in(tmp_path, rasters, False, zones="zones.tif", table="zones.csv"))
     boulders = scene.boulders
     scene.forget_rasters()
-    assert scene.z.size == 0 and scene.zone is None and scene.values is None
+    assert scene.rasters.z.size == 0 and scene.rasters.zone is None and scene.rasters.values is None
     assert scene.boulders == boulders
 
 

@@ -95,7 +95,7 @@ def refused(pattern):
 def test_windows_give_the_bits_of_the_whole(tmp_path, surface, size):
     case = case_in(tmp_path, surface=surface and surface(tmp_path))
     scene = read_scene(case, memory=size)
-    assert scene.windows and scene.z.size == 0
+    assert scene.windows and scene.rasters.z.size == 0
     same(run_scene(scene, threads=2), rockfall.run(case))
 
 
@@ -113,14 +113,16 @@ def test_windows_follow_the_sources_and_learn_how_far_boulders_go(tmp_path):
     windows, seen = scene.windows, []
     rim = windows.margins[0]
     assert set(windows.margins) == {rim} and rim > 4
-    for number in range(1, 9 * len(windows.row) + 1, 9):
-        window, n = windows.around(scene, number, 9)
-        row, column = windows.row[number // 9], windows.column[number // 9]
-        (top, left), (ny, nx) = window.at, window.z.shape
+    rows = ((scene.grid.north - scene.y) / scene.grid.cell).astype(int)
+    columns = ((scene.x - scene.grid.west) / scene.grid.cell).astype(int)
+    for number in range(1, 9 * len(rows) + 1, 9):
+        window, n = scene.around(number, 9)
+        row, column = rows[number // 9], columns[number // 9]
+        (top, left), (ny, nx) = window.rasters.at, window.rasters.z.shape
         assert n == 9 and ny * nx <= windows.cells
         assert top <= max(0, row - rim) and row + rim < top + ny
         assert left <= max(0, column - rim) and min(NX, column + rim) <= left + nx
-        seen.append(window.at)
+        seen.append(window.rasters.at)
     assert 2 < len(set(seen)) < len(seen) / 2  # one for many sources
     before = windows.margins.copy()
     run_scene(scene)

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 import rockfall
-from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import check_tallies, run_scene, start
 from scenes import grid, make_case, rough, sets
@@ -23,12 +22,12 @@ def scene_of(folder, maps=("energy_mean", "energy_max"), boulders=1, **groups):
 
 
 def check(scene):
-    check_tallies(scene, survey(scene))
+    check_tallies(scene, scene.survey())
 
 
 def fall(scene):
     """From where a boulder could rise to, at most, to the lowest cell [m]."""
-    return survey(scene).head[0] - Z.min()
+    return scene.survey().head[0] - Z.min()
 
 
 def test_a_billion_boulders_of_ten_cubic_metres_pass(tmp_path):

@@ -7,6 +7,7 @@ import pickle
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -106,7 +107,6 @@ def test_a_copy_of_a_scene_is_its_own(tmp_path):
     scene = read_scene(case, dem=z, transform=grid(z))
     for copied in copy.deepcopy(scene), pickle.loads(pickle.dumps(scene)):
         assert copied.kernel is not scene.kernel and copied.boulders == scene.boulders
-    scene.case = case.replace(case={"boulders": 7})
-    assert scene.boulders == 7
+    assert replace(scene, case=case.replace(case={"boulders": 7})).boulders == 7
     with pytest.raises(TypeError, match="belongs to its process"):
         pickle.dumps(scene.kernel)

@@ -106,7 +106,7 @@ def converge(
         raise RockfallError(f"{case.name}: has no &line; it is their numbers that converge")
     nothing = {"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"}
     scene = read_scene(case.replace(output=nothing))
-    refuse_by_area(scene, "a study of convergence")
+    refuse_by_area(scene.case, scene, "a study of convergence")
     of = scene.x.size
     sizes = sorted(set(_sizes(of) if boulders is None else boulders))
     fewest = max(MIN_TURNS, -(-MIN_REFERENCE // of))

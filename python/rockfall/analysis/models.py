@@ -5,7 +5,7 @@ same places, with the same random words, so that only the models differ."""
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -181,31 +181,31 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
 def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
     """Scene with its impact sets in place of grounds, wherever its rocks have a suitable size;
     obstacles that stop every boulder, and smooth ground, keep their grounds."""
-    rule = GroundRule(own.case.impact["sets"])
+    cells, rule = own.rasters, GroundRule(own.case.impact["sets"])
     names = [one.name for one in own.grounds]
     grounds = own.grounds if rule.name in names else (*own.grounds, rule)
     number = [one.name for one in grounds].index(rule.name) + 1
     is_varied = np.array([False, *(one.name in varied for one in grounds)])
-    sizes = own.sizes.T if own.values is None else own.values
+    sizes = cells.sizes.T if cells.values is None else cells.values
     fits = ((sizes > 0) & (sizes < STOPPING)).all(axis=0)
-    zone = 1 if own.zone is None else own.zone
-    here = np.append(False, fits)[zone] if own.values is None else fits
-    ground = own.cell_ground
+    zone = 1 if cells.zone is None else cells.zone
+    here = np.append(False, fits)[zone] if cells.values is None else fits
+    ground = cells.cell_ground
     if ground is None:
         ground = np.ones((), np.int8)
-        if own.material_ground is not None:
-            ground = np.append(np.int8(0), own.material_ground)[zone]
-    changed = np.broadcast_to(is_varied[ground] & here, own.z.shape) & ~np.isnan(own.z)
+        if cells.material_ground is not None:
+            ground = np.append(np.int8(0), cells.material_ground)[zone]
+    changed = np.broadcast_to(is_varied[ground] & here, cells.z.shape) & ~np.isnan(cells.z)
     if not changed.any():
         notes.append("no rocks have a size that the impact sets can take: none of the models")
         return
-    if (part := changed[~np.isnan(own.z)].mean()) < 1:
+    if (part := changed[~np.isnan(cells.z)].mean()) < 1:
         notes.append(
             f"impact sets: hold on {percent(part)} of the terrain, its own grounds elsewhere"
         )
     of_cells = np.where(changed, np.int8(number), ground).astype(np.int8)
     name = f"impact sets, method {own.case.surface['method']}"
-    yield name, replace(own, grounds=grounds, material_ground=None, cell_ground=of_cells)
+    yield name, own.replace(grounds=grounds, material_ground=None, cell_ground=of_cells)
 
 
 def _usual(scene: Scene) -> str:
@@ -215,14 +215,14 @@ def _usual(scene: Scene) -> str:
 
 def _own_share(scene: Scene) -> float:
     """Fraction of the terrain where no zone and no cell names a ground [-]."""
-    usual = _usual(scene)
+    usual, cells = _usual(scene), scene.rasters
     own = np.array([0, *(one.name == usual for one in scene.grounds)], bool)
-    known = ~np.isnan(scene.z)
-    if scene.cell_ground is not None:
-        return float(own[scene.cell_ground][known].mean())
-    if scene.material_ground is None or scene.zone is None:
+    known = ~np.isnan(cells.z)
+    if cells.cell_ground is not None:
+        return float(own[cells.cell_ground][known].mean())
+    if cells.material_ground is None or cells.zone is None:
         return 1.0
-    return float(np.append(False, own[scene.material_ground])[scene.zone][known].mean())
+    return float(np.append(False, own[cells.material_ground])[cells.zone][known].mean())
 
 
 def with_rocks(
@@ -230,28 +230,28 @@ def with_rocks(
 ) -> Scene:
     """Scene with these grounds for its small and large rocks, in place of the grounds of these
     names; by default in place of the default ground."""
+    cells = scene.rasters
     varied = varied or {_usual(scene)}
     others = [one for one in scene.grounds if one.name not in varied]
     rules = dict.fromkeys((small, large))
     number = {one.name: k for k, one in enumerate([*rules, *others], start=1)}
     names = [one.name for one in scene.grounds] or [_usual(scene)]
     kept = np.array([0, *(0 if name in varied else number[name] for name in names)], np.int8)
-    sizes = scene.sizes[:, 0] if scene.values is None else scene.values[0]
+    sizes = cells.sizes[:, 0] if cells.values is None else cells.values[0]
     of_rocks = _choice(scene, sizes, number[small.name], number[large.name])
     everywhere, of_materials, of_cells = None, None, None
-    if scene.values is not None or scene.cell_ground is not None:
-        zone = np.ones((), int) if scene.zone is None else scene.zone
-        here = np.append(np.int8(1), of_rocks)[zone] if scene.values is None else of_rocks
-        of_cells = _filled(kept[1 if scene.cell_ground is None else scene.cell_ground], here)
-        of_cells = np.broadcast_to(of_cells, scene.z.shape).copy()
-    elif scene.zone is not None:
-        known = 1 if scene.material_ground is None else scene.material_ground
+    if cells.values is not None or cells.cell_ground is not None:
+        zone = np.ones((), int) if cells.zone is None else cells.zone
+        here = np.append(np.int8(1), of_rocks)[zone] if cells.values is None else of_rocks
+        of_cells = _filled(kept[1 if cells.cell_ground is None else cells.cell_ground], here)
+        of_cells = np.broadcast_to(of_cells, cells.z.shape).copy()
+    elif cells.zone is not None:
+        known = 1 if cells.material_ground is None else cells.material_ground
         of_materials = _filled(kept[known], of_rocks)
     else:
         everywhere = (large if of_rocks[0] == number[large.name] else small,)
-    return replace(
-        scene, grounds=everywhere or (*rules, *others), material_ground=of_materials,
-        cell_ground=of_cells,
+    return scene.replace(
+        grounds=everywhere or (*rules, *others), material_ground=of_materials, cell_ground=of_cells,
     )  # fmt: skip
 
 

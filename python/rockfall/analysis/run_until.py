@@ -18,7 +18,6 @@ from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
 from rockfall.limits import MIN_FOR_MEAN
 from rockfall.scene.plausible import warn_of
-from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
@@ -115,7 +114,7 @@ def simulate_until(
     The boulders of one source continue those of the stage before. With several sources each stage
     starts again, because the source of a boulder follows from its number.
     """
-    refuse_by_area(scene, "--until")
+    refuse_by_area(scene.case, scene, "--until")
     criteria = read_rules(rules, [line["name"] for line in scene.case.lines])
     if cap is not None and cap < 1:
         raise RockfallError(f"cap = {cap}: must be at least 1 boulder from each source")
@@ -157,7 +156,7 @@ def _next_tally(scene: Scene, last: Tally | None) -> Tally:
         if last is not None:
             tally.wall, tally.cpu = last.wall, last.cpu
         return tally
-    check_tallies(scene, survey(scene))
+    check_tallies(scene, scene.survey())
     last.go_on(scene)
     return last
 

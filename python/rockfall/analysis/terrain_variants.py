@@ -17,10 +17,11 @@ def other_digits(scene: Scene) -> tuple[str, Scene]:
     float64 elevations are rounded. float32 ones receive random digits in place of those lost by
     rounding: up to half of their last binary digit.
     """
-    if scene.z.dtype == np.float64:
-        return "float32", replace(scene, z=scene.z.astype("f4"))
-    lost = np.random.default_rng(0).uniform(-0.5, 0.5, scene.z.shape) * np.spacing(scene.z)
-    return "float64", replace(scene, z=scene.z.astype("f8") + lost)
+    z = scene.rasters.z
+    if z.dtype == np.float64:
+        return "float32", scene.replace(z=z.astype("f4"))
+    lost = np.random.default_rng(0).uniform(-0.5, 0.5, z.shape) * np.spacing(z)
+    return "float64", scene.replace(z=z.astype("f8") + lost)
 
 
 def larger_cells(scene: Scene, factor: int) -> Scene:
@@ -29,19 +30,20 @@ def larger_cells(scene: Scene, factor: int) -> Scene:
     Elevations are means of known ones, zones the most frequent (the first in the table if tied),
     sizes in a raster the median.
     """
-    z = _blocks(scene.z, factor, np.nan)
+    cells = scene.rasters
+    z = _blocks(cells.z, factor, np.nan)
     ny, nx, _ = z.shape
     grid = replace(scene.grid, cell=factor * scene.grid.cell, nx=nx, ny=ny)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Mean of empty slice|All-NaN slice")  # of nodata only
-        z = np.nanmean(z, axis=2, dtype="f8").astype(scene.z.dtype)
-        values = scene.values
+        z = np.nanmean(z, axis=2, dtype="f8").astype(cells.z.dtype)
+        values = cells.values
         if values is not None:
             values = np.stack(
                 [np.nanmedian(_blocks(layer, factor, np.nan), axis=2) for layer in values]
             )
-    zone = None if scene.zone is None else _most_frequent(_blocks(scene.zone, factor, 0))
-    return replace(scene, z=z, grid=grid, zone=zone, values=values)
+    zone = None if cells.zone is None else _most_frequent(_blocks(cells.zone, factor, 0))
+    return scene.replace(z=z, grid=grid, zone=zone, values=values)
 
 
 def _blocks(raster: np.ndarray, factor: int, fill: float) -> np.ndarray:

@@ -82,8 +82,8 @@ def _run_to(
             )
         except Interrupted:
             return _interrupted(checkpoints)
-        scene = study.scene
-        terrain = (scene.z, scene.grid) if scene.z.size else None
+        rasters = study.scene.rasters
+        terrain = (rasters.z, rasters.grid) if rasters.z.size else None
         with atomic_folder(folder, inputs) as part:
             paths = list(put_hazard(found, part))
             for one in hazard_figures(found, terrain):

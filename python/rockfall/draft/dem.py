@@ -23,10 +23,9 @@ from rockfall.io.raster import read_dem, write_geotiff
 from rockfall.io.raster_file import open_raster, raster_files
 from rockfall.io.tables import read_table
 from rockfall.limits import MAX_ELEVATION, MAX_REAL
-from rockfall.scene.layers import file_checksum
+from rockfall.scene.layers import Inputs, file_checksum
 from rockfall.scene.lines import read_lines
 from rockfall.scene.rules.protection import dam_rules
-from rockfall.scene.scene import Scene
 from rockfall.terrain.dams import with_dam
 from rockfall.terrain.inverse_distance import Weights, interpolated, left_out
 from rockfall.terrain.repairs import lowered, smoothed, without_holes, without_pits
@@ -196,13 +195,12 @@ def _dam(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
         name=str(path), case={"boulders": 1}, surface=SURFACE, boulder={"volume_mean": 1.0},
         release={"x": x, "y": y}, dam=[{"file": str(path)}],
     )  # fmt: skip
-    scene = Scene(case, dem.grid, dem.z, np.zeros((1, 1)), remarks=remarks)
-    read_lines(scene)
-    z = dem.z
-    for dam in scene.case.dam:
+    z, shapes = dem.z, []
+    for dam in read_lines(Inputs(case, dem.grid, remarks=remarks)).dam:
         z, shape = with_dam(z, dem.grid, dam, str(path))
-        scene.dams.append(shape)
-    remarks += [f"{path}: {where}: {text}" for where, text in dam_rules(scene)]
+        shapes.append(shape)
+    found = dam_rules(shapes, dem.grid.cell)
+    remarks += [f"{path}: {where}: {text}" for where, text in found]
     return z
 
 

@@ -74,7 +74,7 @@ def _write(new: New, place: Path) -> None:
         if new.zones and str(new.zones.table) in str(error):
             raise RockfallError(f"{error} (made of {new.used[ZONES][0]})") from error
         raise
-    new.sources, new.threshold = scene.x.size, threshold(scene)
+    new.sources, new.threshold = scene.x.size, threshold(scene.case, scene.grid)
     new.boulders = max(TOTAL, new.sources)
     if scene.features is not None and scene.features.law is not None:
         new.volumes = int(np.count_nonzero(scene.features.law[scene.features.of - 1]))

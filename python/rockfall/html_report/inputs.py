@@ -185,7 +185,7 @@ def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
         scene = read_scene(case)
     except RockfallError:
         return None
-    if scene.zone is None or scene.windows or not 1 < len(scene.sizes) <= MATERIALS:
+    if scene.rasters.zone is None or scene.windows or not 1 < len(scene.rasters.sizes) <= MATERIALS:
         return None
     return _drawn(scene, _zone_labels(case), reached(result, terrain), terrain, result["crs"].attrs)
 
@@ -207,12 +207,12 @@ def _drawn(
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch
 
-    assert scene.zone is not None
-    zone, grid = cropped(scene.zone, scene.grid, False, extent, np.maximum)
-    there = [k for k in range(1, len(scene.sizes) + 1) if (zone == k).any()]
+    assert scene.rasters.zone is not None
+    zone, grid = cropped(scene.rasters.zone, scene.grid, False, extent, np.maximum)
+    there = [k for k in range(1, len(scene.rasters.sizes) + 1) if (zone == k).any()]
     colours = colormaps["Set3"](np.arange(MATERIALS))
     key = [
-        Patch(color=colours[k - 1], label=f"{names[k - 1]}; {_radius(scene.sizes[k - 1])}")
+        Patch(color=colours[k - 1], label=f"{names[k - 1]}; {_radius(scene.rasters.sizes[k - 1])}")
         for k in there
     ]
     sheet = new_sheet(extent, terrain, key)

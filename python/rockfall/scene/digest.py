@@ -9,24 +9,23 @@ complete raster.
 from __future__ import annotations
 
 import hashlib
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from rockfall.io.grid import Grid
-    from rockfall.scene.scene import Scene
+from rockfall.io.grid import Grid
+from rockfall.scene.forest.trees import Trees
+from rockfall.scene.parts import Rasters, Sources
 
 
 class Digest:
     """Checksums of a scene, computed from all its rows."""
 
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
+    def __init__(self, grid: Grid) -> None:
+        self.grid = grid
         self.layers: list = []  # of the elevations, and of the rasters of the surface
         self.sizes = hashlib.sha256()
 
-    def take(self, window: Scene, first: int, stop: int) -> None:
+    def take(self, window: Rasters, first: int, stop: int) -> None:
         """Add rows `first` to `stop` - 1 of the raster, all columns, which the window must hold."""
         layers = [window.z] if window.zone is None else [window.z, window.zone]
         layers += [] if window.values is None else list(window.values)
@@ -42,34 +41,26 @@ class Digest:
         for known, layer in zip(self.layers, layers, strict=True):
             known.update(np.ascontiguousarray(layer[rows]))
 
-    def sums(self) -> dict[str, str]:
+    def sums(self, sources: Sources, trees: Trees | None) -> dict[str, str]:
         """Checksum of each input, by name."""
-        scene = self.scene
         dem, *surface = self.layers
-        dem.update(_place(scene.grid).encode())
+        dem.update(_place(self.grid).encode())
         for layer in surface:
             self.sizes.update(layer.digest())
-        sources = hashlib.sha256(b"" if scene.area is None else scene.area.data)
-        sources.update(b"" if scene.frequency is None else scene.frequency.data)
-        sources.update(np.concatenate((scene.x, scene.y)).data)
-        if scene.features is not None:
-            sources.update("\n".join(scene.features.names).encode())
-        of_features = scene.features[1:] if scene.features else ()
-        for values in (*(scene.source_boulders or ()), *of_features):
-            sources.update(b"" if values is None else np.ascontiguousarray(values).data)
-        found = {"dem": dem, "surface": self.sizes, "sources": sources}
-        if scene.trees is not None:
+        of_sources = hashlib.sha256(b"" if sources.area is None else sources.area.data)
+        of_sources.update(b"" if sources.frequency is None else sources.frequency.data)
+        of_sources.update(np.concatenate((sources.x, sources.y)).data)
+        if sources.features is not None:
+            of_sources.update("\n".join(sources.features.names).encode())
+        of_features = sources.features[1:] if sources.features else ()
+        for values in (*(sources.source_boulders or ()), *of_features):
+            of_sources.update(b"" if values is None else np.ascontiguousarray(values).data)
+        found = {"dem": dem, "surface": self.sizes, "sources": of_sources}
+        if trees is not None:
             found["trees"] = hashlib.sha256()
-            for values in scene.trees:
+            for values in trees:
                 found["trees"].update(np.ascontiguousarray(values).data)
         return {name: known.hexdigest() for name, known in found.items()}
-
-
-def digest(scene: Scene) -> dict[str, str]:
-    """Checksums of a scene whose rasters are in memory."""
-    found = Digest(scene)
-    found.take(scene, 0, scene.grid.ny)
-    return found.sums()
 
 
 def _place(grid: Grid) -> str:

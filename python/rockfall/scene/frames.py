@@ -55,10 +55,11 @@ def with_frames(frames: Mapping[str, Any], case: Case, read: Callable[[Case], Sc
     changes: dict[str, dict[str, Any]] = {}
     for group, key in keys.values():
         changes.setdefault(group, {})[key] = FROM_ARRAY
-    scene.case = scene.case.replace(**changes)
-    scene.remarks = [of_frames(one, files) for one in scene.remarks]
-    scene.checksums = {of_frames(key, files): one for key, one in scene.checksums.items()}
-    return scene
+    return scene.replace(
+        case=scene.case.replace(**changes),
+        remarks=tuple(of_frames(one, files) for one in scene.remarks),
+        checksums={of_frames(key, files): one for key, one in scene.checksums.items()},
+    )
 
 
 def _write(frame: Any, name: str, folder: Path) -> Path:

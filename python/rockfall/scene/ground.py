@@ -4,45 +4,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rockfall.io.grid import Box, row_blocks
 from rockfall.scene.kernel_scene import area_ratios
-
-if TYPE_CHECKING:
-    from rockfall.scene.scene import Scene
+from rockfall.scene.parts import Lowest, Rasters
 
 SAMPLES = 100_000  # approximate number of cells, evenly spaced, whose slope is sampled
 QUANTILES = (0.1, 0.5, 0.9)
 LOWEST_LAND = -450.0  # [m] the shore of the Dead Sea is at -430 m
 SPIKE = (10.0, 5.0)  # [m], [cells]: no rock rises or drops so far from all eight neighbours
-
-
-@dataclass
-class Lowest:
-    """Minimum of a stream of numbers, the number of its occurrences, and the next larger value."""
-
-    value: float = np.inf
-    count: int = 0
-    next: float = np.inf
-
-    def take(self, numbers: np.ndarray) -> None:
-        """Add numbers, ignoring NaN."""
-        value = np.fmin.reduce(numbers, axis=None, initial=np.inf)
-        if not value <= self.next:
-            return
-        above = np.fmin.reduce(numbers, axis=None, initial=np.inf, where=numbers > value)
-        count = int(np.count_nonzero(numbers == value))
-        mine = self.value, self.count, self.next
-        low, high = sorted([mine, (float(value), count, float(above))])
-        self.value, self.count, self.next = low
-        if low[0] == high[0]:
-            self.count += high[1]
-            self.next = min(low[2], high[2])
-        elif high[1]:
-            self.next = min(low[2], high[0])
 
 
 @dataclass
@@ -71,24 +43,25 @@ class Ground:
     smallest: float = np.inf  # where sizes are rasters [m]
     largest: float = 0.0
 
-    def take(self, band: Scene, box: Box) -> None:
-        """Add the rows of a box from a scene that holds them and their neighbours."""
+    def take(self, band: Rasters, box: Box, x: np.ndarray, y: np.ndarray) -> None:
+        """Add the rows of a box from rasters that hold them and their neighbours, and the sources
+        there, of all at x, y."""
         inner = slice(box.row - band.at[0], box.stop_row - band.at[0])
         z = band.z[inner]
         for rows in row_blocks(z.shape):
             self._take_elevations(z[rows])
         self._take_spikes(band, inner)
         self._take_samples(band, *_samples(band, box))
-        row = ((band.grid.north - band.y) / band.grid.cell).astype(int).clip(0, band.grid.ny - 1)
+        row = ((band.grid.north - y) / band.grid.cell).astype(int).clip(0, band.grid.ny - 1)
         mine = (row >= box.row) & (row < box.stop_row)
         if mine.any():
-            x, y = band.x[mine], band.y[mine]
+            x, y = x[mine], y[mine]
             column = ((x - band.grid.west) / band.grid.cell).astype(int).clip(0, band.grid.nx - 1)
             self.source_z.append(band.z[row[mine] - band.at[0], column - band.at[1]])
             self.source_slopes.append(_slopes(band, x, y))
         self._take_sizes(band, inner)
 
-    def _take_samples(self, band: Scene, row: np.ndarray, column: np.ndarray) -> None:
+    def _take_samples(self, band: Rasters, row: np.ndarray, column: np.ndarray) -> None:
         """Sample the slopes of cells and their ground."""
         self.slopes.append(_slopes(band, band.grid.x[column], band.grid.y[row]))
         at = row - band.at[0], column - band.at[1]
@@ -114,7 +87,7 @@ class Ground:
             self.steps += int(np.count_nonzero(back < 0))
             self.spans += int(np.count_nonzero(~np.isnan(back)))
 
-    def _take_spikes(self, band: Scene, rows: slice) -> None:
+    def _take_spikes(self, band: Rasters, rows: slice) -> None:
         """Count cells that lie above or below all their known neighbours."""
         z, grid = band.z, band.grid
         limit = max(SPIKE[0], SPIKE[1] * grid.cell)
@@ -135,7 +108,7 @@ class Ground:
                         x, y = grid.x[j + band.at[1]], grid.y[i + band.at[0]]
                         self.spike = float(x), float(y), by
 
-    def _take_sizes(self, band: Scene, rows: slice) -> None:
+    def _take_sizes(self, band: Rasters, rows: slice) -> None:
         self.sizes = band.sizes
         if band.values is not None:
             for layer in band.values:
@@ -166,13 +139,6 @@ def falls_and_rises(sizes: np.ndarray) -> tuple[int, int]:
     return int(np.count_nonzero(falls)), int(np.count_nonzero(differ & ~falls))
 
 
-def ground_of(scene: Scene) -> Ground:
-    """Ground statistics of a scene with its rasters."""
-    found = Ground()
-    found.take(scene, scene.grid.box)
-    return found
-
-
 def _degrees(tangents: list[np.ndarray], shares: tuple[float, ...]) -> np.ndarray:
     all_ = np.concatenate(tangents) if tangents else np.empty(0)
     if not all_.size:
@@ -180,14 +146,14 @@ def _degrees(tangents: list[np.ndarray], shares: tuple[float, ...]) -> np.ndarra
     return np.degrees(np.arctan(np.quantile(all_, shares)))
 
 
-def _slopes(band: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _slopes(band: Rasters, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Tangents of the slopes of the cells at given places."""
     if not x.size:
         return np.empty(0)
     return np.sqrt(np.maximum(area_ratios(band, x, y) ** 2 - 1, 0.0))
 
 
-def _ground_numbers(band: Scene, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+def _ground_numbers(band: Rasters, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """Ground numbers of the scene at given cells."""
     if band.cell_ground is not None:
         return band.cell_ground[at]
@@ -196,7 +162,7 @@ def _ground_numbers(band: Scene, at: tuple[np.ndarray, np.ndarray]) -> np.ndarra
     return np.append(0, band.material_ground)[band.zone[at]]
 
 
-def _samples(band: Scene, box: Box) -> tuple[np.ndarray, np.ndarray]:
+def _samples(band: Rasters, box: Box) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of evenly spaced cells of the complete terrain that lie in a box and are
     known together with their eight neighbours."""
     grid = band.grid

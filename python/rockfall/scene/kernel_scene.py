@@ -4,18 +4,18 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NoReturn
+from functools import cached_property
+from typing import Any, NoReturn
 
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
+from rockfall.case import Case
 from rockfall.errors import check_kernel
 from rockfall.io.grid import Box
-
-if TYPE_CHECKING:
-    from rockfall.scene.scene import Scene
+from rockfall.scene.parts import Rasters
 
 #: Of the arrays of a scene that are not float64; "": of more than one, or of texts.
 KINDS = {
@@ -30,17 +30,36 @@ NO_TERRAIN = np.zeros((1, 1), "f4")  # of a scene that has windows
 class KernelScene:
     """Handle of a scene, with the arrays that the kernel reads during its lifetime."""
 
-    def __init__(self, scene: Scene) -> None:
-        self.name = scene.case.name
-        self._arrays = scene_arrays(scene)
-        self.handle = _new_scene(scene, self._arrays)
-        text = scene.case.text().encode()
-        check_kernel(*_core.build_scene(self.handle, text, self.name.encode()))
+    def __init__(
+        self, case: Case, rasters: Rasters, draw: int, others: dict[str, np.ndarray]
+    ) -> None:
+        self.name, self._case, self._rasters, self._draw = case.name, case, rasters, draw
+        self._others = others  # arrays that are not rasters
         self._box: Box | None = None
-        weakref.finalize(self, _core.close_scene, self.handle)
 
     def __reduce__(self) -> NoReturn:
         raise TypeError("a scene in the kernel belongs to its process; copies make their own")
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All arrays by their names in the kernel and in scene files."""
+        return raster_arrays(self._rasters) | self._others
+
+    @cached_property
+    def handle(self) -> int:
+        """The kernel's number of the scene, which is built on first use."""
+        self._given = self.arrays()
+        handle = _new_scene(self._rasters, self._given, self._draw)
+        text = self._case.text().encode()
+        check_kernel(*_core.build_scene(handle, text, self.name.encode()))
+        self._close = weakref.finalize(self, _core.close_scene, handle)
+        return handle
+
+    def close(self) -> None:
+        """Free the kernel's scene; the next use builds another."""
+        if "handle" in vars(self):
+            self._close()
+            del self.handle, self._given
+            self._box = None
 
     def keep_within(self, box: Box) -> None:
         """Confine boulders to the cells of maps; called once, the same for all runs."""
@@ -53,40 +72,33 @@ class KernelScene:
         check_kernel(code, message, self.name)
 
 
-def _new_scene(scene: Scene, arrays: dict[str, np.ndarray]) -> int:
+def _new_scene(rasters: Rasters, arrays: Mapping[str, np.ndarray], draw: int = 0) -> int:
     """The handle of a scene that has these arrays, and is not built."""
-    grid, (row, column) = scene.grid, scene.at
+    grid, (row, column) = rasters.grid, rasters.at
     nodes, first = (grid.nx, grid.ny), (column + 1, row + 1)
-    handle = _core.new_scene(grid.west, grid.north, grid.cell, nodes, first, scene.sets.draw)
+    handle = _core.new_scene(grid.west, grid.north, grid.cell, nodes, first, draw)
     for name, array in arrays.items():
         lengths = [*array.shape[::-1], 1, 1, 1][:3]  # the first runs fastest
         _core.give(handle, name, array.dtype.str[1:], lengths, array.ctypes.data)
     return handle
 
 
-def scene_arrays(scene: Scene) -> dict[str, np.ndarray]:
-    """All arrays of a scene by their names in the kernel and in scene files. The texts of grounds
-    come before their lengths."""
-    boulders, grounds = scene.source_boulders, scene.grounds
+def raster_arrays(rasters: Rasters) -> dict[str, np.ndarray]:
+    """Arrays of terrain and ground. The texts of grounds come before their lengths."""
+    grounds = rasters.grounds
     names = "\n".join(f"{one.name}\n{one.file}" for one in grounds).encode()
-    of_sources = () if boulders is None else boulders._asdict().items()
-    found: dict[str, Any] = {
-        "elevation": _elevations(scene), "cell_size": scene.values, "zone": scene.zone,
-        "material_size": scene.sizes, "impact_sets": _bytes(scene.sets.text),
-        "impact_sets_file": _bytes(scene.sets.name.encode()),
-        "ground_text": _bytes(b"".join(one.text for one in grounds)),
-        "ground_names": _bytes(names),
+    return kernel_arrays({
+        "elevation": _elevations(rasters), "cell_size": rasters.values, "zone": rasters.zone,
+        "material_size": rasters.sizes,
+        "ground_text": np.frombuffer(b"".join(one.text for one in grounds), "i1"),
+        "ground_names": np.frombuffer(names, "i1"),
         "ground_length": [len(one.text) for one in grounds] or None,
-        "material_ground": scene.material_ground, "cell_ground": scene.cell_ground,
-        "source_x": scene.x, "source_y": scene.y, "area_ratio": scene.area,
-        "source_frequency": scene.frequency, **{f"source_{name}": one for name, one in of_sources},
-    }  # fmt: skip
-    if scene.features is not None:
-        _, of, law, value = scene.features
-        found |= {"source_feature": of, "feature_law": law, "feature_value": value}
-    if scene.trees is not None:
-        names = "tree_x", "tree_y", "tree_dbh", "tree_factor"
-        found |= zip(names, scene.trees, strict=True)
+        "material_ground": rasters.material_ground, "cell_ground": rasters.cell_ground,
+    })  # fmt: skip
+
+
+def kernel_arrays(found: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Arrays, without those that are None, in the kernel's types."""
     return {
         name: np.require(one, KINDS.get(name, "f8") or None, ["C", "A"])
         for name, one in found.items()
@@ -94,31 +106,21 @@ def scene_arrays(scene: Scene) -> dict[str, np.ndarray]:
     }
 
 
-def _bytes(text: bytes) -> np.ndarray:
-    return np.frombuffer(text, "i1")
-
-
-def _elevations(scene: Scene) -> np.ndarray:
-    """Those of a scene, in the precision that they have."""
-    z = scene.z if scene.z.size else NO_TERRAIN
+def _elevations(rasters: Rasters) -> np.ndarray:
+    """Elevations in the precision that they have."""
+    z = rasters.z if rasters.z.size else NO_TERRAIN
     return np.require(z, "f4" if z.dtype == np.float32 else "f8", ["C", "A"])
 
 
 @contextmanager
-def terrain_of(scene: Scene) -> Iterator[int]:
-    """The handle of the elevations of a scene alone."""
-    arrays = {"elevation": _elevations(scene)}
-    handle = _new_scene(scene, arrays)
+def terrain_of(rasters: Rasters) -> Iterator[int]:
+    """The kernel's handle of elevations alone."""
+    handle = _new_scene(rasters, {"elevation": _elevations(rasters)})
     yield handle
     _core.close_scene(handle)
 
 
-def area_ratios(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def area_ratios(rasters: Rasters, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Surface over plan area (Horn 1981) of the cells at places [m]."""
-    with terrain_of(scene) as terrain:
+    with terrain_of(rasters) as terrain:
         return _core.area_ratios(terrain, x, y)
-
-
-def known_at(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Mark places [m] where boulders can start: between four cells with an elevation."""
-    return _core.known_at(scene.kernel.handle, x, y).astype(bool)

@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers on the cells of a scene: rasters in files, or arrays given for them."""
+"""Reading of the layers of a case: rasters in files, or arrays given for them."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from rockfall.case import file_keys
+from rockfall.case import Case, file_keys
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import as_plan, grid_of
 from rockfall.io.crs import crs_name, same_crs
@@ -20,41 +21,48 @@ from rockfall.io.layers import REPROJECTED, name_of
 from rockfall.io.raster import aligned_blocks, packing_note
 from rockfall.io.raster_file import raster_file
 
-if TYPE_CHECKING:
-    from rockfall.scene.scene import Scene
-
 LAYERS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # file extensions of vector layers
 
 
-def layer_blocks(
-    scene: Scene,
-    key: str,
-    what: str,
-    dtype: Any,
-    rasters: dict[str, Any],
-    box: Box | None = None,
-    smooth: bool = True,
-) -> Iterator[tuple[slice, np.ndarray]]:
-    """A raster on the cells of the DEM, as blocks of rows in any order.
+@dataclass
+class Inputs:
+    """Case and grid of a scene that is read, with the arrays given, checksums and remarks."""
 
-    It is the array given for it, or the file that the case names; `smooth` as of aligned_blocks.
-    """
-    given = rasters.pop(key, None)
-    if given is None:
-        group = next(one.group for one in file_keys() if one.name == key)
-        path = scene.case.path(getattr(scene.case, group)[key])
-        if key not in scene.checksums:
-            scene.checksums[key] = file_checksum(path)
-            scene.remarks += packing_note(path)
-        yield from aligned_blocks(path, scene.grid, what, dtype, box, smooth)
-        return
-    given = _on_cells(scene.grid, key, given)
-    scene.checksums[key] = array_checksum(given)
-    if np.dtype(dtype).kind == "i":
-        given = _whole_numbers(key, given, dtype)
-    for rows in row_blocks(given.shape):
-        block = given[rows]
-        yield rows, np.ma.filled(block.astype(dtype), NO_ID if dtype == np.int32 else np.nan)
+    case: Case
+    grid: Grid
+    arrays: dict[str, Any] = field(default_factory=dict)  # given for rasters; taken out when read
+    checksums: dict[str, str] = field(default_factory=dict)  # of the input files
+    remarks: list[str] = field(default_factory=list)  # one line each
+
+    def blocks(
+        self, key: str, what: str, dtype: Any, box: Box | None = None, smooth: bool = True
+    ) -> Iterator[tuple[slice, np.ndarray]]:
+        """Blocks of rows, in any order, of a raster on the cells of the DEM: of the array given for
+        it, or of the file that the case names. `smooth`: see `aligned_blocks`."""
+        given = self.arrays.pop(key, None)
+        if given is None:
+            group = next(one.group for one in file_keys() if one.name == key)
+            path = self.case.path(getattr(self.case, group)[key])
+            if key not in self.checksums:
+                self.checksums[key] = file_checksum(path)
+                self.remarks += packing_note(path)
+            yield from aligned_blocks(path, self.grid, what, dtype, box, smooth)
+            return
+        given = _on_cells(self.grid, key, given)
+        self.checksums[key] = array_checksum(given)
+        if np.dtype(dtype).kind == "i":
+            given = _whole_numbers(key, given, dtype)
+        for rows in row_blocks(given.shape):
+            block = given[rows]
+            yield rows, np.ma.filled(block.astype(dtype), NO_ID if dtype == np.int32 else np.nan)
+
+    def note_layer(self, name: str, path: Path, layer: str | None = None) -> None:
+        """Record the checksum of a layer, and the CRS from which it was reprojected."""
+        self.checksums[name] = file_checksum(path)
+        where = name_of(path, layer)
+        for remark in self.remarks:
+            if remark.startswith(f"{where}: {REPROJECTED} "):
+                self.checksums[name] += remark.removeprefix(where).replace(":", ",", 1)
 
 
 def _on_cells(grid: Grid, key: str, given: Any) -> np.ma.MaskedArray:
@@ -95,15 +103,6 @@ def array_checksum(array: np.ndarray) -> str:
     if np.ma.is_masked(array):
         found.update(np.ascontiguousarray(np.ma.getmaskarray(array)).data)
     return found.hexdigest()
-
-
-def note_layer(scene: Scene, name: str, path: Path, layer: str | None = None) -> None:
-    """Record the checksum of a layer, and the CRS from which it was reprojected."""
-    scene.checksums[name] = file_checksum(path)
-    where = name_of(path, layer)
-    for remark in scene.remarks:
-        if remark.startswith(f"{where}: {REPROJECTED} "):
-            scene.checksums[name] += remark.removeprefix(where).replace(":", ",", 1)
 
 
 def file_checksum(path: Path) -> str:

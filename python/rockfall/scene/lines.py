@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lines, barriers and dams from layers, added to the scene's case as if typed there."""
+"""Lines, barriers and dams from layers, added to the case as if typed there."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import copy
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,10 +15,7 @@ from rockfall.case import REPEATABLE, Case, file_keys, key_table
 from rockfall.errors import RockfallError
 from rockfall.io.layers import attribute, name_of, named_attribute, plain
 from rockfall.io.layers import read_lines as read_layer
-from rockfall.scene.layers import note_layer
-
-if TYPE_CHECKING:
-    from rockfall.scene.scene import Scene
+from rockfall.scene.layers import Inputs
 
 OF_LAYER = {"name", "x", "y", "file", "layer", "field"}  # keys that are not attributes
 LOGICAL = {"true": True, "1": True, "false": False, "0": False}  # as written by vector formats
@@ -32,23 +29,23 @@ class _Drawn(NamedTuple):
     values: dict[str, Any]
 
 
-def read_lines(scene: Scene) -> None:
-    """Put the coordinates of layers into the case of a scene."""
-    groups = _groups()
-    if not any("file" in one for group in groups for one in getattr(scene.case, group)):
-        return
-    drawn = {group: list(_drawn(scene, group)) for group in groups}
+def read_lines(inputs: Inputs) -> Case:
+    """The case with the coordinates of its layers."""
+    groups, case = _groups(), inputs.case
+    if not any("file" in one for group in groups for one in getattr(case, group)):
+        return case
+    drawn = {group: list(_drawn(inputs, group)) for group in groups}
     try:
         found = {group: [one.values for one in several] for group, several in drawn.items()}
-        scene.case = scene.case.replace(**found)
+        return case.replace(**found)
     except RockfallError:
-        _blame(scene.case, drawn)
+        _blame(case, drawn)
         raise
 
 
-def with_lines_of(case: Case, scene: Scene) -> Case:
-    """A case with the coordinates read for a scene of it."""
-    return case.replace(**{group: getattr(scene.case, group) for group in _groups()})
+def with_lines_of(case: Case, read: Case) -> Case:
+    """A case with the coordinates of the same case as read."""
+    return case.replace(**{group: getattr(read, group) for group in _groups()})
 
 
 def _groups() -> list[str]:
@@ -65,22 +62,21 @@ def _blame(case: Case, drawn: Mapping[str, list[_Drawn]]) -> None:
             alone.replace(**(dict.fromkeys(drawn, []) | {group: [one.values]}))
 
 
-def _drawn(scene: Scene, group: str) -> Iterator[_Drawn]:
+def _drawn(inputs: Inputs, group: str) -> Iterator[_Drawn]:
     """The groups of a name, with each feature of a layer as one group."""
-    for one in getattr(scene.case, group):
+    for one in getattr(inputs.case, group):
         if "file" in one:
-            yield from _features(scene, group, one)
+            yield from _features(inputs, group, one)
         else:
-            yield _Drawn(scene.case.name, one)
+            yield _Drawn(inputs.case.name, one)
 
 
-def _features(scene: Scene, group: str, given: Mapping[str, Any]) -> Iterator[_Drawn]:
+def _features(inputs: Inputs, group: str, given: Mapping[str, Any]) -> Iterator[_Drawn]:
     """A group for each line of a layer, with missing values taken from the feature."""
-    path = scene.case.path(given["file"])
-    parts, columns = read_layer(path, given.get("layer"), scene.grid, scene.remarks)
-    note_layer(
-        scene, f"{group} {name_of(given['file'], given.get('layer'))}", path, given.get("layer")
-    )
+    path = inputs.case.path(given["file"])
+    parts, columns = read_layer(path, given.get("layer"), inputs.grid, inputs.remarks)
+    layer = given.get("layer")
+    inputs.note_layer(f"{group} {name_of(given['file'], layer)}", path, layer)
     known = {key.name: key.kind for key in key_table() if key.group == group}
     own = {key: value for key, value in given.items() if key not in OF_LAYER}
     asked = known.keys() - OF_LAYER - own.keys()

@@ -13,15 +13,15 @@ from collections.abc import Iterator
 from rockfall.scene.rules.boulders import boulder_rules
 from rockfall.scene.rules.protection import protection_rules
 from rockfall.scene.rules.terrain import dem_rules
-from rockfall.scene.scene import InputWarning, Scene, lines_outside
+from rockfall.scene.scene import InputWarning, Scene
 
 
 def input_warnings(scene: Scene) -> list[InputWarning]:
     """Likely mistakes in the inputs; computed once for a scene and those derived from it."""
-    if scene.warnings is None:
-        found = (one for rule in RULES for one in rule(scene))
-        scene.warnings = list(dict.fromkeys(found))
-    return scene.warnings
+    findings = scene.findings
+    if findings.warnings is None:
+        findings.warnings = list(dict.fromkeys(one for rule in RULES for one in rule(scene)))
+    return findings.warnings
 
 
 def implausible(scene: Scene) -> list[str]:
@@ -37,7 +37,7 @@ def warn_of(scene: Scene) -> None:
 
 def _lines(scene: Scene) -> Iterator[InputWarning]:
     barriers = {one["name"] for one in scene.case.barrier}
-    for name in lines_outside(scene):
+    for name in scene.lines_outside():
         group = "barrier" if name in barriers else "line"
         yield InputWarning(f"&{group} name = '{name}'", "no part of it lies over the terrain")
 

@@ -21,9 +21,7 @@ from rockfall.result.dataset import (
     provenance,
     put_netcdf,
 )
-from rockfall.scene.kernel_scene import scene_arrays
 from rockfall.scene.plausible import input_warnings
-from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.version import __version__
@@ -82,7 +80,7 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
     check_folder(folder)
     check_outputs(files, inputs)
     scene = read_scene(case, **arrays)
-    survey(scene)
+    scene.survey()
     input_warnings(scene)
     with atomic_folder(folder, inputs, last="case.nml") as part:
         put_netcdf(_scene_file(scene), part / "scene.nc", folder / "scene.nc")
@@ -94,7 +92,7 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
 
 def _scene_file(scene: Scene) -> Contents:
     """What the kernel takes beside the case."""
-    arrays = scene_arrays(scene)
+    arrays = scene.kernel.arrays()
     if "cell_size" in arrays:
         del arrays["material_size"]
         arrays.pop("zone", None)

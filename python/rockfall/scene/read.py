@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +15,24 @@ from rockfall.case import FROM_ARRAY, Case, file_keys
 from rockfall.errors import RockfallError
 from rockfall.grounds import other_tables
 from rockfall.impact_sets import set_path
-from rockfall.io.arrays import from_array
+from rockfall.io.arrays import check_known, from_array
+from rockfall.io.grid import Box
 from rockfall.io.raster import dem_header, packing_note, read_dem
 from rockfall.io.raster_file import raster_file
 from rockfall.io.zone_table import RADII
 from rockfall.scene.coefficients import open_sets
-from rockfall.scene.digest import digest
-from rockfall.scene.forest.read import read_forest
+from rockfall.scene.digest import Digest
+from rockfall.scene.forest.listed import listed_trees
+from rockfall.scene.forest.made import made_trees
 from rockfall.scene.frames import is_frame, with_frames
-from rockfall.scene.layers import LAYERS, array_checksum, file_checksum
+from rockfall.scene.ground import Ground
+from rockfall.scene.layers import LAYERS, Inputs, array_checksum, file_checksum
 from rockfall.scene.lines import read_lines
+from rockfall.scene.parts import Rasters
+from rockfall.scene.reach import Survey
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import read_sources
-from rockfall.scene.surface import cell_bytes, read_grounds, read_surface, size_columns
+from rockfall.scene.surface import cell_bytes, read_grounds, read_rasters, size_columns
 from rockfall.scene.windows import Windows, bands
 from rockfall.terrain.dams import with_dam
 
@@ -53,6 +60,7 @@ def read_scene(
     arrays = {"dem": dem, **rasters}
     case = _with_arrays(case, {key for key, array in arrays.items() if array is not None})
     _check_files(case, arrays)
+    file = case.path(case.terrain["dem"])
     if dem is not None:
         z, grid = from_array(dem, transform)
     elif case.terrain["dem"] == FROM_ARRAY:
@@ -60,39 +68,50 @@ def read_scene(
             f"{case.name}: &terrain dem is missing: a raster file, or run(case, dem=...)"
         )
     else:
-        path = case.path(case.terrain["dem"])
         if memory is not None and not rasters:
-            grid, dtype = dem_header(path)
+            grid, dtype = dem_header(file)
             if (cells := int(memory / 2 / cell_bytes(case, dtype))) < grid.nx * grid.ny:
-                scene = Scene(case, grid, np.empty((0, 0), dtype), np.zeros((1, 1)))
-                read_lines(scene)
-                return _windowed(scene, cells)
-        z, grid = read_dem(path)
-    scene = Scene(case, grid, z, np.zeros((1, 1)))
-    read_lines(scene)
-    for dam in scene.case.dam:
-        scene.z, shape = with_dam(scene.z, grid, dam, case.name)
-        scene.dams.append(shape)
-    file = case.path(case.terrain["dem"])
-    scene.checksums["dem"] = file_checksum(file) if dem is None else array_checksum(scene.z)
-    scene.remarks += packing_note(file) if dem is None else []
-    read_surface(scene, grid.box, rasters)
-    read_sources(scene, [(scene, grid.box)], rasters)
-    read_forest(scene, rasters)
-    _read_sets(scene)
-    if rasters:
-        raise RockfallError(
-            f"{case.name}: rasters that the case does not use: {', '.join(rasters)}"
-        )
-    scene.decoded = digest(scene)
-    _ = scene.kernel  # raises errors that the case text alone cannot reveal
+                return _windowed(Inputs(case, grid), dtype, cells)
+        z, grid = read_dem(file)
+    inputs = Inputs(case, grid, rasters)
+    inputs.case = read_lines(inputs)
+    dams = []
+    for dam in inputs.case.dam:
+        z, shape = with_dam(z, grid, dam, case.name)
+        dams.append(shape)
+    inputs.checksums["dem"] = file_checksum(file) if dem is None else array_checksum(z)
+    inputs.remarks += packing_note(file) if dem is None else []
+    terrain = read_rasters(inputs, z, grid.box)
+    scene = _scene(inputs, terrain, [(terrain, grid.box)])
+    sums = Digest(grid)
+    sums.take(terrain, 0, grid.ny)
+    scene = replace(scene, dams=tuple(dams), decoded=sums.sums(scene, scene.trees))
+    _ = scene.kernel.handle  # raises errors that the case text alone cannot reveal
     return scene
 
 
-def _windowed(scene: Scene, cells: int) -> Scene:
+def _scene(inputs: Inputs, rasters: Rasters, rows: Iterable[tuple[Rasters, Box]]) -> Scene:
+    """The scene of a case with its rasters; impact sets are read last of all."""
+    sources, trees = read_sources(inputs, rows), None
+    if inputs.case.has_forest:
+        trees = listed_trees(inputs) if "trees" in inputs.case.forest else made_trees(inputs)
+    sets = open_sets(set_path(inputs.case))
+    inputs.checksums["sets"] = sets.checksum
+    if inputs.arrays:
+        raise RockfallError(
+            f"{inputs.case.name}: rasters that the case does not use: {', '.join(inputs.arrays)}"
+        )
+    return Scene(
+        case=inputs.case, rasters=rasters, **vars(sources), trees=trees, sets=sets,
+        checksums=inputs.checksums, remarks=tuple(inputs.remarks),
+    )  # fmt: skip
+
+
+def _windowed(inputs: Inputs, dtype: np.dtype, cells: int) -> Scene:
     """The scene without rasters, which are read in windows of the given number of cells; all rows
     have been read and checked once."""
-    case = scene.case
+    inputs.case = read_lines(inputs)
+    case, grid = inputs.case, inputs.grid
     by_source = {"sources", "reach_probability_by_source"} & set(case.output.get("maps", []))
     if by_source:
         raise RockfallError(
@@ -110,24 +129,23 @@ def _windowed(scene: Scene, cells: int) -> Scene:
                 f"{case.name}: &{key.group} {key.name} = '{file}': polygons need the whole terrain "
                 "in memory, and it does not fit; make a raster of them, or raise --memory"
             )
-    scene.checksums["dem"] = file_checksum(case.path(case.terrain["dem"]))
-    scene.remarks += packing_note(case.path(case.terrain["dem"]))
-    release, rows = case.release, [(scene, scene.grid.box)]
-    if release["steep_cells"] or release["by_area"]:  # sources from the terrain
-        rows = bands(scene, cells)
-    read_sources(scene, rows, {})
-    read_forest(scene, {})
-    _read_sets(scene)
-    read_grounds(scene)
-    scene.windows = Windows(scene, cells)
-    scene.decoded = scene.windows.decoded
-    return scene
-
-
-def _read_sets(scene: Scene) -> None:
-    """Read the impact sets, last of all."""
-    scene.sets = open_sets(set_path(scene.case))
-    scene.checksums["sets"] = scene.sets.checksum
+    inputs.checksums["dem"] = file_checksum(case.path(case.terrain["dem"]))
+    inputs.remarks += packing_note(case.path(case.terrain["dem"]))
+    empty = Rasters(grid, np.empty((0, 0), dtype))
+    read_grounds(inputs, empty)
+    from_terrain = case.release["steep_cells"] or case.release["by_area"]
+    scene = _scene(inputs, empty, bands(inputs, cells) if from_terrain else [(empty, grid.box)])
+    survey, ground, sums, known = Survey(case, grid), Ground(), Digest(grid), False
+    for band, box in bands(inputs, cells):
+        known = check_known(grid.path, band.z, band.at[0]) or known
+        survey.take(replace(scene, rasters=band).kernel, box.row, box.stop_row)
+        ground.take(band, box, scene.x, scene.y)
+        sums.take(band, box.row, box.stop_row)
+    if not known:
+        raise RockfallError(f"{grid.path}: all cells are nodata")
+    windows = Windows(cells, cell_bytes(case, dtype), survey, ground)
+    decoded = sums.sums(scene, scene.trees)
+    return replace(scene, windows=windows, decoded=decoded, remarks=tuple(inputs.remarks))
 
 
 def _with_arrays(case: Case, keys: set[str]) -> Case:

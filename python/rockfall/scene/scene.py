@@ -3,50 +3,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import time
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.grounds import GroundRule
-from rockfall.io.grid import Grid, row_blocks
+from rockfall.io.grid import Box, Grid
 from rockfall.scene.coefficients import Coefficients, SetFile
 from rockfall.scene.forest.trees import Trees
-from rockfall.scene.ground import Ground, Lowest, ground_of
-from rockfall.scene.kernel_scene import KernelScene
+from rockfall.scene.ground import Ground
+from rockfall.scene.kernel_scene import KernelScene, kernel_arrays
+from rockfall.scene.layers import Inputs
+from rockfall.scene.parts import Rasters, Sources
+from rockfall.scene.reach import Survey
+from rockfall.scene.surface import read_window
+from rockfall.scene.windows import Windows
 from rockfall.terrain.dams import DamShape
 
-if TYPE_CHECKING:
-    from rockfall.scene.windows import Windows
-
-
-class SourceBoulders(NamedTuple):
-    """Boulder properties given by the sources."""
-
-    volume: np.ndarray  # [m3]
-    inertia: np.ndarray  # I/(m R**2) [-]
-    density: np.ndarray | None = None  # [kg/m3]; None: that of the case
-
-    def of(self, sources: np.ndarray) -> SourceBoulders:
-        """Select sources, counted from 0."""
-        density = None if self.density is None else self.density[sources]
-        return SourceBoulders(self.volume[sources], self.inertia[sources], density)
-
-
-class Features(NamedTuple):
-    """Polygons or points of a source layer, and their release attributes."""
-
-    names: list[str]
-    of: np.ndarray  # int32: feature of each source, from 1
-    law: np.ndarray | None = None  # int32: distribution, from 1; 0: case's; None: not given
-    value: np.ndarray | None = None  # (features, 9): `sources.attributes.VALUES`, or NaN
-
-    def at(self, sources: np.ndarray) -> Features:
-        """Select sources, counted from 0."""
-        return self._replace(of=self.of[sources])
+OF_RASTERS = {one.name for one in fields(Rasters)}
 
 
 class InputWarning(NamedTuple):
@@ -57,45 +36,50 @@ class InputWarning(NamedTuple):
 
 
 @dataclass
-class Scene:
-    """Checked inputs of a run. Rasters are (ny, nx), row 0 the northernmost."""
+class Findings:
+    """Warnings about a scene, shared with the scenes derived from it."""
 
-    case: Case
-    grid: Grid
-    z: np.ndarray  # elevations [m], NaN = none
-    sizes: np.ndarray  # (materials, 1 or 3): R_m, or Rg70, Rg20, Rg10 [m]
-    zone: np.ndarray | None = None  # int8 or int16: 1-based row of `sizes`
-    values: np.ndarray | None = None  # float32 (1 or 3, ny, nx): sizes of each cell [m]
-    x: np.ndarray = field(default_factory=lambda: np.empty(0))  # of each source [m]
-    y: np.ndarray = field(default_factory=lambda: np.empty(0))
-    area: np.ndarray | None = None  # surface over plan area of each, for release by area
-    frequency: np.ndarray | None = None  # weight of each source in boulders_total
-    features: Features | None = None  # of the source layer
-    source_boulders: SourceBoulders | None = None  # where sources define their boulders
-    trees: Trees | None = None
-    sets: SetFile = SetFile(b"", "")
-    grounds: tuple[GroundRule, ...] = ()  # only if any differs from the impact sets
-    material_ground: np.ndarray | None = None  # int8: 1-based ground of each row of `sizes`, or
-    cell_ground: np.ndarray | None = None  # int8 (ny, nx): of each cell; neither: the first
-    ground_ids: dict[int, str] = field(default_factory=dict)  # names by id in a ground raster
-    checksums: dict[str, str] = field(default_factory=dict)  # of the input files
-    decoded: dict[str, str] = field(default_factory=dict)  # checksums: see `digest`
-    at: tuple[int, int] = (0, 0)  # row and column of the grid at which its rasters begin
-    windows: Windows | None = None  # terrain read in windows: no rasters here
-    source_values: Lowest = field(default_factory=Lowest)  # negative values of the source cells
-    remarks: list[str] = field(default_factory=list)  # remarks of the readers, one line each
-    dams: list[DamShape] = field(default_factory=list)  # as rasterised
     warnings: list[InputWarning] | None = None  # see `plausible.input_warnings`; None: not checked
 
-    def __setattr__(self, name: str, value: Any) -> None:
-        """Set an attribute and drop the kernel's scene, which was built from the old values."""
-        if name != "warnings":  # not used by the kernel
-            self.__dict__.pop("kernel", None)
-            self.__dict__.pop("boulders", None)
-        self.__dict__[name] = value
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scene(Sources):
+    """Checked inputs of a run: sources, and all else."""
+
+    case: Case
+    rasters: Rasters
+    trees: Trees | None = None
+    sets: SetFile = SetFile(b"", "")
+    dams: tuple[DamShape, ...] = ()  # as rasterised
+    checksums: dict[str, str] = field(default_factory=dict)  # of the input files
+    decoded: dict[str, str] = field(default_factory=dict)  # checksums: see `digest`
+    remarks: tuple[str, ...] = ()  # remarks of the readers, one line each
+    windows: Windows | None = None  # terrain read in windows: no rasters here
+    findings: Findings = field(default_factory=Findings)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {key: value for key, value in self.__dict__.items() if key != "kernel"}
+        return {key: value for key, value in vars(self).items() if key != "kernel"}
+
+    def replace(self, **changes: Any) -> Scene:
+        """The scene with other values, its own or those of its rasters."""
+        cells = {key: changes.pop(key) for key in OF_RASTERS & changes.keys()}
+        rasters = replace(self.rasters, **cells) if cells else self.rasters
+        return replace(self, **{"rasters": rasters} | changes)
+
+    @property
+    def grid(self) -> Grid:
+        """Grid of the complete terrain."""
+        return self.rasters.grid
+
+    @property
+    def grounds(self) -> tuple[GroundRule, ...]:
+        """Grounds, if any differs from the impact sets."""
+        return self.rasters.grounds
+
+    @property
+    def warnings(self) -> list[InputWarning] | None:
+        """Warnings about the inputs; None if they were not checked."""
+        return self.findings.warnings
 
     @cached_property
     def boulders(self) -> int:
@@ -104,8 +88,21 @@ class Scene:
 
     @cached_property
     def kernel(self) -> KernelScene:
-        """The scene in the kernel, built on first use."""
-        return KernelScene(self)
+        """The scene in the kernel."""
+        own = self.source_boulders
+        found: dict[str, Any] = {
+            "impact_sets": np.frombuffer(self.sets.text, "i1"),
+            "impact_sets_file": np.frombuffer(self.sets.name.encode(), "i1"),
+            "source_x": self.x, "source_y": self.y, "area_ratio": self.area,
+            "source_frequency": self.frequency,
+            **{f"source_{name}": one for name, one in (own._asdict() if own else {}).items()},
+        }  # fmt: skip
+        if self.features is not None:
+            _, of, law, value = self.features
+            found |= {"source_feature": of, "feature_law": law, "feature_value": value}
+        if self.trees is not None:
+            found |= {f"tree_{name}": one for name, one in self.trees._asdict().items()}
+        return KernelScene(self.case, self.rasters, self.sets.draw, kernel_arrays(found))
 
     @cached_property
     def coefficients(self) -> Coefficients:
@@ -115,7 +112,11 @@ class Scene:
     @cached_property
     def ground(self) -> Ground:
         """Ground statistics of its terrain."""
-        return self.windows.ground if self.windows else ground_of(self)
+        if self.windows:
+            return self.windows.ground
+        found = Ground()
+        found.take(self.rasters, self.grid.box, self.x, self.y)
+        return found
 
     @property
     def weight(self) -> np.ndarray | None:
@@ -123,9 +124,23 @@ class Scene:
         total = "boulders_total" in self.case.case
         return self.frequency if total and self.frequency is not None else self.area
 
-    def source_of(self, number: int) -> int:
-        """The source of a boulder (1..), counted from 0."""
-        return int(self.sources_of(np.array([number]))[0])
+    def survey(self) -> Survey:
+        """Survey the terrain; a source from which no boulder can start is refused."""
+        if self.windows:
+            return self.windows.survey
+        found = Survey(self.case, self.grid)
+        found.take(self.kernel, 0, self.grid.ny)
+        return found
+
+    def known_at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Mark places [m] where boulders can start: between four cells with an elevation."""
+        return _core.known_at(self.kernel.handle, x, y).astype(bool)
+
+    def lines_outside(self) -> list[str]:
+        """Names of the evaluation lines that lie entirely outside the terrain."""
+        grid = self.grid
+        place = grid.west, grid.north, grid.cell, (grid.nx, grid.ny)
+        return [one["name"] for one in self.case.lines if _core.outside(*place, one["x"], one["y"])]
 
     def sources_of(self, numbers: np.ndarray) -> np.ndarray:
         """The sources of boulders (1..), counted from 0."""
@@ -136,26 +151,28 @@ class Scene:
         first, last = _core.boulders_of_source(self.kernel.handle, source + 1)
         return range(int(first), int(last) + 1)
 
+    def around(self, first: int, boulders: int) -> tuple[Scene, int]:
+        """Scene with rasters for boulders from number `first` on, and the number of boulders it
+        serves: itself, or one with a window of the terrain."""
+        windows = self.windows
+        if windows is None:
+            return self, boulders
+        source = int(self.sources_of(np.array([first]))[0])
+        if windows.owner is not self or source not in windows.sources:
+            windows.owner, windows.window = self, None  # free its memory before the next is read
+            box = windows.fit(self.grid, self, source)
+            begin = time.process_time()
+            windows.window = self._within(box)
+            windows.reading += time.process_time() - begin
+        stop = self.numbers_of(windows.sources.stop - 1).stop
+        return windows.window, min(boulders, stop - first)
+
+    def _within(self, box: Box) -> Scene:
+        """The scene with the rasters of a box of its cells."""
+        inputs = Inputs(self.case, self.grid, checksums=dict(self.checksums))
+        return replace(self, rasters=read_window(inputs, box), windows=None)
+
     def forget_rasters(self) -> None:
         """Free the memory of the rasters; the scene can no longer be run."""
-        self.__dict__.pop("kernel", None)
-        self.z, self.zone, self.values = np.empty((0, 0), self.z.dtype), None, None
-        self.cell_ground = None
-
-
-def lines_outside(scene: Scene) -> list[str]:
-    """Names of the evaluation lines that lie entirely outside the terrain."""
-    grid = scene.grid
-    place = grid.west, grid.north, grid.cell, (grid.nx, grid.ny)
-    return [
-        line["name"] for line in scene.case.lines if _core.outside(*place, line["x"], line["y"])
-    ]
-
-
-def used_zones(scene: Scene) -> np.ndarray:
-    """Rows of `sizes`, counted from 0, that occur in some cell."""
-    found = np.zeros(len(scene.sizes) + 1, bool)
-    assert scene.zone is not None
-    for rows in row_blocks(scene.zone.shape):
-        found[scene.zone[rows]] = True
-    return np.flatnonzero(found[1:])
+        self.rasters.free()
+        self.kernel.close()

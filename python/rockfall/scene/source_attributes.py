@@ -7,19 +7,16 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from functools import cache
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.case import key_table
+from rockfall.case import Case, key_table
 from rockfall.errors import RockfallError
 from rockfall.io.layers import attribute, named_attribute, plain
 from rockfall.io.tables import decimal
-from rockfall.scene.scene import Features
-
-if TYPE_CHECKING:
-    from rockfall.scene.scene import Scene
+from rockfall.scene.parts import Features
 
 VOLUMES = ("volume_mean", "volume_std", "volume_min", "volume_max")
 VELOCITY = ("velocity_x", "velocity_y", "velocity_z")
@@ -83,31 +80,31 @@ class Table(NamedTuple):
         return float(value)
 
 
-def read_attributes(scene: Scene, table: Table, of: np.ndarray) -> tuple[Features, np.ndarray]:
-    """Features of a scene, given the feature of each source, and their frequencies (NaN if
+def read_attributes(case: Case, table: Table, of: np.ndarray) -> tuple[Features, np.ndarray]:
+    """Features of a layer, given the feature of each source, and their frequencies (NaN if
     missing)."""
     if attribute(table.columns, "velocity") is not None:
         raise RockfallError(
             f"{table.path}: attribute velocity: must be {', '.join(VELOCITY)} [m/s]"
         )
-    law, volumes = _laws(scene, table)
+    law, volumes = _laws(case, table)
     rest = [table.numbers(name) for name in VALUES[len(VOLUMES) :]]
     given = np.array([*volumes, *rest]).T
-    _check_source(scene, table, law, given)
-    names, frequency = _names(scene, table), table.numbers("frequency")
+    _check_source(case, table, law, given)
+    names, frequency = _names(case, table), table.numbers("frequency")
     if not law.any() and np.isnan(given).all():
         return Features(names, of), frequency
     return Features(names, of, law.astype("i4"), given), frequency
 
 
-def values_of(scene: Scene) -> np.ndarray | None:
+def values_of(case: Case, features: Features | None) -> np.ndarray | None:
     """Density, drop height and velocity of each feature (features, 5), from the case where missing;
     None if no feature has any."""
-    if scene.features is None or scene.features.value is None:
+    if features is None or features.value is None:
         return None
-    boulder, release = scene.case.boulder, scene.case.release
+    boulder, release = case.boulder, case.release
     usual = [boulder["density"], release["drop_height"], *release["velocity"]]
-    given = scene.features.value[:, len(VOLUMES) :]
+    given = features.value[:, len(VOLUMES) :]
     return np.where(np.isnan(given), usual, given)
 
 
@@ -119,10 +116,10 @@ def _key(name: str) -> tuple[str, str]:
     return next((g, k.name) for g in groups for k in key_table() if (k.group, k.name) == (g, name))
 
 
-def _laws(scene: Scene, table: Table) -> tuple[np.ndarray, np.ndarray]:
+def _laws(case: Case, table: Table) -> tuple[np.ndarray, np.ndarray]:
     """Volume distribution of each feature (0: the case's), and its mean, std, min, max (4,
     features), NaN where missing."""
-    boulder, law = scene.case.boulder, np.zeros(table.size, int)
+    boulder, law = case.boulder, np.zeros(table.size, int)
     given = np.array([table.numbers(name) for name in VOLUMES])
     usual = boulder["volume"] if boulder["volume"] in LAWS else "fixed"
     law[~np.isnan(given).all(axis=0)] = 1 + LAWS.index(usual)
@@ -146,7 +143,7 @@ def _laws(scene: Scene, table: Table) -> tuple[np.ndarray, np.ndarray]:
         for row, name in zip(filled, VOLUMES, strict=True):
             mine = (law == 1 + LAWS.index(boulder["volume"])) & np.isnan(row)
             row[mine] = boulder.get(name, np.nan)
-    _check_laws(scene, table, law, filled)
+    _check_laws(case, table, law, filled)
     return law, given
 
 
@@ -158,7 +155,7 @@ def _volume(table: Table, k: int, name: str, value: Any) -> float:
     return number
 
 
-def _check_laws(scene: Scene, table: Table, law: np.ndarray, given: np.ndarray) -> None:
+def _check_laws(case: Case, table: Table, law: np.ndarray, given: np.ndarray) -> None:
     """Check that each distribution has exactly the numbers it needs, by the rules of &boulder.
     Features with the same keys share one check; extreme spreads and ranges have their own."""
     patterns = np.vstack([law, ~np.isnan(given)]).T
@@ -175,14 +172,14 @@ def _check_laws(scene: Scene, table: Table, law: np.ndarray, given: np.ndarray) 
     }
     for k in sorted(some):
         values = {n: None if np.isnan(v) else v for n, v in zip(VOLUMES, given[:, k], strict=True)}
-        alone = scene.case.replace()
+        alone = case.replace()
         alone.name = table.where(k)
         alone.replace(boulder=own | {"volume": LAWS[law[k] - 1], **values})  # raises an error
 
 
-def _check_source(scene: Scene, table: Table, law: np.ndarray, given: np.ndarray) -> None:
+def _check_source(case: Case, table: Table, law: np.ndarray, given: np.ndarray) -> None:
     """Check that the boulders of a source are defined in one place only."""
-    boulder = scene.case.boulder
+    boulder = case.boulder
     if boulder["volume"] != "source":
         return
     density = ~np.isnan(given[:, DENSITY])
@@ -199,10 +196,10 @@ def _check_source(scene: Scene, table: Table, law: np.ndarray, given: np.ndarray
         )
 
 
-def _names(scene: Scene, table: Table) -> list[str]:
+def _names(case: Case, table: Table) -> list[str]:
     """Names of the features, or their numbers if unnamed."""
     names = table.values("name")
-    if field := scene.case.release.get("name_field"):
+    if field := case.release.get("name_field"):
         names = [*map(plain, named_attribute(table.path, table.columns, field))]
     texts = (str(k if name is None else name) for k, name in enumerate(names, start=1))
     return [" ".join(text.split()) for text in texts]

@@ -28,7 +28,8 @@ from rockfall.result.contents import Contents
 from rockfall.result.dataset import DAMAGED, georeference
 from rockfall.result.samples import lengths, possible, sample_dims
 from rockfall.result.validate import are_crossings, out_of_range
-from rockfall.scene.scene import Features, InputWarning
+from rockfall.scene.parts import Features
+from rockfall.scene.scene import InputWarning
 from rockfall.simulation.maps import SHARED
 from rockfall.simulation.run_state import Run
 from rockfall.simulation.tally import Origin

@@ -18,7 +18,7 @@ from rockfall.interrupts import interrupts
 from rockfall.result.samples import simulated
 from rockfall.result.variables import fields
 from rockfall.scene.plausible import input_warnings, warn_of
-from rockfall.scene.reach import Survey, survey
+from rockfall.scene.reach import Survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.windows import groups
@@ -160,9 +160,9 @@ def check_team(threads: int) -> None:
 
 def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
     """Empty tallies for the outputs of the case."""
-    numbers, found = shard_range(scene, shard), survey(scene)
+    numbers, found = shard_range(scene, shard), scene.survey()
     check_tallies(scene, found)
-    box = found.box()
+    box = found.box(scene.kernel)
     run = Run.of_scene(scene, numbers, box, threads)
     return Tally(scene, run, box, len(numbers), numbers.start, threads=threads)
 
@@ -196,16 +196,15 @@ def _fly(tally: Tally, first: int, size: int) -> int:
     sources lie in one window of the terrain. Returns their number."""
     scene = tally.scene
     assert isinstance(scene, Scene)
-    windows = scene.windows
-    if windows:
-        scene, size = windows.around(scene, first, size)
+    windows, grid = scene.windows, scene.grid
+    scene, size = scene.around(first, size)
     scene.kernel.keep_within(tally.box)
     left, stop = tally.run.advance(scene, first, size)
     del scene  # frees the window before another is read
     if left.size:
         if windows is None:
             raise RockfallError(f"boulder {left[0]} went where none can go", code=1)
-        windows.widen(*stop)
+        windows.widen(grid, *stop)
         for start_, n in groups(left):
             done = 0
             while done < n:
@@ -232,12 +231,11 @@ def trace(tally: Tally) -> None:
 def trajectory(scene: Scene, number: int) -> np.ndarray:
     """The vertices (release, contacts, end) of one boulder, each with the columns `fields(4)`."""
     while True:
-        window = scene.windows.around(scene, number, 1)[0] if scene.windows else scene
-        vertex, left = _fly_alone(window, number)
+        vertex, left = _fly_alone(scene.around(number, 1)[0], number)
         if left is None:
             return vertex
         assert scene.windows is not None
-        scene.windows.widen(*left)
+        scene.windows.widen(scene.grid, *left)
 
 
 def _fly_alone(

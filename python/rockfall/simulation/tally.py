@@ -16,7 +16,8 @@ from rockfall.grounds import GroundRule
 from rockfall.io.grid import Box, Grid
 from rockfall.result.dataset import georeference
 from rockfall.result.samples import rows_kept
-from rockfall.scene.scene import Features, InputWarning, Scene
+from rockfall.scene.parts import Features
+from rockfall.scene.scene import InputWarning, Scene
 from rockfall.simulation.maps import SHARED, tells_sources
 from rockfall.simulation.run_state import Array, Run
 from rockfall.terrain.dams import DamShape

@@ -18,7 +18,6 @@ from rockfall.quantities import percent
 from rockfall.result.grounds import rebounds_by_ground, sets_followed, stochastic_fraction
 from rockfall.scene.coefficients import ANY_SPEED
 from rockfall.scene.ground import Ground
-from rockfall.scene.reach import survey
 from rockfall.scene.rebound import sphere_radius
 from rockfall.scene.scene import Scene
 from rockfall.scene.source_attributes import values_of
@@ -109,7 +108,8 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     if scene.windows:
         rasters = scene.windows.bytes + READING
     else:
-        layers_ = scene.z, scene.zone, scene.values, scene.cell_ground
+        cells = scene.rasters
+        layers_ = cells.z, cells.zone, cells.values, cells.cell_ground
         rasters = sum(a.nbytes for a in layers_ if a is not None)
     return {
         "rasters": rasters,
@@ -144,13 +144,7 @@ def _follow(scene: Scene, number: int) -> Pilot:
         release={"by_area": False},
         output=output | {"kept": "all"},
     )
-    told = None if scene.source_boulders is None else scene.source_boulders.of(drawn)
-    x, y = scene.x[drawn], scene.y[drawn]
-    features = scene.features and scene.features.at(drawn)
-    one = replace(
-        scene, case=case, x=x, y=y, area=None, frequency=None, source_boulders=told,
-        features=features,
-    )  # fmt: skip
+    one = replace(scene.select(drawn), case=case, area=None, frequency=None)
     few = start(one, threads=1)
     run_chunks(few, None, lambda: False, lambda _: None)
     cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
@@ -183,15 +177,15 @@ def _all_cells(few: Tally, boulders: int) -> float:
 
 
 def _terrain(scene: Scene) -> str:
-    grid = scene.grid
+    grid, z = scene.grid, scene.rasters.z
     crs = crs_name(grid.crs) if grid.crs else "no CRS"
     cells = f"{grid.nx} x {grid.ny} cells of {grid.cell:g} m"
     if scene.windows:
         cells += f", in windows of about {scene.windows.cells:,} cells"
     else:
-        empty = sum(np.count_nonzero(np.isnan(scene.z[rows])) for rows in row_blocks(grid.shape))
-        cells += f", {empty / scene.z.size:.1%} nodata"
-    return f"{cells}, {scene.z.dtype}, {crs}"
+        empty = sum(np.count_nonzero(np.isnan(z[rows])) for rows in row_blocks(grid.shape))
+        cells += f", {empty / z.size:.1%} nodata"
+    return f"{cells}, {z.dtype}, {crs}"
 
 
 def _elevations(ground: Ground) -> str:
@@ -215,7 +209,7 @@ def _slopes(ground: Ground) -> str:
 
 def _speed(scene: Scene) -> str:
     """Maximum speed permitted by energy: from the highest release to the lowest cell."""
-    low, head = scene.ground.low.value, survey(scene).head[0]
+    low, head = scene.ground.low.value, scene.survey().head[0]
     speed = np.sqrt(2 * scene.case.flight["gravity"] * max(0.0, head - low))
     return f"at most {speed:.0f} m/s: from the highest release to the lowest cell without a loss"
 
@@ -241,7 +235,7 @@ def _boulders(scene: Scene) -> str:
     if not {"x", "points"} & release.keys():
         kind = "cells within polygons" if "polygons" in release else "cells"
     if scene.case.release["steep_cells"]:
-        kind += f" of {threshold(scene):.1f} degrees or more"
+        kind += f" of {threshold(scene.case, scene.grid):.1f} degrees or more"
     sources = f"sources: {scene.x.size:,} ({kind})"
     if "boulders_total" in scene.case.case:
         fewest, most = _released(scene)
@@ -281,7 +275,7 @@ def _densities(scene: Scene) -> np.ndarray | float:
     found, features = scene.source_boulders, scene.features
     if found is not None and found.density is not None:
         return found.density
-    values = values_of(scene)
+    values = values_of(scene.case, scene.features)
     if features is not None and values is not None:
         return values[features.of - 1, 0]
     return scene.case.boulder["density"]

@@ -69,10 +69,10 @@ def parameters(found: Back) -> Iterator[Parameter]:
     for row in range(inputs.radii):
         if first + row in sought:
             column = f"radius_{row + 1}"
-            if inputs.scene.values is not None or case.surface["method"] == "A":
+            if inputs.scene.rasters.values is not None or case.surface["method"] == "A":
                 yield Parameter(column, f"factor on rock sizes{names[row]}", "1", 1.0)
             else:
-                size = float(inputs.scene.sizes[row, 0])
+                size = float(inputs.scene.rasters.sizes[row, 0])
                 yield Parameter(column, f"R_m{names[row]}", "m", size)
 
 

@@ -218,12 +218,12 @@ def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
 
 def _reached_materials(scene: Scene, base: xr.Dataset) -> set[int]:
     """Rows of the rock sizes that boulders reach; a factor on others has no effect."""
-    if scene.values is not None:
+    if scene.rasters.values is not None:
         return {0}
     rows = {0}
-    if scene.zone is not None:
-        rows = set((np.unique(scene.zone[base["passages"].values > 0]) - 1).tolist())
-    found = {row for row in rows if row >= 0 and has_rocks(scene.sizes[row])}
+    if scene.rasters.zone is not None:
+        rows = set((np.unique(scene.rasters.zone[base["passages"].values > 0]) - 1).tolist())
+    found = {row for row in rows if row >= 0 and has_rocks(scene.rasters.sizes[row])}
     if not found:
         raise RockfallError(
             f"{scene.case.name}: &ensemble radius_factor: has no effect: boulders come to no zone "

@@ -140,7 +140,7 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     data |= _drawn(draws, seeds)
     if maps is not None:
         data |= maps.variables()
-    found = _with_attributes(data, with_lines_of(case, scene), base, inputs)
+    found = _with_attributes(data, with_lines_of(case, scene.case), base, inputs)
     if done < blocks:
         raise StudyInterrupted(found, done)
     return found
@@ -149,7 +149,7 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
 def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
     """Scene without the outputs that studies do not use, except these maps."""
     case = scene.case
-    refuse_by_area(scene, what)
+    refuse_by_area(scene.case, scene, what)
     if case.case["sampling"] != "random":
         raise RockfallError(
             f"{case.name}: &case sampling = '{case.case['sampling']}': must be 'random' for "

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,6 @@ from rockfall.impact_sets import set_path
 from rockfall.impact_tables import ENSEMBLE, ensemble_names, find_table, table_names
 from rockfall.io.tables import check_columns, read_table
 from rockfall.scene.coefficients import SetFile, draws_in
-from rockfall.scene.kernel_scene import known_at
 from rockfall.scene.layers import file_checksum
 from rockfall.scene.scene import Scene
 from rockfall.scene.source_attributes import VALUES, VOLUMES
@@ -58,7 +57,7 @@ def drawn_scene(scene: Scene, draws: Iterable[Draw], seed: int) -> Scene:
     if factors and scene.features is not None and scene.features.value is not None:
         by = np.array([factors.get(name, 1.0) for name in VALUES])
         arrays["features"] = scene.features._replace(value=scene.features.value * by)
-    return replace(scene, case=scene.case.replace(**groups), **arrays)
+    return scene.replace(case=scene.case.replace(**groups), **arrays)
 
 
 class Uncertain:
@@ -69,7 +68,7 @@ class Uncertain:
         self.set_checksums: dict[str, str] = {}
         by_table = scene.case.impact["form"] == "table"
         self.sets: Sequence[SetFile | Grounds] = self._tables() if by_table else self._set_files()
-        self.radii = 1 if scene.values is not None else len(scene.sizes)
+        self.radii = 1 if scene.rasters.values is not None else len(scene.rasters.sizes)
         self.rows: list[dict[str, float]] = []
         if "draws" in self.given:
             path = scene.case.path(self.given["draws"])
@@ -143,8 +142,8 @@ class Uncertain:
                     f"{scene.case.name}: &ensemble {name}_factor: has no meaning without a "
                     f"{name}, in the case or in the layer of the sources"
                 )
-        if self.given["radius_factor"] > 1 and scene.values is None:
-            if not any(map(has_rocks, scene.sizes)):
+        if self.given["radius_factor"] > 1 and scene.rasters.values is None:
+            if not any(map(has_rocks, scene.rasters.sizes)):
                 raise RockfallError(
                     f"{scene.case.name}: &ensemble radius_factor: has no effect: no zone has rocks "
                     "(R_m > 0); take it out"
@@ -209,10 +208,10 @@ class Uncertain:
         return self._radii_by(self._factor(numbers, "radius_factor"))
 
     def _radii_by(self, factor: np.ndarray) -> Draw:
-        scene = self.scene
-        if scene.values is not None:
-            return Draw({"values": scene.values * np.float32(factor)}, kept={"radius": factor})
-        return Draw({"sizes": scene.sizes * factor[:, None]}, kept={"radius": factor})
+        cells = self.scene.rasters
+        if cells.values is not None:
+            return Draw({"values": cells.values * np.float32(factor)}, kept={"radius": factor})
+        return Draw({"sizes": cells.sizes * factor[:, None]}, kept={"radius": factor})
 
     def _volume(self, numbers: np.ndarray) -> Draw:
         """A factor on all volumes, whether from the case, a layer or rasters; another on standard
@@ -266,7 +265,7 @@ class Uncertain:
         return found
 
     def _dem(self, _: np.ndarray, random: np.random.Generator) -> Draw:
-        z, cells = self.scene.z, self.given["dem_correlation"] / self.scene.grid.cell
+        z, cells = self.scene.rasters.z, self.given["dem_correlation"] / self.scene.grid.cell
         error = self.given["dem_error"] * gaussian_field(z.shape, cells, random)
         return Draw({"z": (z + error).astype(z.dtype)})
 
@@ -285,7 +284,7 @@ class Uncertain:
     def _shifted(self, east: float, north: float) -> Draw | None:
         """Shifted sources, None if one would leave the known terrain."""
         x, y = self.scene.x + east, self.scene.y + north
-        if not known_at(self.scene, x, y).all():
+        if not self.scene.known_at(x, y).all():
             return None
         return Draw({"x": x, "y": y}, kept={"source_east": east, "source_north": north})
 

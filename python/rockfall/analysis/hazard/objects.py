@@ -75,13 +75,13 @@ def beyond_elevations(objects: Objects, scene: Scene) -> list[str]:
     """Remark on objects that extend to where missing elevations stop boulders."""
     import shapely
 
-    grid, names = scene.grid, []
+    grid, cells, names = scene.grid, scene.rasters, []
     for name, shape in zip(objects.names, objects.shapes, strict=True):
         x, y = shapely.get_coordinates(shape).T
         inside = (grid.west <= x) & (x <= grid.east) & (grid.south <= y) & (y <= grid.north)
-        row, column = (one - begin for one, begin in zip(grid.cells(x, y), scene.at, strict=True))
-        known = (0 <= row) & (row < scene.z.shape[0]) & (0 <= column) & (column < scene.z.shape[1])
-        if not inside.all() or np.isnan(scene.z[row[known], column[known]]).any():
+        row, column = (one - begin for one, begin in zip(grid.cells(x, y), cells.at, strict=True))
+        known = (0 <= row) & (row < cells.z.shape[0]) & (0 <= column) & (column < cells.z.shape[1])
+        if not inside.all() or np.isnan(cells.z[row[known], column[known]]).any():
             names.append(name)
     if not names:
         return []

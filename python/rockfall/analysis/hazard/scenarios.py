@@ -52,6 +52,16 @@ def base_case(case: Case) -> Case:
 def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
     """Scenarios for the scene of a base case, with evaluation lines."""
     case = scene.case.replace(line=lines)
+    return [
+        Scenario(one["name"], _frequency(one, scene), _case(case, one))
+        for one in scene.case.scenario
+    ]
+
+
+def scenario_remarks(scene: Scene) -> Iterator[str]:
+    """Remarks on properties that both scenarios and the source layer give; refused where the layer
+    gives that of every source."""
+    case = scene.case
     for what, keys, given in _of_layer(scene):
         for one in case.scenario:
             if not {*keys} & one.keys() or not given.any():
@@ -62,14 +72,10 @@ def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
                     f"{about}: gives a {what}, and the layer of the sources gives that of every "
                     "source, which comes first: take it out of one of the two"
                 )
-            scene.remarks.append(
+            yield (
                 f"{about}: its {what} is that of the sources of which the layer says none; "
                 f"{np.count_nonzero(given):,} of {given.size:,} have their own in all scenarios"
             )
-    return [
-        Scenario(one["name"], _frequency(one, scene), _case(case, one))
-        for one in scene.case.scenario
-    ]
 
 
 def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]:

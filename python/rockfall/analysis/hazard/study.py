@@ -27,7 +27,7 @@ from rockfall.analysis.hazard.objects import (
     read_objects,
     risks,
 )
-from rockfall.analysis.hazard.scenarios import Scenario, base_case, scenarios_of
+from rockfall.analysis.hazard.scenarios import Scenario, base_case, scenario_remarks, scenarios_of
 from rockfall.analysis.hazard.variables import CLASS_ENDS, COORDINATES, ENDS, EXTREMES, TABLE
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.case import Case, case_of
@@ -38,7 +38,7 @@ from rockfall.result.samples import simulated
 from rockfall.scene.frames import frame_files, is_frame, of_frames
 from rockfall.scene.plausible import implausible, input_warnings
 from rockfall.scene.read import read_scene
-from rockfall.scene.scene import InputWarning, Scene
+from rockfall.scene.scene import Findings, InputWarning, Scene
 from rockfall.simulation.maps import boulders_per_cluster
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.simulate import run_scene
@@ -113,8 +113,10 @@ def read_study(
         found.path = of_frames(found.path, files)
         remarks = [of_frames(one, files) for one in remarks]
     case = case.replace(barrier=scene.case.barrier, dam=scene.case.dam)  # layers have been read
+    scene = scene.replace(remarks=(*scene.remarks, *scenario_remarks(scene)))
     study = Study(case, scene, scenarios_of(scene, found.lines), found)
-    for one in (scene, *(replace(scene, case=k.case, warnings=None) for k in study.scenarios)):
+    derived = (replace(scene, case=one.case, findings=Findings()) for one in study.scenarios)
+    for one in (scene, *derived):
         remarks += implausible(one)
         study.warnings += [found for found in input_warnings(one) if found not in study.warnings]
     check_room(found, scene.boulders)

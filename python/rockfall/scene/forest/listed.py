@@ -6,7 +6,7 @@ from __future__ import annotations
 from array import array
 from pathlib import Path
 from sys import intern
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,11 +18,7 @@ from rockfall.limits import MAX_REAL
 from rockfall.scene.forest.made import Cells, conifer_shares
 from rockfall.scene.forest.species import BROADLEAF, CONIFER, Species, read_species
 from rockfall.scene.forest.trees import MAX_DBH, Trees
-from rockfall.scene.layers import LAYERS, note_layer
-
-if TYPE_CHECKING:
-    from rockfall.scene.scene import Scene
-
+from rockfall.scene.layers import LAYERS, Inputs
 
 SPECIES_NUMBER = 3  # index of the random number of a stem that selects its species
 
@@ -36,16 +32,16 @@ class Listed(NamedTuple):
     species: list[str] | None  # None where the list has no such column
 
 
-def listed_trees(scene: Scene, rasters: dict[str, Any]) -> Trees:
+def listed_trees(inputs: Inputs) -> Trees:
     """Trees of the case's list that lie on the terrain."""
-    path, grid = scene.case.path(scene.case.forest["trees"]), scene.grid
+    path, grid = inputs.case.path(inputs.case.forest["trees"]), inputs.grid
     if path.suffix.lower() in LAYERS:
-        found = _from_layer(path, scene)
-    elif "trees_layer" in scene.case.forest:
-        raise RockfallError(f"{scene.case.name}: &forest trees_layer: has no meaning for a table")
+        found = _from_layer(path, inputs)
+    elif "trees_layer" in inputs.case.forest:
+        raise RockfallError(f"{inputs.case.name}: &forest trees_layer: has no meaning for a table")
     else:
         found = _from_table(path)
-    note_layer(scene, "trees", path, scene.case.forest.get("trees_layer"))
+    inputs.note_layer("trees", path, inputs.case.forest.get("trees_layer"))
     x, y = found.x, found.y
     inside = (x >= grid.west) & (x < grid.east) & (y > grid.south) & (y <= grid.north)
     if not inside.any():
@@ -55,11 +51,11 @@ def listed_trees(scene: Scene, rasters: dict[str, Any]) -> Trees:
             f"the terrain: {extent(grid.west, grid.south, grid.east, grid.north)}"
         )
     if out := np.count_nonzero(~inside):
-        scene.remarks.append(f"{path}: {out:,} of {x.size:,} trees stand outside the terrain")
+        inputs.remarks.append(f"{path}: {out:,} of {x.size:,} trees stand outside the terrain")
     if found.species is None:
-        factor = _drawn_factors(scene, path, found, inside, rasters)
+        factor = _drawn_factors(inputs, path, found, inside)
     else:
-        factor = _factors(read_species(scene), path, found.species)[inside]
+        factor = _factors(read_species(inputs), path, found.species)[inside]
     return Trees(x[inside], y[inside], found.dbh[inside], factor)
 
 
@@ -83,11 +79,11 @@ def _from_table(path: Path) -> Listed:
     return Listed(x, y, dbh, species)
 
 
-def _from_layer(path: Path, scene: Scene) -> Listed:
+def _from_layer(path: Path, inputs: Inputs) -> Listed:
     """Read trees from a point layer with the attributes dbh and species."""
-    forest = scene.case.forest
+    forest = inputs.case.forest
     x, y, columns, feature = read_points(
-        path, scene.grid, scene.remarks, forest.get("trees_layer"), "trees_layer"
+        path, inputs.grid, inputs.remarks, forest.get("trees_layer"), "trees_layer"
     )
     field = forest["dbh_field"]
     column = named_attribute(path, columns, field)
@@ -119,12 +115,10 @@ def _factors(table: Species, path: Path, species: list[str]) -> np.ndarray:
     return np.array([known[name] for name in species])
 
 
-def _drawn_factors(
-    scene: Scene, path: Path, found: Listed, inside: np.ndarray, rasters: dict[str, Any]
-) -> np.ndarray:
+def _drawn_factors(inputs: Inputs, path: Path, found: Listed, inside: np.ndarray) -> np.ndarray:
     """Toughness factors drawn from the percentage of conifers, by the number of each tree in the
     list."""
-    forest, grid, table = scene.case.forest, scene.grid, read_species(scene)
+    forest, grid, table = inputs.case.forest, inputs.grid, read_species(inputs)
     if "conifers" not in forest and "uniform_conifers" not in forest:
         raise RockfallError(
             f"{path}: has no species: add them, or set &forest conifers or uniform_conifers"
@@ -134,5 +128,5 @@ def _drawn_factors(
     row = ((grid.north - found.y[inside]) / grid.cell).astype("i4").clip(0, grid.ny - 1)
     column = ((found.x[inside] - grid.west) / grid.cell).astype("i4").clip(0, grid.nx - 1)
     order, share = np.argsort(row, kind="stable"), np.empty(row.size)
-    share[order] = conifer_shares(scene, Cells(row[order], column[order]), rasters)
+    share[order] = conifer_shares(inputs, Cells(row[order], column[order]))
     return np.where(u < share, table.factors[CONIFER], table.factors[BROADLEAF])

@@ -9,7 +9,7 @@ the last bits of SciPy's results may differ between platforms.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,10 +18,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.grid import row_blocks
 from rockfall.scene.forest.species import BROADLEAF, CONIFER, read_species
 from rockfall.scene.forest.trees import HECTARE, MAX_DBH, Trees
-from rockfall.scene.layers import layer_blocks
-
-if TYPE_CHECKING:
-    from rockfall.scene.scene import Scene
+from rockfall.scene.layers import Inputs
 
 MAX_DENSITY = 1e6  # stems per hectare
 MAX_STEMS = 1e8  # stems in a forest
@@ -36,12 +33,12 @@ class Cells(NamedTuple):
     column: np.ndarray
 
 
-def made_trees(scene: Scene, rasters: dict[str, Any]) -> Trees:
+def made_trees(inputs: Inputs) -> Trees:
     """Generate the trees of a case with a stem density."""
-    grid, table = scene.grid, read_species(scene)
-    columns = {row: found for row, found in _columns(scene, rasters) if found.size}
+    grid, table = inputs.grid, read_species(inputs)
+    columns = {row: found for row, found in _columns(inputs) if found.size}
     if not columns:
-        raise RockfallError(f"{scene.case.name}: &forest: no tree stands on the terrain")
+        raise RockfallError(f"{inputs.case.name}: &forest: no tree stands on the terrain")
     rows = sorted(columns)
     sizes = [columns[row].size for row in rows]
     cells = Cells(
@@ -50,91 +47,91 @@ def made_trees(scene: Scene, rasters: dict[str, Any]) -> Trees:
     x, y, quantile, species = np.empty((4, cells.row.size))
     for row, stop, size in zip(rows, np.cumsum(sizes), sizes, strict=True):
         counts = np.bincount(columns[row], minlength=grid.nx).astype("i4")
-        numbers = _core.stand_numbers(scene.case.forest["seed"], grid.nx, row + 1, counts, size)
+        numbers = _core.stand_numbers(inputs.case.forest["seed"], grid.nx, row + 1, counts, size)
         for part, values in zip((x, y, quantile, species), numbers, strict=True):
             part[stop - size : stop] = values
     x[:] = grid.west + (cells.column + x) * grid.cell
     y[:] = grid.north - (cells.row + 1 - y) * grid.cell
-    quantile[:] = _diameters(scene, cells, quantile, rasters)
-    conifer = species < conifer_shares(scene, cells, rasters)
+    quantile[:] = _diameters(inputs, cells, quantile)
+    conifer = species < conifer_shares(inputs, cells)
     species[:] = np.where(conifer, table.factors[CONIFER], table.factors[BROADLEAF])
     return Trees(x, y, quantile, species)
 
 
-def _columns(scene: Scene, rasters: dict[str, Any]) -> Iterator[tuple[int, np.ndarray]]:
+def _columns(inputs: Inputs) -> Iterator[tuple[int, np.ndarray]]:
     """Each row, and the columns of its trees."""
-    forest, nx, total, densest = scene.case.forest, scene.grid.nx, 0.0, 0.0
+    forest, nx, total, densest = inputs.case.forest, inputs.grid.nx, 0.0, 0.0
     columns, even = np.arange(nx, dtype="i4"), int(forest["spread"] == "even")
-    per_cell = scene.grid.cell**2 / HECTARE
-    for rows, block in _blocks(scene, "stems", rasters):
+    per_cell = inputs.grid.cell**2 / HECTARE
+    for rows, block in _blocks(inputs, "stems"):
         density = np.nan_to_num(np.asarray(block, float))  # no trees where the density is missing
-        _check(scene, "stems", density, (density >= 0) & (density <= MAX_DENSITY))
+        _check(inputs, "stems", density, (density >= 0) & (density <= MAX_DENSITY))
         total += density.sum() * per_cell
         densest = max(densest, density.max(initial=0.0))
         if total > MAX_STEMS:
-            raise RockfallError(f"{scene.case.name}: &forest: more than {MAX_STEMS:,.0f} trees")
+            raise RockfallError(f"{inputs.case.name}: &forest: more than {MAX_STEMS:,.0f} trees")
         for row, expected in enumerate(density * per_cell, start=rows.start):
             counts = _core.stand_counts(forest["seed"], nx, row + 1, expected, even)
             yield row, np.repeat(columns, counts)
     if densest < THINNEST:
-        scene.remarks.append(
+        inputs.remarks.append(
             f"&forest stems: {densest:.3g} stems a hectare at most: were they meant for each cell?"
         )
 
 
-def _diameters(scene: Scene, cells: Cells, u: np.ndarray, rasters: dict[str, Any]) -> np.ndarray:
+def _diameters(inputs: Inputs, cells: Cells, u: np.ndarray) -> np.ndarray:
     """Quantiles `u` of the gamma distributions of the cells [cm]: shape (mean/std)**2, scale
     std**2/mean."""
     from scipy.special import gammaincinv
 
-    mean = _at_trees(scene, "dbh_mean", cells, rasters)
-    std = _at_trees(scene, "dbh_std", cells, rasters)
-    _check(scene, "dbh_mean", mean, (mean > 0) & (mean <= MAX_DBH))
-    _check(scene, "dbh_std", std, (std >= 0) & (std <= MAX_DBH))
+    mean = _at_trees(inputs, "dbh_mean", cells)
+    std = _at_trees(inputs, "dbh_std", cells)
+    _check(inputs, "dbh_mean", mean, (mean > 0) & (mean <= MAX_DBH))
+    _check(inputs, "dbh_std", std, (std >= 0) & (std <= MAX_DBH))
     dbh, varied = mean.copy(), std > 0
     shape = (mean[varied] / std[varied]) ** 2
     dbh[varied] = gammaincinv(shape, u[varied]) / shape * mean[varied]
     return np.maximum(np.round(dbh, DECIMALS), 10.0**-DECIMALS)
 
 
-def conifer_shares(scene: Scene, cells: Cells, rasters: dict[str, Any]) -> np.ndarray:
+def conifer_shares(inputs: Inputs, cells: Cells) -> np.ndarray:
     """Fraction of conifers among the stems of cells, 0 to 1."""
-    percent = _at_trees(scene, "conifers", cells, rasters)
-    _check(scene, "conifers", percent, (percent >= 0) & (percent <= 100))
+    percent = _at_trees(inputs, "conifers", cells)
+    _check(inputs, "conifers", percent, (percent >= 0) & (percent <= 100))
     if 0 < percent.max() <= 1:
-        scene.remarks.append(
+        inputs.remarks.append(
             f"&forest conifers: {percent.max():g} % at most: was it meant as a share of one?"
         )
     return percent / 100
 
 
-def _at_trees(scene: Scene, key: str, cells: Cells, rasters: dict[str, Any]) -> np.ndarray:
+def _at_trees(inputs: Inputs, key: str, cells: Cells) -> np.ndarray:
     """Values of a raster at trees, or the uniform value."""
     found = np.empty(cells.row.size)
-    for rows, block in _blocks(scene, key, rasters):
+    for rows, block in _blocks(inputs, key):
         mine = slice(*np.searchsorted(cells.row, [rows.start, rows.stop]))
         found[mine] = block[cells.row[mine] - rows.start, cells.column[mine]]
     return found
 
 
-def _blocks(scene: Scene, key: str, rasters: dict[str, Any]) -> Iterator[tuple[slice, np.ndarray]]:
+def _blocks(inputs: Inputs, key: str) -> Iterator[tuple[slice, np.ndarray]]:
     """Blocks of rows of a raster, or of the uniform value."""
-    uniform = scene.case.forest.get(f"uniform_{key}")
+    uniform = inputs.case.forest.get(f"uniform_{key}")
     if uniform is None:
-        yield from layer_blocks(scene, key, f"values of {key}", np.float32, rasters)
+        yield from inputs.blocks(key, f"values of {key}", np.float32)
         return
-    for rows in row_blocks(scene.grid.shape):
-        yield rows, np.broadcast_to(uniform, (rows.stop - rows.start, scene.grid.nx))
+    for rows in row_blocks(inputs.grid.shape):
+        yield rows, np.broadcast_to(uniform, (rows.stop - rows.start, inputs.grid.nx))
 
 
-def _check(scene: Scene, key: str, values: np.ndarray, good: np.ndarray) -> None:
+def _check(inputs: Inputs, key: str, values: np.ndarray, good: np.ndarray) -> None:
     """Refuse invalid values where trees are to be generated."""
     if good.all():
         return
-    forest, limits = scene.case.forest, {
+    forest, limits = inputs.case.forest, {
         "stems": f"0 to {MAX_DENSITY:,.0f} a hectare", "conifers": "0 to 100 %",
         "dbh_mean": f"> 0 and at most {MAX_DBH:g} cm", "dbh_std": f"0 to {MAX_DBH:g} cm",
     }  # fmt: skip
-    about = scene.case.path(forest[key]) if key in forest else f"{scene.case.name}: &forest {key}"
+    about = inputs.case.path(forest[key]) if key in forest else f"{inputs.case.name}: &forest {key}"
     first = values[~good].flat[0]
     raise RockfallError(f"{about}: {first:g} where trees stand: must be {limits[key]}")

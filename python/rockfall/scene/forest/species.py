@@ -5,14 +5,10 @@ from __future__ import annotations
 
 import importlib.resources
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rockfall.errors import RockfallError
 from rockfall.io.tables import read_table
-from rockfall.scene.layers import file_checksum
-
-if TYPE_CHECKING:
-    from rockfall.scene.scene import Scene
+from rockfall.scene.layers import Inputs, file_checksum
 
 CONIFER, BROADLEAF = "conifer", "broadleaf"  # where only the fraction of conifers is known
 MAX_FACTOR = 100.0
@@ -51,9 +47,9 @@ class Species:
         raise RockfallError(f"{where}: species = {name}: is not in {self.path}; has: {known}")
 
 
-def read_species(scene: Scene) -> Species:
+def read_species(inputs: Inputs) -> Species:
     """Read the species table of a case, or the shipped one."""
-    named = scene.case.forest.get("species_table")
-    path = _SHIPPED if named is None else scene.case.path(named)
-    scene.checksums["species_table"] = file_checksum(path)
+    named = inputs.case.forest.get("species_table")
+    path = _SHIPPED if named is None else inputs.case.path(named)
+    inputs.checksums["species_table"] = file_checksum(path)
     return Species(path)

@@ -93,7 +93,7 @@ def _source_points(scene: Scene) -> Iterator[InputWarning]:
 def _release(scene: Scene) -> Iterator[InputWarning]:
     release = scene.case.release
     drop, speed = release["drop_height"], math.hypot(*release["velocity"])
-    if (values := values_of(scene)) is not None:
+    if (values := values_of(scene.case, scene.features)) is not None:
         drop, speed = values[:, 1].max(), np.linalg.norm(values[:, 2:], axis=1).max()
     if not drop and not speed:
         yield InputWarning(
@@ -114,7 +114,7 @@ def _release(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _densities(scene: Scene) -> Iterator[InputWarning]:
-    told, values = scene.source_boulders, values_of(scene)
+    told, values = scene.source_boulders, values_of(scene.case, scene.features)
     if told is not None and told.density is not None:
         where, densities = "&boulder rock_density", told.density
     else:

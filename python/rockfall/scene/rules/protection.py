@@ -4,11 +4,11 @@ keys."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from rockfall.scene.frequencies import stated_frequency
 from rockfall.scene.scene import InputWarning, Scene
-from rockfall.terrain.dams import FINE, finer
+from rockfall.terrain.dams import FINE, DamShape, finer
 
 NET = 15.0  # [m] nets are up to 10 m high, walls hardly higher
 CAPACITY = 20_000.0  # [kJ] twice the capacity of the strongest tested nets
@@ -23,7 +23,9 @@ FREQUENCY = {"year": 20.0, "source": 1.0, "km2": 10_000.0, "m": 1.0}  # [1/year]
 
 def protection_rules(scene: Scene) -> Iterator[InputWarning]:
     """Warnings about protection, and about the inputs of `hazard` and `ensemble`."""
-    for rule in _barriers, dam_rules, _hazard, _scenarios, _ensemble:
+    yield from _barriers(scene)
+    yield from dam_rules(scene.dams, scene.grid.cell)
+    for rule in _hazard, _scenarios, _ensemble:
         yield from rule(scene)
 
 
@@ -43,16 +45,16 @@ def _barriers(scene: Scene) -> Iterator[InputWarning]:
             )
 
 
-def dam_rules(scene: Scene) -> Iterator[InputWarning]:
+def dam_rules(dams: Iterable[DamShape], cell: float) -> Iterator[InputWarning]:
     """Warnings about dams as rasterised."""
-    for number, one in enumerate(scene.dams, start=1):
+    for number, one in enumerate(dams, start=1):
         asked, _, slope = one.requested
         where = f"&dam {number}, height = {asked:g}, slope = {slope:g}"
         if one.face_cells < FINE:
             yield InputWarning(
                 where,
                 f"its face is {one.face:.2g} m wide, {one.face_cells:.2g} cells of "
-                f"{scene.grid.cell:g} m: on fewer than {FINE:g} cells boulders meet another shape, "
+                f"{cell:g} m: on fewer than {FINE:g} cells boulders meet another shape, "
                 "and more of them may pass; resample the terrain to cells of "
                 f"{finer(one):g} m or less",
             )

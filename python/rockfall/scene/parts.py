@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Rasters and sources of a scene, as they are read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from rockfall.grounds import GroundRule
+from rockfall.io.grid import Grid, row_blocks
+
+
+@dataclass
+class Lowest:
+    """Minimum of a stream of numbers, the number of its occurrences, and the next larger value."""
+
+    value: float = np.inf
+    count: int = 0
+    next: float = np.inf
+
+    def take(self, numbers: np.ndarray) -> None:
+        """Add numbers, ignoring NaN."""
+        value = np.fmin.reduce(numbers, axis=None, initial=np.inf)
+        if not value <= self.next:
+            return
+        above = np.fmin.reduce(numbers, axis=None, initial=np.inf, where=numbers > value)
+        count = int(np.count_nonzero(numbers == value))
+        mine = self.value, self.count, self.next
+        low, high = sorted([mine, (float(value), count, float(above))])
+        self.value, self.count, self.next = low
+        if low[0] == high[0]:
+            self.count += high[1]
+            self.next = min(low[2], high[2])
+        elif high[1]:
+            self.next = min(low[2], high[0])
+
+
+@dataclass
+class Rasters:
+    """Terrain and ground of a scene, or of a window of it: (ny, nx), row 0 the northernmost."""
+
+    grid: Grid  # of the complete terrain
+    z: np.ndarray  # elevations [m], NaN = none; empty where they are read in windows
+    at: tuple[int, int] = (0, 0)  # row and column of the grid at which the rasters begin
+    #: (materials, 1 or 3): R_m, or Rg70, Rg20, Rg10 [m]
+    sizes: np.ndarray = field(default_factory=lambda: np.zeros((1, 1)))
+    zone: np.ndarray | None = None  # int8 or int16: 1-based row of `sizes`
+    values: np.ndarray | None = None  # float32 (1 or 3, ny, nx): sizes of each cell [m]
+    grounds: tuple[GroundRule, ...] = ()  # only if any differs from the impact sets
+    material_ground: np.ndarray | None = None  # int8: 1-based ground of each row of `sizes`, or
+    cell_ground: np.ndarray | None = None  # int8 (ny, nx): of each cell; neither: the first
+
+    def used_zones(self) -> np.ndarray:
+        """Rows of `sizes`, counted from 0, that occur in some cell."""
+        found = np.zeros(len(self.sizes) + 1, bool)
+        assert self.zone is not None
+        for rows in row_blocks(self.zone.shape):
+            found[self.zone[rows]] = True
+        return np.flatnonzero(found[1:])
+
+    def free(self) -> None:
+        """Free the memory of the cells."""
+        self.z, self.zone, self.values = np.empty((0, 0), self.z.dtype), None, None
+        self.cell_ground = None
+
+
+class SourceBoulders(NamedTuple):
+    """Boulder properties given by the sources."""
+
+    volume: np.ndarray  # [m3]
+    inertia: np.ndarray  # I/(m R**2) [-]
+    density: np.ndarray | None = None  # [kg/m3]; None: that of the case
+
+
+class Features(NamedTuple):
+    """Polygons or points of a source layer, and their release attributes."""
+
+    names: list[str]
+    of: np.ndarray  # int32: feature of each source, from 1
+    law: np.ndarray | None = None  # int32: distribution, from 1; 0: case's; None: not given
+    value: np.ndarray | None = None  # (features, 9): `source_attributes.VALUES`, or NaN
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """Places where boulders are released, with their weights and boulders."""
+
+    x: np.ndarray  # of each source [m]
+    y: np.ndarray
+    area: np.ndarray | None = None  # surface over plan area of each, for release by area
+    frequency: np.ndarray | None = None  # weight of each source in boulders_total
+    features: Features | None = None  # of the source layer
+    source_boulders: SourceBoulders | None = None  # where sources define their boulders
+    source_values: Lowest = field(default_factory=Lowest)  # negative values of the source cells
+
+    def select(self, some: np.ndarray) -> Self:
+        """The sources with these numbers, from 0, or those that are marked."""
+        own: list[Any]
+        x, y, area, frequency, *own = (
+            None if one is None else one[some]
+            for one in (self.x, self.y, self.area, self.frequency, *(self.source_boulders or ()))
+        )
+        changes: dict[str, Any] = {"x": x, "y": y, "area": area, "frequency": frequency}
+        if self.features is not None:
+            changes["features"] = self.features._replace(of=self.features.of[some])
+        return replace(self, **changes, source_boulders=SourceBoulders(*own) if own else None)
