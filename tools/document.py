@@ -38,12 +38,13 @@ FORMATS = """
 
 | what | formats |
 | --- | --- |
-| rasters | GeoTIFF, ESRI ASCII, netCDF, VRT, Erdas Imagine, Surfer binary grids |
+| rasters | GeoTIFF, ESRI ASCII, netCDF-4, Erdas Imagine, Surfer binary grids |
 | polygons, points | GeoPackage, GeoJSON, shapefile, FlatGeobuf |
 
 The content of a file tells its format, not its name. Others are refused, those among them whose
 headers are text that GDAL reads loosely (EHdr, SAGA, ENVI): make a GeoTIFF of them with
-`rio convert` or `gdal_translate`. One band, square cells, north up or south up.
+`rio convert` or `gdal_translate`, as of a VRT; of classic netCDF make netCDF-4 with `nccopy`. One
+band, square cells, north up or south up.
 
 - **Units** are metres. A unit that is missing is taken as metre; any other is refused: of the axes
   of a coordinate reference system and of its heights, of the band, of netCDF variables and their
@@ -56,8 +57,6 @@ headers are text that GDAL reads loosely (EHdr, SAGA, ENVI): make a GeoTIFF of t
   `valid_range` tell which stored numbers are data; `_Unsigned`, `scale_factor` and `add_offset`
   what they mean, in double precision. They must be of the type of the variable, and not contradict
   each other.
-- **VRT**: GeoTIFFs beside each other, in the folder of the VRT or below, as `gdalbuildvrt` writes
-  them. No raw bands, functions, mosaics of mosaics, addresses.
 - **Layers**: one in the file. A GeoPackage must hold stored tables only, no views. A GeoJSON has
   its CRS by name (`EPSG:32632`), or none.
 - No file leads to another place: nothing is asked of the network, and what lies beside a raster or

@@ -170,9 +170,8 @@ def _spoil_header(
 
 def netcdf_attributes(random: np.random.Generator, folder: Path) -> Made:
     """Marks, ranges, packing and units in any combination that means something, or one fault."""
-    path, classic = folder / "dem.nc", random.random() < 0.3
-    kinds = "i1 i2 i4 f4 f8".split() if classic else "i1 u1 i2 u2 i4 u4 f4 f8".split()
-    stored = np.dtype(pick(random, kinds))
+    path = folder / "dem.nc"
+    stored = np.dtype(pick(random, "i1 u1 i2 u2 i4 u4 f4 f8".split()))
     z = elevations(random)
     limit = 120 if stored.itemsize == 1 else 30_000
     raw = random.integers(1 if stored.kind == "u" else -limit, limit, z.shape).astype(stored)
@@ -212,7 +211,7 @@ def netcdf_attributes(random: np.random.Generator, folder: Path) -> Made:
     rising = random.random() < 0.5
     turn = slice(None, None, -1) if rising else slice(None)
     axes = {"x": (x, units[0]), "y": (y[turn], units[1])}
-    with netCDF4.Dataset(path, "w", format="NETCDF3_CLASSIC" if classic else "NETCDF4") as file:
+    with netCDF4.Dataset(path, "w", format="NETCDF4") as file:
         for name, (centres, unit) in axes.items():
             file.createDimension(name, centres.size)
             axis = file.createVariable(name, "f8", (name,))
@@ -220,7 +219,7 @@ def netcdf_attributes(random: np.random.Generator, folder: Path) -> Made:
             axis[:] = centres
             if unit is not None:
                 axis.units = unit
-        chunks = None if classic or random.random() < 0.5 else (2, 2)
+        chunks = None if random.random() < 0.5 else (2, 2)
         data = file.createVariable("z", stored, ("y", "x"), fill_value=fill, chunksizes=chunks)
         data.set_auto_maskandscale(False)
         data[:] = raw[turn]
@@ -314,7 +313,7 @@ def _typed(value: Any, stored: np.dtype) -> Any:
 
 
 def geotiff_structure(random: np.random.Generator, folder: Path) -> Made:
-    """Types, tiles, marks, packing, companions, mosaics; or what leads elsewhere."""
+    """Types, tiles, marks, packing, companions; or what leads elsewhere."""
     z, path = elevations(random), folder / "dem.tif"
     stored = np.dtype(pick(random, ("u1", "i2", "u2", "i4", "u4", "f4", "f8")))
     raw = z.astype(stored) if stored.kind == "f" else (np.abs(z) % 250).astype(stored)
@@ -388,12 +387,7 @@ def geotiff_structure(random: np.random.Generator, folder: Path) -> Made:
         os.mkfifo(folder / pick(random, companions))
     values = raw.astype("f8") * scale + offset if (scale, offset) != (1.0, 0.0) else raw
     values = np.where(valid, values.astype("f8"), np.nan)[:: -1 if up else 1]
-    if not fault and random.random() < 0.3:
-        path, fault = _mosaic(random, folder, raw, cell, profile, up, scale, offset, unit)
-        if not fault and (up or "nodata" not in profile):
-            values = np.where(valid if "nodata" in profile else True, values, np.nan)
-            return Made(path, "mosaic of another kind", want=..., how=_any)
-    elif not fault and random.random() < 0.1:
+    if not fault and random.random() < 0.1:
         path, fault = _elsewhere(random, folder)
     if fault or np.isnan(values).all():
         return Made(path, fault or "nothing")
@@ -407,92 +401,6 @@ def _about_bands(file: DatasetWriter, scale: float, offset: float, unit: str | N
         file.units = [unit] * file.count
 
 
-def _any(path: Path) -> Any:
-    """A file that may be accepted: only what else it raises is wrong."""
-    read_dem(path)
-    return ...
-
-
-MOSAIC = """<VRTDataset rasterXSize="{nx}" rasterYSize="{ny}">{head}
-<SRS>EPSG:32632</SRS><GeoTransform>{place}</GeoTransform>
-<VRTRasterBand dataType="{kind}" band="1"{more}>{nodata}
-<SimpleSource>{inside}<SourceFilename relativeToVRT="{relative}">{tile}</SourceFilename>
-<SourceBand>1</SourceBand><SrcRect xOff="0" yOff="0" xSize="{nx}" ySize="{ny}"/>
-<DstRect xOff="{x0}" yOff="0" xSize="{nx}" ySize="{ny}"/></SimpleSource></VRTRasterBand>
-</VRTDataset>"""
-KINDS = {"u1": "Byte", "i2": "Int16", "u2": "UInt16", "i4": "Int32", "u4": "UInt32",
-         "f4": "Float32", "f8": "Float64"}  # fmt: skip
-
-
-def _mosaic(
-    random: np.random.Generator, folder: Path, raw: np.ndarray, cell: float, profile: dict,
-    up: bool, scale: float, offset: float, unit: str | None,
-) -> tuple[Path, str]:  # fmt: skip
-    """A VRT of one tile, which is dem.tif."""
-    path = folder / "mosaic.vrt"
-    nodata = profile.get("nodata")
-    parts = {
-        "nx": raw.shape[1], "ny": raw.shape[0], "place": f"600000, {cell}, 0, 5000000, 0, -{cell}",
-        "kind": KINDS[raw.dtype.str[1:]], "tile": "dem.tif", "relative": 1, "x0": 0, "head": "",
-        "more": "", "inside": "",
-        "nodata": "" if nodata is None else f"<NoDataValue>{nodata!r}</NoDataValue>",
-    }  # fmt: skip
-    if (scale, offset) != (1.0, 0.0):
-        parts["nodata"] += f"<Offset>{offset}</Offset><Scale>{scale}</Scale>"
-    fault = ""
-    if random.random() < 0.6:
-        fault = pick(random, (
-            "raw", "function", "address", "outside", "nested", "doctype", "number", "attribute",
-            "child", "pipe", "missing", "text", "warped",
-        ))  # fmt: skip
-    text = MOSAIC
-    if fault == "raw":
-        parts["more"] = ' subClass="VRTRawRasterBand"'
-    elif fault == "function":
-        parts["more"] = ' subClass="VRTDerivedRasterBand"'
-        parts["nodata"] += "<PixelFunctionType>sqrt</PixelFunctionType>"
-    elif fault == "address":
-        parts |= {"relative": 0, "tile": pick(random, (
-            "/vsicurl/http://127.0.0.1:9/a.tif", "http://127.0.0.1:9/a.tif", "WMS:http://127.0.0.1:9",
-            "/vsimem/a.tif", "GTIFF_DIR:1:dem.tif", "/vsizip/dem.tif",
-        ))}  # fmt: skip
-    elif fault == "outside":
-        shutil.copy(folder / "dem.tif", folder.parent / "outside.tif")
-        if random.random() < 0.5:
-            (folder / "link.tif").symlink_to("../outside.tif")
-            parts["tile"] = "link.tif"
-        else:
-            parts["tile"] = pick(random, ("../outside.tif", str(folder.parent / "outside.tif")))
-    elif fault == "nested":
-        (folder / "dem.tif").rename(folder / "a.tif")
-        (folder / "dem.tif").write_text(MOSAIC.format(**parts | {"tile": "a.tif"}))
-    elif fault == "doctype":
-        text = '<!DOCTYPE a [<!ENTITY b "c">]>' + text
-    elif fault == "number":
-        key = pick(random, ("nx", "x0", "place", "nodata"))
-        word = pick(random, [word for word in WORDS if word not in ("inf", "-Infinity")])
-        parts[key] = word if key != "place" else f"{word}, 5, 0, 0, 0, -5"
-        if key == "nodata":
-            parts[key] = f"<NoDataValue>{word}</NoDataValue>"
-    elif fault == "attribute":
-        parts["more"] = pick(random, (' subclass="VRTRawRasterBand"', ' ImageOffset="0"'))
-    elif fault == "child":
-        tag = pick(random, ("subClass", "SourceFilename2", "PixelOffset", "OpenOptions", "LUT",
-                            "ScaleRatio", "KernelFilteredSource"))  # fmt: skip
-        parts[pick(random, ("head", "nodata", "inside"))] = f"<{tag}>1</{tag}>"
-    elif fault == "pipe":
-        (folder / "dem.tif").unlink()
-        os.mkfifo(folder / "dem.tif")
-    elif fault == "missing":
-        parts["tile"] = "none.tif"
-    elif fault == "text":
-        (folder / "dem.tif").write_text("ncols 1\nnrows 1\nxllcorner 0\nyllcorner 0\ncellsize 1\n1")
-    elif fault == "warped":
-        text = text.replace("<VRTDataset ", '<VRTDataset subClass="VRTWarpedDataset" ')
-    path.write_text(text.format(**parts))
-    return path, f"mosaic: {fault}" if fault else ""
-
-
 def _elsewhere(random: np.random.Generator, folder: Path) -> tuple[Path, str]:
     """Files that GDAL would open, and we do not."""
     path = folder / pick(random, ("dem.tif", "dem.asc", "dem.vrt", "dem.nc", "dem.bil"))
@@ -503,6 +411,7 @@ def _elsewhere(random: np.random.Generator, folder: Path) -> tuple[Path, str]:
         "service of coverages": "<WCS_GDAL><ServiceURL>http://127.0.0.1:9</ServiceURL></WCS_GDAL>",
         "index": "<GDALTileIndexDataset><IndexDataset>a.gpkg</IndexDataset></GDALTileIndexDataset>",
         "raw": "0123456789abcdef",
+        "mosaic": "<VRTDataset rasterXSize='1' rasterYSize='1'></VRTDataset>",
         "surfer text": "DSAA\n2 2\n0 1\n0 1\n0 1\n1 2\n3 4\n",
     }
     name = pick(random, list(texts))

@@ -108,7 +108,6 @@ def _inputs() -> tuple[Input, ...]:
         read("ASCII grid", "size.nml", "rm.asc", mutators.GRID),
         *[read("GeoTIFF", "tif.nml", f"{name}.tif", mutators.TIFF) for name in RASTERS],
         *[read("netCDF grid", "nc.nml", "dem.nc", mutators.RESULT)] * 3,
-        *[read("netCDF grid", "nc3.nml", "dem3.nc", mutators.HDF5)] * 2,
         *[read("zone table", zones, "zones.csv", mutators.TABLE)] * 3,
         read("polygons", "json.nml", "zones.geojson", mutators.JSON),
         read("polygons", "json.nml", "source.geojson", mutators.JSON),
@@ -160,7 +159,6 @@ def make_rasters(files: Path) -> None:
     coords = {name: (name, at, {"axis": name.upper()}) for name, at in axes.items()}
     dem = xr.DataArray(z, coords, ("y", "x"), "z")
     dem.to_netcdf(files / "dem.nc", encoding={"z": {"zlib": True}})
-    dem.to_netcdf(files / "dem3.nc", format="NETCDF3_64BIT", engine="netcdf4")
     _make_polygons(files)
 
 
@@ -191,13 +189,12 @@ def make_cases(files: Path) -> None:
     kinds = {  # ending of the DEM, surface, release
         "asc": ("asc", zones, cells), "tif": ("tif", zones, cells),
         "nc": ("nc", "uniform_mean_radius = 0.3", places),
-        "nc3": ("nc", "uniform_mean_radius = 0.3", places),
         "size": ("asc", "mean_radius = 'rm.{0}'", places + ", velocity = 1.0, 0.0, -2.0"),
         "json": ("geojson", zones, "polygons = 'source.{0}', drop_height = 3.0"),
         "gpkg": ("gpkg", zones, places),
     }  # fmt: skip
     for name, (ending, surface, release) in kinds.items():
-        dem = {"nc3": "dem3.nc", "json": "dem.asc", "gpkg": "dem.asc"}.get(name, f"dem.{ending}")
+        dem = {"json": "dem.asc", "gpkg": "dem.asc"}.get(name, f"dem.{ending}")
         (files / f"{name}.nml").write_text(f"""&case title = 'made "rough"', boulders = 20 /
 &terrain dem = '{dem}' /
 &surface {surface.format(ending)} /

@@ -78,7 +78,6 @@ ARGUMENTS = {
     ("none.nml",): "none.nml: no such file",
     (CASE, CASE): f"{CASE}: there is a case file already, {CASE}; see rockfall-batch --help",
     (CASE, "--bolders=3"): "--bolders=3: unknown option; see rockfall-batch --help",
-    (CASE, "boulders=3"): "boulders=3: is written --boulders 3 now; see rockfall-batch --help",
     (CASE, "--boulders"): "--boulders: a value is missing; see rockfall-batch --help",
     (CASE, "--boulders", "many"): "--boulders many: must be an integer",
     (CASE, "--seed", "1 / &case"): "--seed 1 / &case: must be an integer",

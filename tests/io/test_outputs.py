@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
-import rasterio.shutil
 from matplotlib.figure import Figure
 
 import rockfall
@@ -128,7 +127,7 @@ def test_a_case_that_is_called_like_its_dem_keeps_it(place, capsys):
 
 
 def test_every_file_behind_a_case_is_known(place, capsys):
-    """A mosaic with a mask and notes beside its tile, an ESRI ASCII grid, a shapefile."""
+    """A GeoTIFF with a mask and notes beside it, an ESRI ASCII grid, a shapefile."""
     pyogrio = pytest.importorskip("pyogrio")
     shapely = pytest.importorskip("shapely")
     with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=False):
@@ -136,7 +135,6 @@ def test_every_file_behind_a_case_is_known(place, capsys):
             file.nodata = None
             file.write_mask(np.full(file.shape, 255, "u1"))
     Path("dem.tif.aux.xml").write_text("<PAMDataset><Metadata/></PAMDataset>")
-    rasterio.shutil.copy("dem.tif", "dem.vrt", driver="VRT")
     write_ascii(
         "zones.asc", zones(), grid(slope(), west=PLACE.c, south=PLACE.f - 5.0 * len(slope()))
     )
@@ -147,11 +145,11 @@ def test_every_file_behind_a_case_is_known(place, capsys):
         geometry_type="Polygon", crs=UTM, driver="ESRI Shapefile",
     )  # fmt: skip
     shutil.copy("sets.nml", "harder.nml")
-    text = CASE.replace("dem.tif", "dem.vrt").replace("zones.tif", "zones.asc")
+    text = CASE.replace("zones.tif", "zones.asc")
     text = text.replace("x = 600060.0, y = 4999980.0", "polygons = 'sources.shp'")
     Path("all.nml").write_text(text + "&ensemble sets = 'sets.nml', 'harder.nml' /\n")
     names = [
-        "all.nml", "dem.vrt", "dem.tif", "dem.tif.msk", "dem.tif.aux.xml", "zones.asc",
+        "all.nml", "dem.tif", "dem.tif.msk", "dem.tif.aux.xml", "zones.asc",
         "zones.prj", "zones.csv", "sets.nml", "harder.nml", "sources.shp", "sources.shx",
         "sources.dbf", "sources.prj", "sources.cpg",
     ]  # fmt: skip

@@ -4,7 +4,7 @@ module rockfall_decimal
    use rockfall_kinds, only: wp, i8
    implicit none
    private
-   public :: parse_real, parse_integer, decimal_ok, decimal_malformed, decimal_overflow
+   public :: parse_real, parse_integer, decimal_ok, decimal_malformed
 
    integer, parameter :: decimal_ok = 0         !! the number was read
    integer, parameter :: decimal_malformed = 1  !! not a decimal number (Inf and NaN are not accepted)

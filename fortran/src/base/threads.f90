@@ -7,7 +7,7 @@ module rockfall_threads
    use rockfall_text, only: integer_text
    implicit none
    private
-   public :: team_size, check_team, release_team, max_threads
+   public :: team_size, check_team, release_team
 
    integer, parameter :: max_threads = 1024  !! far above the cores of any machine: a larger number is a mistake
    integer(c_int64_t), parameter :: kilobyte = 1024

@@ -80,11 +80,7 @@ contains
       equals = index(word//"=", "=")
       name = word(:equals - 1)
       if (name == "-o") name = "--output"
-      if (any(["resume", "quiet "] == name)) then
-         call fail(error, excerpt(word)//": is written --"//name//" now"//see_help)
-      else if (any(names == name)) then
-         call fail(error, excerpt(word)//": is written --"//name//" "//excerpt(word(equals + 1:))//" now"//see_help)
-      else if (name(:min(1, len(name))) /= "-" .and. arguments%case == "") then
+      if (name(:min(1, len(name))) /= "-" .and. arguments%case == "") then
          arguments%case = word
       else if (name(:min(1, len(name))) /= "-") then
          call fail(error, excerpt(word)//": there is a case file already, "//arguments%case//see_help)

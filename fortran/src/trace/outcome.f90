@@ -7,8 +7,7 @@ module rockfall_outcome
    use rockfall_impact, only: rebound_t
    implicit none
    private
-   public :: boulder_result_t, energy_balance_t, at_rest, departure_status, add_flight, count_outcome, &
-             close_energy_balance
+   public :: boulder_result_t, at_rest, departure_status, add_flight, count_outcome, close_energy_balance
    public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier, left_window
 
    !> Status codes, in the order of the table of rockfall_variables; 0 while a boulder moves.

@@ -2,20 +2,21 @@
 """Atomic writing of files: they appear under their name only when complete."""
 
 import os
+import shlex
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from rockfall.errors import RockfallError
-from rockfall.io.classic_header import overstates
 from rockfall.limits import MAX_TEXT
 
 TEMPORARY = ".rockfall-"  # prefix of temporary folders
-#: First bytes of netCDF files, GeoTIFFs and GeoPackages.
-NETCDF = (b"CDF\1", b"CDF\2", b"CDF\5", b"\x89HDF\r\n\x1a\n")
+START = 1024  # bytes by which GDAL identifies a format too
+#: First bytes of netCDF files, of the classic ones among them, and of GeoTIFFs.
+CLASSIC = (b"CDF\1", b"CDF\2", b"CDF\5")
+NETCDF = (*CLASSIC, b"\x89HDF\r\n\x1a\n")
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-SQLITE = b"SQLite format 3\0"
 
 
 def check_regular(path: str | Path) -> None:
@@ -25,13 +26,22 @@ def check_regular(path: str | Path) -> None:
 
 
 def check_netcdf(path: str | Path) -> None:
-    """Refuse files that are not regular, and classic netCDF headers that claim more than the file
-    holds: libraries allocate that memory, and abort the process if there is not enough."""
+    """Refuse files that are not regular, and classic netCDF: if its header claims more than the
+    file holds, the library allocates that memory, and aborts the process if there is too little."""
     check_regular(path)
-    if os.path.isfile(path) and overstates(path):
-        raise RockfallError(
-            f"{path}: cannot be read as netCDF: its header claims more than the file holds"
-        )
+    if os.path.isfile(path) and start_of(path).startswith(CLASSIC):
+        new = Path(path).with_name(f"{Path(path).stem}_nc4.nc")
+        command = shlex.join(["nccopy", "-k", "nc4", str(path), str(new)])
+        raise RockfallError(f"{path}: is classic netCDF; make netCDF-4 of it: {command}")
+
+
+def start_of(path: str | Path) -> bytes:
+    """First bytes of a file."""
+    try:
+        with open(path, "rb") as file:
+            return file.read(START)
+    except OSError as error:
+        raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error
 
 
 def check_text_file(path: str | Path) -> None:

@@ -23,8 +23,8 @@ import numpy as np
 
 from rockfall.errors import RockfallError, need
 from rockfall.io.crs import crs_name, same_crs, transformation
-from rockfall.io.files import SQLITE, check_text_file
-from rockfall.io.gdal_files import plain_file, start_of
+from rockfall.io.files import check_text_file, start_of
+from rockfall.io.gdal_files import plain_file
 from rockfall.io.grid import NO_ID, Grid
 
 if TYPE_CHECKING:
@@ -361,7 +361,7 @@ def _plain_layer(path: str) -> str | bytes:
     name, start = plain_file(path), start_of(path)
     if start.startswith(_SHAPES):
         return name
-    if start.startswith(SQLITE):
+    if start.startswith(b"SQLite format 3\0"):
         _check_geopackage(path, start)
         return name
     if start.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):

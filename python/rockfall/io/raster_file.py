@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
@@ -17,17 +17,15 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import elevation_dtype
 from rockfall.io.ascii_grid import AsciiCells, is_ascii, open_ascii
-from rockfall.io.files import NETCDF, TIFF
+from rockfall.io.files import NETCDF, TIFF, start_of
 from rockfall.io.gdal_files import (
     BINARY,
     IMAGINE,
     check_imagine,
     check_nodata,
+    check_vrt,
     companions,
-    is_vrt,
     plain_file,
-    plain_vrt,
-    start_of,
 )
 from rockfall.io.grid import Box, Grid, Transform, flaw_of, row_blocks
 from rockfall.io.netcdf_grid import cells_of, open_netcdf
@@ -192,17 +190,11 @@ def open_raster(path: str | Path) -> Iterator[RasterFile]:
 
 
 def raster_files(path: str | Path) -> set[str]:
-    """All files that a raster is read from: itself, companion files, the tiles of a mosaic. A file
-    that cannot be opened is returned alone; its reader reports the error."""
-    found, waiting = set(), {raster_file(str(path))}
-    while waiting:
-        found.add(file := waiting.pop())
-        try:
-            with ExitStack() as stack:
-                files = _opened(file, stack).source.files  # including companion files of tiles
-                waiting |= set(filter(os.path.exists, files)) - found
-        except _faults(RockfallError):
-            pass
+    """All files that a raster is read from: itself and companion files. A file that cannot be
+    opened is returned alone; its reader reports the error."""
+    found = {raster_file(str(path))}
+    with suppress(*_faults(RockfallError)), ExitStack() as stack:
+        found |= set(filter(os.path.exists, _opened(str(path), stack).source.files))
     return found
 
 
@@ -241,10 +233,8 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
         check_nodata(file)
     if start.startswith(IMAGINE):
         check_imagine(file)
-    if is_vrt(start):
-        source = _dataset(path, plain_vrt(file), ("VRT",), stack)
-    else:
-        source = _dataset(path, name, BINARY, stack)
+    check_vrt(file, start)
+    source = _dataset(path, name, BINARY, stack)
     return _raster(path, source, GdalCells(source))
 
 

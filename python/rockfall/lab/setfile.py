@@ -58,14 +58,9 @@ def origin(path: str | Path) -> tuple[LabCase, str]:
     """Laboratory case from which a set file was made, and the state that its sets use."""
     lines = read_text(path).splitlines()
     text = [line[len(CASE_MARK) :] for line in lines if line.startswith(CASE_MARK)]
-    if not text:
-        raise RockfallError(f"{path}: does not say what laboratory case it was made from")
     state = [line[len(STATE_MARK) :] for line in lines if line.startswith(STATE_MARK)]
-    if not state:
-        raise RockfallError(
-            f"{path}: was made by the laboratory in the plane of rockfall 0.1.0, which can make it "
-            "again; that of this version is in space"
-        )
+    if not (text and state):
+        raise RockfallError(f"{path}: does not say what laboratory case it was made from")
     return lab_case_of("\n".join(text), str(path)), state[0]
 
 
