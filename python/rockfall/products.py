@@ -12,11 +12,11 @@ from rockfall.analysis.models import read_models
 from rockfall.analysis.observations import Observed, read_observed
 from rockfall.case_files import files_behind
 from rockfall.html_report.inputs import Parties
-from rockfall.html_report.language import catalogue
 from rockfall.html_report.page import check_page, write_report
 from rockfall.html_report.spread import check_models
 from rockfall.html_report.terrain_view import check_view
 from rockfall.io.raster_file import raster_files
+from rockfall.language import catalogue
 from rockfall.plots.cartography.basemap import read_basemap
 from rockfall.plots.extent import reached
 from rockfall.plots.figures import figures as figures_of

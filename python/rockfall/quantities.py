@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from rockfall.language import Number
 from rockfall.result.variables import HISTOGRAM, LINE
 
 #: Units in which results are shown if different, and the factors to them.
@@ -88,19 +89,19 @@ def with_unit(label: str, unit: str) -> str:
     return f"{label} [{unit}]" if unit else label
 
 
-def number(value: float, digits: int = 3, *, up: bool = False) -> str:
+def number(value: float, digits: int = 3, *, up: bool = False) -> Number:
     """Format a number with `digits` significant digits, thousands separators and no exponent; "-"
     if unknown. `up` never shows less than the value, for required minima."""
     value = float(value)
     if not math.isfinite(value):
-        return "-"
+        return Number("-")
     if not value:
-        return "0"
+        return Number("0")
     beyond = digits - 1 - math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
     beyond, near = min(beyond, 6), round(value, min(beyond, 6))
     if up and near < value * (1 - 1e-12):
         near = round(near + 10.0**-beyond, beyond)
-    return f"{near:,.{max(0, beyond)}f}"
+    return Number(f"{near:,.{max(0, beyond)}f}")
 
 
 #: Text in place of an interval, if there are too few boulders for a valid one.
@@ -118,12 +119,12 @@ def count(number: int, one: str, many: str | None = None) -> str:
     return f"{number:,} {one if number == 1 else many or one + 's'}"
 
 
-def percent(fraction: float) -> str:
+def percent(fraction: float) -> Number:
     """Fraction as a percentage, never rounded to 0 or 100 %."""
     shown = f"{100 * fraction:.1f}"
     if 0 < fraction < 1 and shown in ("0.0", "100.0"):
-        return "< 0.1 %" if fraction < 0.5 else "> 99.9 %"
-    return f"{shown.removesuffix('.0')} %" if fraction in (0, 1) else f"{shown} %"
+        return Number("< 0.1 %" if fraction < 0.5 else "> 99.9 %")
+    return Number(f"{shown.removesuffix('.0')} %" if fraction in (0, 1) else f"{shown} %")
 
 
 def part_of(part: int, whole: int, one: str) -> str:

@@ -33,8 +33,8 @@ from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.html_report import page as html_page
 from rockfall.html_report.intervals import in_unit
-from rockfall.html_report.language import Speaker
 from rockfall.html_report.page import Picture
+from rockfall.html_report.sentences import Speaker
 from rockfall.limits import Z
 from rockfall.plots.figures import figures
 from rockfall.scene.read import read_scene
@@ -445,7 +445,7 @@ def test_an_index_above_its_total_is_remarked(small, monkeypatch):
 @pytest.mark.parametrize("language", ["de", "fr", "it"])
 def test_no_title_of_an_ensemble_stays_english(small, monkeypatch, language):
     missing = []
-    where = "rockfall.html_report.language.log.warning"
+    where = "rockfall.html_report.sentences.log.warning"
     monkeypatch.setattr(where, lambda *of: missing.append(of[-1]))
     changed = small.copy(deep=True)
     changed["first_order"][...], changed["total"][...] = 0.4, 0.2

@@ -15,8 +15,8 @@ from scenes import grid, make_case, rough, sets
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
 from rockfall.html_report.front import WARNING_LINES  # noqa: E402
 from rockfall.html_report.inputs import Parties  # noqa: E402
-from rockfall.html_report.language import LANGUAGES, catalogue  # noqa: E402
 from rockfall.html_report.page import report  # noqa: E402
+from rockfall.language import LANGUAGES, say, speaking  # noqa: E402
 
 NAMES = ["road", "track to the upper alp", "net", "railway", "school", "campsite by the river"]
 LINES = [
@@ -124,7 +124,8 @@ def test_a_browser_prints_the_signature_on_page_1_of_a4(pages, tmp_path, languag
     options += [f"--user-data-dir={tmp_path / 'profile'}", "--print-to-pdf=page.pdf"]
     printed([chromium, *options, (pages / f"{language}.html").as_uri()], tmp_path)
     first, *others = printed(["pdftotext", "-layout", "page.pdf", "-"], tmp_path).split("\f")
-    word = catalogue(language)["Place and date"]
+    with speaking(language):
+        word = say("page.place_and_date")
     assert word in first and not any(word in one for one in others)
     assert "A4" in printed(["pdfinfo", "page.pdf"], tmp_path)
 

@@ -12,8 +12,8 @@ import rockfall
 from made import make_raster, refused
 from programs import run_program
 from rockfall.cli import main
-from rockfall.html_report.language import Speaker
 from rockfall.html_report.page import report
+from rockfall.html_report.sentences import Speaker
 from rockfall.html_report.tables import dam_tables
 from rockfall.protection.dams import dams_of
 from rockfall.scene.plausible import implausible

@@ -20,7 +20,7 @@ import scenes
 from made import PLACE, UTM, make_raster, refused
 from programs import refuses
 from rockfall.cli import main
-from rockfall.html_report.language import Speaker
+from rockfall.html_report.sentences import Speaker
 from rockfall.io.raster import read_dem
 from rockfall.scene.plausible import implausible, input_warnings
 from rockfall.scene.read import read_scene

@@ -10,6 +10,7 @@ from rockfall.analysis.ensemble.study import RESULTS, is_ensemble
 from rockfall.html_report.intervals import STATISTICS, in_unit, interval
 from rockfall.html_report.summary import HEADLINE, run_out
 from rockfall.html_report.tables import Table
+from rockfall.language import say
 from rockfall.quantities import QUANTITIES, with_unit
 from rockfall.text.ensemble import (
     INDICES,
@@ -32,16 +33,27 @@ def range_answers(result: xr.Dataset) -> list[str]:
     """A sentence for each line: range of the draws, then value of the unchanged case."""
     found = []
     for line in map(str, result["line"].values) if "line" in result else ():
-        ranges, cases = zip(*_headline_numbers(result, line), strict=True)
-        fraction, energy, height, _ = ranges
-        text = f"{line}: {fraction} % of the boulders pass in 90 % of the draws"
-        if "-" not in (fraction, energy, height):
-            text += (
-                f"; of these one in 20 has more than {energy} kJ, and one in 20 is higher than "
-                f"{height} m above the ground; the case as it is has {cases[0]} %, {cases[1]} kJ "
-                f"and {cases[2]} m"
+        (low, high, fraction), (e_low, e_high, energy), (h_low, h_high, height), _ = (
+            _headline_numbers(result, line)
+        )
+        if "-" in (low, high, e_low, e_high, h_low, h_high):
+            found.append(say("ensemble.line_fraction", line=line, low=low, high=high))
+        else:
+            found.append(
+                say(
+                    "ensemble.line_values",
+                    line=line,
+                    low=low,
+                    high=high,
+                    e_low=e_low,
+                    e_high=e_high,
+                    h_low=h_low,
+                    h_high=h_high,
+                    fraction=fraction,
+                    energy=energy,
+                    height=height,
+                )
             )
-        found.append(f"{text}.")
     return [*found, *run_out(result)]
 
 
@@ -49,25 +61,22 @@ def range_headline(result: xr.Dataset) -> Table:
     """Ranges of the draws at the lines, with the unchanged case in brackets."""
     rows = []
     for line in map(str, result["line"].values):
-        cells = (f"{of}\n({case})" for of, case in _headline_numbers(result, line))
+        cells = (
+            f"{'-' if '-' in (low, high) else f'{low} to {high}'}\n({case})"
+            for low, high, case in _headline_numbers(result, line)
+        )
         rows.append((line, *cells))
-    caption = (
-        "Boulders at the lines and barriers: 90 % of the draws of the uncertain inputs; in "
-        "brackets the case as it is"
-    )
-    return Table(caption, ("line or barrier", *HEADLINE), rows)
+    caption = say("ensemble.headline_caption")
+    return Table(caption, (say("label.line_or_barrier"), *map(say, HEADLINE)), rows)
 
 
-def _headline_numbers(result: xr.Dataset, line: str) -> Iterator[tuple[str, str]]:
-    """Range of the draws and value of the unchanged case for each column of the headline; "-" if
-    too few boulders pass in some draw."""
+def _headline_numbers(result: xr.Dataset, line: str) -> Iterator[list[str]]:
+    """Ends of the range of the draws, and value of the unchanged case, for each column of the
+    headline; "-" if too few boulders pass in some draw."""
     for quantity, number in HEADLINE.values():
         name = "fraction" if quantity == "fraction" else f"{quantity}.{number}"
         one = result.sel(line=line, result=name)
-        low, high, case = (
-            in_unit(one[key].item(), quantity) for key in ("q05", "q95", "case_value")
-        )
-        yield ("-" if "-" in (low, high) else f"{low} to {high}"), case
+        yield [in_unit(one[key].item(), quantity) for key in ("q05", "q95", "case_value")]
 
 
 def range_tables(result: xr.Dataset, rows: Rows) -> list[Table]:
@@ -78,9 +87,10 @@ def range_tables(result: xr.Dataset, rows: Rows) -> list[Table]:
     found = []
     for line, numbers in rows.items():
         at = result.sel(line=line)
-        head = ("", "the case as it is", "Monte Carlo, 95 % interval",
-                "uncertain inputs, 90 % of the draws", "standard deviations: Monte Carlo",
-                "epistemic")  # fmt: skip
+        head = ("", say("ensemble.the_case_as_it_is"), say("ensemble.monte_carlo_interval"),
+                say("ensemble.uncertain_inputs_of_the_draws"),
+                say("ensemble.standard_deviations_monte_carlo"),
+                say("ensemble.epistemic"))  # fmt: skip
         shown = []
         for name, (quantity, number) in RESULTS.items():
             about = "fraction" if number == "fraction" else quantity
@@ -91,15 +101,17 @@ def range_tables(result: xr.Dataset, rows: Rows) -> list[Table]:
             )
             limits = interval(numbers[quantity], number, about)
             shown.append((_label(name), value, limits, f"({low} to {high})", chance, epistemic))
-        caption = f"{line}: what more boulders would make certain, and what they would not"
+        caption = say("ensemble.both_uncertainties", line=line)
         found += [Table(caption, head, shown), *_indices(at, line)]
     return found
 
 
 def _indices(at: xr.Dataset, line: str) -> Iterator[Table]:
-    for kind, label in INDICES.items():
+    for kind, caption in (
+        ("first_order", say("ensemble.first_order_caption", line=line)),
+        ("total", say("ensemble.total_caption", line=line)),
+    ):
         rows = [(name, *indices_of(at.sel(input=name), kind)) for name in sorted_inputs(at)]
-        caption = f"{line}: fraction of the epistemic variance {label} [%], with 95 % intervals"
         yield Table(caption, ("", *map(_label, RESULTS)), rows)
 
 
@@ -117,9 +129,11 @@ def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
     if not tables:
         return []
     words = [
-        f"The inputs that the case calls uncertain were drawn {result.sizes['run']:,} times: "
-        f"{'; '.join(result['input'].values)}. The range of these draws is the epistemic "
-        "uncertainty: more boulders do not make it smaller, better knowledge of the slope does.",
+        say(
+            "ensemble.draws",
+            run=result.sizes["run"],
+            join="; ".join(result["input"].values),
+        ),
         *(f"{one}." for one in orders_reversed(result)),
     ]
     undecided = any(UNDECIDED in str(cell) for one in tables for row in one.rows for cell in row)

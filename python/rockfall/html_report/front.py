@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from rockfall.html_report.tables import Table
+from rockfall.language import say
 from rockfall.plots.cartography.sheet import Room
 from rockfall.plots.extent import passed_map, reached
 from rockfall.plots.hazard_figures import zones_figure
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
     from rockfall.html_report.inputs import Parties
     from rockfall.html_report.intervals import Rows
-    from rockfall.html_report.language import Speaker
+    from rockfall.html_report.sentences import Speaker
     from rockfall.plots.map_figures import Look
     from rockfall.result.trajectories import Terrain
 
@@ -67,11 +68,11 @@ def front_of(
     parties: Parties,
     texts: dict[str, Sequence[str]],
     tables: Sequence[Table],
-    say: Speaker,
+    translate: Speaker,
 ) -> Front:
     """Page 1 from these texts (title, question, warnings, answers, certainty) and tables, fitted to
     their length in the language of the page."""
-    fit = _fitter(say)
+    fit = _fitter(translate)
     west, east, south, north = reached(result)
     beside = (north - south) > UPRIGHT * (east - west)
     warnings, more_warnings = fit(texts["warnings"], "warning", WARNING_LINES)
@@ -85,10 +86,10 @@ def front_of(
         "title": min(
             2, -(-len(texts["title"]) // CHARACTERS["title"])
         ),  # of the user: not translated
-        "question": _lines(say, texts["question"], "question"),
-        "warning": _lines(say, warnings, "warning"),
-        "answer": _lines(say, answers, "answer"),
-        "sure": 0 if beside else _lines(say, certainty, "sure"),
+        "question": _lines(translate, texts["question"], "question"),
+        "warning": _lines(translate, warnings, "warning"),
+        "answer": _lines(translate, answers, "answer"),
+        "sure": 0 if beside else _lines(translate, certainty, "sure"),
     }
     used = FIXED + sum(LINE[kind] * n for kind, n in lines.items())
     used += BETWEEN * len([*warnings, *answers, *([] if beside else certainty)])
@@ -98,34 +99,37 @@ def front_of(
     high = min(TALLEST, max(LOWEST[beside], SHEET - used)) / MM
     room = Room(NARROW if beside else WIDE, high)
     return Front(
-        _facts(result, parties, say), warnings, more_warnings, answers, more_answers, shown,
+        _facts(result, parties), warnings, more_warnings, answers, more_answers, shown,
         more_tables, certainty, more_certainty, room, beside,
     )  # fmt: skip
 
 
-def _facts(result: xr.Dataset, parties: Parties, say: Speaker) -> list[tuple[str, str]]:
+def _facts(result: xr.Dataset, parties: Parties) -> list[tuple[str, str]]:
     """Parties of the report, and the run."""
     program, _, _ = str(result.attrs["source"]).partition(", ")
     return [
-        ("Project", parties.project),
-        ("Client", parties.client),
-        ("date of the run", str(result.attrs.get("date_created", ""))[:10] or say("not recorded")),
-        ("program", program),
-        ("result (SHA-256)", parties.result or say("not read from a file")),
+        (say("front.project"), parties.project),
+        (say("front.client"), parties.client),
+        (
+            say("front.date_of_the_run"),
+            str(result.attrs.get("date_created", ""))[:10] or say("front.not_recorded"),
+        ),
+        (say("label.program"), program),
+        (say("front.result_sha"), parties.result or say("front.not_read_from_a_file")),
     ]
 
 
-def _lines(say: Speaker, texts: str | Sequence[str], kind: str) -> int:
+def _lines(translate: Speaker, texts: str | Sequence[str], kind: str) -> int:
     several = [texts] if isinstance(texts, str) else texts
-    return sum(-(-len(say(text)) // CHARACTERS[kind]) for text in several)
+    return sum(-(-len(translate(text)) // CHARACTERS[kind]) for text in several)
 
 
-def _fitter(say: Speaker) -> Callable[[Sequence[str], str, int], tuple[list[str], list[str]]]:
+def _fitter(translate: Speaker) -> Callable[[Sequence[str], str, int], tuple[list[str], list[str]]]:
     def fit(texts: Sequence[str], kind: str, most: int) -> tuple[list[str], list[str]]:
         """Split texts into the first ones that fit in a number of lines, and the others."""
         texts, used = list(texts), 0
         for k, text in enumerate(texts):
-            used += _lines(say, text, kind)
+            used += _lines(translate, text, kind)
             if used > most and k:
                 return texts[:k], texts[k:]
         return texts, []
@@ -177,8 +181,8 @@ def overview(
     """Map of page 1 and its title: hazard zones, or passages, or stopping places; None if the
     result has none of these."""
     if hazard is not None:
-        yield "Zones of hazard", zones_figure(hazard, terrain, room)
+        yield say("front.zones_of_hazard"), zones_figure(hazard, terrain, room)
     elif name := passed_map(result):
-        yield "Pass frequency", map_figure(result, name, terrain, stops, look, room)
+        yield say("front.pass_frequency"), map_figure(result, name, terrain, stops, look, room)
     elif has_rows(result):
-        yield "Stopping points", stops_figure(result, terrain, stops, look, room)
+        yield say("label.stopping_points"), stops_figure(result, terrain, stops, look, room)

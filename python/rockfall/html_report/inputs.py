@@ -19,12 +19,13 @@ from rockfall.html_report.validity import has
 from rockfall.io.layers import REPROJECTED
 from rockfall.io.tables import read_table
 from rockfall.io.zone_table import NAMES, read_zone_table
+from rockfall.language import say, say_count
 from rockfall.plots.cartography.rasters import cropped, draw_image
 from rockfall.plots.cartography.sheet import crs_text, finish, named_crs, new_sheet
 from rockfall.plots.extent import reached
 from rockfall.plots.style import styled
 from rockfall.protection.barriers import barriers_of
-from rockfall.quantities import count, number, percent
+from rockfall.quantities import number, percent
 from rockfall.result.grounds import rebounds_by_ground
 from rockfall.result.samples import has_rows, simulated
 from rockfall.scene.read import read_scene
@@ -43,7 +44,6 @@ RADII = {
     "rg20": "Rg20 [m]",
     "rg10": "Rg10 [m]",
 }
-OTHERWISE = "; the layer of sources may say otherwise"
 MATERIALS = 12  # drawn in separate colours
 
 
@@ -64,56 +64,64 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
     nets = ", ".join(str(result["line"].values[k]) for k in barriers_of(result))
     lines = ", ".join(map(str, result["line"].values)) if "line" in result else ""
     rows = [
-        ("terrain model", _file(case.terrain["dem"])),
-        ("cell size [m]", f"{cell:g}"),
-        ("coordinate system", crs_text(result["crs"].attrs)),
-        ("date of the survey", parties.dem_date or "not stated"),
-        ("sources", f"{LineSamples(result).sources:,}"),
-        ("release", _release(case, "source_feature" in result)),
-        ("boulders", f"{simulated(result):,}"),
-        ("volume [m³]", _range(result["volume"].values) if has_rows(result) else "not kept"),
-        ("density [kg/m³]", _density(case, "source_feature" in result)),
-        ("rebounds", _rebounds(result)),
+        (say("inputs.terrain_model"), _file(case.terrain["dem"])),
+        (say("inputs.cell_size_m"), f"{cell:g}"),
+        (say("inputs.coordinate_system"), crs_text(result["crs"].attrs)),
+        (say("inputs.date_of_the_survey"), parties.dem_date or say("inputs.not_stated")),
+        (say("inputs.sources"), f"{LineSamples(result).sources:,}"),
+        (say("label.release"), _release(case, "source_feature" in result)),
+        (say("label.boulders"), f"{simulated(result):,}"),
+        (
+            say("inputs.volume_m"),
+            _range(result["volume"].values) if has_rows(result) else "not kept",
+        ),
+        (say("inputs.density_kg_m"), _density(case, "source_feature" in result)),
+        (say("label.rebounds"), _rebounds(result)),
     ]
-    rows += [("evaluation lines and barriers", lines)] if lines else []
-    rows += [("barriers", nets)] if nets else []
-    rows += [("dams", f"{len(case.dam)}")] if case.dam else []
-    rows += [("trees", "trees stand on the slope")] if has(case, "forest") else []
-    return Table("What the run was given", ("", "value"), rows, "inputs")
+    rows += [(say("inputs.evaluation_lines_and_barriers"), lines)] if lines else []
+    rows += [(say("label.barriers"), nets)] if nets else []
+    rows += [(say("inputs.dams"), f"{len(case.dam)}")] if case.dam else []
+    rows += (
+        [(say("inputs.trees"), say("inputs.trees_stand_on_the_slope"))]
+        if has(case, "forest")
+        else []
+    )
+    return Table(say("inputs.what_the_run_was_given"), ("", say("label.value")), rows, "inputs")
 
 
 def _rebounds(result: xr.Dataset) -> str:
     """Rebound models that were used, the most frequent first."""
     grounds = sorted(rebounds_by_ground(result), key=lambda one: -one.rebounds)
     if not grounds:
-        return f"impact sets {result.attrs['impact_set']}"
+        return say("inputs.impact_sets", impact_set=result.attrs["impact_set"])
     made = [one for one in grounds if one.rebounds]
     parts = [f"{one.name} ({one.model.replace('_', ' ')}) {percent(one.fraction)}" for one in made]
-    return "; ".join(parts) or "none"
+    return "; ".join(parts) or say("label.none")
 
 
 def _file(name: str) -> str:
-    return "given as an array" if name == FROM_ARRAY else name
+    return say("inputs.given_as_an_array") if name == FROM_ARRAY else name
 
 
 def _release(case: Case, layer_says_more: bool) -> str:
     drop, velocity = case.release["drop_height"], case.release["velocity"]
-    text = f"{drop:g} m above the surface" if drop else "on the surface"
+    where = say("inputs.drop_height", drop=drop) if drop else say("inputs.on_the_surface")
     if any(velocity):
         east, north, up = (f"{v:g}" for v in velocity)
-        text += f"; velocity to the east {east} m/s; to the north {north} m/s; upwards {up} m/s"
-    return f"{text}{OTHERWISE}" if layer_says_more else text
+        where = say("inputs.velocity", where=where, east=east, north=north, up=up)
+    return say("inputs.unless_layer", value=where) if layer_says_more else where
 
 
 def _density(case: Case, layer_says_more: bool) -> str:
     if "rock_density" in case.boulder:
-        return "of each source"
-    return number(case.boulder["density"], 4) + (OTHERWISE if layer_says_more else "")
+        return say("inputs.of_each_source")
+    density = number(case.boulder["density"], 4)
+    return say("inputs.unless_layer", value=density) if layer_says_more else density
 
 
 def _range(values: np.ndarray) -> str:
     low, mean, high = (number(v) for v in (values.min(), values.mean(), values.max()))
-    return low if low == high else f"{low} to {high}; {mean} on average"
+    return low if low == high else say("inputs.range", low=low, high=high, mean=mean)
 
 
 def doubtful_inputs(result: xr.Dataset, hazard: xr.Dataset | None) -> list[tuple[str, str]]:
@@ -128,7 +136,7 @@ def doubtful_inputs(result: xr.Dataset, hazard: xr.Dataset | None) -> list[tuple
 def doubts_note(doubts: list[tuple[str, str]]) -> Iterator[str]:
     """Line on page 1 that refers to likely mistakes in the inputs."""
     if doubts:
-        yield f"{count(len(doubts), 'input')} may be mistaken: see Inputs to check, below."
+        yield say_count("inputs.doubtful", len(doubts))
 
 
 def zone_table(result: xr.Dataset) -> Iterator[Table]:
@@ -145,14 +153,18 @@ def zone_table(result: xr.Dataset) -> Iterator[Table]:
         sizes = np.ravel(surface.get("uniform_mean_radius", surface.get("uniform_rg", [])))
         heads = list(RADII.values())[slice(0, 1) if sizes.size == 1 else slice(1, 4)]
         values = [number(one) for one in sizes]
-        yield Table("Grounds and radii of their rocks", ("", *heads), [("everywhere", *values)])
+        yield Table(
+            say("inputs.grounds_and_radii_of_their_rocks"),
+            ("", *heads),
+            [(say("inputs.everywhere"), *values)],
+        )
 
 
 def _zones(columns: list[str], cells: list[dict[str, str]]) -> Table:
     shown = [name for name in (*NAMES, "zone", *RADII, "ground") if name in columns]
     heads = [RADII.get(name, name) for name in shown]
     rows = [tuple(_size(row.get(name, ""), name) for name in shown) for row in cells]
-    return Table("Grounds and radii of their rocks", heads, rows)
+    return Table(say("inputs.grounds_and_radii_of_their_rocks"), heads, rows)
 
 
 def _size(text: str, name: str) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from rockfall.analysis.line_statistics import line_statistics
+from rockfall.language import Number
 from rockfall.quantities import QUANTITIES, number
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def rows_of(result: xr.Dataset) -> Rows:
     }
 
 
-def in_unit(value: float, quantity: str) -> str:
+def in_unit(value: float, quantity: str) -> Number:
     """Number in the unit in which the quantity is shown."""
     return number(QUANTITIES[quantity].factor * value)
 
@@ -40,7 +41,7 @@ def interval(row: Row, name: str, quantity: str) -> str:
     return estimate(row, name, quantity)[1]
 
 
-def estimate(row: Row, name: str, quantity: str) -> tuple[str, str]:
+def estimate(row: Row, name: str, quantity: str) -> tuple[Number, str]:
     """Number in the unit shown and its interval in brackets, with justified digits: the last one is
     a twentieth to a half of the interval's half-width. `TOO_FEW` if there are too few boulders."""
     value, low, high = (
@@ -52,7 +53,7 @@ def estimate(row: Row, name: str, quantity: str) -> tuple[str, str]:
     half = max(abs(value - end) for end in (low, high) if not math.isnan(end))
     decimals = min(4, -math.floor(math.log10(half / 2))) if half else 2
     value_, low_, high_ = (
-        "-" if math.isnan(one) else f"{round(one, decimals):,.{max(decimals, 0)}f}"
+        Number("-" if math.isnan(one) else f"{round(one, decimals):,.{max(decimals, 0)}f}")
         for one in (value, low, high)
     )
     if math.isnan(high):

@@ -40,9 +40,9 @@ from rockfall.html_report.inputs import (
     zone_table,
 )
 from rockfall.html_report.intervals import rows_of
-from rockfall.html_report.language import Speaker
 from rockfall.html_report.maps import data_uri, map_section
 from rockfall.html_report.pdf import check_pdf, write_pdf
+from rockfall.html_report.sentences import Speaker
 from rockfall.html_report.spread import (
     missing_spread,
     model_tables,
@@ -76,6 +76,7 @@ from rockfall.html_report.terrain_view import terrain_view
 from rockfall.html_report.validity import cautions, warnings
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import check_output
+from rockfall.language import say, speaking
 from rockfall.plots.figures import LABORATORY, drawn_lines, figures
 from rockfall.plots.hazard_figures import hazard_figures
 from rockfall.plots.style import capital, save
@@ -101,7 +102,7 @@ PDF = ".pdf"
 NOBODY = Parties()
 MAX_SVG = 400_000  # bytes; a denser figure is rasterised
 DOTS_PER_INCH = 200
-GROUNDS = "Grounds: radii of their rocks"
+GROUNDS = "page.grounds_radii_of_their_rocks"
 UNIT = re.compile(r"(?<=\d) (?=(?:%|kJ|m|m/s|m2|m³|kg/m³)(?!\w))")  # kept on the line of its number
 COLOURS = 128  # of a rasterised figure
 DRAWN_LINES = 8  # lines with figures; the tables have all
@@ -148,7 +149,7 @@ def write_report(
 def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
     """Refuse a page that cannot be made or written, before the work starts."""
     path = Path(path)
-    need("a report needs", "report", "matplotlib", "PIL", "jinja2")
+    need("a report needs", "report", "matplotlib", "PIL", "jinja2", "babel")
     ending = path.suffix.lower()
     if ending not in (".html", ".htm", PDF):
         raise RockfallError(f"{path}: is no name for a page; it must end in .html or .pdf")
@@ -178,11 +179,29 @@ def report(
     en, de, fr or it; `hazard`, from `rockfall.hazard`, adds its zones; `models`, from
     `rockfall.analysis.models`, the spread over rebound models.
     """
+    with speaking(language):
+        return _report(
+            result, terrain, observed, look, view, on_paper, language, parties, hazard, models
+        )
+
+
+def _report(
+    result: xr.Dataset,
+    terrain: Terrain | None,
+    observed: Any,
+    look: Look | None,
+    view: bool,
+    on_paper: bool,
+    language: str,
+    parties: Parties,
+    hazard: xr.Dataset | None,
+    models: Models | None,
+) -> str:
     result = flat_maps(result)
     words = [*words_of(result), *(words_of_hazard(hazard) if hazard is not None else ())]
     kept = [] if observed is None else observed.kept.values()
     words += [str(name) for one in kept for name in one.columns]
-    say = Speaker(language, words)
+    translate = Speaker(language, words)
     rows, levels = rows_of(result), return_levels(result)
     sheet = design(result) if rows and has_rows(result) else None
     ranges = range_tables(result, rows)
@@ -213,26 +232,26 @@ def report(
         *endangered[:1],
         *ranges[::PER_LINE],
     ]
-    front = front_of(result, rows, parties, texts, shown_first, say)
+    front = front_of(result, rows, parties, texts, shown_first, translate)
     stops = None if observed is None else observed.stops
     drawn_first = list(overview(result, terrain, stops, hazard, look, front.room))
     return _rendered(
-        say,
+        translate,
         title=texts["title"],
         on_paper=on_paper,
         parties=parties,
         question=texts["question"],
         front=front,
-        overview=[_picture(figure, title, "", say) for title, figure in drawn_first],
+        overview=[_picture(figure, title, "", translate) for title, figure in drawn_first],
         doubtful_inputs=doubts,
         indices=[one for k, one in enumerate(ranges) if k % PER_LINE],
         inputs=[input_table(result, parties), *zone_table(result), *dam_tables(result)],
-        ground_map=_picture(grounds, GROUNDS, "", say) if grounds else None,
+        ground_map=_picture(grounds, say(GROUNDS), "", translate) if grounds else None,
         ends=[ends_table(result)],
         angle=list(angle(result)),
         cautions=cautions(result, rows, levels),
         map_section=None if on_paper else map_section(result, terrain, look),
-        view=terrain_view(result, terrain, say) if view and terrain is not None else None,
+        view=terrain_view(result, terrain) if view and terrain is not None else None,
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
         design=[
             *(design_tables(sheet) if sheet else ()),
@@ -242,7 +261,7 @@ def report(
         hazard=endangered[1:],
         hazard_warnings=[] if hazard is None else list(hazard_warnings(hazard)),
         hazard_figures=[
-            _picture(one.draw(), one.title, one.caption, say)
+            _picture(one.draw(), one.title, one.caption, translate)
             for one in ([] if hazard is None else hazard_figures(hazard, terrain))
         ],
         grounds=[
@@ -250,47 +269,49 @@ def report(
             *model_tables(models),
         ],
         has_clusters=LineSamples(result).sampled,
-        convergence=list(_convergence(result, rows, say)),
+        convergence=list(_convergence(result, rows, translate)),
         comparison=None if observed is None else compared(compare(result, observed)),
         figures=[
-            _picture(one.draw(), one.title, one.caption, say)
+            _picture(one.draw(), one.title, one.caption, translate)
             for one in shown
             if one.name not in LABORATORY
         ],
-        appendix=[_picture(one.draw(), one.title, one.caption, say) for one in laboratory],
+        appendix=[_picture(one.draw(), one.title, one.caption, translate) for one in laboratory],
         technical=[*technical(result), *requested(result)],
-        provenance=provenance(result, say),
+        provenance=provenance(result),
     )
 
 
 def _convergence(
-    result: xr.Dataset, rows: Rows, say: Speaker
+    result: xr.Dataset, rows: Rows, translate: Speaker
 ) -> Iterator[tuple[str, Picture | None, Table | None]]:
     """Figure and table of convergence of each line; none if no boulder passes."""
-    caption = "Numbers after so many boulders, with their 95 % band"
-    caption += (
-        "; the sources take turns, in a random order." if LineSamples(result).sources > 1 else "."
-    )
+    if LineSamples(result).sources > 1:
+        caption = say("page.numbers_after_so_many_boulders_with")
+    else:
+        caption = say("page.numbers_after_so_many_boulders_with_2")
     which = drawn_lines(result, DRAWN_LINES) if has_rows(result) else []
     for k, (line, numbers) in enumerate(rows.items()):
         if numbers["speed"]["n"]:
             figure = None
             if k in which:
                 drawn = convergence_figure(result, k)
-                figure = _picture(drawn, f"Convergence at {line}", caption, say)
+                figure = _picture(drawn, say("page.convergence_at", line=line), caption, translate)
             yield line, figure, precision_table(line, numbers, simulated(result))
         else:
             yield line, None, None
 
 
-def _picture(figure: Figure, title: str, caption: str, say: Speaker) -> Picture:
+def _picture(figure: Figure, title: str, caption: str, translate: Speaker) -> Picture:
     """Figure as vectors (SVG), or rasterised if too dense. The same figure gives the same bytes."""
-    say.figure(figure)
+    translate.figure(figure)
     wide, high = (round(96 * inch) for inch in figure.get_size_inches())
     content, kind = _saved(figure, "svg"), "image/svg+xml"
     if len(content) > MAX_SVG:
         content, kind = _saved(figure, "png"), "image/png"
-    return Picture(capital(say(title)), say(caption), data_uri(content, kind), wide, high)
+    return Picture(
+        capital(translate(title)), translate(caption), data_uri(content, kind), wide, high
+    )
 
 
 def _saved(figure: Figure, ending: str) -> bytes:
@@ -304,7 +325,7 @@ def _saved(figure: Figure, ending: str) -> bytes:
         return path.read_bytes()
 
 
-def _rendered(say: Speaker, **content: Any) -> str:
+def _rendered(translate: Speaker, **content: Any) -> str:
     """Render the page from this content. All texts are escaped; only our scripts can run in it."""
     import jinja2
     from markupsafe import Markup
@@ -320,9 +341,11 @@ def _rendered(say: Speaker, **content: Any) -> str:
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
     environment.filters["capital"] = capital
-    environment.filters["say"] = lambda text: UNIT.sub("\u00a0", say(text))
+    environment.filters["say"] = lambda text: UNIT.sub("\u00a0", translate(text))
+    environment.filters["unit"] = lambda text: UNIT.sub("\u00a0", text)
+    environment.globals["say"] = say
     return environment.get_template("page.html.j2").render(
-        language=say.language,
+        language=translate.language,
         style=Markup(read("page.css")),
         script=Markup(script),
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),

@@ -15,6 +15,7 @@ from rockfall.errors import RockfallError
 from rockfall.html_report.intervals import estimate, in_unit
 from rockfall.html_report.summary import HEADLINE
 from rockfall.html_report.tables import Table
+from rockfall.language import say
 from rockfall.result.grounds import classical_grounds
 from rockfall.result.same_case import check_same_case
 
@@ -40,11 +41,7 @@ def missing_spread(result: xr.Dataset, models: Models | None) -> list[str]:
     """Note that the spread belongs on the page and is missing."""
     if models is not None or not classical_grounds(result):
         return []
-    return [
-        "The spread over rebound models is missing: "
-        f"rockfall models {result.attrs['case_file']} -o models makes it, "
-        "rockfall report --models models/models.nc shows it."
-    ]
+    return [say("spread.missing", case_file=result.attrs["case_file"])]
 
 
 def spread_table(models: Models | None) -> list[Table]:
@@ -53,8 +50,8 @@ def spread_table(models: Models | None) -> list[Table]:
         return []
     rows = [(line, *(_ends(_at(models, line, of), of[0]) for of in _columns())) for line in lines]
     number = len(models.names)
-    about = f"Lowest and highest of {number} rebound models, {models.boulders:,} boulders each"
-    return [Table(about, ("line or barrier", *HEADLINE), rows)]
+    about = say("spread.caption", number=number, boulders=models.boulders)
+    return [Table(about, (say("label.line_or_barrier"), *map(say, HEADLINE)), rows)]
 
 
 def spread_words(models: Models | None) -> Iterator[str]:
@@ -63,7 +60,7 @@ def spread_words(models: Models | None) -> Iterator[str]:
         return
     far = _at(models, "", (RUN_OUT, "q95"))["value"].to_numpy(float)
     low, high = (in_unit(end, RUN_OUT) for end in (far.min(), far.max()))
-    yield f"Over the rebound models one boulder in 20 comes farther in plan than {low} to {high} m."
+    yield say("spread.run_out", low=low, high=high)
     yield from (f"{note}." for note in models.notes)
 
 
@@ -76,7 +73,7 @@ def model_tables(models: Models | None) -> Iterator[Table]:
         for name in models.names:
             cells = ("\n".join(_cell(of, one.loc[name])) for of, one in columns.items())
             rows.append((name.replace("_", " "), *cells))
-        yield Table(f"{line}: by each rebound model", ("", *HEADLINE), rows)
+        yield Table(say("spread.by_each_rebound_model", line=line), ("", *map(say, HEADLINE)), rows)
 
 
 def _columns() -> list[tuple[str, str]]:
@@ -108,4 +105,5 @@ def _ends(rows: pd.DataFrame, quantity: str) -> str:
     if np.isnan(values).all():
         return "-"
     about = "fraction" if quantity == "boulders" else quantity
-    return " to ".join(dict.fromkeys(in_unit(end(values), about) for end in (np.nanmin, np.nanmax)))
+    low, high = (in_unit(end(values), about) for end in (np.nanmin, np.nanmax))
+    return low if low == high else f"{low} to {high}"

@@ -15,8 +15,9 @@ from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
 from rockfall.html_report.intervals import TOO_FEW, estimate, in_unit
 from rockfall.html_report.tables import Table
+from rockfall.language import say, say_count
 from rockfall.protection.barriers import barriers_of
-from rockfall.quantities import count, number, percent
+from rockfall.quantities import number, percent
 from rockfall.result.samples import has_rows, simulated
 from rockfall.result.trajectories import ended
 
@@ -26,32 +27,29 @@ if TYPE_CHECKING:
     from rockfall.html_report.intervals import Numbers, Rows
 
 HEADLINE = {  # of the table on page 1: quantity and number
-    "boulders that pass [%]": ("fraction", "fraction"),
-    "total kinetic energy, 95 % quantile [kJ]": ("energy_total", "q95"),
-    "passing height, 95 % quantile [m]": ("passing_height", "q95"),
-    "speed, 95 % quantile [m/s]": ("speed", "q95"),
+    "summary.boulders_that_pass": ("fraction", "fraction"),
+    "summary.total_kinetic_energy_quantile_kj": ("energy_total", "q95"),
+    "summary.passing_height_quantile_m": ("passing_height", "q95"),
+    "summary.speed_quantile_m_s": ("speed", "q95"),
 }
 ENDED = {  # of the statuses
-    "stopped": "came to rest on the slope",
-    "absorbed": "ended where the ground absorbs boulders",
-    "left_domain": "left the terrain model",
-    "hit_nodata": "met terrain without elevation",
-    "impact_limit": "reached the limit of contacts and were ended there",
-    "stopped_by_tree": "were stopped by trees",
-    "stopped_by_barrier": "were stopped by barriers",
+    "stopped": "summary.came_to_rest_on_the_slope",
+    "absorbed": "summary.ended_where_the_ground_absorbs_boulders",
+    "left_domain": "summary.left_the_terrain_model",
+    "hit_nodata": "summary.met_terrain_without_elevation",
+    "impact_limit": "summary.reached_the_limit_of_contacts_and",
+    "stopped_by_tree": "summary.were_stopped_by_trees",
+    "stopped_by_barrier": "summary.were_stopped_by_barriers",
 }
 
 
 def question(rows: Rows, has_hazard: bool) -> str:
     """Question that the report answers."""
     if has_hazard:
-        return "Which areas and objects are endangered, how much, and how certain is that?"
+        return say("summary.which_areas_and_objects_are_endangered")
     if rows:
-        return (
-            "How many of the released boulders reach the lines and barriers, and with which "
-            "energy, height and speed?"
-        )
-    return "How far do the released boulders come?"
+        return say("summary.how_many_of_the_released_boulders")
+    return say("summary.how_far_do_the_released_boulders")
 
 
 def answers(result: xr.Dataset, rows: Rows) -> list[str]:
@@ -63,19 +61,33 @@ def answers(result: xr.Dataset, rows: Rows) -> list[str]:
 def _line(line: str, numbers: Numbers, is_barrier: bool) -> str:
     """Sentence on the boulders that pass a line, or reach a barrier."""
     row = numbers["speed"]
-    one, many = ("comes to it", "come to it") if is_barrier else ("passes", "pass")
     if not row["n"]:
         high = in_unit(row["fraction_high"], "fraction")
-        return f"{line}: no boulder {one}; the fraction is below {high} %, with 95 % confidence."
-    text = f"{line}: {estimate(row, 'fraction', 'fraction')[0]} % of the boulders {many}"
+        if is_barrier:
+            return say("summary.barrier_none", line=line, high=high)
+        return say("summary.line_none", line=line, high=high)
+    fraction = estimate(row, "fraction", "fraction")[0]
     energy, height = (
         estimate(numbers[of], "q95", of)[0] for of in ("energy_total", "passing_height")
     )
     if row["n"] == 1 or "-" in (energy, height):
-        return f"{text}."
-    return (
-        f"{text}; of these one in 20 has more than {energy} kJ, and one in 20 is higher than "
-        f"{height} m above the ground."
+        if is_barrier:
+            return say("summary.barrier_fraction", line=line, fraction=fraction)
+        return say("summary.line_fraction", line=line, fraction=fraction)
+    if is_barrier:
+        return say(
+            "summary.barrier_values",
+            line=line,
+            fraction=fraction,
+            energy=energy,
+            height=height,
+        )
+    return say(
+        "summary.line_values",
+        line=line,
+        fraction=fraction,
+        energy=energy,
+        height=height,
     )
 
 
@@ -88,23 +100,20 @@ def headline(rows: Rows) -> Table:
             row = numbers["speed" if quantity == "fraction" else quantity]
             cells.append("\n".join(estimate(row, name, quantity)).strip())
         shown.append((line, *cells))
-    caption = "Boulders at the lines and barriers, with 95 % confidence intervals"
-    return Table(caption, ("line or barrier", *HEADLINE), shown)
+    caption = say("summary.headline_caption")
+    return Table(caption, (say("label.line_or_barrier"), *map(say, HEADLINE)), shown)
 
 
 def run_out(result: xr.Dataset) -> Iterator[str]:
     """Sentences on the run-out in plan."""
     distance = LineSamples(result).ends("plan_distance")
     if not distance.max():
-        yield "No boulder left its place."
+        yield say("summary.no_boulder_left_its_place")
     elif distance.n == 1:
-        yield f"The run-out of the boulder in plan is {number(distance.max())} m."
+        yield say("summary.run_out_of_one", max=number(distance.max()))
     else:
         half, far = (number(one) for one in distance.quantile([0.5, 0.95]))
-        yield (
-            f"Run-out in plan: half of the boulders come farther than {half} m, one in 20 farther "
-            f"than {far} m, the farthest {number(distance.max())} m."
-        )
+        yield (say("summary.run_out", half=half, far=far, max=number(distance.max())))
 
 
 def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
@@ -113,43 +122,47 @@ def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
     boulders, known = simulated(result), LineSamples(result)
     shown = [[*map(str, row)] for row in headline(rows).rows]
     if is_ensemble(result):  # the answer is the range of the draws
-        of = count(known.sources, "source")
-        yield f"{boulders:,} boulders from {of} were simulated in each run."
-        yield (
-            "The ranges of the draws hold the uncertain inputs and the Monte Carlo error, and no "
-            "error of the model."
-        )
+        yield say_count("summary.simulated_in_each_run", known.sources, boulders=boulders)
+        yield (say("summary.the_ranges_of_the_draws_hold"))
         return
     if boulders == 1:
-        yield "One boulder is an example: it has no spread, and no intervals."
+        yield say("summary.one_boulder_is_an_example_it")
     else:
-        of = count(known.sources, "source")
         yield (
-            f"{boulders:,} boulders from {of} were simulated. Brackets are 95 % confidence "
-            "intervals of the Monte Carlo error: what more boulders would change."
+            say_count(
+                "summary.simulated",
+                known.sources,
+                boulders=boulders,
+            )
         )
         if any("(from" in cell or "(up to" in cell for row in shown for cell in row):
-            yield "Where only one limit is given, too few boulders pass for the other."
+            yield say("summary.where_only_one_limit_is_given")
         if any(TOO_FEW in cell for row in shown for cell in row):
-            yield "A dash in brackets: too few boulders pass for an interval that holds."
+            yield say("summary.a_dash_in_brackets_too_few")
         if known.sampled:
-            yield "The sources are taken for a sample of others like them."
+            yield say("summary.the_sources_are_taken_for_a")
     crossed = [numbers["speed"] for numbers in rows.values() if numbers["speed"]["n"]]
     widths = [half_width(row, "fraction") for row in crossed]
     if widths and np.isfinite(worst := max(widths)) and boulders > 1:
-        yield f"The fractions that pass are known to ± {percent(worst)} of themselves or better."
-    yield "The brackets hold no error of the terrain, the ground, the volumes or the model."
+        yield say("summary.precision", fraction=percent(worst))
+    yield say("summary.the_brackets_hold_no_error_of")
     if is_inside:
-        yield "No large part of the run lies outside the range of the model."
+        yield say("summary.no_large_part_of_the_run")
 
 
 def ends_table(result: xr.Dataset) -> Table:
     """Table of the outcomes of boulders."""
     boulders = simulated(result)
     rows = [
-        (ENDED[name], f"{n:,}", percent(n / boulders)) for name, n in ended(result).items() if n
+        (say(ENDED[name]), f"{n:,}", percent(n / boulders))
+        for name, n in ended(result).items()
+        if n
     ]
-    return Table("How boulders ended", ("", "boulders", "fraction"), rows)
+    return Table(
+        say("summary.how_boulders_ended"),
+        ("", say("label.boulders"), say("label.fraction")),
+        rows,
+    )
 
 
 def angle(result: xr.Dataset) -> Iterator[str]:
@@ -162,28 +175,36 @@ def angle(result: xr.Dataset) -> Iterator[str]:
     if moved.any():
         angles = np.degrees(np.arctan2(drop[moved], distance[moved]))
         yield (
-            f"The straight line from release to end falls by {number(np.median(angles))} degrees "
-            f"in the median and by {number(angles.min())} degrees at least."
+            say(
+                "summary.angle",
+                angles=number(np.median(angles)),
+                min=number(angles.min()),
+            )
         )
 
 
 def technical(result: xr.Dataset) -> Iterator[str]:
     """Technical details of the random numbers, for repeating the run."""
     if case_of(result).case["sampling"] == "sobol":
-        yield (
-            "Sobol' points spread the boulders more evenly than random numbers do: the intervals "
-            "are those of as many random boulders, and too wide."
-        )
+        yield (say("summary.sobol_points_spread_the_boulders_more"))
     rebounds, redrawn, forced = (int(result[f"rebounds{of}"]) for of in ("", "_redrawn", "_forced"))
     if redrawn:
         yield (
-            f"{redrawn:,} of {count(rebounds, 'rebound')} ({percent(redrawn / rebounds)}) needed "
-            "more than one draw, since the first gained energy or did not rise."
+            say(
+                "summary.redrawn",
+                redrawn=redrawn,
+                rebounds=rebounds,
+                fraction=percent(redrawn / rebounds),
+            )
         )
     if forced:
         yield (
-            f"{forced:,} of {count(rebounds, 'rebound')} ({percent(forced / rebounds)}) had no "
-            "admissible draw in 32: the last one was limited so as to be admissible."
+            say(
+                "summary.limited",
+                forced=forced,
+                rebounds=rebounds,
+                fraction=percent(forced / rebounds),
+            )
         )
 
 

@@ -21,6 +21,7 @@ from rockfall.case import FROM_ARRAY, case_of, given_text
 from rockfall.html_report.convergence import NUMBERS
 from rockfall.html_report.intervals import STATISTICS, TOO_FEW, estimate, in_unit
 from rockfall.io.layers import REPROJECTED
+from rockfall.language import say
 from rockfall.protection.barriers import barrier_rows
 from rockfall.protection.dams import dams_of
 from rockfall.quantities import QUANTITIES, number, percent
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
 
     from rockfall.analysis.compare import Comparison
     from rockfall.html_report.intervals import Numbers, Row, Rows
-    from rockfall.html_report.language import Speaker
     from rockfall.protection.design import Design
 
 
@@ -53,11 +53,12 @@ def line_tables(rows: Rows) -> Iterator[Table]:
     """Each line's mean, deviation, quantiles and maximum."""
     for line, numbers in rows.items():
         if n := numbers["speed"]["n"]:
-            about = f"{line}: {n:,} boulders cross it; in brackets 95 % confidence intervals"
-            head = ("", *STATISTICS.values(), f"max of {n:,}")
+            head = ("", *STATISTICS.values(), say("tables.max_of", n=n))
             shown = [_statistics(name, row) for name, row in numbers.items()]
             if any(TOO_FEW in cell for row in shown for cell in row):
-                about += "; a dash where too few boulders give no interval that holds"
+                about = say("tables.line_caption_with_dashes", line=line, n=n)
+            else:
+                about = say("tables.line_caption", line=line, n=n)
             yield Table(about, head, shown)
 
 
@@ -73,10 +74,17 @@ def barrier_table(result: xr.Dataset) -> Table:
          " ".join(estimate(row, "fraction", "fraction")))
         for row in barrier_rows(result)
     ]  # fmt: skip
-    about = (
-        "What barriers did at the first meeting, of all boulders, with 95 % confidence intervals"
+    about = say("tables.barrier_caption")
+    return Table(
+        about,
+        (
+            say("tables.barrier"),
+            say("tables.outcome"),
+            say("label.boulders"),
+            say("tables.fraction"),
+        ),
+        rows,
     )
-    return Table(about, ("barrier", "outcome", "boulders", "fraction [%]"), rows)
 
 
 def dam_tables(result: xr.Dataset) -> Iterator[Table]:
@@ -91,10 +99,11 @@ def dam_tables(result: xr.Dataset) -> Iterator[Table]:
     ]  # fmt: skip
     if rows:
         head = (
-            "dam", "length [m]", "height (at its lowest) [m]", "slope of the face [degrees]",
-            "width of the face [cells]", "elevation of the crest [m]", "width of the crest [m]",
+            say("tables.dam"), say("tables.length_m"), say("tables.height_at_its_lowest_m"),
+            say("tables.slope_of_the_face_degrees"), say("tables.width_of_the_face_cells"),
+            say("tables.elevation_of_the_crest_m"), say("tables.width_of_the_crest_m"),
         )  # fmt: skip
-        yield Table("Dams as they came out on the raster", head, rows)
+        yield Table(say("tables.dam_caption"), head, rows)
 
 
 def ground_table(result: xr.Dataset) -> Table:
@@ -104,7 +113,16 @@ def ground_table(result: xr.Dataset) -> Table:
         (name, model.replace("_", " "), f"{rebounds:,}", percent(fraction))
         for name, model, rebounds, fraction in grounds
     ]
-    return Table("Rebounds by ground", ("ground", "model", "rebounds", "fraction"), rows)
+    return Table(
+        say("tables.rebounds_by_ground"),
+        (
+            say("tables.ground"),
+            say("tables.model"),
+            say("label.rebounds"),
+            say("label.fraction"),
+        ),
+        rows,
+    )
 
 
 def level_table(levels: pd.DataFrame) -> Table:
@@ -120,9 +138,14 @@ def level_table(levels: pd.DataFrame) -> Table:
             (f"{row['line']}: {QUANTITIES[quantity].title}", in_unit(row["max"], quantity),
              *cells, *tail, row["refused"].replace("; ", "\n"))
         )  # fmt: skip
-    head = ["", "max", *(f"1 in {int(n[6:]):,} exceeds" for n in names)]
-    about = "Return levels from a generalised Pareto tail, with 95 % confidence intervals"
-    return Table(about, [*head, "threshold", "shape", "refused"], shown, "numbers noted")
+    head = ["", say("tables.max"), *(say("tables.one_in_n", n=int(n[6:])) for n in names)]
+    about = say("tables.level_caption")
+    return Table(
+        about,
+        [*head, say("tables.threshold"), say("tables.shape"), say("tables.refused")],
+        shown,
+        "numbers noted",
+    )
 
 
 def precision_table(line: str, numbers: Numbers, boulders: int) -> Table:
@@ -138,9 +161,9 @@ def precision_table(line: str, numbers: Numbers, boulders: int) -> Table:
             more = (boulders_needed(boulders, half, target, crossed) for target in TARGETS)
             cells = [f"± {percent(half)}", *(f"{rounded_up(one):,}" for one in more)]
         shown.append((label, f"{in_unit(row.get(name, np.nan), quantity)} {about.unit}", *cells))
-    targets = (f"boulders for ± {100 * target:g} %" for target in TARGETS)
-    caption = f"{line}: half widths of the 95 % confidence intervals"
-    return Table(caption, ("", "now", "half width", *targets), shown)
+    targets = (say("tables.boulders_for_precision", target=100 * target) for target in TARGETS)
+    caption = say("tables.precision_caption", line=line)
+    return Table(caption, ("", say("tables.now"), say("tables.half_width"), *targets), shown)
 
 
 def design_tables(found: Design) -> Iterator[Table]:
@@ -152,20 +175,23 @@ def design_tables(found: Design) -> Iterator[Table]:
             head, *rows = load_rows(loads)
             _, *design = demand_rows(asked, standard)
             rows += [[name, value, "", ""] for name, value in design]
-            about = f"{asked['line']}: loads on a barrier, and design values of {standard}"
+            about = (
+                say("tables.loads_uni", line=asked["line"])
+                if standard == "UNI"
+                else say("tables.loads_onr", line=asked["line"])
+            )
             yield Table(about, head, rows)
     if len(found.checks):
         rows = [check_row(row) for row in found.checks.to_dict("records")]
-        yield Table(f"Barriers beside what {standard} asks", CHECKED, rows)
+        yield Table(say("tables.checks_caption"), CHECKED, rows)
 
 
 def hazard_tables(found: xr.Dataset) -> Iterator[Table]:
     """Areas of the classes, objects at risk, scenarios."""
-    parts = {"Classes of hazard": class_rows}
+    parts: list[tuple[str, Any]] = [(say("tables.classes_of_hazard"), class_rows)]
     if "object" in found.dims:
-        parts["Objects, with 95 % confidence intervals"] = object_rows
-    parts["Scenarios"] = scenario_rows
-    for caption, rows_of_part in parts.items():
+        parts.append(("Objects, with 95 % confidence intervals", object_rows))
+    for caption, rows_of_part in (*parts, ("Scenarios", scenario_rows)):
         head, *rows = rows_of_part(found)
         yield Table(caption, head, [[cell.replace(" (", "\n(") for cell in row] for row in rows])
 
@@ -189,30 +215,46 @@ def words_of_hazard(found: xr.Dataset) -> Iterator[str]:
         yield from map(str, found[name].values) if name in found.dims else ()
 
 
-def provenance(result: xr.Dataset, say: Speaker) -> dict[str, Any]:
+def provenance(result: xr.Dataset) -> dict[str, Any]:
     """Provenance of a result, and the command that reproduces it, if one can."""
     about = {key: str(value) for key, value in result.attrs.items()}
     case, is_complete = case_of(result), bool(result.attrs["complete"])
-    program, _, model = about["source"].partition(", ")
+    program, _, _ = about["source"].partition(", ")
     requested = int(about["boulders_requested"])
     total = "boulders_total" in case.case
     number = case.case["boulders_total" if total else "boulders"]
-    of = "a flat source cell, more by area" if case.release["by_area"] else "each source"
     if total:
-        of = "all sources together"
+        released = say("tables.boulders_of_all_sources_together")
+    elif case.release["by_area"]:
+        released = say("tables.boulders_by_area")
+    else:
+        released = say("tables.boulders_of_each_source")
     rows = [
-        ("program", f"{program}, {say(model)}" if stochastic_fraction(result) else program),
-        ("case file", about["case_file"]),
-        ("seed", about["seed"]),
-        ("boulders", f"{about['boulder_first']} – {about['boulder_last']} / {requested}"),
-        (f"boulders of {of}", f"{number:,}"),
-        *_impact_set(result, say),
+        (
+            say("label.program"),
+            f"{program}, {say('tables.stochastic_model')}"
+            if stochastic_fraction(result)
+            else program,
+        ),
+        (say("tables.case_file"), about["case_file"]),
+        (say("tables.seed"), about["seed"]),
+        (
+            say("label.boulders"),
+            f"{about['boulder_first']} – {about['boulder_last']} / {requested}",
+        ),
+        (released, f"{number:,}"),
+        *_impact_set(result),
         *(
-            ("checksum (SHA-256)", f"{key}: {_noted(noted, say)}")
+            (say("tables.checksum_sha"), f"{key}: {_noted(noted)}")
             for key, noted in json.loads(about["input_checksums"]).items()
         ),
-        ("threads", about["threads"]),
-        ("time", say("{wall_seconds:.1f} s, CPU {cpu_seconds:.1f} s".format_map(result.attrs))),
+        (say("tables.threads"), about["threads"]),
+        (
+            say("tables.time"),
+            say(
+                "tables.seconds", wall=result.attrs["wall_seconds"], cpu=result.attrs["cpu_seconds"]
+            ),
+        ),
     ]
     option = "--boulders-total" if total else "--boulders"
     verb = "ensemble" if is_ensemble(result) else "run"
@@ -221,25 +263,25 @@ def provenance(result: xr.Dataset, say: Speaker) -> dict[str, Any]:
         f"--seed {about['seed']} -o again.nc"
     )
     return {
-        "table": Table("What was run", ("", "value"), rows, "facts"),
+        "table": Table(say("tables.what_was_run"), ("", say("label.value")), rows, "facts"),
         "command": "" if FROM_ARRAY in about["case"] else command,
         "is_complete": is_complete,
         "case": given_text(case),
     }
 
 
-def _impact_set(result: xr.Dataset, say: Speaker) -> Iterator[tuple[str, str]]:
+def _impact_set(result: xr.Dataset) -> Iterator[tuple[str, str]]:
     """File of the case's impact sets, with a note if no rebound followed any."""
     text = f"{result.attrs['impact_set']}, SHA-256 {result.attrs['impact_set_checksum']}"
-    unused = "" if stochastic_fraction(result) else f"; {say('no rebound followed it')}"
-    yield "impact set", text + unused
+    unused = "" if stochastic_fraction(result) else say("tables.no_rebound_followed_it")
+    yield say("tables.impact_set"), text + unused
 
 
-def _noted(noted: str, say: Speaker) -> str:
+def _noted(noted: str) -> str:
     """Checksum of a file, and a note on its CRS."""
     checksum, _, remark = noted.partition(f", {REPROJECTED} ")
     if not remark:
         return checksum
     crs, _, more = remark.partition("; ")
-    parts = [checksum, f"{say('reprojected')}: {' → '.join(crs.split(' to '))}"]
+    parts = [checksum, say("tables.reprojected", join=" → ".join(crs.split(" to ")))]
     return "; ".join([*parts, say(more)] if more else parts)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.errors import need
+from rockfall.language import say
 from rockfall.plots.cartography.marks import inside
 from rockfall.plots.cartography.rasters import cropped
 from rockfall.plots.cartography.relief import shade
@@ -28,7 +29,6 @@ from rockfall.terrain.height import height
 if TYPE_CHECKING:
     import xarray as xr
 
-    from rockfall.html_report.language import Speaker
     from rockfall.result.trajectories import Terrain
 
     Trace = dict[str, Any]
@@ -53,12 +53,12 @@ def check_view() -> None:
     need("a view in three dimensions needs", "view", "plotly")
 
 
-def terrain_view(result: xr.Dataset, terrain: Terrain, say: Speaker) -> View:
+def terrain_view(result: xr.Dataset, terrain: Terrain) -> View:
     """The view of a result over its terrain; the same result gives the same view."""
     from plotly.offline import get_plotlyjs
 
     library = get_plotlyjs().encode()
-    found = json.dumps({"traces": traces(result, terrain, say), "layout": _layout(result)})
+    found = json.dumps({"traces": traces(result, terrain), "layout": _layout(result)})
     checksum = base64.b64encode(hashlib.sha256(library).digest()).decode()
     return View(_packed(library), _packed(found.encode()), checksum)
 
@@ -67,7 +67,7 @@ def _packed(content: bytes) -> str:
     return base64.b64encode(zlib.compress(content, 9)).decode()
 
 
-def traces(result: xr.Dataset, terrain: Terrain, say: Speaker) -> list[Trace]:
+def traces(result: xr.Dataset, terrain: Terrain) -> list[Trace]:
     """Surface, lines and trajectories in metres from the south-western corner of the view."""
     extent = reached(result, terrain)
     corner = np.array([extent[0], extent[2]])
@@ -87,7 +87,9 @@ def traces(result: xr.Dataset, terrain: Terrain, say: Speaker) -> list[Trace]:
         found.append(_curve(name, [(x, y, height(*terrain, x, y) + ABOVE)], corner, look))
     curves = [(c.x[::EVERY], c.y[::EVERY], c.z[::EVERY]) for c in trajectories(result, SHOWN)]
     if curves:
-        found.append(_curve(say("trajectories"), curves, corner, {"color": VERMILION, "width": 2}))
+        found.append(
+            _curve(say("page.trajectories"), curves, corner, {"color": VERMILION, "width": 2})
+        )
     return found
 
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.case import case_of
-from rockfall.quantities import count, part_of, percent
+from rockfall.language import say, say_count
+from rockfall.quantities import percent
 from rockfall.result.grounds import sets_followed
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import ended, gone
@@ -25,31 +26,18 @@ if TYPE_CHECKING:
 FEW = 100  # boulders at a line, below which its upper quantiles are uncertain
 FEW_IN_CELL = 30  # boulders through a cell, below which its numbers are mostly Monte Carlo error
 SHIPPED = {  # impact sets: docs/validation/lab.md
-    "rocky-slope": "The rebound comes from simulated impacts of spheres on layers of spheres; it "
-    "was not calibrated on this slope.",
+    "rocky-slope": "validity.the_rebound_comes_from_simulated_impacts",
 }
-OWN = "The impact set is the user's own: what it was calibrated on is not known here."
-AS_GIVEN = (
-    "Terrain, ground, sources and volumes are taken as given. Where a bounce loses about what the "
-    "next flight gains, small changes of slope or ground change the run-out much."
-)
+OWN = "validity.the_impact_set_is_the_users"
+AS_GIVEN = "validity.terrain_ground_sources_and_volumes_are"
 ABSENT = {  # by the group of the case that would add it
-    "forest": "The case has no trees.",
-    "barrier": "The case has no nets or walls.",
-    "dam": "The case has no dams.",
+    "forest": "validity.the_case_has_no_trees",
+    "barrier": "validity.the_case_has_no_nets_or",
+    "dam": "validity.the_case_has_no_dams",
 }
-BOULDER = (
-    "A boulder is a sphere that does not break or slide, meets no other boulder, and leaves the "
-    "ground as it was."
-)
-FOREST = (
-    "Stems are vertical and as thick as at breast height. Crowns, lying stems, undergrowth and "
-    "roots are not modelled, and later boulders find every tree as it was."
-)
-BARRIER = (
-    "A barrier takes as much at its edge as in its middle, has no posts and no gap below, and is "
-    "whole for each boulder."
-)
+BOULDER = "validity.a_boulder_is_a_sphere_that"
+FOREST = "validity.stems_are_vertical_and_as_thick"
+BARRIER = "validity.a_barrier_takes_as_much_at"
 
 
 def warnings(result: xr.Dataset) -> list[str]:
@@ -68,8 +56,8 @@ def cautions(result: xr.Dataset, rows: Rows, levels: pd.DataFrame) -> list[str]:
         *_few(rows),
         *_ended(result),
         *(f"{one.text}." for one in model_remarks(result, case_of(result)) if not one.is_warning),
-        AS_GIVEN,
-        *dict.fromkeys(SHIPPED.get(name, OWN) for name in sets_of(result)),
+        say(AS_GIVEN),
+        *dict.fromkeys(say(SHIPPED.get(name, OWN)) for name in sets_of(result)),
         *_left_out(case_of(result)),
         *_extremes(rows, levels),
         *_of_cells(result),
@@ -85,40 +73,54 @@ def _missing(result: xr.Dataset) -> Iterator[str]:
     boulders, requested = simulated(result), int(result.attrs["boulders_requested"])
     if not result.attrs["complete"]:
         yield (
-            f"The run was interrupted after {boulders:,} of {count(requested, 'boulder')}; "
-            f"{percent(1 - boulders / requested)} are missing. All numbers are of those done."
+            say(
+                "validity.interrupted",
+                boulders=boulders,
+                requested=requested,
+                fraction=percent(1 - boulders / requested),
+            )
         )
         if requested > case_of(result).case.get("boulders", 1):
-            yield "Sources are run one after the other: the last ones are missing."
+            yield say("validity.sources_are_run_one_after_the")
 
 
 def _few(rows: Rows) -> Iterator[str]:
     """Lines crossed by few boulders."""
     for line, numbers in rows.items():
         if (n := int(numbers["speed"]["n"])) < FEW:
-            unknown = "high quantiles there are hardly known" if n else "no speed there is known"
-            yield f"{line}: {count(n, 'boulder')} passed, fewer than {FEW}: {unknown}."
+            if n:
+                yield say_count("validity.few_at_line", n, line=line, few=FEW)
+            else:
+                yield say("validity.none_at_line", line=line, n=n, few=FEW)
 
 
 def _ended(result: xr.Dataset) -> Iterator[str]:
     """Boulders that left the terrain or were stopped by a limit."""
     boulders, limit = simulated(result), ended(result)["impact_limit"]
     if boulders == 1:
-        yield "1 boulder is an example. Fractions and quantiles need at least some hundred."
+        yield say("validity.one_boulder")
     if left := gone(result):
-        text = "left the terrain model: their trajectory beyond it is not known and not counted."
-        yield f"{part_of(left, boulders, 'boulder')} {text}"
+        yield say(
+            "validity.left_terrain",
+            left=left,
+            boulders=boulders,
+            fraction=percent(left / boulders),
+        )
     if limit:
-        text = "reached the limit of contacts while moving: where they come to rest is not known."
-        yield f"{part_of(limit, boulders, 'boulder')} {text}"
+        yield say(
+            "validity.impact_limit",
+            limit=limit,
+            boulders=boulders,
+            fraction=percent(limit / boulders),
+        )
 
 
 def _left_out(case: Case) -> Iterator[str]:
     """Processes that the model of this case omits or simplifies."""
-    yield from (text for group, text in ABSENT.items() if not has(case, group))
-    yield from [FOREST] if has(case, "forest") else []
-    yield from [BARRIER] if has(case, "barrier") else []
-    yield BOULDER
+    yield from (say(key) for group, key in ABSENT.items() if not has(case, group))
+    yield from [say(FOREST)] if has(case, "forest") else []
+    yield from [say(BARRIER)] if has(case, "barrier") else []
+    yield say(BOULDER)
 
 
 def has(case: Case, group: str) -> bool:
@@ -133,11 +135,10 @@ def _extremes(rows: Rows, levels: pd.DataFrame) -> Iterator[str]:
     """Reliability of maxima and return levels."""
     if not any(numbers["speed"]["n"] for numbers in rows.values()):
         return
-    yield "Maxima grow with the number of boulders: they are no bounds."
+    yield say("validity.maxima_grow_with_the_number_of")
     wanted = levels.filter(regex="^level_[0-9]+$")[levels["n"] > 0]
     if given := wanted.size - int(wanted.isna().to_numpy().sum()):
-        text = "given. They extrapolate the tail, which has no physical limit."
-        yield f"Return levels: {given} of {wanted.size} are {text}"
+        yield say("validity.return_levels", given=given, size=wanted.size)
 
 
 def _of_cells(result: xr.Dataset) -> Iterator[str]:
@@ -150,5 +151,10 @@ def _of_cells(result: xr.Dataset) -> Iterator[str]:
         return
     reached, few = int((passed > 0).sum()), int(((passed > 0) & (passed < FEW_IN_CELL)).sum())
     if few:
-        text = f"saw fewer than {FEW_IN_CELL} boulders: mostly Monte Carlo error."
-        yield f"{part_of(few, reached, 'reached cell')} {text}"
+        yield say_count(
+            "validity.few_in_cells",
+            reached,
+            part=few,
+            fraction=percent(few / reached),
+            few_in_cell=FEW_IN_CELL,
+        )

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Translation of a page: texts from a catalogue, numbers in the format of the language.
+"""Translation of English sentences that other parts of the program make, by their words.
 
-Texts are written in English where they arise, also for terminals. For a page their numbers become
-`#` and names of the case `@`; the resulting text is looked up in data/report_texts.csv, and the
-numbers and names are inserted again, in order.
+Texts of the page itself have message ids: see `rockfall.language`. The others are written in
+English where they arise, also for terminals. For a page their numbers become `#` and names of the
+case `@`; the resulting text is looked up in data/report_texts.csv, and the numbers and names are
+inserted again, in order.
 """
 
 from __future__ import annotations
@@ -17,12 +18,11 @@ from functools import cache
 from textwrap import fill
 from typing import TYPE_CHECKING
 
-from rockfall.errors import RockfallError
+from rockfall.language import Text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LANGUAGES = ("en", "de", "fr", "it")
 #: Thousands and decimals (ISO 80000-1 outside English).
 MARKS = {"en": (",", "."), "de": ("\u202f", ","), "fr": ("\u202f", ","), "it": ("\u202f", ",")}
 NUMBER = re.compile(r"(?<![\w.])(?:[<>] |[-+](?=\d))?\d+(?:,\d{3})*(?:\.\d+)?(?=kJ|years|\W|_?$)")
@@ -36,9 +36,7 @@ log = logging.getLogger(__name__)
 
 @cache
 def catalogue(language: str) -> dict[str, str]:
-    """English texts and their translations; a RockfallError for unknown languages."""
-    if language not in LANGUAGES:
-        raise RockfallError(f"language = '{language}': must be one of {', '.join(LANGUAGES)}")
+    """English texts and their translations."""
     path = importlib.resources.files("rockfall") / "data" / "report_texts.csv"
     rows = csv.DictReader(path.read_text(encoding="utf-8").splitlines())
     return {row["en"]: row[language] for row in rows}
@@ -56,6 +54,8 @@ class Speaker:
 
     def __call__(self, text: object) -> str:
         """Translate a text; a text missing from the catalogue is returned unchanged, and logged."""
+        if isinstance(text, Text):
+            return text
         said = str(text)
         if "\n" in said.strip():  # cells of tables have several lines
             return "\n".join(map(self, said.split("\n")))
