@@ -2,12 +2,12 @@
 !> Nets and walls that intercept boulders below their top edge and absorb energy up to their capacity.
 module rockfall_barrier
    use rockfall_kinds, only: wp
-   use rockfall_terrain, only: terrain_t, within
+   use rockfall_terrain, only: terrain_t, patch_position
    use rockfall_flight, only: landing_t
    use rockfall_direction, only: unit_vector
    implicit none
    private
-   public :: barrier_t, barrier_outcome, place_in_front, ead_energy, stopped_there, broken_through, passed_over
+   public :: barrier_t, barrier_outcome, point_in_front, ead_energy, stopped_there, broken_through, passed_over
 
    !> Outcome at a barrier. Of several crossings the most severe counts: stopped if the boulder came to rest there,
    !> broken_through if it broke through once, even if it also passed over.
@@ -49,17 +49,17 @@ contains
 
    !> Point in the air just in front of a barrier. Coordinates are rounded, and other features there, such as a line
    !> along the barrier, must still be ahead of the next flight.
-   pure type(landing_t) function place_in_front(dem, landing, v) result(place)
+   pure type(landing_t) function point_in_front(dem, landing, v) result(point)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: landing  !! at the barrier
       real(wp), intent(in) :: v(2)            !! in plan [m/s]
       real(wp) :: offset(2)
 
-      place = landing
+      point = landing
       offset = unit_vector(v)*(barrier_offset*dem%cell*max(dem%nx, dem%ny))
-      place%x = place%x - offset(1)
-      place%y = place%y - offset(2)
-      place%u = within(dem, place%x, place%patch%i)
-      place%w = within(dem, place%y, place%patch%j)
-   end function place_in_front
+      point%x = point%x - offset(1)
+      point%y = point%y - offset(2)
+      point%u = patch_position(dem, point%x, point%patch%i)
+      point%w = patch_position(dem, point%y, point%patch%j)
+   end function point_in_front
 end module rockfall_barrier

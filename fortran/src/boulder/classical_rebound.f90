@@ -11,7 +11,7 @@ module rockfall_classical_rebound
    use rockfall_impact, only: rebound_t, is_admissible, limit_rebound
    implicit none
    private
-   public :: scatter_t, scatter, drawn, classical_t, classical_rebound, lengthen_hop, penetration, absorbs
+   public :: scatter_t, scatter, drawn_coefficient, classical_t, classical_rebound, lengthen_hop, penetration, absorbs
    public :: by_sets, rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbing, by_table, by_ratio_table
 
    !> Rebound models: impact sets (rockfall_impact); the models of this module; the boulder stays; or a table
@@ -72,14 +72,14 @@ contains
       real(wp), intent(in) :: limit  !! [-]
       logical, intent(in) :: inclusive
       integer(i8) :: low, middle
-      real(wp) :: found
+      real(wp) :: normal_value
 
       low = 0
       high = 2_i8**32
       do while (low < high)
          middle = (low + high)/2
-         found = normal(table, middle)
-         if (found > limit .or. (inclusive .and. found >= limit)) then
+         normal_value = normal(table, middle)
+         if (normal_value > limit .or. (inclusive .and. normal_value >= limit)) then
             high = middle
          else
             low = middle + 1
@@ -88,14 +88,15 @@ contains
    end function first_word
 
    !> Value of the variable for a random word.
-   pure real(wp) function drawn(this, table, word)
+   pure real(wp) function drawn_coefficient(this, table, word)
       type(scatter_t), intent(in) :: this
       type(normal_table_t), intent(in) :: table
       integer(i8), intent(in) :: word  !! 0..2**32-1
 
-      drawn = this%mean
-      if (this%words > 0) drawn = this%mean + this%std*normal(table, int(this%first + uniform(word)*this%words, i8))
-   end function drawn
+      drawn_coefficient = this%mean
+      if (this%words > 0) drawn_coefficient = this%mean + this%std &
+                                               *normal(table, int(this%first + uniform(word)*this%words, i8))
+   end function drawn_coefficient
 
    !> Return whether a boulder stays where it lands, given the obstacle height.
    pure logical function absorbs(this, obstacle)
@@ -122,14 +123,14 @@ contains
       real(wp), intent(in) :: obstacle  !! obstacle height [m]
       real(wp), intent(in) :: v_in(3)   !! V_t, V_n, W [m/s]
       type(rebound_t), intent(out) :: out
-      real(wp) :: s, c, side, spin, met(3)
+      real(wp) :: s, c, side, spin, v_tilted(3)
 
       call sine_cosine(this%roughness*tilt, s, c)
-      met = tilted(v_in, s, c)
-      side = sign(1.0_wp, met(1))  !! on tilted ground it may land moving backwards
+      v_tilted = tilted(v_in, s, c)
+      side = sign(1.0_wp, v_tilted(1))  !! on tilted ground it may land moving backwards
       spin = sqrt(inertia_factor/inertia)  ! R omega over W
-      met = restored(this, table, words, boulder, inertia, obstacle, met*[side, 1.0_wp, side*spin])
-      out%v = tilted(met*[side, 1.0_wp, side/spin], -s, c)
+      v_tilted = model_rebound(this, table, words, boulder, inertia, obstacle, v_tilted*[side, 1.0_wp, side*spin])
+      out%v = tilted(v_tilted*[side, 1.0_wp, side/spin], -s, c)
       out%forced = .not. is_admissible(v_in, out%v)
       if (out%forced) call limit_rebound(out%v, v_in)
    end subroutine classical_rebound
@@ -142,12 +143,12 @@ contains
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: pull     !! gravity along the normal of the ground [m/s2]
       real(wp), intent(inout) :: v(3)  !! V_t, V_n, W after a rebound [m/s]
-      real(wp) :: speed2, due, normal2
+      real(wp) :: speed2, required, normal2
 
-      due = pull*this%min_hop*boulder%radius
+      required = pull*this%min_hop*boulder%radius
       speed2 = v(1)*v(1) + v(2)*v(2)
-      if (due <= 0 .or. speed2 <= due) return
-      normal2 = due*due/(2*(speed2 + sqrt((speed2 - due)*(speed2 + due))))  ! the smaller root
+      if (required <= 0 .or. speed2 <= required) return
+      normal2 = required*required/(2*(speed2 + sqrt((speed2 - required)*(speed2 + required))))  ! the smaller root
       if (v(2)*v(2) >= normal2) return
       v(1) = sign(sqrt(speed2 - normal2), v(1))
       v(2) = sqrt(normal2)
@@ -164,7 +165,7 @@ contains
    end function tilted
 
    !> Compute V_t, V_n, W after an impact by the model, with its variables drawn.
-   pure function restored(this, table, words, boulder, inertia, obstacle, v_in) result(v)
+   pure function model_rebound(this, table, words, boulder, inertia, obstacle, v_in) result(v)
       type(classical_t), intent(in) :: this
       type(normal_table_t), intent(in) :: table
       integer(i8), intent(in) :: words(rebound_words)
@@ -175,8 +176,8 @@ contains
       real(wp) :: v(3)
       real(wp) :: normal_drawn, tangential_drawn, height
 
-      normal_drawn = drawn(this%normal, table, words(normal_restitution_word))
-      tangential_drawn = drawn(this%tangential, table, words(tangential_restitution_word))
+      normal_drawn = drawn_coefficient(this%normal, table, words(normal_restitution_word))
+      tangential_drawn = drawn_coefficient(this%tangential, table, words(tangential_restitution_word))
       select case (this%model)
       case (rockyfor3d)
          height = obstacle*(1 + this%obstacle_spread*(2*uniform(words(obstacle_spread_word)) - 1))
@@ -188,7 +189,7 @@ contains
       case default
          v = [tangential_drawn, -normal_drawn, tangential_drawn]*v_in
       end select
-   end function restored
+   end function model_rebound
 
    !> Rebound of Rockyfor3D (Dorren 2016): the obstacle height MOH and the penetration D_p slow a boulder of radius R
    !> along the ground, R_t = 1/(1 + (MOH + D_p)/R).
@@ -203,7 +204,7 @@ contains
       real(wp) :: depth
 
       depth = penetration(boulder, soil_density, r_n, v_in(1)*v_in(1) + v_in(2)*v_in(2))
-      v = rolled(1/(1 + (height + depth)/boulder%radius), inertia, v_in)
+      v = rolling_velocity(1/(1 + (height + depth)/boulder%radius), inertia, v_in)
       v(2) = slowed_normal(r_n, v_in(2))
    end function obstacle_rebound
 
@@ -235,24 +236,25 @@ contains
       real(wp), intent(in) :: inertia   !! I/(m R**2) [-]
       real(wp), intent(in) :: v_in(3)   !! V_t, V_n, W [m/s]
       real(wp) :: v(3)
-      real(wp) :: slip, hit
+      real(wp) :: slip, speed_ratio
 
       slip = (v_in(1) - v_in(3))/friction_speed
-      hit = v_in(2)/(scaling_speed*r_n)
-      v = rolled((r_t + (1 - r_t)/(slip*slip + friction_offset))*(r_t/(hit*hit + 1)), inertia, v_in)
+      speed_ratio = v_in(2)/(scaling_speed*r_n)
+      v = rolling_velocity((r_t + (1 - r_t)/(slip*slip + friction_offset))*(r_t/(speed_ratio*speed_ratio + 1)), &
+                           inertia, v_in)
       v(2) = slowed_normal(r_n, v_in(2))
    end function friction_rebound
 
-   !> Velocity of a boulder that leaves the ground rolling with a fraction `share` of its tangential energy: V_t' =
-   !> sqrt(R**2 (I omega**2 + m V_t**2) share/(I + m R**2)), W' = V_t' (Pfeiffer and Bowen 1989).
-   pure function rolled(share, inertia, v_in) result(v)
-      real(wp), intent(in) :: share    !! [-]
+   !> Velocity of a boulder that leaves the ground rolling with a fraction f of its tangential energy: V_t' =
+   !> sqrt(R**2 (I omega**2 + m V_t**2) f/(I + m R**2)), W' = V_t' (Pfeiffer and Bowen 1989).
+   pure function rolling_velocity(energy_fraction, inertia, v_in) result(v)
+      real(wp), intent(in) :: energy_fraction  !! [-]
       real(wp), intent(in) :: inertia  !! I/(m R**2) [-]
       real(wp), intent(in) :: v_in(3)  !! V_t, V_n, W [m/s]
       real(wp) :: v(3)
 
-      v = sqrt((v_in(1)*v_in(1) + inertia*v_in(3)*v_in(3))*share/(1 + inertia))
-   end function rolled
+      v = sqrt((v_in(1)*v_in(1) + inertia*v_in(3)*v_in(3))*energy_fraction/(1 + inertia))
+   end function rolling_velocity
 
    !> Normal velocity V_n' = -V_n R_n/(1 + (V_n/30 ft/s)**2) (Pfeiffer and Bowen 1989): hard hits crush the ground.
    pure real(wp) function slowed_normal(r_n, v_n)

@@ -9,7 +9,8 @@ module rockfall_direction
    implicit none
    private
    public :: turning_t, lateral_t, lateral, lateral_classes, lateral_quantiles
-   public :: past_aspect, to_aspect, by_lab, turn_angle, lateral_angle, new_heading, unit_vector, any_heading, rotated
+   public :: past_aspect, to_aspect, by_lab, rebound_turn_angle, lateral_angle, new_heading, unit_vector, &
+             random_heading, rotated
    public :: turn_past_aspect, divide_by_length, shortest, along_aspect
 
    !> Turning rules: the printed classes, where a turn larger than the angle to the aspect goes past it (as written in
@@ -85,13 +86,13 @@ contains
 
    !> Angle of a turn [rad] (section 3.3) by inversion of its distribution: 0-22.5 degrees with probability 0.72,
    !> 22.5-45 with 0.24, 45-50 with 0.04; uniform within a class, our choice (theory, chapter 6).
-   elemental real(wp) function turn_angle(u)
+   elemental real(wp) function rebound_turn_angle(u)
       real(wp), intent(in) :: u  !! uniform in (0, 1) [-]
 
-      turn_angle = in_first*u
-      if (u >= second_class) turn_angle = sector*degree + in_second*(u - second_class)
-      if (u >= third_class) turn_angle = 2*sector*degree + in_third*(u - third_class)
-   end function turn_angle
+      rebound_turn_angle = in_first*u
+      if (u >= second_class) rebound_turn_angle = sector*degree + in_second*(u - second_class)
+      if (u >= third_class) rebound_turn_angle = 2*sector*degree + in_third*(u - third_class)
+   end function rebound_turn_angle
 
    !> Heading after a rebound (section 3.3; theory, chapter 6): in a pit unchanged; upslope uniform within 22.5 degrees
    !> of the heading before; otherwise by the rule, and by the printed classes only if the cell has a descent.
@@ -120,7 +121,7 @@ contains
          side = turning%side*merge(1.0_wp, side, along)
          after = rotated_on_patch(heading, g, side*turning%lateral)
       else if (any(abs(aspect) > 0)) then
-         call sine_cosine(turn_angle(turning%u), s, c)
+         call sine_cosine(rebound_turn_angle(turning%u), s, c)
          if (dot_product(heading, aspect) >= c) then
             after = aspect
          else
@@ -145,7 +146,7 @@ contains
       up = g_east*east + g_north*north
       side = merge(free_side, sign(1.0_wp, across), abs(across) <= along_aspect)
       side = merge(sign(1.0_wp, across), side, up > 0)
-      angle = merge(turn_angle(u), 0.0_wp, abs(aspect_east) + abs(aspect_north) > 0)
+      angle = merge(rebound_turn_angle(u), 0.0_wp, abs(aspect_east) + abs(aspect_north) > 0)
       angle = merge((2*u - 1)*sector*degree, angle, up > 0)
       call sine_cosine(angle, s, c)
       s = side*s
@@ -206,7 +207,7 @@ contains
 
    !> Heading uniform on the circle, for a vertical impact on ground without descent: an angle within 45 degrees of
    !> east, where the series of sine and cosine hold, then quarter turns.
-   pure function any_heading(u) result(heading)
+   pure function random_heading(u) result(heading)
       real(wp), intent(in) :: u  !! uniform in (0, 1) [-]
       real(wp) :: heading(2)
       real(wp) :: s, c
@@ -218,5 +219,5 @@ contains
       do quarter = quarter, 1, -1
          heading = [-heading(2), heading(1)]
       end do
-   end function any_heading
+   end function random_heading
 end module rockfall_direction

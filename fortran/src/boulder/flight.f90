@@ -4,13 +4,15 @@
 module rockfall_flight
    use rockfall_kinds, only: wp
    use rockfall_math, only: logarithm
-   use rockfall_terrain, only: terrain_t, patch_t, read_patch, height, height_at, gradient, within, fraction_of
+   use rockfall_terrain, only: terrain_t, patch_t, read_patch, height, height_at, gradient, patch_position, fraction_of
    implicit none
    private
-   public :: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, parabola_length, never
-   public :: inverse_speed, exit_time, side_time, curvature, strikes, strike_time, highest, enter_patch, place_on_patch
+   public :: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, parabola_length, &
+             no_hit_time
+   public :: inverse_speed, exit_time, side_time, curvature, strikes_ground, strike_time, max_height, enter_patch, &
+             place_on_patch
 
-   real(wp), parameter :: never = 1.0e30_wp  !! [s] longer than any flight; its square does not overflow
+   real(wp), parameter :: no_hit_time = 1.0e30_wp  !! [s] longer than any flight; its square does not overflow
    real(wp), parameter :: at_rest = 1.0e-200_wp  !! [m2/s2] squared plan speed that does not contribute to a length
 
    !> Start of a flight.
@@ -88,10 +90,10 @@ contains
          ty = side_time(start%y, start%v(2), real(patch%j, wp), dem%cell, inverse(2))
          t1 = max(t0, min(tx, ty))
          d2 = curvature(gravity, patch%c, p, q)
-         contact = strikes(d0, d1, d2, t1 - t0) > 0
+         contact = strikes_ground(d0, d1, d2, t1 - t0) > 0
          s = t1 - t0
          if (contact) s = strike_time(d0, d1, d2, t1 - t0)
-         landing%jump_height = max(landing%jump_height, highest(d0, d1, d2, 0.0_wp, s))
+         landing%jump_height = max(landing%jump_height, max_height(d0, d1, d2, 0.0_wp, s))
          if (present(spans)) then
             n_spans = n_spans + 1
             spans(n_spans) = span_t(patch%i, patch%j, t0, t0 + s, d0, d1, d2)
@@ -137,12 +139,12 @@ contains
       landing%y = start%y + start%v(2)*time
       landing%z = start%z + time*(start%v(3) - 0.5_wp*gravity*time)
       call read_patch(dem, spans(n)%i, spans(n)%j, landing%patch)
-      landing%u = within(dem, landing%x, landing%patch%i)
-      landing%w = within(dem, landing%y, landing%patch%j)
+      landing%u = patch_position(dem, landing%x, landing%patch%i)
+      landing%w = patch_position(dem, landing%y, landing%patch%j)
       landing%jump_height = 0
       do k = 1, n
          associate (s => spans(k))
-            landing%jump_height = max(landing%jump_height, highest(s%d0, s%d1, s%d2, 0.0_wp, s%t1 - s%t0))
+            landing%jump_height = max(landing%jump_height, max_height(s%d0, s%d1, s%d2, 0.0_wp, s%t1 - s%t0))
          end associate
       end do
    end subroutine end_flight
@@ -169,8 +171,8 @@ contains
       real(wp), intent(in) :: v     !! [m/s]
       real(wp), intent(in) :: cell  !! cell size [m]
 
-      inverse_speed = 1/merge(v, 1.0_wp, abs(v)*never > cell)
-      inverse_speed = merge(inverse_speed, 0.0_wp, abs(v)*never > cell)
+      inverse_speed = 1/merge(v, 1.0_wp, abs(v)*no_hit_time > cell)
+      inverse_speed = merge(inverse_speed, 0.0_wp, abs(v)*no_hit_time > cell)
    end function inverse_speed
 
    !> Time at which a coordinate reaches an edge between patches [s].
@@ -180,7 +182,7 @@ contains
       real(wp), intent(in) :: inverse  !! as from inverse_speed [s/m]
 
       exit_time = (edge*cell - x)*inverse
-      exit_time = merge(exit_time, never, abs(inverse) > 0)
+      exit_time = merge(exit_time, no_hit_time, abs(inverse) > 0)
    end function exit_time
 
    !> Time at which a coordinate reaches the side of patch interval k in its direction of motion [s].
@@ -203,7 +205,7 @@ contains
 
    !> Return 1 if d0 + d1 s + d2 s**2, d0 >= 0, becomes negative in 0..length, else 0; a number, so that loops
    !> vectorise.
-   elemental real(wp) function strikes(d0, d1, d2, length)
+   elemental real(wp) function strikes_ground(d0, d1, d2, length)
       real(wp), intent(in) :: d0, d1, d2  !! [m], [m/s], [m/s2]
       real(wp), intent(in) :: length      !! of the span [s]
       real(wp) :: dips  ! minimum inside the span
@@ -212,8 +214,8 @@ contains
       dips = merge(dips, 0.0_wp, -d1 < 2*d2*length)
       dips = merge(dips, 0.0_wp, d1 < 0)
       dips = merge(dips, 0.0_wp, d2 > 0)
-      strikes = merge(1.0_wp, dips, d0 + length*(d1 + length*d2) < 0)
-   end function strikes
+      strikes_ground = merge(1.0_wp, dips, d0 + length*(d1 + length*d2) < 0)
+   end function strikes_ground
 
    !> First time at which the height becomes negative [s], if it does; uses the form of the root without cancellation.
    elemental real(wp) function strike_time(d0, d1, d2, length) result(s)
@@ -228,7 +230,7 @@ contains
    end function strike_time
 
    !> Maximum of d0 + d1 s + d2 s**2 in from..to [m]: at either end, or at the vertex s = -d1/(2 d2).
-   elemental real(wp) function highest(d0, d1, d2, from, to)
+   elemental real(wp) function max_height(d0, d1, d2, from, to)
       real(wp), intent(in) :: d0, d1, d2  !! [m], [m/s], [m/s2]
       real(wp), intent(in) :: from, to    !! 0 <= from <= to [s]
       real(wp) :: vertex, within  ! 1 if the vertex lies within the interval, else 0
@@ -236,9 +238,9 @@ contains
       vertex = d0 - d1*d1/merge(4*d2, 1.0_wp, d2 < 0)
       within = merge(1.0_wp, 0.0_wp, d1 < -2*d2*to)
       within = merge(within, 0.0_wp, d1 > -2*d2*from)
-      highest = max(d0 + from*(d1 + from*d2), d0 + to*(d1 + to*d2))
-      highest = merge(vertex, highest, within > 0)
-   end function highest
+      max_height = max(d0 + from*(d1 + from*d2), d0 + to*(d1 + to*d2))
+      max_height = merge(vertex, max_height, within > 0)
+   end function max_height
 
    !> Height above a patch at its entry, and its rate of change.
    elemental subroutine enter_patch(x, y, z, v1, v2, v3, gravity, per_cell, t, i, j, z00, a, b, c, d0, d1)
@@ -303,15 +305,15 @@ contains
       real(wp), intent(in) :: v3       !! at the start [m/s]
       real(wp), intent(in) :: gravity  !! [m/s2]
       real(wp), intent(in) :: time     !! of flight [s]
-      real(wp) :: fall, v1, s0, s1, both, area
+      real(wp) :: fall, v1, s0, s1, speed_sum, area
 
       fall = gravity*time
       v1 = v3 - fall
       s0 = sqrt(plan2 + v3*v3)
       s1 = sqrt(plan2 + v1*v1)
-      both = s0 + s1
+      speed_sum = s0 + s1
       ! If rounding cancels the difference, plan2 is negligible.
-      area = plan2*logarithm((both + fall)/max(both - fall, epsilon(both)*both, tiny(both)))
+      area = plan2*logarithm((speed_sum + fall)/max(speed_sum - fall, epsilon(speed_sum)*speed_sum, tiny(speed_sum)))
       if (.not. plan2 > at_rest) area = 0
       length = max(0.0_wp, 0.5_wp*(v3*s0 - v1*s1 + area)/gravity)  ! terms cancel for short hops
    end function parabola_length

@@ -1,7 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Hits of trees, i.e. the first stem hit by a flight, the energy that it absorbs, and the turn of the boulder. In plan
-!> both stem and
-!> boulder are discs, so the boulder's centre meets a disc whose radius is the sum of both.
+!> both stem and boulder are discs, so the boulder's centre meets a disc whose radius is the sum of both.
 module rockfall_forest
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: degree, exponential, logarithm, sine_cosine
@@ -9,8 +8,8 @@ module rockfall_forest
    use rockfall_flight, only: span_t
    implicit none
    private
-   public :: forest_t, stem_t, tree_law_t, tree_hit_t, tree_impact_t, build_forest, first_hit, tree_impact
-   public :: max_stem_energy, energy_share, hit_type, frontal, lateral, scratch, class_ends
+   public :: forest_t, stem_t, tree_model_t, tree_hit_t, tree_impact_t, build_forest, find_first_hit, tree_impact
+   public :: max_stem_energy, absorbed_fraction, hit_type, frontal, lateral, scratch, class_ends
 
    !> Types of a hit, by the position of the contact on the stem.
    integer, parameter :: frontal = 1, lateral = 2, scratch = 3
@@ -22,7 +21,7 @@ module rockfall_forest
    !> inside: at the stem just hit, only rounding decides the side [-].
    real(wp), parameter :: on_edge = 1.0e-6_wp
    !> Offset from the axis of a stem, over the radius, within which a hit has no side: only rounding decides it [-].
-   real(wp), parameter :: in_the_middle = 1.0e-9_wp
+   real(wp), parameter :: centred_offset = 1.0e-9_wp
    real(wp), parameter :: along_rows = 1.0e-9_wp  !! heading component below which the row of buckets never changes [-]
    real(wp), parameter :: min_side = 5.0_wp       !! minimum size of a bucket [m]: one or two trees
    integer, parameter :: buckets_per_stem = 2     !! approximate maximum
@@ -34,17 +33,17 @@ module rockfall_forest
    end type stem_t
 
    !> Parameters common to all stems.
-   type :: tree_law_t
+   type :: tree_model_t
       real(wp) :: stem_height = huge(1.0_wp)      !! boulders above this height pass over [m]
       real(wp) :: limit(2) = [0.58_wp, 0.75_wp]   !! of x: lateral from the first, scratch from the second [-]
       !> Frequency of each class of the turn by type of hit (class, type), in any unit. The default, the widths of the
       !> classes, makes all angles up to 76 degrees equally likely.
       real(wp) :: weight(3, 3) = spread(class_ends(1:3) - class_ends(0:2), 2, 3)
-   end type tree_law_t
+   end type tree_model_t
 
    !> Stems in a grid of buckets: bucket (i, j) = (0.., 0..) has stem(first(k):first(k + 1) - 1), k = 1 + i + nx*j.
    type :: forest_t
-      type(tree_law_t) :: law
+      type(tree_model_t) :: model
       type(stem_t), allocatable :: stem(:)
       integer, allocatable :: first(:)
       integer :: nx = 0, ny = 0                   !! buckets
@@ -63,7 +62,7 @@ module rockfall_forest
 
    !> Effect of a hit on a boulder.
    type :: tree_impact_t
-      real(wp) :: taken = 0.0_wp                  !! energy absorbed by the stem [J]
+      real(wp) :: absorbed = 0.0_wp               !! energy absorbed by the stem [J]
       real(wp) :: sine = 0.0_wp, cosine = 1.0_wp  !! of the turn in plan, > 0: to the left [-]
       logical :: breaks = .false.                 !! the stem breaks: later flights of this boulder ignore it
    end type tree_impact_t
@@ -72,18 +71,18 @@ contains
 
    !> Build a forest; `factor` is the strength of a stem relative to silver fir. A subroutine, to avoid a temporary copy
    !> of the result.
-   pure subroutine build_forest(x, y, origin, dbh, factor, law, this)
+   pure subroutine build_forest(x, y, origin, dbh, factor, model, this)
       real(wp), intent(in) :: x(:), y(:)  !! map coordinates, at least one stem [m]
       real(wp), intent(in) :: origin(2)   !! of local coordinates [m]
       real(wp), intent(in) :: dbh(:)      !! diameters at breast height, > 0 [cm]
       real(wp), intent(in) :: factor(:)   !! [-]
-      type(tree_law_t), intent(in) :: law
+      type(tree_model_t), intent(in) :: model
       type(forest_t), intent(out) :: this
       integer, allocatable :: next(:)
       real(wp) :: across(2)
       integer :: k, b
 
-      this%law = law
+      this%model = model
       this%low = [minval(x), minval(y)] - origin
       across = [maxval(x), maxval(y)] - origin - this%low
       associate (buckets => real(buckets_per_stem, wp)*size(x))
@@ -116,19 +115,19 @@ contains
       type(forest_t), intent(in) :: this
       real(wp), intent(in) :: x, y  !! [m]
 
-      bucket = 1 + strip(this, 1, x) + this%nx*strip(this, 2, y)
+      bucket = 1 + bucket_index(this, 1, x) + this%nx*bucket_index(this, 2, y)
    end function bucket
 
    !> Column (axis 1) or row (axis 2) of buckets of a coordinate, from 0; clamped to the grid.
-   pure integer function strip(this, axis, coordinate)
+   pure integer function bucket_index(this, axis, coordinate)
       type(forest_t), intent(in) :: this
       integer, intent(in) :: axis
       real(wp), intent(in) :: coordinate  !! [m]
 
       associate (last => merge(this%nx, this%ny, axis == 1) - 1.0_wp)
-         strip = int(max(0.0_wp, min(last, (coordinate - this%low(axis))/this%side)))
+         bucket_index = int(max(0.0_wp, min(last, (coordinate - this%low(axis))/this%side)))
       end associate
-   end function strip
+   end function bucket_index
 
    !> Maximum energy [J] absorbed by a stem of silver fir in a central hit
    !> (Dorren and Berger 2006, doi:10.1093/treephys/26.1.63): 38.7 DBH**2.31, DBH in cm.
@@ -139,19 +138,19 @@ contains
    end function max_stem_energy
 
    !> Fraction of the maximum energy that a stem absorbs in an off-centre hit (Dorren and Berger 2006).
-   elemental real(wp) function energy_share(x)
+   elemental real(wp) function absorbed_fraction(x)
       real(wp), intent(in) :: x  !! from the middle of the stem (0) to its side (1) [-]
       real(wp), parameter :: ln10 = 2.30258509299404568402_wp
 
-      energy_share = max(0.0_wp, -0.046_wp + 1.026_wp/(1 + exponential(-8.007_wp*(0.58_wp - x)*ln10)))
-   end function energy_share
+      absorbed_fraction = max(0.0_wp, -0.046_wp + 1.026_wp/(1 + exponential(-8.007_wp*(0.58_wp - x)*ln10)))
+   end function absorbed_fraction
 
    !> Find the first stem whose disc the straight plan path of a flight enters from outside, below the stem's height.
    !> Stems whose disc contains the start are ignored, so the stem just hit is ignored until the boulder has left it.
    !>
    !> Rows of buckets are searched in the order in which the path approaches them: in each row the columns within reach
    !> of the path, which are contiguous in `stem`.
-   pure subroutine first_hit(this, spans, x, y, v, radius, broken, hit)
+   pure subroutine find_first_hit(this, spans, x, y, v, radius, broken, hit)
       type(forest_t), intent(in) :: this
       type(span_t), intent(in), contiguous :: spans(:)    !! of the flight
       real(wp), intent(in) :: x, y            !! its start [m]
@@ -168,7 +167,7 @@ contains
       length = speed*spans(size(spans))%t1    ! of the remaining path up to the first hit [m]
       reach = (radius + this%max_radius)*(1 + on_edge)
       step = merge(1, -1, heading(2) > 0)
-      do row = strip(this, 2, y - step*reach), strip(this, 2, y + heading(2)*length + step*reach), step
+      do row = bucket_index(this, 2, y - step*reach), bucket_index(this, 2, y + heading(2)*length + step*reach), step
          near = this%low(2) + (row + (1 - step)/2)*this%side - step*reach - y
          from = 0
          to = length
@@ -178,17 +177,18 @@ contains
          end if
          if (from > length) exit
          if (to < 0) cycle
-         left = strip(this, 1, x + min(heading(1)*from, heading(1)*to) - reach)
-         right = strip(this, 1, x + max(heading(1)*from, heading(1)*to) + reach)
+         left = bucket_index(this, 1, x + min(heading(1)*from, heading(1)*to) - reach)
+         right = bucket_index(this, 1, x + max(heading(1)*from, heading(1)*to) + reach)
          do k = this%first(1 + left + this%nx*row), this%first(2 + right + this%nx*row) - 1
-            call meet(this%stem(k), k, this%law%stem_height, spans, x, y, heading, speed, radius, broken, length, hit)
+            call test_stem(this%stem(k), k, this%model%stem_height, spans, x, y, heading, speed, radius, broken, &
+                           length, hit)
          end do
       end do
-   end subroutine first_hit
+   end subroutine find_first_hit
 
    !> Record a hit of this stem if it is nearer than `length`. The path crosses the disc where
    !> s**2 - 2 along s + d**2 - r**2 = 0; the nearer root is computed in the form without cancellation.
-   pure subroutine meet(stem, number, stem_height, spans, x, y, heading, speed, radius, broken, length, hit)
+   pure subroutine test_stem(stem, number, stem_height, spans, x, y, heading, speed, radius, broken, length, hit)
       type(stem_t), intent(in) :: stem
       integer, intent(in) :: number
       real(wp), intent(in) :: stem_height     !! [m]
@@ -210,14 +210,14 @@ contains
       if (d2 <= r2*(1 + on_edge)) return
       s = (d2 - r2)/(along + sqrt(r2 - across*across))
       if (s >= length) return
-      above = height_in(spans, s/speed)
+      above = flight_height(spans, s/speed)
       if (above >= stem_height .or. any(broken == number)) return
       length = s
       hit = tree_hit_t(number, s/speed, across, above)
-   end subroutine meet
+   end subroutine test_stem
 
    !> Height above the ground at a time of a flight [m].
-   pure real(wp) function height_in(spans, time) result(height)
+   pure real(wp) function flight_height(spans, time) result(height)
       type(span_t), intent(in), contiguous :: spans(:)
       real(wp), intent(in) :: time  !! since its start [s]
       integer :: k
@@ -228,14 +228,14 @@ contains
       associate (span => spans(k), s => time - spans(k)%t0)
          height = max(0.0_wp, span%d0 + s*(span%d1 + s*span%d2))
       end associate
-   end function height_in
+   end function flight_height
 
    !> Effect of a hit: the energy absorbed, and the turn, away from the stem.
    !>
    !> Two discs touch on the line between their centres, so the contact is at x = offset/(R_b + DBH/2) of the stem's
    !> radius from its axis. A frontal hit that the boulder survives breaks the stem.
-   pure type(tree_impact_t) function tree_impact(law, stem, offset, radius, energy, word) result(impact)
-      type(tree_law_t), intent(in) :: law
+   pure type(tree_impact_t) function tree_impact(model, stem, offset, radius, energy, word) result(impact)
+      type(tree_model_t), intent(in) :: model
       type(stem_t), intent(in) :: stem
       real(wp), intent(in) :: offset          !! of its axis from the path, > 0: to the left [m]
       real(wp), intent(in) :: radius          !! of the boulder [m]
@@ -245,32 +245,32 @@ contains
       integer :: type
 
       x = abs(offset)/(radius + stem%radius)
-      type = hit_type(law, x)
-      impact%taken = min(energy, energy_share(x)*stem%max_energy)
-      impact%breaks = type == frontal .and. impact%taken < energy
+      type = hit_type(model, x)
+      impact%absorbed = min(energy, absorbed_fraction(x)*stem%max_energy)
+      impact%breaks = type == frontal .and. impact%absorbed < energy
       side = -sign(1.0_wp, offset)
-      if (x < in_the_middle) side = side_of(word(tree_within_word))
-      call sine_cosine(turn_angle(law%weight(:, type), uniform(word(tree_class_word)), &
-                                  uniform(word(tree_within_word)))/2, s, c)
+      if (x < centred_offset) side = side_of(word(tree_within_word))
+      call sine_cosine(tree_turn_angle(model%weight(:, type), uniform(word(tree_class_word)), &
+                                       uniform(word(tree_within_word)))/2, s, c)
       impact%sine = side*2*s*c
       impact%cosine = 1 - 2*s*s
    end function tree_impact
 
    !> Type of a hit: frontal, lateral or scratch.
-   pure integer function hit_type(law, x)
-      type(tree_law_t), intent(in) :: law
+   pure integer function hit_type(model, x)
+      type(tree_model_t), intent(in) :: model
       real(wp), intent(in) :: x  !! as in energy_share [-]
 
-      hit_type = frontal + count(x >= law%limit)
+      hit_type = frontal + count(x >= model%limit)
    end function hit_type
 
    !> Angle of a turn [rad]: a class drawn by the weights, uniform within the class.
-   pure real(wp) function turn_angle(weight, class, within)
+   pure real(wp) function tree_turn_angle(weight, class, within)
       real(wp), intent(in) :: weight(3)      !! of the classes, at least one > 0 [any unit]
       real(wp), intent(in) :: class, within  !! uniform in (0, 1) [-]
       integer :: k
 
       k = 1 + count(class*sum(weight) >= [weight(1), weight(1) + weight(2)])
-      turn_angle = (class_ends(k - 1) + within*(class_ends(k) - class_ends(k - 1)))*degree
-   end function turn_angle
+      tree_turn_angle = (class_ends(k - 1) + within*(class_ends(k) - class_ends(k - 1)))*degree
+   end function tree_turn_angle
 end module rockfall_forest

@@ -12,9 +12,9 @@ module rockfall_impact
    implicit none
    private
    public :: impact_set_t, impact_set, check_covariance, with_noise, fitted_t, fitted, beyond_fit
-   public :: velocity_law_t, law_of, drawn
-   public :: max_draws, min_normal, impact_ratios, ratio_class, ratio_between, ratio_weights, rebound_t, rebound
-   public :: admissible, is_admissible, limit_rebound, twice_energy, draw_again, first_draw, energy_of
+   public :: velocity_distribution_t, velocity_distribution, drawn_velocity
+   public :: max_draws, min_normal, impact_ratios, find_nearest_set, interpolated_set, ratio_weights, rebound_t, rebound
+   public :: admissible, is_admissible, limit_rebound, twice_energy, redraw_rebound, draw_rebound, energy_of
 
    integer, parameter :: impact_ratios = 5  !! sets for R_b/R_m = 1, 2, 3, 4, 5
    integer, parameter :: max_draws = 32    !! draws of A before the last is limited; our choice (theory, chapter 5)
@@ -49,11 +49,11 @@ module rockfall_impact
 
    !> Distribution of V_out = A V_in for one V_in: normal, with the covariance S = F D F^T, F unit lower triangular, D
    !> diagonal.
-   type :: velocity_law_t
+   type :: velocity_distribution_t
       real(wp) :: mean_t, mean_n, mean_w        !! [m/s]
       real(wp) :: std_t, std_n, std_w           !! sqrt(D) [m/s]
       real(wp) :: factor21, factor31, factor32  !! F [-]
-   end type velocity_law_t
+   end type velocity_distribution_t
 
    !> Result of one rebound.
    type :: rebound_t
@@ -124,7 +124,8 @@ contains
       end if
    end subroutine impact_set
 
-   !> Precompute what `law_of` needs of the covariance C of A: S_ij = sum over k, l of C(3(i-1)+k, 3(j-1)+l) V_k V_l.
+   !> Precompute what `velocity_distribution` needs of the covariance C of A: S_ij = sum over k, l of
+   !> C(3(i-1)+k, 3(j-1)+l) V_k V_l.
    pure subroutine set_covariance(set, c)
       type(impact_set_t), intent(inout) :: set
       real(wp), intent(in) :: c(9, 9)  !! [-]
@@ -161,14 +162,14 @@ contains
    !> Covariance of A that gives V_out = A V_in the distribution of A V_in + |V_in| e, |V|**2 = V_t**2 + V_n**2 +
    !> W**2, e normal with covariance S (theory, chapter 5). A and e are drawn together for each impact, and |V_in| e is
    !> distributed as E V_in, where E has independent columns of covariance S: so C + S (x) I.
-   pure function with_noise(c, s) result(folded)
+   pure function with_noise(c, s) result(total)
       real(wp), intent(in) :: c(9, 9), s(3, 3)  !! [-]
-      real(wp) :: folded(9, 9)
+      real(wp) :: total(9, 9)
       integer :: k
 
-      folded = c
+      total = c
       do k = 1, 3
-         folded(k::3, k::3) = folded(k::3, k::3) + s
+         total(k::3, k::3) = total(k::3, k::3) + s
       end do
    end function with_noise
 
@@ -261,18 +262,18 @@ contains
 
    !> Impact set of a ratio R_b/R_m: rounded, within 1..5 (theory, chapter 5); `outside`: beyond 0.5..5.5, where no set
    !> is calibrated.
-   pure subroutine ratio_class(ratio, number, outside)
+   pure subroutine find_nearest_set(ratio, number, outside)
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
       integer, intent(out) :: number
       logical, intent(out) :: outside
 
       outside = ratio < 0.5_wp .or. ratio > impact_ratios + 0.5_wp
       number = int(0.5_wp + max(1.0_wp, min(real(impact_ratios, wp), ratio)))
-   end subroutine ratio_class
+   end subroutine find_nearest_set
 
    !> Impact set of a ratio by stochastic interpolation: the lower or upper neighbour, with the probability given by
    !> linear interpolation, within 1..5.
-   pure integer function ratio_between(ratio, u) result(number)
+   pure integer function interpolated_set(ratio, u) result(number)
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
       real(wp), intent(in) :: u      !! uniform in (0, 1) [-]
       real(wp) :: within
@@ -280,7 +281,7 @@ contains
       within = max(1.0_wp, min(real(impact_ratios, wp), ratio))
       number = int(within)
       if (u < within - number) number = number + 1
-   end function ratio_between
+   end function interpolated_set
 
    !> Probability of each set for a ratio [-]: the nearest set only, or its two neighbours.
    pure function ratio_weights(ratio, between) result(weight)
@@ -291,8 +292,8 @@ contains
       logical :: outside
 
       weight = 0
-      call ratio_class(ratio, number, outside)
-      if (between) number = ratio_between(ratio, 1.0_wp)
+      call find_nearest_set(ratio, number, outside)
+      if (between) number = interpolated_set(ratio, 1.0_wp)
       weight(number) = 1
       if (.not. between .or. number == impact_ratios) return
       weight(number + 1) = max(0.0_wp, ratio - number)
@@ -315,50 +316,50 @@ contains
       real(wp), intent(in) :: v_in(3)                  !! V_t, V_n, W [m/s]
       type(rebound_t), intent(out) :: out
 
-      call first_draw(set, v_in(1), v_in(2), v_in(3), normal(table, words(1)), normal(table, words(2)), &
-                      normal(table, words(3)), out%v(1), out%v(2), out%v(3))
-      if (.not. is_admissible(v_in, out%v)) call draw_again(set, table, key, boulder, impact, v_in, out)
+      call draw_rebound(set, v_in(1), v_in(2), v_in(3), normal(table, words(1)), normal(table, words(2)), &
+                        normal(table, words(3)), out%v(1), out%v(2), out%v(3))
+      if (.not. is_admissible(v_in, out%v)) call redraw_rebound(set, table, key, boulder, impact, v_in, out)
    end subroutine rebound
 
    !> Draw V_out for V_in from three independent standard normals.
-   elemental subroutine first_draw(set, t_in, n_in, w_in, z1, z2, z3, t, n, w)
+   elemental subroutine draw_rebound(set, t_in, n_in, w_in, z1, z2, z3, t, n, w)
       type(impact_set_t), intent(in) :: set
       real(wp), intent(in) :: t_in, n_in, w_in  !! V_t, V_n, W before it [m/s]
       real(wp), intent(in) :: z1, z2, z3        !! [-]
       real(wp), intent(out) :: t, n, w          !! after it [m/s]
 
-      call draw_velocity(law_of(set, t_in, n_in, w_in), z1, z2, z3, t, n, w)
-   end subroutine first_draw
+      call draw_velocity(velocity_distribution(set, t_in, n_in, w_in), z1, z2, z3, t, n, w)
+   end subroutine draw_rebound
 
    !> Redraw after a first draw that was not admissible.
-   pure subroutine draw_again(set, table, key, boulder, impact, v_in, out)
+   pure subroutine redraw_rebound(set, table, key, boulder, impact, v_in, out)
       type(impact_set_t), intent(in) :: set
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: boulder, impact
       real(wp), intent(in) :: v_in(3)       !! V_t, V_n, W [m/s]
       type(rebound_t), intent(inout) :: out
-      type(velocity_law_t) :: law
+      type(velocity_distribution_t) :: distribution
       integer(i8) :: again(words_per_block)
       real(wp) :: energy_in, z(rebound_words)
       integer :: draw
 
       energy_in = twice_energy(v_in)
-      law = law_of(set, v_in(1), v_in(2), v_in(3))
+      distribution = velocity_distribution(set, v_in(1), v_in(2), v_in(3))
       do draw = 1, max_draws - 1
          again = random_words(key, for_impact, boulder, impact, int(draw, i8))
          z = normal(table, again(:rebound_words))
-         out%v = drawn(law, z)
+         out%v = drawn_velocity(distribution, z)
          out%draws = out%draws + 1
          if (admissible(out%v(1), out%v(2), out%v(3), energy_in) > 0) return
       end do
       out%forced = .true.
       call limit_rebound(out%v, v_in)
-   end subroutine draw_again
+   end subroutine redraw_rebound
 
    !> Distribution of A V_in: linear in the normal A, hence normal, with the mean m V_in and the covariance S of
    !> `set_covariance` (eqs 4, 5; theory, chapter 5). Three normal numbers sample it, instead of nine for A.
-   elemental type(velocity_law_t) function law_of(set, t, n, w) result(law)
+   elemental type(velocity_distribution_t) function velocity_distribution(set, t, n, w) result(distribution)
       type(impact_set_t), intent(in) :: set
       real(wp), intent(in) :: t, n, w  !! V_t, V_n, W before it [m/s]
       real(wp) :: tt, nn, ww, nt, wt, wn, s11, s21, s31, s22, s32, s33, d1, d2, d3, sum2, zero1, zero2, zero3
@@ -371,25 +372,25 @@ contains
          s22 = c(4, 1)*tt + c(4, 2)*nn + c(4, 3)*ww + c(4, 4)*nt + c(4, 5)*wt + c(4, 6)*wn
          s32 = c(5, 1)*tt + c(5, 2)*nn + c(5, 3)*ww + c(5, 4)*nt + c(5, 5)*wt + c(5, 6)*wn
          s33 = c(6, 1)*tt + c(6, 2)*nn + c(6, 3)*ww + c(6, 4)*nt + c(6, 5)*wt + c(6, 6)*wn
-         law%mean_t = m(1)*t + m(2)*n + m(3)*w
-         law%mean_n = m(4)*t + m(5)*n + m(6)*w
-         law%mean_w = m(7)*t + m(8)*n + m(9)*w
+         distribution%mean_t = m(1)*t + m(2)*n + m(3)*w
+         distribution%mean_n = m(4)*t + m(5)*n + m(6)*w
+         distribution%mean_w = m(7)*t + m(8)*n + m(9)*w
       end associate
       sum2 = tt + nn + ww
       zero1 = set%rounding(1)*sum2
       zero2 = set%rounding(2)*sum2
       zero3 = set%rounding(3)*sum2
       d1 = s11
-      law%factor21 = s21*inverse(d1, zero1)
-      law%factor31 = s31*inverse(d1, zero1)
-      d2 = s22 - law%factor21*s21
-      s32 = s32 - law%factor31*s21
-      law%factor32 = s32*inverse(d2, zero2)
-      d3 = s33 - law%factor31*s31 - law%factor32*s32
-      law%std_t = root_above(d1, zero1)
-      law%std_n = root_above(d2, zero2)
-      law%std_w = root_above(d3, zero3)
-   end function law_of
+      distribution%factor21 = s21*inverse(d1, zero1)
+      distribution%factor31 = s31*inverse(d1, zero1)
+      d2 = s22 - distribution%factor21*s21
+      s32 = s32 - distribution%factor31*s21
+      distribution%factor32 = s32*inverse(d2, zero2)
+      d3 = s33 - distribution%factor31*s31 - distribution%factor32*s32
+      distribution%std_t = clipped_root(d1, zero1)
+      distribution%std_n = clipped_root(d2, zero2)
+      distribution%std_w = clipped_root(d3, zero3)
+   end function velocity_distribution
 
    !> Return 1/x, or 0 if x is zero up to rounding.
    elemental real(wp) function inverse(x, zero)
@@ -400,34 +401,34 @@ contains
    end function inverse
 
    !> Return the square root of x, or 0 if x is zero up to rounding.
-   elemental real(wp) function root_above(x, zero)
+   elemental real(wp) function clipped_root(x, zero)
       real(wp), intent(in) :: x, zero  !! any unit
 
-      root_above = sqrt(merge(x, 0.0_wp, x > zero))
-   end function root_above
+      clipped_root = sqrt(merge(x, 0.0_wp, x > zero))
+   end function clipped_root
 
    !> Compute V_out [m/s] from three normal numbers.
-   elemental subroutine draw_velocity(law, z1, z2, z3, t, n, w)
-      type(velocity_law_t), intent(in) :: law
+   elemental subroutine draw_velocity(distribution, z1, z2, z3, t, n, w)
+      type(velocity_distribution_t), intent(in) :: distribution
       real(wp), intent(in) :: z1, z2, z3  !! independent standard normals [-]
       real(wp), intent(out) :: t, n, w    !! V_t, V_n, W after it [m/s]
       real(wp) :: x1, x2
 
-      x1 = law%std_t*z1
-      x2 = law%std_n*z2
-      t = law%mean_t + x1
-      n = law%mean_n + law%factor21*x1 + x2
-      w = law%mean_w + law%factor31*x1 + law%factor32*x2 + law%std_w*z3
+      x1 = distribution%std_t*z1
+      x2 = distribution%std_n*z2
+      t = distribution%mean_t + x1
+      n = distribution%mean_n + distribution%factor21*x1 + x2
+      w = distribution%mean_w + distribution%factor31*x1 + distribution%factor32*x2 + distribution%std_w*z3
    end subroutine draw_velocity
 
    !> Compute V_out [m/s] as an array.
-   pure function drawn(law, z) result(v)
-      type(velocity_law_t), intent(in) :: law
+   pure function drawn_velocity(distribution, z) result(v)
+      type(velocity_distribution_t), intent(in) :: distribution
       real(wp), intent(in) :: z(3)  !! independent standard normals [-]
       real(wp) :: v(3)              !! V_t, V_n, W after it [m/s]
 
-      call draw_velocity(law, z(1), z(2), z(3), v(1), v(2), v(3))
-   end function drawn
+      call draw_velocity(distribution, z(1), z(2), z(3), v(1), v(2), v(3))
+   end function drawn_velocity
 
    !> Twice the kinetic energy per mass [m2/s2]: V_t**2 + V_n**2 + I omega**2/m, I = 2/5 m R_b**2.
    pure real(wp) function twice_energy(v)

@@ -10,8 +10,8 @@ module rockfall_impact_table
    use rockfall_math, only: logarithm
    implicit none
    private
-   public :: impact_table_t, bins_t, approach_t, outcome_t, choose_record, follow_record, ratio_at, beyond_table, &
-             compare_scales, energy
+   public :: impact_table_t, bins_t, approach_t, outcome_t, choose_record, transfer_record, ratio_at, exceeds_table, &
+             compare_scales, scaled_energy
    public :: record_fields, pull_along, pull_across, follower, n_inputs, n_mapped, flies, rolls_on, stops
 
    !> Exit codes of a record, as written by the laboratory.
@@ -21,7 +21,7 @@ module rockfall_impact_table
    !> heading and across it towards the descent, V_n, W; duration, advance, rise; gravity along and across, over g;
    !> exit; index of the record that followed in the laboratory, 0: unknown.
    integer, parameter :: t_in = 1, n_in = 2, w_in = 3, speed_in = 4, height_in = 5, along_out = 6, across_out = 7, &
-                         n_out = 8, w_out = 9, lasts = 10, advances = 11, rises = 12, pull_along = 13, &
+                         n_out = 8, w_out = 9, duration_out = 10, advance_out = 11, rise_out = 12, pull_along = 13, &
                          pull_across = 14, exit_code = 15, follower = 16, record_fields = 16
 
    integer, parameter :: n_inputs = 4  !! of the map of a bin: V_t, V_n, W, and the height for a rolling block
@@ -30,13 +30,13 @@ module rockfall_impact_table
    integer, parameter :: candidates = 3  !! of these, the nearest in gravity across it is taken
 
    !> Tolerances within which a contact equals the one that followed in the laboratory: V, V_n and W differ by no more
-   !> than the speed there, or than `slow`; gravity along and across the heading by no more than `alike_pull`, over g;
-   !> the height of a rolling block by no more than `alike_height`, over R_b [-].
-   real(wp), parameter :: alike_pull = 0.2_wp, alike_height = 0.6_wp
+   !> than the speed there, or than `relief_speed`; gravity along and across the heading by no more than
+   !> `pull_tolerance`, over g; the height of a rolling block by no more than `height_tolerance`, over R_b [-].
+   real(wp), parameter :: pull_tolerance = 0.2_wp, height_tolerance = 0.6_wp
    !> Speed over sqrt(g R_b) below which the relief governs the motion, which is then not proportional to velocity [-].
-   real(wp), parameter :: slow = 0.5_wp
+   real(wp), parameter :: relief_speed = 0.5_wp
    !> Initial speed over sqrt(g R_b) above which no hollow holds a block, and each contact is drawn independently [-].
-   real(wp), parameter :: quick = 2.0_wp
+   real(wp), parameter :: max_held_speed = 2.0_wp
 
    !> Bins of one kind of contact. Edges of each key are given per bin of the previous key.
    type :: bins_t
@@ -120,17 +120,17 @@ contains
 
       record = in%next
       bin = 0
-      if (goes_on(table, in)) then
-         if (table%record(speed_in, record) < slow) return
-         bin = bin_of(table, part, in)
+      if (continues_sequence(table, in)) then
+         if (table%record(speed_in, record) < relief_speed) return
+         bin = contact_bin(table, part, in)
       else
-         bin = bin_of(table, part, in)
-         record = chosen(table, bin, in%pull, u)
+         bin = contact_bin(table, part, in)
+         record = nearest_record(table, bin, in%pull, u)
       end if
    end subroutine choose_record
 
    !> Apply a record to this boulder.
-   pure subroutine follow_record(table, bin, record, in, out)
+   pure subroutine transfer_record(table, bin, record, in, out)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin, record  !! as from choose_record
       type(approach_t), intent(in) :: in
@@ -141,34 +141,35 @@ contains
       ratio = in%speed/r(speed_in)
       out%exit = nint(r(exit_code))
       out%next = nint(r(follower))
-      out%advance = r(advances)
-      out%rise = r(rises)
+      out%advance = r(advance_out)
+      out%rise = r(rise_out)
       if (bin == 0) then
-         call take_over(r, out)
+         call copy_outcome(r, out)
       else
-         call move(table, bin, in, ratio, r, out)
+         call map_outcome(table, bin, in, ratio, r, out)
       end if
-      out%allowed = energy(in%v(1), 0.0_wp, in%v(2), in%v(3), in%inertia) &
+      out%allowed = scaled_energy(in%v(1), 0.0_wp, in%v(2), in%v(3), in%inertia) &
                     + 2*max(0.0_wp, in%pull(1))*max(0.0_wp, out%advance) &
-                    + min(1.0_wp, ratio*ratio)*hidden_gain(r, in%inertia)*hidden_part(in%pull(1), r(pull_along))
-   end subroutine follow_record
+                    + min(1.0_wp, ratio*ratio)*hidden_gain(r, in%inertia) &
+                      *hidden_gain_fraction(in%pull(1), r(pull_along))
+   end subroutine transfer_record
 
    !> Copy the outcome of the record: a slow block is held by its hollow, so a small difference in velocity or slope
    !> changes nothing.
-   pure subroutine take_over(record, out)
+   pure subroutine copy_outcome(record, out)
       real(wp), intent(in) :: record(record_fields)
       type(outcome_t), intent(inout) :: out
 
-      out%duration = record(lasts)
+      out%duration = record(duration_out)
       out%height = record(height_in) + out%rise
       out%along = record(along_out)
       out%across = record(across_out)
       out%normal = record(n_out)
       out%w = record(w_out)
-   end subroutine take_over
+   end subroutine copy_outcome
 
    !> Transfer the record to the boulder's velocity, by the map of its bin, and to its slope.
-   pure subroutine move(table, bin, in, ratio, record, out)
+   pure subroutine map_outcome(table, bin, in, ratio, record, out)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin
       type(approach_t), intent(in) :: in
@@ -184,20 +185,20 @@ contains
             scaled = 1
             if (in%v(1) > high(1) .and. high(1) > 0) scaled = in%v(1)/high(1)
          end if
-         change = within([in%v, in%height], merge(scaled, in%speed, in%rolling), in%speed, low, high) &
+         change = clamped_inputs([in%v, in%height], merge(scaled, in%speed, in%rolling), in%speed, low, high) &
                   - [scaled*record(t_in:w_in), record(height_in)]
       end associate
       if (.not. in%rolling) change(4) = 0
       do k = 1, n_mapped  ! matmul of array sections would be a library call
          shift(k) = sum(change*table%map(:, k, bin))
       end do
-      out%duration = record(lasts)
+      out%duration = record(duration_out)
       ! where the absolute speed is the key, duration scales with R_b, not with its square root
       if (.not. in%rolling) out%duration = out%duration*in%stretch
       out%height = merge(in%height, record(height_in), in%rolling) + out%rise
       ! velocities scale with speed, the work of gravity with duration only: that of the record is removed
-      out%along = scaled*record(along_out) + in%pull(1)*out%duration - scaled*record(pull_along)*record(lasts)
-      out%across = scaled*record(across_out) + in%pull(2)*out%duration - scaled*record(pull_across)*record(lasts)
+      out%along = scaled*record(along_out) + in%pull(1)*out%duration - scaled*record(pull_along)*record(duration_out)
+      out%across = scaled*record(across_out) + in%pull(2)*out%duration - scaled*record(pull_across)*record(duration_out)
       out%normal = scaled*record(n_out)
       out%w = scaled*record(w_out)
       if (out%exit /= flies .or. out%normal + shift(2) > 0) then
@@ -205,28 +206,29 @@ contains
          out%normal = out%normal + shift(2)
          out%w = out%w + shift(3)
       end if
-   end subroutine move
+   end subroutine map_outcome
 
    !> Energy that a record gained beyond the work of gravity along the slope.
    pure real(wp) function hidden_gain(record, inertia)
       real(wp), intent(in) :: record(record_fields), inertia
 
-      hidden_gain = max(0.0_wp, energy(record(along_out), record(across_out), record(n_out), record(w_out), inertia) &
-                        - energy(record(t_in), 0.0_wp, record(n_in), record(w_in), inertia) &
-                        - 2*max(0.0_wp, record(pull_along))*max(0.0_wp, record(advances)))
+      hidden_gain = max(0.0_wp, scaled_energy(record(along_out), record(across_out), record(n_out), record(w_out), &
+                                              inertia) &
+                        - scaled_energy(record(t_in), 0.0_wp, record(n_in), record(w_in), inertia) &
+                        - 2*max(0.0_wp, record(pull_along))*max(0.0_wp, record(advance_out)))
    end function hidden_gain
 
    !> Fraction of the record's gain beyond the work of gravity that a boulder may gain: the record owes it to the relief
    !> and to spin about other axes. All on ground as steep as the record's, nothing on flat ground.
-   pure real(wp) function hidden_part(pull, of_record)
+   pure real(wp) function hidden_gain_fraction(pull, of_record)
       real(wp), intent(in) :: pull, of_record  !! gravity along the heading, over g [-]
 
-      hidden_part = 0
-      if (pull > 0) hidden_part = min(1.0_wp, pull/max(of_record, tiny(pull)))
-   end function hidden_part
+      hidden_gain_fraction = 0
+      if (pull > 0) hidden_gain_fraction = min(1.0_wp, pull/max(of_record, tiny(pull)))
+   end function hidden_gain_fraction
 
    !> Bin of a contact. Keys are compared multiplied by their denominators, to avoid divisions.
-   pure integer function bin_of(table, part, in) result(bin)
+   pure integer function contact_bin(table, part, in) result(bin)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: part
       type(approach_t), intent(in) :: in
@@ -234,47 +236,47 @@ contains
       associate (f => table%flights%n, r => table%rolls%n, speed2 => in%speed*in%speed)
          bin = (part - 1)*(product(f) + product(r))
          if (in%rolling) then
-            bin = bin + product(f) + bin_among(table%rolls, part, [speed2, in%height, in%v(2)], [1.0_wp, 1.0_wp])
+            bin = bin + product(f) + key_bin(table%rolls, part, [speed2, in%height, in%v(2)], [1.0_wp, 1.0_wp])
          else
-            bin = bin + bin_among(table%flights, part, [in%v(2)*in%v(2), in%v(3), in%key*speed2], [speed2, in%speed])
+            bin = bin + key_bin(table%flights, part, [in%v(2)*in%v(2), in%v(3), in%key*speed2], [speed2, in%speed])
          end if
       end associate
-   end function bin_of
+   end function contact_bin
 
-   pure integer function bin_among(bins, part, key, over) result(bin)
+   pure integer function key_bin(bins, part, key, over) result(bin)
       type(bins_t), intent(in) :: bins
       integer, intent(in) :: part
       real(wp), intent(in) :: key(3), over(2)  !! of the first two
       integer :: i, j, k
 
-      i = place(bins%first_edge(:, part), over(1), key(1))
-      j = place(bins%second_edge(:, i, part), over(2), key(2))
-      k = place(bins%third_edge(:, j, i, part), 1.0_wp, key(3))
+      i = edge_bin(bins%first_edge(:, part), over(1), key(1))
+      j = edge_bin(bins%second_edge(:, i, part), over(2), key(2))
+      k = edge_bin(bins%third_edge(:, j, i, part), 1.0_wp, key(3))
       bin = ((i - 1)*bins%n(2) + j - 1)*bins%n(3) + k
-   end function bin_among
+   end function key_bin
 
    !> Return 1 + the number of edges, scaled by a unit, below a value. All edges are compared: an early exit would be
    !> mispredicted.
-   pure integer function place(edge, unit, value)
+   pure integer function edge_bin(edge, unit, value)
       real(wp), intent(in), contiguous :: edge(:)
       real(wp), intent(in) :: unit, value
       integer :: k
 
-      place = 1
+      edge_bin = 1
       do k = 1, size(edge)
-         place = place + merge(1, 0, edge(k)*unit < value)
+         edge_bin = edge_bin + merge(1, 0, edge(k)*unit < value)
       end do
-   end function place
+   end function edge_bin
 
    !> Choose a record of a bin: of three candidates, evenly spaced among the nearest in gravity along the heading, the
    !> nearest in gravity across it. The response of slow blocks to gravity is not proportional.
-   pure integer function chosen(table, bin, pull, u)
+   pure integer function nearest_record(table, bin, pull, u)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin
       real(wp), intent(in) :: pull(2), u
-      integer :: first, last, n, from, one, k
+      integer :: first, last, n, from, candidate, k
       real(sp) :: along
-      real(wp) :: apart, least
+      real(wp) :: separation, min_separation
 
       first = table%first(bin)
       last = table%first(bin + 1) - 1
@@ -285,61 +287,62 @@ contains
          from = from + merge(1, 0, table%pull_along(k) < along)
       end do
       from = max(first, min(from, last + 1 - n))
-      chosen = from
-      least = huge(least)
+      nearest_record = from
+      min_separation = huge(min_separation)
       do k = 0, candidates - 1
-         one = int(u*n) + (k*n)/candidates
-         one = from + one - merge(n, 0, one >= n)
-         apart = abs(table%pull_across(one) - pull(2))
-         chosen = merge(one, chosen, apart < least)
-         least = min(least, apart)
+         candidate = int(u*n) + (k*n)/candidates
+         candidate = from + candidate - merge(n, 0, candidate >= n)
+         separation = abs(table%pull_across(candidate) - pull(2))
+         nearest_record = merge(candidate, nearest_record, separation < min_separation)
+         min_separation = min(min_separation, separation)
       end do
-   end function chosen
+   end function nearest_record
 
    !> Return whether a boulder follows the block of its last record: the contact that followed there begins like this
    !> one. So a boulder in a hollow of the relief stays in it as long as it did in the laboratory.
-   pure logical function goes_on(table, in)
+   pure logical function continues_sequence(table, in)
       type(impact_table_t), intent(in) :: table
       type(approach_t), intent(in) :: in
-      real(wp) :: alike
+      real(wp) :: tolerance
 
-      goes_on = .false.
+      continues_sequence = .false.
       if (in%next == 0) return
       associate (record => table%record(:, in%next))
-         if (record(speed_in) > quick) return
-         if (any(abs(in%pull - record(pull_along:pull_across)) > alike_pull)) return
-         if (in%rolling .and. abs(in%height - record(height_in)) > alike_height) return
-         alike = max(slow, real(record(speed_in), wp))
-         goes_on = abs(in%speed - record(speed_in)) <= alike .and. abs(in%v(2) - record(n_in)) <= alike &
-                   .and. abs(in%v(3) - record(w_in)) <= alike
+         if (record(speed_in) > max_held_speed) return
+         if (any(abs(in%pull - record(pull_along:pull_across)) > pull_tolerance)) return
+         if (in%rolling .and. abs(in%height - record(height_in)) > height_tolerance) return
+         tolerance = max(relief_speed, real(record(speed_in), wp))
+         continues_sequence = abs(in%speed - record(speed_in)) <= tolerance &
+                              .and. abs(in%v(2) - record(n_in)) <= tolerance &
+                              .and. abs(in%v(3) - record(w_in)) <= tolerance
       end associate
-   end function goes_on
+   end function continues_sequence
 
    !> Inputs of the map, clamped to the range of the bin's records.
-   pure function within(input, unit, speed, low, high) result(x)
+   pure function clamped_inputs(input, unit, speed, low, high) result(x)
       real(wp), intent(in) :: input(n_inputs), low(n_inputs), high(n_inputs)  !! [-]
       real(wp), intent(in) :: unit   !! scale of V_t and V_n of the bin [-]
       real(wp), intent(in) :: speed  !! scale of W [-]
-      real(wp) :: x(n_inputs), of(n_inputs)
+      real(wp) :: x(n_inputs), scales(n_inputs)
 
-      of = [unit, unit, speed, 1.0_wp]
-      x = max(of*low, min(of*high, input))
-   end function within
+      scales = [unit, unit, speed, 1.0_wp]
+      x = max(scales*low, min(scales*high, input))
+   end function clamped_inputs
 
    !> Twice the kinetic energy, over m g R_b.
-   elemental real(wp) function energy(along, across, normal, w, inertia)
+   elemental real(wp) function scaled_energy(along, across, normal, w, inertia)
       real(wp), intent(in) :: along, across, normal, w, inertia
 
-      energy = along*along + across*across + normal*normal + inertia*w*w
-   end function energy
+      scaled_energy = along*along + across*across + normal*normal + inertia*w*w
+   end function scaled_energy
 
    !> Return whether a contact is faster than all records of the table.
-   pure logical function beyond_table(table, in)
+   pure logical function exceeds_table(table, in)
       type(impact_table_t), intent(in) :: table
       type(approach_t), intent(in) :: in
 
-      beyond_table = .not. in%rolling .and. in%key*(in%speed*in%speed) > table%fastest
-   end function beyond_table
+      exceeds_table = .not. in%rolling .and. in%key*(in%speed*in%speed) > table%fastest
+   end function exceeds_table
 
    !> Scale factors between a boulder and the laboratory's blocks if the ground yields at an absolute speed: the key is
    !> the speed there, adjusted for density, so that S = rho_b V_n**2/(2 p_y) is equal.

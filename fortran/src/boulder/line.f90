@@ -4,7 +4,7 @@ module rockfall_line
    use rockfall_kinds, only: wp
    implicit none
    private
-   public :: line_t, line, first_crossing, next_crossing, comes_near
+   public :: line_t, line, first_crossing, next_crossing, boxes_touch
 
    !> A polyline.
    type :: line_t
@@ -43,14 +43,14 @@ contains
       integer :: k
 
       fraction = 2
-      if (.not. comes_near(this%low(1), this%low(2), this%high(1), this%high(2), a(1), a(2), b(1), b(2)) > 0) return
+      if (.not. boxes_touch(this%low(1), this%low(2), this%high(1), this%high(2), a(1), a(2), b(1), b(2)) > 0) return
       do k = 1, size(this%x) - 1
          p = [this%x(k), this%y(k)]
          q = [this%x(k + 1), this%y(k + 1)]
-         side_a = cross(q - p, a - p)
-         side_b = cross(q - p, b - p)
+         side_a = cross_product(q - p, a - p)
+         side_b = cross_product(q - p, b - p)
          if ((side_a >= 0) .eqv. (side_b >= 0)) cycle
-         if ((cross(b - a, p - a) >= 0) .eqv. (cross(b - a, q - a) >= 0)) cycle
+         if ((cross_product(b - a, p - a) >= 0) .eqv. (cross_product(b - a, q - a) >= 0)) cycle
          at = side_a/(side_a - side_b)
          if (at > after) fraction = min(fraction, at)
       end do
@@ -58,7 +58,7 @@ contains
 
    !> Return 1 if the bounding boxes of a line and of a path from a to b touch, else 0 and the path does not cross the
    !> line; a number, so that loops vectorise.
-   elemental real(wp) function comes_near(low1, low2, high1, high2, a1, a2, b1, b2) result(near)
+   elemental real(wp) function boxes_touch(low1, low2, high1, high2, a1, a2, b1, b2) result(near)
       real(wp), intent(in) :: low1, low2, high1, high2  !! of the line [m]
       real(wp), intent(in) :: a1, a2, b1, b2            !! [m]
 
@@ -66,12 +66,12 @@ contains
       near = merge(near, 0.0_wp, min(a2, b2) <= high2)
       near = merge(near, 0.0_wp, max(a1, b1) >= low1)
       near = merge(near, 0.0_wp, max(a2, b2) >= low2)
-   end function comes_near
+   end function boxes_touch
 
    !> Vertical component of a x b [m2], > 0 if b is left of a: twice the area of the triangle that they span.
-   pure real(wp) function cross(a, b)
+   pure real(wp) function cross_product(a, b)
       real(wp), intent(in) :: a(2), b(2)  !! [m]
 
-      cross = a(1)*b(2) - a(2)*b(1)
-   end function cross
+      cross_product = a(1)*b(2) - a(2)*b(1)
+   end function cross_product
 end module rockfall_line

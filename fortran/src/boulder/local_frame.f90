@@ -5,10 +5,10 @@ module rockfall_local_frame
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t, cell_descent
    use rockfall_flight, only: flight_t, landing_t
-   use rockfall_direction, only: turning_t, unit_vector, any_heading, new_heading
+   use rockfall_direction, only: turning_t, unit_vector, random_heading, new_heading
    implicit none
    private
-   public :: decompose, in_local_frame, rolled_before, face_forward, launch_velocity, outgoing_flight
+   public :: decompose, in_local_frame, signed_w, face_forward, launch_velocity, outgoing_flight
 
 contains
 
@@ -27,7 +27,7 @@ contains
 
       call in_local_frame(v(1), v(2), v(3), g(1), g(2), steepness, v_in(1), v_in(2), plan(1), plan(2))
       heading = unit_vector(plan)
-      v_in(3) = rolled_before(omega_r, before(1), before(2), heading(1), heading(2))
+      v_in(3) = signed_w(omega_r, before(1), before(2), heading(1), heading(2))
    end subroutine decompose
 
    !> Split a velocity into V_t and V_n, with its tangential part in plan.
@@ -52,14 +52,14 @@ contains
 
    !> W before an impact [m/s]: forward rolling relative to the previous heading is backward rolling relative to an
    !> opposite one.
-   elemental real(wp) function rolled_before(omega_r, before1, before2, heading1, heading2) result(w)
+   elemental real(wp) function signed_w(omega_r, before1, before2, heading1, heading2) result(w)
       real(wp), intent(in) :: omega_r             !! W with respect to the heading before [m/s]
       real(wp), intent(in) :: before1, before2    !! heading after the last rebound,
       real(wp), intent(in) :: heading1, heading2  !! and now, both of any length
 
       w = omega_r
       if (before1*heading1 + before2*heading2 < 0) w = -omega_r
-   end function rolled_before
+   end function signed_w
 
    !> Make V_t non-negative after an impact by reversing the heading, and with it the sign of W.
    elemental subroutine face_forward(tangential, heading1, heading2, w)
@@ -96,10 +96,10 @@ contains
 
    !> Next flight: V_t_out in the tangent plane over the new heading h, along (h, g.h)/sqrt(1 + (g.h)**2), and V_n_out
    !> along the normal (theory, chapters 5 and 6).
-   pure subroutine outgoing_flight(dem, landing, at, g, steepness, before, turning, v_out, flight, omega_r)
+   pure subroutine outgoing_flight(dem, landing, cell, g, steepness, before, turning, v_out, flight, omega_r)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: landing
-      integer, intent(in) :: at(2)            !! raster cell of the contact
+      integer, intent(in) :: cell(2)          !! raster cell of the contact
       real(wp), intent(in) :: g(2)            !! gradient of the patch [-]
       real(wp), intent(in) :: steepness       !! sqrt(1 + |g|**2) [-]
       real(wp), intent(in) :: before(2)       !! heading [-]; zero after a vertical impact on the flat
@@ -110,21 +110,21 @@ contains
       real(wp) :: heading(2), descent(2)
       logical :: pit
 
-      call cell_descent(dem, at, g, descent, pit)
+      call cell_descent(dem, cell, g, descent, pit)
       heading = before
       if (all(heading == 0)) heading = unit_vector(descent)
-      if (all(heading == 0)) heading = any_heading(turning%u)
+      if (all(heading == 0)) heading = random_heading(turning%u)
       omega_r = v_out(3)
       call face_forward(v_out(1), heading(1), heading(2), omega_r)
       heading = new_heading(turning, heading, g, descent, pit)
       call launch_velocity(v_out(1), v_out(2), heading(1), heading(2), g(1), g(2), steepness, &
                            flight%v(1), flight%v(2), flight%v(3), flight%rate)
       flight%heading = heading
-      call start_from(landing, flight)
+      call start_at_landing(landing, flight)
    end subroutine outgoing_flight
 
    !> Start a flight on the ground at the last landing.
-   pure subroutine start_from(landing, flight)
+   pure subroutine start_at_landing(landing, flight)
       type(landing_t), intent(in) :: landing
       type(flight_t), intent(inout) :: flight
 
@@ -133,5 +133,5 @@ contains
       flight%y = landing%y
       flight%z = landing%z
       flight%patch = landing%patch
-   end subroutine start_from
+   end subroutine start_at_landing
 end module rockfall_local_frame

@@ -9,17 +9,17 @@
 module rockfall_rolling
    use rockfall_kinds, only: wp
    use rockfall_boulder, only: inertia_factor
-   use rockfall_terrain, only: terrain_t, patch_t, read_patch, in_window, height, height_at, gradient, within, &
+   use rockfall_terrain, only: terrain_t, patch_t, read_patch, in_window, height, height_at, gradient, patch_position, &
                                fraction_of
    use rockfall_flight, only: flight_t, landing_t, flight_from, inverse_speed, side_time
    implicit none
    private
-   public :: roll_t, touch_t, find_roll, find_slide, slide_on_patch, falls_away, time_slide, launch, speed_within, &
-             cut_roll
+   public :: roll_t, touch_t, find_roll, find_slide, slide_on_patch, falls_away, time_slide, flight_after_roll, &
+             speed_within, cut_roll
 
    !> Relative excess over the drop held by friction up to which a boulder is still held [-]: on a plane at the rest
    !> angle, rounding must not decide.
-   real(wp), parameter :: held = 1.0e-6_wp
+   real(wp), parameter :: hold_tolerance = 1.0e-6_wp
 
    type :: roll_t
       logical :: rolls = .false.       !! false: the boulder rests
@@ -27,7 +27,7 @@ module rockfall_rolling
       real(wp) :: direction(3)         !! from start to end, unit [-]
       type(flight_t) :: path           !! straight to its end at the mean speed, to be followed without gravity
       type(landing_t) :: landing       !! its end: start of the next flight, or edge of the known terrain
-      logical :: drawn = .false.       !! contact from a table; the following are valid
+      logical :: from_table = .false.  !! contact from a table; the following are valid
       real(wp) :: length = 0.0_wp      !! distance along the ground [m]
       real(wp) :: v(3) = 0.0_wp        !! velocity at the end [m/s]
       real(wp) :: w = 0.0_wp           !! W = R_b omega at the end [m/s]
@@ -62,18 +62,18 @@ contains
       real(wp) :: g(2), steepness, length, drop, distance, mean
 
       roll%rolls = .false.
-      roll%drawn = .false.
+      roll%from_table = .false.
       g = gradient(dem, landing%patch, landing%u, landing%w)
       steepness = sqrt(g(1)*g(1) + g(2)*g(2))
       if (.not. steepness > 0) return
       length = radius/sqrt(1 + steepness*steepness)
       roll%path%heading = -g/steepness
-      call walk(dem, landing, length, roll)
+      call move_along(dem, landing, length, roll)
       drop = landing%z - roll%landing%z
       if (roll%landing%contact) then
-         roll%rolls = drop > friction*length*(1 + held)
+         roll%rolls = drop > friction*length*(1 + hold_tolerance)
       else  ! unknown terrain ahead: assume the slope of the current position
-         roll%rolls = steepness > friction*(1 + held) .or. out_of_sight(dem, roll%landing%patch)
+         roll%rolls = steepness > friction*(1 + hold_tolerance) .or. outside_window(dem, roll%landing%patch)
       end if
       if (.not. roll%rolls) return
       roll%speed2(1) = (speed2 + inertia_factor*min(w*w, speed2))/(1 + inertia_factor)
@@ -105,34 +105,34 @@ contains
       real(wp), intent(in) :: speed           !! [m/s]
       type(roll_t), intent(inout) :: roll
       logical, intent(out) :: off
-      real(wp) :: way, lasts, drop
+      real(wp) :: slide_length, duration, drop
 
       roll%rolls = .true.
-      roll%drawn = .true.
+      roll%from_table = .true.
       roll%path%heading = t(1:2)
-      way = length
-      lasts = time
-      call slide(dem, landing, way, roll)
-      off = falls_away(landing%z - roll%landing%z, t(3), way, gravity, time) > 0
+      slide_length = length
+      duration = time
+      call find_slide_end(dem, landing, slide_length, roll)
+      off = falls_away(landing%z - roll%landing%z, t(3), slide_length, gravity, time) > 0
       if (off) then
-         way = 0
-         lasts = 0
-         call slide(dem, landing, way, roll)
+         slide_length = 0
+         duration = 0
+         call find_slide_end(dem, landing, slide_length, roll)
       end if
       drop = landing%z - roll%landing%z
-      call time_slide(t(1), t(2), way, drop, lasts, speed, roll%length, roll%landing%time, roll%waits)
+      call time_slide(t(1), t(2), slide_length, drop, duration, speed, roll%length, roll%landing%time, roll%waits)
       roll%path%patch = landing%patch
       roll%path%x = landing%x
       roll%path%y = landing%y
       roll%path%z = landing%z
       roll%path%v = 0
-      if (roll%length > 0) roll%path%v = speed/roll%length*[way*t(1), way*t(2), -drop]
+      if (roll%length > 0) roll%path%v = speed/roll%length*[slide_length*t(1), slide_length*t(2), -drop]
       roll%path%above = 0
       roll%path%rate = 0
    end subroutine find_slide
 
-   !> End of a slide: on its first patch, or wherever `walk` ends.
-   pure subroutine slide(dem, start, length, roll)
+   !> End of a slide: on its first patch, or wherever `move_along` ends.
+   pure subroutine find_slide_end(dem, start, length, roll)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: start
       real(wp), intent(inout) :: length  !! as in walk
@@ -147,8 +147,8 @@ contains
          end%jump_height = 0
          end%patch = p
       end associate
-      if (.not. inside > 0) call walk(dem, start, length, roll)
-   end subroutine slide
+      if (.not. inside > 0) call move_along(dem, start, length, roll)
+   end subroutine find_slide_end
 
    !> End of a slide on its first patch, if it lies inside.
    elemental subroutine slide_on_patch(x, y, t1, t2, length, per_cell, i, j, z00, a, b, c, x_end, y_end, u, w, z, &
@@ -177,7 +177,7 @@ contains
       real(wp), intent(in) :: t3, length, time  !! as in find_slide [-], [m], [s]
       real(wp), intent(in) :: gravity           !! [m/s2]
 
-      falls_away = merge(1.0_wp, 0.0_wp, drop + length*t3 > 0.5_wp*gravity*time*time + held*length)
+      falls_away = merge(1.0_wp, 0.0_wp, drop + length*t3 > 0.5_wp*gravity*time*time + hold_tolerance*length)
    end function falls_away
 
    !> Length of a slide, its duration and the time that the boulder waits.
@@ -194,23 +194,23 @@ contains
    end subroutine time_slide
 
    !> Flight after a roll.
-   pure type(flight_t) function launch(dem, roll, landing, v) result(flight)
+   pure type(flight_t) function flight_after_roll(dem, roll, landing, v) result(flight)
       type(terrain_t), intent(in) :: dem
       type(roll_t), intent(in) :: roll
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: v(3)  !! [m/s]
 
-      if (.not. roll%drawn) then
+      if (.not. roll%from_table) then
          flight = flight_from(dem, landing, v, roll%path%heading)
       else
          flight = flight_from(dem, landing, v, roll%heading)
          flight%above = flight%above + roll%above
          flight%z = flight%z + roll%above
       end if
-   end function launch
+   end function flight_after_roll
 
    !> Move a distance along the heading, patch by patch, to its end or to the edge of the known terrain.
-   pure subroutine walk(dem, start, length, roll)
+   pure subroutine move_along(dem, start, length, roll)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: start
       real(wp), intent(inout) :: length  !! in plan; on return the distance covered [m]
@@ -238,24 +238,24 @@ contains
          end do
          end%x = start%x + length*roll%path%heading(1)
          end%y = start%y + length*roll%path%heading(2)
-         end%u = within(dem, end%x, patch%i)
-         end%w = within(dem, end%y, patch%j)
+         end%u = patch_position(dem, end%x, patch%i)
+         end%w = patch_position(dem, end%y, patch%j)
          end%z = height(patch, end%u, end%w)
          end%jump_height = 0
          end%patch = patch
          if (.not. end%contact) end%patch = next
       end associate
-   end subroutine walk
+   end subroutine move_along
 
    !> Return whether a patch of the terrain lies outside the current window. A boulder at its edge then leaves the
    !> window and is traced again, since whether it rests is unknown here.
-   pure logical function out_of_sight(dem, patch)
+   pure logical function outside_window(dem, patch)
       type(terrain_t), intent(in) :: dem
       type(patch_t), intent(in) :: patch
 
-      out_of_sight = patch%i >= 1 .and. patch%j >= 1 .and. patch%i < dem%nx .and. patch%j < dem%ny &
-                     .and. .not. in_window(dem, patch%i, patch%j)
-   end function out_of_sight
+      outside_window = patch%i >= 1 .and. patch%j >= 1 .and. patch%i < dem%nx .and. patch%j < dem%ny &
+                       .and. .not. in_window(dem, patch%i, patch%j)
+   end function outside_window
 
    !> Rolling speed [m/s] after a fraction of the path.
    pure real(wp) function speed_within(roll, fraction)
@@ -279,8 +279,8 @@ contains
       landing%y = roll%path%y + time*roll%path%v(2)
       call read_patch(dem, floor(landing%x*dem%per_cell) + 1, floor(landing%y*dem%per_cell) + 1, landing%patch)
       if (.not. landing%patch%known) landing%patch = roll%path%patch  ! at the edge of the known terrain
-      landing%u = within(dem, landing%x, landing%patch%i)
-      landing%w = within(dem, landing%y, landing%patch%j)
+      landing%u = patch_position(dem, landing%x, landing%patch%i)
+      landing%w = patch_position(dem, landing%y, landing%patch%j)
       landing%z = height(landing%patch, landing%u, landing%w)
    end subroutine cut_roll
 end module rockfall_rolling

@@ -8,16 +8,16 @@ module rockfall_table_contact
    use rockfall_boulder, only: boulder_t
    use rockfall_flight, only: landing_t
    use rockfall_rolling, only: roll_t, touch_t, find_slide
-   use rockfall_direction, only: unit_vector, any_heading, along_aspect, shortest
-   use rockfall_local_frame, only: in_local_frame, rolled_before
-   use rockfall_impact_table, only: impact_table_t, approach_t, outcome_t, choose_record, follow_record, ratio_at, &
-                                    beyond_table, compare_scales, energy, flies, rolls_on, stops
+   use rockfall_direction, only: unit_vector, random_heading, along_aspect, shortest
+   use rockfall_local_frame, only: in_local_frame, signed_w
+   use rockfall_impact_table, only: impact_table_t, approach_t, outcome_t, choose_record, transfer_record, ratio_at, &
+                                    exceeds_table, compare_scales, scaled_energy, flies, rolls_on, stops
    implicit none
    private
    public :: table_contact_t, table_contact, side_u
    ! Its steps:
-   public :: keep_touch, end_touch, meet_plane, find_pull, draw_record, follow, limit_energy, after_fall, &
-             share_energy, leave, height_of, velocity_after
+   public :: update_touch, end_touch, resolve_on_plane, find_pull, draw_record, apply_record, limit_energy, &
+             after_fall, scale_to_energy, compute_departure, takeoff_height, velocity_after
 
    !> Use of the random numbers of a contact: the record; the part of the table; side or heading, where the ground gives
    !> none.
@@ -25,18 +25,18 @@ module rockfall_table_contact
 
    !> Rise over R_b up to which a boulder whose last contact was cut is still in it [-]: the laboratory records higher
    !> rises as flights.
-   real(wp), parameter :: hop = 0.02_wp
+   real(wp), parameter :: max_rise = 0.02_wp
    !> V_n over V_t above which a boulder that rolls against steeper ground meets it as if it flew [-].
-   real(wp), parameter :: meets = 0.5_wp
+   real(wp), parameter :: impact_ratio = 0.5_wp
 
    !> Twice the kinetic energy over m g R_b below which the laboratory considers a block at rest [-].
    real(wp), parameter :: rest_energy = 0.01_wp
 
    !> Speed over sqrt(g R_b) below which a boulder does not move [-]; avoids divisions by zero.
-   real(wp), parameter :: still = 1.0e-6_wp
+   real(wp), parameter :: min_speed = 1.0e-6_wp
 
    !> Energy fraction lost when a contact is limited: all contacts have losses, so a rocking boulder comes to rest [-].
-   real(wp), parameter :: least_loss = 0.02_wp
+   real(wp), parameter :: min_loss = 0.02_wp
 
    type :: table_contact_t
       real(wp) :: v_in(3), v_out(3)  !! V_t, V_n, W [m/s]
@@ -67,7 +67,7 @@ contains
       type(table_contact_t), intent(out) :: contact
       type(approach_t) :: in
       type(outcome_t) :: out
-      real(wp) :: g(2), g_end(2), steepness, unit, t(3), side, slide, speed, total, left, part, normal
+      real(wp) :: g(2), g_end(2), steepness, unit, t(3), side, slide, speed, total, left, velocity_factor, normal
       real(wp) :: touches, falls, flown, rolls, rests  ! 1 or 0
       integer :: bin, record
       logical :: off
@@ -76,15 +76,15 @@ contains
       steepness = steepness_of(g(1), g(2))
       unit = sqrt(gravity*boulder%radius)
       touches = merge(1.0_wp, 0.0_wp, touch%rolling)
-      call meet_plane(v(1), v(2), v(3), g(1), g(2), steepness, touches, touch%normal, &
-                      contact%v_in(1), contact%v_in(2), t(1), t(2), t(3))
-      if (.not. contact%v_in(1) > shortest) t = any_tangent(g, u(side_u))
-      contact%v_in(3) = rolled_before(omega_r, before(1), before(2), t(1), t(2))
+      call resolve_on_plane(v(1), v(2), v(3), g(1), g(2), steepness, touches, touch%normal, &
+                            contact%v_in(1), contact%v_in(2), t(1), t(2), t(3))
+      if (.not. contact%v_in(1) > shortest) t = random_tangent(g, u(side_u))
+      contact%v_in(3) = signed_w(omega_r, before(1), before(2), t(1), t(2))
       call find_pull(g(1), g(2), steepness, t(1), t(2), t(3), u(side_u), in%pull(1), in%pull(2), side)
       in%v = contact%v_in*(1/unit)
       in%speed = sqrt(in%v(1)*in%v(1) + in%v(2)*in%v(2))
       call draw_record(table, boulder, inertia, unit, ratio, u, touch, in, bin, record, contact%fast)
-      call follow(table, bin, record, in, touch, out)
+      call apply_record(table, bin, record, in, touch, out)
 
       call limit_energy(out%along, out%across, out%normal, out%w, inertia, out%allowed, in%speed, out%advance, &
                         boulder%radius, total, left, speed, slide)
@@ -99,21 +99,22 @@ contains
 
       flown = merge(1.0_wp, 0.0_wp, out%exit == flies)
       rolls = merge(1.0_wp, 0.0_wp, touch%rolling .and. .not. off)
-      call share_energy(total, left, out%along, out%across, out%normal, out%w, inertia, steepness, flown, touch%lift, &
-                        part, normal, rests)
+      call scale_to_energy(total, left, out%along, out%across, out%normal, out%w, inertia, steepness, flown, &
+                           touch%lift, velocity_factor, normal, rests)
       contact%stops = out%exit == stops .or. rests > 0
-      contact%v_out = velocity_after(unit, part*out%along, part*out%across, normal, part*out%w)
-      roll%w = unit*(part*out%w)
-      call leave(unit*(part*out%along), unit*(part*side*out%across), unit*normal, g(1), g(2), steepness, &
-                 t(1), t(2), t(3), g_end(1), g_end(2), rolls, touch%normal, roll%heading(1), roll%heading(2), &
-                 roll%v(1), roll%v(2), roll%v(3))
+      contact%v_out = velocity_after(unit, velocity_factor*out%along, velocity_factor*out%across, normal, &
+                                     velocity_factor*out%w)
+      roll%w = unit*(velocity_factor*out%w)
+      call compute_departure(unit*(velocity_factor*out%along), unit*(velocity_factor*side*out%across), unit*normal, &
+                             g(1), g(2), steepness, t(1), t(2), t(3), g_end(1), g_end(2), rolls, touch%normal, &
+                             roll%heading(1), roll%heading(2), roll%v(1), roll%v(2), roll%v(3))
       call end_touch(off, rolls > 0, touch)
-      roll%above = height_of(touch%lift, boulder%radius, rolls)
+      roll%above = takeoff_height(touch%lift, boulder%radius, rolls)
    end subroutine table_contact
 
    !> Keep the state of the previous contact if it still applies: the boulder is still in that contact if it has hardly
    !> risen since; a different ground ends the sequence of records.
-   pure subroutine keep_touch(ground, ratio, radius, jump_height, touch)
+   pure subroutine update_touch(ground, ratio, radius, jump_height, touch)
       integer, intent(in) :: ground
       real(wp), intent(in) :: ratio        !! R_b/R_m [-]
       real(wp), intent(in) :: radius       !! R_b [m]
@@ -123,12 +124,12 @@ contains
       if (touch%ground /= ground .or. touch%ratio /= ratio) touch%next = 0
       touch%ground = ground
       touch%ratio = ratio
-      if (touch%rolling .and. jump_height > hop*radius) then
+      if (touch%rolling .and. jump_height > max_rise*radius) then
          touch%rolling = .false.
          touch%next = 0
       end if
       if (.not. touch%rolling) touch%lift = 0
-   end subroutine keep_touch
+   end subroutine update_touch
 
    !> Update whether a boulder is still in contact: leaving the ground, or hitting other ground, ends the sequence of
    !> records of the laboratory.
@@ -143,7 +144,8 @@ contains
 
    !> Split a velocity into V_t and V_n, with the unit tangent of its motion on a plane. A boulder that is still in
    !> contact keeps the V_n that presses it to the ground.
-   elemental subroutine meet_plane(v1, v2, v3, g1, g2, steepness, touches, pressed, tangential, normal, t1, t2, t3)
+   elemental subroutine resolve_on_plane(v1, v2, v3, g1, g2, steepness, touches, pressed, tangential, normal, t1, t2, &
+                                         t3)
       real(wp), intent(in) :: v1, v2, v3           !! [m/s]
       real(wp), intent(in) :: g1, g2, steepness    !! gradient of the plane, sqrt(1 + |g|**2) [-]
       real(wp), intent(in) :: touches, pressed     !! still in the contact before: 1 or 0; its V_n [m/s]
@@ -157,19 +159,19 @@ contains
       t1 = plan1*inverse
       t2 = plan2*inverse
       t3 = g1*t1 + g2*t2
-   end subroutine meet_plane
+   end subroutine resolve_on_plane
 
    !> Unit tangent for an impact along the normal of a plane: down the plane, random on a flat one.
-   pure function any_tangent(g, u) result(t)
+   pure function random_tangent(g, u) result(t)
       real(wp), intent(in) :: g(2)  !! gradient of the plane [-]
       real(wp), intent(in) :: u     !! uniform in (0, 1) [-]
       real(wp) :: t(3)
 
       t(1:2) = unit_vector(-g)
-      if (all(t(1:2) == 0)) t(1:2) = any_heading(u)
+      if (all(t(1:2) == 0)) t(1:2) = random_heading(u)
       t(3) = g(1)*t(1) + g(2)*t(2)
       t = t/sqrt(1 + t(3)*t(3))
-   end function any_tangent
+   end function random_tangent
 
    !> Components of gravity along and across a tangent, and the side of the descent.
    elemental subroutine find_pull(g1, g2, steepness, t1, t2, t3, u, along, across, side)
@@ -203,24 +205,24 @@ contains
       in%rolling = touch%rolling
       in%inertia = inertia
       call compare_scales(table, unit, boulder%mass/boulder%volume, in%key, in%stretch)
-      fast = beyond_table(table, in)
+      fast = exceeds_table(table, in)
       call choose_record(table, ratio_at(table, ratio, u(ratio_u)), u(record_u), in, bin, record)
    end subroutine draw_record
 
    !> Apply the record, and keep what the next contact needs.
-   pure subroutine follow(table, bin, record, in, touch, out)
+   pure subroutine apply_record(table, bin, record, in, touch, out)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin, record
       type(approach_t), intent(in) :: in
       type(touch_t), intent(inout) :: touch
       type(outcome_t), intent(out) :: out
 
-      call follow_record(table, bin, record, in, out)
+      call transfer_record(table, bin, record, in, out)
       touch%lift = touch%lift + out%rise
       touch%height = out%height
       touch%rolling = out%exit == rolls_on
       touch%next = out%next
-   end subroutine follow
+   end subroutine apply_record
 
    !> Limit the energy to slightly less than before the contact; compute the speed of its mean energy, and its length.
    elemental subroutine limit_energy(along, across, normal, w, inertia, allowed, speed_in, advance, radius, total, &
@@ -231,60 +233,61 @@ contains
       real(wp), intent(out) :: total, left  !! twice the kinetic energy over m g R_b: as drawn, and after limiting
       real(wp), intent(out) :: speed        !! [-]
       real(wp), intent(out) :: slide        !! along the ground [m]
-      real(wp) :: part
+      real(wp) :: energy_fraction
 
-      total = energy(along, across, normal, w, inertia)
-      left = merge((1 - least_loss)*allowed, total, total > allowed)
-      part = left/max(total, tiny(total))
-      speed = sqrt(0.5_wp*(speed_in*speed_in + part*(along*along + across*across + normal*normal)))
+      total = scaled_energy(along, across, normal, w, inertia)
+      left = merge((1 - min_loss)*allowed, total, total > allowed)
+      energy_fraction = left/max(total, tiny(total))
+      speed = sqrt(0.5_wp*(speed_in*speed_in + energy_fraction*(along*along + across*across + normal*normal)))
       slide = max(0.0_wp, advance)*radius
-      slide = merge(slide, 0.0_wp, speed > still)
+      slide = merge(slide, 0.0_wp, speed > min_speed)
    end subroutine limit_energy
 
    !> Correct the remaining energy for ground that falls by more, or less, than a plane; not where the ground falls away
    !> and the boulder leaves it at once.
-   elemental real(wp) function after_fall(left, more, off)
+   elemental real(wp) function after_fall(left, extra_drop, off)
       real(wp), intent(in) :: left  !! as from limit_energy [-]
-      real(wp), intent(in) :: more  !! additional drop over R_b [-]
+      real(wp), intent(in) :: extra_drop  !! additional drop over R_b [-]
       real(wp), intent(in) :: off   !! the ground falls away: 1 or 0
 
-      after_fall = merge(max(0.0_wp, left + 2*more), left, left > still*still)
+      after_fall = merge(max(0.0_wp, left + 2*extra_drop), left, left > min_speed*min_speed)
       after_fall = merge(left, after_fall, off > 0)
    end function after_fall
 
    !> Scale the velocity to the remaining energy, and decide whether the boulder rests. If it takes off below the height
    !> of its landing, in a hollow of the relief, it must climb to the mean ground; if it is too slow for that, it
    !> lands in its hollow again.
-   elemental subroutine share_energy(total, left, along, across, drawn, w, inertia, steepness, flies, lift, part, &
-                                     normal, rests)
+   elemental subroutine scale_to_energy(total, left, along, across, drawn, w, inertia, steepness, flies, lift, &
+                                        velocity_factor, normal, rests)
       real(wp), intent(in) :: total, left             !! as from limit_energy [-]
       real(wp), intent(in) :: along, across, drawn, w, inertia  !! as in limit_energy; V_n as drawn [-]
       real(wp), intent(in) :: steepness               !! of the ground [-]
       real(wp), intent(in) :: flies                   !! 1 or 0
       real(wp), intent(inout) :: lift                 !! as in touch_t [-]
-      real(wp), intent(out) :: part                   !! factor on the velocity [-]
+      real(wp), intent(out) :: velocity_factor        !! factor on the velocity [-]
       real(wp), intent(out) :: normal                 !! remaining V_n [-]
       real(wp), intent(out) :: rests                  !! 1 or 0
-      real(wp) :: part2, square, climbs
+      real(wp) :: energy_fraction, square, climbs
 
-      part2 = left/max(total, tiny(total))
-      part = sqrt(part2)
-      square = part2*(drawn*drawn) + 2*lift/steepness
+      energy_fraction = left/max(total, tiny(total))
+      velocity_factor = sqrt(energy_fraction)
+      square = energy_fraction*(drawn*drawn) + 2*lift/steepness
       climbs = merge(flies, 0.0_wp, lift < 0)
       climbs = merge(climbs, 0.0_wp, square > 0)
-      normal = merge(sqrt(max(0.0_wp, square)), part*drawn, climbs > 0)
+      normal = merge(sqrt(max(0.0_wp, square)), velocity_factor*drawn, climbs > 0)
       lift = merge(0.0_wp, lift, climbs > 0)
-      rests = merge(1.0_wp, 0.0_wp, energy(part*along, part*across, normal, part*w, inertia) < rest_energy)
-   end subroutine share_energy
+      rests = merge(1.0_wp, 0.0_wp, scaled_energy(velocity_factor*along, velocity_factor*across, normal, &
+                                                  velocity_factor*w, inertia) < rest_energy)
+   end subroutine scale_to_energy
 
    !> Height [m] above the ground at which the next flight starts.
-   elemental real(wp) function height_of(lift, radius, rolls)
+   elemental real(wp) function takeoff_height(lift, radius, rolls)
       real(wp), intent(in) :: lift    !! as in touch_t [-]
       real(wp), intent(in) :: radius  !! R_b [m]
       real(wp), intent(in) :: rolls   !! stays on the ground: 1 or 0
 
-      height_of = merge(0.0_wp, max(0.0_wp, lift)*radius, rolls > 0)
-   end function height_of
+      takeoff_height = merge(0.0_wp, max(0.0_wp, lift)*radius, rolls > 0)
+   end function takeoff_height
 
    !> V_t, V_n, W after a contact [m/s].
    pure function velocity_after(unit, along, across, normal, w) result(v)
@@ -297,8 +300,8 @@ contains
 
    !> Velocity at the end of a contact. A flying boulder keeps its velocity relative to the ground there; a rolling one
    !> stays on the ground, and runs against it where it is steeper.
-   elemental subroutine leave(along, across, normal, g1, g2, steepness, t1, t2, t3, end1, end2, rolls, pressed, &
-                              heading1, heading2, v1, v2, v3)
+   elemental subroutine compute_departure(along, across, normal, g1, g2, steepness, t1, t2, t3, end1, end2, rolls, &
+                                          pressed, heading1, heading2, v1, v2, v3)
       real(wp), intent(in) :: along, across, normal  !! after the contact, in its initial frame, across to the left
       real(wp), intent(in) :: g1, g2, steepness      !! of the ground at its start [-]
       real(wp), intent(in) :: t1, t2, t3             !! the tangent there [-]
@@ -307,26 +310,27 @@ contains
       real(wp), intent(inout) :: pressed             !! V_n of a rolling boulder [m/s]
       real(wp), intent(out) :: heading1, heading2    !! of any length
       real(wp), intent(out) :: v1, v2, v3            !! [m/s]
-      real(wp) :: plan1, plan2, rise, there, speed, tangential, against, slope1, slope2, runs, up
+      real(wp) :: plan1, plan2, rise, end_steepness, speed, tangential, against, slope1, slope2, runs, up
 
       ! along the tangent, and across it along normal x tangent
       plan1 = along*t1 - across*((t2 + g2*t3)/steepness)
       plan2 = along*t2 + across*((t1 + g1*t3)/steepness)
-      there = steepness_of(end1, end2)
+      end_steepness = steepness_of(end1, end2)
       speed = sqrt(along*along + across*across)
-      call in_local_frame(plan1, plan2, g1*plan1 + g2*plan2, end1, end2, there, tangential, against, slope1, slope2)
+      call in_local_frame(plan1, plan2, g1*plan1 + g2*plan2, end1, end2, end_steepness, tangential, against, slope1, &
+                          slope2)
       runs = merge(1.0_wp, 0.0_wp, against < 0)
       pressed = merge(normal + against, pressed, rolls > 0)
       heading1 = merge(slope1, plan1, rolls > 0)
       heading2 = merge(slope2, plan2, rolls > 0)
       speed = merge(merge(tangential, speed, runs > 0), speed, rolls > 0)  ! falling ground deflects it
       up = merge(pressed, max(0.0_wp, normal), rolls > 0)
-      rolls = merge(merge(rolls, 0.0_wp, pressed > -meets*tangential), rolls, runs > 0)
-      up = merge(0.0_wp, up/there, rolls > 0)
+      rolls = merge(merge(rolls, 0.0_wp, pressed > -impact_ratio*tangential), rolls, runs > 0)
+      up = merge(0.0_wp, up/end_steepness, rolls > 0)
       rise = end1*heading1 + end2*heading2
       speed = speed/max(sqrt(heading1*heading1 + heading2*heading2 + rise*rise), tiny(speed))
       v1 = speed*heading1 - up*end1
       v2 = speed*heading2 - up*end2
       v3 = speed*rise + up
-   end subroutine leave
+   end subroutine compute_departure
 end module rockfall_table_contact

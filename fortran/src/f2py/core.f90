@@ -11,21 +11,21 @@ module rockfall_f2py
    use rockfall_error, only: error_t, give_error
    use rockfall_text, only: joined, max_text
    use rockfall_grid, only: grid_t, is_outside
-   use rockfall_terrain, only: terrain_t, terrain, keep_within, is_known_at, max_elevation
+   use rockfall_terrain, only: terrain_t, terrain, set_window, is_known_at, max_elevation
    use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor
    use rockfall_shape, only: shape_volume, shape_inertia, shapes
    use rockfall_surface, only: size_weights
    use rockfall_barrier, only: barrier_outcome, ead_energy
-   use rockfall_impact, only: ratio_weights, ratio_class, is_admissible, limit_rebound, max_draws, min_normal
+   use rockfall_impact, only: ratio_weights, find_nearest_set, is_admissible, limit_rebound, max_draws, min_normal
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, left_window
    use rockfall_scratch, only: scratch_t
    use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of, largest_volumes
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model
-   use rockfall_reach, only: block_side, take_minima, reach_box
+   use rockfall_reach, only: block_side, update_block_minima, reach_box
    use rockfall_stand, only: stems_in_cell, stem_numbers
    use rockfall_random, only: random_key
-   use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios, share_of
+   use rockfall_sources, only: usual_threshold, keep_steep_cells, surface_ratios, proportional_part
    use rockfall_maps, only: maps_t
    use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_row, map_min_count, &
                                   map_thin_below, fraction_limit, z_95, min_for_mean, min_for_std, max_columns
@@ -135,7 +135,7 @@ contains
 
       opened => scene_of(handle)
       dem = opened%dem
-      call keep_within(dem, map_at, map_last)
+      call set_window(dem, map_at, map_last)
       opened%scene%dem = dem
    end subroutine limit_terrain
 
@@ -485,7 +485,7 @@ contains
       opened => scene_of(handle)
       call check_sources(opened%scene, first, last, head(1), error)
       call give_error(error, code, message)
-      if (code == 0 .and. size(minima) > 1) call take_minima(opened%dem, first, last, minima)
+      if (code == 0 .and. size(minima) > 1) call update_block_minima(opened%dem, first, last, minima)
    end subroutine survey
 
    !> The terrain of a scene that was given its elevations, and is not built.
@@ -642,7 +642,7 @@ contains
       real(c_double), intent(in) :: threshold  !! [degree]
       integer(c_int16_t), intent(inout) :: cells(nx, ny)
 
-      call keep_steep(terrain_of(handle), threshold, first, cells)
+      call keep_steep_cells(terrain_of(handle), threshold, first, cells)
    end subroutine steep_cells
 
    !> Surface over plan area of the cells of sources, in map coordinates [m]; of terrain_of.
@@ -726,7 +726,7 @@ contains
       integer(c_int64_t), intent(in) :: n, part, of
       integer(c_int64_t), intent(out) :: boulders
 
-      boulders = share_of(n, part, of)
+      boulders = proportional_part(n, part, of)
    end subroutine share
 
    !> Limits of the 95 % interval of a fraction of n.
@@ -886,7 +886,7 @@ contains
       integer :: k
 
       do k = 1, n
-         call ratio_class(ratio(k), class(k), outside)
+         call find_nearest_set(ratio(k), class(k), outside)
       end do
    end subroutine ratio_classes
 

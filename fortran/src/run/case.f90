@@ -13,7 +13,7 @@ module rockfall_case
                                list_volume
    use rockfall_surface, only: method_a, method_b
    use rockfall_direction, only: past_aspect, to_aspect, by_lab
-   use rockfall_forest, only: tree_law_t
+   use rockfall_forest, only: tree_model_t
    use rockfall_sobol, only: max_points
    use rockfall_barrier, only: ead_energy
    implicit none
@@ -56,7 +56,7 @@ module rockfall_case
       logical :: source_density = .false.        !! sources also give their density
       logical :: at_points = .false.             !! sources are points, not cells
       logical :: forest = .false.                !! the scene has trees
-      type(tree_law_t) :: tree_law
+      type(tree_model_t) :: tree_model
       logical :: steep_cells = .false., by_area = .false.
       real(wp), allocatable :: slope_threshold   !! [degree]
       type(case_line_t), allocatable :: lines(:)  !! given inline: evaluation lines, then barriers
@@ -398,7 +398,7 @@ contains
       else if (has_key(group, "stem_height") .and. .not. this%forest) then
          call refuse(group, "stem_height", "has no meaning without trees or stems", error)
       end if
-      associate (law => this%tree_law)
+      associate (law => this%tree_model)
          if (has_key(group, "stem_height")) law%stem_height = real_of(group, "stem_height")
          law%limit = [real_of(group, "lateral_from"), real_of(group, "scratch_from")]
          if (law%limit(2) < law%limit(1)) call refuse(group, "scratch_from", "must not be below lateral_from", error)

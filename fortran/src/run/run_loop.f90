@@ -13,12 +13,12 @@ module rockfall_run_loop
    use rockfall_result, only: vertex_row
    use rockfall_threads, only: team_size
    use rockfall_ensemble, only: trace_boulder, recorded_boulders
-   use rockfall_sources, only: share_of
+   use rockfall_sources, only: proportional_part
    use rockfall_case_keys, only: map_names
    use rockfall_case, only: case_t
    use rockfall_grid, only: grid_t
-   use rockfall_terrain, only: keep_within
-   use rockfall_reach, only: block_side, take_minima, reach_box
+   use rockfall_terrain, only: set_window
+   use rockfall_reach, only: block_side, update_block_minima, reach_box
    use rockfall_run_state, only: run_t, open_run, advance
    use rockfall_scene, only: check_sources, boulders_of, largest_volumes
    implicit none
@@ -65,14 +65,14 @@ contains
                    //integer_text(total)//" boulders only")
          return
       end if
-      before = share_of(total, shard(1) - 1, shard(2))
+      before = proportional_part(total, shard(1) - 1, shard(2))
       window = [1, 1, grid%nx, grid%ny]
       call survey(case, scene, window, error)
-      if (.not. allocated(error)) call open_run(case, scene, before, share_of(total, shard(1), shard(2)) - before, &
-                                                window, run, error)
+      if (.not. allocated(error)) call open_run(case, scene, before, proportional_part(total, shard(1), shard(2)) &
+                                                - before, window, run, error)
       call name_case(case, error)
       if (allocated(error)) return
-      call keep_within(scene%dem, run%at, run%at + run%nodes - 1)
+      call set_window(scene%dem, run%at, run%at + run%nodes - 1)
       run%threads = team_size(case%threads)
       call observer%on_start(run, error)
       if (.not. allocated(error)) call run_all(case, scene, observer, run, error)
@@ -103,7 +103,7 @@ contains
          if (allocated(error) .or. .not. any(case%map)) return
          side = block_side([dem%nx, dem%ny])
          allocate (minima((dem%nx - 1)/side + 1, (dem%ny - 1)/side + 1), source=huge(1.0_wp))
-         call take_minima(dem, 1, dem%ny, minima)
+         call update_block_minima(dem, 1, dem%ny, minima)
          call check_tallies(map_plan(pack(map_names, case%map), size(case%thresholds)), largest_volumes(scene), &
                             case%gravity, head - minval(minima), boulders_of(scene), case%impact_limit, error)
          if (allocated(error) .or. case%whole_maps) return

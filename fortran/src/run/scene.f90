@@ -11,7 +11,7 @@ module rockfall_scene
    use rockfall_grid, only: grid_t
    use rockfall_terrain, only: terrain, patch_t, locate, height, on_terrain
    use rockfall_surface, only: method_a
-   use rockfall_sources, only: last_boulders, shared_boulders, share_of
+   use rockfall_sources, only: last_boulders, last_boulders_by_weight, proportional_part
    use rockfall_line, only: line
    use rockfall_barrier, only: barrier_t
    use rockfall_boulder, only: release_t, volume_distribution_t, fixed_volume, last_of, max_volume, mean_volume
@@ -229,13 +229,13 @@ contains
          if (case%by_area .and. allocated(arrays%area_ratio)) &
             release%last = last_boulders(arrays%area_ratio, case%boulders)
       else if (allocated(arrays%source_frequency)) then
-         release%last = shared_boulders(arrays%source_frequency, case%boulders_total)
+         release%last = last_boulders_by_weight(arrays%source_frequency, case%boulders_total)
       else if (case%by_area .and. allocated(arrays%area_ratio)) then
-         release%last = shared_boulders(arrays%area_ratio, case%boulders_total)
+         release%last = last_boulders_by_weight(arrays%area_ratio, case%boulders_total)
       else
          release%boulders_per_source = max(1_i8, case%boulders_total/max(1_i8, sources))
          if (release%boulders_per_source*sources /= case%boulders_total) &
-            release%last = [(share_of(case%boulders_total, k, sources), k=1, sources)]
+            release%last = [(proportional_part(case%boulders_total, k, sources), k=1, sources)]
       end if
    end subroutine set_numbers
 
@@ -306,7 +306,7 @@ contains
       if (.not. case%forest) return
       allocate (scene%forest)
       call build_forest(arrays%tree_x, arrays%tree_y, [scene%dem%x0, scene%dem%y0], arrays%tree_dbh, &
-                        arrays%tree_factor, case%tree_law, scene%forest)
+                        arrays%tree_factor, case%tree_model, scene%forest)
    end subroutine set_forest
 
    !> Check that features give volumes where the case does not, and that each distribution has its parameters.

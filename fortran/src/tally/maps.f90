@@ -8,7 +8,7 @@ module rockfall_maps
    use omp_lib, only: omp_lock_kind, omp_init_lock, omp_set_lock, omp_unset_lock, omp_destroy_lock
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_terrain, only: terrain_t
-   use rockfall_flight, only: flight_t, span_t, never, inverse_speed, exit_time, highest
+   use rockfall_flight, only: flight_t, span_t, no_hit_time, inverse_speed, exit_time, max_height
    use rockfall_bins, only: energy, speed, jump_height, passing_height, log_bin
    implicit none
    private
@@ -82,7 +82,7 @@ module rockfall_maps
    !> Cells under a straight path, along one axis.
    type :: axis_t
       integer :: cell = 0, step = 1       !! current cell; step to the next: 1 or -1
-      real(wp) :: cut = never             !! time at which it leaves the cell, since the start of the path [s]
+      real(wp) :: cut = no_hit_time       !! time at which it leaves the cell, since the start of the path [s]
       real(wp) :: x = 0.0_wp, size = 1.0_wp, inverse = 0.0_wp  !! start, cell size [m], 1/v [s/m], 0 at rest
    end type axis_t
 
@@ -213,7 +213,7 @@ contains
       top = 0
       do
          associate (s => spans(k))
-            top = max(top, highest(s%d0, s%d1, s%d2, t - s%t0, min(until, s%t1) - s%t0))
+            top = max(top, max_height(s%d0, s%d1, s%d2, t - s%t0, min(until, s%t1) - s%t0))
          end associate
          t = until
          if (until < spans(k)%t1 .or. k == size(spans)) exit

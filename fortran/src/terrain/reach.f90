@@ -6,7 +6,7 @@ module rockfall_reach
    use rockfall_terrain, only: terrain_t
    implicit none
    private
-   public :: block_side, take_minima, reach_box
+   public :: block_side, update_block_minima, reach_box
 
    integer, parameter :: max_blocks = 1024   !! along a side of the raster: at most 8 MB of minima
    integer, parameter :: margin = 3           !! cells: of a patch, and around the cells of a patch
@@ -30,7 +30,7 @@ contains
    end function block_side
 
    !> Update the minima of blocks [m] with the known elevations of rows first to last.
-   pure subroutine take_minima(dem, first, last, minima)
+   pure subroutine update_block_minima(dem, first, last, minima)
       type(terrain_t), intent(in) :: dem        !! with all columns of these rows
       integer, intent(in) :: first, last        !! rows from the north
       real(wp), intent(inout) :: minima(:, :)   !! (columns, rows) of blocks
@@ -52,7 +52,7 @@ contains
             end associate
          end do
       end do
-   end subroutine take_minima
+   end subroutine update_block_minima
 
    !> Rectangle of cells (first column, first row, last column, last row) that contains every cell that boulders from
    !> these sources can reach, and their neighbours: blocks below the energy head that are connected to a block with a
@@ -64,20 +64,20 @@ contains
       real(wp), intent(in) :: x(:), y(:)       !! sources, local coordinates [m]
       integer :: box(4)
       type(flood_t) :: flood
-      integer :: k, here(2), side
+      integer :: k, block(2), side
 
       flood%level = head + slack
       allocate (flood%reached(size(minima, 1), size(minima, 2)), source=.false.)
       allocate (flood%stack(2, size(minima)))
       side = block_side([dem%nx, dem%ny])
       do k = 1, size(x)
-         here = [nint(x(k)*dem%per_cell) + 1, dem%ny - nint(y(k)*dem%per_cell)]
-         call enter(flood, minima, (here - 2)/side + 1, here/side + 1)  ! one of the surrounding cells is lower
+         block = [nint(x(k)*dem%per_cell) + 1, dem%ny - nint(y(k)*dem%per_cell)]
+         call push_blocks(flood, minima, (block - 2)/side + 1, block/side + 1)  ! one of the surrounding cells is lower
       end do
       do while (flood%n > 0)
-         here = flood%stack(:, flood%n)
+         block = flood%stack(:, flood%n)
          flood%n = flood%n - 1
-         call enter(flood, minima, here - 1, here + 1)
+         call push_blocks(flood, minima, block - 1, block + 1)
       end do
       box(1) = findloc(any(flood%reached, dim=2), .true., dim=1)
       box(2) = findloc(any(flood%reached, dim=1), .true., dim=1)
@@ -88,7 +88,7 @@ contains
    end function reach_box
 
    !> Push those blocks of a rectangle that are low enough and not yet visited.
-   pure subroutine enter(flood, minima, first, last)
+   pure subroutine push_blocks(flood, minima, first, last)
       type(flood_t), intent(inout) :: flood
       real(wp), intent(in) :: minima(:, :)       !! [m]
       integer, intent(in) :: first(2), last(2)   !! blocks, possibly beyond the raster
@@ -102,5 +102,5 @@ contains
             flood%stack(:, flood%n) = [i, r]
          end do
       end do
-   end subroutine enter
+   end subroutine push_blocks
 end module rockfall_reach

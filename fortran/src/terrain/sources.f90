@@ -8,7 +8,8 @@ module rockfall_sources
    use rockfall_terrain, only: terrain_t, patch_t, locate, read_patch, gradient, cell_of, cell_descent
    implicit none
    private
-   public :: usual_threshold, keep_steep, surface_ratios, last_boulders, shared_boulders, share_of
+   public :: usual_threshold, keep_steep_cells, surface_ratios, last_boulders, last_boulders_by_weight, &
+             proportional_part
 
 contains
 
@@ -22,7 +23,7 @@ contains
 
    !> Set the positive cells to zero that are flatter than a threshold (Horn 1981) or have an incomplete 3x3 window,
    !> from row `first` on.
-   pure subroutine keep_steep(dem, threshold, first, cells)
+   pure subroutine keep_steep_cells(dem, threshold, first, cells)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: threshold      !! [degree]
       integer, intent(in) :: first           !! row of cells(:, 1), 1 the northernmost
@@ -47,7 +48,7 @@ contains
             end associate
          end do
       end do
-   end subroutine keep_steep
+   end subroutine keep_steep_cells
 
    !> Ratio of surface to plan area of the cells of sources, sqrt(1 + tan**2) [-] by Horn (1981); if the 3x3 window is
    !> incomplete, from the patch next to the source, as for the descent of a cell. 1 outside the known terrain, where
@@ -88,7 +89,7 @@ contains
 
    !> Last boulder of each source for n boulders distributed in proportion to weights: n*w rounded down, where w is the
    !> cumulative fraction of the weights.
-   pure function shared_boulders(weight, n) result(last)
+   pure function last_boulders_by_weight(weight, n) result(last)
       real(wp), intent(in) :: weight(:)  !! > 0
       integer(i8), intent(in) :: n
       integer(i8) :: last(size(weight))
@@ -104,12 +105,12 @@ contains
          part = part + weight(k)
          last(k) = int(n*(part/total), i8)
       end do
-   end function shared_boulders
+   end function last_boulders_by_weight
 
    !> Compute n*part/of without overflow: the number of boulders in the first of equal ranges.
-   pure integer(i8) function share_of(n, part, of)
-      integer(i8), intent(in) :: n, part, of
+   pure integer(i8) function proportional_part(n, part, parts)
+      integer(i8), intent(in) :: n, part, parts
 
-      share_of = n/of*part + mod(n, of)*part/of
-   end function share_of
+      proportional_part = n/parts*part + mod(n, parts)*part/parts
+   end function proportional_part
 end module rockfall_sources

@@ -6,7 +6,8 @@ module rockfall_terrain
    use rockfall_kinds, only: wp, sp
    implicit none
    private
-   public :: terrain_t, patch_t, terrain, keep_within, in_window, locate, within, on_terrain, is_known_at, read_patch
+   public :: terrain_t, patch_t, terrain, set_window, in_window, locate, patch_position, on_terrain, is_known_at, &
+             read_patch
    public :: fraction_of, height, height_at, node_height, gradient, slope_at, cell_of, cell_descent, read_window, horn
    public :: is_pit, steepness_of, max_elevation
 
@@ -45,7 +46,7 @@ contains
       real(wp), intent(in) :: west, north, cell                  !! [m]
       real(wp), intent(in), target, contiguous, optional :: z8(:, :)  !! exactly one of the two [m]
       real(sp), intent(in), target, contiguous, optional :: z4(:, :)  !! [m]
-      integer, intent(in), optional :: nodes(2), first(2)        !! of the whole raster; of the window
+      integer, intent(in), optional :: nodes(2), first(2)        !! of the full raster; of the window
       type(terrain_t) :: dem
       integer :: from(2), across(2)
 
@@ -68,12 +69,12 @@ contains
       dem%y0 = north - (dem%ny - 0.5_wp)*cell
       dem%lo = 1
       dem%hi = [dem%nx, dem%ny] - 1
-      call keep_within(dem, from, from + across - 1)
+      call set_window(dem, from, from + across - 1)
    end function terrain
 
    !> Restrict boulders to patches whose cells have all neighbours within these columns and rows, or beyond an edge of
    !> the raster.
-   pure subroutine keep_within(dem, first, last)
+   pure subroutine set_window(dem, first, last)
       type(terrain_t), intent(inout) :: dem
       integer, intent(in) :: first(2), last(2)  !! column, row from the north
 
@@ -81,7 +82,7 @@ contains
       if (last(1) < dem%nx) dem%hi(1) = min(dem%hi(1), last(1) - 2)
       if (last(2) < dem%ny) dem%lo(2) = max(dem%lo(2), dem%ny + 2 - last(2))
       if (first(2) > 1) dem%hi(2) = min(dem%hi(2), dem%ny - 1 - first(2))
-   end subroutine keep_within
+   end subroutine set_window
 
    !> Return whether boulders may fly over a patch, if it is known.
    pure logical function in_window(dem, i, j)
@@ -103,31 +104,32 @@ contains
       i = max(1, min(dem%nx - 1, int(x*dem%per_cell) + 1))
       j = max(1, min(dem%ny - 1, int(y*dem%per_cell) + 1))
       do k = 0, 3  ! the patch, then its neighbours across a side and a corner
-         call read_patch(dem, i + mod(k, 2)*beyond(within(dem, x, i)), j + k/2*beyond(within(dem, y, j)), patch)
+         call read_patch(dem, i + mod(k, 2)*side_step(patch_position(dem, x, i)), j &
+                         + k/2*side_step(patch_position(dem, y, j)), patch)
          if (patch%known) exit
       end do
       if (.not. patch%known) call read_patch(dem, i, j, patch)
-      u = within(dem, x, patch%i)
-      w = within(dem, y, patch%j)
+      u = patch_position(dem, x, patch%i)
+      w = patch_position(dem, y, patch%j)
    end subroutine locate
 
    !> Step (-1 or 1) to the neighbour across the side on which a position 0..1 lies; 0 away from sides.
-   pure integer function beyond(u)
+   pure integer function side_step(u)
       real(wp), intent(in) :: u  !! [cells]
 
-      beyond = 0
-      if (u < on_side) beyond = -1
-      if (u > 1 - on_side) beyond = 1
-   end function beyond
+      side_step = 0
+      if (u < on_side) side_step = -1
+      if (u > 1 - on_side) side_step = 1
+   end function side_step
 
    !> Position 0..1 [cells] of a coordinate in patch interval k.
-   pure real(wp) function within(dem, x, k)
+   pure real(wp) function patch_position(dem, x, k)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x  !! [m]
       integer, intent(in) :: k
 
-      within = fraction_of(dem%per_cell, x, real(k, wp))
-   end function within
+      patch_position = fraction_of(dem%per_cell, x, real(k, wp))
+   end function patch_position
 
    !> Position 0..1 [cells] of a coordinate in an interval, from scalars.
    elemental real(wp) function fraction_of(per_cell, x, k)

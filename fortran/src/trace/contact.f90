@@ -11,12 +11,12 @@ module rockfall_contact
    use rockfall_boulder, only: inertia_factor
    use rockfall_flight, only: flight_t, landing_t
    use rockfall_rolling, only: roll_t, touch_t, find_roll
-   use rockfall_impact, only: ratio_class, ratio_between, beyond_fit, rebound_t, rebound, twice_energy
+   use rockfall_impact, only: find_nearest_set, interpolated_set, beyond_fit, rebound_t, rebound, twice_energy
    use rockfall_classical_rebound, only: absorbs
    use rockfall_ground, only: ground_t, ground_rebound, is_stochastic
    use rockfall_direction, only: turning_t, by_lab, lateral_angle
    use rockfall_local_frame, only: decompose, outgoing_flight
-   use rockfall_table_contact, only: table_contact_t, table_contact, keep_touch
+   use rockfall_table_contact, only: table_contact_t, table_contact, update_touch
    use rockfall_histogram, only: count_rebound
    use rockfall_scene_type, only: scene_t, inertia_of, is_slow
    use rockfall_outcome, only: boulder_result_t, count_outcome, stopped, absorbed, impact_limit
@@ -119,7 +119,7 @@ contains
       real(wp) :: before
 
       before = squared_length(v) + inertia_factor*omega_r*omega_r
-      call keep_touch(ground, ratio, result%boulder%radius, landing%jump_height, scratch%touch)
+      call update_touch(ground, ratio, result%boulder%radius, landing%jump_height, scratch%touch)
       call table_contact(scene%dem, scene%gravity, ground_data%table, result%boulder, inertia_of(scene, number), &
                          ratio, u, landing, v, flight%heading, omega_r, scratch%touch, roll, contact)
       call count_outcome(rebound_t(contact%v_out, forced=contact%limited), .false., contact%fast, .false., result)
@@ -177,8 +177,8 @@ contains
       integer, intent(out) :: set
       logical, intent(out) :: outside  !! outside the calibrated ratios
 
-      call ratio_class(ratio, set, outside)
-      if (scene%between_ratios) set = ratio_between(ratio, u_ground(ratio_word))
+      call find_nearest_set(ratio, set, outside)
+      if (scene%between_ratios) set = interpolated_set(ratio, u_ground(ratio_word))
    end subroutine find_impact_set
 
    !> Check whether a rebound is outside the fitted range of its impact set; classical models have no such range.

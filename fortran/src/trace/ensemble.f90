@@ -11,7 +11,7 @@ module rockfall_ensemble
    use rockfall_crossings, only: crossing_t
    use rockfall_scratch, only: scratch_t
    use rockfall_trajectory, only: trace_full, choose_tracer
-   use rockfall_sources, only: share_of
+   use rockfall_sources, only: proportional_part
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
    use rockfall_tallies, only: totals_t, prepare_scratch, add_boulder
    use rockfall_lanes, only: run_in_lanes
@@ -223,8 +223,8 @@ contains
          if (last >= first) then
             do source = source_of(release, first), source_of(release, last)
                first_own = first_of(release, source)
-               last_own = first_own - 1 + share_of(n_recorded, last_of(release, source), n_boulders) &
-                          - share_of(n_recorded, first_own - 1, n_boulders)
+               last_own = first_own - 1 + proportional_part(n_recorded, last_of(release, source), n_boulders) &
+                          - proportional_part(n_recorded, first_own - 1, n_boulders)
                do k = max(first, first_own), min(last, last_own)
                   n = n + 1
                   if (pass == 2) number(n) = k

@@ -7,8 +7,8 @@
 module rockfall_flights
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t, patch_t, read_patch
-   use rockfall_flight, only: flight_t, landing_t, inverse_speed, side_time, curvature, strikes, strike_time, highest, &
-                              enter_patch, place_on_patch
+   use rockfall_flight, only: flight_t, landing_t, inverse_speed, side_time, curvature, strikes_ground, strike_time, &
+                              max_height, enter_patch, place_on_patch
    use rockfall_boulder, only: inertia_factor
    use rockfall_maps, only: enter_cell, enter_other_cell, raise_values, first_cell, leaving_time
    use rockfall_scratch, only: scratch_t
@@ -248,10 +248,10 @@ contains
          d0 = f%d0(k)
          d1 = f%d1(k)
          d2 = curvature(gravity, f%c(k), f%v1(k)*per_cell, f%v2(k)*per_cell)
-         contact = strikes(d0, d1, d2, length)
+         contact = strikes_ground(d0, d1, d2, length)
          s = strike_time(d0, d1, d2, length)
          s = merge(s, length, contact > 0)
-         f%jump_height(k) = max(f%jump_height(k), highest(d0, d1, d2, 0.0_wp, s))
+         f%jump_height(k) = max(f%jump_height(k), max_height(d0, d1, d2, 0.0_wp, s))
          s = t + s
          f%d2(k) = d2
          f%end(k) = s
@@ -309,10 +309,10 @@ contains
          left_first = f%left(1)%left_cell(k)
          left_second = f%left(2)%left_cell(k)
          top = f%top(k)
-         top1 = max(top, highest(f%d0(k), f%d1(k), f%d2(k), 0.0_wp, min(first, end) - t))
+         top1 = max(top, max_height(f%d0(k), f%d1(k), f%d2(k), 0.0_wp, min(first, end) - t))
          top1 = merge(top1, top, first > t)  ! otherwise it left the cell at the end of the previous patch
-         top2 = max(0.0_wp, highest(f%d0(k), f%d1(k), f%d2(k), max(first, t) - t, min(second, end) - t))
-         top3 = max(0.0_wp, highest(f%d0(k), f%d1(k), f%d2(k), max(second, t) - t, end - t))
+         top2 = max(0.0_wp, max_height(f%d0(k), f%d1(k), f%d2(k), max(first, t) - t, min(second, end) - t))
+         top3 = max(0.0_wp, max_height(f%d0(k), f%d1(k), f%d2(k), max(second, t) - t, end - t))
          f%left(1)%top(k) = top1
          f%left(2)%top(k) = top2
          top = merge(top2, top1, left_first > 0)

@@ -12,7 +12,7 @@ module rockfall_lanes
    use rockfall_rolling, only: roll_t, touch_t
    use rockfall_flights, only: flights_t, landings_t, take_off, take_off_again, fly_to_landings, flight_of, &
                                landing_of, take_off_from, replace_landing, lanes, padded
-   use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, first_draw, draw_again, admissible, &
+   use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, draw_rebound, redraw_rebound, admissible, &
                               energy_of, beyond_fit
    use rockfall_direction, only: turn_past_aspect, divide_by_length, shortest
    use rockfall_table_lanes, only: table_batch_t, clear_batch, add_contact, handle_table_contacts, find_paths_near_lines
@@ -25,7 +25,7 @@ module rockfall_lanes
    use rockfall_contact, only: handle_impact, find_ground, find_impact_set, close_impact, rest_or_roll
    use rockfall_obstacles, only: obstacle_t
    use rockfall_paths, only: follow_roll
-   use rockfall_local_frame, only: in_local_frame, rolled_before, face_forward, launch_velocity
+   use rockfall_local_frame, only: in_local_frame, signed_w, face_forward, launch_velocity
    use rockfall_ground, only: is_stochastic
    use rockfall_tallies, only: totals_t, prepare_scratch, add_boulder
    use rockfall_maps, only: maps_t
@@ -337,7 +337,7 @@ contains
          call in_local_frame(l%v1(k), l%v2(k), v3, c%g1(k), c%g2(k), c%steepness(k), &
                              c%tangential(k), c%normal(k), plan1, plan2)
          call divide_by_length(plan1, plan2, unit1, unit2, length)
-         c%w(k) = rolled_before(c%w(k), c%heading1(k), c%heading2(k), unit1, unit2)
+         c%w(k) = signed_w(c%w(k), c%heading1(k), c%heading2(k), unit1, unit2)
          c%heading1(k) = unit1
          c%heading2(k) = unit2
          c%in_loops(k) = merge(1.0_wp, 0.0_wp, length > shortest)
@@ -398,7 +398,7 @@ contains
          c%forced(k) = .false.
       end do
       do m = 1, d%n
-         if (.not. d%admissible(m) > 0) call redraw_rebound(scene, sets, d%contact(m), c)
+         if (.not. d%admissible(m) > 0) call redraw_single(scene, sets, d%contact(m), c)
       end do
    end subroutine draw_rebounds
 
@@ -444,15 +444,15 @@ contains
 
       !$omp simd
       do k = first, last
-         call first_draw(set, d%tangential(k), d%normal(k), d%w(k), d%z1(k), d%z2(k), d%z3(k), &
-                         d%out1(k), d%out2(k), d%out3(k))
+         call draw_rebound(set, d%tangential(k), d%normal(k), d%w(k), d%z1(k), d%z2(k), d%z3(k), &
+                           d%out1(k), d%out2(k), d%out3(k))
          d%admissible(k) = admissible(d%out1(k), d%out2(k), d%out3(k), &
                                       energy_of(d%tangential(k), d%normal(k), d%w(k)))
       end do
    end subroutine draw_set_rebounds
 
    !> Redraw a rebound that was not admissible.
-   subroutine redraw_rebound(scene, sets, k, c)
+   subroutine redraw_single(scene, sets, k, c)
       type(scene_t), intent(in) :: scene
       type(set_list_t), intent(in) :: sets
       integer, intent(in) :: k
@@ -460,14 +460,14 @@ contains
       type(rebound_t) :: out
 
       out = rebound_t([c%out1(k), c%out2(k), c%out3(k)])
-      call draw_again(sets%set(c%set(k)), scene%table, scene%key, c%number(k), c%impact(k), &
-                      [c%tangential(k), c%normal(k), c%w(k)], out)
+      call redraw_rebound(sets%set(c%set(k)), scene%table, scene%key, c%number(k), c%impact(k), &
+                          [c%tangential(k), c%normal(k), c%w(k)], out)
       c%out1(k) = out%v(1)
       c%out2(k) = out%v(2)
       c%out3(k) = out%v(3)
       c%draws(k) = out%draws
       c%forced(k) = out%forced
-   end subroutine redraw_rebound
+   end subroutine redraw_single
 
    !> Compute the next flights. Special cases (flat cell, incomplete neighbourhood, vertical impact) are left to the
    !> scalar procedures.

@@ -6,11 +6,11 @@ module rockfall_obstacles
    use rockfall_random, only: random_words, for_tree
    use rockfall_terrain, only: cell_of
    use rockfall_boulder, only: kinetic_energy
-   use rockfall_flight, only: flight_t, landing_t, span_t, flight_from, never
+   use rockfall_flight, only: flight_t, landing_t, span_t, flight_from, no_hit_time
    use rockfall_direction, only: rotated
    use rockfall_line, only: next_crossing
-   use rockfall_barrier, only: barrier_t, barrier_outcome, place_in_front, stopped_there, broken_through, passed_over
-   use rockfall_forest, only: forest_t, tree_hit_t, tree_impact_t, first_hit, tree_impact
+   use rockfall_barrier, only: barrier_t, barrier_outcome, point_in_front, stopped_there, broken_through, passed_over
+   use rockfall_forest, only: forest_t, tree_hit_t, tree_impact_t, find_first_hit, tree_impact
    use rockfall_tree_maps, only: add_tree_hit
    use rockfall_scene_type, only: scene_t, is_slow
    use rockfall_outcome, only: boulder_result_t, stopped_by_tree, stopped_by_barrier, impact_limit
@@ -27,7 +27,7 @@ module rockfall_obstacles
    type :: obstacle_t
       integer :: kind = none        !! barrier, tree
       integer :: number = 0         !! index of the barrier
-      real(wp) :: time = never      !! since the start of the flight [s]
+      real(wp) :: time = no_hit_time  !! since the start of the flight [s]
       type(tree_hit_t) :: hit       !! hit of a tree
    end type obstacle_t
 
@@ -117,7 +117,7 @@ contains
       type(obstacle_t), intent(inout) :: obstacle
       type(tree_hit_t) :: hit
 
-      call first_hit(forest, spans, flight%x, flight%y, flight%v(1:2), radius, felled, hit)
+      call find_first_hit(forest, spans, flight%x, flight%y, flight%v(1:2), radius, felled, hit)
       if (hit%tree > 0 .and. hit%time < obstacle%time) obstacle = obstacle_t(tree, 0, hit%time, hit)
    end subroutine find_tree
 
@@ -141,7 +141,7 @@ contains
       heading = flight%heading
       if (obstacle%kind == tree) then
          call hit_tree(scene, number, obstacle%hit, landing, energy, result, scratch, impact)
-         loss = impact%taken
+         loss = impact%absorbed
          result%energy%trees = result%energy%trees + loss
          turned = rotated(turned, impact%sine, impact%cosine)
          heading = rotated(heading, impact%sine, impact%cosine)
@@ -153,7 +153,7 @@ contains
       if (energy > loss) speed_factor = sqrt((energy - loss)/energy)
       omega_r = speed_factor*omega_r
       place = landing
-      if (obstacle%kind == barrier) place = place_in_front(scene%dem, landing, v(1:2))
+      if (obstacle%kind == barrier) place = point_in_front(scene%dem, landing, v(1:2))
       flight = flight_from(scene%dem, place, speed_factor*[turned, v(3)], heading)
       if (loss > 0 .and. is_slow(scene, squared_length(flight%v))) then
          result%status = merge(stopped_by_tree, stopped_by_barrier, obstacle%kind == tree)
@@ -177,11 +177,11 @@ contains
       type(tree_impact_t), intent(out) :: impact
 
       result%trees_hit = result%trees_hit + 1
-      impact = tree_impact(scene%forest%law, scene%forest%stem(hit%tree), hit%offset, result%boulder%radius, energy, &
+      impact = tree_impact(scene%forest%model, scene%forest%stem(hit%tree), hit%offset, result%boulder%radius, energy, &
                            random_words(scene%key, for_tree, number, int(result%trees_hit, i8), 0_i8))
       if (impact%breaks) scratch%felled = [scratch%felled, hit%tree]
       if (.not. scratch%tree_hits_requested) return
       call add_tree_hit(scratch%tree_hits, cell_of(scene%dem, landing%patch, landing%u, landing%w), hit%height, &
-                        impact%taken)
+                        impact%absorbed)
    end subroutine hit_tree
 end module rockfall_obstacles

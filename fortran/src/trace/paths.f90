@@ -6,7 +6,7 @@ module rockfall_paths
    use rockfall_math, only: squared_length
    use rockfall_boulder, only: inertia_factor
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, end_flight
-   use rockfall_rolling, only: roll_t, touch_t, launch, speed_within, cut_roll
+   use rockfall_rolling, only: roll_t, touch_t, flight_after_roll, speed_within, cut_roll
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t
    use rockfall_crossings, only: record_crossings
@@ -97,7 +97,7 @@ contains
       end if
       if (level >= with_maps .and. scratch%cells_requested) &
          call visit_cells(scene, no_gravity, flight, mean, result%time, landing%time, span, scratch)
-      if (.not. roll%drawn) then
+      if (.not. roll%from_table) then
          omega_r = speed_within(roll, fraction)
          v = omega_r*roll%direction
       else
@@ -105,16 +105,16 @@ contains
          v = roll%v
          if (obstacle%kind /= none) v = flight%v
       end if
-      above = merge(roll%above, 0.0_wp, roll%drawn .and. landing%contact)
-      result%path_length = result%path_length + merge(fraction*roll%length, mean*landing%time, roll%drawn)
+      above = merge(roll%above, 0.0_wp, roll%from_table .and. landing%contact)
+      result%path_length = result%path_length + merge(fraction*roll%length, mean*landing%time, roll%from_table)
       result%time = result%time + landing%time
-      if (roll%drawn .and. landing%contact) result%time = result%time + roll%waits
+      if (roll%from_table .and. landing%contact) result%time = result%time + roll%waits
       result%speed_max = max(result%speed_max, squared_length(v))
       if (level >= with_all) result%energy%ground = result%energy%ground + result%boulder%mass &
          *(scene%gravity*(flight%z - landing%z - above) &
            + 0.5_wp*(energy_before - squared_length(v) - inertia_factor*omega_r*omega_r))
       if (.not. landing%contact) return
-      flight = launch(scene%dem, roll, landing, v)
+      flight = flight_after_roll(scene%dem, roll, landing, v)
       if (level >= with_all) call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v))
    end subroutine follow_roll
 end module rockfall_paths

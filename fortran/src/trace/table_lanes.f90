@@ -12,11 +12,11 @@ module rockfall_table_lanes
    use rockfall_boulder, only: boulder_t
    use rockfall_rolling, only: roll_t, touch_t, find_slide, slide_on_patch, falls_away, time_slide
    use rockfall_direction, only: shortest
-   use rockfall_local_frame, only: rolled_before
+   use rockfall_local_frame, only: signed_w
    use rockfall_impact_table, only: approach_t, outcome_t, flies, stops
-   use rockfall_table_contact, only: side_u, keep_touch, meet_plane, find_pull, draw_record, follow, limit_energy, &
-                                     after_fall, share_energy, leave, height_of
-   use rockfall_line, only: line_t, comes_near
+   use rockfall_table_contact, only: side_u, update_touch, resolve_on_plane, find_pull, draw_record, apply_record, &
+                                     limit_energy, after_fall, scale_to_energy, compute_departure, takeoff_height
+   use rockfall_line, only: line_t, boxes_touch
    use rockfall_flights, only: landings_t, landing_of, lanes, padded
    use rockfall_scene_type, only: scene_t
    implicit none
@@ -93,7 +93,7 @@ contains
       b%before1(k) = heading1
       b%before2(k) = heading2
       b%touch(k) = touch
-      call keep_touch(ground, ratio, boulder%radius, jump_height, b%touch(k))
+      call update_touch(ground, ratio, boulder%radius, jump_height, b%touch(k))
       b%touches(k) = merge(1.0_wp, 0.0_wp, b%touch(k)%rolling)
       b%pressed(k) = touch%normal
    end subroutine add_contact
@@ -130,10 +130,10 @@ contains
 
       !$omp simd private(normal, unit, a1, a2, a3, speed, along, across)
       do k = 1, padded(l%n)
-         call meet_plane(l%v1(k), l%v2(k), l%v3(k) - gravity*l%time(k), g1(k), g2(k), steepness(k), b%touches(k), &
-                         b%pressed(k), b%tangential(k), normal, b%t1(k), b%t2(k), b%t3(k))
+         call resolve_on_plane(l%v1(k), l%v2(k), l%v3(k) - gravity*l%time(k), g1(k), g2(k), steepness(k), &
+                               b%touches(k), b%pressed(k), b%tangential(k), normal, b%t1(k), b%t2(k), b%t3(k))
          b%normal(k) = normal
-         b%w(k) = rolled_before(b%w(k), b%before1(k), b%before2(k), b%t1(k), b%t2(k))
+         b%w(k) = signed_w(b%w(k), b%before1(k), b%before2(k), b%t1(k), b%t2(k))
          call find_pull(g1(k), g2(k), steepness(k), b%t1(k), b%t2(k), b%t3(k), uniform(word(k)), along, across, &
                         b%side(k))
          unit = sqrt(gravity*b%radius(k))
@@ -189,7 +189,7 @@ contains
 
       do m = 1, b%n
          k = b%landing(m)
-         call follow(scene%grounds(b%ground(k))%table, b%bin(k), b%record(k), b%in(k), b%touch(k), out)
+         call apply_record(scene%grounds(b%ground(k))%table, b%bin(k), b%record(k), b%in(k), b%touch(k), out)
          b%along(k) = out%along
          b%across(k) = out%across
          b%drawn(k) = out%normal
@@ -256,7 +256,7 @@ contains
          high2 = lines(line)%high(2)
          !$omp simd
          do k = 1, padded(n)
-            near(k) = max(near(k), comes_near(low1, low2, high1, high2, x0(k), y0(k), x(k), y(k)))
+            near(k) = max(near(k), boxes_touch(low1, low2, high1, high2, x0(k), y0(k), x(k), y(k)))
          end do
       end do
    end subroutine find_paths_near_lines
@@ -302,21 +302,22 @@ contains
          left = after_fall(b%left(k), (l%z(k) - b%z(k) - b%pull(k)*b%slide(k))/b%radius(k), b%off(k))
          lift = b%lift(k)
          rolls = merge(0.0_wp, b%rolls(k), b%off(k) > 0)
-         call share_energy(b%total(k), left, b%along(k), b%across(k), b%drawn(k), b%w_drawn(k), b%inertia(k), &
-                           steepness(k), b%flown(k), lift, velocity_factor, normal, rests)
+         call scale_to_energy(b%total(k), left, b%along(k), b%across(k), b%drawn(k), b%w_drawn(k), b%inertia(k), &
+                              steepness(k), b%flown(k), lift, velocity_factor, normal, rests)
          b%velocity_factor(k) = velocity_factor
          b%n_left(k) = normal
          b%stops(k) = max(b%stops(k), rests)
          unit = b%unit(k)
          b%next_w(k) = unit*(velocity_factor*b%w_drawn(k))
          pressed = b%pressed(k)
-         call leave(unit*(velocity_factor*b%along(k)), unit*(velocity_factor*b%side(k)*b%across(k)), unit*normal, &
-                    g1(k), g2(k), steepness(k), b%t1(k), b%t2(k), b%t3(k), b%end1(k), b%end2(k), rolls, pressed, &
-                    b%heading1(k), b%heading2(k), b%v1(k), b%v2(k), b%v3(k))
+         call compute_departure(unit*(velocity_factor*b%along(k)), unit*(velocity_factor*b%side(k)*b%across(k)), &
+                                unit*normal, &
+                                g1(k), g2(k), steepness(k), b%t1(k), b%t2(k), b%t3(k), b%end1(k), b%end2(k), rolls, &
+                                pressed, b%heading1(k), b%heading2(k), b%v1(k), b%v2(k), b%v3(k))
          b%pressed(k) = pressed
          b%rolls(k) = rolls
          b%lift(k) = lift
-         b%above(k) = height_of(lift, b%radius(k), rolls)
+         b%above(k) = takeoff_height(lift, b%radius(k), rolls)
          b%speed2(k) = b%v1(k)*b%v1(k) + b%v2(k)*b%v2(k) + b%v3(k)*b%v3(k)
          b%rate(k) = b%v3(k) - (b%end1(k)*b%v1(k) + b%end2(k)*b%v2(k))
       end do

@@ -6,8 +6,8 @@ program test_classical_rebound
    use rockfall_random, only: normal_table_t, normal_table, rebound_words
    use rockfall_boulder, only: boulder_t, inertia_factor
    use rockfall_impact, only: rebound_t, twice_energy
-   use rockfall_classical_rebound, only: scatter_t, scatter, drawn, classical_t, classical_rebound, lengthen_hop, &
-      penetration, &
+   use rockfall_classical_rebound, only: scatter_t, scatter, drawn_coefficient, classical_t, classical_rebound, &
+                                         lengthen_hop, penetration, &
       absorbs, rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbing
    use check_m, only: check, check_close, finish
    implicit none
@@ -206,16 +206,16 @@ contains
       integer, parameter :: many = 200000
 
       this = scatter(table, 0.38_wp, 0.02_wp, [0.34_wp, 0.42_wp])
-      call check("the first word gives the lower end", abs(drawn(this, table, 0_i8) - 0.34_wp) < 1.0e-9_wp)
-      call check("the last the upper", abs(drawn(this, table, 2_i8**32 - 1) - 0.42_wp) < 1.0e-9_wp)
-      call check("none lies beyond them", drawn(this, table, 0_i8) >= 0.34_wp .and. drawn(this, table, &
-            2_i8**32 - 1) <= 0.42_wp)
-      call check_close("the middle one is the mean", drawn(this, table, 2_i8**31), 0.38_wp, 1.0e-9_wp)
+      call check("the first word gives the lower end", abs(drawn_coefficient(this, table, 0_i8) - 0.34_wp) < 1.0e-9_wp)
+      call check("the last the upper", abs(drawn_coefficient(this, table, 2_i8**32 - 1) - 0.42_wp) < 1.0e-9_wp)
+      call check("none lies beyond them", drawn_coefficient(this, table, 0_i8) >= 0.34_wp &
+                 .and. drawn_coefficient(this, table, 2_i8**32 - 1) <= 0.42_wp)
+      call check_close("the middle one is the mean", drawn_coefficient(this, table, 2_i8**31), 0.38_wp, 1.0e-9_wp)
       mean = 0
       square = 0
       do n = 1, many
          call random_number(u)
-         value = drawn(this, table, int(u*2.0_wp**32, i8))
+         value = drawn_coefficient(this, table, int(u*2.0_wp**32, i8))
          mean = mean + value
          square = square + (value - 0.38_wp)**2
       end do
@@ -223,11 +223,11 @@ contains
       call check("mean", abs(mean/many - 0.38_wp) < 4*0.0176_wp/sqrt(real(many, wp)))
       call check_close("standard deviation", sqrt(square/many), 0.02_wp*0.8796256610342398_wp, 0.01_wp)
       this = scatter(table, 0.5_wp, 1.0e6_wp, [0.0_wp, 1.0_wp])
-      call check_close("a wide one is uniform", drawn(this, table, 2_i8**30), 0.25_wp, 1.0e-3_wp)
+      call check_close("a wide one is uniform", drawn_coefficient(this, table, 2_i8**30), 0.25_wp, 1.0e-3_wp)
       this = scatter(table, 0.5_wp, 0.1_wp, [0.5_wp, 0.5_wp])
-      call check_close("ends that meet leave one number", drawn(this, table, 7_i8), 0.5_wp, near)
+      call check_close("ends that meet leave one number", drawn_coefficient(this, table, 7_i8), 0.5_wp, near)
       this = scatter(table, 0.5_wp, 0.0_wp, [0.0_wp, 1.0_wp])
-      call check_close("so does no deviation", drawn(this, table, 7_i8), 0.5_wp, near)
+      call check_close("so does no deviation", drawn_coefficient(this, table, 7_i8), 0.5_wp, near)
    end subroutine test_scatter
 
    !> A sphere thrown straight down upon ground tilted by half of 20 degrees: it leaves at twice the tilt, against its

@@ -5,8 +5,8 @@ program test_direction
    use rockfall_kinds, only: wp
    use rockfall_math, only: pi, degree
    use rockfall_direction, only: turning_t, past_aspect, to_aspect, by_lab, lateral_t, lateral, lateral_angle, &
-                                turn_angle, &
-      new_heading, unit_vector, any_heading
+                                rebound_turn_angle, &
+      new_heading, unit_vector, random_heading
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -64,7 +64,7 @@ contains
       hits = 0
       do k = 1, n
          call random_number(u)
-         turn = turn_angle(u)/(2.5_wp*degree)  ! 9, 9 and 2 bins of 2.5 degrees
+         turn = rebound_turn_angle(u)/(2.5_wp*degree)  ! 9, 9 and 2 bins of 2.5 degrees
          call check("no turn beyond 50 degrees", turn >= 0 .and. turn < 20)
          hits(1 + int(turn)) = hits(1 + int(turn)) + 1
       end do
@@ -74,12 +74,12 @@ contains
       do k = 1, 20
          call check_share("uniform inside the class", hits(k), p(k))
       end do
-      call check_close("the start of the first class", turn_angle(0.0_wp), 0.0_wp, 0.0_wp)
-      call check_close("its end", turn_angle(0.72_wp - near), 22.5_wp*degree, 2*near)
-      call check_close("the start of the second", turn_angle(0.72_wp), 22.5_wp*degree, near)
-      call check_close("its end", turn_angle(0.96_wp - near), 45*degree, 2*near)
-      call check_close("the start of the third", turn_angle(0.96_wp), 45*degree, near)
-      call check_close("its end", turn_angle(1.0_wp), 50*degree, 4*near)
+      call check_close("the start of the first class", rebound_turn_angle(0.0_wp), 0.0_wp, 0.0_wp)
+      call check_close("its end", rebound_turn_angle(0.72_wp - near), 22.5_wp*degree, 2*near)
+      call check_close("the start of the second", rebound_turn_angle(0.72_wp), 22.5_wp*degree, near)
+      call check_close("its end", rebound_turn_angle(0.96_wp - near), 45*degree, 2*near)
+      call check_close("the start of the third", rebound_turn_angle(0.96_wp), 45*degree, near)
+      call check_close("its end", rebound_turn_angle(1.0_wp), 50*degree, 4*near)
    end subroutine test_classes
 
    !> Far from the descent the heading turns towards it by the drawn angle, and stays a unit vector.
@@ -97,7 +97,7 @@ contains
                              0.37_wp*at_angle(2*pi*draw(1) + apart), .false.)
          turned = angle_between(before, after)
          call check("turned by the drawn angle, towards the descent", &
-                    abs(turned - sign(turn_angle(draw(3)), apart)) < 1.0e-14_wp)
+                    abs(turned - sign(rebound_turn_angle(draw(3)), apart)) < 1.0e-14_wp)
          call check("a unit vector", abs(sum(after**2) - 1) < 2.0e-15_wp)
       end do
    end subroutine test_downslope
@@ -118,7 +118,7 @@ contains
                              at_angle(2*pi*draw(1) + apart), .false.)
          turned = angle_between(before, after)
          call check("by the whole angle, to the side of the aspect", &
-                    abs(turned - sign(turn_angle(draw(3)), apart)) < 1.0e-14_wp)
+                    abs(turned - sign(rebound_turn_angle(draw(3)), apart)) < 1.0e-14_wp)
          if (abs(turned) > abs(apart)) beyond = beyond + 1
       end do
       call check("both past and short of it", beyond > 1000 .and. beyond < 9000)
@@ -135,7 +135,7 @@ contains
          after = new_heading(turning_t(past_aspect, draw(3), sign(1.0_wp, mod(k, 2) - 0.5_wp)), &
                              at_angle(2*pi*draw(1)), level, at_angle(2*pi*draw(1) + apart), .false.)
          call check("to the side of chance", abs(angle_between(at_angle(2*pi*draw(1)), after) &
-                                                 - sign(turn_angle(draw(3)), mod(k, 2) - 0.5_wp)) < 1.0e-14_wp)
+                                                 - sign(rebound_turn_angle(draw(3)), mod(k, 2) - 0.5_wp)) < 1.0e-14_wp)
       end do
    end subroutine test_either_side
 
@@ -202,7 +202,7 @@ contains
          before = at_angle(2*pi*draw(1))
          aspect = at_angle(2*pi*draw(1) + apart)
          after = new_heading(turning_t(to_aspect, draw(3)), before, level, 2*aspect, .false.)
-         if (abs(apart) < turn_angle(draw(3)) - 1.0e-12_wp) then
+         if (abs(apart) < rebound_turn_angle(draw(3)) - 1.0e-12_wp) then
             met = met + 1
             call check("down the aspect, not past it", maxval(abs(after - aspect)) < 1.0e-15_wp)
          else
@@ -286,7 +286,7 @@ contains
 
       do k = 0, 999
          u = (k + 0.5_wp)/1000
-         heading = any_heading(u)
+         heading = random_heading(u)
          call check("the circle in equal parts", &
                     maxval(abs(heading - at_angle(2*pi*u - pi/4))) < 2.0e-15_wp)
       end do

@@ -5,8 +5,8 @@ program test_forest
    use rockfall_math, only: degree
    use rockfall_random, only: random_key, random_words, for_tree
    use rockfall_flight, only: span_t
-   use rockfall_forest, only: forest_t, stem_t, tree_law_t, tree_hit_t, tree_impact_t, build_forest, first_hit, &
-                              tree_impact, max_stem_energy, energy_share, hit_type, frontal, lateral, scratch
+   use rockfall_forest, only: forest_t, stem_t, tree_model_t, tree_hit_t, tree_impact_t, build_forest, find_first_hit, &
+                              tree_impact, max_stem_energy, absorbed_fraction, hit_type, frontal, lateral, scratch
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -42,17 +42,17 @@ contains
    !> A forest of these stems.
    pure type(forest_t) function forest(x, y, at, dbh, factor, law) result(this)
       real(wp), intent(in) :: x(:), y(:), at(2), dbh(:), factor(:)  !! as of build_forest
-      type(tree_law_t), intent(in) :: law
+      type(tree_model_t), intent(in) :: law
 
       call build_forest(x, y, at, dbh, factor, law, this)
    end function forest
 
    subroutine test_share()
-      call check_close("in the middle", energy_share(0.0_wp), 0.979976714932332450_wp, 1.0e-14_wp)
-      call check_close("beside it", energy_share(0.3_wp), 0.974156048421733373_wp, 1.0e-14_wp)
-      call check_close("half", energy_share(0.58_wp), 0.467_wp, 1.0e-14_wp)
-      call check_close("little", energy_share(0.7_wp), 0.0552057359667322585_wp, 1.0e-12_wp)
-      call check("nothing at the side", abs(energy_share(0.746_wp)) + abs(energy_share(1.0_wp)) <= 0)
+      call check_close("in the middle", absorbed_fraction(0.0_wp), 0.979976714932332450_wp, 1.0e-14_wp)
+      call check_close("beside it", absorbed_fraction(0.3_wp), 0.974156048421733373_wp, 1.0e-14_wp)
+      call check_close("half", absorbed_fraction(0.58_wp), 0.467_wp, 1.0e-14_wp)
+      call check_close("little", absorbed_fraction(0.7_wp), 0.0552057359667322585_wp, 1.0e-12_wp)
+      call check("nothing at the side", abs(absorbed_fraction(0.746_wp)) + abs(absorbed_fraction(1.0_wp)) <= 0)
    end subroutine test_share
 
    !> A flight at some heights above the ground.
@@ -79,14 +79,14 @@ contains
       type(forest_t), intent(in) :: this
       real(wp), intent(in) :: radius  !! [m]
 
-      call first_hit(this, level(), 0.0_wp, 0.0_wp, [2.0_wp, 0.0_wp], radius, none, hit_of)
+      call find_first_hit(this, level(), 0.0_wp, 0.0_wp, [2.0_wp, 0.0_wp], radius, none, hit_of)
    end function hit_of
 
    !> One stem of 40 cm, and boulders of 1 m.
    pure type(forest_t) function one_stem(x, y) result(this)
       real(wp), intent(in) :: x, y  !! [m]
 
-      this = forest([x], [y], origin, [40.0_wp], [1.0_wp], tree_law_t())
+      this = forest([x], [y], origin, [40.0_wp], [1.0_wp], tree_model_t())
    end function one_stem
 
    subroutine test_entering()
@@ -111,10 +111,10 @@ contains
       call check("nor beyond the landing", hit%tree == 0)
       hit = hit_of(one_stem(20.7_wp - 1.0e-9_wp, 0.0_wp), 0.5_wp)
       call check("but up to there", hit%tree == 1)
-      call first_hit(one_stem(0.1_wp, 1.0_wp), level(), 0.0_wp, 0.0_wp, [0.0_wp, 0.0_wp], 0.5_wp, none, hit)
+      call find_first_hit(one_stem(0.1_wp, 1.0_wp), level(), 0.0_wp, 0.0_wp, [0.0_wp, 0.0_wp], 0.5_wp, none, hit)
       call check("a vertical flight hits nothing", hit%tree == 0)
-      call first_hit(one_stem(0.1_wp, 1.0_wp), level(), 0.0_wp, 0.0_wp, [0.0_wp, 1.0e-300_wp], 0.5_wp, none, &
-                     hit)
+      call find_first_hit(one_stem(0.1_wp, 1.0_wp), level(), 0.0_wp, 0.0_wp, [0.0_wp, 1.0e-300_wp], 0.5_wp, none, &
+                          hit)
       call check("nor one that is nearly so", hit%tree == 0)
    end subroutine test_entering
 
@@ -132,22 +132,22 @@ contains
          x = 2*hit%time
          y = 0
          angle = k*degree
-         call first_hit(one_stem(5.0_wp, 0.3_wp), level(), x, y, [cos(angle), sin(angle)], 0.5_wp, none, again)
+         call find_first_hit(one_stem(5.0_wp, 0.3_wp), level(), x, y, [cos(angle), sin(angle)], 0.5_wp, none, again)
          wrong = wrong + again%tree
          x = x + 1.0e5_wp
          y = y + 1.0e5_wp
-         call first_hit(one_stem(100005.0_wp, 100000.3_wp), level(), x, y, [cos(angle), sin(angle)], 0.5_wp, &
-                        none, again)
+         call find_first_hit(one_stem(100005.0_wp, 100000.3_wp), level(), x, y, [cos(angle), sin(angle)], 0.5_wp, &
+                             none, again)
          wrong = wrong + again%tree
       end do
       call check("not twice from the same place", wrong == 0)
-      call first_hit(one_stem(5.0_wp, 0.3_wp), level(), 4.0_wp, 0.3_wp, [1.0_wp, 0.0_wp], 0.5_wp, none, again)
+      call find_first_hit(one_stem(5.0_wp, 0.3_wp), level(), 4.0_wp, 0.3_wp, [1.0_wp, 0.0_wp], 0.5_wp, none, again)
       call check("but once it was left", again%tree == 1)
    end subroutine test_start_inside
 
    !> The height counts where the boulder meets the stem.
    subroutine test_passing_over()
-      type(tree_law_t) :: law
+      type(tree_model_t) :: law
       type(tree_hit_t) :: hit
       type(span_t) :: rising(2)
 
@@ -156,12 +156,12 @@ contains
       rising(1)%d1 = 2   ! over the first 3 s, 6 m of path, up to 6 m; then 6 + 3 s: at s = 3, 12 m on, 15 m
       rising(2)%d0 = 6
       rising(2)%d1 = 3
-      call first_hit(forest([12.69_wp], [0.0_wp], origin, [40.0_wp], [1.0_wp], law), rising, 0.0_wp, 0.0_wp, &
-                     [2.0_wp, 0.0_wp], 0.5_wp, none, hit)
+      call find_first_hit(forest([12.69_wp], [0.0_wp], origin, [40.0_wp], [1.0_wp], law), rising, 0.0_wp, 0.0_wp, &
+                          [2.0_wp, 0.0_wp], 0.5_wp, none, hit)
       call check("just below the top", hit%tree == 1)
       call check_close("the height of the hit", hit%height, 6 + 3*((12.69_wp - 0.7_wp)/2 - 3), 1.0e-13_wp)
-      call first_hit(forest([12.71_wp, 16.0_wp], [0.0_wp, 0.0_wp], origin, [40.0_wp, 40.0_wp], [1.0_wp, 1.0_wp], &
-                            law), rising, 0.0_wp, 0.0_wp, [2.0_wp, 0.0_wp], 0.5_wp, none, hit)
+      call find_first_hit(forest([12.71_wp, 16.0_wp], [0.0_wp, 0.0_wp], origin, [40.0_wp, 40.0_wp], [1.0_wp, 1.0_wp], &
+                                 law), rising, 0.0_wp, 0.0_wp, [2.0_wp, 0.0_wp], 0.5_wp, none, hit)
       call check("over it, and over the next", hit%tree == 0)
    end subroutine test_passing_over
 
@@ -169,10 +169,10 @@ contains
       type(forest_t) :: this
       type(tree_hit_t) :: hit
 
-      this = forest([5.0_wp, 9.0_wp], [0.0_wp, 0.0_wp], origin, [40.0_wp, 20.0_wp], [1.0_wp, 1.0_wp], tree_law_t())
+      this = forest([5.0_wp, 9.0_wp], [0.0_wp, 0.0_wp], origin, [40.0_wp, 20.0_wp], [1.0_wp, 1.0_wp], tree_model_t())
       hit = hit_of(this, 0.5_wp)
       call check_close("the nearer first", hit%time, 4.3_wp/2, 1.0e-15_wp)
-      call first_hit(this, level(), 0.0_wp, 0.0_wp, [2.0_wp, 0.0_wp], 0.5_wp, [hit%tree], hit)
+      call find_first_hit(this, level(), 0.0_wp, 0.0_wp, [2.0_wp, 0.0_wp], 0.5_wp, [hit%tree], hit)
       call check_close("then the one behind it", hit%time, 8.4_wp/2, 1.0e-15_wp)
    end subroutine test_broken
 
@@ -188,7 +188,7 @@ contains
       y = 60*y + 30
       dbh = 30
       dbh(77) = 1500
-      this = forest(x, y, origin, dbh, spread(1.0_wp, 1, 400), tree_law_t())
+      this = forest(x, y, origin, dbh, spread(1.0_wp, 1, 400), tree_model_t())
       call check("buckets are small", this%side < 6)
       call compare(this, 0.0_wp, 45.0_wp, [1.0_wp, 0.1_wp], 20.0_wp, 150.0_wp, hit)
       call check("one is hit", hit%tree > 0)
@@ -213,7 +213,7 @@ contains
          if (scene == 9) y = 3
          if (scene > 15) x = 5*nint(x/5)  ! on the borders of buckets
          if (scene > 15) y = 5*nint(y/5)
-         this = forest(x, y, [-1.0_wp, 2.0_wp], 5 + 50*x/(1 + maxval(x)), spread(1.0_wp, 1, n), tree_law_t())
+         this = forest(x, y, [-1.0_wp, 2.0_wp], 5 + 50*x/(1 + maxval(x)), spread(1.0_wp, 1, n), tree_model_t())
          do k = 1, 500
             call random_number(u)
             u(1:2) = (1.4_wp*u(1:2) - 0.2_wp)*[maxval(x), maxval(y)] + [1.0_wp, -2.0_wp]
@@ -234,7 +234,7 @@ contains
       real(wp) :: d(2), d2, r, along, across, t, first
       integer :: k, number
 
-      call first_hit(this, flown(time, 1.0_wp), x, y, v, radius, none, hit)
+      call find_first_hit(this, flown(time, 1.0_wp), x, y, v, radius, none, hit)
       first = time
       number = 0
       if (any(abs(v) > 0)) then
@@ -273,17 +273,17 @@ contains
       x = 100*x - 50
       y = 100*y - 50
       one = 1
-      this = forest(x, y, at, 60*dbh, one, tree_law_t())
-      turned = forest(-y, x, at, 60*dbh, one, tree_law_t())
-      mirrored = forest(-x, y, at, 60*dbh, one, tree_law_t())
+      this = forest(x, y, at, 60*dbh, one, tree_model_t())
+      turned = forest(-y, x, at, 60*dbh, one, tree_model_t())
+      mirrored = forest(-x, y, at, 60*dbh, one, tree_model_t())
       hits = 0
       do k = 1, 2000
          call random_number(u)
          u(1:4) = 2*u(1:4) - 1
          associate (spans => flown(8*u(5), 1.0_wp), p => 50*u(1:2), v => 10*u(3:4))
-            call first_hit(this, spans, p(1), p(2), v, u(6), none, hit(1))
-            call first_hit(turned, spans, -p(2), p(1), [-v(2), v(1)], u(6), none, hit(2))
-            call first_hit(mirrored, spans, -p(1), p(2), [-v(1), v(2)], u(6), none, hit(3))
+            call find_first_hit(this, spans, p(1), p(2), v, u(6), none, hit(1))
+            call find_first_hit(turned, spans, -p(2), p(1), [-v(2), v(1)], u(6), none, hit(2))
+            call find_first_hit(mirrored, spans, -p(1), p(2), [-v(1), v(2)], u(6), none, hit(3))
          end associate
          hits = hits + min(1, hit(1)%tree)
          call check("same time", all(abs(hit%time - hit(1)%time) <= 0))
@@ -308,7 +308,7 @@ contains
       allocate (x(n), y(n))
       call random_number(x)
       call random_number(y)
-      this = forest(width*x, width*y, origin, spread(dbh, 1, n), spread(1.0_wp, 1, n), tree_law_t())
+      this = forest(width*x, width*y, origin, spread(dbh, 1, n), spread(1.0_wp, 1, n), tree_model_t())
       total = 0
       squares = 0
       inside = 0
@@ -316,7 +316,7 @@ contains
          call random_number(u)
          u(1:2) = 200 + (width - 400)*u(1:2)
          associate (angle => 360*degree*u(3))
-            call first_hit(this, flown(200.0_wp, 1.0_wp), u(1), u(2), [cos(angle), sin(angle)], radius, none, hit)
+            call find_first_hit(this, flown(200.0_wp, 1.0_wp), u(1), u(2), [cos(angle), sin(angle)], radius, none, hit)
          end associate
          if (hit%tree == 0) inside = inside + 1
          distance = hit%time
@@ -343,17 +343,17 @@ contains
          call random_number(u)
          stem = stem_t(0.0_wp, 0.0_wp, 0.5_wp*u(1) + 0.01_wp, 1.0e6_wp*u(2))
          energy = 10.0_wp**(8*u(3) - 1)
-         impact = tree_impact(tree_law_t(), stem, u(4)*(1.0_wp + stem%radius), 1.0_wp, energy, words(k))
-         call check("at most what there is", impact%taken <= energy .and. impact%taken <= stem%max_energy)
-         call check("never less than nothing", impact%taken >= 0)
+         impact = tree_impact(tree_model_t(), stem, u(4)*(1.0_wp + stem%radius), 1.0_wp, energy, words(k))
+         call check("at most what there is", impact%absorbed <= energy .and. impact%absorbed <= stem%max_energy)
+         call check("never less than nothing", impact%absorbed >= 0)
          call check("a stem breaks only if it was not enough", .not. impact%breaks .or. &
-                    (impact%taken < energy .and. u(4) < 0.58_wp))
-         if (impact%taken >= energy) stopped = stopped + 1
+                    (impact%absorbed < energy .and. u(4) < 0.58_wp))
+         if (impact%absorbed >= energy) stopped = stopped + 1
       end do
       call check("some are stopped", stopped > 500 .and. stopped < 4500)
       stem = stem_t(0.0_wp, 0.0_wp, 0.15_wp, max_stem_energy(30.0_wp))
-      impact = tree_impact(tree_law_t(), stem, 0.3_wp*1.15_wp, 1.0_wp, 2.0e5_wp, words(1))
-      call check_close("x is offset/(R_b + DBH/2)", impact%taken, 0.974156048421733373_wp*99968.0137871888292_wp, &
+      impact = tree_impact(tree_model_t(), stem, 0.3_wp*1.15_wp, 1.0_wp, 2.0e5_wp, words(1))
+      call check_close("x is offset/(R_b + DBH/2)", impact%absorbed, 0.974156048421733373_wp*99968.0137871888292_wp, &
                        1.0e-14_wp)
    end subroutine test_taken
 
@@ -367,7 +367,7 @@ contains
    !> Turns follow the weights of the type of hit; by default any angle up to 76 degrees is as likely as another.
    subroutine test_turns()
       integer, parameter :: n = 40000
-      type(tree_law_t) :: law
+      type(tree_model_t) :: law
       type(tree_impact_t) :: impact
       real(wp), parameter :: x(3) = [0.2_wp, 0.6_wp, 0.9_wp]
       real(wp), allocatable :: angle(:)
@@ -405,11 +405,11 @@ contains
 
       left = 0
       do k = 1, n
-         impact = tree_impact(tree_law_t(), thin, 0.1_wp, 0.5_wp, 10.0_wp, words(k))
+         impact = tree_impact(tree_model_t(), thin, 0.1_wp, 0.5_wp, 10.0_wp, words(k))
          call check("stem on the left: to the right", impact%sine < 0)
-         impact = tree_impact(tree_law_t(), thin, -0.1_wp, 0.5_wp, 10.0_wp, words(k))
+         impact = tree_impact(tree_model_t(), thin, -0.1_wp, 0.5_wp, 10.0_wp, words(k))
          call check("stem on the right: to the left", impact%sine > 0)
-         impact = tree_impact(tree_law_t(), thin, 1.0e-16_wp, 0.5_wp, 10.0_wp, words(k))
+         impact = tree_impact(tree_model_t(), thin, 1.0e-16_wp, 0.5_wp, 10.0_wp, words(k))
          if (impact%sine > 0) left = left + 1
       end do
       call check("either side", abs(left - n/2) < 2*sqrt(real(n, wp)))

@@ -6,9 +6,9 @@ program test_impact
    use rockfall_error, only: error_t, bad_input
    use rockfall_random, only: random_key_t, random_key, random_words, normal_table_t, &
       normal_table, normal, for_impact, for_ground
-   use rockfall_impact, only: impact_set_t, impact_set, with_noise, ratio_class, ratio_between, ratio_weights, &
-      rebound_t, rebound, fitted_t, fitted, beyond_fit, velocity_law_t, law_of, drawn, impact_ratios, admissible, &
-      twice_energy
+   use rockfall_impact, only: impact_set_t, impact_set, with_noise, find_nearest_set, interpolated_set, ratio_weights, &
+      rebound_t, rebound, fitted_t, fitted, beyond_fit, velocity_distribution_t, velocity_distribution, &
+                              drawn_velocity, impact_ratios, admissible, twice_energy
    use rockfall_impact_sets, only: coefficients_t, read_sets
    use rockfall_direction, only: past_aspect
    use check_m, only: check, check_close, finish
@@ -157,7 +157,7 @@ contains
       type(impact_set_t), intent(in) :: set
       real(wp), intent(in) :: v_in(3)
       integer, parameter :: n = 10000000
-      type(velocity_law_t) :: law
+      type(velocity_distribution_t) :: distribution
       real(wp) :: b(3, 9), s(3, 3), x(3), first(3), second(3, 3), third(3, 3), fourth(3, 3), tolerance
       integer :: k, i, j
 
@@ -165,19 +165,20 @@ contains
          b(i, :) = matmul(v_in, set%root(3*i - 2:3*i, :))
       end do
       s = matmul(b, transpose(b))
-      law = law_of(set, v_in(1), v_in(2), v_in(3))
+      distribution = velocity_distribution(set, v_in(1), v_in(2), v_in(3))
       x = matmul(transpose(reshape(set%mean, [3, 3])), v_in)
       call check("the mean of A times V_in", &
-                 maxval(abs([law%mean_t, law%mean_n, law%mean_w] - x)) <= 1.0e-14_wp*norm2(v_in))
-      law%mean_t = 0
-      law%mean_n = 0
-      law%mean_w = 0
+                 maxval(abs([distribution%mean_t, distribution%mean_n, distribution%mean_w] &
+                            - x)) <= 1.0e-14_wp*norm2(v_in))
+      distribution%mean_t = 0
+      distribution%mean_n = 0
+      distribution%mean_w = 0
       first = 0
       second = 0
       third = 0
       fourth = 0
       do k = 1, n
-         x = drawn(law, draws(:, k))
+         x = drawn_velocity(distribution, draws(:, k))
          first = first + x
          do j = 1, 3
             second(:, j) = second(:, j) + x*x(j)
@@ -275,7 +276,7 @@ contains
       integer(i8), parameter :: n = 250000
       real(wp), parameter :: v_in(3) = [6.0_wp, -4.0_wp, 5.0_wp]
       real(wp), parameter :: mean(9) = 0.3_wp*[1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, -1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
-      type(impact_set_t) :: plain, folded
+      type(impact_set_t) :: plain, total
       type(error_t), allocatable :: error
       type(rebound_t) :: out
       real(wp), allocatable :: v(:, :)
@@ -293,10 +294,10 @@ contains
          redrawn = redrawn + out%draws - 1
       end do
       call moments(v, want, q)
-      call impact_set(mean, with_noise(c, matmul(root, transpose(root))), folded, error)
+      call impact_set(mean, with_noise(c, matmul(root, transpose(root))), total, error)
       call check(name//" is allowed", .not. allocated(error))
       do k = 1, n
-         out = rebound_of(folded, n + k, v_in)
+         out = rebound_of(total, n + k, v_in)
          v(:, k) = out%v
          redrawn = redrawn + out%draws - 1
       end do
@@ -464,7 +465,7 @@ contains
       logical :: outside
 
       do k = 1, size(ratio)
-         call ratio_class(ratio(k), class, outside)
+         call find_nearest_set(ratio(k), class, outside)
          call check("the set of a ratio", class == want(k))
          call check("outside of the calibrated range", outside .eqv. (k <= 2 .or. k >= 12))
       end do
@@ -479,7 +480,7 @@ contains
       do k = 1, size(ratio)
          hits = 0
          do u = 0, 999
-            associate (hit => hits(ratio_between(ratio(k), (u + 0.5_wp)/1000)))
+            associate (hit => hits(interpolated_set(ratio(k), (u + 0.5_wp)/1000)))
                hit = hit + 1
             end associate
          end do
@@ -497,12 +498,12 @@ contains
       do k = 1, size(ratio)
          often = 0
          do u = 0, 999
-            class = ratio_between(ratio(k), (u + 0.5_wp)/1000)
+            class = interpolated_set(ratio(k), (u + 0.5_wp)/1000)
             often(class) = often(class) + 0.001_wp
          end do
          weight = ratio_weights(ratio(k), .true.)
          call check("weights between", maxval(abs(weight - often)) < 1.0e-12_wp)
-         call ratio_class(ratio(k), class, outside)
+         call find_nearest_set(ratio(k), class, outside)
          weight = ratio_weights(ratio(k), .false.)
          call check("weight of the nearest", abs(weight(class) - 1) <= 0 .and. abs(sum(weight) - 1) <= 0)
       end do

@@ -5,7 +5,7 @@ program test_local_frame
    use rockfall_terrain, only: terrain_t, terrain, locate, height, gradient, cell_of, steepness_of, is_pit
    use rockfall_flight, only: flight_t, landing_t
    use rockfall_direction, only: turning_t
-   use rockfall_local_frame, only: decompose, launch_velocity, face_forward, rolled_before, outgoing_flight
+   use rockfall_local_frame, only: decompose, launch_velocity, face_forward, signed_w, outgoing_flight
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -55,8 +55,8 @@ contains
       call check("forward: as it was", all(abs([heading, w] - [0.6_wp, -0.8_wp, 3.0_wp]) <= 0))
       call face_forward(-2.0_wp, heading(1), heading(2), w)
       call check("backward: the other way", all(abs([heading, w] + [0.6_wp, -0.8_wp, 3.0_wp]) <= 0))
-      call check("rolled on", rolled_before(3.0_wp, 1.0_wp, 0.0_wp, 0.9_wp, 0.1_wp) > 0)
-      call check("rolled back", rolled_before(3.0_wp, 1.0_wp, 0.0_wp, -0.9_wp, 0.1_wp) < 0)
+      call check("rolled on", signed_w(3.0_wp, 1.0_wp, 0.0_wp, 0.9_wp, 0.1_wp) > 0)
+      call check("rolled back", signed_w(3.0_wp, 1.0_wp, 0.0_wp, -0.9_wp, 0.1_wp) < 0)
    end subroutine test_backward
 
    !> A contact in the middle of the terrain.

@@ -4,7 +4,7 @@ program test_plane
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-   use rockfall_terrain, only: terrain, keep_within
+   use rockfall_terrain, only: terrain, set_window
    use rockfall_random, only: random_key, normal_table
    use rockfall_scene, only: check_sources
    use rockfall_impact, only: impact_set
@@ -98,7 +98,7 @@ contains
       call trace_boulder(scene, 1_i8, 2, result, scratch)
       call check("over the edge", result%status == left_domain)
       call check_close("at the outer cell centres", result%stop(1), (nx - 1)*cell, 1.0e-12_wp)
-      call keep_within(scene%dem, [1, 1], [62, ny])
+      call set_window(scene%dem, [1, 1], [62, ny])
       call trace_boulder(scene, 1_i8, 2, result, scratch)
       call check("out of the window", result%status == left_window)
       z(61, :) = ieee_value(0.0_wp, ieee_quiet_nan)

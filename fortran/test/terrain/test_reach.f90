@@ -5,7 +5,7 @@ program test_reach
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan, ieee_get_flag, ieee_set_flag, ieee_invalid
    use rockfall_kinds, only: wp, sp
    use rockfall_terrain, only: terrain_t, terrain
-   use rockfall_reach, only: block_side, take_minima
+   use rockfall_reach, only: block_side, update_block_minima
    use check_m, only: check, check_close, finish
    implicit none
    integer, parameter :: nx = 7, ny = 5
@@ -31,7 +31,7 @@ contains
       call check("a block is a cell here", block_side([nx, ny]) == 1)
       minima = huge(minima)
       call ieee_set_flag(ieee_invalid, .false.)
-      call take_minima(dem, 1, ny, minima)
+      call update_block_minima(dem, 1, ny, minima)
       call ieee_get_flag(ieee_invalid, invalid)
       call check(name//": no exception", .not. invalid)
       call check_close(name//": an elevation", minima(7, 5), z8(7, 5), 0.0_wp)

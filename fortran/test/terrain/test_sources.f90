@@ -5,7 +5,7 @@ program test_sources
    use rockfall_kinds, only: wp, sp, i2, i8
    use rockfall_terrain, only: terrain_t, terrain
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
-   use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios, last_boulders
+   use rockfall_sources, only: usual_threshold, keep_steep_cells, surface_ratios, last_boulders
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -58,15 +58,15 @@ contains
       z4 = real(z8, sp)
       do k = -1, 1, 2
          cells = 1
-         call keep_steep(terrain(0.0_wp, 0.0_wp, cell, z8=z8), atan(sqrt(0.5_wp))/degree + k*1.0e-10_wp, 1, cells)
+         call keep_steep_cells(terrain(0.0_wp, 0.0_wp, cell, z8=z8), atan(sqrt(0.5_wp))/degree + k*1.0e-10_wp, 1, cells)
          call check("a plane in double precision", all(cells == merge(inner, 0_i2, k < 0)))
          cells = 1
-         call keep_steep(terrain(0.0_wp, 0.0_wp, cell, z4=z4), atan(sqrt(0.5_wp))/degree + k*1.0e-10_wp, 1, cells)
+         call keep_steep_cells(terrain(0.0_wp, 0.0_wp, cell, z4=z4), atan(sqrt(0.5_wp))/degree + k*1.0e-10_wp, 1, cells)
          call check("in single precision", all(cells == merge(inner, 0_i2, k < 0)))
       end do
       cells = 1
       cells(4, :) = 0
-      call keep_steep(terrain(0.0_wp, 0.0_wp, cell, z8=z8), 30.0_wp, 3, cells(:, 3:4))
+      call keep_steep_cells(terrain(0.0_wp, 0.0_wp, cell, z8=z8), 30.0_wp, 3, cells(:, 3:4))
       call check("rows in the middle, and only cells that may be", all(cells(:, 3:4) == &
                  merge(inner(:, 3:4), 0_i2, spread([1, 2, 3, 4, 5, 6, 7, 8], 2, 2) /= 4)) .and. all(cells(1, :2) == 1))
    end subroutine test_planes
@@ -82,7 +82,7 @@ contains
       expected = 0
       expected(2:nx - 1, 2:ny - 1) = 1
       expected(3:5, 2:4) = 0
-      call keep_steep(terrain(0.0_wp, 0.0_wp, cell, z8=z), 45.0_wp, 1, cells)
+      call keep_steep_cells(terrain(0.0_wp, 0.0_wp, cell, z8=z), 45.0_wp, 1, cells)
       call check("windows with nodata", all(cells == expected))
    end subroutine test_windows
 

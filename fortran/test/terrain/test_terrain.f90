@@ -4,7 +4,7 @@
 program test_terrain
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp
-   use rockfall_terrain, only: terrain_t, patch_t, terrain, locate, within, on_terrain, &
+   use rockfall_terrain, only: terrain_t, patch_t, terrain, locate, patch_position, on_terrain, &
       read_patch, height, gradient, cell_of, cell_descent
    use check_m, only: check, check_close, finish
    implicit none
@@ -65,9 +65,9 @@ contains
       call check("the patch of a point", patch%i == 3 .and. patch%j == 2 .and. patch%known)
       call check_close("east in it", u, 0.4_wp, 1.0e-15_wp)
       call check_close("north in it", w, 0.6_wp, 1.0e-15_wp)
-      call check_close("within an interval", within(dem, 6.0_wp, 3), 0.4_wp, 1.0e-15_wp)
-      call check_close("not past it", within(dem, 6.0_wp, 1), 1.0_wp, 0.0_wp)
-      call check_close("nor before it", within(dem, 6.0_wp, 5), 0.0_wp, 0.0_wp)
+      call check_close("within an interval", patch_position(dem, 6.0_wp, 3), 0.4_wp, 1.0e-15_wp)
+      call check_close("not past it", patch_position(dem, 6.0_wp, 1), 1.0_wp, 0.0_wp)
+      call check_close("nor before it", patch_position(dem, 6.0_wp, 5), 0.0_wp, 0.0_wp)
    end subroutine test_place
 
    subroutine test_plane()

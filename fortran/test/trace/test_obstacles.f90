@@ -8,10 +8,10 @@ program test_obstacles
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, end_flight
    use rockfall_line, only: line
    use rockfall_barrier, only: barrier_t, stopped_there, broken_through, passed_over
-   use rockfall_forest, only: tree_law_t, build_forest, energy_share, max_stem_energy
+   use rockfall_forest, only: tree_model_t, build_forest, absorbed_fraction, max_stem_energy
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, stopped_by_barrier
-   use rockfall_scratch, only: scratch_t, clear, with_all
+   use rockfall_scratch, only: scratch_t, clear_scratch, with_all
    use rockfall_obstacles, only: obstacle_t, find_obstacle, hit_obstacle, record_passed_over, none
    use check_m, only: check, check_close, finish
    implicit none
@@ -50,7 +50,7 @@ contains
       real(wp) :: at(2)
       integer :: n_spans
 
-      call clear(scene, with_all, scratch)
+      call clear_scratch(scene, with_all, scratch)
       result = boulder_result_t()
       result%boulder%radius = radius
       result%boulder%mass = mass
@@ -118,11 +118,11 @@ contains
       real(wp) :: before, taken
 
       allocate (scene%forest)
-      call build_forest([35.0_wp], [50.5_wp], [0.0_wp, 0.0_wp], [dbh], [1.0_wp], tree_law_t(), scene%forest)
+      call build_forest([35.0_wp], [50.5_wp], [0.0_wp, 0.0_wp], [dbh], [1.0_wp], tree_model_t(), scene%forest)
       call shoot(2.0_wp)
       call check_close("when the discs touch", obstacle%time, (5 - radius - 0.2_wp)/20, near)
       before = energy_of(v)
-      taken = min(before, energy_share(0.0_wp)*max_stem_energy(dbh))
+      taken = min(before, absorbed_fraction(0.0_wp)*max_stem_energy(dbh))
       call hit_obstacle(scene, 1_i8, obstacle, landing, v, w, result, flight, scratch)
       call check_close("energy that the stem takes", result%energy%trees, taken, near)
       call check_close("energy that is left", energy_of(flight%v), before - taken, 1.0e-6_wp)
@@ -135,7 +135,7 @@ contains
       call shoot(2.0_wp)
       call check("the tree in front of the barrier", obstacle%hit%tree == 1)
       call check("the line is not reached", .not. scratch%crossings(1)%crossed)
-      call build_forest([45.0_wp], [50.5_wp], [0.0_wp, 0.0_wp], [40.0_wp], [1.0_wp], tree_law_t(), scene%forest)
+      call build_forest([45.0_wp], [50.5_wp], [0.0_wp, 0.0_wp], [40.0_wp], [1.0_wp], tree_model_t(), scene%forest)
       call shoot(2.0_wp)
       call check("the barrier in front of the tree", obstacle%number == 1 .and. obstacle%hit%tree == 0)
    end subroutine test_nearer_first
