@@ -27,10 +27,8 @@ program rockfall_batch
    use rockfall_case, only: case_t
    use rockfall_grid, only: grid_t, is_outside
    use rockfall_case_file, only: read_case_file
-   use rockfall_filesystem, only: fail_beyond_size_limit, open_closed_streams, end_at_once, is_folder, path_exists, &
-                                  same_file, folder_of, temporary_name
-   use rockfall_interrupts, only: note_interrupts
-   use rockfall_lock, only: lock_t, take_lock, give_lock_back
+   use rockfall_system, only: start_process, end_at_once, is_folder, is_regular, path_exists, same_file, folder_of, &
+                              temporary_name, take_lock, give_lock_back
    use rockfall_threads, only: check_team
    use rockfall_console, only: arguments_t, read_arguments, stem, one_line, decimal
    use rockfall_ground, only: ground_t
@@ -60,9 +58,7 @@ contains
       type(arguments_t) :: arguments
       type(error_t), allocatable :: error
 
-      call open_closed_streams()
-      call fail_beyond_size_limit()
-      call note_interrupts()
+      call start_process()
       call read_arguments(arguments, error)
       code = 0
       if (arguments%help) then
@@ -83,7 +79,6 @@ contains
       type(arguments_t), intent(in) :: arguments
       type(error_t), allocatable, intent(out) :: error
       type(case_t), target :: case
-      type(lock_t) :: lock
       character(len=:), allocatable :: output, scene, text
 
       output = arguments%output
@@ -95,11 +90,11 @@ contains
                           text, case, error)
       if (.not. allocated(error)) call check_team(case%threads, error)
       if (.not. allocated(error)) call check_output(output, arguments, scene, error)
-      if (.not. allocated(error)) call take_lock(output//".lock", warn, lock, error)
+      if (.not. allocated(error)) call take_lock(output//".lock", warn, error)
       if (allocated(error)) return
       call check_checkpoint(output//".checkpoint", arguments%resume, error)
       if (.not. allocated(error)) call run_to(output, scene, case, text, arguments, error)
-      call give_lock_back(lock)
+      call give_lock_back()
    end subroutine run
 
    subroutine run_to(output, scene, case, text, arguments, error)
@@ -173,6 +168,8 @@ contains
          call fail(error, output//": there is no folder "//folder_of(output))
       else if (same_file(output, arguments%case) .or. same_file(output, scene)) then
          call fail(error, output//": is an input; it is not overwritten")
+      else if (path_exists(output) .and. .not. is_regular(output)) then
+         call fail(error, output//": not a regular file")
       else if (path_exists(output) .and. .not. (arguments%overwrite .or. path_exists(output//".checkpoint"))) then
          call fail(error, output//": already exists; not overwritten (--overwrite replaces it)")
       end if

@@ -88,6 +88,7 @@ ARGUMENTS = {
     (CASE, "--scene", CASE): f"{CASE}: cannot be read as netCDF-4",
     (CASE, "-o", "none/x"): "none/x: there is no folder none/",
     (CASE, "-o", "ready"): "ready: is a folder; a file name is needed",
+    (CASE, "-o", "/dev/null", "--overwrite"): "/dev/null: not a regular file",
     (CASE, "-o", "/proc/x"): "/proc/x: cannot be written (is its folder writable?)",
     (CASE, "-o", CASE): f"{CASE}: is an input; it is not overwritten",
     (CASE, "-o", "ready/scene.nc"): "ready/scene.nc: is an input; it is not overwritten",

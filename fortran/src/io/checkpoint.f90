@@ -5,9 +5,7 @@ module rockfall_checkpoint
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
-   use rockfall_filesystem, only: path_exists, remove_file, hidden_name
-   use rockfall_interrupts, only: interrupt_status
-   use rockfall_lock, only: say_to
+   use rockfall_system, only: path_exists, remove_file, hidden_name, interrupt_status, say_to
    use rockfall_case, only: case_t
    use rockfall_scene_file, only: inputs_t
    use rockfall_part_file, only: write_part, read_part, boulders_in

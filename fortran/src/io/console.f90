@@ -6,7 +6,7 @@ module rockfall_console
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: excerpt
    use rockfall_decimal, only: parse_integer, parse_real, decimal_ok
-   use rockfall_filesystem, only: name_of
+   use rockfall_system, only: name_of
    implicit none
    private
    public :: arguments_t, read_arguments, stem, one_line, decimal

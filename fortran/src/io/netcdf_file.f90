@@ -13,8 +13,7 @@ module rockfall_netcdf_file
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: max_text
    use rockfall_variables, only: piece, max_packing
-   use rockfall_filesystem, only: is_pipe, remove_file
-   use rockfall_interrupts, only: begin_reading, end_reading
+   use rockfall_system, only: is_regular, remove_file, begin_reading, end_reading
    implicit none
    private
    public :: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf
@@ -94,7 +93,7 @@ contains
          return
       end if
       begin = ""
-      if (.not. is_pipe(name)) then
+      if (is_regular(name)) then
          open (newunit=unit, file=name, access="stream", form="unformatted", status="old", action="read", iostat=status)
          if (status == 0) read (unit, iostat=status) begin
          if (status == 0) close (unit)

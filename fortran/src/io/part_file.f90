@@ -11,7 +11,7 @@ module rockfall_part_file
    use rockfall_text, only: joined
    use rockfall_version, only: version
    use rockfall_grid, only: grid_t
-   use rockfall_filesystem, only: replace_file, remove_file
+   use rockfall_system, only: replace_file, remove_file
    use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf, keep, &
                                    sound, mark_damaged, fail_damaged, pass, length_of, text_of, integers_of, real_of
    use rockfall_variables, only: variable_of, stored_as, name_in_files, layout => part_layout, line_fields, &

@@ -11,7 +11,7 @@ module rockfall_scene_file
    use rockfall_text, only: integer_text, max_text
    use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, keep, sound, mark_damaged, &
                                    fail_damaged, check_shape, pass, length_of, kind_of, text_of, integers_of
-   use rockfall_interrupts, only: end_reading
+   use rockfall_system, only: end_reading
    use rockfall_terrain, only: max_elevation
    use rockfall_surface, only: method_a
    use rockfall_boulder, only: list_volume

@@ -5,7 +5,7 @@ module rockfall_text_file
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: max_text
-   use rockfall_filesystem, only: is_pipe
+   use rockfall_system, only: is_regular
    implicit none
    private
    public :: read_text
@@ -28,7 +28,7 @@ contains
          call fail(error, file//": no such file")
          return
       end if
-      if (is_pipe(file)) call fail(error, file//": not a regular file")
+      if (.not. is_regular(file)) call fail(error, file//": not a regular file")
       if (allocated(error)) return
       open (newunit=unit, file=file, access="stream", form="unformatted", status="old", &
             action="read", iostat=status, iomsg=message)

@@ -18,7 +18,7 @@ module rockfall_case
    use rockfall_barrier, only: ead_energy
    implicit none
    private
-   public :: case_t, read_case, turning_rule, radius_of_reading, keeps_all
+   public :: case_t, case_line_t, read_case, turning_rule, radius_of_reading, keeps_all
 
    integer(i8), parameter :: keeps_all = huge(1_i8)
    !> Maximum volume_std/volume_mean of a normal distribution: truncation at zero then raises the mean to 4.6 times.

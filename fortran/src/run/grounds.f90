@@ -21,7 +21,7 @@ module rockfall_grounds
    implicit none
    private
    public :: read_ground, read_stochastic, rest_angle_of_rocks, ground_parameter, model_names
-   public :: rocks_of_model
+   public :: rocks_of_model, no_rocks, any_rocks, some_rocks
 
    !> Models, in the order of their numbers.
    character(len=*), parameter :: model_names(*) = [character(len=14) :: "impact_sets", "rockyfor3d", &

@@ -4,7 +4,7 @@ module rockfall_variables
    use rockfall_kinds, only: i8
    implicit none
    private
-   public :: variable_t, variable_of, variable_text, stored_as, name_in_files
+   public :: variable_t, variable_table, variable_of, variable_text, stored_as, name_in_files
    public :: boulder_fields, boulder_counts, energy_fields, row_reals, row_integers, real_groups, integer_groups, &
              line_fields, vertex_fields, map_fields, histogram_fields, statuses
    public :: scene_layout, part_layout, piece, max_packing

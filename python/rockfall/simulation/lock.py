@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Locks that let one run at a time write an output, since two would destroy each other's files. The
-same as in io/lock.f90."""
+same as in io/system.c."""
 
 import fcntl
 import os
