@@ -14,7 +14,7 @@ from scenes import case_in, grid, place, rough
 
 HEAVY = {
     "xarray", "pandas", "dask", "rasterio", "pyproj", "affine", "matplotlib", "jinja2", "scipy",
-    "shapely", "pyogrio", "rich.console", "importlib.metadata",
+    "babel", "shapely", "pyogrio", "rich.console", "importlib.metadata",
 }  # fmt: skip
 COMMANDS = """
 import sys

@@ -59,7 +59,7 @@ from rockfall.html_report.summary import (  # noqa: E402
 from rockfall.html_report.tables import line_tables, precision_table  # noqa: E402
 from rockfall.html_report.terrain_view import VERTICES, traces  # noqa: E402
 from rockfall.html_report.validity import SHIPPED, cautions, warnings  # noqa: E402
-from rockfall.language import LANGUAGES  # noqa: E402
+from rockfall.language import LANGUAGES, speaking  # noqa: E402
 from rockfall.plots.figures import figures  # noqa: E402
 from rockfall.quantities import (  # noqa: E402
     DESIGN,
@@ -403,7 +403,8 @@ def pages(tmp_path_factory, result):
         here.setattr("rockfall.html_report.page.return_levels", no_levels)
         for language in LANGUAGES:
             some = kinds if language in ("en", "de") else ()  # figures take long
-            shown = [one for one in figures(result) if one.name in some]
+            with speaking(language):
+                shown = [one for one in figures(result) if one.name in some]
             here.setattr("rockfall.html_report.page.figures", lambda *_, shown=shown: shown)
             where = rough(), grid(rough())
             write_report(

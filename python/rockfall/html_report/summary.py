@@ -190,19 +190,19 @@ def technical(result: xr.Dataset) -> Iterator[str]:
     rebounds, redrawn, forced = (int(result[f"rebounds{of}"]) for of in ("", "_redrawn", "_forced"))
     if redrawn:
         yield (
-            say(
+            say_count(
                 "summary.redrawn",
+                rebounds,
                 redrawn=redrawn,
-                rebounds=rebounds,
                 fraction=percent(redrawn / rebounds),
             )
         )
     if forced:
         yield (
-            say(
+            say_count(
                 "summary.limited",
+                rebounds,
                 forced=forced,
-                rebounds=rebounds,
                 fraction=percent(forced / rebounds),
             )
         )

@@ -175,15 +175,11 @@ def design_tables(found: Design) -> Iterator[Table]:
             head, *rows = load_rows(loads)
             _, *design = demand_rows(asked, standard)
             rows += [[name, value, "", ""] for name, value in design]
-            about = (
-                say("tables.loads_uni", line=asked["line"])
-                if standard == "UNI"
-                else say("tables.loads_onr", line=asked["line"])
-            )
+            about = say("tables.loads_caption", line=asked["line"], standard=standard)
             yield Table(about, head, rows)
     if len(found.checks):
         rows = [check_row(row) for row in found.checks.to_dict("records")]
-        yield Table(say("tables.checks_caption"), CHECKED, rows)
+        yield Table(say("tables.checks_caption", standard=standard), CHECKED, rows)
 
 
 def hazard_tables(found: xr.Dataset) -> Iterator[Table]:

@@ -100,17 +100,17 @@ def _ended(result: xr.Dataset) -> Iterator[str]:
     if boulders == 1:
         yield say("validity.one_boulder")
     if left := gone(result):
-        yield say(
+        yield say_count(
             "validity.left_terrain",
+            boulders,
             left=left,
-            boulders=boulders,
             fraction=percent(left / boulders),
         )
     if limit:
-        yield say(
+        yield say_count(
             "validity.impact_limit",
+            boulders,
             limit=limit,
-            boulders=boulders,
             fraction=percent(limit / boulders),
         )
 

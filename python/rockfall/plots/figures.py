@@ -19,6 +19,7 @@ from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import set_path
 from rockfall.io.output_files import atomic_folder, check_outputs
 from rockfall.lab.sets import read_sets
+from rockfall.language import say, say_count
 from rockfall.plots.along_figures import line_profile_figure
 from rockfall.plots.ensemble_figures import ranges_figure
 from rockfall.plots.extent import PASSED, passed_map
@@ -111,7 +112,7 @@ def write_figures(
     `inputs`; returns the files written."""
     if format not in FORMATS:
         raise RockfallError(f"format = '{format}': must be one of {', '.join(FORMATS)}")
-    need("figures need", "report", "matplotlib")
+    need("figures need", "report", "matplotlib", "babel")
     files = {f"{one.name}.{format}": one.draw for one in shown}
     inputs = list(inputs)
     check_outputs([Path(folder) / name for name in files], inputs)  # drawing takes long
@@ -128,19 +129,17 @@ def _trajectories(
     if not any(np.ptp(one.z) > 0 for one in trajectories(result, MAX_TRAJECTORIES)):
         return  # none recorded, or none that moved
     recorded = np.unique(result["trajectory_boulder"].values).size
-    drawn = count(min(recorded, MAX_TRAJECTORIES), "boulder")
-    of = f"{drawn} of {simulated(result):,}, from all sources"
+    drawn, total = min(recorded, MAX_TRAJECTORIES), simulated(result)
     yield Figure(
         "trajectories",
-        "Trajectories in plan",
-        f"Trajectories of {of}.",
+        say("figures.trajectories_title"),
+        say_count("figures.trajectories", drawn, total=total),
         lambda: trajectories_figure(result, terrain, look),
     )
     yield Figure(
         "profile",
-        "Profile, height and speed of trajectories",
-        f"Elevation at true scale, height above the ground and speed of {of} against the plan "
-        "distance from the release; dashed: the median place where boulders cross a line.",
+        say("figures.profile_title"),
+        say_count("figures.profile", drawn, total=total),
         lambda: profile_figure(result, terrain),
     )
 
@@ -149,29 +148,29 @@ def _reach(
     result: xr.Dataset, terrain: Terrain | None, observed: Any, look: Look | None
 ) -> Iterator[Figure]:
     """Run-out distance and reach (paper, Figs 9 and 10)."""
-    boulders = count(result.sizes["boulder"], "boulder")
-    gone = int(left_terrain(result).sum())
-    beyond = f"; the run-out of the {gone:,} that left the terrain is not known: dotted"
+    boulders, gone = result.sizes["boulder"], int(left_terrain(result).sum())
     yield Figure(
         "passing",
-        "Boulders that pass a distance",
-        f"Fraction of {boulders} that come at least so far from the release, with its 95 % "
-        f"confidence band{beyond if gone else ''}.",
+        say("figures.passing_title"),
+        say_count("figures.passing_open" if gone else "figures.passing", boulders, gone=gone),
         lambda: passing_figure(result, observed),
     )
     stops = None if observed is None else observed.stops
-    also = f", and {count(len(stops), 'observed stop')}" if stops is not None else ""
     yield Figure(
         "stops",
-        "Stopping points",
-        f"Stopping points of {boulders}, by status{also}.",
+        say("label.stopping_points"),
+        say_count("figures.stops", boulders)
+        if stops is None
+        else say_count("figures.stops_and_observed", len(stops), boulders=boulders),
         lambda: stops_figure(result, terrain, stops, look),
     )
     if name := passed_map(result):
         yield Figure(
             "pass_frequency",
-            "Pass frequency",
-            f"Fraction of {boulders} that pass each cell; outline: 1 %{also}.",
+            say("front.pass_frequency"),
+            say_count("figures.pass_frequency", boulders)
+            if stops is None
+            else say_count("figures.pass_frequency_and_observed", len(stops), boulders=boulders),
             lambda: map_figure(result, name, terrain, stops, look),
         )
 
@@ -213,9 +212,8 @@ def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[F
         if np.isfinite(result["line_x"].values[k]).any():
             yield Figure(
                 f"along_{k + 1}",
-                f"Along {name}",
-                "Fraction of all boulders that pass a metre of the line, and 95 % quantiles of the "
-                "energy and height of those that do, with 95 % bands.",
+                say("figures.along_title", line=name),
+                say("figures.along"),
                 partial(_along, result, name),
             )
 
@@ -227,12 +225,10 @@ def _along(result: xr.Dataset, line: str) -> figure.Figure:
 def _ranges(result: xr.Dataset) -> Iterator[Figure]:
     """Figures of an ensemble."""
     if is_ensemble(result) and lines(result):
-        draws = count(result.sizes["run"], "draw")
         yield Figure(
             "epistemic",
-            "Uncertain inputs and Monte Carlo error",
-            f"Grey: 90 % of {draws} of the uncertain inputs; blue: the case as it is, with the "
-            "95 % interval of its boulders.",
+            say("figures.ranges_title"),
+            say_count("figures.ranges", result.sizes["run"]),
             lambda: ranges_figure(result),
         )
 
@@ -240,21 +236,18 @@ def _ranges(result: xr.Dataset) -> Iterator[Figure]:
 def _rebounds(result: xr.Dataset) -> Iterator[Figure]:
     """Figures over all rebounds (paper, Figs 11 to 14), and the impact set behind them (Fig. 5)."""
     if "incidence_angle_histogram" in result and result["incidence_angle_histogram"].any():
-        n = count(int(result["incidence_angle_histogram"].sum()), "rebound")
+        n = int(result["incidence_angle_histogram"].sum())
         frequency, edges = histogram(result, "tangential_share")
-        above = frequency[edges[:-1] > 0.75].sum()  # bins of 0.02
-        theirs = " (paper: above 75 % in 93 %)" if beside_paper(result) else ""
+        above = 100 * frequency[edges[:-1] > 0.75].sum()  # bins of 0.02
+        theirs = beside_paper(result)
         for name, title, what, shown in (
-            ("incident_energy", "Fractions of the incident energy",
-             f"Tangential, normal and rotational fraction of the incident energy of {n}; the "
-             f"tangential one is above 76 % in {100 * above:.0f} %{theirs}.",
+            ("incident_energy", say("figures.energy_title"),
+             say_count("figures.energy_and_paper" if theirs else "figures.energy", n, above=above),
              ENERGY),
-            ("incidence_angle", "Incidence angles",
-             f"Angle between the surface and the incoming velocity of {n}; 90 degrees is "
-             "normal to the surface.", ("incidence_angle",)),
-            ("restitution", "Tangential and normal restitution",
-             f"R_t and R_n of {n}, the last bin with all beyond"
-             + ("; dotted: values of the paper." if theirs else "."),
+            ("incidence_angle", say("figures.incidence_title"), say_count("figures.incidence", n),
+             ("incidence_angle",)),
+            ("restitution", say("figures.restitution_title"),
+             say_count("figures.restitution_and_paper" if theirs else "figures.restitution", n),
              RESTITUTION),
         ):  # fmt: skip
             yield Figure(name, title, what, partial(histogram_figure, result, *shown))
@@ -263,9 +256,8 @@ def _rebounds(result: xr.Dataset) -> Iterator[Figure]:
     if impact_set is not None:
         yield Figure(
             "impact_set",
-            "The impact set",
-            f"R_t and R_n of the set {impact_set.name} against the incidence angle, without spin: "
-            "mean and the middle 80 % of admissible draws; grey: values of the paper.",
+            say("figures.impact_set_title"),
+            say("figures.impact_set", name=impact_set.name),
             lambda: draw_restitution([impact_set]),
         )
 
