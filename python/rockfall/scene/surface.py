@@ -120,7 +120,7 @@ def _read_zones(
         blocks = ((rows, ids[rows]) for rows in row_blocks(ids.shape))
         note_layer(scene, "zones", path, surface.get("zones_layer"))
     elif "zones_layer" in surface:
-        raise RockfallError(f"{case.name}: &surface zones_layer: has no meaning for a raster")
+        raise RockfallError(f"{case.name}: &surface zones_layer: is not valid for a raster")
     else:
         blocks = layer_blocks(scene, "zones", "zones", np.int32, rasters, box)
     scene.zone = index_blocks(

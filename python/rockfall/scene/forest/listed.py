@@ -42,7 +42,7 @@ def listed_trees(scene: Scene, rasters: dict[str, Any]) -> Trees:
     if path.suffix.lower() in LAYERS:
         found = _from_layer(path, scene)
     elif "trees_layer" in scene.case.forest:
-        raise RockfallError(f"{scene.case.name}: &forest trees_layer: has no meaning for a table")
+        raise RockfallError(f"{scene.case.name}: &forest trees_layer: is not valid for a table")
     else:
         found = _from_table(path)
     note_layer(scene, "trees", path, scene.case.forest.get("trees_layer"))
