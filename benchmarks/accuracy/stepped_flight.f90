@@ -5,13 +5,14 @@ module rockfall_flight
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t, patch_t, locate, read_patch, height
    use exact_flight, only: flight_t, landing_t, span_t, end_flight, flight_from, launch_rate, arc_length, &
-                           parabola_length, no_hit_time, inverse_speed, exit_time, side_time, curvature, strikes, &
-                           strike_time, highest, enter_patch, place_on_patch, fly_exactly => fly
+                           parabola_length, no_hit_time, inverse_speed, exit_time, side_time, curvature, &
+                           strikes_ground, strike_time, max_height, enter_patch, place_on_patch, fly_exactly => fly
    implicit none
    private
    public :: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, parabola_length, &
              no_hit_time
-   public :: inverse_speed, exit_time, side_time, curvature, strikes, strike_time, highest, enter_patch, place_on_patch
+   public :: inverse_speed, exit_time, side_time, curvature, strikes_ground, strike_time, max_height, enter_patch, &
+             place_on_patch
    public :: fly_exactly, march, choose, scheme_names
 
    character(len=*), parameter :: scheme_names(*) = [character(len=12) :: &

@@ -231,7 +231,7 @@ CUTS: dict[str, list[Edit]] = {
         ("terrain/terrain.f90", "in_window = i >= dem%lo(1) .and. j >= dem%lo(2) .and. "
          "i <= dem%hi(1) .and. j <= dem%hi(2)",
          "in_window = i >= 1 .and. j >= 1 .and. i < dem%nx .and. j < dem%ny", 1),
-        (_TRAJECTORY, "departure(scene%dem, landing%patch)", "left_domain", 1),
+        (_TRAJECTORY, "departure_status(scene%dem, landing%patch)", "left_domain", 1),
         (_START, "if (flight%patch%known)", "if (.true.)", 1),
         (_TALLIES, "if (result%status == left_window)", NEVER, 1),
     ],

@@ -123,13 +123,13 @@ class GroundTable:
         if len(name) > MAX_NAME or not name.isprintable():
             row.refuse("name", f"must be at most {MAX_NAME} characters")
         if name in self.rows:
-            row.refuse("name", "must be another for each ground")
+            row.refuse("name", "must be unique among grounds")
         self.rows[name] = row
         if number := row.cells.get("id"):
             if not re.fullmatch(r"[0-9]{1,9}", number):
                 row.refuse("id", "must be an integer from 0 to 999999999")
             if int(number) in self.names:
-                row.refuse("id", "must be another for each ground")
+                row.refuse("id", "must be unique among grounds")
             self.names[int(number)] = name
 
     def ground(self, name: str) -> GroundRule:

@@ -430,12 +430,12 @@ def test_objects_that_cannot_be_are_refused(tmp_path, layer):
         ([ONE | {"frequency": -1.0}], {}, "&scenario frequency = -1.0: must be > 0 [1/year]"),
         ([ONE | {"frequency": 0.0}], {}, "&scenario frequency = 0.0: must be > 0 [1/year]"),
         ([ONE | {"frequency_per": "km2"}], {},
-         "&scenario frequency_per = 'km2': has no meaning for points, which have no area"),
+         "&scenario frequency_per = 'km2': is not valid for points, which have no area"),
         ([ONE | {"frequency_per": "m"}], {},
          "&scenario frequency_per, cliff_length: 'm' and the length need each other"),
         ([ONE | {"cliff_length": 80.0}], {},
          "&scenario frequency_per, cliff_length: 'm' and the length need each other"),
-        ([ONE, ONE], {}, "line 33: &scenario name = 'one': must be another for each scenario"),
+        ([ONE, ONE], {}, "line 33: &scenario name = 'one': must be unique among scenarios"),
         ([ONE], {"hazard": {"matrix": ["extreme"] * 9}},
          "&hazard matrix (value 1) = 'extreme': must be one of: residual, low, moderate, high"),
         ([ONE], {"hazard": {"thresholds": [50.0]}},
@@ -463,7 +463,6 @@ def test_a_hazard_needs_scenarios_that_agree_with_the_case(tmp_path):
         hazard(scenes.make_case(tmp_path, *scenes.sets(2.0), release=RELEASE))
     odd = ONE | {"volume": "fixed", "volume_mean": 1.0, "volume_std": 0.1}
     with refused(
-        "case: &scenario name = 'one': &boulder volume_std = 0.1: has no meaning for volume = "
-        "'fixed'"
+        "case: &scenario name = 'one': &boulder volume_std = 0.1: is not valid for volume = 'fixed'"
     ):
         hazard(make_case(tmp_path, odd))

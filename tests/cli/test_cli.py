@@ -104,7 +104,7 @@ HOSTILE = {
     "case missing": (remove("case.nml"), r"case.nml: cannot be read: No such file or directory"),
     "case empty": (write("case.nml", b""), r"case.nml: &terrain dem is missing: .*"),
     "case of bytes": (write("case.nml", CASE.replace("Slope", "Hänge").encode("latin-1")),
-        r"case.nml: line 1: character code 228 is not text \(UTF-8 is due\)"),
+        r"case.nml: line 1: character code 228 is not text \(UTF-8 expected\)"),
     "DEM missing": (remove("dem.tif"), r"case.nml: &terrain dem = 'dem.tif': no such file"),
     "DEM truncated": (halve("dem.tif"),
         r"dem.tif: cannot be read as a raster \(unknown format, truncated or damaged\): .*"),

@@ -311,9 +311,9 @@ def rockfall_counts():
         (SCENARIOS + "&hazard minimum_area = -1.0 /",
          r"case.nml: &hazard minimum_area = -1.0: must be >= 0 \[m2\]"),
         (SCENARIOS + "&scenario name = 'small', frequency = 1.0 /",
-         "case.nml: line 11: &scenario name = 'small': must be another for each scenario"),
+         "case.nml: line 11: &scenario name = 'small': must be unique among scenarios"),
         ("&scenario name = 'a', frequency = 1.0, volume_std = 1.0 /",
-         "case.nml: &scenario name = 'a': &boulder volume_std = 1.0: has no meaning for volume = "
+         "case.nml: &scenario name = 'a': &boulder volume_std = 1.0: is not valid for volume = "
          "'fixed'"),
     ],
 )  # fmt: skip

@@ -16,8 +16,8 @@ from rockfall import cli
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 MANY = "OMP_NUM_THREADS = 100000: must be at most 1024"
 STACK = "a thread has a stack of [0-9]+ kB: must be at least 500 kB (ulimit -s, OMP_STACKSIZE)"
-MEMORY = "threads = 1000: their stacks of 81[0-9]{2} kB do not fit into the memory (ulimit -v); "
-MEMORY += "fewer do, or a smaller OMP_STACKSIZE"
+MEMORY = "threads = 1000: their stacks of 81[0-9]{2} kB do not fit in memory (ulimit -v): "
+MEMORY += "use fewer threads or a smaller OMP_STACKSIZE"
 
 
 @pytest.fixture

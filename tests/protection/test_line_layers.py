@@ -84,7 +84,7 @@ def test_lines_of_a_layer_cost_linear_time(case):
     assert case_in({"case": scene.case.text(), "case_file": "case.nml"}).line == scene.case.line
     assert len(scene.case.line) == 400
     twice = [*scene.case.line, {**scene.case.line[-1], "name": "line 7"}]
-    with pytest.raises(rockfall.RockfallError, match="name = 'line 7': must be another for each"):
+    with pytest.raises(rockfall.RockfallError, match="name = 'line 7': must be unique"):
         case.replace(line=twice)
 
 
@@ -233,7 +233,7 @@ def test_zones_and_sources_name_a_layer(case, capsys):
         (case.folder / "case.nml").write_text(changed.text())
         refuses(["run", "case.nml", "--output", "new.nc"], message, capsys)
     for group, key in (("surface", "zones_layer"), ("release", "polygons_layer")):
-        with pytest.raises(rockfall.RockfallError, match=f"&{group} {key}.*has no meaning"):
+        with pytest.raises(rockfall.RockfallError, match=f"&{group} {key}.*is not valid"):
             read_scene(case.replace(**{group: {key: "ground"}}))
 
 
@@ -266,7 +266,7 @@ def refused_cases():
     yield (
         "line",
         typed(ROAD, name="a", layer="b"),
-        f"{case}&line layer .*: has no meaning .*",
+        f"{case}&line layer .*: is (only|not) valid .*",
     )
     yield "line", road | {"name": "x" * 61}, ".*&line name = .*: must be at most 60 characters"
     yield "barrier", road, "road.gpkg: feature 1: .*&barrier height is missing: needed here, .*"

@@ -206,16 +206,16 @@ BAD_ROWS = {
     "a,constant,nan,0.9,,,,x": "r_n = nan: must be a number",
     "a,constant,inf,0.9,,,,x": "r_n = inf: must be a number",
     "a,constant,0.4 /,0.9,,,,x": "r_n = 0.4 /: must be a number",
-    "a,constant,0.4,0.9,3,,,x": "&ground half_speed = 3: has no meaning for model = 'constant'",
+    "a,constant,0.4,0.9,3,,,x": "&ground half_speed = 3: is not valid for model = 'constant'",
     "a,constant,0.4,0.9,,,60,x": "&ground roughness_angle = 60: must be 0 to 45 [degree]",
     "a,pfeiffer_bowen,0,0.9,,,,x": "&ground r_n = 0: must be at least 0.01 for this model",
     "a,bourrier_hungr,,0.9,0,30,,x": "&ground half_speed = 0: must be 0.01 to 1000 [m/s]",
     "a,bourrier_hungr,,0.9,5,,,x": "&ground friction_angle is missing: needed for model = "
     "'bourrier_hungr'",
-    "a,absorbs,0.4,,,,,x": "&ground r_n = 0.4: has no meaning for model = 'absorbs'",
+    "a,absorbs,0.4,,,,,x": "&ground r_n = 0.4: is not valid for model = 'absorbs'",
     "a,constant,0.4,0.9,,,,": "source = : must not be empty",
     ",constant,0.4,0.9,,,,x": "name = : must not be empty",
-    "a,constant,0.4,0.9,,,,x\na,constant,0.4,0.9,,,,x": "name = a: must be another for each ground",
+    "a,constant,0.4,0.9,,,,x\na,constant,0.4,0.9,,,,x": "name = a: must be unique among grounds",
 }
 
 COLUMNS = ", ".join(("name", "id", "model", "meaning", "source", *(p.name for p in parameters())))
@@ -232,7 +232,7 @@ BAD_TABLES = {
         "line 2: &ground r_n = 0.4: must lie between r_n_min and r_n_max",
     f"{IDS}a,-1,absorbs,x\n": "line 2: id = -1: must be an integer from 0 to 999999999",
     f"{IDS}a,1.5,absorbs,x\n": "line 2: id = 1.5: must be an integer from 0 to 999999999",
-    f"{IDS}b,1,absorbs,x\na,1,absorbs,x\n": "line 3: id = 1: must be another for each ground",
+    f"{IDS}b,1,absorbs,x\na,1,absorbs,x\n": "line 3: id = 1: must be unique among grounds",
 }  # fmt: skip
 
 

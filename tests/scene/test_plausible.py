@@ -364,7 +364,7 @@ ABSURD = {  # refused at the door
     "frequencies": (put("hazard", return_periods=[0.0033, 0.01, 0.033]),
         "&hazard return_periods (value 1) = 0.0033: must be 0.1 to 1e6 [year]"),
     "std in percent": (normal(volume_mean=0.8, volume_std=15.0), "&boulder volume_std = 15.0: must "
-        "be at most 5 times volume_mean [m3]; it is no percentage"),
+        "be at most 5 times volume_mean [m3]; it is not a percentage"),
     "error of the DEM in cm": (put("ensemble", dem_error=30.0, dem_correlation=30.0),
         "&ensemble dem_error = 30.0: must be 0 to 20 [m]"),
 }  # fmt: skip

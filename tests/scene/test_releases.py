@@ -278,7 +278,7 @@ def refused_cases():
     yield {"points": plain, "polygons": plain}, "case.nml: &release: give one of: points .*"
     yield (
         {"points": plain, "by_area": True},
-        ".*&release by_area = .true.: has no meaning for points",
+        ".*&release by_area = .true.: is not valid for points",
     )
     yield {"polygons": plain}, f"{plain}: feature 1: is a Point, polygons are needed"
     yield {"points": "none.gpkg"}, "case.nml: &release points = 'none.gpkg': no such file"
@@ -291,7 +291,7 @@ def refused_cases():
     with open("a.csv", "w") as file:
         file.write("x,y,drop_height\n600120,4999980,1\n600130,4999980,high\n")
     yield {"points": "a.csv"}, "a.csv: line 3: drop_height = 'high': must be a number"
-    yield {"points": "a.csv", "points_layer": "b"}, ".*points_layer: has no meaning for a table"
+    yield {"points": "a.csv", "points_layer": "b"}, ".*points_layer: is not valid for a table"
     with open("b.csv", "w") as file:
         file.write("x,z\n600120,1\n")
     yield {"points": "b.csv"}, "b.csv: line 1: no column y; has: x, z"
@@ -353,9 +353,7 @@ def test_a_factor_on_what_nobody_gives_is_refused(case):
     bare = at(case, drop_height=0.0)
     for key, where in (("volume_std_factor", "volume_std"), ("drop_height_factor", "drop_height")):
         own = {"boulder": {"volume": "fixed", "volume_std": None}} if "std" in key else {}
-        with pytest.raises(
-            rockfall.RockfallError, match=f"{key}: has no meaning without a {where}"
-        ):
+        with pytest.raises(rockfall.RockfallError, match=f"{key}: is only valid with a {where}"):
             Uncertain(read_scene(bare.replace(ensemble={key: 1.2}, **own)))
     smooth = {"zones": None, "table": None, "uniform_mean_radius": 0.0, "ground": "soil_4"}
     with pytest.raises(rockfall.RockfallError, match="radius_factor: has no effect: no zone has"):

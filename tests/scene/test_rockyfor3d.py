@@ -442,9 +442,9 @@ def test_sizes_of_boulders_are_not_interpolated(tmp_path, name):
     [
         ({"volume": "source"}, "&boulder d1 is missing: needed for volume = 'source'"),
         ({"volume_mean": 1.0, "d1": "a.tif"},
-         "&boulder d1 = 'a.tif': has no meaning for volume = 'fixed'"),
+         "&boulder d1 = 'a.tif': is not valid for volume = 'fixed'"),
         ({"volume_mean": 1.0, "volume_spread": 0.1},
-         "&boulder volume_spread = 0.1: has no meaning for volume = 'fixed'"),
+         "&boulder volume_spread = 0.1: is not valid for volume = 'fixed'"),
     ],
 )  # fmt: skip
 def test_keys_that_do_not_go_together(boulder, words):

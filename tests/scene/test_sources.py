@@ -118,11 +118,11 @@ def test_only_steep_cells_within_cells_or_polygons(tmp_path):
 
 
 REFUSED = {
-    "steep_cells = .true., x = 1.0, y = 2.0": "&release steep_cells = .true.: has no meaning for "
+    "steep_cells = .true., x = 1.0, y = 2.0": "&release steep_cells = .true.: is not valid for "
     "points",
-    "by_area = .true., x = 1.0, y = 2.0": "&release by_area = .true.: has no meaning for points",
-    "cells = 'a', slope_threshold = 40.0": "&release slope_threshold = 40.0: has no meaning "
-    "without steep_cells = .true.",
+    "by_area = .true., x = 1.0, y = 2.0": "&release by_area = .true.: is not valid for points",
+    "cells = 'a', slope_threshold = 40.0": "&release slope_threshold = 40.0: is only valid "
+    "with steep_cells = .true.",
     "steep_cells = .true., slope_threshold = 90": "&release slope_threshold = 90: must be 1 to 89 "
     "[degree]",
     "steep_cells = .false.": "&release: give one of: points (x, y, or a layer); cells; polygons; "

@@ -10,20 +10,20 @@ module rockfall_decimal
    integer, parameter :: decimal_malformed = 1  !! not a decimal number (Inf and NaN are not accepted)
    integer, parameter :: decimal_overflow = 2   !! valid number, too large for its type
 
-   integer, parameter :: kept = 18               !! significant digits that always fit in an i8
+   integer, parameter :: max_digits = 18         !! significant digits that always fit in an i8
    integer, parameter :: largest_power = 308     !! largest power of ten in a double
    integer(i8), parameter :: largest_17_digits = 17976931348623157_i8  !! first 17 digits of the largest double
-   integer(i8), parameter :: exact = 2_i8**53    !! integers up to this are exact doubles
+   integer(i8), parameter :: max_exact = 2_i8**53  !! integers up to this are exact doubles
    integer, parameter :: exact_power = 22        !! powers of ten up to this are exact doubles
    integer, parameter :: i128 = selected_int_kind(38)
    integer :: k_
    real(wp), parameter :: ten_to(0:exact_power) = [(10.0_wp**k_, k_=0, exact_power)]
-   integer(i128), parameter :: ten_to_whole(0:kept) = [(10_i128**k_, k_=0, kept)]
+   integer(i128), parameter :: integer_ten_to(0:max_digits) = [(10_i128**k_, k_=0, max_digits)]
 
    !> Parsed decimal number: sign * mantissa * 10**power, if no digit was `dropped`.
    type :: decimal_t
       logical :: negative = .false., dropped = .false.
-      integer(i8) :: mantissa = 0  !! the first `kept` significant digits
+      integer(i8) :: mantissa = 0  !! the first `max_digits` significant digits
       integer :: digits = 0        !! number of digits of the mantissa
       integer :: power = 0
    end type decimal_t
@@ -40,21 +40,21 @@ contains
 
       value = 0.0_wp
       status = decimal_malformed
-      call take_apart(text, number, ok)
+      call split_number(text, number, ok)
       if (.not. ok) return
       status = decimal_overflow
-      if (too_large(number)) return
+      if (overflows(number)) return
       status = decimal_ok
       if (number%mantissa == 0 .or. number%power < -400) then
          value = 0.0_wp
       else if (number%dropped .or. abs(number%power) > exact_power) then
          read (text, *) value
          return
-      else if (number%mantissa <= exact) then  ! two exact doubles: a single rounding
+      else if (number%mantissa <= max_exact) then  ! two exact doubles: a single rounding
          if (number%power < 0) value = real(number%mantissa, wp)/ten_to(-number%power)
          if (number%power >= 0) value = real(number%mantissa, wp)*ten_to(number%power)
-      else if (number%power <= 0 .and. number%power >= -kept) then
-         value = quotient(number%mantissa, -number%power)
+      else if (number%power <= 0 .and. number%power >= -max_digits) then
+         value = rounded_quotient(number%mantissa, -number%power)
       else
          read (text, *) value
          return
@@ -63,24 +63,24 @@ contains
    end subroutine parse_real
 
    !> Compute mantissa/10**power with one rounding, for 2**53 < mantissa < 10**18 and power from 0 to 18.
-   pure real(wp) function quotient(mantissa, power)
+   pure real(wp) function rounded_quotient(mantissa, power)
       integer(i8), intent(in) :: mantissa
       integer, intent(in) :: power
-      integer(i128) :: dividend, whole
+      integer(i128) :: dividend, quotient_bits
 
       dividend = shiftl(int(mantissa, i128), 64)
-      whole = dividend/ten_to_whole(power)
+      quotient_bits = dividend/integer_ten_to(power)
       ! at least 57 bits, so the last bit can serve as a sticky bit for the remainder
-      if (whole*ten_to_whole(power) /= dividend) whole = ior(whole, 1_i128)
-      quotient = real(whole, wp)*2.0_wp**(-64)
-   end function quotient
+      if (quotient_bits*integer_ten_to(power) /= dividend) quotient_bits = ior(quotient_bits, 1_i128)
+      rounded_quotient = real(quotient_bits, wp)*2.0_wp**(-64)
+   end function rounded_quotient
 
    !> Parse [+-]digits[.digits][(e|d)[+-]digits], with at least one digit before the exponent.
-   pure subroutine take_apart(text, number, ok)
+   pure subroutine split_number(text, number, ok)
       character(len=*), intent(in) :: text
       type(decimal_t), intent(out) :: number
       logical, intent(out) :: ok
-      integer :: i, digit, seen, exponent
+      integer :: i, digit, n_digits, exponent
       logical :: point
 
       ok = .false.
@@ -89,11 +89,11 @@ contains
       if (scan(text(1:1), "+-") == 1) i = 2
       number%negative = text(1:1) == "-"
       point = .false.
-      seen = 0
+      n_digits = 0
       do i = i, len(text)
          digit = iachar(text(i:i)) - iachar("0")
          if (digit >= 0 .and. digit <= 9) then
-            seen = seen + 1
+            n_digits = n_digits + 1
             call add_digit(number, digit, point)
          else if (text(i:i) == "." .and. .not. point) then
             point = .true.
@@ -101,22 +101,22 @@ contains
             exit
          end if
       end do
-      if (seen == 0) return
+      if (n_digits == 0) return
       if (i <= len(text)) then
          if (scan(text(i:i), "eEdD") == 0) return
-         call take_exponent(text(i + 1:), exponent, ok)
+         call read_exponent(text(i + 1:), exponent, ok)
          if (.not. ok) return
          number%power = number%power + exponent
       end if
       ok = .true.
-   end subroutine take_apart
+   end subroutine split_number
 
    pure subroutine add_digit(number, digit, after_point)
       type(decimal_t), intent(inout) :: number
       integer, intent(in) :: digit
       logical, intent(in) :: after_point
 
-      if (number%digits < kept) then
+      if (number%digits < max_digits) then
          number%mantissa = 10*number%mantissa + digit
          if (number%mantissa > 0) number%digits = number%digits + 1
          if (after_point) number%power = number%power - 1
@@ -126,7 +126,7 @@ contains
       end if
    end subroutine add_digit
 
-   pure subroutine take_exponent(text, exponent, ok)
+   pure subroutine read_exponent(text, exponent, ok)
       character(len=*), intent(in) :: text
       integer, intent(out) :: exponent
       logical, intent(out) :: ok
@@ -144,15 +144,15 @@ contains
          exponent = min(10*exponent + iachar(text(i:i)) - iachar("0"), beyond_all)
       end do
       if (text(1:1) == "-") exponent = -exponent
-   end subroutine take_exponent
+   end subroutine read_exponent
 
    !> Detect overflow before the conversion, which would raise the overflow flag (and trap where trapping is enabled).
-   pure logical function too_large(number)
+   pure logical function overflows(number)
       type(decimal_t), intent(in) :: number
       integer(i8) :: first_17
       integer :: power
 
-      too_large = .false.
+      overflows = .false.
       if (number%mantissa == 0) return
       power = number%power + number%digits - 1  ! power of the leading digit
       if (number%digits > 17) then
@@ -160,9 +160,9 @@ contains
       else
          first_17 = number%mantissa*10_i8**(17 - number%digits)
       end if
-      too_large = power > largest_power .or. &
+      overflows = power > largest_power .or. &
                   (power == largest_power .and. first_17 > largest_17_digits)
-   end function too_large
+   end function overflows
 
    !> Parse a 64-bit integer; `3.7` and `3.0` are malformed.
    pure subroutine parse_integer(text, value, status)

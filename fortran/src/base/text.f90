@@ -70,7 +70,7 @@ contains
          length = character_length(text, i)
          if (length == 0) then
             call fail(error, file//": line "//integer_text(line)//": character code " &
-                      //integer_text(ichar(text(i:i)))//" is not text (UTF-8 is due)")
+                      //integer_text(ichar(text(i:i)))//" is not text (UTF-8 expected)")
             return
          end if
          if (text(i:i) == achar(10)) line = line + 1
@@ -160,14 +160,14 @@ contains
    end function long_text
 
    !> Join names without trailing blanks by a separator.
-   pure function joined(names, between) result(text)
-      character(len=*), intent(in) :: names(:), between
+   pure function joined(names, separator) result(text)
+      character(len=*), intent(in) :: names(:), separator
       character(len=:), allocatable :: text
       integer :: k
 
       text = trim(names(1))
       do k = 2, size(names)
-         text = text//between//trim(names(k))
+         text = text//separator//trim(names(k))
       end do
    end function joined
 
@@ -176,12 +176,12 @@ contains
    pure function excerpt(text)
       character(len=*), intent(in) :: text
       character(len=:), allocatable :: excerpt
-      integer, parameter :: longest = 60
+      integer, parameter :: max_length = 60
       integer :: i, n
 
       excerpt = text
-      if (len(text) > longest) then
-         n = longest - 3
+      if (len(text) > max_length) then
+         n = max_length - 3
          do while (iand(ichar(text(n + 1:n + 1)), 192) == 128 .and. n > 1)
             n = n - 1
          end do

@@ -60,9 +60,9 @@ contains
       if (stack < min_stack) then
          call fail(error, "a thread has a stack of "//integer_text(stack/kilobyte)//" kB: must be at least " &
                    //integer_text(min_stack/kilobyte)//" kB (ulimit -s, OMP_STACKSIZE)")
-      else if (.not. fits(stacks)) then
+      else if (.not. can_map(stacks)) then
          call fail(error, "threads = "//integer_text(team_size(threads))//": their stacks of " &
-                   //integer_text(stack/kilobyte)//" kB do not fit into the memory (ulimit -v); fewer do, " &
+                   //integer_text(stack/kilobyte)//" kB do not fit in memory (ulimit -v): use fewer threads " &
                    //"or a smaller OMP_STACKSIZE")
       end if
    end subroutine check_team
@@ -85,10 +85,10 @@ contains
    end function stack_of_this
 
    !> Check whether the process can map this many more bytes; none are allocated.
-   logical function fits(bytes)
+   logical function can_map(bytes)
       integer(c_int64_t), intent(in) :: bytes
 
-      fits = bytes == 0
-      if (.not. fits) fits = c_fits(bytes) /= 0
-   end function fits
+      can_map = bytes == 0
+      if (.not. can_map) can_map = c_fits(bytes) /= 0
+   end function can_map
 end module rockfall_threads

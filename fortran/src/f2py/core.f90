@@ -20,7 +20,7 @@ module rockfall_f2py
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, left_window
    use rockfall_scratch, only: scratch_t
-   use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of, largest_volumes
+   use rockfall_scene, only: scene_arrays_t, build_scene_of_case, check_sources, boulder_count, max_volumes
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model
    use rockfall_reach, only: block_side, update_block_minima, reach_box
    use rockfall_stand, only: stems_in_cell, stem_numbers
@@ -104,7 +104,7 @@ contains
       type(open_scene_t), pointer :: opened
 
       opened => scene_of(handle)
-      call opened%arrays%give(name, kind, length, place_of(address))
+      call opened%arrays%set_array(name, kind, length, place_of(address))
    end subroutine give
 
    !> Build a scene from the text of a case and the arrays passed; on error it is closed.
@@ -118,7 +118,7 @@ contains
 
       opened => scene_of(handle)
       call read_case(text, name, opened%case, error)
-      if (.not. allocated(error)) call scene_from(opened%case, opened%arrays, opened%scene, error)
+      if (.not. allocated(error)) call build_scene_of_case(opened%case, opened%arrays, opened%scene, error)
       opened%dem = opened%scene%dem
       deallocate (opened%arrays)
       if (allocated(error)) call close_scene(handle)
@@ -566,7 +566,7 @@ contains
       opened => scene_of(handle)
       associate (scene => opened%scene)
          call check_tallies(plan_maps(pack(map_names, opened%case%map), size(opened%case%thresholds)), &
-                            largest_volumes(scene), scene%gravity, fall, boulders_of(scene), &
+                            max_volumes(scene), scene%gravity, fall, boulder_count(scene), &
                             scene%max_impacts, error)
       end associate
       call give_error(error, code, message)
@@ -689,7 +689,7 @@ contains
       type(open_scene_t), pointer :: opened
 
       opened => scene_of(handle)
-      number = boulders_of(opened%scene)
+      number = boulder_count(opened%scene)
    end subroutine boulders
 
    !> First and last boulder of a source, from 1.

@@ -20,7 +20,7 @@ module rockfall_scene_file
    use rockfall_case, only: case_t
    use rockfall_case_file, only: differing_key
    use rockfall_scene_type, only: scene_t
-   use rockfall_scene, only: scene_arrays_t, stays, scene_from
+   use rockfall_scene, only: scene_arrays_t, is_borrowed, build_scene_of_case
    implicit none
    private
    public :: inputs_t, read_scene
@@ -63,7 +63,7 @@ contains
          error%message = error%message//" is missing, or not as a scene file has it"
          return
       end if
-      call scene_from(case, inputs%arrays, inputs%scene, error)
+      call build_scene_of_case(case, inputs%arrays, inputs%scene, error)
    end subroutine read_scene
 
    !> Check that the file is a scene file, prepared for this case.
@@ -190,8 +190,8 @@ contains
          call c_f_pointer(c_loc(block), values, length(:1))
          if (.not. all(is_place(values) .and. above_zero(values))) call mark_damaged(inputs%file, name)
       end if
-      call inputs%arrays%give(name, kind, length, c_loc(block))
-      if (.not. stays(name)) deallocate (block)
+      call inputs%arrays%set_array(name, kind, length, c_loc(block))
+      if (.not. is_borrowed(name)) deallocate (block)
    end subroutine take
 
    !> Elevations of a row; NaN for no data.
@@ -390,7 +390,8 @@ contains
          call take(inputs, "feature_law", "i4", feature)
          call take(inputs, "feature_value", "f8", [axis_t("feature_field", 9_i8), feature])
          if (.not. sound(file)) return
-         if (any(arrays%feature_law < 0 .or. arrays%feature_law > list_volume)) call mark_damaged(file, "feature_law")
+         if (any(arrays%feature_distribution < 0 &
+                 .or. arrays%feature_distribution > list_volume)) call mark_damaged(file, "feature_law")
          associate (value => arrays%feature_value)
             value = merge(value, -1.0_wp, is_place(value) .or. ieee_is_nan(value))
             if (any(above_zero(-value(:6, :)))) call mark_damaged(file, "feature_value")

@@ -5,12 +5,11 @@ module rockfall_case
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, first_repeated, joined
    use rockfall_namelist, only: namelist_t, group_t
-   use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, about
+   use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, key_location
    use rockfall_case_keys, only: read_keys, map_names, n_maps, max_thresholds, max_periods, hazard_classes, &
                                  text_length, max_name
    use rockfall_boulder, only: volume_distribution_t, fixed_volume, normal_volume, uniform_volume, &
-                               lognormal_volume, pareto_volume, &
-                               list_volume
+                               lognormal_volume, pareto_volume, list_volume
    use rockfall_surface, only: method_a, method_b
    use rockfall_direction, only: past_aspect, to_aspect, by_lab
    use rockfall_forest, only: tree_model_t
@@ -62,7 +61,7 @@ module rockfall_case
       type(case_line_t), allocatable :: lines(:)  !! given inline: evaluation lines, then barriers
       character(len=:), allocatable :: unread    !! a layer with more lines, barriers or dams, for messages; "": none
       logical :: map(n_maps) = .false.           !! requested, in the order of map_names
-      logical :: whole_maps = .false.            !! maps also cover cells that no boulder can reach
+      logical :: full_maps = .false.             !! maps also cover cells that no boulder can reach
       integer :: min_passages = 1              !! for a mean or a quantile in a cell
       logical :: rebounds = .false.
       logical :: energy_balance = .false.
@@ -161,7 +160,7 @@ contains
       this%boulders = integer_of(group, "boulders")
       this%boulders_total = integer_of(group, "boulders_total")
       if (has_key(group, "boulders") .eqv. has_key(group, "boulders_total")) &
-         call fail(error, about(group, "boulders, boulders_total")// &
+         call fail(error, key_location(group, "boulders, boulders_total")// &
                    ": give one of the two: boulders from each source, or from all together")
       this%threads = int(integer_of(group, "threads"))
       this%sobol = text_of(group, "sampling") == "sobol"
@@ -224,7 +223,7 @@ contains
          this%rg(k) = text_of(group, trim(rasters(k + 1)))
       end do
       if (has_key(group, "zones_layer") .and. .not. has_key(group, "zones")) then
-         call refuse(group, "zones_layer", "has no meaning without zones", error)
+         call refuse(group, "zones_layer", "is only valid with zones", error)
          return
       end if
       if (has_key(group, "default_zone")) this%default_zone = int(integer_of(group, "default_zone"))
@@ -238,31 +237,31 @@ contains
          call fail(error, group%file//": &surface: give one of: zones with table; mean_radius (method B) or rg70, " &
                    //"rg20, rg10 (method A) rasters; uniform_mean_radius (B) or uniform_rg (A)")
       else if (zones) then
-         call need(group, "zones", "to say where the zones of the table are", error)
-         if (.not. allocated(error)) call need(group, "table", "to say what the zones are made of", error)
+         call require_key(group, "zones", "to say where the zones of the table are", error)
+         if (.not. allocated(error)) call require_key(group, "table", "to say what the zones are made of", error)
       else if (by_raster .and. this%method == method_b) then
-         call need(group, "mean_radius", "for method B", error)
+         call require_key(group, "mean_radius", "for method B", error)
       else if (by_raster) then
          do k = 2, 4
-            if (.not. allocated(error)) call need(group, trim(rasters(k)), "for method A", error)
+            if (.not. allocated(error)) call require_key(group, trim(rasters(k)), "for method A", error)
          end do
       else if (this%method == method_b) then
-         call need(group, "uniform_mean_radius", "for method B", error)
+         call require_key(group, "uniform_mean_radius", "for method B", error)
          this%uniform_sizes = reals_of(group, "uniform_mean_radius")
       else
-         call need(group, "uniform_rg", "for method A", error)
+         call require_key(group, "uniform_rg", "for method A", error)
          this%uniform_sizes = reals_of(group, "uniform_rg")
       end if
    end subroutine read_surface
 
-   pure subroutine need(group, key, why, error)
+   pure subroutine require_key(group, key, why, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key, why
       type(error_t), allocatable, intent(inout) :: error
 
       if (has_key(group, key)) return
-      call fail(error, about(group, key)//" is missing: needed "//why)
-   end subroutine need
+      call fail(error, key_location(group, key)//" is missing: needed "//why)
+   end subroutine require_key
 
    !> Read the volume distribution, with exactly the keys that it needs.
    pure subroutine read_boulder(group, release, this, error)
@@ -273,12 +272,12 @@ contains
                                                  "volume_max", "volumes", "volume_exponent", "d1", "d2", "d3", &
                                                  "shape", "rock_density", "volume_spread"]
       logical :: needs(size(keys)), takes(size(keys))
-      character(len=:), allocatable :: law
+      character(len=:), allocatable :: distribution
       integer :: k
 
-      law = text_of(group, "volume")
+      distribution = text_of(group, "volume")
       needs = .false.
-      select case (law)
+      select case (distribution)
       case ("normal"); this%volumes%kind = normal_volume; needs(1:2) = .true.
       case ("lognormal"); this%volumes%kind = lognormal_volume; needs(1:2) = .true.
       case ("uniform"); this%volumes%kind = uniform_volume; needs(3:4) = .true.
@@ -294,9 +293,9 @@ contains
       takes = needs
       takes(10:) = this%by_source
       do k = 1, size(keys)
-         if (needs(k)) call need(group, trim(keys(k)), "for volume = '"//law//"'", error)
+         if (needs(k)) call require_key(group, trim(keys(k)), "for volume = '"//distribution//"'", error)
          if (.not. takes(k) .and. has_key(group, trim(keys(k)))) then
-            call refuse(group, trim(keys(k)), "has no meaning for volume = '"//law//"'", error)
+            call refuse(group, trim(keys(k)), "is not valid for volume = '"//distribution//"'", error)
          end if
          if (allocated(error)) return
       end do
@@ -305,13 +304,13 @@ contains
       this%volumes%min = real_of(group, "volume_min")
       this%volumes%max = real_of(group, "volume_max")
       this%volumes%list = reals_of(group, "volumes")
-      if (law == "pareto") this%volumes%exponent = real_of(group, "volume_exponent")
+      if (distribution == "pareto") this%volumes%exponent = real_of(group, "volume_exponent")
       this%volumes%density = real_of(group, "density")
       if (this%volumes%max < this%volumes%min) then
          call refuse(group, "volume_max", "must not be below volume_min", error)
-      else if (law == "normal" .and. this%volumes%std > max_spread*this%volumes%mean) then
+      else if (distribution == "normal" .and. this%volumes%std > max_spread*this%volumes%mean) then
          call refuse(group, "volume_std", "must be at most "//integer_text(max_spread)//" times volume_mean [m3]; " &
-                     //"it is no percentage", error)
+                     //"it is not a percentage", error)
       end if
       if (this%by_source) call set_factors(group, this)
    end subroutine read_boulder
@@ -337,28 +336,28 @@ contains
       type(case_t), intent(inout) :: this
       type(error_t), allocatable, intent(out) :: error
       logical :: points
-      integer :: ways
+      integer :: n_given
 
       call get_logical(group, "steep_cells", this%steep_cells, error)
       call get_logical(group, "by_area", this%by_area, error)
       points = has_key(group, "x") .or. has_key(group, "y")
-      ways = count([points, has_key(group, "points"), has_key(group, "cells"), has_key(group, "polygons")])
+      n_given = count([points, has_key(group, "points"), has_key(group, "cells"), has_key(group, "polygons")])
       points = points .or. has_key(group, "points")
-      if (ways > 1 .or. (ways == 0 .and. .not. this%steep_cells)) then
+      if (n_given > 1 .or. (n_given == 0 .and. .not. this%steep_cells)) then
          call fail(error, group%file//": &release: give one of: points (x, y, or a layer); cells; polygons; "// &
                    "or steep_cells, alone or with cells or polygons")
       else if (points .and. this%steep_cells) then
-         call refuse(group, "steep_cells", "has no meaning for points", error)
+         call refuse(group, "steep_cells", "is not valid for points", error)
       else if (points .and. this%by_area) then
-         call refuse(group, "by_area", "has no meaning for points", error)
+         call refuse(group, "by_area", "is not valid for points", error)
       else if (has_key(group, "slope_threshold") .and. .not. this%steep_cells) then
-         call refuse(group, "slope_threshold", "has no meaning without steep_cells = .true.", error)
+         call refuse(group, "slope_threshold", "is only valid with steep_cells = .true.", error)
       else if (has_key(group, "polygons_layer") .and. .not. has_key(group, "polygons")) then
-         call refuse(group, "polygons_layer", "has no meaning without polygons", error)
+         call refuse(group, "polygons_layer", "is only valid with polygons", error)
       else if (has_key(group, "points_layer") .and. .not. has_key(group, "points")) then
-         call refuse(group, "points_layer", "has no meaning without points", error)
+         call refuse(group, "points_layer", "is only valid with points", error)
       else if (has_key(group, "name_field") .and. .not. (has_key(group, "points") .or. has_key(group, "polygons"))) then
-         call refuse(group, "name_field", "has no meaning without points or polygons", error)
+         call refuse(group, "name_field", "is only valid with points or polygons", error)
       else if (has_key(group, "x") .or. has_key(group, "y")) then
          call check_points(group, 1, error)
       end if
@@ -375,7 +374,8 @@ contains
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: this
       type(error_t), allocatable, intent(out) :: error
-      character(len=*), parameter :: turns(3) = [character(len=12) :: "turn_frontal", "turn_lateral", "turn_scratch"]
+      character(len=*), parameter :: turn_keys(3) = [character(len=12) :: "turn_frontal", "turn_lateral", &
+                                                     "turn_scratch"]
       logical :: listed, made
       integer :: k
 
@@ -386,31 +386,33 @@ contains
          call fail(error, group%file//": &forest: give trees, or stems, not both")
          return
       end if
-      call read_either(group, "stems", made, made, error)
-      call read_either(group, "dbh_mean", made, made, error)
-      call read_either(group, "dbh_std", made, made, error)
-      call read_either(group, "conifers", made, this%forest, error)
+      call check_either(group, "stems", made, made, error)
+      call check_either(group, "dbh_mean", made, made, error)
+      call check_either(group, "dbh_std", made, made, error)
+      call check_either(group, "conifers", made, this%forest, error)
       if (allocated(error)) return
       if (has_key(group, "trees_layer") .and. .not. listed) then
-         call refuse(group, "trees_layer", "has no meaning without trees", error)
+         call refuse(group, "trees_layer", "is only valid with trees", error)
       else if (has_key(group, "species_table") .and. .not. this%forest) then
-         call refuse(group, "species_table", "has no meaning without trees or stems", error)
+         call refuse(group, "species_table", "is only valid with trees or stems", error)
       else if (has_key(group, "stem_height") .and. .not. this%forest) then
-         call refuse(group, "stem_height", "has no meaning without trees or stems", error)
+         call refuse(group, "stem_height", "is only valid with trees or stems", error)
       end if
-      associate (law => this%tree_model)
-         if (has_key(group, "stem_height")) law%stem_height = real_of(group, "stem_height")
-         law%limit = [real_of(group, "lateral_from"), real_of(group, "scratch_from")]
-         if (law%limit(2) < law%limit(1)) call refuse(group, "scratch_from", "must not be below lateral_from", error)
+      associate (model => this%tree_model)
+         if (has_key(group, "stem_height")) model%stem_height = real_of(group, "stem_height")
+         model%limit = [real_of(group, "lateral_from"), real_of(group, "scratch_from")]
+         if (model%limit(2) < model%limit(1)) &
+            call refuse(group, "scratch_from", "must not be below lateral_from", error)
          do k = 1, 3
-            law%weight(:, k) = reals_of(group, trim(turns(k)))
-            if (.not. sum(law%weight(:, k)) > 0) call refuse(group, trim(turns(k)), "one of them must be > 0", error)
+            model%weight(:, k) = reals_of(group, trim(turn_keys(k)))
+            if (.not. sum(model%weight(:, k)) > 0) &
+               call refuse(group, trim(turn_keys(k)), "one of them must be > 0", error)
          end do
       end associate
    end subroutine read_forest
 
    !> Check a value given as a raster or as a constant: exactly one if it is needed, none if it is not valid.
-   pure subroutine read_either(group, key, needed, allowed, error)
+   pure subroutine check_either(group, key, needed, allowed, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
       logical, intent(in) :: needed, allowed
@@ -422,25 +424,25 @@ contains
       if (has_key(group, key) .and. has_key(group, uniform)) then
          call refuse(group, uniform, "give this or "//key//", not both", error)
       else if (has_key(group, key) .and. .not. allowed) then
-         call refuse(group, key, "has no meaning without stems", error)
+         call refuse(group, key, "is only valid with stems", error)
       else if (has_key(group, uniform) .and. .not. allowed) then
-         call refuse(group, uniform, "has no meaning without stems", error)
+         call refuse(group, uniform, "is only valid with stems", error)
       else if (needed .and. .not. (has_key(group, key) .or. has_key(group, uniform))) then
-         call fail(error, about(group, key)//" is missing: a raster, or "//uniform//", to make trees of")
+         call fail(error, key_location(group, key)//" is missing: a raster, or "//uniform//", to make trees of")
       end if
-   end subroutine read_either
+   end subroutine check_either
 
    !> Check that x and y have equal length, and the minimum number of points.
-   pure subroutine check_points(group, least, error)
+   pure subroutine check_points(group, min_points, error)
       type(group_t), intent(in) :: group
-      integer, intent(in) :: least
+      integer, intent(in) :: min_points
       type(error_t), allocatable, intent(out) :: error
 
       if (value_count(group, "x") /= value_count(group, "y")) then
-         call fail(error, about(group, "x, y")//": "//integer_text(value_count(group, "x"))//" x and " &
-                   //integer_text(value_count(group, "y"))//" y: must be as many")
-      else if (value_count(group, "x") < least) then
-         call refuse(group, "x", "must be at least "//integer_text(least)//" values", error)
+         call fail(error, key_location(group, "x, y")//": "//integer_text(value_count(group, "x"))//" x and " &
+                   //integer_text(value_count(group, "y"))//" y: must be the same number")
+      else if (value_count(group, "x") < min_points) then
+         call refuse(group, "x", "must be at least "//integer_text(min_points)//" values", error)
       end if
    end subroutine check_points
 
@@ -455,7 +457,7 @@ contains
 
       call check_layers(list, this, error)
       if (allocated(error)) return
-      groups = [typed(list, "line"), typed(list, "barrier")]
+      groups = [inline_groups(list, "line"), inline_groups(list, "barrier")]
       allocate (this%lines(size(groups)))
       do n = 1, size(groups)
          call read_line(groups(n), this%lines(n), error)
@@ -469,19 +471,19 @@ contains
       end do
       n = first_repeated(names)
       if (n > 0) then
-         call refuse(groups(n), "name", "must be another for each line and barrier", error)
+         call refuse(groups(n), "name", "must be unique among lines and barriers", error)
          return
       end if
-      groups = typed(list, "dam")
+      groups = inline_groups(list, "dam")
       do n = 1, size(groups)
          call check_polyline(groups(n), error)
-         if (.not. allocated(error)) call need(groups(n), "height", "here, or as attribute of a layer", error)
+         if (.not. allocated(error)) call require_key(groups(n), "height", "here, or as attribute of a layer", error)
          if (allocated(error)) return
       end do
    end subroutine read_lines
 
    !> Groups of a name whose coordinates are given inline.
-   pure function typed(list, name) result(groups)
+   pure function inline_groups(list, name) result(groups)
       type(namelist_t), intent(in) :: list
       character(len=*), intent(in) :: name
       type(group_t), allocatable :: groups(:)
@@ -489,7 +491,7 @@ contains
 
       groups = pack(list%group, [(list%group(g)%name == name .and. .not. has_key(list%group(g), "file"), &
                                   g=1, size(list%group))])
-   end function typed
+   end function inline_groups
 
    !> Check lines, barriers and dams from layers. Their coordinates are read elsewhere, and checked like inline ones.
    pure subroutine check_layers(list, this, error)
@@ -504,7 +506,7 @@ contains
             if (all(group%name /= [character(len=7) :: "line", "barrier", "dam"])) cycle
             call check_layer(group, error)
             if (allocated(error)) return
-            if (has_key(group, "file")) this%unread = about(group, "file")//" = '"//text_of(group, "file")//"'"
+            if (has_key(group, "file")) this%unread = key_location(group, "file")//" = '"//text_of(group, "file")//"'"
          end associate
       end do
    end subroutine check_layers
@@ -516,15 +518,15 @@ contains
 
       points = has_key(group, "x") .or. has_key(group, "y")
       if (has_key(group, "file") .eqv. points) then
-         call fail(error, about(group, "x, y")//": give these, or file with lines in a layer")
+         call fail(error, key_location(group, "x, y")//": give these, or file with lines in a layer")
       else if (points .and. has_key(group, "layer")) then
-         call refuse(group, "layer", "has no meaning without file", error)
+         call refuse(group, "layer", "is only valid with file", error)
       else if (points .and. has_key(group, "field")) then
-         call refuse(group, "field", "has no meaning without file", error)
+         call refuse(group, "field", "is only valid with file", error)
       else if (has_key(group, "name") .and. has_key(group, "field")) then
-         call refuse(group, "field", "has no meaning where name is given", error)
+         call refuse(group, "field", "is not valid together with name", error)
       else if (has_key(group, "capacity") .and. has_key(group, "class")) then
-         call fail(error, about(group, "capacity, class")//": give one of the two")
+         call fail(error, key_location(group, "capacity, class")//": give one of the two")
       end if
    end subroutine check_layer
 
@@ -534,7 +536,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       call check_polyline(group, error)
-      if (.not. allocated(error)) call need(group, "name", "to tell it from others", error)
+      if (.not. allocated(error)) call require_key(group, "name", "to tell it from others", error)
       if (allocated(error)) return
       line%name = text_of(group, "name")
       line%x = reals_of(group, "x")
@@ -563,7 +565,7 @@ contains
       type(case_line_t), intent(inout) :: barrier
       type(error_t), allocatable, intent(out) :: error
 
-      call need(group, "height", "here, or as attribute of a layer", error)
+      call require_key(group, "height", "here, or as attribute of a layer", error)
       if (allocated(error)) return
       barrier%height = real_of(group, "height")
       if (has_key(group, "class")) then
@@ -571,7 +573,7 @@ contains
       else if (has_key(group, "capacity")) then
          barrier%capacity = 1000*real_of(group, "capacity")
       else
-         call fail(error, about(group, "capacity, class")//": give one of the two")
+         call fail(error, key_location(group, "capacity, class")//": give one of the two")
       end if
    end subroutine read_barrier
 
@@ -586,7 +588,7 @@ contains
       call get_text(group, "maps", maps, error)
       if (.not. allocated(error)) call get_logical(group, "rebounds", this%rebounds, error)
       if (.not. allocated(error)) call get_logical(group, "energy_balance", this%energy_balance, error)
-      this%whole_maps = text_of(group, "map_extent") == "terrain"
+      this%full_maps = text_of(group, "map_extent") == "terrain"
       this%min_passages = int(integer_of(group, "min_passages"))
       this%trajectories = int(integer_of(group, "trajectories"))
       if (text_of(group, "kept") /= "all") this%kept = integer_of(group, "kept")  ! 0 for 'none'
@@ -604,13 +606,13 @@ contains
       type(case_t), intent(in) :: this
       type(error_t), allocatable, intent(out) :: error
 
-      if (real_of(group, "dem_error") > 0) call need(group, "dem_correlation", "for dem_error", error)
+      if (real_of(group, "dem_error") > 0) call require_key(group, "dem_correlation", "for dem_error", error)
       if (.not. allocated(error) .and. has_key(group, "draws")) call check_draws(group, error)
       if (allocated(error) .or. has_key(release, "points") .or. has_key(release, "polygons")) return
       if (real_of(group, "volume_std_factor") > 1 .and. this%volumes%std <= 0) then
-         call refuse(group, "volume_std_factor", "has no meaning without a volume_std", error)
+         call refuse(group, "volume_std_factor", "is only valid with a volume_std", error)
       else if (real_of(group, "drop_height_factor") > 1 .and. this%drop_height <= 0) then
-         call refuse(group, "drop_height_factor", "has no meaning without a drop_height", error)
+         call refuse(group, "drop_height_factor", "is only valid with a drop_height", error)
       end if
    end subroutine check_ensemble
 
@@ -694,18 +696,19 @@ contains
             do other = 1, g - 1
                if (list%group(other)%name /= "scenario") cycle
                if (text_of(list%group(other), "name") == text_of(group, "name")) &
-                  call refuse(group, "name", "must be another for each scenario", error)
+                  call refuse(group, "name", "must be unique among scenarios", error)
             end do
             if (len(text_of(group, "name")) > max_name) then
                call refuse(group, "name", "must be at most "//integer_text(max_name)//" characters", error)
             else if (count([(has_key(group, trim(rates(k))), k=1, size(rates))]) /= 1) then
-               call fail(error, about(group, joined(rates, ", "))//": give one of the three")
-            else if (has_key(group, "activity") .and. law_of(group) /= "pareto") then
+               call fail(error, key_location(group, joined(rates, ", "))//": give one of the three")
+            else if (has_key(group, "activity") .and. distribution_of(group) /= "pareto") then
                call refuse(group, "activity", "is only valid with volume = 'pareto'", error)
             else if (text_of(group, "frequency_per") == "km2" .and. this%at_points) then
-               call refuse(group, "frequency_per", "has no meaning for points, which have no area", error)
+               call refuse(group, "frequency_per", "is not valid for points, which have no area", error)
             else if ((text_of(group, "frequency_per") == "m") .neqv. has_key(group, "cliff_length")) then
-               call fail(error, about(group, "frequency_per, cliff_length")//": 'm' and the length need each other")
+               call fail(error, key_location(group, &
+                                             "frequency_per, cliff_length")//": 'm' and the length need each other")
             end if
             if (allocated(error)) return
          end associate
@@ -714,15 +717,15 @@ contains
    contains
 
       !> Distribution of the volumes of a scenario.
-      pure function law_of(group) result(law)
+      pure function distribution_of(group) result(distribution)
          type(group_t), intent(in) :: group
-         character(len=:), allocatable :: law
+         character(len=:), allocatable :: distribution
 
          if (has_key(group, "volume")) then
-            law = text_of(group, "volume")
+            distribution = text_of(group, "volume")
          else
-            law = text_of(list%group(findloc(list%group%name, "boulder", dim=1)), "volume")
+            distribution = text_of(list%group(findloc(list%group%name, "boulder", dim=1)), "volume")
          end if
-      end function law_of
+      end function distribution_of
    end subroutine check_scenarios
 end module rockfall_case

@@ -7,7 +7,7 @@ module rockfall_case_keys
    use rockfall_text, only: integer_text, joined
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, &
-                              about, check_names
+                              key_location, check_names
    use rockfall_variables, only: map_fields
    use rockfall_decimal, only: parse_real
    implicit none
@@ -381,7 +381,7 @@ contains
       name = trim(key%name)
       n = value_count(group, name)
       if (n == 0) then
-         if (key%default == "required") call fail(error, about(group, name)//" is missing: " &
+         if (key%default == "required") call fail(error, key_location(group, name)//" is missing: " &
                                                   //trim(key%kind)//", "//trim(key%meaning))
       else if (n > key%most .or. (key%most == 3 .and. n < 3)) then
          if (key%most == 1) call refuse(group, name, "must be one value", error)

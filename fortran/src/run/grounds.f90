@@ -7,7 +7,7 @@ module rockfall_grounds
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: parse_real
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
-   use rockfall_values, only: has_key, get_text, get_real, refuse, about, check_names
+   use rockfall_values, only: has_key, get_text, get_real, refuse, key_location, check_names
    use rockfall_math, only: degree, tangent
    use rockfall_random, only: normal_table_t
    use rockfall_impact, only: impact_set_t, impact_set, impact_ratios, fitted
@@ -188,32 +188,32 @@ contains
 
       name = trim(parameter%key%name)
       if (index(", "//trim(parameter%models)//",", ", "//model//",") == 0) then
-         if (has_key(group, name)) call refuse(group, name, "has no meaning for model = '"//model//"'", error)
+         if (has_key(group, name)) call refuse(group, name, "is not valid for model = '"//model//"'", error)
       else if (parameter%key%default == "required" .and. .not. has_key(group, name)) then
-         call fail(error, about(group, name)//" is missing: needed for model = '"//model//"'")
+         call fail(error, key_location(group, name)//" is missing: needed for model = '"//model//"'")
       else
          call check_key(group, parameter%key, error)
       end if
    end subroutine check_parameter
 
    !> Read a coefficient, its standard deviation and its limits, which must contain it.
-   pure subroutine read_scatter(group, name, least, numbers, found, error)
+   pure subroutine read_scatter(group, name, minimum, numbers, coefficient, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: name
-      real(wp), intent(in) :: least  !! minimum of the coefficient [-]
+      real(wp), intent(in) :: minimum  !! minimum of the coefficient [-]
       type(normal_table_t), intent(in) :: numbers
-      type(scatter_t), intent(inout) :: found
+      type(scatter_t), intent(inout) :: coefficient
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: mean, ends(2)
 
       mean = value_of(group, name)
-      ends = [max(least, value_of(group, name//"_min")), value_of(group, name//"_max")]
-      if (mean < least) then
+      ends = [max(minimum, value_of(group, name//"_min")), value_of(group, name//"_max")]
+      if (mean < minimum) then
          call refuse(group, name, "must be at least 0.01 for this model", error)
       else if (mean < ends(1) .or. mean > ends(2)) then
          call refuse(group, name, "must lie between "//name//"_min and "//name//"_max", error)
       else
-         found = scatter(numbers, mean, value_of(group, name//"_std"), ends)
+         coefficient = scatter(numbers, mean, value_of(group, name//"_std"), ends)
       end if
    end subroutine read_scatter
 

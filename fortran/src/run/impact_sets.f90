@@ -18,7 +18,7 @@ module rockfall_impact_sets
    integer, parameter :: lengths(7) = [1, 9, 45, 6, 1, 2, 2]  !! of the first keys; lower triangles of matrices, by rows
    integer, parameter :: required = 3               !! number of required keys
    integer, parameter :: max_draws = 1000
-   real(wp), parameter :: most_speed = 1000.0_wp    !! [m/s] maximum speed of any boulder
+   real(wp), parameter :: max_speed = 1000.0_wp     !! [m/s] maximum speed of any boulder
 
    real(wp), parameter :: any_speed = 1.0e100_wp  !! [m/s] unbounded; its square is finite
 
@@ -49,61 +49,61 @@ contains
       integer, intent(out), optional :: draws  !! number of draws in the text
       type(namelist_t) :: list
       type(impact_set_t) :: set
-      logical :: found(impact_ratios)
+      logical :: present_ratio(impact_ratios)
       integer(i8) :: ratio
-      integer :: g, wanted
-      integer, allocatable :: belongs(:)
+      integer :: g, requested
+      integer, allocatable :: draw_of(:)
       character(len=:), allocatable :: of_draw
 
-      found = .false.
-      wanted = max(1, draw)
+      present_ratio = .false.
+      requested = max(1, draw)
       if (present(draws)) draws = 1
       call parse_namelist(text, file, list, error)
-      if (.not. allocated(error)) call read_draws(list, belongs, error)
+      if (.not. allocated(error)) call read_draws(list, draw_of, error)
       if (allocated(error)) return
-      if (present(draws)) draws = max(1, maxval(belongs))
-      if (draw == 0 .and. any(belongs > 1)) then
-         call fail(error, file//": holds "//integer_text(maxval(belongs)) &
+      if (present(draws)) draws = max(1, maxval(draw_of))
+      if (draw == 0 .and. any(draw_of > 1)) then
+         call fail(error, file//": holds "//integer_text(maxval(draw_of)) &
                    //" draws of the sets: they are for &ensemble sets")
          return
       end if
       do g = 1, size(list%group)
-         if (belongs(g) /= wanted) cycle
+         if (draw_of(g) /= requested) cycle
          call get_integer(list%group(g), "ratio", ratio, error)
          if (allocated(error)) return
          if (ratio < 1 .or. ratio > impact_ratios) then
             call refuse(list%group(g), "ratio", "must be 1 to "//integer_text(impact_ratios), error)
-         else if (found(ratio)) then
+         else if (present_ratio(ratio)) then
             call refuse(list%group(g), "ratio", "this ratio has a set already", error)
          else
-            found(ratio) = .true.
+            present_ratio(ratio) = .true.
             call read_set(list%group(g), int(ratio), sets, error)
             if (.not. allocated(error)) call add_noise(list%group(g), sets%covariance(:, :, ratio), error)
             if (.not. allocated(error)) call impact_set(sets%mean(:, ratio), sets%covariance(:, :, ratio), set, error)
             if (allocated(error)) then
-               error%message = with_place(list%group(g), error%message)
+               error%message = located_message(list%group(g), error%message)
             else if (turning == by_lab .and. .not. has_key(list%group(g), "lateral")) then
                call refuse(list%group(g), "lateral", "is missing: needed for &impact turning = 'lab'", error)
             end if
          end if
          if (allocated(error)) return
       end do
-      if (all(found)) return
+      if (all(present_ratio)) return
       of_draw = ""
-      if (any(belongs > 1)) of_draw = " of draw "//integer_text(wanted)
-      call fail(error, file//": no &impact_set for ratio"//missing(found)//of_draw// &
+      if (any(draw_of > 1)) of_draw = " of draw "//integer_text(requested)
+      call fail(error, file//": no &impact_set for ratio"//missing_ratios(present_ratio)//of_draw// &
                 "; a file needs ratios 1 to "//integer_text(impact_ratios))
    end subroutine read_sets
 
    !> Check all groups, and find the draw of each.
-   subroutine read_draws(list, belongs, error)
+   subroutine read_draws(list, draw_of, error)
       type(namelist_t), intent(in) :: list
-      integer, allocatable, intent(out) :: belongs(:)
+      integer, allocatable, intent(out) :: draw_of(:)
       type(error_t), allocatable, intent(out) :: error
       integer(i8) :: draw
       integer :: g
 
-      allocate (belongs(size(list%group)), source=1)
+      allocate (draw_of(size(list%group)), source=1)
       do g = 1, size(list%group)
          call check_group(list%group(g), error)
          draw = 1
@@ -113,7 +113,7 @@ contains
             call refuse(list%group(g), "draw", "must be 1 to "//integer_text(max_draws), error)
             return
          end if
-         belongs(g) = int(draw)
+         draw_of(g) = int(draw)
       end do
    end subroutine read_draws
 
@@ -159,7 +159,7 @@ contains
       call get_real(group, "covariance", values, error)
       if (allocated(error)) return
       sets%covariance(:, :, ratio) = symmetric(values, 9)
-      call read_range(group, "speed_range", most_speed, "m/s", sets%speed_range(:, ratio), error)
+      call read_range(group, "speed_range", max_speed, "m/s", sets%speed_range(:, ratio), error)
       if (allocated(error)) return
       call read_range(group, "angle_range", 90.0_wp, "degree", sets%angle_range(:, ratio), error)
       if (allocated(error)) return
@@ -199,10 +199,10 @@ contains
    end function symmetric
 
    !> Read the range on which a set was fitted, if given.
-   pure subroutine read_range(group, key, most, unit, range, error)
+   pure subroutine read_range(group, key, maximum, unit, range, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key, unit
-      real(wp), intent(in) :: most
+      real(wp), intent(in) :: maximum
       real(wp), intent(inout) :: range(2)
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: values(:)
@@ -211,8 +211,8 @@ contains
       call get_real(group, key, values, error)
       if (allocated(error)) return
       range = values
-      if (range(1) < 0 .or. range(2) > most .or. range(1) > range(2)) then
-         call refuse(group, key, "must not fall within 0 to "//integer_text(nint(most))//" ["//unit//"]", error)
+      if (range(1) < 0 .or. range(2) > maximum .or. range(1) > range(2)) then
+         call refuse(group, key, "must not fall within 0 to "//integer_text(nint(maximum))//" ["//unit//"]", error)
       end if
    end subroutine read_range
 
@@ -231,11 +231,11 @@ contains
       if (allocated(error)) return
       classes = size(bounds) + 1
       if (has_key(group, "incidence") .and. .not. has_key(group, "lateral")) then
-         call refuse(group, "incidence", "has no meaning without lateral", error)
+         call refuse(group, "incidence", "is only valid with lateral", error)
       else if (classes > lateral_classes) then
          call refuse(group, "incidence", "must be at most "//integer_text(lateral_classes - 1)//" values", error)
       else if (any(bounds <= 0 .or. bounds >= 90) .or. any(bounds(2:) <= bounds(:classes - 2))) then
-         call refuse(group, "incidence", "must rise within 0 to 90 [degree]", error)
+         call refuse(group, "incidence", "must increase within 0 to 90 [degree]", error)
       else if (has_key(group, "lateral") .and. size(values) /= classes*lateral_quantiles) then
          call refuse(group, "lateral", "must be "//integer_text(lateral_quantiles)//" values for each of "// &
                      integer_text(classes)//" classes of incidence, not "//integer_text(size(values)), error)
@@ -254,7 +254,7 @@ contains
    end subroutine read_lateral
 
    !> Add the impact set concerned to a message of the factoring.
-   pure function with_place(group, message) result(text)
+   pure function located_message(group, message) result(text)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: message
       character(len=:), allocatable :: text
@@ -263,16 +263,16 @@ contains
       if (index(message, group%file) /= 1) then
          text = group%file//": line "//integer_text(group%line)//": &impact_set "//message
       end if
-   end function with_place
+   end function located_message
 
-   pure function missing(found) result(text)
-      logical, intent(in) :: found(:)
+   pure function missing_ratios(present_ratio) result(text)
+      logical, intent(in) :: present_ratio(:)
       character(len=:), allocatable :: text
       integer :: k
 
       text = ""
-      do k = 1, size(found)
-         if (.not. found(k)) text = text//" "//integer_text(k)
+      do k = 1, size(present_ratio)
+         if (.not. present_ratio(k)) text = text//" "//integer_text(k)
       end do
-   end function missing
+   end function missing_ratios
 end module rockfall_impact_sets

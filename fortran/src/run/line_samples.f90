@@ -22,10 +22,10 @@ module rockfall_line_samples
       "plan_distance", "path_length", "travel_time", "speed_max", "jump_height_max", "volume", "impacts"]
    integer, parameter :: n_quantities = size(line_quantity), tails = 6
    !> Units per m/s, m, J, rad/s or 1: mm/s, mm, J, mrad/s, millionths; at ends mm, ms, mm/s, cm3, 1.
-   real(wp), parameter :: mega = 1.0e6_wp, kilo = 1.0e3_wp, one = 1.0_wp
+   real(wp), parameter :: mega = 1.0e6_wp, kilo = 1.0e3_wp, unity = 1.0_wp
    real(wp), parameter :: units_of(n_quantities, 2) = reshape( &
-      [kilo, kilo, kilo, one, one, one, kilo, mega, kilo, kilo, kilo, kilo, &
-       kilo, kilo, kilo, kilo, kilo, mega, one, one, one, one, one, one], [n_quantities, 2])
+      [kilo, kilo, kilo, unity, unity, unity, kilo, mega, kilo, kilo, kilo, kilo, &
+       kilo, kilo, kilo, kilo, kilo, mega, unity, unity, unity, unity, unity, unity], [n_quantities, 2])
 
    integer, parameter :: max_parts = 50, ranges = 20  !! with more features or sources, parts are this many ranges,
    integer, parameter :: max_parted = 256             !! or fewer: parts times places, 0.6 MB each
@@ -50,38 +50,38 @@ contains
       type(release_t), intent(in) :: release
       integer, intent(in) :: places  !! number of lines, plus one for the end
       type(layout_t) :: layout
-      integer :: things, most, n, each, k, p
-      integer, allocatable :: seen(:), among(:)
+      integer :: n_groups, max_count, n, each, k, p
+      integer, allocatable :: n_seen(:), n_sources(:)
 
       n = size(release%x)
-      things = n
-      if (allocated(release%feature)) things = maxval(release%feature)
-      most = max(1, max_parted/places)
-      layout%part_last = [(k, k=1, things)]
-      if (things > min(max_parts, most)) then
-         most = min(ranges, most)
-         layout%part_last = [(k*(things/most) + min(k, mod(things, most)), k=1, most)]
+      n_groups = n
+      if (allocated(release%feature)) n_groups = maxval(release%feature)
+      max_count = max(1, max_parted/places)
+      layout%part_last = [(k, k=1, n_groups)]
+      if (n_groups > min(max_parts, max_count)) then
+         max_count = min(ranges, max_count)
+         layout%part_last = [(k*(n_groups/max_count) + min(k, mod(n_groups, max_count)), k=1, max_count)]
       end if
       allocate (layout%part(n), layout%group(n))
-      allocate (seen(size(layout%part_last)), among(size(layout%part_last)), source=0)
+      allocate (n_seen(size(layout%part_last)), n_sources(size(layout%part_last)), source=0)
       do k = 1, n
          p = k
          if (allocated(release%feature)) p = feature_of(release, int(k, i8))
          layout%part(k) = count(layout%part_last < p) + 1
-         among(layout%part(k)) = among(layout%part(k)) + 1
+         n_sources(layout%part(k)) = n_sources(layout%part(k)) + 1
       end do
       if (n*int(places, i8) <= max_grouped) then
          layout%group = [(k, k=1, n)]
          layout%group_part = layout%part
          return
       end if
-      each = max(1, max_grouped/(places*size(among)))
+      each = max(1, max_grouped/(places*size(n_sources)))
       do k = 1, n
          p = layout%part(k)
-         layout%group(k) = (p - 1)*each + 1 + int(seen(p)*int(each, i8)/among(p))
-         seen(p) = seen(p) + 1
+         layout%group(k) = (p - 1)*each + 1 + int(n_seen(p)*int(each, i8)/n_sources(p))
+         n_seen(p) = n_seen(p) + 1
       end do
-      layout%group_part = [((p, k=1, each), p=1, size(among))]
+      layout%group_part = [((p, k=1, each), p=1, size(n_sources))]
    end function layout_of
 
    !> Add a boulder from its rows. A boulder that left the window of the terrain has no status and is ignored.
@@ -93,34 +93,34 @@ contains
       real(wp), intent(in) :: boulder(:)      !! boulder_fields
       integer, intent(in) :: counts(:)        !! boulder_counts
       real(wp), intent(in) :: crossing(:, :)  !! (line_fields, lines)
-      real(wp) :: found(n_quantities)
+      real(wp) :: values(n_quantities)
       integer :: k, q
 
       if (counts(status) < 1) return
       samples%ended(counts(status)) = samples%ended(counts(status)) + 1
-      found(:size(end_quantity)) = [boulder(findloc(boulder_fields, "plan_distance", dim=1)), &
-                                    boulder(findloc(boulder_fields, "path_length", dim=1)), &
-                                    boulder(findloc(boulder_fields, "travel_time", dim=1)), &
-                                    boulder(findloc(boulder_fields, "speed_max", dim=1)), &
-                                    boulder(findloc(boulder_fields, "jump_height_max", dim=1)), &
-                                    boulder(volume), real(counts(impacts), wp)]
-      call add_all(samples, layout, counts(source), found(:size(end_quantity)), 2, 1)
+      values(:size(end_quantity)) = [boulder(findloc(boulder_fields, "plan_distance", dim=1)), &
+                                     boulder(findloc(boulder_fields, "path_length", dim=1)), &
+                                     boulder(findloc(boulder_fields, "travel_time", dim=1)), &
+                                     boulder(findloc(boulder_fields, "speed_max", dim=1)), &
+                                     boulder(findloc(boulder_fields, "jump_height_max", dim=1)), &
+                                     boulder(volume), real(counts(impacts), wp)]
+      call add_quantities(samples, layout, counts(source), values(:size(end_quantity)), 2, 1)
       do k = 1, size(lines)
          if (ieee_is_nan(crossing(1, k))) cycle
-         found(:n_quantities - 1) = line_quantities(crossing(:, k), boulder(volume))
-         found(n_quantities) = place_along(lines(k), crossing(:2, k) - origin)
-         call add_all(samples, layout, counts(source), found, 1, k + 1)
+         values(:n_quantities - 1) = line_quantities(crossing(:, k), boulder(volume))
+         values(n_quantities) = place_along(lines(k), crossing(:2, k) - origin)
+         call add_quantities(samples, layout, counts(source), values, 1, k + 1)
          do q = 1, tails
-            call add_tail(samples%largest(:, q, k), found(q))
+            call add_tail(samples%largest(:, q, k), values(q))
          end do
       end do
    end subroutine add_samples
 
    !> Add the quantities of a boulder at a place.
-   pure subroutine add_all(samples, layout, from, values, kind, place)
+   pure subroutine add_quantities(samples, layout, source_number, values, kind, place)
       type(samples_t), intent(inout) :: samples
       type(layout_t), intent(in) :: layout
-      integer, intent(in) :: from         !! source
+      integer, intent(in) :: source_number  !! source
       real(wp), intent(in) :: values(:)
       integer, intent(in) :: kind, place  !! 1 for lines, 2 for ends
       real(wp), parameter :: limit = real(largest_unit, wp)
@@ -128,9 +128,9 @@ contains
 
       do q = 1, size(values)
          call add_number(samples, nint(max(-limit, min(limit, values(q)*units_of(q, kind))), i8), q, &
-                         layout%part(from), layout%group(from), place)
+                         layout%part(source_number), layout%group(source_number), place)
       end do
-   end subroutine add_all
+   end subroutine add_quantities
 
    !> Quantities at a line, except the last, from its row; NaN if not available. The centre of a boulder in contact with
    !> the ground is R / cos(slope) above it vertically, and R along the normal; in flight, these are above the point at
@@ -139,7 +139,7 @@ contains
       real(wp), intent(in) :: row(:)          !! line_fields
       real(wp), intent(in) :: boulder_volume  !! [m3]
       real(wp) :: q(n_quantities - 1)
-      real(wp) :: radius, share, normal
+      real(wp) :: radius, rotational_fraction, normal
 
       radius = cube_root(3*boulder_volume/(4*pi))
       associate (speed => row(findloc(line_fields, "speed", dim=1)), &
@@ -148,11 +148,11 @@ contains
                  omega => row(findloc(line_fields, "omega", dim=1)), &
                  forward => row(findloc(line_fields, "energy_translational", dim=1)), &
                  turning => row(findloc(line_fields, "energy_rotational", dim=1)))
-         share = turning
-         if (forward + turning > 0) share = turning/(forward + turning)
+         rotational_fraction = turning
+         if (forward + turning > 0) rotational_fraction = turning/(forward + turning)
          normal = jump*min(1.0_wp, radius/(passing - jump)) + radius
-         q = [speed, jump, passing, forward, turning, forward + turning, omega, share, passing + radius, normal, &
-              normal + radius]
+         q = [speed, jump, passing, forward, turning, forward + turning, omega, rotational_fraction, &
+              passing + radius, normal, normal + radius]
       end associate
    end function line_quantities
 
@@ -160,21 +160,21 @@ contains
    pure real(wp) function place_along(line, point) result(along)
       type(line_t), intent(in) :: line
       real(wp), intent(in) :: point(2)  !! [m]
-      real(wp) :: start(2), side(2), length, here, off, nearest, before
+      real(wp) :: start(2), side(2), length, along_side, distance2, min_distance2, before
       integer :: k
 
       along = 0
       before = 0
-      nearest = huge(nearest)
+      min_distance2 = huge(min_distance2)
       do k = 1, size(line%x) - 1
          start = [line%x(k), line%y(k)]
          side = [line%x(k + 1), line%y(k + 1)] - start
          length = sqrt(dot_product(side, side))
          if (length <= 0) cycle
-         here = max(0.0_wp, min(length, dot_product(point - start, side)/length))
-         off = sum((point - start - here*side/length)**2)
-         if (off < nearest) along = before + here
-         nearest = min(nearest, off)
+         along_side = max(0.0_wp, min(length, dot_product(point - start, side)/length))
+         distance2 = sum((point - start - along_side*side/length)**2)
+         if (distance2 < min_distance2) along = before + along_side
+         min_distance2 = min(min_distance2, distance2)
          before = before + length
       end do
    end function place_along

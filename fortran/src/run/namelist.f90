@@ -13,11 +13,11 @@ module rockfall_namelist
    public :: namelist_t, group_t, entry_t, value_t, parse_namelist
 
    integer, parameter :: name_length = 63         !! maximum length of names of groups and keys
-   integer, parameter :: longest_value = 4096     !! [characters]
-   integer, parameter :: most_values = 10000000   !! maximum per file, including repeat counts
-   integer, parameter :: most_repeats = 100000    !! maximum repeat count
-   integer, parameter :: most_keys = 200          !! maximum per group
-   integer, parameter :: most_names = 100         !! maximum number of different groups
+   integer, parameter :: max_value_length = 4096  !! [characters]
+   integer, parameter :: max_values = 10000000    !! maximum per file, including repeat counts
+   integer, parameter :: max_repeats = 100000     !! maximum repeat count
+   integer, parameter :: max_keys = 200           !! maximum per group
+   integer, parameter :: max_groups = 100         !! maximum number of different groups
 
    character(len=*), parameter :: blanks = " "//achar(9)//achar(10)//achar(13)
    character(len=*), parameter :: word_end = blanks//",/=!&'"""
@@ -66,26 +66,26 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(group_t), allocatable :: groups(:)
       type(entry_t), allocatable :: entries(:)  !! too large for a small stack
-      type(cursor_t) :: at
+      type(cursor_t) :: cursor
       integer :: n
 
       call check_text(text, file, error)
       if (allocated(error)) return
-      allocate (groups(4), entries(most_keys + 1))
+      allocate (groups(4), entries(max_keys + 1))
       n = 0
-      at%pos = after_mark(text)
+      cursor%pos = after_mark(text)
       do
-         call skip_blanks(text, at)
-         if (at%pos > len(text)) exit
-         if (text(at%pos:at%pos) /= "&") then
-            call fail(error, place(file, at%line)//"text outside of a group: " &
-                      //excerpt(rest_of_line(text, at%pos))//" (a group ends at its first / " &
+         call skip_blanks(text, cursor)
+         if (cursor%pos > len(text)) exit
+         if (text(cursor%pos:cursor%pos) /= "&") then
+            call fail(error, location(file, cursor%line)//"text outside of a group: " &
+                      //excerpt(rest_of_line(text, cursor%pos))//" (a group ends at its first / " &
                       //"outside of quotes)")
             return
          end if
          if (n == size(groups)) call enlarge_groups(groups)
          n = n + 1
-         call parse_group(text, file, at, entries, groups(n), error)
+         call parse_group(text, file, cursor, entries, groups(n), error)
          if (allocated(error)) return
       end do
       allocate (list%group(n))
@@ -94,9 +94,9 @@ contains
    end subroutine parse_namelist
 
    !> Parse a group from `&` to the closing `/`.
-   pure subroutine parse_group(text, file, at, entries, group, error)
+   pure subroutine parse_group(text, file, cursor, entries, group, error)
       character(len=*), intent(in) :: text, file
-      type(cursor_t), intent(inout) :: at
+      type(cursor_t), intent(inout) :: cursor
       type(entry_t), intent(inout) :: entries(:)  !! one more than a group may have
       type(group_t), intent(inout) :: group
       type(error_t), allocatable, intent(out) :: error
@@ -104,71 +104,71 @@ contains
       integer :: n
 
       group%file = file
-      group%line = at%line
-      at%pos = at%pos + 1
-      start = at
-      call take_word(text, at)
-      if (.not. is_name(text(start%pos:at%pos - 1))) then
-         call fail(error, place(file, at%line)//"a group name is due after &")
+      group%line = cursor%line
+      cursor%pos = cursor%pos + 1
+      start = cursor
+      call take_word(text, cursor)
+      if (.not. is_name(text(start%pos:cursor%pos - 1))) then
+         call fail(error, location(file, cursor%line)//"expected a group name after &")
          return
       end if
-      group%name = lower(text(start%pos:at%pos - 1))
+      group%name = lower(text(start%pos:cursor%pos - 1))
 
       n = 0
       do
-         call skip_blanks(text, at)
-         if (at%pos > len(text)) exit
-         if (text(at%pos:at%pos) == "/" .or. text(at%pos:at%pos) == "&") exit
+         call skip_blanks(text, cursor)
+         if (cursor%pos > len(text)) exit
+         if (text(cursor%pos:cursor%pos) == "/" .or. text(cursor%pos:cursor%pos) == "&") exit
          n = n + 1
-         call parse_entry(text, file, at, entries(n), error)
+         call parse_entry(text, file, cursor, entries(n), error)
          if (allocated(error)) return
-         call check_key(entries(:n), place(file, entries(n)%line)//"&"//trim(group%name), error)
+         call check_key(entries(:n), location(file, entries(n)%line)//"&"//trim(group%name), error)
          if (allocated(error)) return
       end do
-      if (at%pos <= len(text)) then
-         if (text(at%pos:at%pos) == "/") then
-            at%pos = at%pos + 1
+      if (cursor%pos <= len(text)) then
+         if (text(cursor%pos:cursor%pos) == "/") then
+            cursor%pos = cursor%pos + 1
             allocate (group%entry(n))
             call move_entries(entries, group%entry)
             return
          end if
       end if
-      call fail(error, place(file, group%line)//"&"//trim(group%name)//" is not closed by /")
+      call fail(error, location(file, group%line)//"&"//trim(group%name)//" is not closed by /")
    end subroutine parse_group
 
    !> Parse `key = value, value ...`, up to the next key or the end of the group.
-   pure subroutine parse_entry(text, file, at, entry, error)
+   pure subroutine parse_entry(text, file, cursor, entry, error)
       character(len=*), intent(in) :: text, file
-      type(cursor_t), intent(inout) :: at
+      type(cursor_t), intent(inout) :: cursor
       type(entry_t), intent(inout) :: entry
       type(error_t), allocatable, intent(out) :: error
       character(len=:), allocatable :: word
       type(cursor_t) :: start
       integer :: first
 
-      start = at
-      call take_word(text, at)
-      word = text(start%pos:at%pos - 1)
-      call check_word(word, place(file, start%line), error)
+      start = cursor
+      call take_word(text, cursor)
+      word = text(start%pos:cursor%pos - 1)
+      call check_word(word, location(file, start%line), error)
       if (allocated(error)) return
-      call skip_blanks(text, at)
-      if (.not. is_at(text, at, "=") .or. len(word) == 0) then
-         call fail(error, place(file, start%line)//"a key and = are due before " &
+      call skip_blanks(text, cursor)
+      if (.not. is_at(text, cursor, "=") .or. len(word) == 0) then
+         call fail(error, location(file, start%line)//"expected a key and = before " &
                    //excerpt(rest_of_line(text, start%pos)))
          return
       else if (.not. is_name(word)) then
-         call fail(error, place(file, start%line)//"'"//excerpt(word)//"' before = is no key")
+         call fail(error, location(file, start%line)//"'"//excerpt(word)//"' is not a valid key")
          return
       end if
       entry%key = lower(word)
       entry%line = start%line
-      at%pos = at%pos + 1
-      call skip_blanks(text, at)
-      first = at%pos
-      call parse_values(text, file, at, entry%value, error)
+      cursor%pos = cursor%pos + 1
+      call skip_blanks(text, cursor)
+      first = cursor%pos
+      call parse_values(text, file, cursor, entry%value, error)
       if (allocated(error)) return
       if (size(entry%value) == 0) then
-         call fail(error, place(file, entry%line)//"'"//word//"' has no value")
+         call fail(error, location(file, entry%line)//"'"//word//"' has no value")
          return
       end if
       entry%text = text(first:entry%value(size(entry%value))%last)
@@ -177,9 +177,9 @@ contains
    end subroutine parse_entry
 
    !> Parse the values from the cursor on, and move it past them.
-   pure subroutine parse_values(text, file, at, values, error)
+   pure subroutine parse_values(text, file, cursor, values, error)
       character(len=*), intent(in) :: text, file
-      type(cursor_t), intent(inout) :: at
+      type(cursor_t), intent(inout) :: cursor
       type(value_t), allocatable, intent(out) :: values(:)
       type(error_t), allocatable, intent(out) :: error
       type(cursor_t) :: start
@@ -191,32 +191,32 @@ contains
       n = 0
       comma_may_come = .false.
       do
-         call skip_blanks(text, at)
-         if (at%pos > len(text)) exit
-         if (scan(text(at%pos:at%pos), "/&") == 1) exit
-         if (is_at(text, at, ",")) then
+         call skip_blanks(text, cursor)
+         if (cursor%pos > len(text)) exit
+         if (scan(text(cursor%pos:cursor%pos), "/&") == 1) exit
+         if (is_at(text, cursor, ",")) then
             if (.not. comma_may_come) then
-               call fail(error, place(file, at%line)//"a value is missing before a comma")
+               call fail(error, location(file, cursor%line)//"a value is missing before a comma")
                return
             end if
             comma_may_come = .false.
-            at%pos = at%pos + 1
+            cursor%pos = cursor%pos + 1
             cycle
          end if
-         start = at
-         call take_value(text, place(file, at%line), at, value, repeats, error)
+         start = cursor
+         call take_value(text, location(file, cursor%line), cursor, value, repeats, error)
          if (allocated(error)) return
-         call skip_blanks(text, at)
-         if (is_at(text, at, "=") .and. .not. value%quoted) then  ! it was the next key
-            at = start
+         call skip_blanks(text, cursor)
+         if (is_at(text, cursor, "=") .and. .not. value%quoted) then  ! it was the next key
+            cursor = start
             exit
          end if
-         if (at%values + repeats > most_values) then
-            call fail(error, place(file, at%line)//"more than " &
-                      //integer_text(most_values)//" values in the file")
+         if (cursor%values + repeats > max_values) then
+            call fail(error, location(file, cursor%line)//"more than " &
+                      //integer_text(max_values)//" values in the file")
             return
          end if
-         at%values = at%values + repeats
+         cursor%values = cursor%values + repeats
          call append(values, n, value, repeats)
          comma_may_come = .true.
       end do
@@ -224,18 +224,18 @@ contains
    end subroutine parse_values
 
    !> Parse one value with its repeat count. May also consume a word that turns out to be the next key.
-   pure subroutine take_value(text, where, at, value, repeats, error)
+   pure subroutine take_value(text, where, cursor, value, repeats, error)
       character(len=*), intent(in) :: text, where
-      type(cursor_t), intent(inout) :: at
+      type(cursor_t), intent(inout) :: cursor
       type(value_t), intent(out) :: value
       integer, intent(out) :: repeats
       type(error_t), allocatable, intent(out) :: error
       integer :: star
 
       repeats = 1
-      value%first = at%pos
-      call take_word(text, at)
-      value%last = at%pos - 1
+      value%first = cursor%pos
+      call take_word(text, cursor)
+      value%last = cursor%pos - 1
       call check_word(text(value%first:value%last), where, error)
       if (allocated(error)) return
       star = verify(text(value%first:value%last), digits)
@@ -246,50 +246,50 @@ contains
             value%first = value%first + star
          end if
       end if
-      if (at%pos <= len(text)) value%quoted = scan(text(at%pos:at%pos), "'""") == 1
+      if (cursor%pos <= len(text)) value%quoted = scan(text(cursor%pos:cursor%pos), "'""") == 1
       if (value%quoted) then
          if (value%first <= value%last) then
-            call fail(error, where//"a blank or comma is due before " &
-                      //excerpt(rest_of_line(text, at%pos)))
+            call fail(error, where//"expected a blank or comma before " &
+                      //excerpt(rest_of_line(text, cursor%pos)))
             return
          end if
-         call take_quoted(text, where, at, value, error)
+         call take_quoted(text, where, cursor, value, error)
       else if (value%first > value%last) then
-         call fail(error, where//"a value is due at "//excerpt(rest_of_line(text, at%pos)))
+         call fail(error, where//"expected a value at "//excerpt(rest_of_line(text, cursor%pos)))
       end if
    end subroutine take_value
 
    !> Parse a quoted text on one line; a doubled quote is a literal quote.
-   pure subroutine take_quoted(text, where, at, value, error)
+   pure subroutine take_quoted(text, where, cursor, value, error)
       character(len=*), intent(in) :: text, where
-      type(cursor_t), intent(inout) :: at
+      type(cursor_t), intent(inout) :: cursor
       type(value_t), intent(inout) :: value
       type(error_t), allocatable, intent(out) :: error
       character(len=1) :: quote
       integer :: i, step
 
-      quote = text(at%pos:at%pos)
-      value%first = at%pos + 1
+      quote = text(cursor%pos:cursor%pos)
+      value%first = cursor%pos + 1
       i = value%first
       do
          step = scan(text(i:), quote//achar(10))
          i = i + step
          if (step == 0 .or. text(i - 1:i - 1) /= quote) then
             call fail(error, where//"text without its closing quote: " &
-                      //excerpt(rest_of_line(text, at%pos)))
+                      //excerpt(rest_of_line(text, cursor%pos)))
             return
          end if
          if (i > len(text)) exit
          if (text(i:i) /= quote) exit
          i = i + 1
       end do
-      at%pos = i
+      cursor%pos = i
       value%last = i - 2
-      if (value%last - value%first + 1 > longest_value) then
-         call fail(error, where//"text longer than "//integer_text(longest_value)//" characters")
+      if (value%last - value%first + 1 > max_value_length) then
+         call fail(error, where//"text longer than "//integer_text(max_value_length)//" characters")
       else if (i <= len(text)) then
          if (scan(text(i:i), blanks//",/&!") == 0) then
-            call fail(error, where//"a blank or comma is due before " &
+            call fail(error, where//"expected a blank or comma before " &
                       //excerpt(rest_of_line(text, i)))
          end if
       end if
@@ -304,9 +304,9 @@ contains
 
       repeats = 1
       call parse_integer(text, count, status)
-      if (status /= decimal_ok .or. count < 1 .or. count > most_repeats) then
+      if (status /= decimal_ok .or. count < 1 .or. count > max_repeats) then
          call fail(error, where//"repeat count "//excerpt(text)//"*: must be 1 to " &
-                   //integer_text(most_repeats))
+                   //integer_text(max_repeats))
          return
       end if
       repeats = int(count)
@@ -317,8 +317,8 @@ contains
       character(len=*), intent(in) :: word, where
       type(error_t), allocatable, intent(out) :: error
 
-      if (len(word) > longest_value) then
-         call fail(error, where//"a value longer than "//integer_text(longest_value)//" characters")
+      if (len(word) > max_value_length) then
+         call fail(error, where//"a value longer than "//integer_text(max_value_length)//" characters")
       else if (scan(word, "(%)") > 0) then
          call fail(error, where//"'"//excerpt(word)//"': array subscripts, components (%) and " &
                    //"complex numbers are not supported")
@@ -339,7 +339,7 @@ contains
                    //"(first in line "//integer_text(entries(i)%line)//")")
          return
       end do
-      if (n > most_keys) call fail(error, where//": more than "//integer_text(most_keys)//" keys")
+      if (n > max_keys) call fail(error, where//": more than "//integer_text(max_keys)//" keys")
    end subroutine check_key
 
    !> Mark groups that share their name, so that messages identify them by line.
@@ -347,7 +347,7 @@ contains
       type(group_t), intent(inout) :: groups(:)
       character(len=*), intent(in) :: file
       type(error_t), allocatable, intent(out) :: error
-      integer :: first(most_names)  ! first group with each name
+      integer :: first(max_groups)  ! first group with each name
       integer :: i, k, n
 
       n = 0
@@ -358,9 +358,9 @@ contains
          if (k <= n) then
             groups(first(k))%repeated = .true.
             groups(i)%repeated = .true.
-         else if (n == most_names) then
-            call fail(error, place(file, groups(i)%line)//"more than " &
-                      //integer_text(most_names)//" different groups")
+         else if (n == max_groups) then
+            call fail(error, location(file, groups(i)%line)//"more than " &
+                      //integer_text(max_groups)//" different groups")
             return
          else
             n = n + 1
@@ -370,16 +370,16 @@ contains
    end subroutine mark_repeated
 
    !> Skip blanks, line ends and comments.
-   pure subroutine skip_blanks(text, at)
+   pure subroutine skip_blanks(text, cursor)
       character(len=*), intent(in) :: text
-      type(cursor_t), intent(inout) :: at
+      type(cursor_t), intent(inout) :: cursor
       logical :: comment
 
       comment = .false.
-      do while (at%pos <= len(text))
-         select case (text(at%pos:at%pos))
+      do while (cursor%pos <= len(text))
+         select case (text(cursor%pos:cursor%pos))
          case (achar(10))
-            at%line = at%line + 1
+            cursor%line = cursor%line + 1
             comment = .false.
          case (" ", achar(9), achar(13))
             continue
@@ -388,28 +388,28 @@ contains
          case default
             if (.not. comment) return
          end select
-         at%pos = at%pos + 1
+         cursor%pos = cursor%pos + 1
       end do
    end subroutine skip_blanks
 
    !> Skip the characters of an unquoted word, possibly none.
-   pure subroutine take_word(text, at)
+   pure subroutine take_word(text, cursor)
       character(len=*), intent(in) :: text
-      type(cursor_t), intent(inout) :: at
+      type(cursor_t), intent(inout) :: cursor
       integer :: length
 
-      length = scan(text(at%pos:), word_end) - 1
-      if (length < 0) length = len(text) - at%pos + 1
-      at%pos = at%pos + length
+      length = scan(text(cursor%pos:), word_end) - 1
+      if (length < 0) length = len(text) - cursor%pos + 1
+      cursor%pos = cursor%pos + length
    end subroutine take_word
 
-   pure logical function is_at(text, at, sign)
+   pure logical function is_at(text, cursor, sign)
       character(len=*), intent(in) :: text
-      type(cursor_t), intent(in) :: at
+      type(cursor_t), intent(in) :: cursor
       character(len=1), intent(in) :: sign
 
       is_at = .false.
-      if (at%pos <= len(text)) is_at = text(at%pos:at%pos) == sign
+      if (cursor%pos <= len(text)) is_at = text(cursor%pos:cursor%pos) == sign
    end function is_at
 
    !> Return whether a word is a letter followed by letters, digits and underscores.
@@ -434,13 +434,13 @@ contains
       rest_of_line = trim(text(first:first + length - 1))
    end function rest_of_line
 
-   pure function place(file, line)
+   pure function location(file, line)
       character(len=*), intent(in) :: file
       integer, intent(in) :: line
-      character(len=:), allocatable :: place
+      character(len=:), allocatable :: location
 
-      place = file//": line "//integer_text(line)//": "
-   end function place
+      location = file//": line "//integer_text(line)//": "
+   end function location
 
    !> Append a value `repeats` times after the first `n` of `values`, which grow by doubling.
    pure subroutine append(values, n, value, repeats)

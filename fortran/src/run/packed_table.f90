@@ -33,54 +33,54 @@ contains
       type(impact_table_t), intent(out) :: table
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: scales(n_scales)
-      integer :: counts(n_counts), bins, bin, at, k
+      integer :: counts(n_counts), bins, bin, position, k
 
-      at = len(first_line)
-      call take_integers(text, at, counts)
+      position = len(first_line)
+      call take_integers(text, position, counts)
       if (all(counts >= 1) .and. counts(1) <= max_ratios .and. all(counts(2:7) <= max_bins)) then
          bins = counts(1)*(product(counts(2:4)) + product(counts(5:7)))
          if (expected_size(counts, bins) == len(text)) then
             allocate (table%ratio(counts(1)), table%first(bins + 1), table%map(n_inputs, n_mapped, bins))
             allocate (table%low(n_inputs, bins), table%high(n_inputs, bins), table%record(record_fields, counts(8)))
-            call take_reals(text, at, table%ratio)
-            call take_reals(text, at, scales)
+            call take_reals(text, position, table%ratio)
+            call take_reals(text, position, scales)
             table%speed = sqrt(max(0.0_wp, scales(1)))
             table%density = scales(2)
             table%inertia = scales(3)
             table%fastest = scales(4)
             table%rest_angle = scales(5)
-            call take_bins(text, at, counts(1), counts(2:4), table%flights)
-            call take_bins(text, at, counts(1), counts(5:7), table%rolls)
-            call take_integers(text, at, table%first)
+            call take_bins(text, position, counts(1), counts(2:4), table%flights)
+            call take_bins(text, position, counts(1), counts(5:7), table%rolls)
+            call take_integers(text, position, table%first)
             do bin = 1, bins
                do k = 1, n_mapped
-                  call take_reals(text, at, table%map(:, k, bin))
+                  call take_reals(text, position, table%map(:, k, bin))
                end do
-               call take_reals(text, at, table%low(:, bin))
-               call take_reals(text, at, table%high(:, bin))
+               call take_reals(text, position, table%low(:, bin))
+               call take_reals(text, position, table%high(:, bin))
             end do
             do k = 1, counts(8)
-               call take_singles(text, at, table%record(:, k))
+               call take_singles(text, position, table%record(:, k))
             end do
             table%pull_along = table%record(pull_along, :)
             table%pull_across = table%record(pull_across, :)
-            if (is_sound(table, counts(8), bins)) return
+            if (is_valid(table, counts(8), bins)) return
          end if
       end if
       call fail(error, file//": is a damaged table of impacts")
    end subroutine read_packed_table
 
    !> Check the assumptions of the kernel: finite numbers, a record in each bin, and valid indices of following records.
-   pure logical function is_sound(table, records, bins)
+   pure logical function is_valid(table, records, bins)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: records, bins
 
-      is_sound = all(ieee_is_finite(table%record)) .and. all(ieee_is_finite(table%map)) .and. table%first(1) == 1 &
+      is_valid = all(ieee_is_finite(table%record)) .and. all(ieee_is_finite(table%map)) .and. table%first(1) == 1 &
                  .and. table%first(bins + 1) == records + 1 .and. all(table%first(2:) > table%first(:bins)) &
                  .and. table%density > 0 .and. table%inertia > 0 .and. table%rest_angle >= 0 &
                  .and. all(table%record(4, :) > 0) &
                  .and. all(table%record(follower, :) >= 0 .and. table%record(follower, :) <= records)
-   end function is_sound
+   end function is_valid
 
    !> Size in bytes of a packed table, with a final newline.
    pure integer function expected_size(counts, bins) result(bytes)
@@ -94,9 +94,9 @@ contains
               + 8*bins*n_inputs*(n_mapped + 2) + 4*record_fields*counts(8) + 1
    end function expected_size
 
-   pure subroutine take_bins(text, at, ratios, n, bins)
+   pure subroutine take_bins(text, position, ratios, n, bins)
       character(len=*), intent(in) :: text
-      integer, intent(inout) :: at
+      integer, intent(inout) :: position
       integer, intent(in) :: ratios, n(3)
       type(bins_t), intent(out) :: bins
       integer :: ratio, i, j
@@ -105,46 +105,46 @@ contains
       allocate (bins%first_edge(n(1) - 1, ratios), bins%second_edge(n(2) - 1, n(1), ratios))
       allocate (bins%third_edge(n(3) - 1, n(2), n(1), ratios))
       do ratio = 1, ratios
-         call take_reals(text, at, bins%first_edge(:, ratio))
+         call take_reals(text, position, bins%first_edge(:, ratio))
          do i = 1, n(1)
-            call take_reals(text, at, bins%second_edge(:, i, ratio))
+            call take_reals(text, position, bins%second_edge(:, i, ratio))
             do j = 1, n(2)
-               call take_reals(text, at, bins%third_edge(:, j, i, ratio))
+               call take_reals(text, position, bins%third_edge(:, j, i, ratio))
             end do
          end do
       end do
    end subroutine take_bins
 
-   !> Read integers from a text: `at` is the last byte before them on entry, and their last on return.
-   pure subroutine take_integers(text, at, values)
+   !> Read integers from a text: `position` is the last byte before them on entry, and their last on return.
+   pure subroutine take_integers(text, position, values)
       character(len=*), intent(in) :: text
-      integer, intent(inout) :: at
+      integer, intent(inout) :: position
       integer, intent(out) :: values(:)
-      integer(i4) :: some(size(values))
+      integer(i4) :: integers(size(values))
 
       values = 0
-      if (at + 4*size(values) > len(text)) return
-      some = transfer(text(at + 1:at + 4*size(values)), some)
-      values = int(some)
-      at = at + 4*size(values)
+      if (position + 4*size(values) > len(text)) return
+      integers = transfer(text(position + 1:position + 4*size(values)), integers)
+      values = int(integers)
+      position = position + 4*size(values)
    end subroutine take_integers
 
    !> Read reals from a text, whose size has been checked.
-   pure subroutine take_reals(text, at, values)
+   pure subroutine take_reals(text, position, values)
       character(len=*), intent(in) :: text
-      integer, intent(inout) :: at
+      integer, intent(inout) :: position
       real(wp), intent(out) :: values(:)
 
-      values = transfer(text(at + 1:at + 8*size(values)), values)
-      at = at + 8*size(values)
+      values = transfer(text(position + 1:position + 8*size(values)), values)
+      position = position + 8*size(values)
    end subroutine take_reals
 
-   pure subroutine take_singles(text, at, values)
+   pure subroutine take_singles(text, position, values)
       character(len=*), intent(in) :: text
-      integer, intent(inout) :: at
+      integer, intent(inout) :: position
       real(sp), intent(out) :: values(:)
 
-      values = transfer(text(at + 1:at + 4*size(values)), values)
-      at = at + 4*size(values)
+      values = transfer(text(position + 1:position + 4*size(values)), values)
+      position = position + 4*size(values)
    end subroutine take_singles
 end module rockfall_packed_table

@@ -16,51 +16,51 @@ module rockfall_result
 contains
 
    !> Values of `boulder_fields`.
-   pure function boulder_row(dem, fate) result(row)
+   pure function boulder_row(dem, outcome) result(row)
       type(terrain_t), intent(in) :: dem
-      type(boulder_result_t), intent(in) :: fate
+      type(boulder_result_t), intent(in) :: outcome
       real(wp) :: row(size(boulder_fields))
       real(wp) :: origin(3)
 
       origin = [dem%x0, dem%y0, 0.0_wp]
-      row = [fate%boulder%volume, fate%start + origin, fate%stop + origin, fate%path_length, &
-             sqrt((fate%stop(1) - fate%start(1))**2 + (fate%stop(2) - fate%start(2))**2), fate%time, &
-             fate%speed_max, fate%jump_height_max]
+      row = [outcome%boulder%volume, outcome%start + origin, outcome%stop + origin, outcome%path_length, &
+             sqrt((outcome%stop(1) - outcome%start(1))**2 + (outcome%stop(2) - outcome%start(2))**2), &
+             outcome%time, outcome%speed_max, outcome%jump_height_max]
    end function boulder_row
 
    !> Values of `boulder_counts`.
-   pure function boulder_count_row(fate) result(row)
-      type(boulder_result_t), intent(in) :: fate
+   pure function boulder_count_row(outcome) result(row)
+      type(boulder_result_t), intent(in) :: outcome
       integer :: row(size(boulder_counts))
 
-      row = [fate%status, fate%impacts, fate%source, fate%rebounds, fate%redrawn, fate%forced, fate%out_of_range, &
-             fate%out_of_speed, fate%out_of_angle]
+      row = [outcome%status, outcome%impacts, outcome%source, outcome%rebounds, outcome%redrawn, outcome%forced, &
+             outcome%out_of_range, outcome%out_of_speed, outcome%out_of_angle]
    end function boulder_count_row
 
    !> Values of `row_reals`.
-   pure function real_row(dem, fate) result(row)
+   pure function real_row(dem, outcome) result(row)
       type(terrain_t), intent(in) :: dem
-      type(boulder_result_t), intent(in) :: fate
+      type(boulder_result_t), intent(in) :: outcome
       real(wp) :: row(size(row_reals))
 
-      associate (e => fate%energy)
-         row = [boulder_row(dem, fate), e%released, e%ground, e%trees, e%barriers, e%left]
+      associate (e => outcome%energy)
+         row = [boulder_row(dem, outcome), e%released, e%ground, e%trees, e%barriers, e%left]
       end associate
    end function real_row
 
    !> Values of `row_integers`.
-   pure function integer_row(release, fate) result(row)
+   pure function integer_row(release, outcome) result(row)
       type(release_t), intent(in) :: release
-      type(boulder_result_t), intent(in) :: fate
+      type(boulder_result_t), intent(in) :: outcome
       integer :: row(size(row_integers))
 
-      row = [fate%impacts, fate%source, feature_of(release, int(fate%source, i8)), fate%trees_hit]
+      row = [outcome%impacts, outcome%source, feature_of(release, int(outcome%source, i8)), outcome%trees_hit]
    end function integer_row
 
    !> Values of `line_fields`; NaN if the boulder did not cross. Energies: Bourrier et al. 2009, eqs 1-3.
-   pure function line_row(dem, fate, crossing) result(row)
+   pure function line_row(dem, outcome, crossing) result(row)
       type(terrain_t), intent(in) :: dem
-      type(boulder_result_t), intent(in) :: fate
+      type(boulder_result_t), intent(in) :: outcome
       type(crossing_t), intent(in) :: crossing
       real(wp) :: row(size(line_fields))
 
@@ -69,7 +69,7 @@ contains
       row = [crossing%x + dem%x0, crossing%y + dem%y0, crossing%time, &
              sqrt(crossing%v(1)**2 + crossing%v(2)**2 + crossing%v(3)**2), crossing%v, crossing%omega, &
              crossing%jump_height, crossing%passing_height, &
-             kinetic_energy(fate%boulder, crossing%v, crossing%omega)]
+             kinetic_energy(outcome%boulder, crossing%v, crossing%omega)]
    end function line_row
 
    !> Values of `vertex_fields`.

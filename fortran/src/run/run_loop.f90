@@ -20,7 +20,7 @@ module rockfall_run_loop
    use rockfall_terrain, only: set_window
    use rockfall_reach, only: block_side, update_block_minima, reach_box
    use rockfall_run_state, only: run_t, open_run, advance
-   use rockfall_scene, only: check_sources, boulders_of, largest_volumes
+   use rockfall_scene, only: check_sources, boulder_count, max_volumes
    implicit none
    private
    public :: run_observer_t, run_case
@@ -59,7 +59,7 @@ contains
       integer(i8) :: total, before
       integer :: window(4)
 
-      total = boulders_of(scene)
+      total = boulder_count(scene)
       if (shard(2) > max(1_i8, total)) then
          call fail(error, "--shard "//integer_text(shard(1))//"/"//integer_text(shard(2))//": there are " &
                    //integer_text(total)//" boulders only")
@@ -67,7 +67,7 @@ contains
       end if
       before = proportional_part(total, shard(1) - 1, shard(2))
       window = [1, 1, grid%nx, grid%ny]
-      call survey(case, scene, window, error)
+      call scan_terrain(case, scene, window, error)
       if (.not. allocated(error)) call open_run(case, scene, before, proportional_part(total, shard(1), shard(2)) &
                                                 - before, window, run, error)
       call name_case(case, error)
@@ -76,7 +76,7 @@ contains
       run%threads = team_size(case%threads)
       call observer%on_start(run, error)
       if (.not. allocated(error)) call run_all(case, scene, observer, run, error)
-      if (.not. allocated(error)) call trace(case, scene, run, error)
+      if (.not. allocated(error)) call record_trajectories(case, scene, run, error)
    end subroutine run_case
 
    !> Prefix an error message with the name of the case.
@@ -88,29 +88,29 @@ contains
    end subroutine name_case
 
    !> Scan the terrain: check the sources, bound the values of maps, and find the window of the maps.
-   subroutine survey(case, scene, window, error)
+   subroutine scan_terrain(case, scene, window, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
       integer, intent(inout) :: window(4)  !! window of the maps: first column and row, numbers of columns and rows
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: minima(:, :)
-      real(wp) :: head
+      real(wp) :: max_head
       integer :: side, box(4)
 
       associate (dem => scene%dem, release => scene%release)
-         head = -huge(head)
-         call check_sources(scene, 1, dem%ny, head, error)
+         max_head = -huge(max_head)
+         call check_sources(scene, 1, dem%ny, max_head, error)
          if (allocated(error) .or. .not. any(case%map)) return
          side = block_side([dem%nx, dem%ny])
          allocate (minima((dem%nx - 1)/side + 1, (dem%ny - 1)/side + 1), source=huge(1.0_wp))
          call update_block_minima(dem, 1, dem%ny, minima)
-         call check_tallies(map_plan(pack(map_names, case%map), size(case%thresholds)), largest_volumes(scene), &
-                            case%gravity, head - minval(minima), boulders_of(scene), case%impact_limit, error)
-         if (allocated(error) .or. case%whole_maps) return
-         box = reach_box(dem, minima, head, release%x, release%y)
+         call check_tallies(map_plan(pack(map_names, case%map), size(case%thresholds)), max_volumes(scene), &
+                            case%gravity, max_head - minval(minima), boulder_count(scene), case%impact_limit, error)
+         if (allocated(error) .or. case%full_maps) return
+         box = reach_box(dem, minima, max_head, release%x, release%y)
          window = [box(:2), box(3:) - box(:2) + 1]
       end associate
-   end subroutine survey
+   end subroutine scan_terrain
 
    !> Run the remaining boulders, in chunks whose size adapts to their duration.
    subroutine run_all(case, scene, observer, run, error)
@@ -119,32 +119,32 @@ contains
       class(run_observer_t), intent(inout) :: observer
       type(run_t), intent(inout), target :: run
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: cpu_begun, cpu
-      integer(i8) :: chunk, begun, end, rate
+      real(wp) :: cpu_start, cpu
+      integer(i8) :: chunk, clock_start, clock_end, rate
 
       chunk = first_chunk
       do while (run%done < run%boulders)
          call observer%on_chunk(run, error)
          if (allocated(error)) return
          chunk = min(chunk, run%boulders - run%done)
-         call system_clock(begun, rate)
-         call cpu_time(cpu_begun)
+         call system_clock(clock_start, rate)
+         call cpu_time(cpu_start)
          call advance(run, scene, run%before + run%done + 1, chunk, error)
          if (.not. allocated(error) .and. size(run%left) > 0) &
-            call fail(error, "a boulder went where none can go", our_fault)
+            call fail(error, "internal error: a boulder left the reachable area", our_fault)
          call name_case(case, error)
          if (allocated(error)) return
-         call system_clock(end)
+         call system_clock(clock_end)
          call cpu_time(cpu)
-         run%wall = run%wall + real(end - begun, wp)/rate
-         run%cpu = run%cpu + cpu - cpu_begun
-         chunk = max(1_i8, int(chunk*min(4.0_wp, chunk_seconds*rate/max(1_i8, end - begun)), i8))
+         run%wall = run%wall + real(clock_end - clock_start, wp)/rate
+         run%cpu = run%cpu + cpu - cpu_start
+         chunk = max(1_i8, int(chunk*min(4.0_wp, chunk_seconds*rate/max(1_i8, clock_end - clock_start)), i8))
       end do
    end subroutine run_all
 
    !> Rerun the selected boulders individually and keep their trajectories: first to count the vertices, then to store
    !> them.
-   subroutine trace(case, scene, run, error)
+   subroutine record_trajectories(case, scene, run, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
       type(run_t), intent(inout) :: run
@@ -180,5 +180,5 @@ contains
          run%vertex_boulder(n + 1:n + vertices(k)) = number(k)
          n = n + vertices(k)
       end do
-   end subroutine trace
+   end subroutine record_trajectories
 end module rockfall_run_loop

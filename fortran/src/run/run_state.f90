@@ -25,7 +25,7 @@ module rockfall_run_state
    use rockfall_line, only: line_t
    use rockfall_line_samples, only: layout_t, layout_of, add_samples, n_quantities, tails
    use rockfall_state_table, only: table_t
-   use rockfall_scene, only: boulders_of
+   use rockfall_scene, only: boulder_count
    implicit none
    private
    public :: run_t, open_run, open_joined_run, continue_run, merge_run, close_run, advance, arrays_of, rows_of
@@ -101,20 +101,20 @@ contains
       type(run_t), intent(inout) :: run
       type(error_t), allocatable, intent(out) :: error
 
-      call describe(case, scene, before, boulders, window, run)
-      call make_rows(case, n_grounds(scene), allocated(scene%release%feature), run, error)
-      if (.not. allocated(error)) call make_tallies(run, error)
+      call set_dimensions(case, scene, before, boulders, window, run)
+      call allocate_rows(case, n_grounds(scene), allocated(scene%release%feature), run, error)
+      if (.not. allocated(error)) call allocate_tallies(run, error)
    end subroutine open_run
 
    !> Set the dimensions of a run from its scene.
-   subroutine describe(case, scene, before, boulders, window, run)
+   subroutine set_dimensions(case, scene, before, boulders, window, run)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: before, boulders
       integer, intent(in) :: window(4)
       type(run_t), intent(inout) :: run
 
-      run%total = boulders_of(scene)
+      run%total = boulder_count(scene)
       run%before = before
       run%boulders = boulders
       run%at = window(:2)
@@ -126,7 +126,7 @@ contains
       run%plan = map_plan(pack(map_names, case%map), size(case%thresholds))
       run%thresholds = case%thresholds
       if (any(run%plan%count(3:4) > 0)) run%first_partial = first_partial(scene%release, before + 1)
-   end subroutine describe
+   end subroutine set_dimensions
 
    !> Open a run without a scene: one to be joined from parts, whose rows may arrive in any order, or a part.
    subroutine open_joined_run(case, total, before, boulders, window, grounds, features, layout, run, error)
@@ -151,8 +151,8 @@ contains
       run%plan = map_plan(pack(map_names, case%map), size(case%thresholds))
       run%thresholds = case%thresholds
       if (any(run%plan%count(3:4) > 0)) allocate (run%shared%cell(0), run%shared%source(0), run%shared%boulders(0))
-      call make_rows(case, grounds, features, run, error)
-      if (.not. allocated(error)) call make_tallies(run, error)
+      call allocate_rows(case, grounds, features, run, error)
+      if (.not. allocated(error)) call allocate_tallies(run, error)
    end subroutine open_joined_run
 
    !> Open a run of a scene that continues another one, whose boulders are its first; tallies are moved, so the other
@@ -164,8 +164,8 @@ contains
       type(run_t), intent(inout) :: run
       type(error_t), allocatable, intent(out) :: error
 
-      call describe(case, scene, other%before, boulders_of(scene) - other%before, [other%at, other%nodes], run)
-      call make_rows(case, n_grounds(scene), allocated(scene%release%feature), run, error)
+      call set_dimensions(case, scene, other%before, boulder_count(scene) - other%before, [other%at, other%nodes], run)
+      call allocate_rows(case, n_grounds(scene), allocated(scene%release%feature), run, error)
       if (allocated(error)) return
       call copy_rows(run, 0_i8, other)
       run%count = other%count
@@ -183,7 +183,7 @@ contains
       run%samples = other%samples
       run%block(:11) = other%block(:11)
       other%block(:11) = c_null_ptr
-      if (allocated(run%number)) call make_largest(run, error)
+      if (allocated(run%number)) call allocate_largest(run, error)
       if (.not. allocated(error) .and. allocated(run%number)) &
          call merge_tails(run%samples%largest, other%samples%largest)
    end subroutine continue_run
@@ -270,23 +270,23 @@ contains
       run%block = c_null_ptr
    end subroutine close_run
 
-   !> Free the tallies and samples of a run; the counts, sums and maxima of maps only if `go` says so, once all results
-   !> are computed. Views of other arrays remain valid.
-   subroutine forget_tallies(run, go)
+   !> Free the tallies and samples of a run, once all results are computed; counts, sums and maxima of maps only where
+   !> `free_maps` is true. Views of other arrays remain valid.
+   subroutine forget_tallies(run, free_maps)
       type(run_t), intent(inout) :: run
-      logical, intent(in) :: go(3)  !! counts, sums, maxima
-      logical :: gone(size(run%block))
+      logical, intent(in) :: free_maps(3)  !! counts, sums, maxima
+      logical :: freed(size(run%block))
       integer :: k
 
-      gone = [go, .true., .true., .false., .true., .true., .true., .false., .false., .false.]
+      freed = [free_maps, .true., .true., .false., .true., .true., .true., .false., .false., .false.]
       do k = 1, size(run%block)
-         if (.not. gone(k) .or. .not. c_associated(run%block(k))) cycle
+         if (.not. freed(k) .or. .not. c_associated(run%block(k))) cycle
          call c_free(run%block(k))
          run%block(k) = c_null_ptr
       end do
-      if (go(1)) call c_f_pointer(c_null_ptr, run%counts, [0, 0, 0])
-      if (go(2)) call c_f_pointer(c_null_ptr, run%sums, [0, 0, 0])
-      if (go(3)) call c_f_pointer(c_null_ptr, run%maxima, [0, 0, 0])
+      if (free_maps(1)) call c_f_pointer(c_null_ptr, run%counts, [0, 0, 0])
+      if (free_maps(2)) call c_f_pointer(c_null_ptr, run%sums, [0, 0, 0])
+      if (free_maps(3)) call c_f_pointer(c_null_ptr, run%maxima, [0, 0, 0])
       call c_f_pointer(c_null_ptr, run%column, [0, 0])
       call c_f_pointer(c_null_ptr, run%last_source, [0, 0, 0])
       call c_f_pointer(c_null_ptr, run%bin_counts, [0, 0])
@@ -297,7 +297,7 @@ contains
    ! ---- memory -------------------------------------------------------------------------------
 
    !> Allocate the rows of boulders, with the columns that the case needs, and the sums.
-   subroutine make_rows(case, grounds, features, run, error)
+   subroutine allocate_rows(case, grounds, features, run, error)
       type(case_t), intent(in) :: case
       integer, intent(in) :: grounds
       logical, intent(in) :: features
@@ -317,11 +317,11 @@ contains
       allocate (run%reals(n, size(run%real_columns)), run%status(n), run%integers(n, size(run%integer_columns)), &
                 run%line(n, size(case%lines), size(line_fields)), &
                 run%outcome(n, count(case%lines%height > 0)), stat=status)
-      if (status /= 0) call lack_memory(run, error)
-   end subroutine make_rows
+      if (status /= 0) call report_memory(run, error)
+   end subroutine allocate_rows
 
    !> Empty maps, and samples where not all rows are kept.
-   subroutine make_tallies(run, error)
+   subroutine allocate_tallies(run, error)
       type(run_t), intent(inout) :: run
       type(error_t), allocatable, intent(out) :: error
       integer(i8) :: cells, n
@@ -331,12 +331,12 @@ contains
       cells = product(int(run%nodes, i8))
       layers = 0
       if (any(run%plan%count(3:4) > 0)) layers = merge(2, 1, run%first_partial > 0)
-      run%block(1) = zeros(cells*stacks(1), 4)
-      run%block(2) = zeros(cells*stacks(2), 8)
-      run%block(3) = zeros(cells*stacks(3), 4)
-      run%block(4) = zeros(merge(cells, 0_i8, run%plan%rows > 0), 4)
-      run%block(5) = zeros(cells*layers, 4)
-      run%block(6) = zeros(1_i8, 4)
+      run%block(1) = zeroed_block(cells*stacks(1), 4)
+      run%block(2) = zeroed_block(cells*stacks(2), 8)
+      run%block(3) = zeroed_block(cells*stacks(3), 4)
+      run%block(4) = zeroed_block(merge(cells, 0_i8, run%plan%rows > 0), 4)
+      run%block(5) = zeroed_block(cells*layers, 4)
+      run%block(6) = zeroed_block(1_i8, 4)
       associate (nx => run%nodes(1), ny => run%nodes(2))
          call c_f_pointer(run%block(1), run%counts, [nx, ny, stacks(1)])
          call c_f_pointer(run%block(2), run%sums, [nx, ny, stacks(2)])
@@ -345,18 +345,18 @@ contains
          call c_f_pointer(run%block(5), run%last_source, [nx, ny, layers])
          call c_f_pointer(run%block(6), run%columns, [1])
       end associate
-      call make_columns(run, merge(cells, 0_i8, run%plan%rows > 0))
-      if (.not. all([(c_associated(run%block(k)), k=1, 7)])) call lack_memory(run, error)
+      call allocate_bin_counts(run, merge(cells, 0_i8, run%plan%rows > 0))
+      if (.not. all([(c_associated(run%block(k)), k=1, 7)])) call report_memory(run, error)
       if (allocated(error) .or. .not. allocated(run%number)) return
       parts = size(run%layout%part_last)
       groups = size(run%layout%group_part)
       places = size(run%line, 2) + 1
       n = int(n_quantities, i8)*places
-      run%block(8) = zeros(n_sample_bins*parts*n, 4)
-      run%block(9) = zeros(n_coarse_bins*groups*n, 4)
-      run%block(10) = zeros(n_words*parts*n, 8)
-      run%block(11) = zeros(size(statuses, kind=i8), 8)
-      if (.not. all([(c_associated(run%block(k)), k=8, 11)])) call lack_memory(run, error)
+      run%block(8) = zeroed_block(n_sample_bins*parts*n, 4)
+      run%block(9) = zeroed_block(n_coarse_bins*groups*n, 4)
+      run%block(10) = zeroed_block(n_words*parts*n, 8)
+      run%block(11) = zeroed_block(size(statuses, kind=i8), 8)
+      if (.not. all([(c_associated(run%block(k)), k=8, 11)])) call report_memory(run, error)
       if (allocated(error)) return
       associate (samples => run%samples)
          call c_f_pointer(run%block(8), samples%bins, [n_sample_bins, n_quantities, parts, places])
@@ -364,58 +364,58 @@ contains
          call c_f_pointer(run%block(10), samples%sums, [n_words, n_quantities, parts, places])
          call c_f_pointer(run%block(11), samples%ended, [size(statuses)])
       end associate
-      call make_largest(run, error)
-   end subroutine make_tallies
+      call allocate_largest(run, error)
+   end subroutine allocate_tallies
 
    !> Allocate bin counts for all cells, or repeatedly half as many if memory is short (the run needs memory for other
    !> data too): a column uses memory only once a boulder passes the cell, and few cells may be passed.
-   subroutine make_columns(run, cells)
+   subroutine allocate_bin_counts(run, cells)
       type(run_t), intent(inout) :: run
       integer(i8), intent(in) :: cells
       integer(i8) :: columns
       integer :: k
 
       columns = min(cells, run%max_columns)
-      run%block(7) = zeros(columns*run%plan%rows, 4)
+      run%block(7) = zeroed_block(columns*run%plan%rows, 4)
       do k = 1, halvings
          if (c_associated(run%block(7))) exit
          columns = columns/2
-         run%block(7) = zeros(columns*run%plan%rows, 4)
+         run%block(7) = zeroed_block(columns*run%plan%rows, 4)
          if (.not. c_associated(run%block(7))) cycle
          call c_free(run%block(7))
          columns = columns/2
-         run%block(7) = zeros(columns*run%plan%rows, 4)
+         run%block(7) = zeroed_block(columns*run%plan%rows, 4)
       end do
       call c_f_pointer(run%block(7), run%bin_counts, [int(run%plan%rows, i8), columns])
-   end subroutine make_columns
+   end subroutine allocate_bin_counts
 
    !> Tails of samples, without a number.
-   subroutine make_largest(run, error)
+   subroutine allocate_largest(run, error)
       type(run_t), intent(inout) :: run
       type(error_t), allocatable, intent(out) :: error
       integer :: shape(3)
 
       shape = [int(min(run%total, int(n_largest, i8))), tails, size(run%line, 2)]
-      run%block(12) = zeros(product(int(shape, i8)), 8)
-      if (.not. c_associated(run%block(12))) call lack_memory(run, error)
+      run%block(12) = zeroed_block(product(int(shape, i8)), 8)
+      if (.not. c_associated(run%block(12))) call report_memory(run, error)
       if (allocated(error)) return
       call c_f_pointer(run%block(12), run%samples%largest, shape)
       run%samples%largest = -1
-   end subroutine make_largest
+   end subroutine allocate_largest
 
-   type(c_ptr) function zeros(n, bytes) result(block)
+   type(c_ptr) function zeroed_block(n, bytes) result(block)
       integer(i8), intent(in) :: n
       integer, intent(in) :: bytes
 
       block = c_zeros(max(1_i8, n), int(bytes, i8))
-   end function zeros
+   end function zeroed_block
 
-   subroutine lack_memory(run, error)
+   subroutine report_memory(run, error)
       type(run_t), intent(in) :: run
       type(error_t), allocatable, intent(out) :: error
 
       call fail(error, integer_text(run%total)//" boulders and the requested maps do not fit in memory")
-   end subroutine lack_memory
+   end subroutine report_memory
 
    pure integer function n_grounds(scene)
       type(scene_t), intent(in) :: scene
@@ -458,7 +458,7 @@ contains
          if (.not. has_row .and. row < size(run%status, kind=i8)) has_row = run%number(row + 1) == first + k - 1
          if (has_row) then
             row = row + 1
-            call keep_row(run, scene, results(k), crossings(:, k), row)
+            call store_row(run, scene, results(k), crossings(:, k), row)
          end if
          if (results(k)%status == left_window) cycle
          call add_counts(run, results(k))
@@ -482,7 +482,7 @@ contains
    end subroutine add_counts
 
    !> Store the rows of a boulder.
-   subroutine keep_row(run, scene, result, crossings, row)
+   subroutine store_row(run, scene, result, crossings, row)
       type(run_t), intent(inout) :: run
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: result
@@ -500,7 +500,7 @@ contains
          run%line(row, k, :) = line_row(scene%dem, result, crossings(k))
       end do
       if (allocated(scene%barriers)) run%outcome(row, :) = crossings(scene%barriers%line)%outcome
-   end subroutine keep_row
+   end subroutine store_row
 
    !> Add a boulder to the samples.
    subroutine add_sample(run, scene, result, crossings)
@@ -509,7 +509,7 @@ contains
       type(boulder_result_t), intent(in) :: result
       type(crossing_t), intent(in) :: crossings(:)
       real(wp) :: rows(size(line_fields), size(crossings))
-      type(line_t) :: none(0)
+      type(line_t) :: no_lines(0)
       integer :: k
 
       do k = 1, size(crossings)
@@ -519,7 +519,7 @@ contains
          if (allocated(scene%lines)) then
             call add_samples(run%samples, run%layout, scene%lines, origin, row, boulder_count_row(result), rows)
          else
-            call add_samples(run%samples, run%layout, none, origin, row, boulder_count_row(result), rows)
+            call add_samples(run%samples, run%layout, no_lines, origin, row, boulder_count_row(result), rows)
          end if
       end associate
    end subroutine add_sample

@@ -22,7 +22,7 @@ module rockfall_scene
    use rockfall_grounds, only: read_ground, read_stochastic, rest_angle_of_rocks
    implicit none
    private
-   public :: scene_arrays_t, stays, scene_from, check_sources, boulders_of, largest_volumes
+   public :: scene_arrays_t, is_borrowed, build_scene_of_case, check_sources, boulder_count, max_volumes
 
    !> Ground type as passed to the kernel.
    type :: ground_text_t
@@ -46,7 +46,7 @@ module rockfall_scene
       real(wp), allocatable :: source_volume(:), source_inertia(:)  !! of their boulders, if given [m3], [-]
       real(wp), allocatable :: source_density(:)                 !! density of their boulders, if given [kg/m3]
       integer, allocatable :: source_feature(:)                  !! 1-based feature of a layer, if sources come from one
-      integer, allocatable :: feature_law(:)                     !! volume model (rockfall_boulder); 0: the case's
+      integer, allocatable :: feature_distribution(:)            !! volume model (rockfall_boulder); 0: the case's
       real(wp), allocatable :: feature_value(:, :)               !! mean, std, min, max of volumes [m3],
       !! density [kg/m3], drop height [m], velocity [m/s] (9, features); NaN: the case's
       real(wp), pointer, contiguous :: tree_x(:) => null(), tree_y(:) => null()  !! stems, map coordinates [m]
@@ -59,13 +59,13 @@ module rockfall_scene
       integer(i1), allocatable :: material_ground(:)             !! with the 1-based ground of each material, or
       integer(i1), pointer, contiguous :: cell_ground(:, :) => null()  !! of each cell; default: the first
    contains
-      procedure :: give
+      procedure :: set_array
    end type scene_arrays_t
 
 contains
 
    !> Build the scene of a case. Errors that the text of the case alone does not reveal are reported here.
-   subroutine scene_from(case, arrays, scene, error)
+   subroutine build_scene_of_case(case, arrays, scene, error)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
       type(scene_t), intent(out) :: scene
@@ -97,11 +97,11 @@ contains
       if (.not. allocated(error)) call check_features(case, arrays, scene, error)
       if (.not. allocated(error)) call set_impacts(case, arrays, scene, error)
       if (.not. allocated(error)) call set_grounds(case, arrays, scene, error)
-   end subroutine scene_from
+   end subroutine build_scene_of_case
 
    !> Set a component by its name in scene files to a contiguous array in memory; the kind selects the component for
    !> elevations and zones. Rasters and trees remain the caller's, others are copied.
-   subroutine give(arrays, name, kind, length, at)
+   subroutine set_array(arrays, name, kind, length, at)
       class(scene_arrays_t), intent(inout) :: arrays
       character(len=*), intent(in) :: name, kind  !! kind: i1, i2, i4, f4, f8
       integer(i8), intent(in) :: length(3)        !! of its dimensions, the first varies fastest; 1 beyond the last
@@ -131,7 +131,7 @@ contains
       case ("source_inertia"); arrays%source_inertia = reals
       case ("source_density"); arrays%source_density = reals
       case ("source_feature"); arrays%source_feature = integers
-      case ("feature_law"); arrays%feature_law = integers
+      case ("feature_law"); arrays%feature_distribution = integers
       case ("feature_value"); arrays%feature_value = table
       case ("tree_x"); arrays%tree_x => reals
       case ("tree_y"); arrays%tree_y => reals
@@ -145,15 +145,15 @@ contains
       case ("material_ground"); arrays%material_ground = bytes
       case ("cell_ground"); call c_f_pointer(at, arrays%cell_ground, length(:2))
       end select
-   end subroutine give
+   end subroutine set_array
 
    !> Return whether an array with this name remains the caller's.
-   pure logical function stays(name)
+   pure logical function is_borrowed(name)
       character(len=*), intent(in) :: name
 
-      stays = any(name == [character(len=11) :: "elevation", "zone", "cell_size", "cell_ground"]) &
-              .or. index(name, "tree_") == 1
-   end function stays
+      is_borrowed = any(name == [character(len=11) :: "elevation", "zone", "cell_size", "cell_ground"]) &
+                    .or. index(name, "tree_") == 1
+   end function is_borrowed
 
    pure function text_of(bytes) result(text)
       integer(i1), intent(in) :: bytes(:)
@@ -166,7 +166,7 @@ contains
    end function text_of
 
    !> Split grounds: texts are concatenated, and `names` has two lines for each, its name and its file.
-   pure function grounds_of(text, length, names) result(grounds)
+   pure function parsed_grounds(text, length, names) result(grounds)
       character(len=*), intent(in) :: text, names
       integer, intent(in) :: length(:)  !! of each text
       type(ground_text_t) :: grounds(size(length))
@@ -179,7 +179,7 @@ contains
          grounds(k)%text = text(first:first + length(k) - 1)
          first = first + length(k)
       end do
-   end function grounds_of
+   end function parsed_grounds
 
    !> Set the views of the elevations and of the surface.
    subroutine set_ground(case, arrays, scene)
@@ -247,16 +247,16 @@ contains
       real(wp) :: usual(9), value(9)
       integer :: k
 
-      if (.not. allocated(arrays%feature_law)) return
-      allocate (scene%features(size(arrays%feature_law)))
-      associate (law => case%volumes)
-         usual = [law%mean, law%std, law%min, law%max, law%density, case%drop_height, case%velocity]
+      if (.not. allocated(arrays%feature_distribution)) return
+      allocate (scene%features(size(arrays%feature_distribution)))
+      associate (volumes => case%volumes)
+         usual = [volumes%mean, volumes%std, volumes%min, volumes%max, volumes%density, case%drop_height, case%velocity]
       end associate
       do k = 1, size(scene%features)
          value = merge(usual, arrays%feature_value(:, k), ieee_is_nan(arrays%feature_value(:, k)))
          associate (feature => scene%features(k))
             feature%volumes = case%volumes
-            if (arrays%feature_law(k) > 0) feature%volumes%kind = arrays%feature_law(k)
+            if (arrays%feature_distribution(k) > 0) feature%volumes%kind = arrays%feature_distribution(k)
             feature%volumes%mean = value(1)
             feature%volumes%std = value(2)
             feature%volumes%min = value(3)
@@ -315,15 +315,16 @@ contains
       type(scene_arrays_t), intent(in) :: arrays
       type(scene_t), intent(in) :: scene
       type(error_t), allocatable, intent(out) :: error
-      logical :: told
+      logical :: complete
       integer :: k
 
-      told = .not. case%by_feature
-      if (allocated(arrays%feature_law)) told = told .or. all(arrays%feature_law > 0)
+      complete = .not. case%by_feature
+      if (allocated(arrays%feature_distribution)) complete = complete .or. all(arrays%feature_distribution > 0)
       if (allocated(scene%features)) &
-         told = told .and. all([(mean_volume(scene%features(k)%volumes) > 0, k=1, size(scene%features))])
-      if (.not. told) &
-         call fail(error, case%file//": &boulder volume: the layer of sources does not say all that it leaves open")
+         complete = complete .and. all([(mean_volume(scene%features(k)%volumes) > 0, k=1, size(scene%features))])
+      if (.not. complete) &
+         call fail(error, case%file//": &boulder volume: volume keys missing: give them in &boulder or as attributes " &
+                   //"of the source layer")
    end subroutine check_features
 
    !> Check the number of boulders: maps count in 32 bits.
@@ -370,7 +371,7 @@ contains
 
       if (.not. allocated(arrays%ground_length)) return
       allocate (given(size(arrays%ground_length)), grounds(size(arrays%ground_length)))
-      given = grounds_of(arrays%ground_text, arrays%ground_length, arrays%ground_names)
+      given = parsed_grounds(arrays%ground_text, arrays%ground_length, arrays%ground_names)
       do k = 1, size(grounds)
          call set_ground_of(given(k), case, scene, grounds(k), error)
          if (allocated(error)) return
@@ -398,7 +399,7 @@ contains
    end subroutine set_ground_of
 
    !> Volume distribution of a scene; if sources give volumes, the largest and the heaviest of their boulders.
-   pure type(volume_distribution_t) function largest_volumes(scene) result(volumes)
+   pure type(volume_distribution_t) function max_volumes(scene) result(volumes)
       type(scene_t), intent(in) :: scene
       integer :: k
 
@@ -412,15 +413,15 @@ contains
       volumes%mean = max_volume(volumes, scene%table)*maxval(scene%of_source%volume)
       volumes%kind = fixed_volume
       volumes%density = maxval(scene%of_source%density)
-   end function largest_volumes
+   end function max_volumes
 
    !> Number of boulders of the whole run.
-   pure integer(i8) function boulders_of(scene)
+   pure integer(i8) function boulder_count(scene)
       type(scene_t), intent(in) :: scene
 
-      boulders_of = 0
-      if (size(scene%release%x) > 0) boulders_of = last_of(scene%release, size(scene%release%x, kind=i8))
-   end function boulders_of
+      boulder_count = 0
+      if (size(scene%release%x) > 0) boulder_count = last_of(scene%release, size(scene%release%x, kind=i8))
+   end function boulder_count
 
    !> Height [m] above the ground of a source equivalent to the initial energy of its boulders.
    pure real(wp) function lift_of(scene, source)

@@ -8,9 +8,9 @@ module rockfall_values
    use rockfall_text, only: lower, integer_text, excerpt
    implicit none
    private
-   public :: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, about, check_names
+   public :: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, key_location, check_names
 
-   integer, parameter :: most_texts = 1000  !! maximum length of a list of texts
+   integer, parameter :: max_texts = 1000   !! maximum length of a list of texts
 
    !> Get the value or values of a key. An absent key leaves `value` unchanged: set the default before the call.
    !> Messages give file, group, key and value: `case.nml: &boulder density = 'a': must be ...`
@@ -34,15 +34,15 @@ contains
       do g = 1, size(list%group)
          associate (group => list%group(g))
             if (.not. any(groups == group%name)) then
-               call fail(error, place(group%line)//": unknown group; known: "//known(groups, "&"))
+               call fail(error, location(group%line)//": unknown group; known: "//name_list(groups, "&"))
             else if (group%repeated .and. .not. any(repeatable == group%name)) then
-               call fail(error, place(group%line)//": "//rule)
+               call fail(error, location(group%line)//": "//rule)
             end if
             if (allocated(error)) return
             do e = 1, size(group%entry)
                if (any(groups == group%name .and. keys == group%entry(e)%key)) cycle
-               call fail(error, place(group%entry(e)%line)//" "//trim(group%entry(e)%key)//": unknown key; known: " &
-                         //known(pack(keys, groups == group%name), ""))
+               call fail(error, location(group%entry(e)%line)//" "//trim(group%entry(e)%key)//": unknown key; known: " &
+                         //name_list(pack(keys, groups == group%name), ""))
                return
             end do
          end associate
@@ -50,16 +50,16 @@ contains
 
    contains
 
-      pure function place(line) result(text)
+      pure function location(line) result(text)
          integer, intent(in) :: line
          character(len=:), allocatable :: text
 
          text = list%group(g)%file//": line "//integer_text(line)//": &"//trim(list%group(g)%name)
-      end function place
+      end function location
    end subroutine check_names
 
    !> List names once each, with a prefix and separated by commas.
-   pure function known(names, sign) result(text)
+   pure function name_list(names, sign) result(text)
       character(len=*), intent(in) :: names(:), sign
       character(len=:), allocatable :: text
       integer :: k
@@ -68,7 +68,7 @@ contains
       do k = 2, size(names)
          if (names(k) /= names(k - 1)) text = text//", "//sign//trim(names(k))
       end do
-   end function known
+   end function name_list
 
    pure logical function has_key(group, key)
       type(group_t), intent(in) :: group
@@ -105,23 +105,23 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer, intent(in), optional :: item
       character(len=:), allocatable :: message
-      integer :: k, one
+      integer :: k, number
 
       k = key_index(group, key)
-      message = about(group, key)
+      message = key_location(group, key)
       if (k > 0) then
-         one = 0
-         if (present(item)) one = item
-         if (one > 0 .and. size(group%entry(k)%value) > 1) then
-            message = message//" (value "//integer_text(one)//")"
+         number = 0
+         if (present(item)) number = item
+         if (number > 0 .and. size(group%entry(k)%value) > 1) then
+            message = message//" (value "//integer_text(number)//")"
          end if
-         message = message//" = "//shown(group%entry(k), one)
+         message = message//" = "//shown_values(group%entry(k), number)
       end if
       call fail(error, message//": "//rule)
    end subroutine refuse
 
    !> Format `case.nml: &group key`.
-   pure function about(group, name) result(text)
+   pure function key_location(group, name) result(text)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: name
       character(len=:), allocatable :: text
@@ -129,49 +129,49 @@ contains
       text = group%file//": "
       if (group%repeated) text = text//"line "//integer_text(group%line)//": "
       text = text//"&"//trim(group%name)//" "//name
-   end function about
+   end function key_location
 
    !> Values as written, shortened; all of them if `item` is 0.
-   pure function shown(entry, item)
+   pure function shown_values(entry, item)
       type(entry_t), intent(in) :: entry
       integer, intent(in) :: item
-      character(len=:), allocatable :: shown
+      character(len=:), allocatable :: shown_values
       integer :: i
 
       if (item > 0) then
-         shown = excerpt(as_written(entry, item))
+         shown_values = excerpt(written_value(entry, item))
          return
       end if
-      shown = as_written(entry, 1)
+      shown_values = written_value(entry, 1)
       do i = 2, size(entry%value)
-         if (len(shown) > 100) exit
-         shown = shown//", "//as_written(entry, i)
+         if (len(shown_values) > 100) exit
+         shown_values = shown_values//", "//written_value(entry, i)
       end do
-      shown = excerpt(shown)
-   end function shown
+      shown_values = excerpt(shown_values)
+   end function shown_values
 
-   pure function as_written(entry, i)
+   pure function written_value(entry, i)
       type(entry_t), intent(in) :: entry
       integer, intent(in) :: i
-      character(len=:), allocatable :: as_written
+      character(len=:), allocatable :: written_value
       character(len=1) :: quote
 
-      as_written = raw(entry, i)
+      written_value = raw_value(entry, i)
       if (.not. entry%value(i)%quoted) return
       quote = entry%text(entry%value(i)%first - 1:entry%value(i)%first - 1)
-      as_written = quote//as_written//quote
-   end function as_written
+      written_value = quote//written_value//quote
+   end function written_value
 
-   pure function raw(entry, i)
+   pure function raw_value(entry, i)
       type(entry_t), intent(in) :: entry
       integer, intent(in) :: i
-      character(len=:), allocatable :: raw
+      character(len=:), allocatable :: raw_value
 
-      raw = entry%text(entry%value(i)%first:entry%value(i)%last)
-   end function raw
+      raw_value = entry%text(entry%value(i)%first:entry%value(i)%last)
+   end function raw_value
 
    !> Find the index of `key` (0: absent), and check that it has a single value.
-   pure subroutine find_one(group, key, k, error)
+   pure subroutine find_single(group, key, k, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
       integer, intent(out) :: k
@@ -182,7 +182,7 @@ contains
          call refuse(group, key, "must be one value, not " &
                      //integer_text(value_count(group, key)), error)
       end if
-   end subroutine find_one
+   end subroutine find_single
 
    pure subroutine get_text_one(group, key, value, error)
       type(group_t), intent(in) :: group
@@ -191,7 +191,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: k
 
-      call find_one(group, key, k, error)
+      call find_single(group, key, k, error)
       if (k > 0 .and. .not. allocated(error)) call to_text(group, k, 1, value, error)
    end subroutine get_text_one
 
@@ -201,27 +201,27 @@ contains
       character(len=*), intent(in) :: key
       character(len=*), allocatable, intent(inout) :: values(:)
       type(error_t), allocatable, intent(out) :: error
-      character(len=len(values)), allocatable :: found(:)
+      character(len=len(values)), allocatable :: values_read(:)
       character(len=:), allocatable :: text
       integer :: i, k
 
       k = key_index(group, key)
       if (k == 0) return
-      if (value_count(group, key) > most_texts) then
-         call refuse(group, key, "must be at most "//integer_text(most_texts)//" texts", error)
+      if (value_count(group, key) > max_texts) then
+         call refuse(group, key, "must be at most "//integer_text(max_texts)//" texts", error)
          return
       end if
-      allocate (found(value_count(group, key)))
-      do i = 1, size(found)
+      allocate (values_read(value_count(group, key)))
+      do i = 1, size(values_read)
          call to_text(group, k, i, text, error)
          if (allocated(error)) return
-         found(i) = text
-         if (len_trim(text) <= len(found)) cycle
-         call refuse(group, key, "must be at most "//integer_text(len(found)) &
+         values_read(i) = text
+         if (len_trim(text) <= len(values_read)) cycle
+         call refuse(group, key, "must be at most "//integer_text(len(values_read)) &
                      //" characters", error, i)
          return
       end do
-      call move_alloc(found, values)
+      call move_alloc(values_read, values)
    end subroutine get_text_list
 
    pure subroutine get_integer(group, key, value, error)
@@ -232,10 +232,10 @@ contains
       integer(i8) :: number
       integer :: k, status
 
-      call find_one(group, key, k, error)
+      call find_single(group, key, k, error)
       if (k == 0 .or. allocated(error)) return
       status = decimal_malformed
-      if (.not. group%entry(k)%value(1)%quoted) call parse_integer(raw(group%entry(k), 1), number, status)
+      if (.not. group%entry(k)%value(1)%quoted) call parse_integer(raw_value(group%entry(k), 1), number, status)
       if (status == decimal_ok) then
          value = number
       else if (status == decimal_malformed) then
@@ -252,7 +252,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: k
 
-      call find_one(group, key, k, error)
+      call find_single(group, key, k, error)
       if (k > 0 .and. .not. allocated(error)) call to_real(group, k, 1, value, error)
    end subroutine get_real_one
 
@@ -261,17 +261,17 @@ contains
       character(len=*), intent(in) :: key
       real(wp), allocatable, intent(inout) :: values(:)
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable :: found(:)
+      real(wp), allocatable :: values_read(:)
       integer :: i, k
 
       k = key_index(group, key)
       if (k == 0) return
-      allocate (found(size(group%entry(k)%value)))
-      do i = 1, size(found)
-         call to_real(group, k, i, found(i), error)
+      allocate (values_read(size(group%entry(k)%value)))
+      do i = 1, size(values_read)
+         call to_real(group, k, i, values_read(i), error)
          if (allocated(error)) return
       end do
-      call move_alloc(found, values)
+      call move_alloc(values_read, values)
    end subroutine get_real_list
 
    pure subroutine get_logical(group, key, value, error)
@@ -281,9 +281,9 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: k
 
-      call find_one(group, key, k, error)
+      call find_single(group, key, k, error)
       if (k == 0 .or. allocated(error)) return
-      select case (lower(as_written(group%entry(k), 1)))
+      select case (lower(written_value(group%entry(k), 1)))
       case (".true.", ".t.", "true", "t"); value = .true.
       case (".false.", ".f.", "false", "f"); value = .false.
       case default; call refuse(group, key, "must be .true. or .false.", error)
@@ -303,7 +303,7 @@ contains
          call refuse(group, trim(group%entry(k)%key), "must be text in quotes", error, i)
          return
       end if
-      written = as_written(group%entry(k), i)
+      written = written_value(group%entry(k), i)
       n = 0
       next = 2
       do while (next < len(written))
@@ -325,11 +325,11 @@ contains
 
       status = decimal_malformed
       if (.not. group%entry(k)%value(i)%quoted) then
-         call parse_real(raw(group%entry(k), i), number, status)
+         call parse_real(raw_value(group%entry(k), i), number, status)
       end if
       if (status == decimal_ok) then
          value = number
-      else if (status /= decimal_malformed .or. is_not_finite(as_written(group%entry(k), i))) then
+      else if (status /= decimal_malformed .or. is_not_finite(written_value(group%entry(k), i))) then
          call refuse(group, trim(group%entry(k)%key), "must be a finite real number", error, i)
       else
          call refuse(group, trim(group%entry(k)%key), "must be a real number", error, i)

@@ -227,22 +227,22 @@ contains
       call refused("! x"//lf//"&a k = 1", "c.nml: line 2: &a is not closed by /")
       call refused("&a k = 1 ! /", "c.nml: line 1: &a is not closed by /")
       call refused("&a", "c.nml: line 1: &a is not closed by /")
-      call refused("&", "c.nml: line 1: a group name is due after &")
-      call refused("& a /", "c.nml: line 1: a group name is due after &")
+      call refused("&", "c.nml: line 1: expected a group name after &")
+      call refused("& a /", "c.nml: line 1: expected a group name after &")
       call refused("&a"//lf//" k ="//lf//" j = 1 /", "c.nml: line 2: 'k' has no value")
       call refused("&a k = /", "c.nml: line 1: 'k' has no value")
       call refused("&a k = , j = 1 /", "c.nml: line 1: a value is missing before a comma")
       call refused("&a k = 1,"//lf//", 2 /", "c.nml: line 2: a value is missing before a comma")
-      call refused("&a 5 /", "c.nml: line 1: a key and = are due before 5 /")
-      call refused("&a 'b' = 5 /", "c.nml: line 1: a key and = are due before 'b' = 5 /")
-      call refused("&a = 5 /", "c.nml: line 1: a key and = are due before = 5 /")
-      call refused("&a , k = 5 /", "c.nml: line 1: a key and = are due before , k = 5 /")
-      call refused("&a title 'x' /", "c.nml: line 1: a key and = are due before title 'x' /")
+      call refused("&a 5 /", "c.nml: line 1: expected a key and = before 5 /")
+      call refused("&a 'b' = 5 /", "c.nml: line 1: expected a key and = before 'b' = 5 /")
+      call refused("&a = 5 /", "c.nml: line 1: expected a key and = before = 5 /")
+      call refused("&a , k = 5 /", "c.nml: line 1: expected a key and = before , k = 5 /")
+      call refused("&a title 'x' /", "c.nml: line 1: expected a key and = before title 'x' /")
       call refused("&a k = 1 = 2 /", "c.nml: line 1: 'k' has no value")
-      call refused("&a k = 'a' = 2 /", "c.nml: line 1: a value is due at = 2 /")
-      call refused("&a 2k = 1 /", "c.nml: line 1: '2k' before = is no key")
+      call refused("&a k = 'a' = 2 /", "c.nml: line 1: expected a value at = 2 /")
+      call refused("&a 2k = 1 /", "c.nml: line 1: '2k' is not a valid key")
       call refused("&a "//repeat("k", 64)//" = 1 /", &
-                   "c.nml: line 1: '"//repeat("k", 57)//"...' before = is no key")
+                   "c.nml: line 1: '"//repeat("k", 57)//"...' is not a valid key")
       call refused("&a k = 1"//lf//"K = 2 /", &
                    "c.nml: line 2: &a k: given twice in this group (first in line 1)")
       call refused("&a x(1) = 2 /", "c.nml: line 1: 'x(1)': array subscripts, " &
@@ -255,17 +255,17 @@ contains
 
    subroutine characters_refused()
       call refused("&a k = 1"//lf//achar(0)//" /", &
-                   "c.nml: line 2: character code 0 is not text (UTF-8 is due)")
+                   "c.nml: line 2: character code 0 is not text (UTF-8 expected)")
       call refused("&a k = 'x"//achar(27)//"' /", &
-                   "c.nml: line 1: character code 27 is not text (UTF-8 is due)")
-      call refused("! "//char(252), "c.nml: line 1: character code 252 is not text (UTF-8 is due)")
-      call refused("! "//char(195), "c.nml: line 1: character code 195 is not text (UTF-8 is due)")
+                   "c.nml: line 1: character code 27 is not text (UTF-8 expected)")
+      call refused("! "//char(252), "c.nml: line 1: character code 252 is not text (UTF-8 expected)")
+      call refused("! "//char(195), "c.nml: line 1: character code 195 is not text (UTF-8 expected)")
       call refused("! "//char(192)//char(128), &
-                   "c.nml: line 1: character code 192 is not text (UTF-8 is due)")
+                   "c.nml: line 1: character code 192 is not text (UTF-8 expected)")
       call refused("! "//char(237)//char(160)//char(128), &
-                   "c.nml: line 1: character code 237 is not text (UTF-8 is due)")
+                   "c.nml: line 1: character code 237 is not text (UTF-8 expected)")
       call refused("&a"//achar(13)//"k = 1 /", &
-                   "c.nml: line 1: character code 13 is not text (UTF-8 is due)")
+                   "c.nml: line 1: character code 13 is not text (UTF-8 expected)")
    end subroutine characters_refused
 
    subroutine values_refused()
@@ -273,8 +273,8 @@ contains
                    "c.nml: line 1: text without its closing quote: 'abc /")
       call refused("&a k = ""abc'", "c.nml: line 1: text without its closing quote: ""abc'")
       call refused("&a k = '", "c.nml: line 1: text without its closing quote: '")
-      call refused("&a k = 'a'b /", "c.nml: line 1: a blank or comma is due before b /")
-      call refused("&a k = 1'b' /", "c.nml: line 1: a blank or comma is due before 'b' /")
+      call refused("&a k = 'a'b /", "c.nml: line 1: expected a blank or comma before b /")
+      call refused("&a k = 1'b' /", "c.nml: line 1: expected a blank or comma before 'b' /")
       call refused("&a k = '"//repeat("x", 4097)//"' /", &
                    "c.nml: line 1: text longer than 4096 characters")
       call refused("&a k = "//repeat("1", 4097)//" /", &
@@ -283,7 +283,7 @@ contains
       call refused("&a k = 0*1 /", "c.nml: line 1: repeat count 0*: must be 1 to 100000")
       call refused("&a k = 99999999999999999999*1 /", &
                    "c.nml: line 1: repeat count 99999999999999999999*: must be 1 to 100000")
-      call refused("&a k = 3* /", "c.nml: line 1: a value is due at  /")
+      call refused("&a k = 3* /", "c.nml: line 1: expected a value at  /")
       call refused("&a k ="//repeat(" 100000*1", 101)//" /", &
                    "c.nml: line 1: more than 10000000 values in the file")
 

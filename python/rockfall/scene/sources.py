@@ -110,7 +110,7 @@ def _find_points(inputs: Inputs) -> Sources:
         )
         table = Table(str(path), columns, feature.size, lambda k: f"{path}: feature {feature[k]}")
     elif "points_layer" in release:
-        raise RockfallError(f"{case.name}: &release points_layer: has no meaning for a table")
+        raise RockfallError(f"{case.name}: &release points_layer: is not valid for a table")
     else:
         lines, columns = read_columns(path, ("x", "y"))
         table = Table(str(path), columns, len(lines), lambda k: lines[k], is_text=True)

@@ -113,7 +113,7 @@ def _read_zones(
         blocks = ((rows, ids[rows]) for rows in row_blocks(ids.shape))
         inputs.note_layer("zones", path, surface.get("zones_layer"))
     elif "zones_layer" in surface:
-        raise RockfallError(f"{case.name}: &surface zones_layer: has no meaning for a raster")
+        raise RockfallError(f"{case.name}: &surface zones_layer: is not valid for a raster")
     else:
         blocks = inputs.blocks("zones", "zones", np.int32, box)
     rasters.zone = index_blocks(

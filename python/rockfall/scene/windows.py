@@ -67,7 +67,7 @@ class Windows:
             box.stop_column < grid.nx and (column > box.stop_column - RIM).any(),
         ])  # fmt: skip
         if not left.any():
-            raise RockfallError("a boulder went where none can go", code=1)
+            raise RockfallError("internal error: a boulder left the reachable area", code=1)
         self.margins = np.where(left, 2 * self.margins, self.margins)
         self.sources = range(0)
 

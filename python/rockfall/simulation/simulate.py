@@ -203,7 +203,9 @@ def _fly(tally: Tally, first: int, size: int) -> int:
     del scene  # frees the window before another is read
     if left.size:
         if windows is None:
-            raise RockfallError(f"boulder {left[0]} went where none can go", code=1)
+            raise RockfallError(
+                f"internal error: boulder {left[0]} left the reachable area", code=1
+            )
         windows.widen(grid, *stop)
         for start_, n in groups(left):
             done = 0

@@ -139,7 +139,7 @@ class Uncertain:
                 own = np.nan_to_num(scene.features.value[:, VALUES.index(name)])
             if self.given[f"{name}_factor"] > 1 and not max(value, own.max()) > 0:
                 raise RockfallError(
-                    f"{scene.case.name}: &ensemble {name}_factor: has no meaning without a "
+                    f"{scene.case.name}: &ensemble {name}_factor: is only valid with a "
                     f"{name}, in the case or in the layer of the sources"
                 )
         if self.given["radius_factor"] > 1 and scene.rasters.values is None:

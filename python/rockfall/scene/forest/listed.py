@@ -38,7 +38,7 @@ def listed_trees(inputs: Inputs) -> Trees:
     if path.suffix.lower() in LAYERS:
         found = _from_layer(path, inputs)
     elif "trees_layer" in inputs.case.forest:
-        raise RockfallError(f"{inputs.case.name}: &forest trees_layer: has no meaning for a table")
+        raise RockfallError(f"{inputs.case.name}: &forest trees_layer: is not valid for a table")
     else:
         found = _from_table(path)
     inputs.note_layer("trees", path, inputs.case.forest.get("trees_layer"))
