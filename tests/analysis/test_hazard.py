@@ -436,7 +436,6 @@ def test_a_hazard_needs_scenarios_that_agree_with_the_case(tmp_path):
         hazard(scenes.make_case(tmp_path, *scenes.sets(2.0), release=RELEASE))
     odd = ONE | {"volume": "fixed", "volume_mean": 1.0, "volume_std": 0.1}
     with refused(
-        "case: &scenario name = 'one': &boulder volume_std = 0.1: is not valid for volume = "
-        "'fixed'"
+        "case: &scenario name = 'one': &boulder volume_std = 0.1: is not valid for volume = 'fixed'"
     ):
         hazard(make_case(tmp_path, odd))

@@ -353,9 +353,7 @@ def test_a_factor_on_what_nobody_gives_is_refused(case):
     bare = at(case, drop_height=0.0)
     for key, where in (("volume_std_factor", "volume_std"), ("drop_height_factor", "drop_height")):
         own = {"boulder": {"volume": "fixed", "volume_std": None}} if "std" in key else {}
-        with pytest.raises(
-            rockfall.RockfallError, match=f"{key}: is only valid with a {where}"
-        ):
+        with pytest.raises(rockfall.RockfallError, match=f"{key}: is only valid with a {where}"):
             Uncertain(read_scene(bare.replace(ensemble={key: 1.2}, **own)))
     smooth = {"zones": None, "table": None, "uniform_mean_radius": 0.0, "ground": "soil_4"}
     with pytest.raises(rockfall.RockfallError, match="radius_factor: has no effect: no zone has"):

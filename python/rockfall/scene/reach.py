@@ -28,7 +28,7 @@ class Survey:
         A source from which no boulder can start is refused.
         """
         kernel = scene.kernel
-        kernel.check(*_core.survey(kernel.handle, first + 1, stop, self.minima, self.head))
+        kernel.check(*_core.scan_rows(kernel.handle, first + 1, stop, self.minima, self.head))
 
     def box(self) -> Box:
         """Box of all cells that boulders can reach: no rebound adds energy, so no boulder rises
@@ -37,7 +37,7 @@ class Survey:
         output = scene.case.output
         if "maps" not in output or output["map_extent"] == "terrain":
             return grid.box
-        found = _core.reach(scene.kernel.handle, self.minima, self.head[0])
+        found = _core.reachable_box(scene.kernel.handle, self.minima, self.head[0])
         column, row, last_column, last_row = found.tolist()
         return Box(row - 1, column - 1, last_row, last_column)
 

@@ -148,7 +148,9 @@ def lines_outside(scene: Scene) -> list[str]:
     grid = scene.grid
     place = grid.west, grid.north, grid.cell, (grid.nx, grid.ny)
     return [
-        line["name"] for line in scene.case.lines if _core.outside(*place, line["x"], line["y"])
+        line["name"]
+        for line in scene.case.lines
+        if _core.points_outside(*place, line["x"], line["y"])
     ]
 
 

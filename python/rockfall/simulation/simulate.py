@@ -204,7 +204,9 @@ def _fly(tally: Tally, first: int, size: int) -> int:
     del scene  # frees the window before another is read
     if left.size:
         if windows is None:
-            raise RockfallError(f"internal error: boulder {left[0]} left the reachable area", code=1)
+            raise RockfallError(
+                f"internal error: boulder {left[0]} left the reachable area", code=1
+            )
         windows.widen(*stop)
         for start_, n in groups(left):
             done = 0
@@ -222,7 +224,7 @@ def trace(tally: Tally) -> None:
     if not wanted:
         return
     ends = tally.before + 1, tally.before + tally.done
-    numbers, n = _core.recorded(scene.kernel.handle, *ends, wanted)
+    numbers, n = _core.recorded_numbers(scene.kernel.handle, *ends, wanted)
     for number in numbers[:n].tolist():
         tally.trajectories[number] = trajectory(scene, number)
     tally.wall += time.perf_counter() - wall
