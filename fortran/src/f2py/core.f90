@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Python interface of the kernel: plain arrays, no physics.
 !>
-!> A scene is built once, by `new_scene`, `pass_array` and `build_scene`, and identified by a handle until `close_scene`;
-!> it refers to the arrays passed in, which the caller must keep unchanged. Runs only read it, so several may use it
-!> concurrently. A run also has a handle; its arrays belong to the kernel, and the caller gets views of them.
+!> A scene is built once, by `new_scene`, `pass_array` and `build_scene`, and identified by a handle until
+!> `close_scene`; it refers to the arrays passed in, which the caller must keep unchanged. Runs only read it, so several
+!> may use it concurrently. A run also has a handle; its arrays belong to the kernel, and the caller gets views of them.
 module rockfall_f2py
    use ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_intptr_t, c_ptr, &
