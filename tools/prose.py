@@ -40,7 +40,26 @@ WORDS = {
     r"mended(?!\.)": "repaired",
     r"runout": "run-out",
 }
+#: A word that must not stand in the kernel: in a name, a comment or a message.
+KERNEL_WORDS = {
+    r"fates?": "outcome, result, status",
+    r"laws|law_of|velocity_law_t|tree_law(?:_t)?": "distribution, model, rule",
+    r"asked": "requested",
+    r"told|tells": "complete, reports",
+    r"stamps?": "last_source",
+    r"lie_over|touch_down|look_up|go_on|take_out|set_out|let_go|unshare": "a verb with its object",
+    r"take_apart|goes_on|meet_plane|keep_touch|draw_again|scene_from": "a verb with its object",
+    r"spread_of|stands_in_way": "what the function returns",
+    r"has no meaning": "is only valid with, is not valid for",
+    r"must be another": "must be unique",
+    r"are due": "expected",
+    r"as it is|takes? no notice|none such": "plain English",
+}
 ODD = [(re.compile(rf"\b(?:{word})\b", re.IGNORECASE), said) for word, said in WORDS.items()]
+ODD_IN_KERNEL = [
+    (re.compile(rf"\b(?:{word})\b", re.IGNORECASE), said) for word, said in KERNEL_WORDS.items()
+]
+KERNEL = ROOT / "fortran/src"
 FENCE = re.compile(r"^\s*(```|~~~|\$\$)")
 FIXED = re.compile(r"^(\||#|<|:::|!\[|\[[^\]]+\]:|&nbsp;|    |---)")  # these keep their lines
 ITEM = re.compile(r"^( *(?:[-*+]|\d+\.) +|> ?)")
@@ -91,6 +110,12 @@ def wrong_in_code(path: Path) -> Iterator[str]:
             for word, said in ODD:
                 if found := word.search(line):
                     yield f"{place}:{number}: '{found[0]}': {said}"
+    if KERNEL not in path.parents:
+        return
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        for word, said in ODD_IN_KERNEL:
+            if found := word.search(line):
+                yield f"{place}:{number}: '{found[0]}': {said}"
 
 
 def wrapped(text: str) -> str:

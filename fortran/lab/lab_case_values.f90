@@ -41,7 +41,7 @@ contains
       character(len=*), intent(in) :: key
       real(wp), intent(inout) :: number  !! in the [unit] of its key
       type(error_t), allocatable, intent(out) :: error
-      integer(i8) :: whole
+      integer(i8) :: integer_value
       logical :: switch
       integer :: k
 
@@ -53,9 +53,9 @@ contains
          call get_logical(group, key, switch, error)
          if (.not. allocated(error)) number = merge(1.0_wp, 0.0_wp, switch)
       case ("integer")
-         call get_integer(group, key, whole, error)
+         call get_integer(group, key, integer_value, error)
          if (allocated(error)) return
-         number = real(whole, wp)
+         number = real(integer_value, wp)
          if (abs(number) > huge(1)) &
             call refuse(group, key, "must be at most "//integer_text(huge(1)), error)
       case ("real")

@@ -29,7 +29,7 @@ module lab_contact
       real(wp) :: bending = 0  !! rolling stiffness / overlap**0.5 [N m0.5]
       real(wp) :: friction = 0 !! max tangential / normal force [-]
       real(wp) :: rolling = 0  !! max rolling moment / normal force [m]
-      real(wp) :: share = 0    !! fraction of the overlap in the first body [-]
+      real(wp) :: overlap_fraction = 0  !! fraction of the overlap in the first body [-]
       real(wp) :: mass = 0     !! reduced mass m* [kg]
    end type law_t
 
@@ -74,7 +74,7 @@ contains
       real(wp), intent(in) :: rolling  !! max rolling moment / (R* normal force) [-]
 
       law = contact_law(material, r1*r2/(r1 + r2), m1*m2/(m1 + m2), rolling)
-      law%share = r2/(r1 + r2)
+      law%overlap_fraction = r2/(r1 + r2)
    end function pair_law
 
    !> Contact parameters of a sphere and a fixed plane.
@@ -84,7 +84,7 @@ contains
       real(wp), intent(in) :: rolling  !! max rolling moment / (R* normal force) [-]
 
       law = contact_law(material, r, m, rolling)
-      law%share = 1
+      law%overlap_fraction = 1
    end function plane_law
 
    !> Hertz: F = 4/3 E* sqrt(R*) d**1.5. Mindlin without slip: k_t = 8 G* sqrt(R* d). Viscous part of Tsuji et al.

@@ -152,14 +152,14 @@ contains
       type(layer_t), intent(in) :: layer
       type(shot_t), intent(in) :: shot
       real(wp) :: centre(3)
-      real(wp) :: d(3), p(3), q(3), v(6), along, square, reach, way, far
+      real(wp) :: d(3), p(3), q(3), v(6), along, square, reach, distance, far
       integer :: k, i, j, images
 
       v = incident(shot)
       d = v(1:3)/shot%speed
       p = [shot%aim*layer%box%width, layer%surface]
-      way = (p(3) - shot%radius)/(-d(3))  ! to the floor, from the aim along the path
-      far = (abs(way) + (layer%top + 2*shot%radius)/(-d(3)))*sqrt(d(1)**2 + d(2)**2)
+      distance = (p(3) - shot%radius)/(-d(3))  ! to the floor, from the aim along the path
+      far = (abs(distance) + (layer%top + 2*shot%radius)/(-d(3)))*sqrt(d(1)**2 + d(2)**2)
       images = 2 + int((far + shot%radius)/layer%box%width)
       do k = 1, size(layer%radius)
          reach = layer%radius(k) + shot%radius
@@ -169,11 +169,11 @@ contains
                q(1:2) = q(1:2) + layer%box%width*[i, j]
                along = dot_product(q, d)
                square = dot_product(q, q) - along**2
-               if (square < reach**2) way = min(way, along - sqrt(reach**2 - square))
+               if (square < reach**2) distance = min(distance, along - sqrt(reach**2 - square))
             end do
          end do
       end do
-      centre = p + d*(way - opening_gap*shot%radius)
+      centre = p + d*(distance - opening_gap*shot%radius)
    end function first_contact
 
    !> Return whether the boulder is clear of its own image, and cannot touch two images of a rock.
@@ -218,7 +218,7 @@ contains
       type(shot_t), intent(in) :: shot
       type(assembly_t), intent(inout) :: s
       type(outcome_t), intent(inout) :: outcome
-      real(wp) :: time, unit, nothing, best, way
+      real(wp) :: time, unit, nothing, best, travel
       integer :: n
       logical :: lost
 
@@ -226,7 +226,7 @@ contains
       unit = (shot%radius + packing%mean_radius)/shot%speed
       nothing = shot%spent*body_energy(s%bodies, n)
       best = 0
-      way = 0
+      travel = 0
       lost = .false.
       outcome%depth = layer%surface - s%bodies%x(3, n) + shot%radius
       outcome%overlap = 0
@@ -240,13 +240,13 @@ contains
          if (s%trouble /= sound) return
          time = outcome%steps*s%dt
          associate (x => s%bodies%x(:, n), v => s%bodies%v(:, n), f => s%bodies%f(:, n))
-            way = way + s%dt*dot_product(v(1:2), shot%heading)
+            travel = travel + s%dt*dot_product(v(1:2), shot%heading)
             outcome%depth = max(outcome%depth, layer%surface - x(3) + shot%radius)
             if (v(3) > best) then
                best = v(3)
                outcome%peak = state_of(s, shot)
                outcome%duration = time
-               outcome%travel = way
+               outcome%travel = travel
             end if
             if (v(3) > 0 .and. .not. lost .and. .not. any(abs(f) > 0)) then
                lost = .true.

@@ -6,7 +6,7 @@ module lab_neighbours
    use rockfall_kinds, only: wp
    implicit none
    private
-   public :: box_t, pair_t, neighbours_t, find_neighbours, outdated, find_pair, fold
+   public :: box_t, pair_t, neighbours_t, find_neighbours, outdated, find_pair, fold_into_box
 
    !> Floor at z = 0, periodic in x and y.
    type :: box_t
@@ -38,19 +38,19 @@ contains
    pure logical function outdated(list, x)
       type(neighbours_t), intent(in) :: list
       real(wp), intent(in) :: x(:, :)  !! centres [m]
-      real(wp) :: d, most, second
+      real(wp) :: d, max_distance2, second_distance2
       integer :: k
 
-      most = 0
-      second = 0
+      max_distance2 = 0
+      second_distance2 = 0
       do k = 1, size(x, 2)
          d = (x(1, k) - list%x0(1, k))**2 + (x(2, k) - list%x0(2, k))**2 + (x(3, k) - list%x0(3, k))**2
-         if (d > second) then
-            second = min(d, most)
-            most = max(d, most)
+         if (d > second_distance2) then
+            second_distance2 = min(d, max_distance2)
+            max_distance2 = max(d, max_distance2)
          end if
       end do
-      outdated = sqrt(most) + sqrt(second) > list%skin
+      outdated = sqrt(max_distance2) + sqrt(second_distance2) > list%skin
    end function outdated
 
    !> Rebuild the list; bodies that left the box return on its other side.
@@ -59,32 +59,32 @@ contains
       type(box_t), intent(in) :: box
       real(wp), intent(inout) :: x(:, :)   !! centres [m]
       real(wp), intent(in) :: radius(:)    !! [m]
-      type(pair_t), allocatable :: found(:)
+      type(pair_t), allocatable :: pairs(:)
       integer :: n, n_small, i, j, count
 
       n = size(radius)
       n_small = n - list%n_large
-      call fold(box, x)
-      allocate (found(10*n + 16))
+      call fold_into_box(box, x)
+      allocate (pairs(10*n + 16))
       count = 0
-      call sweep(list, box, x, radius, n_small, found, count)
+      call pair_small_bodies(list, box, x, radius, n_small, pairs, count)
       do j = n_small + 1, n
          do i = 1, j - 1
-            call keep_if_near(list, box, x, radius, i, j, found, count)
+            call add_if_near(list, box, x, radius, i, j, pairs, count)
          end do
       end do
-      call by_first_body(list, n, found(:count))
+      call sort_by_first_body(list, n, pairs(:count))
       list%low = pack([(i, i=1, n)], box%floor .and. x(3, :) - radius < list%skin)
       list%x0 = x
    end subroutine find_neighbours
 
    !> Move bodies outside the periodic box back into it.
-   pure subroutine fold(box, x)
+   pure subroutine fold_into_box(box, x)
       type(box_t), intent(in) :: box
       real(wp), intent(inout) :: x(:, :)  !! (3, n) centres [m]
 
       if (box%width > 0) x(1:2, :) = x(1:2, :) - box%width*floor(x(1:2, :)/box%width)
-   end subroutine fold
+   end subroutine fold_into_box
 
    !> Shift of the plan position of a body to its image nearest to another body, both in the box.
    pure function nearest_image(box, d) result(shift)
@@ -97,12 +97,12 @@ contains
    end function nearest_image
 
    !> Find pairs among small bodies with a grid of cells half as wide as the range of the largest.
-   pure subroutine sweep(list, box, x, radius, n_small, found, count)
+   pure subroutine pair_small_bodies(list, box, x, radius, n_small, pairs, count)
       type(neighbours_t), intent(in) :: list
       type(box_t), intent(in) :: box
       real(wp), intent(in) :: x(:, :), radius(:)  !! [m]
       integer, intent(in) :: n_small
-      type(pair_t), allocatable, intent(inout) :: found(:)
+      type(pair_t), allocatable, intent(inout) :: pairs(:)
       integer, intent(inout) :: count
       integer, allocatable :: head(:, :, :), next(:)
       real(wp) :: side, origin(3), extent(3), size_of(3)
@@ -122,8 +122,8 @@ contains
       allocate (head(cells(1), cells(2), cells(3)), next(n_small), source=0)
       do k = 1, n_small  ! each is compared with the bodies already in the cells
          c = min(1 + int((x(:, k) - origin)/size_of), cells)
-         columns = around(c(1), cells(1), box)
-         rows = around(c(2), cells(2), box)
+         columns = cells_around(c(1), cells(1), box)
+         rows = cells_around(c(2), cells(2), box)
          do z = max(1, c(3) - far), min(cells(3), c(3) + far)
             do dy = -far, far
                if (rows(dy) == 0) cycle
@@ -131,7 +131,7 @@ contains
                   if (columns(dx) == 0) cycle
                   j = head(columns(dx), rows(dy), z)
                   do while (j > 0)
-                     call keep_if_near(list, box, x, radius, j, k, found, count)
+                     call add_if_near(list, box, x, radius, j, k, pairs, count)
                      j = next(j)
                   end do
                end do
@@ -140,10 +140,10 @@ contains
          next(k) = head(c(1), c(2), c(3))
          head(c(1), c(2), c(3)) = k
       end do
-   end subroutine sweep
+   end subroutine pair_small_bodies
 
    !> Cells along one direction around a cell; 0: none.
-   pure function around(cell, cells, box) result(near)
+   pure function cells_around(cell, cells, box) result(near)
       integer, intent(in) :: cell, cells
       type(box_t), intent(in) :: box
       integer :: near(-far:far), k
@@ -151,14 +151,14 @@ contains
       near = [(cell + k, k=-far, far)]
       if (box%width > 0 .and. cells > 1) near = 1 + modulo(near - 1, cells)
       where (near < 1 .or. near > cells) near = 0
-   end function around
+   end function cells_around
 
-   pure subroutine keep_if_near(list, box, x, radius, i, j, found, count)
+   pure subroutine add_if_near(list, box, x, radius, i, j, pairs, count)
       type(neighbours_t), intent(in) :: list
       type(box_t), intent(in) :: box
       real(wp), intent(in) :: x(:, :), radius(:)  !! [m]
       integer, intent(in) :: i, j  !! i < j
-      type(pair_t), allocatable, intent(inout) :: found(:)
+      type(pair_t), allocatable, intent(inout) :: pairs(:)
       integer, intent(inout) :: count
       real(wp) :: reach, d(3), shift(2)
 
@@ -168,39 +168,39 @@ contains
       shift = nearest_image(box, d(1:2))
       d(1:2) = d(1:2) + shift
       if (d(1)**2 + d(2)**2 + d(3)**2 > (reach + list%skin)**2) return
-      if (count == size(found)) found = [found, found]
+      if (count == size(pairs)) pairs = [pairs, pairs]
       count = count + 1
-      found(count) = pair_t(i, j, shift, reach)
-   end subroutine keep_if_near
+      pairs(count) = pair_t(i, j, shift, reach)
+   end subroutine add_if_near
 
    !> Sort pairs by their first body, for locality and fast search.
-   pure subroutine by_first_body(list, n, found)
+   pure subroutine sort_by_first_body(list, n, pairs)
       type(neighbours_t), intent(inout) :: list
       integer, intent(in) :: n
-      type(pair_t), intent(in) :: found(:)
+      type(pair_t), intent(in) :: pairs(:)
       integer :: next(n), k, i
 
       if (.not. allocated(list%row)) allocate (list%row(n + 1))
       if (allocated(list%pair)) then
-         if (size(list%pair) < size(found)) deallocate (list%pair)
+         if (size(list%pair) < size(pairs)) deallocate (list%pair)
       end if
-      if (.not. allocated(list%pair)) allocate (list%pair(size(found) + size(found)/4))
-      list%n_pairs = size(found)
+      if (.not. allocated(list%pair)) allocate (list%pair(size(pairs) + size(pairs)/4))
+      list%n_pairs = size(pairs)
       list%row = 0
-      do k = 1, size(found)
-         list%row(found(k)%i + 1) = list%row(found(k)%i + 1) + 1
+      do k = 1, size(pairs)
+         list%row(pairs(k)%i + 1) = list%row(pairs(k)%i + 1) + 1
       end do
       list%row(1) = 1
       do i = 1, n
          list%row(i + 1) = list%row(i) + list%row(i + 1)
       end do
       next = list%row(:n)
-      do k = 1, size(found)
-         i = found(k)%i
-         list%pair(next(i)) = found(k)
+      do k = 1, size(pairs)
+         i = pairs(k)%i
+         list%pair(next(i)) = pairs(k)
          next(i) = next(i) + 1
       end do
-   end subroutine by_first_body
+   end subroutine sort_by_first_body
 
    !> Index of the pair (i, j), i < j, in the list; 0: not in the list.
    pure integer function find_pair(list, i, j) result(place)

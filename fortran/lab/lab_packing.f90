@@ -9,7 +9,7 @@ module lab_packing
    use rockfall_random, only: random_key_t, random_words, uniform, words_per_block
    use lab_contact, only: material_t
    use lab_bodies, only: bodies_t, bodies
-   use lab_neighbours, only: box_t, fold
+   use lab_neighbours, only: box_t, fold_into_box
    use lab_step, only: assembly_t, assemble, stiffen, advance, watch_energy, total_energy, safe_step, &
       energy_tolerance, trouble_text, sound
    implicit none
@@ -316,7 +316,7 @@ contains
       associate (b => s%bodies)
          allocate (layer%x, source=b%x)
          allocate (layer%radius, source=b%radius)
-         call fold(layer%box, layer%x)
+         call fold_into_box(layer%box, layer%x)
          layer%top = maxval(b%x(3, :) + b%radius)
          layer%surface = mean_surface(layer)
          layer%solid = 4.0_wp/3*pi*sum(b%radius**3)/(layer%box%width**2*layer%surface)

@@ -243,7 +243,7 @@ contains
          closing = -dot_product(u + 0.5_wp*dt*(a(1:3, j) - a(1:3, i)), normal_at)
          call press_pair(law(k), normal_at, d, overlap, closing, u, v(4:6, i), v(4:6, j), radius(i), dt, &
                          touch(k), normal)
-         arm = radius(i) - law(k)%share*overlap
+         arm = radius(i) - law(k)%overlap_fraction*overlap
          force = touch(k)%shear - normal*normal_at
          moment = cross(normal_at, touch(k)%shear)
          f(1:3, i) = f(1:3, i) + force
@@ -270,7 +270,7 @@ contains
       inverse = 1/distance
       middle = inverse*middle
       across = cross(middle, u)
-      arm = radius - law%share*(overlap + d - distance)
+      arm = radius - law%overlap_fraction*(overlap + d - distance)
       rotation = (dt*inverse)*across + (0.5_wp*dt*dot_product(spin + other_spin, middle))*middle
       call press(law, n, overlap, closing, cross(arm*spin + (distance - arm)*other_spin - across, middle), &
                  spin - other_spin, rotation, dt, touch, normal)

@@ -177,11 +177,11 @@ contains
       end associate
    end function contact_step
 
-   !> Step in the air [s]: short enough that no part can reach the ground, but at least `least`.
-   pure real(wp) function free_step(block, relief, gravity, least, m) result(dt)
+   !> Step in the air [s]: short enough that no part can reach the ground, but at least `min_step`.
+   pure real(wp) function free_step(block, relief, gravity, min_step, m) result(dt)
       type(block_t), intent(in) :: block
       type(relief_t), intent(in) :: relief
-      real(wp), intent(in) :: gravity(3), least  !! [m/s2], [s]
+      real(wp), intent(in) :: gravity(3), min_step  !! [m/s2], [s]
       type(motion_t), intent(in) :: m
       real(wp) :: turning, closing, g
 
@@ -192,7 +192,7 @@ contains
       ! closing*dt + g/2*dt**2 = clear
       dt = caution*2*m%clear/(closing + sqrt(closing**2 + 2*g*m%clear) + tiny(1.0_wp))
       if (turning > 0) dt = min(dt, max_turn/turning)
-      dt = max(dt, least)
+      dt = max(dt, min_step)
    end function free_step
 
    !> Spin in space [rad/s].

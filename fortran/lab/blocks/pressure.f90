@@ -200,14 +200,14 @@ contains
       real(wp), intent(in) :: slip(3), along(3)  !! velocity in the plane [m/s], normal of the plane [-]
       real(wp), intent(in) :: area, push, dt     !! [m2], [N], [s]
       type(memory_t), intent(inout) :: memory
-      real(wp) :: square, most
+      real(wp) :: square, max_friction
 
       associate (t => memory%drag)
          if (area < memory%area) t = t*(area/memory%area)
          t = t - dot_product(t, along)*along - (shear*law%stiffness*area*dt)*slip
-         most = law%friction*push
+         max_friction = law%friction*push
          square = dot_product(t, t)
-         if (square > most**2) t = t*(most/sqrt(square))
+         if (square > max_friction**2) t = t*(max_friction/sqrt(square))
       end associate
    end subroutine rub
 end module lab_pressure

@@ -28,7 +28,7 @@ contains
       logical, intent(out) :: complete
       type(motion_t) :: m
       type(instant_t) :: first, last                !! of the current contact so far
-      real(wp) :: gravity(3), time, unit, dt, least, slow_since
+      real(wp) :: gravity(3), time, unit, dt, min_step, slow_since
       integer :: entry
       logical :: in_contact, high, cut_now, rests
 
@@ -42,9 +42,9 @@ contains
       n = 0
       complete = .true.
       do while (n < size(contacts))
-         least = step*contact_step(block, law, m)
-         dt = least
-         if (.not. m%wet) dt = free_step(block, relief, gravity, least, m)
+         min_step = step*contact_step(block, law, m)
+         dt = min_step
+         if (.not. m%wet) dt = free_step(block, relief, gravity, min_step, m)
          if (.not. in_contact) first = instant_of(block, m, time)
          call advance(block, law, relief, gravity, dt, m)
          time = time + dt

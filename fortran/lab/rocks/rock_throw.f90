@@ -163,7 +163,7 @@ contains
                c%entry = from_rolling
                c%first = c%last
                if (boulder%relief > 0) then
-                  call go_on(c, found)
+                  call continue_on_facet(c, found)
                   if (found) c%first%x = c%m%x
                end if
                cycle
@@ -179,7 +179,7 @@ contains
                call fly(gravity, flight_time, c%m)
                call land(c, boulder%relief > 0)
             else if (boulder%relief > 0) then
-               call go_on(c, found)
+               call continue_on_facet(c, found)
                if (.not. found) c%wait = c%m%time + retry_time*unit
             else
                c%wait = c%m%time + flight_time
@@ -208,7 +208,7 @@ contains
       end subroutine land
 
       !> Continue the contact on another facet, if one faces the boulder.
-      pure subroutine go_on(c, found)
+      pure subroutine continue_on_facet(c, found)
          type(course_t), intent(inout) :: c
          logical, intent(out) :: found
          type(facet_t) :: other
@@ -217,7 +217,7 @@ contains
          if (.not. found) return
          c%facet = other
          call begin(c, .true.)
-      end subroutine go_on
+      end subroutine continue_on_facet
 
       pure subroutine begin(c, on_straight_path)
          type(course_t), intent(inout) :: c
@@ -303,14 +303,14 @@ contains
       type(assembly_t), intent(inout) :: s
       type(facet_t), intent(in) :: facet
       type(motion_t), intent(inout) :: m
-      real(wp) :: before(3), way(3)
+      real(wp) :: before(3), displacement(3)
 
       before = s%bodies%x(:, s%bodies%n)
       call advance(s)
       associate (b => s%bodies)
-         way = b%x(:, b%n) - before
-         way(1:2) = way(1:2) - s%box%width*anint(way(1:2)/s%box%width)
-         m%x = m%x + out_of_facet(facet, way)
+         displacement = b%x(:, b%n) - before
+         displacement(1:2) = displacement(1:2) - s%box%width*anint(displacement(1:2)/s%box%width)
+         m%x = m%x + out_of_facet(facet, displacement)
          m%v(1:3) = out_of_facet(facet, b%v(1:3, b%n))
          m%v(4:6) = out_of_facet(facet, b%v(4:6, b%n))
          m%time = m%time + s%dt
@@ -442,11 +442,11 @@ contains
       type(facet_t), intent(out) :: facet
       logical, intent(out) :: faces             !! false if no facet facing the boulder was found
       integer(i8) :: word(words_per_block), draw
-      real(wp) :: deviation, slope(2), normal(3), shown, most
+      real(wp) :: deviation, slope(2), normal(3), shown, max_speed
       integer :: k
 
       deviation = tangent(relief)
-      most = abs(v(3)) + steepest*deviation*(abs(v(1)) + abs(v(2)))
+      max_speed = abs(v(3)) + steepest*deviation*(abs(v(1)) + abs(v(2)))
       do draw = 1, max_facets
          word = random_words(key, for_facet, number, landing, draw)
          do k = 1, 2
@@ -455,7 +455,7 @@ contains
          if (any(abs(slope) > steepest)) cycle
          slope = deviation*slope
          shown = v(1)*slope(1) + v(2)*slope(2) - v(3)
-         faces = shown > uniform(word(3))*most
+         faces = shown > uniform(word(3))*max_speed
          if (.not. faces) cycle
          normal = [-slope, 1.0_wp]/sqrt(1 + sum(slope**2))
          facet = facet_t([normal(2), -normal(1), 0.0_wp], normal(3))

@@ -47,7 +47,7 @@ module rockfall_table_contact
 
 contains
 
-   !> Draw a contact, and find the path `roll` to its end. `touch` comes from keep_touch, and is updated for the next
+   !> Draw a contact, and find the path `roll` to its end. `touch` comes from update_touch, and is updated for the next
    !> contact.
    pure subroutine table_contact(dem, gravity, table, boulder, inertia, ratio, u, landing, v, before, omega_r, touch, &
                                  roll, contact)
@@ -175,7 +175,7 @@ contains
 
    !> Components of gravity along and across a tangent, and the side of the descent.
    elemental subroutine find_pull(g1, g2, steepness, t1, t2, t3, u, along, across, side)
-      real(wp), intent(in) :: g1, g2, steepness  !! as in meet_plane [-]
+      real(wp), intent(in) :: g1, g2, steepness  !! as in resolve_on_plane [-]
       real(wp), intent(in) :: t1, t2, t3         !! unit tangent [-]
       real(wp), intent(in) :: u                  !! uniform in (0, 1), used if there is no descent to either side [-]
       real(wp), intent(out) :: along, across     !! over g; across towards the descent [-]

@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Python interface of the kernel: plain arrays, no physics.
 !>
-!> A scene is built once, by `new_scene`, `give` and `build_scene`, and identified by a handle until `close_scene`; it
-!> refers to the arrays passed in, which the caller must keep unchanged. Runs only read it, so several may use it
-!> concurrently. A run also has a handle; its arrays belong to the kernel, and the caller gets views of them.
+!> A scene is built once, by `new_scene`, `pass_array` and `build_scene`, and identified by a handle until
+!> `close_scene`; it refers to the arrays passed in, which the caller must keep unchanged. Runs only read it, so several
+!> may use it concurrently. A run also has a handle; its arrays belong to the kernel, and the caller gets views of them.
 module rockfall_f2py
    use ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_intptr_t, c_ptr, &
@@ -51,16 +51,18 @@ module rockfall_f2py
                                  restore_run => restore_sources, forget_tallies_of => forget_tallies
    implicit none
    private
-   public :: new_scene, give, build_scene, limit_terrain, close_scene, carry_in_lanes, trajectory, survey, reach
+   public :: new_scene, pass_array, build_scene, limit_terrain, close_scene, carry_in_lanes, trajectory, scan_rows, &
+             reachable_box
    public :: block_of, map_plan
-   public :: open_run, open_joined_run, continue_run, merge_run, close_run, advance, array, map, settle, restore_sources
+   public :: open_run, open_joined_run, continue_run, merge_run, close_run, advance, array, map, settle_sources, &
+             restore_sources
    public :: forget_tallies
    public :: check_maps, count_limits, check_case, table_row, repeatable_groups, read_sets, fields
    public :: histogram_bins, team
-   public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
-   public :: boulders_of_source, recorded, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
+   public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, points_outside, boulders
+   public :: boulders_of_source, recorded_numbers, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
    public :: stand_counts, stand_numbers, shape_numbers
-   public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, share, fraction_limits
+   public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, boulders_in_parts, fraction_limits
    public :: sample_edges, sample_units, line_quantities, places_along
    public :: check_numbers, ground_model, barriers, barrier_outcomes, ead_energies
 
@@ -97,15 +99,15 @@ contains
    end subroutine new_scene
 
    !> Pass an array to a scene: its name, kind, lengths (the first varies fastest), and address.
-   subroutine give(handle, name, kind, length, address)
+   subroutine pass_array(handle, name, kind, length, address)
       integer(c_intptr_t), intent(in) :: handle, address
       character(len=*), intent(in) :: name, kind
       integer(c_int64_t), intent(in) :: length(3)
       type(open_scene_t), pointer :: opened
 
       opened => scene_of(handle)
-      call opened%arrays%set_array(name, kind, length, place_of(address))
-   end subroutine give
+      call opened%arrays%set_array(name, kind, length, pointer_of(address))
+   end subroutine pass_array
 
    !> Build a scene from the text of a case and the arrays passed; on error it is closed.
    subroutine build_scene(handle, text, name, code, message)
@@ -158,17 +160,17 @@ contains
       opened%scene%lanes = lanes
    end subroutine carry_in_lanes
 
-   pure type(c_ptr) function place_of(address) result(place)
+   pure type(c_ptr) function pointer_of(address) result(place)
       integer(c_intptr_t), intent(in) :: address
 
       place = transfer(address, place)
-   end function place_of
+   end function pointer_of
 
    function scene_of(handle) result(opened)
       integer(c_intptr_t), intent(in) :: handle
       type(open_scene_t), pointer :: opened
 
-      call c_f_pointer(place_of(handle), opened)
+      call c_f_pointer(pointer_of(handle), opened)
    end function scene_of
 
    !> Open a run of a scene, or of `boulders` of its boulders after the first `before`, with maps of a window (first
@@ -190,7 +192,7 @@ contains
       opened%run%threads = threads
       opened%run%max_columns = most_columns
       call begin_run(scene%case, scene%scene, before, boulders, window, opened%run, error)
-      call give_run(opened, error, run, code, message)
+      call return_run_handle(opened, error, run, code, message)
    end subroutine open_run
 
    !> Open a run without a scene, to be joined from parts, or a part of one: from a valid case, with the number of
@@ -217,7 +219,7 @@ contains
       if (.not. allocated(error)) &
          call begin_joined_run(case, boulders(1), boulders(2), boulders(3), window, grounds, features /= 0, layout, &
                                opened%run, error)
-      call give_run(opened, error, run, code, message)
+      call return_run_handle(opened, error, run, code, message)
    end subroutine open_joined_run
 
    !> Open a run of a scene that continues another run, which then cannot continue itself.
@@ -234,7 +236,7 @@ contains
       before => run_of(other)
       allocate (opened)
       call extend_run(scene%case, scene%scene, before%run, opened%run, error)
-      call give_run(opened, error, run, code, message)
+      call return_run_handle(opened, error, run, code, message)
    end subroutine continue_run
 
    !> Add a part to a run, both from open_joined_run.
@@ -253,7 +255,7 @@ contains
    end subroutine merge_run
 
    !> Return the handle of a run, unless there is an error.
-   subroutine give_run(opened, error, run, code, message)
+   subroutine return_run_handle(opened, error, run, code, message)
       type(open_run_t), pointer, intent(in) :: opened
       type(error_t), allocatable, intent(inout) :: error
       integer(c_intptr_t), intent(out) :: run
@@ -266,7 +268,7 @@ contains
          run = 0
       end if
       call give_error(error, code, message)
-   end subroutine give_run
+   end subroutine return_run_handle
 
    !> Close a run; the handle becomes invalid.
    subroutine close_run(run)
@@ -282,7 +284,7 @@ contains
       integer(c_intptr_t), intent(in) :: run
       type(open_run_t), pointer :: opened
 
-      call c_f_pointer(place_of(run), opened)
+      call c_f_pointer(pointer_of(run), opened)
    end function run_of
 
    !> Run boulders first .. first + n - 1 on a scene, which may be a window of that of the run; `left` is the number of
@@ -365,7 +367,7 @@ contains
    end subroutine forget_tallies
 
    !> Count in the maps of a run only the boulders done of partial sources (sign 1), or revert this (-1).
-   subroutine settle(run, handle, done, sign)
+   subroutine settle_sources(run, handle, done, sign)
       integer(c_intptr_t), intent(in) :: run, handle
       integer(c_int64_t), intent(in) :: done
       integer(c_int), intent(in) :: sign
@@ -376,7 +378,7 @@ contains
       opened => run_of(run)
       opened%run%done = done
       call settle_run(opened%run, scene%scene%release, sign)
-   end subroutine settle
+   end subroutine settle_sources
 
    !> Restore the cells of sources that the boulders done cut; good: 1 or 0.
    subroutine restore_sources(run, handle, done, cell, source, boulders, good, n)
@@ -415,15 +417,15 @@ contains
    end subroutine sample_units
 
    !> Quantities at a line, except the last, of boulders with these rows.
-   subroutine line_quantities(crossing, volume, found, n)
+   subroutine line_quantities(crossing, volume, quantities, n)
       integer(c_int), intent(in) :: n
       real(c_double), intent(in) :: crossing(12, n)  !! line_fields
       real(c_double), intent(in) :: volume(n)        !! [m3]
-      real(c_double), intent(out) :: found(11, n)
+      real(c_double), intent(out) :: quantities(11, n)
       integer :: k
 
       do k = 1, n
-         found(:, k) = all_quantities(crossing(:, k), volume(k))
+         quantities(:, k) = all_quantities(crossing(:, k), volume(k))
       end do
    end subroutine line_quantities
 
@@ -443,27 +445,27 @@ contains
    end subroutine places_along
 
    !> Run one boulder and keep up to `room` of the `recorded` vertices of its trajectory; nothing is tallied.
-   subroutine trajectory(handle, number, vertex, recorded, boulder, counts, room)
+   subroutine trajectory(handle, number, vertex, recorded, boulder, counts, max_vertices)
       !f2py threadsafe
-      integer(c_int), intent(in) :: room
+      integer(c_int), intent(in) :: max_vertices
       integer(c_intptr_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: number
-      real(c_double), intent(inout) :: vertex(14, room)          !! vertex_fields
+      real(c_double), intent(inout) :: vertex(14, max_vertices)  !! vertex_fields
       integer(c_int), intent(out) :: recorded
       real(c_double), intent(out) :: boulder(12)                 !! boulder_fields
       integer(c_int32_t), intent(out) :: counts(9)               !! boulder_counts
       type(open_scene_t), pointer :: opened
-      type(boulder_result_t) :: fate
+      type(boulder_result_t) :: result
       type(scratch_t) :: scratch
       integer :: k
 
       opened => scene_of(handle)
       associate (scene => opened%scene)
-         call trace_boulder(scene, number, room, fate, scratch)
-         boulder = boulder_row(scene%dem, fate)
-         counts = boulder_count_row(fate)
+         call trace_boulder(scene, number, max_vertices, result, scratch)
+         boulder = boulder_row(scene%dem, result)
+         counts = boulder_count_row(result)
          recorded = scratch%recorded
-         do k = 1, min(room, recorded)
+         do k = 1, min(max_vertices, recorded)
             vertex(:, k) = vertex_row(scene%dem, scratch%record(k))
          end do
       end associate
@@ -471,22 +473,22 @@ contains
 
    !> Scan rows first to last of the terrain: update the minima of blocks, check the sources there and raise their
    !> energy head, as in rockfall_reach and check_sources.
-   subroutine survey(handle, first, last, minima, head, code, message, nbx, nby)
+   subroutine scan_rows(handle, first, last, minima, max_head, code, message, nbx, nby)
       !f2py threadsafe
       integer(c_int), intent(in) :: nbx, nby
       integer(c_intptr_t), intent(in) :: handle
       integer(c_int), intent(in) :: first, last
-      real(c_double), intent(inout) :: minima(nbx, nby), head(1)  !! [m]
+      real(c_double), intent(inout) :: minima(nbx, nby), max_head(1)  !! [m]
       integer(c_int), intent(out) :: code
       character(len=1024), intent(out) :: message
       type(open_scene_t), pointer :: opened
       type(error_t), allocatable :: error
 
       opened => scene_of(handle)
-      call check_sources(opened%scene, first, last, head(1), error)
+      call check_sources(opened%scene, first, last, max_head(1), error)
       call give_error(error, code, message)
       if (code == 0 .and. size(minima) > 1) call update_block_minima(opened%dem, first, last, minima)
-   end subroutine survey
+   end subroutine scan_rows
 
    !> The terrain of a scene that was given its elevations, and is not built.
    function terrain_of(handle) result(dem)
@@ -501,19 +503,19 @@ contains
    end function terrain_of
 
    !> The first column and row and the last column and row, from 1, of the cells that boulders can reach.
-   subroutine reach(handle, minima, head, box, nbx, nby)
+   subroutine reachable_box(handle, minima, max_head, box, nbx, nby)
       !f2py threadsafe
       integer(c_int), intent(in) :: nbx, nby
       integer(c_intptr_t), intent(in) :: handle
-      real(c_double), intent(in) :: minima(nbx, nby), head
+      real(c_double), intent(in) :: minima(nbx, nby), max_head
       integer(c_int), intent(out) :: box(4)
       type(open_scene_t), pointer :: opened
 
       opened => scene_of(handle)
-      box = reach_box(opened%dem, minima, head, opened%scene%release%x, opened%scene%release%y)
-   end subroutine reach
+      box = reach_box(opened%dem, minima, max_head, opened%scene%release%x, opened%scene%release%y)
+   end subroutine reachable_box
 
-   !> Side length in cells of the blocks of which `survey` takes the minimum elevation.
+   !> Side length in cells of the blocks of which `scan_rows` takes the minimum elevation.
    subroutine block_of(nodes, side)
       integer(c_int), intent(in) :: nodes(2)
       integer(c_int), intent(out) :: side
@@ -674,13 +676,13 @@ contains
    end subroutine known_at
 
    !> Return whether a line of points [m] is on the outer side of one edge of a raster.
-   subroutine outside(west, north, cell, nodes, x, y, is, n)
+   subroutine points_outside(west, north, cell, nodes, x, y, is, n)
       integer(c_int), intent(in) :: n, nodes(2)
       real(c_double), intent(in) :: west, north, cell, x(n), y(n)
       integer(c_int), intent(out) :: is                   !! 1 or 0
 
       is = merge(1, 0, is_outside(grid_t(west, north, cell, nodes(1), nodes(2)), x, y))
-   end subroutine outside
+   end subroutine points_outside
 
    !> Number of boulders of a scene.
    subroutine boulders(handle, number)
@@ -705,29 +707,29 @@ contains
    end subroutine boulders_of_source
 
    !> Numbers of the n boulders in first..last whose trajectories are recorded, if `room` of all are.
-   subroutine recorded(handle, first, last, number, n, room)
+   subroutine recorded_numbers(handle, first, last, number, n, requested)
       integer(c_intptr_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: first, last
-      integer, intent(in) :: room
-      integer(c_int64_t), intent(out) :: number(room)
+      integer, intent(in) :: requested
+      integer(c_int64_t), intent(out) :: number(requested)
       integer(c_int), intent(out) :: n
       type(open_scene_t), pointer :: opened
 
       opened => scene_of(handle)
-      associate (found => recorded_boulders(opened%scene%release, int(room, c_int64_t), first, last))
-         n = size(found)
+      associate (numbers => recorded_boulders(opened%scene%release, int(requested, c_int64_t), first, last))
+         n = size(numbers)
          number = 0
-         number(:n) = found
+         number(:n) = numbers
       end associate
-   end subroutine recorded
+   end subroutine recorded_numbers
 
    !> Number of boulders in the first `part` of `of` parts of a run of n.
-   subroutine share(n, part, of, boulders)
-      integer(c_int64_t), intent(in) :: n, part, of
+   subroutine boulders_in_parts(n, part, parts, boulders)
+      integer(c_int64_t), intent(in) :: n, part, parts
       integer(c_int64_t), intent(out) :: boulders
 
-      boulders = proportional_part(n, part, of)
-   end subroutine share
+      boulders = proportional_part(n, part, parts)
+   end subroutine boulders_in_parts
 
    !> Limits of the 95 % interval of a fraction of n.
    subroutine fraction_limits(fraction, n, low, high)

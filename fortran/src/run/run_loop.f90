@@ -28,7 +28,7 @@ module rockfall_run_loop
    integer(i8), parameter :: first_chunk = 1024   !! boulders in the first call
    real(wp), parameter :: chunk_seconds = 1.0_wp  !! target duration of a call: at its end threads wait for each other
 
-   !> Who looks at a run while it goes on, and may have a part of it to begin with.
+   !> Observer of a run; it may restore a part of the run before the first chunk.
    type, abstract :: run_observer_t
    contains
       procedure(see_run), deferred :: on_start  !! before the first chunk

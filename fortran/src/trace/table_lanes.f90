@@ -46,7 +46,7 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: lift = 0                      !! as in touch_t [-]
       real(wp), dimension(lanes) :: flown = 0, rolls = 0, stops = 0  !! kind of its end: 1 or 0
       real(wp), dimension(lanes) :: total = 0, left = 0           !! energies, as in limit_energy [-]
-      real(wp), dimension(lanes) :: velocity_factor = 0, n_left = 0  !! as in share_energy; V_n [-]
+      real(wp), dimension(lanes) :: velocity_factor = 0, n_left = 0  !! as in scale_to_energy; V_n [-]
       real(wp), dimension(lanes) :: slide = 0, time = 0, speed = 0  !! as in find_slide [m], [s], [m/s]
       real(wp), dimension(lanes) :: inside = 0, off = 0           !! ends on its first patch; ground falls away: 1 or 0
       real(wp), dimension(lanes) :: x = 0, y = 0, z = 0           !! end [m]

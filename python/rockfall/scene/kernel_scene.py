@@ -79,7 +79,7 @@ def _new_scene(rasters: Rasters, arrays: Mapping[str, np.ndarray], draw: int = 0
     handle = _core.new_scene(grid.west, grid.north, grid.cell, nodes, first, draw)
     for name, array in arrays.items():
         lengths = [*array.shape[::-1], 1, 1, 1][:3]  # the first runs fastest
-        _core.give(handle, name, array.dtype.str[1:], lengths, array.ctypes.data)
+        _core.pass_array(handle, name, array.dtype.str[1:], lengths, array.ctypes.data)
     return handle
 
 

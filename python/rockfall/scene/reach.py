@@ -28,13 +28,13 @@ class Survey:
 
         A source from which no boulder can start is refused.
         """
-        kernel.check(*_core.survey(kernel.handle, first + 1, stop, self.minima, self.head))
+        kernel.check(*_core.scan_rows(kernel.handle, first + 1, stop, self.minima, self.head))
 
     def box(self, kernel: KernelScene) -> Box:
         """Box of all cells that boulders can reach: no rebound adds energy, so no boulder rises
         above its energy head at release (theory, chapter 5)."""
         if "maps" not in self._output or self._output["map_extent"] == "terrain":
             return self._grid.box
-        found = _core.reach(kernel.handle, self.minima, self.head[0])
+        found = _core.reachable_box(kernel.handle, self.minima, self.head[0])
         column, row, last_column, last_row = found.tolist()
         return Box(row - 1, column - 1, last_row, last_column)

@@ -140,7 +140,11 @@ class Scene(Sources):
         """Names of the evaluation lines that lie entirely outside the terrain."""
         grid = self.grid
         place = grid.west, grid.north, grid.cell, (grid.nx, grid.ny)
-        return [one["name"] for one in self.case.lines if _core.outside(*place, one["x"], one["y"])]
+        return [
+            one["name"]
+            for one in self.case.lines
+            if _core.points_outside(*place, one["x"], one["y"])
+        ]
 
     def sources_of(self, numbers: np.ndarray) -> np.ndarray:
         """The sources of boulders (1..), counted from 0."""

@@ -223,7 +223,7 @@ def trace(tally: Tally) -> None:
     if not wanted:
         return
     ends = tally.before + 1, tally.before + tally.done
-    numbers, n = _core.recorded(scene.kernel.handle, *ends, wanted)
+    numbers, n = _core.recorded_numbers(scene.kernel.handle, *ends, wanted)
     for number in numbers[:n].tolist():
         tally.trajectories[number] = trajectory(scene, number)
     tally.wall += time.perf_counter() - wall

@@ -141,7 +141,7 @@ class Tally:
         if not tells_sources(self.scene.case):
             return {}
         assert isinstance(self.scene, Scene)
-        _core.settle(self.run.handle, self.scene.kernel.handle, self.done, sign)
+        _core.settle_sources(self.run.handle, self.scene.kernel.handle, self.done, sign)
         return {name: self.array(f"tally_{name}").copy() for name in SHARED}
 
     def restore_sources(self, shared: dict[str, np.ndarray]) -> bool:
@@ -176,7 +176,10 @@ def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
         raise RockfallError(f"shard = {which}/{of}: must be I/N with I from 1 to N")
     if of > max(1, scene.boulders):
         raise RockfallError(f"shard = {which}/{of}: there are {scene.boulders} boulders only")
-    return range(_core.share(scene.boulders, which - 1, of), _core.share(scene.boulders, which, of))
+    return range(
+        _core.boulders_in_parts(scene.boulders, which - 1, of),
+        _core.boulders_in_parts(scene.boulders, which, of),
+    )
 
 
 def origin_of(tally: Tally) -> Origin:
