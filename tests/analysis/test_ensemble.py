@@ -524,7 +524,7 @@ def test_sources_stay_on_the_terrain_and_shifts_together(tmp_path):
 
 HOSTILE = {
     "radius_factor = 0.9": r"&ensemble radius_factor = 0.9: must be 1 to 10",
-    "volume_std_factor = 2.0": r"&ensemble volume_std_factor = 2.0: .*without a volume_std",
+    "volume_std_factor = 2.0": r"&ensemble volume_std_factor = 2.0: .* only .* with a volume_std",
     "dem_error = -1.0": r"&ensemble dem_error = -1.0: must be 0 to 20 \[m\]",
     "dem_error = 1.0": r"&ensemble dem_correlation is missing: needed for dem_error",
     "dem_error = 1.0, dem_correlation = 1e4": r"&ensemble dem_correlation = 10000: .* 150 m.*",

@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
@@ -193,16 +193,21 @@ def raster_files(path: str | Path) -> set[str]:
     """All files that a raster is read from: itself and companion files. A file that cannot be
     opened is returned alone; its reader reports the error."""
     found = {raster_file(str(path))}
-    with suppress(*_faults(RockfallError)), ExitStack() as stack:
-        found |= set(filter(os.path.exists, _opened(str(path), stack).source.files))
+    with ExitStack() as stack:
+        try:
+            found |= set(filter(os.path.exists, _opened(str(path), stack).source.files))
+        except RockfallError:
+            pass
+        except _faults():  # imports GDAL, so that it comes last
+            pass
     return found
 
 
-def _faults(*others: type[Exception]) -> tuple[type[Exception], ...]:
+def _faults() -> tuple[type[Exception], ...]:
     """Exceptions that GDAL and netCDF raise for unreadable files, collected when needed."""
     from rasterio.errors import RasterioError
 
-    return RasterioError, OSError, RuntimeError, UnicodeDecodeError, *others
+    return RasterioError, OSError, RuntimeError, UnicodeDecodeError
 
 
 def raster_file(path: str) -> str:

@@ -77,8 +77,10 @@ def _find_cells(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources
             area.append(area_ratios(band, *found[-1]))
     x, y = (np.concatenate(axis) for axis in zip(*found, strict=True))
     if not x.size and release["steep_cells"]:
-        steep = f"{threshold(case, grid):.1f} degrees"
-        raise RockfallError(f"{case.name}: &release steep_cells: no cell is as steep as {steep}")
+        raise RockfallError(
+            f"{case.name}: &release steep_cells: no cell is as steep as "
+            f"{threshold(case, grid):.1f} degrees"
+        )
     if not x.size:
         path = case.path(release.get("polygons") or release["cells"])
         raise RockfallError(f"{path}: no source cells: must have cells above zero")
