@@ -157,6 +157,13 @@ def test_activity_needs_a_power_distribution(tmp_path):
         make_case(tmp_path, {"name": "one", "activity": 0.05})
 
 
+@pytest.mark.parametrize("key", ["volume_min", "volume_max", "volume_exponent"])
+def test_activity_needs_all_of_its_distribution(tmp_path, key):
+    one = {name: value for name, value in POWER.items() if name != key}
+    with refused(f"case: &scenario {key} is missing: needed for volume = 'pareto'"):
+        make_case(tmp_path, {"name": "one", "activity": 0.05} | one)
+
+
 def test_a_scenario_changes_boulders(tmp_path):
     """One key of &boulder, or with a distribution of its own all keys of volumes."""
     boulder = {"volume": "normal", "volume_mean": 1.0, "volume_std": 0.2, "density": 2600.0}

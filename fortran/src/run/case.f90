@@ -688,6 +688,7 @@ contains
       type(case_t), intent(in) :: this
       type(error_t), allocatable, intent(out) :: error
       character(len=*), parameter :: rates(*) = [character(len=13) :: "frequency", "return_period", "activity"]
+      character(len=*), parameter :: ends(*) = [character(len=15) :: "volume_min", "volume_max", "volume_exponent"]
       integer :: g, other, k
 
       do g = 1, size(list%group)
@@ -709,6 +710,11 @@ contains
             else if ((text_of(group, "frequency_per") == "m") .neqv. has_key(group, "cliff_length")) then
                call fail(error, key_location(group, &
                                              "frequency_per, cliff_length")//": 'm' and the length need each other")
+            end if
+            if (has_key(group, "activity") .and. has_key(group, "volume")) then
+               do k = 1, size(ends)
+                  if (.not. allocated(error)) call require_key(group, trim(ends(k)), "for volume = 'pareto'", error)
+               end do
             end if
             if (allocated(error)) return
          end associate
