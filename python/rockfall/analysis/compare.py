@@ -13,7 +13,7 @@ import numpy as np
 
 from rockfall.analysis.contacts import REACH, contacts_table, stops_table
 from rockfall.analysis.line_statistics import SIGNED, line_numbers, sample_numbers
-from rockfall.analysis.lines.values import line_values
+from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.observations import UNITS, Observed, read_observed
 from rockfall.analysis.precision.intervals import (
     Sources,
@@ -87,7 +87,7 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
     ['mean', 'std', 'max']
     """
     seen = read_observed(*observed)
-    names = [str(name) for name in result["line"].values] if "line" in result else []
+    names = line_names(result)
     for line, where in seen.lines.items():
         if line not in names:
             has = ", ".join(names) or "no lines"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.lines.values import line_values
+from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.observations import Observed
 from rockfall.analysis.precision.intervals import sources
 from rockfall.analysis.run_out import (
@@ -67,7 +67,7 @@ def _distances(result: xr.Dataset, seen: Observed) -> Iterator[tuple[str, np.nda
     found = samples(result, seen)
     if found is not None:
         yield "stopping_distance", _resampled(*found)
-    names = [str(name) for name in result["line"].values] if "line" in result else []
+    names = line_names(result)
     source = sources(result).number
     for (line, quantity), values in seen.samples.items():
         if line in names:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.lines.samples import LineSamples
+from rockfall.analysis.lines.values import line_names
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.errors import RockfallError
@@ -174,7 +175,7 @@ def _size(text: str, name: str) -> str:
 def words_of(result: xr.Dataset) -> Iterator[str]:
     """Names and texts of the user, which are not translated."""
     case = case_of(result)
-    yield from (str(name) for name in result["line"].values) if "line" in result else ()
+    yield from line_names(result)
     for names in ("ground", "feature"):
         yield from (str(name) for name in result[names].values) if names in result else ()
     yield from (str(result.attrs[name]) for name in ("impact_set", "title", "case_file"))

@@ -14,6 +14,7 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import sample_numbers, with_limits
 from rockfall.analysis.lines.profile import line_number, windows
+from rockfall.analysis.lines.values import line_names
 from rockfall.analysis.model_limits import has_own_grounds, model_remarks
 from rockfall.analysis.return_levels import LEVELS, tail
 from rockfall.case import Case, case_of
@@ -157,7 +158,7 @@ def _check(
     residual: float,
     volume: float | None,
 ) -> None:
-    names = [str(name) for name in result["line"].values] if "line" in result else []
+    names = line_names(result)
     if not names:
         raise RockfallError("design: the result has no evaluation lines and no barriers")
     check_rows(result, "design")

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.lines.values import line_values
+from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.observations import Observed
 from rockfall.analysis.run_out import Frame, compared, frames, observed_boulders, way_of
 from rockfall.errors import RockfallError
@@ -229,7 +229,7 @@ def _way(frame: Frame, source: int, column: int) -> Take:
 
 
 def _of_lines(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[Evidence]:
-    names = [str(name) for name in result["line"].values] if "line" in result else []
+    names = line_names(result)
     for line, where in seen.lines.items():
         if line not in names:
             has = ", ".join(names) or "no lines"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.line_statistics import sample_numbers, with_limits
-from rockfall.analysis.lines.values import line_values
+from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.precision.intervals import fraction_interval, sources
 from rockfall.errors import RockfallError
 from rockfall.quantities import round_step
@@ -67,7 +67,7 @@ def line_profile(result: xr.Dataset, line: str, width: float | None = None) -> p
 
 def line_number(result: xr.Dataset, line: str) -> int:
     """The index of a line of this name."""
-    names = [str(name) for name in result["line"].values] if "line" in result else []
+    names = line_names(result)
     check_rows(result, "places along a line")
     if not names or not result.sizes.get("boulder"):
         raise RockfallError("the result has no evaluation lines, or no boulders")

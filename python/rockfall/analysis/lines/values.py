@@ -20,6 +20,11 @@ ENERGY_NEEDS = ("energy_translational", "energy_rotational")
 QUANTITIES = fields(6)  # in the kernel's numbering
 
 
+def line_names(result: Held) -> list[str]:
+    """Names of the evaluation lines of a result, which may have none."""
+    return [str(name) for name in result["line"].values] if "line" in result else []
+
+
 def line_values(result: Held, quantity: str, line: int) -> np.ndarray:
     """Values of a quantity of each boulder at a line; NaN where it did not cross."""
     check_rows(result, "a quantity of each boulder at a line")
