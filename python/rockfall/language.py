@@ -76,9 +76,9 @@ def say_count(key: str, n: int, /, **values: object) -> Text:
     return _filled(found, {"n": n, **values})
 
 
-def localised(number: str) -> str:
-    """Write a number, formatted in English, in the format of the language."""
-    return number if _in_force.get() == "en" else str(number).translate(MARKS)
+def localised(number: str, language: str = "") -> str:
+    """Write a number, formatted in English, in the format of a language; default: that in force."""
+    return number if (language or _in_force.get()) == "en" else str(number).translate(MARKS)
 
 
 def _filled(message: str, values: dict[str, object]) -> Text:

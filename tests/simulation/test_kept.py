@@ -127,14 +127,19 @@ def test_neither_chunks_threads_nor_parts_change_a_bit(case):
     same(rockfall.merge(parts), whole)
 
 
+def killed(scene, output, monkeypatch, chunks):
+    """The checkpoint of a run that is killed after some chunks."""
+    with monkeypatch.context() as patch:
+        killed_after(patch, chunks)
+        with pytest.raises(Killed):
+            run_scene(scene, chunk=500, checkpoint=Checkpoint(output, 0.0))
+    return Checkpoint(output, np.inf)
+
+
 def test_a_run_that_is_killed_goes_on(tmp_path, monkeypatch, case):
     case = case.replace(output={"kept": 70})
     scene = read_scene(case, dem=Z, transform=grid(Z))
-    with monkeypatch.context() as patch:
-        killed_after(patch, 3)
-        with pytest.raises(Killed):
-            run_scene(scene, chunk=500, checkpoint=Checkpoint(tmp_path / "a.nc", 0.0))
-    state = Checkpoint(tmp_path / "a.nc", np.inf)
+    state = killed(scene, tmp_path / "a.nc", monkeypatch, 3)
     assert 500 <= state.found() <= 1500
     same(run_scene(scene, checkpoint=state), run(case))
 
@@ -143,11 +148,7 @@ def test_a_run_that_is_killed_goes_on(tmp_path, monkeypatch, case):
 def test_a_checkpoint_of_other_rows_or_groups_is_refused(tmp_path, monkeypatch, case, name):
     case = case.replace(output={"kept": 70})
     scene = read_scene(case, dem=Z, transform=grid(Z))
-    with monkeypatch.context() as patch:
-        killed_after(patch, 2)
-        with pytest.raises(Killed):
-            run_scene(scene, chunk=500, checkpoint=Checkpoint(tmp_path / "a.nc", 0.0))
-    state = Checkpoint(tmp_path / "a.nc", np.inf)
+    state = killed(scene, tmp_path / "a.nc", monkeypatch, 2)
     with netCDF4.Dataset(state.path, "a") as file:
         values = file[name][...]
         values[-1] -= 1 if name != "sample_part_last" or len(values) > 1 else -1

@@ -18,13 +18,11 @@ from functools import cache
 from textwrap import fill
 from typing import TYPE_CHECKING
 
-from rockfall.language import Text
+from rockfall.language import Text, localised
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Thousands and decimals (ISO 80000-1 outside English).
-MARKS = {"en": (",", "."), "de": ("\u202f", ","), "fr": ("\u202f", ","), "it": ("\u202f", ",")}
 NUMBER = re.compile(r"(?<![\w.])(?:[<>] |[-+](?=\d))?\d+(?:,\d{3})*(?:\.\d+)?(?=kJ|years|\W|_?$)")
 #: Symbols and units, the same in all languages.
 SYMBOL = re.compile(
@@ -47,7 +45,6 @@ class Speaker:
 
     def __init__(self, language: str = "en", names: Iterable[str] = ()) -> None:
         self.language, self.texts = language, catalogue(language)
-        self.thousands, self.decimal = MARKS[language]
         known = sorted({name for name in names if name.strip()}, key=len, reverse=True)
         either = "|".join(map(re.escape, known)) or "(?!)"
         self.name = re.compile(rf"(?<!\w)(?:{either}|[a-z]+(?:_[a-z]+)+\d*)(?!\w)")
@@ -102,10 +99,7 @@ class Speaker:
 
     def _marked(self, text: str) -> str:
         """Text with numbers in the format of the language."""
-        marks = {",": self.thousands, ".": self.decimal}
-        return NUMBER.sub(
-            lambda number: re.sub("[,.]", lambda mark: marks[mark[0]], number[0]), text
-        )
+        return NUMBER.sub(lambda number: localised(number[0], self.language), text)
 
     def figure(self, figure: Figure) -> None:
         """Translate all texts of a figure, and format the numbers on its axes."""

@@ -48,7 +48,6 @@ if TYPE_CHECKING:
 LAYOUT = int(_core.constant("part_layout"))  # layout version of the file
 STACKS = ("counts", "sums", "maxima")  # of maps, by layer
 BEFORE = "tally_"  # prefix of the names of tallies
-NO_ROW = np.iinfo("i8").max  # number of a row of the kernel that is still empty
 GROUPS = (  # of the table of variables
     "kept", "boulder", "energy", "feature", "tree", "line", "barrier", "count", "ground",
     "histogram",
@@ -152,7 +151,7 @@ class Part:
             if array.group == "work":
                 work[array.name] = values
             elif array.group == "kept":
-                empty = values[:n] == NO_ROW
+                empty = values[:n] > self.origin.boulders
                 if n > values.size or not (empty | (values[:n] == arrays[name])).all():
                     raise _damaged(self, name)
                 values[:n] = arrays[name]
