@@ -118,8 +118,19 @@ def test_a_net_lets_less_pass_at_it_and_below(variants):
     assert at_net["n"] == (came[k] & ~stopped[k]).sum()
     assert below["difference_high"] < 0 and below["verdict"] == "less"
     assert np.isnan(at_net["difference"])  # the first has no such line
-    text = variants_text(table)
+    text = variants_text(table, "a note")
+    assert text.endswith("a note")
     assert "passing [%]" in text and "with 30 kJ or more [%]" in text
+
+
+def test_a_threshold_of_zero_is_every_passage(variants):
+    """Once, also where it is a threshold of the case."""
+    case = rockfall.case.case_of(variants["bare"]).replace(hazard={"thresholds": [0.0, 30.0]})
+    bare = variants["bare"].assign_attrs(case=case.text())
+    table = compare_variants({"bare": bare, "net": variants["net"]})
+    passing = table[(table["line"] == "L") & (table["quantity"] == "passing")]
+    assert passing["statistic"].tolist() == 2 * ["fraction", "above_30"]
+    assert "fraction passing [%]" in variants_text(table)
 
 
 def test_maps_of_difference(variants, tmp_path):

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.lines.values import line_values
+from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.precision.intervals import (
     WITHHELD,
     Shape,
@@ -29,6 +29,7 @@ from rockfall.analysis.precision.intervals import (
 )
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
+from rockfall.io.arrays import grid_of
 from rockfall.io.output_files import atomic_folder
 from rockfall.io.tables import write_csv
 from rockfall.limits import MIN_FOR_MEAN, Z
@@ -62,7 +63,7 @@ class Estimate(NamedTuple):
 
 def compare_variants(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
     """Rows of COLUMNS by line, variant, quantity and statistic, in SI units: the fraction of all
-    boulders that pass the line, also with more than each energy of &hazard thresholds [kJ]; of
+    boulders that pass the line, also with at least each energy of &hazard thresholds [kJ]; of
     those that pass, mean and 95 % quantile of speed, highest point and total energy; and the
     difference from the first variant, with the limits of its 95 % interval.
 
@@ -92,7 +93,7 @@ def compare_variants(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
     name_of_first, first = next(iter(results.items()))
     source, thresholds = sources(first), case_of(first).hazard["thresholds"]
     rows = []
-    for line in _line_names(results.values()):
+    for line in dict.fromkeys(name for one in results.values() for name in line_names(one)):
         before = _at_line(first, line)
         for name, result in results.items():
             first_itself = name == name_of_first
@@ -123,17 +124,10 @@ def check_variants(results: Mapping[str, xr.Dataset]) -> None:
         )
 
 
-def _line_names(results: Iterable[xr.Dataset]) -> list[str]:
-    """Names of the lines of all results, each once."""
-    return list(
-        dict.fromkeys(str(name) for one in results if "line" in one for name in one["line"].values)
-    )
-
-
 def _at_line(result: xr.Dataset, line: str) -> dict[str, np.ndarray] | None:
     """Values of each boulder at a line, NaN for those that do not pass it; None without the
     line."""
-    names = [str(name) for name in result["line"].values] if "line" in result else []
+    names = line_names(result)
     if line not in names:
         return None
     k = names.index(line)
@@ -158,7 +152,7 @@ def _rows(
         about = {"quantity": quantity, "statistic": statistic, "n": n, "value": value}
         return about | (_verdict(*compared) if compared else {})
 
-    for threshold in (0.0, *thresholds):
+    for threshold in dict.fromkeys((0.0, *thresholds)):
         passing = here["energy_total"] >= 1000.0 * threshold
         statistic = f"above_{threshold:.10g}" if threshold else "fraction"
         compared: tuple[float, ...] = ()
@@ -205,19 +199,16 @@ def _hypotenuse(one: float, other: float, correlation: float) -> float:
 def _correlation(passing: np.ndarray, before: np.ndarray, source: Sources) -> float:
     """Correlation of two indicators of boulders within their sources, or, if these are sampled, of
     their sums over sources."""
-    if source.sampled:
-        sums = [
-            np.bincount(source.number, one - one.mean())
-            for one in (passing.astype(float), before.astype(float))
-        ]
-    else:
+
+    def apart(indicator: np.ndarray) -> np.ndarray:
+        if source.sampled:
+            return np.bincount(source.number, indicator - indicator.mean())
         n = np.maximum(source.released, 1)
-        sums = [
-            one - (np.bincount(source.stratum, one, n.size) / n)[source.stratum]
-            for one in (passing.astype(float), before.astype(float))
-        ]
-    size = math.sqrt((sums[0] @ sums[0]) * (sums[1] @ sums[1]))
-    return float(sums[0] @ sums[1] / size) if size else 0.0
+        return indicator - (np.bincount(source.stratum, indicator, n.size) / n)[source.stratum]
+
+    one, other = apart(passing.astype(float)), apart(before.astype(float))
+    size = math.sqrt((one @ one) * (other @ other))
+    return float(one @ other / size) if size else 0.0
 
 
 def difference(here: Estimate, before: Estimate, source: Sources) -> tuple[float, float, float]:
@@ -309,13 +300,12 @@ def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray
 
 def _check_grid(first: xr.Dataset, other: xr.Dataset, name: str) -> None:
     """Refuse maps of other cells."""
-    west, cell, _, north, *_ = map(float, first["crs"].attrs["GeoTransform"].split())
-    its_west, its_cell, _, its_north, *_ = map(float, other["crs"].attrs["GeoTransform"].split())
-    steps = np.array([its_west - west, its_north - north]) / cell
-    if its_cell != cell or np.abs(steps - np.round(steps)).max() > OF_A_CELL:
+    ours, theirs = (grid_of(one["passages"])[0] for one in (first, other))
+    steps = np.array([theirs.west - ours.west, theirs.north - ours.north]) / ours.cell
+    if theirs.cell != ours.cell or np.abs(steps - np.round(steps)).max() > OF_A_CELL:
         raise RockfallError(
-            f"{name}: maps of difference need the cells of the first variant, of {cell:g} m; its "
-            f"terrain has others, of {its_cell:g} m: compare without maps"
+            f"{name}: maps of difference need the cells of the first variant, of {ours.cell:g} m; "
+            f"its terrain has others, of {theirs.cell:g} m: compare without maps"
         )
 
 

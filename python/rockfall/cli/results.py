@@ -20,6 +20,7 @@ from rockfall.errors import RockfallError
 from rockfall.products import figures, report
 from rockfall.result.dataset import read_result
 from rockfall.result.export import export
+from rockfall.result.samples import kept_note
 from rockfall.text.comparison import ranks_text, text
 from rockfall.text.line_details import print_groups, print_profile
 from rockfall.text.line_tables import print_lines
@@ -82,7 +83,7 @@ def _compare_variants(results: dict[str, xr.Dataset], arguments: argparse.Namesp
         write_comparison(table, arguments.output, keep=inputs)
     if arguments.maps:
         write_variants(table, difference_maps(variants), arguments.maps, inputs)
-    print(variants_text(table))
+    print(variants_text(table, kept_note(next(iter(variants.values())))))
     return DONE
 
 

@@ -7,20 +7,13 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rockfall.analysis.variants import UNDECIDED
-from rockfall.quantities import number
+from rockfall.quantities import QUANTITIES, Quantity, number, with_unit
 from rockfall.text.table import table as aligned
 
 if TYPE_CHECKING:
     import pandas as pd
 
-LABELS = {  # quantity and statistic: label with its unit, and the factor to it
-    ("speed", "mean"): ("speed, mean [m/s]", 1.0),
-    ("speed", "q95"): ("speed, 95 % [m/s]", 1.0),
-    ("upper_edge", "mean"): ("highest point, mean [m]", 1.0),
-    ("upper_edge", "q95"): ("highest point, 95 % [m]", 1.0),
-    ("energy_total", "mean"): ("energy, mean [kJ]", 1e-3),
-    ("energy_total", "q95"): ("energy, 95 % [kJ]", 1e-3),
-}
+STATISTICS = {"mean": "mean", "q95": "95 %"}
 NOTE = (
     "Below a number: its difference from the first variant, with the 95 % interval of the Monte "
     "Carlo error; ? if that contains 0, or too few boulders pass to have one. Speeds, highest "
@@ -29,29 +22,29 @@ NOTE = (
 )
 
 
-def variants_text(table: pd.DataFrame) -> str:
-    """A table for each line, with a column for each variant."""
+def variants_text(table: pd.DataFrame, note: str = "") -> str:
+    """A table for each line, with a column for each variant; `note` is on the boulders."""
     blocks = [aligned(rows_of(of_line)) for _, of_line in table.groupby("line", sort=False)]
-    return "\n\n".join([*blocks, NOTE])
+    return "\n\n".join([*blocks, NOTE, *([note] if note else [])])
 
 
 def rows_of(of_line: pd.DataFrame) -> Iterator[list[str]]:
     """Rows of a line: a header, then each number above its difference."""
-    variants = list(dict.fromkeys(of_line["variant"]))
-    yield [str(of_line["line"].iloc[0]), *variants]
-    passing = of_line["statistic"][of_line["quantity"] == "passing"].unique()
-    above = {("passing", name): (_label(name), 100.0) for name in passing}
-    for (quantity, statistic), (label, factor) in (above | LABELS).items():
-        chosen = of_line[(of_line["quantity"] == quantity) & (of_line["statistic"] == statistic)]
-        rows = chosen.set_index("variant")
-        yield [label, *(number(factor * rows["value"][name]) for name in variants)]
-        yield ["", *(difference_text(rows.loc[name], factor) for name in variants)]
+    yield [str(of_line["line"].iloc[0]), *of_line["variant"].unique()]
+    for (quantity, statistic), rows in of_line.groupby(["quantity", "statistic"], sort=False):
+        about = QUANTITIES["fraction" if quantity == "passing" else quantity]
+        yield [_label(about, statistic), *(number(about.factor * one) for one in rows["value"])]
+        yield ["", *(difference_text(row, about.factor) for _, row in rows.iterrows())]
 
 
-def _label(statistic: str) -> str:
-    """Label of a fraction that passes."""
+def _label(about: Quantity, statistic: str) -> str:
+    """Label of a row, with its unit."""
     threshold = statistic.removeprefix("above_")
-    return "passing [%]" if threshold == statistic else f"with {threshold} kJ or more [%]"
+    if threshold != statistic:
+        return with_unit(f"with {threshold} kJ or more", about.unit)
+    if statistic in STATISTICS:
+        return with_unit(f"{about.label}, {STATISTICS[statistic]}", about.unit)
+    return about.title
 
 
 def difference_text(row: pd.Series, factor: float) -> str:
