@@ -126,12 +126,15 @@ each source it is never below 1/n, and too high where sources reach a cell more 
 a part of a run it is of the boulders of the part. Both maps take 4 bytes a cell more than they
 show, 8 in a part that begins within a source.
 
-`energy_exceeded` has a layer for each of `&hazard thresholds`, along the dimension `threshold` [J];
-files and figures have a map for each, such as `energy_exceeded_30kJ`. A boulder counts where its
-maximum energy in the cell is above the threshold. Energy lines go from the release of a boulder
-(with its drop height) to the ground in the middle of each cell that it passed but the first, that
-of its release; they are known to 0.0001 degrees. A time is that at which a boulder comes to the
-cell, whatever it does before and after ([hazard.md](hazard.md)).
+`energy_exceeded` and `hits_energy_exceeded` have a layer for each of `&hazard thresholds`, along
+the dimension `threshold` [J]; files and figures have a map for each, such as
+`energy_exceeded_30kJ`. A boulder counts where its maximum energy in the cell is above the
+threshold. `hits` counts the boulders that would hit an object of `&hazard object_width` (10 m) in
+the middle of the cell: those whose centre comes within half of it and their radius
+([(10.8a)](theory/10-records.md#eq-10-8a)). It does not depend on the cell size. Energy lines go
+from the release of a boulder (with its drop height) to the ground in the middle of each cell that
+it passed but the first, that of its release; they are known to 0.0001 degrees. A time is that at
+which a boulder comes to the cell, whatever it does before and after ([hazard.md](hazard.md)).
 """
 
 SAMPLES = """

@@ -44,7 +44,7 @@ def main() -> None:
         held.append(list(held_in(found, truth, matrix)))
         right.append(right_in(found, truth, matrix))
     print(f"{given.small} seeds, {int(found.boulders[0]):,} boulders in each scenario")
-    levels = ["passages", "above 30 kJ", "above 300 kJ"]
+    levels = ["hits", "above 30 kJ", "above 300 kJ"]
     levels += [f"{level}, at the edge of a zone" for level in levels]
     for level, parts in zip(levels, np.transpose(held), strict=True):
         print(f"  intervals of {level}: {np.mean(parts):.3f} hold the frequency")
@@ -74,8 +74,8 @@ def numbers(runs: list) -> dict[str, list[float]]:
 
 def frequency_of(runs: list) -> np.ndarray:
     """Annual frequencies of cells (3, y, x) over all runs."""
-    parts = [one.exceedance_frequency.values.astype("f8") for one in runs]
-    passing = [one.passage_frequency.values.astype("f8") for one in runs]
+    parts = [one.hit_exceedance_frequency.values.astype("f8") for one in runs]
+    passing = [one.hit_frequency.values.astype("f8") for one in runs]
     return np.concatenate([np.mean(passing, axis=0)[None], np.mean(parts, axis=0)])
 
 
@@ -84,8 +84,8 @@ def held_in(found, truth: np.ndarray, matrix: Matrix) -> Iterator[float]:
     those at the edge of a zone."""
     ends = []
     for end in ("_low", "_high"):
-        passing = found[f"passage_frequency{end}"].values
-        ends.append(np.concatenate([passing[None], found[f"exceedance_frequency{end}"].values]))
+        hits = found[f"hit_frequency{end}"].values
+        ends.append(np.concatenate([hits[None], found[f"hit_exceedance_frequency{end}"].values]))
     held = (ends[0] <= truth) & (truth <= ends[1])
     ratio = truth[..., None] * matrix.periods
     at_edge = ((ratio > 1 / NEAR) & (ratio < NEAR)).any(axis=-1)

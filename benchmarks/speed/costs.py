@@ -60,6 +60,7 @@ MAPS = {
     "quantiles of jump height": ["jump_height_q50", "jump_height_q95"],
     "sources": ["sources"],
     "reach probability by source": ["reach_probability_by_source"],
+    "hits of objects": ["hits"],
 }
 
 

@@ -370,7 +370,7 @@ def test_scenarios_may_be_run_elsewhere(hazard_case, capsys):
 
 def test_too_little_memory_is_said_before_the_runs(hazard_case, capsys):
     line = (
-        r"case.nml: a hazard of [\d,]+ cells, 2 scenarios and 2 thresholds takes 0.1 MB, of 0.1: "
+        r"case.nml: a hazard of [\d,]+ cells, 2 scenarios and 2 thresholds takes 0.2 MB, of 0.1: "
         "cut the terrain to the slope, or raise --memory"
     )
     refuses([*ARGUMENTS, "--memory", "80KB"], line, capsys)

@@ -539,7 +539,7 @@ def test_a_larger_scene_has_the_same_boulders_larger(folder, scene, factor):
         values = {key: times(value, f**power) for key, value in scene.groups[group].items()
                   if key.startswith(lengths) and value is not None}  # fmt: skip
         changes[group] = changes.get(group, {}) | values
-    changes["hazard"] = {"thresholds": times(THRESHOLDS, f**5)}
+    changes["hazard"] = {"thresholds": times(THRESHOLDS, f**5), "object_width": 10.0 * f}
     larger = replace(
         scene, z=times(scene.z, f), cell=scene.cell * f,
         line=[one | {"x": times(one["x"], f), "y": times(one["y"], f)} for one in scene.line],

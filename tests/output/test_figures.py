@@ -25,7 +25,7 @@ from rockfall.plots.cartography import rasters
 from rockfall.plots.figures import drawn_lines, figures, write_figures
 from rockfall.plots.terrain import terrain_of
 from rockfall.result import trajectories
-from rockfall.result.variables import MAP
+from rockfall.result.variables import EXCEEDED, MAP
 from rockfall.terrain.height import height
 from scenes import grid, make_case, rough, sets
 
@@ -42,7 +42,7 @@ TRAJECTORIES = ["trajectories", "profile"]
 AT_LINES = ["line_speed", "line_passing_height", "line_energy_translational"]
 AT_LINES += ["line_energy_rotational", "line_energy_total", "line_rotational_share"]
 REBOUNDS = ["incident_energy", "incidence_angle", "restitution"]
-LAYERS = {"energy_exceeded": ["energy_exceeded_30kJ", "energy_exceeded_300kJ"]}
+LAYERS = {name: [f"{name}_30kJ", f"{name}_300kJ"] for name in EXCEEDED}
 MAPS = [f"map_{layer}" for name in MAP if name not in ("passages", "reach_probability")
         for layer in LAYERS.get(name, [name])]  # fmt: skip
 DRAWN_ALIKE = {*AT_LINES[2:-1], *MAPS} - {"map_deposits", "map_energy_q95"}

@@ -1,15 +1,17 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Evaluation lines: polylines in plan where the first crossing of each boulder is recorded.
+!> Evaluation lines: polylines in plan where the first crossing of each boulder is recorded. A line with a width is an
+!> object, which a boulder meets as soon as it touches it with its side.
 module rockfall_line
    use rockfall_kinds, only: wp
    implicit none
    private
-   public :: line_t, line, first_crossing, next_crossing, boxes_touch
+   public :: line_t, line, object_line, first_meeting, first_crossing, next_crossing, boxes_touch
 
    !> A polyline.
    type :: line_t
       real(wp), allocatable :: x(:), y(:)     !! vertices, local coordinates [m]
-      real(wp) :: low(2), high(2)             !! bounding box [m]
+      real(wp) :: low(2), high(2)             !! bounding box of the centres of boulders that meet it [m]
+      real(wp) :: half_width = -1.0_wp        !! of an object [m]; negative: a line, met by centres
    end type line_t
 
 contains
@@ -23,6 +25,85 @@ contains
       line%low = [minval(x), minval(y)]
       line%high = [maxval(x), maxval(y)]
    end function line
+
+   !> Build an object of a width along a polyline, for boulders up to a radius.
+   pure type(line_t) function object_line(x, y, width, max_radius) result(object)
+      real(wp), intent(in) :: x(:), y(:)         !! at least two vertices, which may be equal [m]
+      real(wp), intent(in) :: width, max_radius  !! [m]
+
+      object = line(x, y)
+      object%half_width = 0.5_wp*width
+      object%low = object%low - (object%half_width + max_radius)
+      object%high = object%high + (object%half_width + max_radius)
+   end function object_line
+
+   !> First meeting of a boulder with a line or an object along the plan path of its centre from a to b: fraction of the
+   !> path in 0..1 [-], or 2 if there is none. An object is met where its edge is a radius away, from the start of the
+   !> path if it is that near there.
+   pure real(wp) function first_meeting(this, a, b, radius) result(fraction)
+      type(line_t), intent(in) :: this
+      real(wp), intent(in) :: a(2), b(2)  !! [m]
+      real(wp), intent(in) :: radius      !! of the boulder [m]
+      real(wp) :: reach
+      integer :: k
+
+      if (this%half_width < 0) then
+         fraction = first_crossing(this, a, b)
+         return
+      end if
+      fraction = 2
+      if (.not. boxes_touch(this%low(1), this%low(2), this%high(1), this%high(2), a(1), a(2), b(1), b(2)) > 0) return
+      reach = this%half_width + radius
+      do k = 1, size(this%x)
+         fraction = min(fraction, entry_into_disc([this%x(k), this%y(k)], reach, a, b))
+      end do
+      do k = 2, size(this%x)
+         fraction = min(fraction, entry_into_strip([this%x(k - 1), this%y(k - 1)], [this%x(k), this%y(k)], reach, a, b))
+      end do
+   end function first_meeting
+
+   !> Fraction of a path at which it enters a disc, 0 if it starts there, 2 if it does not.
+   pure real(wp) function entry_into_disc(centre, radius, a, b) result(fraction)
+      real(wp), intent(in) :: centre(2), radius  !! [m]
+      real(wp), intent(in) :: a(2), b(2)         !! both ends of the path [m]
+      real(wp) :: along, length2, outside, root2
+
+      fraction = 2
+      outside = dot_product(a - centre, a - centre) - radius*radius
+      along = dot_product(centre - a, b - a)
+      length2 = dot_product(b - a, b - a)
+      root2 = along*along - length2*outside
+      if (outside <= 0) then
+         fraction = 0
+      else if (along > 0 .and. root2 >= 0) then
+         fraction = outside/(along + sqrt(root2))  ! the smaller root, without cancellation
+         if (fraction > 1) fraction = 2
+      end if
+   end function entry_into_disc
+
+   !> Fraction of a path at which it enters the rectangle within a distance beside a segment, through a long side, 0 if
+   !> it starts there, 2 if it does not.
+   pure real(wp) function entry_into_strip(p, q, distance, a, b) result(fraction)
+      real(wp), intent(in) :: p(2), q(2)  !! both ends of the segment [m]
+      real(wp), intent(in) :: distance    !! [m]
+      real(wp), intent(in) :: a(2), b(2)  !! both ends of the path [m]
+      real(wp) :: direction(2), length, side_a, side_b, edge, along, entry
+
+      fraction = 2
+      length = sqrt(dot_product(q - p, q - p))
+      if (.not. length > 0) return
+      direction = (q - p)/length
+      side_a = cross_product(direction, a - p)
+      side_b = cross_product(direction, b - p)
+      edge = sign(distance, side_a)
+      entry = 0
+      if (abs(side_a) > distance) then
+         if ((side_b - edge)*side_a > 0) return  ! it stays beyond the edge
+         entry = (side_a - edge)/(side_a - side_b)
+      end if
+      along = dot_product(direction, a + entry*(b - a) - p)
+      if (along >= 0 .and. along <= length) fraction = entry
+   end function entry_into_strip
 
    !> First crossing of a line by the plan path from a to b: fraction of the path in 0..1 [-], or 2 if there is none.
    !> The side of a point is a sign, with zero on the left, so a path that ends on the line and continues from there

@@ -20,7 +20,8 @@ module rockfall_f2py
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, left_window
    use rockfall_scratch, only: scratch_t
-   use rockfall_scene, only: scene_arrays_t, build_scene_of_case, check_sources, boulder_count, max_volumes
+   use rockfall_scene, only: scene_arrays_t, build_scene_of_case, check_sources, boulder_count, max_volumes, &
+                             object_reach
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model
    use rockfall_reach, only: block_side, update_block_minima, reach_box
    use rockfall_stand, only: stems_in_cell, stem_numbers
@@ -512,7 +513,8 @@ contains
       type(open_scene_t), pointer :: opened
 
       opened => scene_of(handle)
-      box = reach_box(opened%dem, minima, max_head, opened%scene%release%x, opened%scene%release%y)
+      box = reach_box(opened%dem, minima, max_head, opened%scene%release%x, opened%scene%release%y, &
+                      object_reach(opened%scene, opened%case))
    end subroutine reachable_box
 
    !> Side length in cells of the blocks of which `scan_rows` takes the minimum elevation.
@@ -524,12 +526,12 @@ contains
    end subroutine block_of
 
    !> Tallies needed by maps: indices of the layers of map_plan_t in their stacks, from 1 (0 = none), counts including
-   !> the first of those for energy thresholds; the bins of counts for quantiles; and the number of layers of each
-   !> stack.
+   !> the first of those for energy thresholds, of passages and of hits; the bins of counts for quantiles; and the
+   !> number of layers of each stack.
    subroutine map_plan(names, thresholds, counts, sums, maxima, bins, layers)
       character(len=*), intent(in) :: names     !! of maps, separated by blanks
       integer(c_int), intent(in) :: thresholds  !! number of thresholds
-      integer(c_int), intent(out) :: counts(5), sums(7), maxima(5), bins, layers(3)
+      integer(c_int), intent(out) :: counts(7), sums(7), maxima(5), bins, layers(3)
       type(map_plan_t) :: plan
       integer :: k
 

@@ -27,6 +27,7 @@ module rockfall_case
    type :: case_line_t
       character(len=:), allocatable :: name
       real(wp), allocatable :: x(:), y(:)  !! map coordinates [m]
+      real(wp) :: object_width = -1.0_wp   !! of an object [m]; negative: a line
       real(wp) :: height = 0.0_wp          !! of a barrier [m]; 0: evaluation line
       real(wp) :: capacity = 0.0_wp        !! of a barrier [J]
    end type case_line_t
@@ -67,7 +68,8 @@ module rockfall_case
       logical :: energy_balance = .false.
       integer :: trajectories = 0
       integer(i8) :: kept = keeps_all            !! number of boulders whose rows are kept
-      real(wp), allocatable :: thresholds(:)     !! of the map energy_exceeded [J]
+      real(wp), allocatable :: thresholds(:)     !! of the maps energy_exceeded and hits_energy_exceeded [J]
+      real(wp) :: object_width = 0.0_wp          !! of the maps of hits [m]
    end type case_t
 
 contains
@@ -539,20 +541,21 @@ contains
       if (.not. allocated(error)) call require_key(group, "name", "to tell it from others", error)
       if (allocated(error)) return
       line%name = text_of(group, "name")
+      if (has_key(group, "object_width")) line%object_width = real_of(group, "object_width")
       line%x = reals_of(group, "x")
       line%y = reals_of(group, "y")
       if (len(line%name) > max_name) &
          call refuse(group, "name", "must be at most "//integer_text(max_name)//" characters", error)
    end subroutine read_line
 
-   !> Check that x and y have equal length, with at least two different points.
+   !> Check that x and y have equal length, with at least two points, different ones but for an object.
    pure subroutine check_polyline(group, error)
       type(group_t), intent(in) :: group
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: x(:), y(:)
 
       call check_points(group, 2, error)
-      if (allocated(error)) return
+      if (allocated(error) .or. has_key(group, "object_width")) return
       x = reals_of(group, "x")
       y = reals_of(group, "y")
       if (all(x >= x(1)) .and. all(x <= x(1)) .and. all(y >= y(1)) .and. all(y <= y(1))) &
@@ -632,7 +635,7 @@ contains
       end do
    end subroutine check_draws
 
-   !> Read the thresholds of a map; the rest is for `rockfall hazard` and ignored by a run.
+   !> Read the thresholds and the width of objects of maps; the rest is for `rockfall hazard` and ignored by a run.
    pure subroutine read_hazard(group, list, this, error)
       type(group_t), intent(in) :: group
       type(namelist_t), intent(in) :: list
@@ -644,6 +647,7 @@ contains
       if (.not. allocated(error)) call check_rising(group, "return_periods", error)
       if (allocated(error)) return
       this%thresholds = joules*reals_of(group, "thresholds")
+      this%object_width = real_of(group, "object_width")
       if (any(list%group%name == "scenario")) call check_matrix(group, error)
    end subroutine read_hazard
 

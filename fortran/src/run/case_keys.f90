@@ -189,6 +189,8 @@ module rockfall_case_keys
       key_t("line", "file", "text", 1, "absent", "", "", "in place of x and y: lines, one or more", file="layer"), &
       key_t("line", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several"), &
       key_t("line", "field", "text", 1, "absent", "", "", "attribute with the name; absent: name"), &
+      key_t("line", "object_width", "real", 1, "absent", "0 to 1000", "m", &
+            "makes it an object along the line: met when a boulder touches it with its side"), &
       key_t("barrier", "name", "text", 1, "absent", "", "", "of a net or wall, which is an evaluation line too"), &
       key_t("barrier", "x", "real", many, "absent", "", "m", "vertices, two or more"), &
       key_t("barrier", "y", "real", many, "absent", "", "m", "vertices, two or more"), &
@@ -262,12 +264,14 @@ module rockfall_case_keys
       key_t("scenario", "volumes", "real", many, "absent", "> 0", "m3", "in place of those of &boulder"), &
       key_t("scenario", "density", "real", 1, "absent", "> 0", "kg/m3", "in place of that of &boulder"), &
       key_t("hazard", "thresholds", "real", max_thresholds, "30.0, 300.0", "0 to 100000", "kJ", &
-            "of energy, rising: of the map energy_exceeded, and between classes of intensity"), &
+            "of energy, rising: of the maps ..._exceeded, and between classes of intensity"), &
       key_t("hazard", "return_periods", "real", max_periods, "30.0, 100.0, 300.0", "0.1 to 1e6", "year", &
             "rising: the ends of the classes of frequency"), &
       key_t("hazard", "matrix", "text", (max_thresholds + 1)*max_periods, swiss_matrix, &
             hazard_classes, "", &
             "hazard of each class of intensity, from the weakest, by return period, from the shortest"), &
+      key_t("hazard", "object_width", "real", 1, "10.0", "0 to 1000", "m", &
+            "of an object in the middle of each cell, for maps of hits; 0: a point"), &
       key_t("hazard", "minimum_area", "real", 1, "0.0", ">= 0", "m2", &
             "of a zone: a smaller patch takes the class of the largest beside it")]
    integer, parameter :: n_keys = size(key_table)

@@ -5,6 +5,7 @@ module rockfall_scene
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, sp, i1, i2, i4, i8
    use rockfall_error, only: error_t, fail
+   use rockfall_math, only: pi, cube_root
    use rockfall_text, only: integer_text, line_of
    use rockfall_random, only: random_key, normal_table
    use rockfall_sobol, only: sobol_sequence, max_dimensions
@@ -12,17 +13,18 @@ module rockfall_scene
    use rockfall_terrain, only: terrain, patch_t, locate, height, on_terrain
    use rockfall_surface, only: method_a
    use rockfall_sources, only: last_boulders, last_boulders_by_weight, proportional_part
-   use rockfall_line, only: line
+   use rockfall_line, only: line, object_line
    use rockfall_barrier, only: barrier_t
    use rockfall_boulder, only: release_t, volume_distribution_t, fixed_volume, last_of, max_volume, mean_volume
    use rockfall_ground, only: ground_t, rest_slope_of
    use rockfall_forest, only: build_forest
    use rockfall_scene_type, only: scene_t
+   use rockfall_case_keys, only: map_names
    use rockfall_case, only: case_t
    use rockfall_grounds, only: read_ground, read_stochastic, rest_angle_of_rocks
    implicit none
    private
-   public :: scene_arrays_t, is_borrowed, build_scene_of_case, check_sources, boulder_count, max_volumes
+   public :: scene_arrays_t, is_borrowed, build_scene_of_case, check_sources, boulder_count, max_volumes, object_reach
 
    !> Ground type as passed to the kernel.
    type :: ground_text_t
@@ -86,6 +88,7 @@ contains
       scene%max_impacts = case%impact_limit
       scene%histograms_requested = case%rebounds
       scene%energies_requested = case%energy_balance
+      scene%object_width = case%object_width
       scene%volumes = case%volumes
       call set_ground(case, arrays, scene)
       call set_release(case, arrays, scene)
@@ -291,7 +294,13 @@ contains
       if (size(case%lines) == 0) return
       allocate (scene%lines(size(case%lines)))
       do k = 1, size(case%lines)
-         scene%lines(k) = line(case%lines(k)%x - scene%dem%x0, case%lines(k)%y - scene%dem%y0)
+         associate (x => case%lines(k)%x - scene%dem%x0, y => case%lines(k)%y - scene%dem%y0)
+            if (case%lines(k)%object_width < 0) then
+               scene%lines(k) = line(x, y)
+            else
+               scene%lines(k) = object_line(x, y, case%lines(k)%object_width, max_radius(scene))
+            end if
+         end associate
       end do
       if (all(case%lines%height <= 0)) return
       scene%barriers = pack([(barrier_t(k, case%lines(k)%height, case%lines(k)%capacity), k=1, size(case%lines))], &
@@ -414,6 +423,24 @@ contains
       volumes%kind = fixed_volume
       volumes%density = maxval(scene%of_source%density)
    end function max_volumes
+
+   !> Radius of the largest boulder of a scene [m], with a margin for rounding.
+   pure real(wp) function max_radius(scene)
+      type(scene_t), intent(in) :: scene
+      real(wp), parameter :: margin = 1.001_wp
+
+      max_radius = margin*cube_root(3*max_volume(max_volumes(scene), scene%table)/(4*pi))
+   end function max_radius
+
+   !> Distance from the path of a boulder within which maps may show hits [cells].
+   pure integer function object_reach(scene, case)
+      type(scene_t), intent(in) :: scene
+      type(case_t), intent(in) :: case
+
+      object_reach = 0
+      if (any(case%map .and. index(map_names, "hits") == 1)) &
+         object_reach = ceiling((0.5_wp*scene%object_width + max_radius(scene))*scene%dem%per_cell)
+   end function object_reach
 
    !> Number of boulders of the whole run.
    pure integer(i8) function boulder_count(scene)

@@ -151,6 +151,10 @@ module rockfall_variables
       variable_t("map", "energy_q99_high", "real", "J", upper//"energy_q99", order_statistics), &
       variable_t("map", "energy_exceeded", "integer", "1", &
                  "boulders whose maximum energy in the cell exceeds a threshold"), &
+      variable_t("map", "hits", "integer", "1", &
+                 "boulders that would hit an object of object_width in the middle of the cell"), &
+      variable_t("map", "hits_energy_exceeded", "integer", "1", &
+                 "boulders that would hit this object with an energy that exceeds a threshold"), &
       variable_t("map", "speed_max_map", "real", "m s-1", "maximum speed"), &
       variable_t("map", "speed_mean", "real", "m s-1", &
                  "mean of the passing boulders' maximum speeds"), &

@@ -19,13 +19,13 @@ module rockfall_map_values
 
    !> Index of each tally in its stack of layers; 0 = not requested.
    type :: map_plan_t
-      integer :: count(4) = 0  !! passages, deposits, contributing sources, their boulders
+      integer :: count(5) = 0  !! passages, deposits, contributing sources, their boulders, hits
       !> Energy, speed, jump height, passing height; for tree hits: heights, absorbed energies, number.
       integer :: sum(7) = 0
       integer :: square(4) = 0 !! first of two layers for the squares of a quantity, among the sums
       integer :: max(5) = 0    !! as `sum`, without the last two
       integer :: travel(3) = 0     !! steepest and flattest energy line, shortest time; among the maxima
-      integer :: exceeded = 0      !! first of the layers for energy thresholds, the last among the counts
+      integer :: exceeded(2) = 0   !! first of the layers for thresholds of passages and of hits, the last counts
       integer :: thresholds = 0    !! number of thresholds
       integer :: bins(4) = 0   !! first row of the bin counts
       integer :: rows = 0      !! of the bin counts
@@ -33,8 +33,8 @@ module rockfall_map_values
 
    enum, bind(c)
       enumerator :: a_count, a_fraction, a_source_fraction, a_lower_limit, an_upper_limit, a_maximum, a_mean, &
-                    a_std, a_quantile, an_exceedance, a_steepest, a_flattest, a_shortest, a_tree_maximum, a_tree_mean, &
-                    a_tree_sum
+                    a_std, a_quantile, an_exceedance, a_hit_exceedance, a_steepest, a_flattest, a_shortest, &
+                    a_tree_maximum, a_tree_mean, a_tree_sum
    end enum
 
    !> Indices of the tree quantities in a plan.
@@ -56,12 +56,13 @@ contains
       integer :: q, percent
 
       select case (name)
-      case ("passages", "deposits", "sources", "tree_impacts"); return
+      case ("passages", "deposits", "sources", "hits", "tree_impacts"); return
       case ("reach_probability"); kind%form = a_fraction; return
       case ("reach_probability_by_source"); kind%form = a_source_fraction; return
       case ("reach_probability_low"); kind%form = a_lower_limit; return
       case ("reach_probability_high"); kind%form = an_upper_limit; return
       case ("energy_exceeded"); kind%form = an_exceedance; return
+      case ("hits_energy_exceeded"); kind%form = a_hit_exceedance; return
       case ("energy_line_angle_max"); kind%form = a_steepest; return
       case ("energy_line_angle_min"); kind%form = a_flattest; return
       case ("travel_time_min"); kind%form = a_shortest; return
@@ -87,10 +88,11 @@ contains
       character(len=*), intent(in) :: names(:)
       integer, intent(in) :: thresholds  !! number of energy thresholds
       type(kind_t) :: kind
-      logical :: count(4), sum(7), square(4), max(5), bins(4), travel(3)
+      logical :: count(5), sum(7), square(4), max(5), bins(4), travel(3), exceeded(2)
       integer :: k
 
       count = .false.
+      exceeded = .false.
       sum = .false.
       square = .false.
       max = .false.
@@ -101,13 +103,15 @@ contains
          select case (kind%form)
          case (a_count)
             count(:3) = count(:3) .or. names(k) == [character(len=8) :: "passages", "deposits", "sources"]
+            count(5) = count(5) .or. names(k) == "hits"
             sum(tree_impacts) = sum(tree_impacts) .or. names(k) == "tree_impacts"
          case (a_source_fraction); count([1, 4]) = .true.
          case (a_maximum); max(kind%quantity) = .true.
          case (a_mean); sum(kind%quantity) = .true.
          case (a_std); square(kind%quantity) = .true.
          case (a_quantile); bins(kind%quantity) = .true.
-         case (an_exceedance); plan%thresholds = thresholds
+         case (an_exceedance); exceeded(1) = .true.
+         case (a_hit_exceedance); exceeded(2) = .true.
          case (a_steepest); travel(1) = .true.
          case (a_flattest); travel(2) = .true.
          case (a_shortest); travel(3) = .true.
@@ -125,7 +129,8 @@ contains
       plan%square = merge(2*layer_numbers(square) - 1 + maxval(plan%sum), 0, square)
       plan%max = layer_numbers(max)
       plan%travel = merge(layer_numbers(travel) + maxval(plan%max), 0, travel)
-      if (plan%thresholds > 0) plan%exceeded = maxval(plan%count) + 1
+      if (any(exceeded)) plan%thresholds = thresholds
+      plan%exceeded = merge(maxval(plan%count) + 1 + (layer_numbers(exceeded) - 1)*thresholds, 0, exceeded)
       do k = 1, size(bins)
          if (.not. bins(k)) cycle
          plan%bins(k) = plan%rows + 1
@@ -138,8 +143,8 @@ contains
       type(map_plan_t), intent(in) :: plan
       integer :: layers(3)
 
-      layers = [maxval(plan%count) + plan%thresholds, maxval(plan%sum) + 2*count(plan%square > 0), &
-                maxval([plan%max, plan%travel])]
+      layers = [maxval(plan%count) + count(plan%exceeded > 0)*plan%thresholds, &
+                maxval(plan%sum) + 2*count(plan%square > 0), maxval([plan%max, plan%travel])]
    end function stack_layers
 
    !> Number the requested items 1, 2, ... in order.
@@ -170,6 +175,7 @@ contains
       if (plan%count(2) > 0) maps%deposits(origin(1):, origin(2):) => counts(:, :, plan%count(2))
       if (plan%count(3) > 0) maps%sources(origin(1):, origin(2):) => counts(:, :, plan%count(3))
       if (plan%count(4) > 0) maps%released(origin(1):, origin(2):) => counts(:, :, plan%count(4))
+      if (plan%count(5) > 0) maps%hits(origin(1):, origin(2):) => counts(:, :, plan%count(5))
       do k = 1, size(maps%layer)
          if (plan%sum(k) > 0) maps%layer(k)%sum(origin(1):, origin(2):) => sums(:, :, plan%sum(k))
          if (plan%square(k) > 0) maps%layer(k)%square(origin(1):, origin(2):, 1:) => sums(:, :, plan%square(k):)
@@ -178,7 +184,8 @@ contains
       end do
       if (plan%thresholds > 0) then
          maps%threshold = thresholds
-         maps%exceeded(origin(1):, origin(2):, 1:) => counts(:, :, plan%exceeded:)
+         if (plan%exceeded(1) > 0) maps%exceeded(origin(1):, origin(2):, 1:) => counts(:, :, plan%exceeded(1):)
+         if (plan%exceeded(2) > 0) maps%hits_exceeded(origin(1):, origin(2):, 1:) => counts(:, :, plan%exceeded(2):)
       end if
       if (plan%travel(1) > 0) maps%steepest(origin(1):, origin(2):) => maxima(:, :, plan%travel(1))
       if (plan%travel(2) > 0) maps%flattest(origin(1):, origin(2):) => maxima(:, :, plan%travel(2))

@@ -14,8 +14,8 @@ module rockfall_maps
    private
    public :: maps_t, layer_t, per_unit, visits_t, needs_visits, needs_heights, start_visits, visit_path, visit_cell
    public :: enter_cell, enter_other_cell, raise_values, first_cell, leaving_time
-   public :: add_visits, add_deposit, add_value, count_bin, is_requested, lacks_slots, raise_maximum, square_base
-   public :: init_locks, free_locks, lock_band, unlock_band
+   public :: add_visits, add_deposit, add_value, count_bin, count_exceeded, is_requested, lacks_slots, raise_maximum
+   public :: square_base, init_locks, free_locks, lock_band, unlock_band
 
    real(wp), parameter :: per_unit(4) = [1.0_wp, 1000.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are in whole J, mm/s, mm
    integer(i8), parameter :: square_base = 2_i8**31  !! base of the two digits of sums of squares
@@ -46,6 +46,8 @@ module rockfall_maps
       type(layer_t) :: layer(4)
       !> Boulders whose maximum energy exceeds each `threshold` (nx, ny, thresholds).
       integer(i4), pointer, contiguous :: exceeded(:, :, :) => null()
+      !> Boulders that hit an object in the cell (rockfall_hit_maps), all and those above each `threshold`.
+      integer(i4), pointer, contiguous :: hits(:, :) => null(), hits_exceeded(:, :, :) => null()
       real(wp), allocatable :: threshold(:)  !! increasing [J]
       !> Arrival of boulders, in the encoding of rockfall_travel_maps: steepest and flattest energy line, shortest time.
       real(sp), pointer, contiguous :: steepest(:, :) => null(), flattest(:, :) => null(), shortest(:, :) => null()
@@ -140,7 +142,7 @@ contains
 
       needs_visits = associated(maps%passages) .or. associated(maps%sources) .or. associated(maps%released) &
                       .or. has_layers(maps) .or. associated(maps%steepest) .or. associated(maps%flattest) &
-                      .or. associated(maps%shortest)
+                      .or. associated(maps%shortest) .or. associated(maps%hits) .or. associated(maps%hits_exceeded)
    end function needs_visits
 
    !> Return whether a map also needs heights in these cells.
@@ -402,19 +404,20 @@ contains
          call add_value(maps%layer(k), i, r, values(k), per_unit(k))
       end do
       if (associated(maps%bin_counts)) call count_bins(maps, i, r, values)
-      if (associated(maps%exceeded)) call count_exceeded(maps, i, r, values(energy))
+      if (associated(maps%exceeded)) call count_exceeded(maps%exceeded, maps%threshold, [i, r], values(energy))
    end subroutine add_values
 
    !> Count a boulder for each threshold that its energy exceeds.
-   subroutine count_exceeded(maps, i, r, value)
-      type(maps_t), intent(in) :: maps
-      integer, intent(in) :: i, r
-      real(wp), intent(in) :: value  !! [J]
+   subroutine count_exceeded(exceeded, threshold, cell, value)
+      integer(i4), intent(in), pointer, contiguous :: exceeded(:, :, :)  !! as in maps_t
+      real(wp), intent(in) :: threshold(:)  !! increasing [J]
+      integer, intent(in) :: cell(2)        !! column, row
+      real(wp), intent(in) :: value         !! [J]
       integer :: k
 
-      do k = 1, size(maps%threshold)
-         if (value <= maps%threshold(k)) return
-         maps%exceeded(i, r, k) = maps%exceeded(i, r, k) + 1
+      do k = 1, size(threshold)
+         if (value <= threshold(k)) return
+         exceeded(cell(1), cell(2), k) = exceeded(cell(1), cell(2), k) + 1
       end do
    end subroutine count_exceeded
 

@@ -55,13 +55,14 @@ contains
    end subroutine update_block_minima
 
    !> Rectangle of cells (first column, first row, last column, last row) that contains every cell that boulders from
-   !> these sources can reach, and their neighbours: blocks below the energy head that are connected to a block with a
-   !> source.
-   pure function reach_box(dem, minima, head, x, y) result(box)
+   !> these sources can reach or affect, and their neighbours: blocks below the energy head that are connected to a
+   !> block with a source.
+   pure function reach_box(dem, minima, head, x, y, beyond) result(box)
       type(terrain_t), intent(in) :: dem       !! geometry only; elevations are not needed
       real(wp), intent(in) :: minima(:, :)     !! of all blocks [m]
       real(wp), intent(in) :: head             !! maximum energy head of all sources [m]
       real(wp), intent(in) :: x(:), y(:)       !! sources, local coordinates [m]
+      integer, intent(in) :: beyond            !! cells around these that boulders affect
       integer :: box(4)
       type(flood_t) :: flood
       integer :: k, block(2), side
@@ -83,8 +84,8 @@ contains
       box(2) = findloc(any(flood%reached, dim=1), .true., dim=1)
       box(3) = findloc(any(flood%reached, dim=2), .true., dim=1, back=.true.)
       box(4) = findloc(any(flood%reached, dim=1), .true., dim=1, back=.true.)
-      box(:2) = max(1, (box(:2) - 1)*side + 1 - margin)
-      box(3:) = min([dem%nx, dem%ny], box(3:)*side + margin)
+      box(:2) = max(1, (box(:2) - 1)*side + 1 - margin - beyond)
+      box(3:) = min([dem%nx, dem%ny], box(3:)*side + margin + beyond)
    end function reach_box
 
    !> Push those blocks of a rectangle that are low enough and not yet visited.

@@ -4,7 +4,7 @@ module rockfall_crossings
    use rockfall_kinds, only: wp, i1
    use rockfall_terrain, only: patch_t, locate, height, gradient, steepness_of
    use rockfall_flight, only: flight_t, landing_t
-   use rockfall_line, only: first_crossing
+   use rockfall_line, only: first_meeting
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t
    implicit none
@@ -38,7 +38,7 @@ contains
 
       do k = 1, size(scene%lines)
          if (crossings(k)%crossed) cycle
-         fraction = first_crossing(scene%lines(k), [flight%x, flight%y], [landing%x, landing%y])
+         fraction = first_meeting(scene%lines(k), [flight%x, flight%y], [landing%x, landing%y], result%boulder%radius)
          if (present(until)) then
             if (fraction*landing%time > until) cycle
          end if

@@ -17,6 +17,7 @@ module rockfall_ensemble
    use rockfall_lanes, only: run_in_lanes
    use rockfall_wide_lanes, only: run_in_wide_lanes => run_in_lanes
    use rockfall_maps, only: maps_t, init_locks, free_locks, needs_visits, needs_heights, visits_t, start_visits
+   use rockfall_hit_maps, only: needs_hits
    use rockfall_source_maps, only: counts_sources, gather_cells, add_source, add_source_of_boulder
    implicit none
    private
@@ -84,7 +85,7 @@ contains
       integer :: k, lanes
 
       lanes = one_by_one
-      if (goes_in_lanes(scene) .and. .not. counts_sources(maps)) lanes = scene%lanes
+      if (goes_in_lanes(scene) .and. .not. (counts_sources(maps) .or. needs_hits(maps))) lanes = scene%lanes
       if (is_wide() == 0) lanes = min(lanes, narrow_lanes)
       if (allocated(scene%grounds)) allocate (worker%totals%by_ground(size(scene%grounds)), source=0_i8)
       if (lanes == wide_lanes) then

@@ -20,10 +20,11 @@ module rockfall_paths
 contains
 
    !> Fly, and record visits of raster cells.
-   pure subroutine fly_over_cells(scene, flight, omega_r, start_time, landing, scratch, spans)
+   pure subroutine fly_over_cells(scene, flight, omega_r, radius, start_time, landing, scratch, spans)
       type(scene_t), intent(in) :: scene
       type(flight_t), intent(in) :: flight
       real(wp), intent(in) :: omega_r  !! W [m/s]
+      real(wp), intent(in) :: radius   !! of the boulder [m]
       real(wp), intent(in) :: start_time  !! since the release [s]
       type(landing_t), intent(out) :: landing
       type(scratch_t), intent(inout) :: scratch
@@ -36,7 +37,7 @@ contains
       else
          call fly(scene%dem, scene%gravity, flight, landing)
       end if
-      call visit_cells(scene, scene%gravity, flight, omega_r, start_time, landing%time, spans(:n), scratch)
+      call visit_cells(scene, scene%gravity, flight, omega_r, radius, start_time, landing%time, spans(:n), scratch)
    end subroutine fly_over_cells
 
    !> Fly to the ground or to the first obstacle, and record the lines and cells up to there.
@@ -56,7 +57,8 @@ contains
       if (obstacle%kind /= none) &
          call end_flight(scene%dem, scene%gravity, flight, obstacle%time, spans, n, landing)
       if (scratch%cells_requested) &
-         call visit_cells(scene, scene%gravity, flight, omega_r, result%time, landing%time, spans(:n), scratch)
+         call visit_cells(scene, scene%gravity, flight, omega_r, result%boulder%radius, result%time, landing%time, &
+                          spans(:n), scratch)
    end subroutine fly_to_obstacle
 
    !> Follow a roll, or the slide of a contact by a table, to its end, where the next flight starts, or to the first
@@ -96,7 +98,8 @@ contains
          span%t1 = landing%time
       end if
       if (level >= with_maps .and. scratch%cells_requested) &
-         call visit_cells(scene, no_gravity, flight, mean, result%time, landing%time, span, scratch)
+         call visit_cells(scene, no_gravity, flight, mean, result%boulder%radius, result%time, landing%time, span, &
+                          scratch)
       if (.not. roll%from_table) then
          omega_r = speed_within(roll, fraction)
          v = omega_r*roll%direction

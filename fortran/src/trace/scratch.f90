@@ -7,6 +7,7 @@ module rockfall_scratch
    use rockfall_rolling, only: touch_t
    use rockfall_maps, only: visits_t, start_visits, visit_path
    use rockfall_travel_maps, only: time_visits
+   use rockfall_hit_maps, only: find_hits
    use rockfall_tree_maps, only: tree_hits_t
    use rockfall_histogram, only: histograms_t
    use rockfall_scene_type, only: scene_t
@@ -32,7 +33,8 @@ module rockfall_scratch
    type :: scratch_t
       logical :: cells_requested = .false.       !! maps need visits of cells
       logical :: heights_requested = .false.     !! maps need heights in these cells
-      type(visits_t) :: visits
+      logical :: hits_requested = .false.        !! maps need the objects that it would hit
+      type(visits_t) :: visits, hits
       type(histograms_t) :: histograms
       integer(i8), allocatable :: by_ground(:)   !! rebounds on each of the scene's grounds
       type(crossing_t), allocatable :: crossings(:)
@@ -59,6 +61,7 @@ contains
          if (scene%histograms_requested) scratch%histograms%count = 0
       end if
       if (level >= with_maps .and. scratch%cells_requested) call start_visits(scratch%visits)
+      if (level >= with_maps .and. scratch%hits_requested) call start_visits(scratch%hits)
       if (level >= with_all) then
          if (allocated(scene%barriers)) scratch%crossings%outcome = 0
          if (allocated(scratch%by_ground)) scratch%by_ground = 0
@@ -68,11 +71,12 @@ contains
    end subroutine clear_scratch
 
    !> Record the raster cells under a flight, or along a roll, which is a path without gravity.
-   pure subroutine visit_cells(scene, gravity, flight, omega_r, start_time, time, spans, scratch)
+   pure subroutine visit_cells(scene, gravity, flight, omega_r, radius, start_time, time, spans, scratch)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: gravity  !! of the path [m/s2]
       type(flight_t), intent(in) :: flight
       real(wp), intent(in) :: omega_r  !! W [m/s]
+      real(wp), intent(in) :: radius   !! of the boulder [m]
       real(wp), intent(in) :: start_time  !! since the release [s]
       real(wp), intent(in) :: time     !! of the flight [s]
       type(span_t), intent(in), contiguous :: spans(:)  !! spans of the flight
@@ -86,6 +90,8 @@ contains
          end if
          if (allocated(visits%time)) &
             call time_visits(visits, scene%dem, [flight%x, flight%y], flight%v(:2), start_time, time)
+         if (scratch%hits_requested) &
+            call find_hits(scratch%hits, scene%dem, gravity, flight, time, spin, 0.5_wp*scene%object_width + radius)
       end associate
    end subroutine visit_cells
 

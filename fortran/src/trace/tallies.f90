@@ -9,6 +9,7 @@ module rockfall_tallies
    use rockfall_maps, only: maps_t, needs_visits, needs_heights, add_visits, add_deposit
    use rockfall_travel_maps, only: needs_times, needs_travel, add_travel
    use rockfall_passing_maps, only: needs_passing, add_passing
+   use rockfall_hit_maps, only: needs_hits, add_hits
    use rockfall_tree_maps, only: needs_tree_hits, add_tree_hits
    use rockfall_histogram, only: empty_histograms, bins, quantities
    implicit none
@@ -31,6 +32,7 @@ contains
 
       scratch%cells_requested = needs_visits(maps)
       scratch%heights_requested = needs_heights(maps)
+      scratch%hits_requested = needs_hits(maps)
       if (needs_times(maps)) allocate (scratch%visits%time(0))
       scratch%tree_hits_requested = allocated(scene%forest) .and. needs_tree_hits(maps)
       if (allocated(scene%lines)) allocate (scratch%crossings(size(scene%lines)))
@@ -50,6 +52,7 @@ contains
       if (scene%histograms_requested) totals%histogram = totals%histogram + scratch%histograms%count
       if (allocated(scratch%by_ground)) totals%by_ground = totals%by_ground + scratch%by_ground
       if (scratch%cells_requested) call add_visits(maps, scratch%visits, result%boulder%mass)
+      if (scratch%hits_requested) call add_hits(maps, scratch%hits, result%boulder%mass)
       if (needs_passing(maps)) call add_passing(maps, scratch%visits, scene%dem, result%boulder%radius)
       if (needs_travel(maps)) call add_travel(maps, scratch%visits, scene%dem, result%start)
       if (scratch%tree_hits_requested) call add_tree_hits(maps, scratch%tree_hits)

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Evaluation lines: where a path crosses, also at vertices and when it ends on the line.
+!> Evaluation lines: where a path crosses, also at vertices and when it ends on the line; objects: where it touches.
 program test_line
    use rockfall_kinds, only: wp
-   use rockfall_line, only: line_t, line, first_crossing
+   use rockfall_line, only: line_t, line, object_line, first_crossing, first_meeting
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -13,6 +13,7 @@ program test_line
    call test_vertex()
    call test_along()
    call test_random_paths()
+   call test_objects()
    call finish()
 
 contains
@@ -120,4 +121,62 @@ contains
       end do
       call check("both happen", met > 1000 .and. met < 9000)
    end subroutine test_random_paths
+
+   !> Where a boulder first touches an object: at half a width and a radius from it, nowhere nearer before; of a path
+   !> that comes as near, always.
+   subroutine test_objects()
+      type(line_t) :: this
+      real(wp) :: x(3), y(3), a(2), b(2), width, radius, got, nearest, away
+      integer, parameter :: samples = 1000
+      integer :: k, n, met, inside
+
+      met = 0
+      inside = 0
+      do k = 1, 3000
+         call random_number(x)
+         call random_number(y)
+         if (mod(k, 7) == 0) x(2:) = x(1)
+         if (mod(k, 14) == 0) y(2:) = y(1)  ! a point
+         call random_number(a)
+         call random_number(b)
+         call random_number(width)
+         call random_number(radius)
+         width = 0.1_wp*width
+         radius = 0.2_wp*radius
+         this = object_line(x, y, width, radius)
+         got = first_meeting(this, a, b, radius)
+         nearest = huge(nearest)
+         do n = 0, samples
+            if (n >= min(got, 1.0_wp)*samples) exit
+            nearest = min(nearest, distance(x, y, a + n*(b - a)/samples))
+         end do
+         call check("not near before", nearest >= 0.5_wp*width + radius)
+         if (got > 1) cycle
+         met = met + 1
+         away = distance(x, y, a + got*(b - a)) - 0.5_wp*width - radius
+         if (got > 0) then
+            call check("touches there", abs(away) < 1.0e-12_wp)
+         else
+            inside = inside + 1
+            call check("touches from the start", away <= 1.0e-15_wp)
+         end if
+      end do
+      call check("all happen", met > 500 .and. inside > 200 .and. met - inside > 300 .and. met < 2900)
+   end subroutine test_objects
+
+   !> Distance of a point from a polyline.
+   pure real(wp) function distance(x, y, point)
+      real(wp), intent(in) :: x(:), y(:), point(2)
+      real(wp) :: side(2), along
+      integer :: k
+
+      distance = huge(distance)
+      do k = 1, size(x) - 1
+         side = [x(k + 1) - x(k), y(k + 1) - y(k)]
+         along = 0
+         if (any(abs(side) > 0)) &
+            along = max(0.0_wp, min(1.0_wp, dot_product(point - [x(k), y(k)], side)/dot_product(side, side)))
+         distance = min(distance, norm2(point - [x(k), y(k)] - along*side))
+      end do
+   end function distance
 end program test_line

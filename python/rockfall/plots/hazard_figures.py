@@ -88,7 +88,7 @@ def _begun(found: xr.Dataset, terrain: Terrain | None, key: list[Any], room: Roo
     """New map of everything that boulders reached, and of the objects."""
     import shapely
 
-    passed = found["passage_frequency"].values > 0
+    passed = found["hit_frequency"].values > 0
     x, y = found["x"].values[passed.any(axis=0)], found["y"].values[passed.any(axis=1)]
     if "object" in found.dims:
         shapes = shapely.from_wkt(found["object_geometry"].values.astype(str))

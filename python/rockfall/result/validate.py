@@ -58,6 +58,8 @@ def check_result(data: xr.Dataset, path: str | Path) -> None:
             raise RockfallError(f"{path}: {name} = {value}: is no number")
     check_dimensions(data, path)
     _check_groups(data, path)
+    if "threshold" not in data.variables and {*variables.EXCEEDED} & {*data.variables}:
+        raise RockfallError(f"{path}: is not a whole result of rockfall: has no threshold")
     ours = (*variables.BOULDER, *variables.COUNT, *variables.MAP)
     for name in (name for name in ours if name in data.variables):
         about = data.variables[name].attrs
@@ -111,7 +113,7 @@ def _groups() -> Iterator[_Group]:
     yield {f"trajectory_{name}": ("trajectory_vertex",) for name in variables.VERTEX}
     yield {f"sample_{name}": sample_dims(name) for name in variables.SAMPLE}
     yield {axis: (axis,) for axis in ("x", "y")}
-    yield {"threshold": ("threshold",), variables.EXCEEDED: ("threshold", "y", "x")}
+    yield {"threshold": ("threshold",)}
     for name in variables.HISTOGRAM:
         along = f"{name}_bin"
         yield {along: (along,), f"{along}_bounds": (along, "bound"), f"{name}_histogram": (along,)}

@@ -29,7 +29,7 @@ SAMPLE = _TABLE["sample"]  # there, and in results: sample_bin, ...
 STATUS = {name: number for number, name in enumerate(_TABLE["status"], start=1)}
 OUTCOME = {name: number for number, name in enumerate(_TABLE["outcome"], start=1)}
 
-EXCEEDED = "energy_exceeded"  # the map that has a layer for each threshold
+EXCEEDED = ("energy_exceeded", "hits_energy_exceeded")  # maps with a layer for each threshold
 
 
 def about(group: str, name: str) -> dict[str, str]:
@@ -39,7 +39,7 @@ def about(group: str, name: str) -> dict[str, str]:
 
 def map_dims(name: str) -> tuple[str, ...]:
     """The dimensions of a map."""
-    return ("threshold", "y", "x") if name == EXCEEDED else ("y", "x")
+    return ("threshold", "y", "x") if name in EXCEEDED else ("y", "x")
 
 
 def fields(what: int) -> list[str]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
+from rockfall.result.variables import EXCEEDED
 
 HITS = "tree_impacts"  # a map of counts, kept among the sums because they hold larger numbers
 SHARED = ("shared_cell", "shared_source", "shared_boulders")  # of the sources that a range cuts
@@ -21,8 +22,8 @@ class Plan(NamedTuple):
     """Tallies needed for the maps of a case: layers by name, from 1 in their stacks; 0: not
     needed."""
 
-    #: passages, deposits, sources; released: boulders of these sources; energy_exceeded: the first
-    #: of those for thresholds
+    #: passages, deposits, sources; released: boulders of these sources; hits; energy_exceeded and
+    #: hits_energy_exceeded: the first of those for thresholds
     counts: dict[str, int]
     sums: dict[str, int]  # of the quantities below, by name, followed by their squares
     maxima: dict[str, int]
@@ -41,7 +42,7 @@ def _plan(names: str, thresholds: int) -> Plan:
     quantities = (
         "energy", "speed", "jump_height", "passing_height", "tree_height", "tree_energy", HITS,
     )  # fmt: skip
-    kinds = "passages", "deposits", "sources", "released", "energy_exceeded"
+    kinds = "passages", "deposits", "sources", "released", "hits", *EXCEEDED
     return Plan(
         dict(zip(kinds, counts.tolist(), strict=True)),
         dict(zip(quantities, sums.tolist(), strict=True)),

@@ -141,7 +141,7 @@ def _add_maps(data: dict[str, Any], tally: Tally) -> None:
     data |= centre_variables(grid.x[box.columns], grid.y[box.rows])
     columns = tally.columns()
     per_cluster = boulders_per_cluster(tally.scene.case, columns["start_x"], columns["start_y"])
-    if variables.EXCEEDED in requested:
+    if {*variables.EXCEEDED} & {*requested}:
         data |= threshold_variable(tally.scene.case)
     for name in variables.MAP:
         if name in requested:
@@ -169,8 +169,10 @@ def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, in
     """A map, the minimum number of passages for a value, and the number below which a value is
     uncertain."""
     plan = plan_of(tally.scene.case)
-    if name == variables.EXCEEDED:
-        return tally.array("tally_counts")[plan.counts[name] - 1 :], 0, 0
+    if name in variables.EXCEEDED:
+        first = plan.counts[name] - 1
+        thresholds = len(tally.scene.case.hazard["thresholds"])
+        return tally.array("tally_counts")[first : first + thresholds], 0, 0
     if name in plan.counts:  # without a copy, to save memory
         return tally.array("tally_counts")[plan.counts[name] - 1], 0, 0
     if name == HITS:

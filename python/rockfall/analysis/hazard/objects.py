@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Objects at risk: number of boulders that reach each, and the resulting cost.
+"""Objects at risk: number of boulders that hit each, and the resulting cost.
 
-A line is hit where boulders first cross it, an area where they first cross its outline: each
-becomes an evaluation line, which counts a boulder once. A point is hit by boulders that pass its
-cell.
+A boulder hits an object when it touches it with its side in plan. Lines and outlines become
+evaluation lines with the width of the object, which count a boulder once; so do points with a
+width of their own. The others are taken to be as wide as the objects of the maps, in their cell.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
     from rockfall.scene.scene import Scene
 
+WIDTH = "width"  # attribute: of the object across a line, or of a point [m]
+MAX_WIDTH = 1000.0  # of an object, as in a case [m]
 VULNERABILITY = "vulnerability"  # an attribute for all intensities, or with _1, _2, ... for each
 FRACTIONS = (VULNERABILITY, "exposure")
 BYTES = 8 * len(LINE)  # of a boulder at a line
@@ -43,7 +45,7 @@ class Objects:
     names: list[str] = field(default_factory=list)
     lines: list[dict[str, Any]] = field(default_factory=list)  # in the form of a case
     owner: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # object of each line
-    point: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # objects in a cell
+    point: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # points without a width
     places: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))  # their x and y [m]
     vulnerability: np.ndarray | None = None  # (objects, intensities)
     exposure: np.ndarray = field(default_factory=lambda: np.empty(0))
@@ -65,8 +67,9 @@ def read_objects(
     columns = {name.lower(): values for name, values in columns.items()}
     numbers = [str(number) for number in range(1, len(shapes) + 1)]
     found.names = [str(name) for name in columns.get("name", numbers)]
-    for number, shape in enumerate(found.shapes):
-        _place(found, number, shape, grid)
+    widths = _numbers(found, columns, WIDTH, np.full(len(shapes), np.nan), missing=True)
+    for number, (shape, width) in enumerate(zip(found.shapes, widths.tolist(), strict=True)):
+        _place(found, number, shape, width, grid)
     _take_values(found, columns, intensities)
     return found
 
@@ -103,23 +106,25 @@ def check_room(objects: Objects, boulders: int) -> None:
         )
 
 
-def _place(objects: Objects, number: int, shape: Any, grid: Grid) -> None:
-    """Place an object: add the line or cell at which boulders hit it."""
+def _place(objects: Objects, number: int, shape: Any, width: float, grid: Grid) -> None:
+    """Place an object: add the line or cell at which boulders hit it. `width` is NaN if none."""
     west, south, east, north = shape.bounds
     if not (
         west <= grid.east and east >= grid.west and south <= grid.north and north >= grid.south
     ):
         raise RockfallError(f"{objects.path}: feature {number + 1}: lies outside the terrain")
-    if shape.geom_type == "Point":
+    if shape.geom_type == "Point" and np.isnan(width):
         objects.point = np.append(objects.point, number)
         objects.places = np.vstack([objects.places, [[shape.x, shape.y]]])
+        return
     for part in getattr(shape, "geoms", [shape]):
-        if part.geom_type == "Point":
-            continue
         curve = part.exterior if part.geom_type == "Polygon" else part
-        x, y = np.array(curve.coords).T
-        name = f"object {number + 1} part {len(objects.lines) + 1}"
-        objects.lines.append({"name": name, "x": x.tolist(), "y": y.tolist()})
+        x, y = np.array(curve.coords)[[0, 0] if part.geom_type == "Point" else slice(None)].T
+        about = {
+            "name": f"object {number + 1} part {len(objects.lines) + 1}",
+            "object_width": 0.0 if np.isnan(width) else width,
+        }
+        objects.lines.append(about | {"x": x.tolist(), "y": y.tolist()})
         objects.owner = np.append(objects.owner, number)
 
 
@@ -150,16 +155,22 @@ def _take_values(objects: Objects, columns: dict[str, np.ndarray], intensities: 
 
 
 def _numbers(
-    objects: Objects, columns: dict[str, np.ndarray], name: str, default: np.ndarray
+    objects: Objects,
+    columns: dict[str, np.ndarray],
+    name: str,
+    default: np.ndarray,
+    missing: bool = False,
 ) -> np.ndarray:
+    """Values of an attribute, which objects may lack (NaN) if it may be `missing`."""
     if name not in columns:
         return default
     values, most = columns[name], 1.0 if name.startswith(FRACTIONS) else np.inf
-    rule = "0 to 1" if most == 1 else ">= 0"
+    most = MAX_WIDTH if name == WIDTH else most
+    rule = ">= 0" if most == np.inf else f"0 to {most:g}"
     if values.dtype.kind not in "iufb":
         raise RockfallError(f"{objects.path}: attribute {name}: must be a number, {rule}")
     for number, value in enumerate(values.tolist(), start=1):
-        if not 0 <= value <= most:
+        if not 0 <= value <= most and not (missing and np.isnan(value)):
             raise RockfallError(
                 f"{objects.path}: feature {number}: {name} = {value}: must be {rule}"
             )

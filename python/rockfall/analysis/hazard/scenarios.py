@@ -21,10 +21,10 @@ VOLUMES = (
 )  # fmt: skip
 OUTPUT: dict[str, Any] = {  # output needed for a hazard
     "maps": [
-        "passages", "energy_exceeded",
+        "passages", "energy_exceeded", "hits", "hits_energy_exceeded",
         "energy_line_angle_max", "energy_line_angle_min", "travel_time_min",
     ],
-    "rebounds": False, "trajectories": 0,
+    "map_extent": "terrain", "rebounds": False, "trajectories": 0,
 }  # fmt: skip
 KM2 = 1e6  # [m2]
 

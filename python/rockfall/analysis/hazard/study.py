@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
     from rockfall.simulation.checkpoint import Checkpoint
 
-LAYOUT = 1  # of the file
+LAYOUT = 2  # of the file
 
 
 @dataclass
@@ -128,7 +128,7 @@ def _check_memory(scene: Scene, memory: float) -> None:
     """Refuse maps that do not fit in memory, before any run."""
     levels, scenarios = 1 + len(scene.case.hazard["thresholds"]), len(scene.case.scenario)
     cells = scene.grid.nx * scene.grid.ny
-    need = cells * (8 * levels * scenarios + 20 * levels + 25)  # measured memory
+    need = cells * (16 * levels * scenarios + 40 * levels + 25)  # measured memory
     if need > memory:
         raise RockfallError(
             f"{scene.case.name}: a hazard of {cells:,} cells, {scenarios} scenarios and "
@@ -185,10 +185,11 @@ class _Run:
         starts = (result[f"start_{axis}"].values for axis in "xy")
         self.per_cluster = boulders_per_cluster(study.case, *starts)
         self.sample = self.boulders, self.per_cluster, self.yearly
-        passages, exceeded = result["passages"].values, result["energy_exceeded"].values
-        self.counts = np.concatenate([passages[None], exceeded])  # (intensities, y, x)
+        # counts by cell (intensities, y, x)
+        self.passages = _counts(result, "passages", "energy_exceeded")
+        self.hits = _counts(result, "hits", "hits_energy_exceeded")
         self.extremes = {name: result[name].values for name in EXTREMES}
-        self.objects = object_counts(study.objects, result, study.scene.grid, self.counts)
+        self.objects = object_counts(study.objects, result, study.scene.grid, self.hits)
         self.about = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
@@ -197,12 +198,18 @@ class _Run:
         ]
 
 
+def _counts(result: xr.Dataset, name: str, exceeded: str) -> np.ndarray:
+    return np.concatenate([result[name].values[None], result[exceeded].values])
+
+
 def _dataset(study: Study, runs: list[_Run]) -> xr.Dataset:
     matrix, case = Matrix.of(study.case), study.case
     values = _scenarios(study, runs)
-    found = frequencies((run.counts, *run.sample) for run in runs)
-    values |= _frequencies(found, sum(run.yearly for run in runs))
-    values |= _classes("", found, matrix)
+    passages = frequencies((run.passages, *run.sample) for run in runs)
+    hits = frequencies((run.hits, *run.sample) for run in runs)
+    values |= _frequencies(passages, sum(run.yearly for run in runs))
+    values |= _with_ends("hit_frequency", "hit_exceedance_frequency", hits)
+    values |= _classes("", hits, matrix)
     for name, extreme in EXTREMES.items():
         values[name] = extreme.reduce([run.extremes[name] for run in runs])
     data = _places(study, runs[0], matrix)
@@ -236,22 +243,30 @@ def _scenarios(study: Study, runs: list[_Run]) -> dict[str, np.ndarray]:
         "boulders": np.array([run.boulders for run in runs]),
         "boulders_per_cluster": np.array([run.per_cluster for run in runs]),
         "scenario_warnings": np.array(["\n".join(run.warnings) for run in runs], dtype=object),
-        "scenario_passages": np.stack([run.counts[0] for run in runs]),
-        "scenario_energy_exceeded": np.stack([run.counts[1:] for run in runs]),
+        "scenario_passages": np.stack([run.passages[0] for run in runs]),
+        "scenario_energy_exceeded": np.stack([run.passages[1:] for run in runs]),
+        "scenario_hits": np.stack([run.hits[0] for run in runs]),
+        "scenario_hits_energy_exceeded": np.stack([run.hits[1:] for run in runs]),
     }
 
 
 def _frequencies(found: Frequencies, yearly: float) -> dict[str, np.ndarray]:
     """Frequencies of cells with their limits, and quantities derived from them."""
-    values = {}
-    for end, one in zip(ENDS, found, strict=True):
-        values[f"passage_frequency{end}"] = one[0].astype("f4")
-        values[f"exceedance_frequency{end}"] = one[1:].astype("f4")
+    values = _with_ends("passage_frequency", "exceedance_frequency", found)
     with np.errstate(divide="ignore"):
         periods = np.where(found.value > 0, 1 / found.value, np.nan).astype("f4")
     values["passage_return_period"], values["exceedance_return_period"] = periods[0], periods[1:]
     part = (found.value / yearly).astype("f4")
     values["reach_probability"], values["exceedance_probability"] = part[0], part[1:]
+    return values
+
+
+def _with_ends(name: str, exceeded: str, found: Frequencies) -> dict[str, np.ndarray]:
+    """Frequencies of all boulders, and of those above each threshold, with their limits."""
+    values = {}
+    for end, one in zip(ENDS, found, strict=True):
+        values[f"{name}{end}"] = one[0].astype("f4")
+        values[f"{exceeded}{end}"] = one[1:].astype("f4")
     return values
 
 

@@ -79,6 +79,10 @@ def _table() -> Iterator[tuple[str, Variable]]:
     energy = "whose energy in the cell exceeds a threshold"
     yield from _with_ends("passage_frequency", each, "annual frequency of boulders that pass")
     yield from _with_ends("exceedance_frequency", above, f"annual frequency of boulders {energy}")
+    of_object = "boulders that would hit an object of object_width in the middle of the cell"
+    yield from _with_ends("hit_frequency", each, f"annual frequency of {of_object}")
+    what = f"annual frequency of {of_object}, with more energy than a threshold"
+    yield from _with_ends("hit_exceedance_frequency", above, what)
     yield "passage_return_period", Variable(each, YEARS, "return period of a boulder that passes")
     what = f"return period of a boulder {energy}"
     yield "exceedance_return_period", Variable(above, YEARS, what)
@@ -99,6 +103,9 @@ def _table() -> Iterator[tuple[str, Variable]]:
     yield "scenario_passages", Variable(("scenario", *each), PART, what)
     what = f"simulated boulders {energy}"
     yield "scenario_energy_exceeded", Variable(("scenario", *above), PART, what)
+    yield "scenario_hits", Variable(("scenario", *each), PART, f"simulated {of_object}")
+    what = f"simulated {of_object}, with more energy than a threshold"
+    yield "scenario_hits_energy_exceeded", Variable(("scenario", *above), PART, what)
     yield "object_geometry", Variable(("object",), "", "well-known text")
     what = "annual frequency of boulders that meet the object"
     yield from _with_ends("object_frequency", ("object",), what)

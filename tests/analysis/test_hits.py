@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What hits an object: every boulder whose path, as recorded, comes within a radius of it in plan,
+whatever the cell size, the threads and the window of the maps."""
+
+import numpy as np
+import pytest
+
+import rockfall
+import scenes
+from made import make_layer, refused
+
+shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+
+Z = scenes.rough()
+GRID = scenes.grid(Z)
+MAPS = ["passages", "hits", "hits_energy_exceeded", "energy_exceeded"]
+WIDTH = 10.0
+NEAR = 1e-6  # [m] of a tie, which rounding decides
+RELEASE = {"x": [120.0, 180.0], "y": [380.0, 385.0], "drop_height": 5.0}
+ALL = {"maps": MAPS, "trajectories": 200, "map_extent": "terrain"}
+
+
+def make_case(folder, **groups):
+    groups = {"release": RELEASE, "case": {"boulders": 100}, "output": ALL} | groups
+    groups = {"boulder": {"volume": "normal", "volume_mean": 2.0, "volume_std": 2.0}} | groups
+    hazard = {"object_width": WIDTH, "thresholds": [0.0, 100.0]} | groups.pop("hazard", {})
+    return scenes.make_case(folder, *scenes.sets(2.0), **groups).replace(hazard=hazard)
+
+
+def run(case, **how):
+    return rockfall.run(case, dem=Z, transform=GRID, **how)
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    return run(make_case(tmp_path_factory.mktemp("hits")))
+
+
+def paths_of(result):
+    """The path of each boulder in plan, and its radius [m]."""
+    at = {name: result[f"trajectory_{name}"].values for name in ("boulder", "x", "y")}
+    points = np.stack([at["x"], at["y"]], axis=1)
+    cuts = np.flatnonzero(np.diff(at["boulder"])) + 1
+    paths = [shapely.LineString(part) for part in np.split(points, cuts)]
+    return np.array(paths, dtype=object), np.cbrt(0.75 * result.volume.values / np.pi)
+
+
+def test_an_object_in_a_cell_is_hit_by_the_paths_that_come_near(result):
+    paths, radius = paths_of(result)
+    assert len(paths) == 200
+    x, y = np.meshgrid(result.x.values, result.y.values)
+    distance = shapely.distance(paths[:, None, None], shapely.points(x, y))
+    edge = distance - radius[:, None, None] - WIDTH / 2
+    least, most = (edge <= -NEAR).sum(axis=0), (edge <= NEAR).sum(axis=0)
+    hits = result.hits.values
+    assert (least <= hits).all() and (hits <= most).all()
+    assert hits.sum() > 1.5 * result.passages.values.sum() > 0
+
+
+def test_hits_have_the_energy_of_the_cells_within_reach(result):
+    """The middle of a cell is nearer than 5 m to all of it: no hit is weaker than the passage. All
+    that move exceed nothing."""
+    assert (result.hits.values >= result.passages.values).all()
+    hits, passages = result.hits_energy_exceeded.values, result.energy_exceeded.values
+    assert (hits >= passages).all() and (hits[1] > passages[1]).any()
+    assert (hits[0] == result.hits.values).all() and (np.diff(hits, axis=0) <= 0).all()
+    assert hits[1].max() > 0
+
+
+def test_cells_do_not_change_hits(tmp_path):
+    """Of a plane at three resolutions, at the middles that they share; passages grow with cells."""
+    found, passed = [], []
+    for cell in 1.0, 3.0, 9.0:
+        n = round(324 / cell)
+        y = 324 - (np.arange(n) + 0.5) * cell
+        z = np.repeat((0.7 * y)[:, None], n, axis=1)
+        release = {"x": [150.3, 171.1], "y": [310.2, 309.7], "drop_height": 3.0}
+        case = make_case(tmp_path, release=release, output={"maps": MAPS, "map_extent": "terrain"})
+        result = rockfall.run(case, dem=z, transform=scenes.grid(z, cell))
+        step = round(9 / cell)
+        found.append(result.hits.values[step // 2 :: step, step // 2 :: step])
+        passed.append(result.passages.values.sum())
+    fine, medium, coarse = found
+    assert fine.sum() > 1000 and passed[0] > 2 * passed[1] > 4 * passed[2]
+    for other in medium, coarse:  # rounding may turn a path
+        assert abs(other - fine).sum() < 0.01 * fine.sum()
+
+
+@pytest.mark.parametrize("how", [{"threads": 3}, {"memory": 40e6}], ids=["threads", "memory"])
+def test_neither_threads_nor_windows_change_hits(tmp_path, result, how):
+    again = run(make_case(tmp_path), **how)
+    for name in MAPS:
+        assert again[name].identical(result[name])
+
+
+def test_the_area_that_maps_cover_holds_all_hits(tmp_path, result):
+    """Where maps end with what boulders can reach, their hits may lie further out."""
+    output = {"maps": MAPS, "map_extent": "reach"}
+    small = run(make_case(tmp_path, output=output))
+    assert small.hits.values.sum() == result.hits.values.sum()
+
+
+def test_other_maps_do_not_change(tmp_path, result):
+    """Boulders run in lanes without hits, and one by one with them."""
+    alone = run(make_case(tmp_path, output=ALL | {"maps": ["passages", "energy_exceeded"]}))
+    for name in "passages", "energy_exceeded", "stop_x", "speed_max":
+        assert alone[name].identical(result[name])
+
+
+def test_parts_add_up(tmp_path, result):
+    case, parts = make_case(tmp_path), []
+    for k in 1, 2, 3:
+        parts.append(tmp_path / f"{k}.nc")
+        rockfall.write_result(run(case, shard=(k, 3)), parts[-1])
+    merged = rockfall.merge(parts)
+    for name in MAPS:
+        assert (merged[name].values == result[name].values).all()
+
+
+# ---- objects along lines
+
+ROAD = {"x": [90.0, 150.0, 210.0], "y": [300.0, 290.0, 305.0]}
+POINT = {"x": [150.0, 150.0], "y": [250.0, 250.0]}
+
+
+@pytest.mark.parametrize("width", [0.0, 6.0])
+@pytest.mark.parametrize("where", [ROAD, POINT], ids=["road", "point"])
+def test_a_line_with_a_width_is_met_by_what_touches_it(tmp_path, result, where, width):
+    """In lanes, and one by one with trees: with the state where it first touches."""
+    line = [{"name": "o", **where, "object_width": width}]
+    found = run(make_case(tmp_path, line=line, output={"trajectories": 200}))
+    paths, radius = paths_of(found)
+    points = list(zip(where["x"], where["y"], strict=True))
+    edge = shapely.distance(paths, shapely.LineString(points)) - radius - width / 2
+    met = np.isfinite(found.line_x.values[0])
+    assert (met == (edge <= 0)).all() and 0 < met.sum() < 200
+    at = shapely.points(found.line_x.values[0][met], found.line_y.values[0][met])
+    away = shapely.distance(at, shapely.LineString(points))
+    assert away == pytest.approx(radius[met] + width / 2, abs=1e-9)
+    centres = run(make_case(tmp_path, line=[{"name": "o", **ROAD}]))
+    assert (met >= np.isfinite(centres.line_x.values[0])).all() or where is POINT
+
+
+def test_a_boulder_that_starts_at_an_object_has_met_it(tmp_path):
+    line = [{"name": "o", "x": [100.0, 140.0], "y": [380.0, 380.0], "object_width": 2.0}]
+    found = run(make_case(tmp_path, line=line))
+    first = found.source.values == 1
+    assert (found.line_time.values[0][first] == 0).all()
+    assert (found.line_x.values[0][first] == 120.0).all()
+
+
+def test_an_object_may_not_be_wider_than_a_kilometre(tmp_path):
+    line = [{"name": "o", **ROAD, "object_width": 1001.0}]
+    with refused("case: &line object_width = 1001.0: must be 0 to 1000 [m]"):
+        make_case(tmp_path, line=line)
+    with refused("case: &hazard object_width = -1.0: must be 0 to 1000 [m]"):
+        make_case(tmp_path, hazard={"object_width": -1.0})
+
+
+# ---- objects of a hazard
+
+
+def hazard(case, objects):
+    return rockfall.hazard(case, dem=Z, transform=GRID, objects=objects)
+
+
+def test_objects_of_a_layer_have_the_width_of_their_attribute(tmp_path):
+    """A point without one is as wide as the objects of the maps."""
+    case = make_case(tmp_path, output={}).replace(scenario=[{"name": "one", "frequency": 0.5}])
+    shapes = [shapely.Point(122.5, 342.5)] * 3 + [shapely.LineString([(90, 300), (210, 300)])] * 2
+    widths = [np.nan, 0.0, WIDTH, np.nan, 8.0]
+    layer = make_layer(tmp_path / "objects.gpkg", shapes, "EPSG:32632", width=widths)
+    found = hazard(case, layer)
+    usual, bare, wide, road, broad = found.object_passages.values[0].tolist()
+    at = {"x": 122.5, "y": 342.5}
+    assert usual == found.scenario_hits.sel(at, method="nearest").values[0]
+    assert 0 < bare < wide <= broad and road <= broad
+
+
+@pytest.mark.parametrize("width", [-1.0, 1001.0])
+def test_widths_that_cannot_be_are_refused(tmp_path, width):
+    case = make_case(tmp_path, output={}).replace(scenario=[{"name": "one", "frequency": 0.5}])
+    shapes = [shapely.Point(150.0, 250.0)]
+    layer = make_layer(tmp_path / "objects.gpkg", shapes, "EPSG:32632", width=[width])
+    with refused(f"{layer}: feature 1: width = {width}: must be 0 to 1000"):
+        hazard(case, layer)
+
+
+def test_a_point_is_found_where_boulders_reach_part_of_the_terrain(tmp_path):
+    """Its cell is one of the terrain, not of the area that boulders can reach."""
+    low = {"x": [150.0], "y": [152.5], "drop_height": 5.0}
+    case = make_case(tmp_path, release=low, output={})
+    scenarios = [{"name": "small", "frequency": 0.5}, {"name": "large", "frequency": 0.1}]
+    scenarios[1]["volume_mean"] = 20.0  # their maps would cover different cells
+    shapes = [shapely.Point(152.5, 142.5)] * 2
+    layer = make_layer(tmp_path / "o.gpkg", shapes, "EPSG:32632", width=[np.nan, WIDTH])
+    found = hazard(case.replace(scenario=scenarios), layer)
+    usual, disc = found.object_passages.values.T.tolist()
+    assert usual == disc and min(usual) > 0
