@@ -124,9 +124,9 @@ def test_the_file_holds_all_of_it(found):
 
 def test_zones_are_the_cells_of_each_class(found):
     _, _, wkb, (hazard, number, area, certain) = pyogrio.raw.read(
-        "out/hazard.gpkg", layer="zones", columns=["hazard", "class", "area", "certain"]
+        "out/hazard.gpkg", layer="zones_by_cell", columns=["hazard", "class", "area", "certain"]
     )
-    info = pyogrio.read_info("out/hazard.gpkg", layer="zones")
+    info = pyogrio.read_info("out/hazard.gpkg", layer="zones_by_cell")
     assert rasterio.crs.CRS.from_user_input(info["crs"]) == rasterio.crs.CRS.from_string(UTM)
     shapes = shapely.from_wkb(wkb)
     assert shapely.area(shapes) == pytest.approx(area)
@@ -153,7 +153,8 @@ def test_small_patches_go_to_their_neighbours(hazard_case):
     assert main([*ARGUMENTS[:2], "-o", "few", "--quiet"]) == 0
 
     def areas(folder):
-        return pyogrio.raw.read(f"{folder}/hazard.gpkg", layer="zones", columns=["area"])[3][0]
+        about = {"layer": "zones_by_cell", "columns": ["area"]}
+        return pyogrio.raw.read(f"{folder}/hazard.gpkg", **about)[3][0]
 
     assert areas("few").min() >= 500 > areas("all").min()
     assert len(areas("few")) < len(areas("all"))
@@ -163,7 +164,7 @@ def test_small_patches_go_to_their_neighbours(hazard_case):
 
 def test_a_class_that_small_patches_lose_is_not_forgotten(hazard_case):
     """Each zone has the highest class of its cells, and a warning says how much went lower."""
-    text = Path("case.nml").read_text() + "&hazard minimum_area = 500.0 /\n"
+    text = Path("case.nml").read_text() + "&hazard minimum_area = 500.0, minimum_width = 0 /\n"
     Path("case.nml").write_text(text)
     found = rockfall.hazard(rockfall.read_case("case.nml"))
     rockfall.write_hazard(found, "few")
@@ -180,7 +181,9 @@ def test_a_class_that_small_patches_lose_is_not_forgotten(hazard_case):
     assert lost.max() > 1
     for k in np.unique(lost):
         assert f"{quantities.number(25.0 * (lost == k).sum())} m2 {CLASSES[k]}" in warning
-    case = rockfall.read_case("case.nml").replace(hazard={"minimum_area": 0.0})
+    case = rockfall.read_case("case.nml").replace(
+        hazard={"minimum_area": 0.0, "minimum_width": 10.0}
+    )
     assert not any("minimum_area" in one for one in hazard_warnings(rockfall.hazard(case)))
 
 

@@ -6,6 +6,7 @@ import pytest
 
 import rockfall
 from made import make_layer
+from rockfall.analysis.hazard.zones import zones_of
 from rockfall.plots.hazard_figures import hazard_figures
 from scenes import grid, make_case, rough, sets
 
@@ -47,11 +48,19 @@ def test_there_is_one_of_zones_and_one_for_each_period(found):
 
 
 def test_zones_are_drawn_as_they_are(found):
-    zones, doubtful = images(hazard_figures(found)[0].draw())
-    shown = np.ma.filled(zones.get_array(), np.nan)
-    assert np.array_equal(np.nan_to_num(shown), found.hazard_class.values)
-    shown = np.ma.filled(doubtful.get_array(), np.nan)
-    assert np.array_equal(shown == 1, found.hazard_class_certain.values == 0)
+    """A patch for each class, and one hatched where it is not certain."""
+    zones = zones_of(found)
+    *classes, doubtful = hazard_figures(found)[0].draw().axes[0].patches
+    assert len(classes) == len(np.unique(zones.number)) and doubtful.get_hatch()
+    drawn = sum(area_of(one) for one in classes)
+    assert drawn == pytest.approx(shapely.area(zones.shapes).sum())
+    uncertain = (found.hazard_class_certain.values == 0).sum()
+    assert area_of(doubtful) == pytest.approx(25.0 * uncertain)
+
+
+def area_of(patch):
+    rings = [shapely.LinearRing(ring) for ring in patch.get_path().to_polygons()]
+    return abs(sum(shapely.Polygon(r).area * (1 if r.is_ccw else -1) for r in rings))
 
 
 def test_intensities_are_drawn_as_they_are(found):

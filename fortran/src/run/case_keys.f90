@@ -273,7 +273,9 @@ module rockfall_case_keys
       key_t("hazard", "object_width", "real", 1, "10.0", "0 to 1000", "m", &
             "of an object in the middle of each cell, for maps of hits; 0: a point"), &
       key_t("hazard", "minimum_area", "real", 1, "0.0", ">= 0", "m2", &
-            "of a zone: a smaller patch takes the class of the largest beside it")]
+            "of a zone: a smaller patch takes the class of the largest beside it"), &
+      key_t("hazard", "minimum_width", "real", 1, "10.0", "0 to 1000", "m", &
+            "of a zone: narrower parts are widened or take the next higher class; 0: zones follow cells")]
    integer, parameter :: n_keys = size(key_table)
 
 contains

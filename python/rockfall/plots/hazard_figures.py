@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.hazard.files import DOUBTFUL, colours_of
+from rockfall.analysis.hazard.files import colours_of
 from rockfall.analysis.hazard.zones import uncertain_of, zones_of
 from rockfall.case import case_in
 from rockfall.io.arrays import grid_of
@@ -18,7 +18,7 @@ from rockfall.plots.cartography.rasters import draw_image
 from rockfall.plots.cartography.sheet import PAGE, Room, Sheet, finish, new_sheet
 from rockfall.plots.extent import around
 from rockfall.plots.figures import Figure
-from rockfall.plots.style import styled
+from rockfall.plots.style import INK, styled
 from rockfall.result.flat_maps import layers
 from rockfall.result.trajectories import flags_of
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from rockfall.result.trajectories import Terrain
 
 OPAQUE = 0.7  # so that the relief remains visible under classes
+HATCH = "/////"
 
 
 def hazard_figures(found: xr.Dataset, terrain: Terrain | None = None) -> list[Figure]:
@@ -40,7 +41,7 @@ def hazard_figures(found: xr.Dataset, terrain: Terrain | None = None) -> list[Fi
         Figure(
             "hazard_class",
             "Zones of hazard",
-            f"Classes of hazard{least}; orange: cells whose class is not certain.",
+            f"Classes of hazard{least}; hatched: the class is not certain.",
             partial(zones_figure, found, terrain),
         )
     ]
@@ -55,27 +56,46 @@ def hazard_figures(found: xr.Dataset, terrain: Terrain | None = None) -> list[Fi
 def zones_figure(
     found: xr.Dataset, terrain: Terrain | None = None, room: Room = PAGE
 ) -> figure.Figure:
-    """Map of the classes of a hazard, the cells with an uncertain class, and the objects."""
-    from matplotlib.patches import Patch
-
-    data = found["hazard_class"]
-    zones = zones_of(found, case_in(found.attrs).hazard["minimum_area"])
-    key = [*_key(data), Patch(color=DOUBTFUL, label="class not certain")]
-    sheet = _begun(found, terrain, key, room)
-    axes, (grid, _) = sheet.axes, grid_of(data)
-    numbers = np.concatenate([[0], zones.number])[zones.patch]
-    _draw_classes(axes, numbers, grid, data)
-    doubtful = uncertain_of(found).patch > 0
-    colour, about = [DOUBTFUL], {"vmin": 0, "vmax": 1, "alpha": 0.8}
-    draw_image(axes, np.where(doubtful, 1.0, np.nan), grid, cmap=_listed(colour), **about)
-    _draw_objects(sheet, found)
+    """Map of the zones of a hazard, hatched where their class is uncertain, and the objects."""
+    sheet = begun(found, terrain, zone_key(found), room)
+    draw_zones(sheet, found)
     finish(sheet, found["crs"].attrs)
     return sheet.figure
 
 
+def draw_zones(sheet: Sheet, found: xr.Dataset) -> None:
+    """Draw the zones of a hazard, hatched where their class is uncertain, and the objects."""
+    zones, colours = zones_of(found), colours_of(found["hazard_class"])
+    for number, colour in colours.items():
+        about = {"facecolor": colour, "edgecolor": INK, "linewidth": 0.4, "alpha": OPAQUE}
+        _draw_polygons(sheet.axes, zones.shapes[zones.number == number], **about)
+    hatched = {"facecolor": "none", "edgecolor": INK, "linewidth": 0.0, "hatch": HATCH}
+    _draw_polygons(sheet.axes, uncertain_of(found).shapes, **hatched)
+    _draw_objects(sheet, found)
+
+
+def zone_key(found: xr.Dataset) -> list[Any]:
+    """Legend of the zones, from the highest class."""
+    from matplotlib.patches import Patch
+
+    doubtful = Patch(facecolor="none", edgecolor=INK, hatch=HATCH, label="class not certain")
+    return [*_key(found["hazard_class"]), doubtful]
+
+
+def _draw_polygons(axes: Axes, shapes: np.ndarray, **about: Any) -> None:
+    """Draw polygons with their holes as one patch."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    rings = [ring for shape in shapes for ring in (shape.exterior, *shape.interiors)]
+    if rings:
+        paths = [Path(np.array(ring.coords), closed=True) for ring in rings]
+        axes.add_patch(PathPatch(Path.make_compound_path(*paths), **about))
+
+
 @styled
 def _map_figure(found: xr.Dataset, data: xr.DataArray, terrain: Terrain | None) -> figure.Figure:
-    sheet = _begun(found, terrain, _key(data))
+    sheet = begun(found, terrain, _key(data))
     grid, flipped = grid_of(data)
     values = data.values[::-1] if flipped else data.values
     _draw_classes(sheet.axes, values, grid, data)
@@ -84,7 +104,7 @@ def _map_figure(found: xr.Dataset, data: xr.DataArray, terrain: Terrain | None) 
     return sheet.figure
 
 
-def _begun(found: xr.Dataset, terrain: Terrain | None, key: list[Any], room: Room = PAGE) -> Sheet:
+def begun(found: xr.Dataset, terrain: Terrain | None, key: list[Any], room: Room = PAGE) -> Sheet:
     """New map of everything that boulders reached, and of the objects."""
     import shapely
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES, RESIDUAL, boulders_needed, unseen
 from rockfall.analysis.hazard.files import object_table
-from rockfall.analysis.hazard.zones import lowered_area
+from rockfall.analysis.hazard.zones import lowered_area, zones_of
 from rockfall.case import case_in
 from rockfall.io.arrays import grid_of
 from rockfall.quantities import count, number, percent
@@ -53,7 +53,7 @@ def hazard_warnings(found: xr.Dataset) -> Iterator[str]:
             f"years: to tell {longest:g} years take {needed:,} boulders or more in each scenario"
         )
     minimum_area = case_in(found.attrs).hazard["minimum_area"]
-    lowered = lowered_area(found, minimum_area)
+    lowered = lowered_area(zones_of(found), found)
     parts = [f"{number(lowered[k])} m2 {CLASSES[k]}" for k in range(len(CLASSES)) if lowered[k]]
     if lowered[RESIDUAL + 1 :].any():
         yield (

@@ -11,16 +11,14 @@ import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.zones import (
-    Zones,
     certain_fractions,
     highest_classes,
     uncertain_of,
+    zones_by_cell,
     zones_of,
 )
-from rockfall.case import case_in
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
-from rockfall.io.arrays import grid_of
 from rockfall.io.output_files import atomic_folder
 from rockfall.io.tables import write_csv
 from rockfall.result.classes import classes_of, shown_as
@@ -119,26 +117,23 @@ def _put_maps(found: xr.Dataset, folder: Path) -> Iterator[Path]:
 
 
 def _layers(found: xr.Dataset) -> Iterator[tuple[str, tuple]]:
-    """Zones, uncertain areas, and objects; a layer without features is left out."""
-    minimum_area = case_in(found.attrs).hazard["minimum_area"]
-    words, (grid, _) = np.array(CLASSES, dtype=object), grid_of(found["hazard_class"])
-    zones, doubtful = zones_of(found, minimum_area), uncertain_of(found)
+    """Zones of both kinds, uncertain areas, and objects; a layer without features is left out."""
+    import shapely
 
-    def area(of: Zones) -> np.ndarray:
-        return of.cells * grid.cell**2
-
-    if zones.shapes.size:
-        about = {
-            "hazard": words[zones.number], "class": zones.number, "area": area(zones),
-            "certain": certain_fractions(zones, found),
-            "highest": words[highest_classes(zones, found)],
-        }  # fmt: skip
-        yield "zones", ("Polygon", [(zones.shapes, about)])
+    words, doubtful = np.array(CLASSES, dtype=object), uncertain_of(found)
+    for name, zones in (("zones", zones_of(found)), ("zones_by_cell", zones_by_cell(found))):
+        if zones.shapes.size:
+            about = {
+                "hazard": words[zones.number], "class": zones.number,
+                "area": shapely.area(zones.shapes), "certain": certain_fractions(zones, found),
+                "highest": words[highest_classes(zones, found)],
+            }  # fmt: skip
+            yield name, ("Polygon", [(zones.shapes, about)])
     if doubtful.shapes.size:
         low, high = np.divmod(doubtful.number, len(CLASSES))
         about = {
             "lowest": words[low], "highest": words[high], "lowest_class": low,
-            "highest_class": high, "area": area(doubtful),
+            "highest_class": high, "area": shapely.area(doubtful.shapes),
         }  # fmt: skip
         yield "uncertain", ("Polygon", [(doubtful.shapes, about)])
     if "object" in found.dims:
@@ -150,7 +145,7 @@ def _styles(kinds: dict[str, str]) -> dict[str, Style]:
     colours = dict(zip(CLASSES, HAZARD_COLOURS, strict=True))
     drawn = {"Point": marker, "LineString": thick, "Polygon": fill}
     found = {"uncertain": alike(fill(DOUBTFUL, "f_diagonal"))}
-    for layer in ("zones", "objects"):
+    for layer in ("zones", "zones_by_cell", "objects"):
         if symbol := drawn.get(plain_type(kinds.get(layer, ""))):
             found[layer] = Style("hazard", [(c, c, symbol(colours[c])) for c in CLASSES])
     return found

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard classes as polygons along cell edges, which add no false precision."""
+"""Hazard classes as polygons: along cell edges, which add no false precision, and generalised."""
 
 from __future__ import annotations
 
@@ -8,31 +8,52 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES
+from rockfall.analysis.hazard.outlines import NEGLIGIBLE, generalised, polygons_of
+from rockfall.case import case_in
 from rockfall.io.arrays import grid_of
 
 if TYPE_CHECKING:
     import xarray as xr
+    from shapely import Geometry
 
     from rockfall.io.grid import Grid
 
 
 class Zones(NamedTuple):
-    """Patches of equal cells: polygons, each with its number and its count of cells."""
+    """Polygons, each with its number and its count of cells."""
 
     shapes: np.ndarray
     number: np.ndarray
     cells: np.ndarray
-    patch: np.ndarray  # (y, x): patch of each cell, from 1; 0 if none
+    patch: np.ndarray  # (y, x): polygon around the middle of each cell, from 1; 0 if none
 
 
-def zones_of(found: xr.Dataset, minimum_area: float) -> Zones:
-    """Zones of a hazard class, each with at least an area [m2]: GDAL's sieve gives smaller patches
-    the class of their largest neighbour."""
+def zones_by_cell(found: xr.Dataset) -> Zones:
+    """Zones of a hazard class along cell edges, each with at least the `minimum_area` of the case:
+    GDAL's sieve gives smaller patches the class of their largest neighbour."""
     from rasterio.features import sieve
 
     numbers, grid = _north_up(found["hazard_class"])
-    size = int(np.ceil(minimum_area / grid.cell**2))
+    size = int(np.ceil(case_in(found.attrs).hazard["minimum_area"] / grid.cell**2))
     return _patches(sieve(numbers, size, connectivity=4) if size > 1 else numbers, grid)
+
+
+def zones_of(found: xr.Dataset) -> Zones:
+    """Zones of a hazard class with generalised outlines, no part narrower than the `minimum_width`
+    of the case; by cell if that is zero."""
+    import shapely
+
+    zones, width = zones_by_cell(found), case_in(found.attrs).hazard["minimum_width"]
+    if not width or not zones.shapes.size:
+        return zones
+    numbers, grid = _north_up(found["hazard_class"])
+    known = np.arange(1, len(CLASSES))
+    areas = [shapely.union_all(zones.shapes[zones.number == k]) for k in known]
+    terrain = shapely.box(grid.west, grid.south, grid.east, grid.north)
+    shown = [one.intersection(terrain) for one in generalised(areas, width, grid.cell)]
+    polygons = [[*polygons_of(one, NEGLIGIBLE * grid.cell**2)] for one in shown]
+    number = np.repeat(known, [len(one) for one in polygons])
+    return _zones([part for one in polygons for part in one], number, numbers.shape, grid)
 
 
 def highest_classes(zones: Zones, found: xr.Dataset) -> np.ndarray:
@@ -44,10 +65,9 @@ def highest_classes(zones: Zones, found: xr.Dataset) -> np.ndarray:
     return highest[1:]
 
 
-def lowered_area(found: xr.Dataset, minimum_area: float) -> np.ndarray:
+def lowered_area(zones: Zones, found: xr.Dataset) -> np.ndarray:
     """Area [m2] of each class that zones show with a lower class, or none."""
     numbers, grid = _north_up(found["hazard_class"])
-    zones = zones_of(found, minimum_area)
     shown = np.concatenate([[0], zones.number])[zones.patch]
     return np.bincount(numbers[shown < numbers], minlength=len(CLASSES)) * grid.cell**2
 
@@ -64,7 +84,8 @@ def certain_fractions(zones: Zones, found: xr.Dataset) -> np.ndarray:
     """Fraction of the cells of each zone whose class is certain."""
     certain, _ = _north_up(found["hazard_class_certain"])
     patch = zones.patch.ravel()
-    return np.bincount(patch, certain.ravel(), len(zones.cells) + 1)[1:] / zones.cells
+    count = np.bincount(patch, certain.ravel(), len(zones.cells) + 1)[1:]
+    return count / np.maximum(zones.cells, 1)
 
 
 def _north_up(data: xr.DataArray) -> tuple[np.ndarray, Grid]:
@@ -76,18 +97,23 @@ def _north_up(data: xr.DataArray) -> tuple[np.ndarray, Grid]:
 def _patches(numbers: np.ndarray, grid: Grid) -> Zones:
     """Patches of equal numbers above zero, by rows from the north-west."""
     import shapely
-    from rasterio.features import rasterize, shapes
+    from rasterio.features import shapes
 
     numbers = np.ascontiguousarray(numbers, "u1")
     found = list(shapes(numbers, mask=numbers > 0, connectivity=4, transform=grid.transform))
     polygons = [shapely.geometry.shape(shape) for shape, _ in found]
-    patch = np.zeros(numbers.shape, "i4")
+    number = np.array([int(number) for _, number in found], "i8")
+    return _zones(polygons, number, numbers.shape, grid)
+
+
+def _zones(
+    polygons: list[Geometry], number: np.ndarray, shape: tuple[int, ...], grid: Grid
+) -> Zones:
+    from rasterio.features import rasterize
+
+    patch = np.zeros(shape, "i4")
     if polygons:
         pairs = zip(polygons, range(1, len(polygons) + 1), strict=True)
         rasterize(pairs, out=patch, transform=grid.transform)
-    return Zones(
-        np.array(polygons, dtype=object),
-        np.array([int(number) for _, number in found], "i8"),
-        np.bincount(patch.ravel(), minlength=len(polygons) + 1)[1:],
-        patch,
-    )
+    cells = np.bincount(patch.ravel(), minlength=len(polygons) + 1)[1:]
+    return Zones(np.array(polygons, dtype=object), number, cells, patch)

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Generalised outlines of hazard zones: smooth, and no part of a zone narrower than a width.
+
+Every step errs on the safe side: an outline encloses all cells of its class and of higher ones, and
+what is too narrow is widened, or takes the next higher class if it lies beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from shapely import Geometry
+
+ARC = 4  # segments of a quarter of a circle
+TOLERANCE = 0.25  # of simplified outlines, in cells
+NEGLIGIBLE = 0.01  # area of rounding errors, in cells
+TOUCHING = 1e-6  # [m]
+PASSES = 2  # of raising narrow parts: what is raised narrows its neighbours
+
+
+def generalised(areas: Sequence[Geometry], width: float, cell: float) -> list[Geometry]:
+    """Generalise the areas of classes, from the lowest: none overlap, and together they cover all
+    that they covered before. `width` and `cell` are in metres."""
+    import shapely
+
+    least = NEGLIGIBLE * cell**2
+    above = [_enclosing(shapely.union_all(areas[k:]), width, cell) for k in range(len(areas))]
+    for k in reversed(range(len(above))):
+        narrow = [one.buffer(width / 2, ARC) for one in _narrow_parts(above[k], width, cell**2)]
+        inner = above[k + 1] if k + 1 < len(above) else shapely.Polygon()
+        above[k] = shapely.union_all([above[k], inner, *narrow])
+    for _ in range(PASSES):
+        for k in range(len(above) - 1):
+            ring = above[k].difference(above[k + 1])
+            narrow = shapely.union_all(_narrow_parts(ring, width, least))
+            near = narrow.intersection(above[k + 1].buffer(width, ARC))
+            beside = [one for one in polygons_of(near) if one.distance(above[k + 1]) < TOUCHING]
+            above[k + 1] = shapely.union_all([above[k + 1], *beside])
+    above.append(shapely.Polygon())
+    return [above[k].difference(above[k + 1]) for k in range(len(areas))]
+
+
+def polygons_of(area: Geometry, least: float = 0.0) -> Iterator[Geometry]:
+    """The polygons of an area that are larger than the given area [m2]."""
+    for part in getattr(area, "geoms", [area]):
+        if part.geom_type == "Polygon" and part.area > least:
+            yield part
+
+
+def _enclosing(area: Geometry, width: float, cell: float) -> Geometry:
+    """Smooth outline around an area, which fills gaps narrower than the width. Simplified outlines
+    are up to the tolerance off, so they start from one that lies that far out; arcs of segments may
+    still cut a corner."""
+    out, tolerance = width / 2, TOLERANCE * cell
+    smooth = area.buffer(out, ARC).buffer(tolerance - out, ARC).simplify(tolerance)
+    return smooth.union(area)
+
+
+def _narrow_parts(area: Geometry, width: float, least: float) -> list[Geometry]:
+    """Parts of an area in which no disc of the width fits, corners aside, if larger than `least`
+    [m2]."""
+    about = {"join_style": "mitre", "mitre_limit": 2.0}
+    wide = area.buffer(-width / 2, **about).buffer(width / 2 * (1 + 1e-9), **about)
+    return list(polygons_of(area.difference(wide), least))
