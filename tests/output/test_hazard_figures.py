@@ -7,7 +7,10 @@ import pytest
 import rockfall
 from made import make_layer
 from rockfall.analysis.hazard.zones import zones_of
+from rockfall.language import speaking
+from rockfall.plots.cartography.sheet import INCH
 from rockfall.plots.hazard_figures import hazard_figures
+from rockfall.plots.hazard_sheet import HIGH, MARGIN, WIDE, Imprint, hazard_sheet
 from scenes import grid, make_case, rough, sets
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
@@ -67,3 +70,39 @@ def test_intensities_are_drawn_as_they_are(found):
     for period, one in zip(found.intensity.values, hazard_figures(found)[1:], strict=True):
         (image,) = images(one.draw())
         assert np.array_equal(np.nan_to_num(np.ma.filled(image.get_array(), np.nan)), period)
+
+
+# ---- the sheet
+
+
+@pytest.mark.parametrize("language", ["en", "de", "fr", "it"])
+def test_the_sheet_says_what_the_zones_mean_and_fits_on_a3(found, language):
+    imprint = Imprint("No. 12", "the canton", "A. Engineer")
+    many = [
+        f"warning {k}: {'boulders are faster than any that was observed; ' * 9}" for k in range(9)
+    ]
+    with speaking(language):
+        figure = hazard_sheet(found, TERRAIN, imprint, many)
+    figure.draw_without_rendering()
+    assert figure.get_size_inches() == pytest.approx([420 / 25.4, 297 / 25.4])
+    texts = [text.get_text() for text in figure.texts]
+    for part in ("No. 12", "the canton", "A. Engineer", "300", "a: 0", "warning 0", "(A3)"):
+        assert any(part in text for text in texts), part
+    within = figure.bbox.padded(-0.9 * MARGIN * figure.dpi)
+    for text in figure.texts:  # inside the paper; in the title block inside its frame
+        box = text.get_window_extent()
+        assert box.x0 >= 0 and box.y0 >= 0
+        assert box.x1 <= within.x1 and box.y1 <= figure.bbox.y1, text.get_text()
+        if box.x0 > figure.dpi * (WIDE - 110 / 25.4):
+            assert box.y0 >= within.y0, text.get_text()
+
+
+def test_the_map_on_the_sheet_has_its_scale(found):
+    figure = hazard_sheet(found, TERRAIN)
+    (said,) = (text.get_text() for text in figure.texts if text.get_text().endswith("(A3)"))
+    axes = figure.axes[0]
+    metres = axes.get_xlim()[1] - axes.get_xlim()[0]
+    scale = metres / INCH / (axes.get_position().width * WIDE)
+    assert said == f"1:{scale:,.0f} (A3)"
+    metres = axes.get_ylim()[1] - axes.get_ylim()[0]
+    assert metres / INCH / (axes.get_position().height * HIGH) == pytest.approx(scale)

@@ -193,6 +193,7 @@ def _add_studies(commands: _Commands) -> None:
     about = "run the scenarios of a case: annual frequencies, zones of hazard, objects at risk"
     zone = _add(commands, "hazard", "hazard", about, "CASE")
     zone.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_hazard")
+    _add_imprint(zone, "on the sheet")
     about = "points, lines, polygons, with name, vulnerability, exposure, value"
     zone.add_argument("--objects", metavar="LAYER", type=Path, help=about)
     zone.add_argument("--objects-layer", metavar="NAME", help="of a file with several layers")
@@ -260,13 +261,7 @@ def _add_results(commands: _Commands) -> None:
     report.add_argument(
         "--3d", dest="view", action="store_true", help="the terrain in three dimensions, too"
     )
-    report.add_argument("--language", metavar="XX", default="en", help="en (default), de, fr or it")
-    for name, about in (
-        ("project", "its name or number"),
-        ("client", "who asked"),
-        ("author", "who signs"),
-    ):
-        report.add_argument(f"--{name}", metavar="TEXT", default="", help=f"{about}; on page 1")
+    _add_imprint(report, "on page 1")
     about = "date of the survey of the DEM"
     report.add_argument("--dem-date", metavar="TEXT", default="", help=about)
     report.add_argument("--hazard", metavar="HAZARD.nc", type=Path, help="its zones, too")
@@ -280,6 +275,17 @@ def _add_results(commands: _Commands) -> None:
         one.add_argument(
             "--limits", metavar="UNIT=LIMITS", nargs="+", help="of classes: kJ=30,300 m=1,5"
         )
+
+
+def _add_imprint(command: argparse.ArgumentParser, where: str) -> None:
+    about = "en (default), de, fr or it"
+    command.add_argument("--language", metavar="XX", default="en", help=about)
+    for name, about in (
+        ("project", "its name or number"),
+        ("client", "who asked"),
+        ("author", "who signs"),
+    ):
+        command.add_argument(f"--{name}", metavar="TEXT", default="", help=f"{about}; {where}")
 
 
 def _add_design(commands: _Commands) -> None:

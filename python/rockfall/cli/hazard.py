@@ -17,24 +17,29 @@ from rockfall.case_files import input_files
 from rockfall.cli.given import overridden
 from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError, need
+from rockfall.html_report.sentences import Speaker
 from rockfall.interrupts import exit_status, interrupts
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import atomic_folder, check_folder, check_output, check_outputs
+from rockfall.language import catalogue, speaking
 from rockfall.plots.hazard_figures import hazard_figures
+from rockfall.plots.hazard_sheet import Imprint, hazard_sheet
 from rockfall.plots.style import save
 from rockfall.result.flat_maps import shown
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.lock import locked
 from rockfall.simulation.memory import machine_memory, read_memory
 from rockfall.simulation.simulate import Interrupted
-from rockfall.text.hazard import hazard_summary
+from rockfall.text.hazard import hazard_summary, hazard_warnings
 
 DOTS = 200  # of figures, per inch
+SHEET = "hazard_sheet.pdf"
 
 
 def hazard_command(arguments: argparse.Namespace) -> int:
     need("a hazard needs", "vector", "pyogrio", "shapely")
-    need("a hazard needs", "report", "matplotlib")
+    need("a hazard needs", "report", "matplotlib", "babel")
+    catalogue(arguments.language)  # refuses unknown languages before a file is read
     case = overridden(arguments)
     base_case(case)  # refuses invalid cases before a file is read
     folder = arguments.output or Path(f"{arguments.case.stem}_hazard")
@@ -89,6 +94,13 @@ def _run_to(
             for one in hazard_figures(found, terrain):
                 paths.append(part / f"{one.name}.png")
                 save(one.draw(), paths[-1], DOTS)
+            paths.append(part / SHEET)
+            with speaking(arguments.language):
+                imprint = Imprint(arguments.project, arguments.client, arguments.author)
+                translate = Speaker(arguments.language, [one.name for one in study.scenarios])
+                said = [translate(text) for text in hazard_warnings(found)]
+                sheet = hazard_sheet(found, terrain, imprint, said)
+                save(sheet, paths[-1], DOTS)
     for checkpoint in checkpoints:
         checkpoint.remove()
     if shown:
@@ -127,7 +139,7 @@ def _check_place(folder: Path, case: Case, inputs: Iterable[str | Path]) -> None
     check_folder(folder)
     if not folder.resolve().parent.is_dir():
         raise RockfallError(f"{folder}: there is no folder {folder.parent}")
-    names = ["hazard.nc", "hazard.gpkg", "objects.csv", "hazard_class.png"]
+    names = ["hazard.nc", "hazard.gpkg", "objects.csv", "hazard_class.png", SHEET]
     names += [f"{name}.{ending}" for name, _ in map_names(case) for ending in ("tif", "qml")]
     periods = (shown("return_period", one) for one in case.hazard["return_periods"])
     names += [f"intensity_{period}.png" for period in periods]

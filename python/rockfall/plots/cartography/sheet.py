@@ -72,6 +72,7 @@ class Sheet:
     key_rows: int
     labels: Labels
     contours: Contours | None
+    paper: str = "A4"  # on which the scale holds
 
     @property
     def bar(self) -> tuple[float, float, float]:
@@ -135,9 +136,9 @@ def round_scale(rough: float) -> float:
     return float(power * next(one for one in SCALES if one * power >= 0.9999 * rough))
 
 
-def scale_text(denominator: float) -> str:
+def scale_text(denominator: float, paper: str = "A4") -> str:
     """Scale as text, valid at the size in which a map is drawn."""
-    return f"1:{denominator:,.0f} on A4"
+    return f"1:{denominator:,.0f} on {paper}"
 
 
 def named_crs(crs: Mapping[str, Any]) -> str:
@@ -225,7 +226,7 @@ def _draw_strip(sheet: Sheet, crs: str) -> None:
     figure.add_artist(Polygon(tip, facecolor=INK, edgecolor=INK, linewidth=0.5, transform=inches))
     figure.text(right - 0.24, base + 0.02, "N", ha="center", **texts | {"fontsize": 9})
     under = base - 0.18
-    figure.text(left, under, f"{scale_text(sheet.scale / INCH)}; {crs}", **texts)
+    figure.text(left, under, f"{scale_text(sheet.scale / INCH, sheet.paper)}; {crs}", **texts)
     if sheet.contours is not None and sheet.contours.curves:
         note = f"contours every {sheet.contours.interval:g} m"
         figure.text(right - 0.4, base + 0.02, note, ha="right", color=BROWN, **texts)

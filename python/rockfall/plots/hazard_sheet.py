@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Hazard map on a sheet of A3, as authorities publish them: zones, with a title block that says
+what they mean and what they were made of.
+
+All positions are in inches, from the lower left corner of the paper.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rockfall.analysis.hazard.classes import CLASSES, Matrix
+from rockfall.analysis.hazard.files import HAZARD_COLOURS
+from rockfall.case import FROM_ARRAY, case_in
+from rockfall.language import Number, localised, say
+from rockfall.plots.cartography.sheet import (
+    INCH,
+    LEFT,
+    Room,
+    Sheet,
+    crs_text,
+    finish,
+    named_crs,
+)
+from rockfall.plots.hazard_figures import HATCH, OPAQUE, begun, draw_zones
+from rockfall.plots.style import INK, plain, styled
+from rockfall.quantities import number
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+    from rockfall.result.trajectories import Terrain
+
+WIDE, HIGH = 420 / 25.4, 297 / 25.4
+MARGIN, BLOCK, GAP = 10 / 25.4, 95 / 25.4, 6 / 25.4  # of the paper; title block; beside the map
+SMALL, NORMAL, LARGE = 7.0, 8.0, 13.0  # sizes of letters [pt]
+LETTER = 0.52  # width of a letter on average, of its size
+BOX, ROW = 0.2, 0.24  # side of a colour of the legend; height of a row of a table
+BETWEEN = 0.14  # two parts of the title block
+MAX_WARNINGS, MAX_LINES = 4, 3  # shown; lines of each
+MAX_FILES = 8
+#: Message of each class, from the highest.
+WORDS = {
+    "high": "sheet.high",
+    "moderate": "sheet.moderate",
+    "low": "sheet.low",
+    "residual": "sheet.residual",
+}
+
+
+class Imprint(NamedTuple):
+    """Details of a sheet given by the user; blank lines where they are absent."""
+
+    project: str = ""
+    client: str = ""
+    author: str = ""
+
+
+NOBODY = Imprint()
+
+
+@styled
+def hazard_sheet(
+    found: xr.Dataset,
+    terrain: Terrain | None = None,
+    imprint: Imprint = NOBODY,
+    warnings: Sequence[str] = (),
+) -> Figure:
+    """Map of the zones of a hazard on A3, with its title block."""
+    room = Room(WIDE - 2 * MARGIN - BLOCK - GAP, HIGH - 2 * MARGIN)
+    sheet = begun(found, terrain, [], room)
+    sheet.paper = "A3"
+    draw_zones(sheet, found)
+    finish(sheet, found["crs"].attrs)
+    _place_on_paper(sheet)
+    block = _Block(sheet.figure)
+    _write_title(block, found, imprint)
+    _write_legend(block)
+    _write_matrix(block, found)
+    _write_scenarios(block, found)
+    _write_method(block, found)
+    _write_sources(block, found, sheet)
+    _write_warnings(block, warnings)
+    return sheet.figure
+
+
+def _place_on_paper(sheet: Sheet) -> None:
+    """Put the map, which fills a figure, at the lower left of the paper. What is drawn in inches
+    stays where it is; the rest keeps its size."""
+    figure = sheet.figure
+    wide, high = figure.get_size_inches()
+    places = {axes: axes.get_position() for axes in figure.axes}
+    figure.set_size_inches(WIDE, HIGH)
+    for axes, at in places.items():
+        axes.set_position(
+            (
+                at.x0 * wide / WIDE,
+                at.y0 * high / HIGH,
+                at.width * wide / WIDE,
+                at.height * high / HIGH,
+            )
+        )
+
+
+class _Block:
+    """Title block, written from the top down."""
+
+    def __init__(self, figure: Figure) -> None:
+        from matplotlib.patches import Rectangle
+
+        self.figure, self.left, self.y = figure, WIDE - MARGIN - BLOCK, HIGH - MARGIN
+        self.inches: dict[str, Any] = {"transform": figure.dpi_scale_trans}
+        frame = Rectangle((self.left, MARGIN), BLOCK, HIGH - 2 * MARGIN, **self.inches)
+        frame.set(facecolor="white", edgecolor=INK, linewidth=0.8)
+        figure.add_artist(frame)
+        self.left += 0.12
+        self.wide = BLOCK - 0.24
+        self.skip(0.12)
+
+    def skip(self, high: float = BETWEEN) -> None:
+        self.y -= high
+
+    def write(self, text: str, size: float = NORMAL, weight: str = "normal", most: int = 0) -> None:
+        """Write a paragraph, of at most so many lines."""
+        letters = int(self.wide * 72 / (LETTER * size))
+        lines = textwrap.wrap(text, letters, max_lines=most or None, placeholder=" ...") or [""]
+        for line in lines:
+            self.put(self.left, line, size, fontweight=weight)
+            self.skip(1.35 * size / 72)
+
+    def put(self, x: float, text: str, size: float = NORMAL, **about: Any) -> None:
+        """Write a line whose top is here."""
+        usual: dict[str, Any] = {"fontsize": size, "va": "top", "color": INK}
+        self.figure.text(x, self.y, plain(text), **usual | about | self.inches)
+
+    def fill(self, x: float, wide: float, high: float, **about: Any) -> None:
+        """Draw a rectangle whose top is here."""
+        from matplotlib.patches import Rectangle
+
+        usual: dict[str, Any] = {"edgecolor": INK, "linewidth": 0.5}
+        corner = x, self.y - high
+        self.figure.add_artist(Rectangle(corner, wide, high, **usual | about | self.inches))
+
+
+def _write_title(block: _Block, found: xr.Dataset, imprint: Imprint) -> None:
+    block.write(found.attrs["title"] or Path(found.attrs["case_file"]).stem, LARGE, "bold", 3)
+    block.write(say("sheet.title"), NORMAL + 2)
+    block.skip()
+    for label, value in (
+        (say("sheet.project"), imprint.project),
+        (say("sheet.client"), imprint.client),
+        (say("sheet.author"), imprint.author),
+        (say("sheet.signature"), ""),
+        (say("sheet.computed"), str(found.attrs.get("date_created", ""))[:10]),
+    ):
+        block.write(f"{label}: {value or '_' * 30}", most=2)
+    block.skip()
+
+
+def _write_legend(block: _Block) -> None:
+    for word, key in WORDS.items():
+        colour = HAZARD_COLOURS[CLASSES.index(word)]
+        block.fill(block.left, 1.6 * BOX, BOX, facecolor=colour, alpha=OPAQUE)
+        block.put(block.left + 2 * BOX, say(key))
+        block.skip(BOX + 0.06)
+    block.fill(block.left, 1.6 * BOX, BOX, facecolor="none", hatch=HATCH)
+    block.put(block.left + 2 * BOX, say("sheet.uncertain"))
+    block.skip(BOX + 0.06 + BETWEEN)
+
+
+def _write_matrix(block: _Block, found: xr.Dataset) -> None:
+    """The classes by energy and return period, the strongest at the top."""
+    case = case_in(found.attrs)
+    matrix, first = Matrix.of(case), 0.34 * block.wide
+    column = (block.wide - first) / len(matrix.periods)
+    block.write(say("sheet.matrix"), SMALL)
+    for k, period in enumerate(matrix.periods.tolist()):
+        middle = block.left + first + (k + 0.5) * column
+        block.put(middle, say("sheet.years", n=Number(f"{period:g}")), SMALL, ha="center")
+    block.skip(0.18)
+    for energy, classes in reversed(list(zip(_energies(case), matrix.classes[1:], strict=True))):
+        block.put(block.left, energy, SMALL)
+        for k, of in enumerate(classes.tolist()):
+            about = {"facecolor": HAZARD_COLOURS[of], "alpha": OPAQUE}
+            block.fill(block.left + first + k * column, column, ROW, **about)
+        block.skip(ROW)
+    block.skip()
+
+
+def _energies(case: Any) -> Iterator[str]:
+    """Labels of the intensities, from the weakest."""
+    ends = [f"{one:g}" for one in case.hazard["thresholds"]]
+    yield say("sheet.up_to", high=Number(ends[0]))
+    for low, high in zip(ends[:-1], ends[1:], strict=True):
+        yield say("sheet.between", low=Number(low), high=Number(high))
+    yield say("sheet.above", low=Number(ends[-1]))
+
+
+def _write_scenarios(block: _Block, found: xr.Dataset) -> None:
+    block.write(say("sheet.scenarios"), NORMAL, "bold")
+    columns = (found[name].values for name in ("scenario", "frequency", "boulders"))
+    for name, yearly, boulders in zip(*columns, strict=True):
+        about = {"yearly": Number(number(yearly)), "boulders": int(boulders)}
+        block.write(f"{name}: {say('sheet.scenario', **about)}", SMALL, most=2)
+    block.skip()
+
+
+def _write_method(block: _Block, found: xr.Dataset) -> None:
+    asked = case_in(found.attrs).hazard
+    block.write(say("sheet.method"), NORMAL, "bold")
+    block.write(say("sheet.frequency", width=Number(f"{asked['object_width']:g}")), SMALL)
+    if asked["minimum_width"]:
+        block.write(say("sheet.outlines", width=Number(f"{asked['minimum_width']:g}")), SMALL)
+    if asked["minimum_area"]:
+        block.write(say("sheet.area", area=Number(f"{asked['minimum_area']:g}")), SMALL)
+    block.skip()
+
+
+def _write_sources(block: _Block, found: xr.Dataset, sheet: Sheet) -> None:
+    block.write(say("sheet.sources"), NORMAL, "bold")
+    named = (name for _, name in case_in(found.attrs).files() if name != FROM_ARRAY)
+    files = list(dict.fromkeys(Path(name).name for name in named))
+    more = [f"+ {len(files) - MAX_FILES}"] if len(files) > MAX_FILES else []
+    block.write(", ".join([*files[:MAX_FILES], *more]) or say("sheet.no_files"), SMALL, most=3)
+    crs = found["crs"].attrs
+    block.write(crs_text(crs) if named_crs(crs) else say("sheet.no_crs"), SMALL, most=2)
+    block.write(f"1:{localised(f'{sheet.scale / INCH:,.0f}')} ({sheet.paper})", SMALL)
+    block.write(str(found.attrs["source"]), SMALL, most=2)
+    block.skip()
+
+
+def _write_warnings(block: _Block, warnings: Sequence[str]) -> None:
+    """What must be said of the hazard, cut to the space that is left."""
+    if not warnings:
+        return
+    block.write(say("sheet.warnings", n=len(warnings)), NORMAL, "bold")
+    for text in warnings[:MAX_WARNINGS]:
+        if block.y - MAX_LINES * 1.35 * SMALL / 72 < MARGIN + LEFT:
+            break
+        block.write(text, SMALL, most=MAX_LINES)
