@@ -27,6 +27,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "read_case": "case",
     "read_result": "result.dataset",
     "report": "products",
+    "report_variants": "products",
     "return_levels": "analysis.return_levels",
     "run": "simulation.simulate",
     "run_ensemble": "analysis.ensemble.study",

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -15,6 +15,7 @@ from rockfall.html_report.inputs import Parties
 from rockfall.html_report.page import check_page, write_report
 from rockfall.html_report.spread import check_models
 from rockfall.html_report.terrain_view import check_view
+from rockfall.html_report.variants_page import Given, write_variants_page
 from rockfall.io.raster_file import raster_files
 from rockfall.language import catalogue
 from rockfall.plots.cartography.basemap import read_basemap
@@ -36,6 +37,9 @@ if TYPE_CHECKING:
     Result = xr.Dataset | str | Path
     Place = str | Path | None
     Files = Sequence[str | Path]
+
+
+NO_COSTS: Mapping[str, float] = {}
 
 
 class _Drawn(NamedTuple):
@@ -97,6 +101,42 @@ def report(
     checksum = file_checksum(Path(result)) if isinstance(result, str | Path) else ""
     parties = Parties(project, client, author, dem_date, checksum)
     write_report(drawn.result, path, *drawn[1:], view, language, parties, zones, spread)
+    return path
+
+
+def report_variants(
+    results: Mapping[str, xr.Dataset],
+    path: str | Path,
+    *,
+    dem: Place = None,
+    yearly: float = 0.0,
+    costs: Mapping[str, float] = NO_COSTS,
+    language: str = "en",
+    project: str = "",
+    client: str = "",
+    author: str = "",
+) -> Path:
+    """Write variants of a protection, by name, as one offline HTML page or PDF with a column for
+    each: `compare_variants` at all lines, with the measures, and maps of the differences.
+
+    `yearly` is the number of boulders that come loose from all sources in a year, for frequencies;
+    `costs` are those of variants, in any unit; `dem` is the terrain under maps; the rest is as in
+    `report`. Returns the path of the page.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> net = {"name": "net", "x": [600000.0, 600120.0], "y": [4999950.0, 4999950.0]}
+    >>> variant = case.replace(barrier=[net | {"height": 3.0, "class": 4}])
+    >>> results = {"bare": rockfall.run(case), "net": rockfall.run(variant)}
+    >>> rockfall.report_variants(results, "variants.html", yearly=0.5, costs={"net": 9e4}).name
+    'variants.html'
+    """
+    path = Path(path)
+    catalogue(language)
+    terrain = terrain_of(next(iter(results.values())), dem)
+    inputs = [one for result in results.values() for one in files_behind(result)]
+    parties = Parties(project, client, author)
+    write_variants_page(results, path, terrain, Given(yearly, costs), language, parties, inputs)
     return path
 
 

@@ -394,7 +394,7 @@ def first_page(found, monkeypatch, language="en"):
     shown = [replace(one, draw=lambda: None) for one in figures(found) if one.name == "epistemic"]
     monkeypatch.setattr(html_page, "figures", lambda *_: shown)
     monkeypatch.setattr(
-        html_page, "_picture",
+        html_page, "picture",
         lambda figure, title, caption, say: Picture(say(title), say(caption), "data:,", 9, 9),
     )  # fmt: skip
     monkeypatch.setattr(html_page, "convergence_figure", lambda *_: None)

@@ -573,7 +573,7 @@ def test_every_kind_of_result_has_a_page_in_every_language(tmp_path, monkeypatch
     """The catalogue has the same texts for all languages: one of them tells what it lacks."""
     missing = silenced(monkeypatch)
     monkeypatch.setattr("rockfall.html_report.page.return_levels", no_levels)
-    monkeypatch.setattr("rockfall.html_report.page._picture", only_said)  # drawing is tested apart
+    monkeypatch.setattr("rockfall.html_report.page.picture", only_said)  # drawing is tested apart
     monkeypatch.setattr("rockfall.html_report.page.convergence_figure", lambda *_: None)
     monkeypatch.setattr("rockfall.html_report.page.figures", undrawn)
     for name, text in OBSERVED.items():
@@ -891,7 +891,7 @@ def test_a_figure_opens_large_and_closes_by_key(browser, page):
 
 def test_figures_of_the_laboratory_are_an_appendix_of_runs_by_impact_sets(result, monkeypatch):
     """Not beside the others, and not of a run whose rebounds followed other laws."""
-    monkeypatch.setattr("rockfall.html_report.page._picture", only_said)
+    monkeypatch.setattr("rockfall.html_report.page.picture", only_said)
     monkeypatch.setattr("rockfall.html_report.page.figures", undrawn)
     monkeypatch.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))
     front, appendix = report(result).split('<section id="appendix">')

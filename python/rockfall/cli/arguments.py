@@ -242,6 +242,13 @@ def _add_results(commands: _Commands) -> None:
     compare.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="all tables as CSV")
     about = "of variants: maps of the differences, as GeoTIFF"
     compare.add_argument("--maps", metavar="DIR", type=Path, help=about)
+    about = "of variants: one page (.html, .pdf) with a column for each"
+    compare.add_argument("--report", metavar="FILE", type=Path, help=about)
+    about = "of variants: boulders that come loose a year, for frequencies in the report"
+    compare.add_argument("--yearly", metavar="N", type=float, default=0.0, help=about)
+    about = "of variants, for the report: NAME=AMOUNT"
+    compare.add_argument("--costs", metavar="COST", nargs="+", default=[], help=about)
+    _add_imprint(compare, "in the report")
     lines = result("lines", "print line statistics with intervals, and return levels")
     lines.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="write them, too")
     about = "split them: source or volume"

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +18,9 @@ from rockfall.analysis.variants import compare_variants, difference_maps, write_
 from rockfall.case_files import files_behind
 from rockfall.cli.messages import DONE, warn
 from rockfall.errors import RockfallError
-from rockfall.products import figures, report
+from rockfall.io.output_files import check_output
+from rockfall.io.tables import plain_decimal
+from rockfall.products import figures, report, report_variants
 from rockfall.result.dataset import read_result
 from rockfall.result.export import export
 from rockfall.result.samples import kept_note
@@ -29,15 +32,8 @@ from rockfall.text.variants import variants_text
 if TYPE_CHECKING:
     import xarray as xr
 
-REPORTED = (
-    "language",
-    "project",
-    "client",
-    "author",
-    "dem_date",
-    "hazard",
-    "models",
-)  # in a report
+IMPRINT = ("language", "project", "client", "author")  # of a page
+REPORTED = (*IMPRINT, "dem_date", "hazard", "models")  # in a report
 
 
 def export_command(arguments: argparse.Namespace) -> int:
@@ -55,8 +51,9 @@ def compare_command(arguments: argparse.Namespace) -> int:
         raise RockfallError("compare: a result is given twice")
     if not sources:
         return _compare_variants(results, arguments)
-    if arguments.maps:
-        raise RockfallError("--maps requires variants: results without observations")
+    for option in ("maps", "report"):
+        if getattr(arguments, option):
+            raise RockfallError(f"--{option} requires variants: results without observations")
     seen = read_observed(*sources)
     if len(results) == 1:
         (result,) = results.values()
@@ -83,8 +80,22 @@ def _compare_variants(results: dict[str, xr.Dataset], arguments: argparse.Namesp
         write_comparison(table, arguments.output, keep=inputs)
     if arguments.maps:
         write_variants(table, difference_maps(variants), arguments.maps, inputs)
+    if arguments.report:
+        costs = dict(map(_cost, arguments.costs))
+        named = {name: getattr(arguments, name) for name in ("yearly", *IMPRINT)}
+        check_output(arguments.report, inputs)
+        with _warnings_told():
+            report_variants(variants, arguments.report, costs=costs, **named)
     print(variants_text(table, kept_note(next(iter(variants.values())))))
     return DONE
+
+
+def _cost(given: str) -> tuple[str, float]:
+    """Variant and its cost, as NAME=AMOUNT."""
+    name, _, amount = given.rpartition("=")
+    if not name or math.isnan(cost := plain_decimal(amount)):
+        raise RockfallError(f"--costs {given}: must be NAME=AMOUNT")
+    return name, cost
 
 
 def lines_command(arguments: argparse.Namespace) -> int:

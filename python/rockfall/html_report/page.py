@@ -7,14 +7,9 @@ The modules of this package provide numbers and texts; `templates` define the st
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import importlib.resources
-import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from rockfall.analysis.compare import compare
 from rockfall.analysis.lines.samples import LineSamples
@@ -40,8 +35,9 @@ from rockfall.html_report.inputs import (
     zone_table,
 )
 from rockfall.html_report.intervals import rows_of
-from rockfall.html_report.maps import data_uri, map_section
+from rockfall.html_report.maps import map_section
 from rockfall.html_report.pdf import check_pdf, write_pdf
+from rockfall.html_report.render import Picture, picture, rendered
 from rockfall.html_report.sentences import Speaker
 from rockfall.html_report.spread import (
     missing_spread,
@@ -79,7 +75,6 @@ from rockfall.io.output_files import check_output
 from rockfall.language import say, speaking
 from rockfall.plots.figures import LABORATORY, drawn_lines, figures
 from rockfall.plots.hazard_figures import hazard_figures
-from rockfall.plots.style import capital, save
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.design import design
 from rockfall.result.flat_maps import flat_maps
@@ -90,7 +85,6 @@ from rockfall.text.hazard import hazard_warnings
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.figure import Figure
 
     from rockfall.analysis.models import Models
     from rockfall.html_report.intervals import Rows
@@ -100,22 +94,8 @@ if TYPE_CHECKING:
 
 PDF = ".pdf"
 NOBODY = Parties()
-MAX_SVG = 400_000  # bytes; a denser figure is rasterised
-DOTS_PER_INCH = 200
 GROUNDS = "page.grounds_radii_of_their_rocks"
-UNIT = re.compile(r"(?<=\d) (?=(?:%|kJ|m|m/s|m2|m³|kg/m³)(?!\w))")  # kept on the line of its number
-COLOURS = 128  # of a rasterised figure
 DRAWN_LINES = 8  # lines with figures; the tables have all
-
-
-class Picture(NamedTuple):
-    """A figure of the page: a data URI and its size [CSS pixels]."""
-
-    title: str
-    caption: str
-    uri: str
-    wide: int
-    high: int
 
 
 def write_report(
@@ -235,18 +215,19 @@ def _report(
     front = front_of(result, rows, parties, texts, shown_first, translate)
     stops = None if observed is None else observed.stops
     drawn_first = list(overview(result, terrain, stops, hazard, look, front.room))
-    return _rendered(
+    return rendered(
+        "page.html.j2",
         translate,
         title=texts["title"],
         on_paper=on_paper,
         parties=parties,
         question=texts["question"],
         front=front,
-        overview=[_picture(figure, title, "", translate) for title, figure in drawn_first],
+        overview=[picture(figure, title, "", translate) for title, figure in drawn_first],
         doubtful_inputs=doubts,
         indices=[one for k, one in enumerate(ranges) if k % PER_LINE],
         inputs=[input_table(result, parties), *zone_table(result), *dam_tables(result)],
-        ground_map=_picture(grounds, say(GROUNDS), "", translate) if grounds else None,
+        ground_map=picture(grounds, say(GROUNDS), "", translate) if grounds else None,
         ends=[ends_table(result)],
         angle=list(angle(result)),
         cautions=cautions(result, rows, levels),
@@ -261,7 +242,7 @@ def _report(
         hazard=endangered[1:],
         hazard_warnings=[] if hazard is None else list(hazard_warnings(hazard)),
         hazard_figures=[
-            _picture(one.draw(), one.title, one.caption, translate)
+            picture(one.draw(), one.title, one.caption, translate)
             for one in ([] if hazard is None else hazard_figures(hazard, terrain))
         ],
         grounds=[
@@ -272,11 +253,11 @@ def _report(
         convergence=list(_convergence(result, rows, translate)),
         comparison=None if observed is None else compared(compare(result, observed)),
         figures=[
-            _picture(one.draw(), one.title, one.caption, translate)
+            picture(one.draw(), one.title, one.caption, translate)
             for one in shown
             if one.name not in LABORATORY
         ],
-        appendix=[_picture(one.draw(), one.title, one.caption, translate) for one in laboratory],
+        appendix=[picture(one.draw(), one.title, one.caption, translate) for one in laboratory],
         technical=[*technical(result), *requested(result)],
         provenance=provenance(result),
     )
@@ -296,58 +277,7 @@ def _convergence(
             figure = None
             if k in which:
                 drawn = convergence_figure(result, k)
-                figure = _picture(drawn, say("page.convergence_at", line=line), caption, translate)
+                figure = picture(drawn, say("page.convergence_at", line=line), caption, translate)
             yield line, figure, precision_table(line, numbers, simulated(result))
         else:
             yield line, None, None
-
-
-def _picture(figure: Figure, title: str, caption: str, translate: Speaker) -> Picture:
-    """Figure as vectors (SVG), or rasterised if too dense. The same figure gives the same bytes."""
-    translate.figure(figure)
-    wide, high = (round(96 * inch) for inch in figure.get_size_inches())
-    content, kind = _saved(figure, "svg"), "image/svg+xml"
-    if len(content) > MAX_SVG:
-        content, kind = _saved(figure, "png"), "image/png"
-    return Picture(
-        capital(translate(title)), translate(caption), data_uri(content, kind), wide, high
-    )
-
-
-def _saved(figure: Figure, ending: str) -> bytes:
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / f"figure.{ending}"
-        save(figure, path, DOTS_PER_INCH)
-        if ending == "png":  # a third of the bytes
-            from PIL import Image
-
-            Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
-        return path.read_bytes()
-
-
-def _rendered(translate: Speaker, **content: Any) -> str:
-    """Render the page from this content. All texts are escaped; only our scripts can run in it."""
-    import jinja2
-    from markupsafe import Markup
-
-    folder = importlib.resources.files(__package__) / "templates"
-
-    def read(name: str) -> str:
-        return (folder / name).read_text(encoding="utf-8")
-
-    script = read("page.js")
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(read), autoescape=True, undefined=jinja2.StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
-    )  # fmt: skip
-    environment.filters["capital"] = capital
-    environment.filters["say"] = lambda text: UNIT.sub("\u00a0", translate(text))
-    environment.filters["unit"] = lambda text: UNIT.sub("\u00a0", text)
-    environment.globals["say"] = say
-    return environment.get_template("page.html.j2").render(
-        language=translate.language,
-        style=Markup(read("page.css")),
-        script=Markup(script),
-        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
-        **content,
-    )

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Rendering of a page from its template, with figures inside it."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import importlib.resources
+import re
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rockfall.html_report.maps import data_uri
+from rockfall.html_report.sentences import Speaker
+from rockfall.language import say
+from rockfall.plots.style import capital, save
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MAX_SVG = 400_000  # bytes; a denser figure is rasterised
+DOTS_PER_INCH = 200
+UNIT = re.compile(r"(?<=\d) (?=(?:%|kJ|m|m/s|m2|m³|kg/m³)(?!\w))")  # kept on the line of its number
+COLOURS = 128  # of a rasterised figure
+
+
+class Picture(NamedTuple):
+    """A figure of the page: a data URI and its size [CSS pixels]."""
+
+    title: str
+    caption: str
+    uri: str
+    wide: int
+    high: int
+
+
+def picture(figure: Figure, title: str, caption: str, translate: Speaker) -> Picture:
+    """Figure as vectors (SVG), or rasterised if too dense. The same figure gives the same bytes."""
+    translate.figure(figure)
+    wide, high = (round(96 * inch) for inch in figure.get_size_inches())
+    content, kind = _saved(figure, "svg"), "image/svg+xml"
+    if len(content) > MAX_SVG:
+        content, kind = _saved(figure, "png"), "image/png"
+    return Picture(
+        capital(translate(title)), translate(caption), data_uri(content, kind), wide, high
+    )
+
+
+def _saved(figure: Figure, ending: str) -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"figure.{ending}"
+        save(figure, path, DOTS_PER_INCH)
+        if ending == "png":  # a third of the bytes
+            from PIL import Image
+
+            Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
+        return path.read_bytes()
+
+
+def rendered(template: str, translate: Speaker, **content: Any) -> str:
+    """Render a page from a template and its content. All texts are escaped; only our scripts can
+    run in it."""
+    import jinja2
+    from markupsafe import Markup
+
+    folder = importlib.resources.files(__package__) / "templates"
+
+    def read(name: str) -> str:
+        return (folder / name).read_text(encoding="utf-8")
+
+    script = read("page.js")
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(read), autoescape=True, undefined=jinja2.StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    environment.filters["capital"] = capital
+    environment.filters["say"] = lambda text: UNIT.sub("\u00a0", translate(text))
+    environment.filters["unit"] = lambda text: UNIT.sub("\u00a0", text)
+    environment.globals["say"] = say
+    return environment.get_template(template).render(
+        language=translate.language,
+        style=Markup(read("page.css")),
+        script=Markup(script),
+        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+        **content,
+    )

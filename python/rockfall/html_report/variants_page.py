@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Page that compares variants of a protection, with a column for each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.variants import UNDECIDED, compare_variants, difference_maps
+from rockfall.case import FROM_ARRAY, Case, case_of
+from rockfall.errors import RockfallError
+from rockfall.html_report.inputs import Parties
+from rockfall.html_report.page import NOBODY, check_page
+from rockfall.html_report.pdf import write_pdf
+from rockfall.html_report.render import picture, rendered
+from rockfall.html_report.sentences import Speaker
+from rockfall.html_report.tables import Table
+from rockfall.html_report.validity import warnings
+from rockfall.io.files import atomic_write
+from rockfall.language import Number, Text, localised, say, speaking
+from rockfall.plots.difference_figures import difference_figure
+from rockfall.quantities import QUANTITIES, number
+from rockfall.result.samples import simulated
+from rockfall.text.variants import signed
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from rockfall.result.trajectories import Terrain
+
+#: Message of each quantity.
+NAMES = {
+    "speed": "variants.speed",
+    "upper_edge": "variants.upper_edge",
+    "energy_total": "variants.energy_total",
+}
+MEAN, Q95 = "variants.mean", "variants.q95"
+
+
+class Given(NamedTuple):
+    """What the results do not know of the variants."""
+
+    yearly: float = 0.0  # boulders that come loose from all sources [1/year]; 0: not known
+    costs: Mapping[str, float] = {}  # by variant, in any unit
+
+    def check(self, results: Mapping[str, xr.Dataset]) -> None:
+        """Refuse what cannot be."""
+        if not 0 <= self.yearly < math.inf:
+            raise RockfallError(f"yearly = {self.yearly:g}: must be >= 0 boulders a year")
+        for name, cost in self.costs.items():
+            if name not in results:
+                raise RockfallError(f"cost of {name}: the variants are {', '.join(results)}")
+            if not 0 <= cost < math.inf:
+                raise RockfallError(f"cost of {name} = {cost:g}: must be >= 0")
+
+
+NOTHING = Given()
+
+
+def write_variants_page(
+    results: Mapping[str, xr.Dataset],
+    path: str | Path,
+    terrain: Terrain | None = None,
+    given: Given = NOTHING,
+    language: str = "en",
+    parties: Parties = NOBODY,
+    inputs: Iterable[str | Path] = (),
+) -> None:
+    """Write the page of variants to `path` (.html, or .pdf) atomically; `inputs` are files that
+    must not be replaced."""
+    path = Path(path)
+    check_page(path, inputs)
+    given.check(results)
+    with speaking(language):
+        page = _page(results, terrain, given, language, parties, path.suffix.lower() == ".pdf")
+    if path.suffix.lower() == ".pdf":
+        write_pdf(page, path)
+        return
+    with atomic_write(path) as part:
+        part.write_text(page, encoding="utf-8")
+
+
+def _page(
+    results: Mapping[str, xr.Dataset],
+    terrain: Terrain | None,
+    given: Given,
+    language: str,
+    parties: Parties,
+    on_paper: bool,
+) -> str:
+    first = next(iter(results.values()))
+    table = compare_variants(results)
+    translate = Speaker(language, [*results, *table["line"].unique()])
+    drawn = difference_maps(results) if all("passages" in one for one in results.values()) else {}
+    return rendered(
+        "variants.html.j2",
+        translate,
+        title=str(first.attrs["title"]) or "rockfall",
+        on_paper=on_paper,
+        facts=[
+            (say("sheet.project"), parties.project),
+            (say("sheet.client"), parties.client),
+            (say("sheet.author"), parties.author),
+            (say("sheet.signature"), ""),
+            (say("sheet.computed"), str(first.attrs.get("date_created", ""))[:10]),
+        ],
+        warnings=list(_warnings(results, translate)),
+        lines=[_line_table(of_line, given) for _, of_line in table.groupby("line", sort=False)],
+        notes=[say("variants.note"), say("variants.same_boulders", n=simulated(first))],
+        measures=[_measures(results, given)],
+        figures=[
+            picture(
+                difference_figure(drawn, name, terrain),
+                say("variants.map_of", variant=name),
+                say("variants.map_caption"),
+                translate,
+            )
+            for name in list(results)[1:]
+            if drawn
+        ],
+    )
+
+
+def _warnings(results: Mapping[str, xr.Dataset], translate: Speaker) -> Iterator[Text]:
+    """Limits of the model and warnings, with the variants that they concern."""
+    said: dict[str, list[str]] = {}
+    for name, result in results.items():
+        for text in warnings(result):
+            said.setdefault(translate(text), []).append(name)
+    for text, names in said.items():
+        yield Text(f"{', '.join(names)}: {text}")
+
+
+def _line_table(of_line: pd.DataFrame, given: Given) -> Table:
+    """Numbers of a line, each with its difference from the first variant."""
+    rows = []
+    for (quantity, statistic), of in of_line.groupby(["quantity", "statistic"], sort=False):
+        about = QUANTITIES["fraction" if quantity == "passing" else quantity]
+        label = _label(str(quantity), str(statistic), about.unit)
+        rows.append([label, *(_cell(row, about.factor) for _, row in of.iterrows())])
+        if quantity == "passing" and given.yearly:
+            label = _yearly_label(str(statistic))
+            rows.append([label, *(_cell(row, given.yearly) for _, row in of.iterrows())])
+    head = [Text(""), *(Text(name) for name in of_line["variant"].unique())]
+    return Table(say("variants.line_caption", line=of_line["line"].iloc[0]), head, rows)
+
+
+def _label(quantity: str, statistic: str, unit: str) -> Text:
+    threshold = statistic.removeprefix("above_")
+    if threshold != statistic:
+        return say("variants.above", energy=Number(threshold))
+    if quantity == "passing":
+        return say("variants.passing")
+    return say(MEAN if statistic == "mean" else Q95, quantity=say(NAMES[quantity]), unit=unit)
+
+
+def _yearly_label(statistic: str) -> Text:
+    threshold = statistic.removeprefix("above_")
+    if threshold != statistic:
+        return say("variants.yearly_above", energy=Number(threshold))
+    return say("variants.yearly")
+
+
+def _cell(row: pd.Series, factor: float) -> Text:
+    """A number and, below it, its difference with its interval."""
+    value = localised(number(factor * row["value"]))
+    if not isinstance(row["verdict"], str):
+        return Text(value)
+    apart, low, high = (
+        localised(signed(factor * row[f"difference{end}"])) for end in ("", "_low", "_high")
+    )
+    interval = f" ({low} … {high})" if np.isfinite(row["difference_low"]) else ""
+    doubt = " ?" if row["verdict"] == UNDECIDED else ""
+    return Text(f"{value}\n{apart}{interval}{doubt}")
+
+
+def _measures(results: Mapping[str, xr.Dataset], given: Given) -> Table:
+    """What each variant is, from its case."""
+    cases = {name: case_of(result) for name, result in results.items()}
+    rows = [[say("variants.terrain"), *(_dem(case) for case in cases.values())]]
+    rows.append([say("variants.barriers"), *(_barriers(case) for case in cases.values())])
+    rows.append([say("variants.dams"), *(_dams(case) for case in cases.values())])
+    rows.append([say("variants.forest"), *(_yes(bool(case.forest)) for case in cases.values())])
+    if given.costs:
+        costs = (given.costs.get(name) for name in results)
+        shown = (Text("-" if one is None else localised(f"{one:,.10g}")) for one in costs)
+        rows.append([say("variants.cost"), *shown])
+    head = [Text(""), *(Text(name) for name in results)]
+    return Table(say("variants.measures"), head, rows, "facts")
+
+
+def _dem(case: Case) -> Text:
+    name = case.terrain["dem"]
+    return say("variants.array") if name == FROM_ARRAY else Text(Path(name).name)
+
+
+def _barriers(case: Case) -> Text:
+    return Text("\n".join(map(_barrier, case.barrier)) or "-")
+
+
+def _barrier(one: Mapping[str, object]) -> str:
+    strength = f"EAD {one['class']}" if "class" in one else f"{one.get('capacity', 0.0):g} kJ"
+    height = localised(f"{one.get('height', 0.0):g}")
+    return f"{one.get('name') or one.get('file')}: {height} m, {strength}"
+
+
+def _dams(case: Case) -> Text:
+    heights = (localised(f"{one.get('height', 0.0):g}") for one in case.dam)
+    return Text("\n".join(f"{height} m" for height in heights) or "-")
+
+
+def _yes(whether: bool) -> Text:
+    return say("variants.yes") if whether else Text("-")
