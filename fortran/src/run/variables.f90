@@ -43,7 +43,13 @@ module rockfall_variables
    character(len=*), parameter :: energies = " of the passing boulders' maximum energies"
    character(len=*), parameter :: speeds = " of the passing boulders' maximum speeds"
    character(len=*), parameter :: jump_heights = " of the passing boulders' maximum jump heights"
+   character(len=*), parameter :: passing_heights = " of the passing boulders' maximum passing heights"
+   character(len=3), parameter :: levels(*) = ["q50", "q90", "q95", "q98", "q99"]  !! quantiles of maps
+   character(len=13), parameter :: of_level(*) = [character(len=13) :: "median", "90 % quantile", "95 % quantile", &
+                                                  "98 % quantile", "99 % quantile"]
    character(len=*), parameter :: at_crossing = " at the first crossing"
+
+   integer :: k
 
    !> Within each group, reals and integers have the order of the rows of rockfall_result; histograms that of
    !> rockfall_histogram; statuses that of their numbers, from 1.
@@ -125,30 +131,12 @@ module rockfall_variables
                  "boulders that came to rest in the cell or were absorbed there"), &
       variable_t("map", "energy_max", "real", "J", &
                  "maximum kinetic energy, translational and rotational"), &
-      variable_t("map", "energy_mean", "real", "J", &
-                 "mean of the passing boulders' maximum energies"), &
-      variable_t("map", "energy_std", "real", "J", &
-                 "standard deviation (n - 1) of the passing boulders' maximum energies"), &
-      variable_t("map", "energy_q50", "real", "J", &
-                 "median of the passing boulders' maximum energies", in_classes), &
-      variable_t("map", "energy_q50_low", "real", "J", lower//"energy_q50", order_statistics), &
-      variable_t("map", "energy_q50_high", "real", "J", upper//"energy_q50", order_statistics), &
-      variable_t("map", "energy_q90", "real", "J", &
-                 "90 % quantile of the passing boulders' maximum energies", in_classes), &
-      variable_t("map", "energy_q90_low", "real", "J", lower//"energy_q90", order_statistics), &
-      variable_t("map", "energy_q90_high", "real", "J", upper//"energy_q90", order_statistics), &
-      variable_t("map", "energy_q95", "real", "J", &
-                 "95 % quantile of the passing boulders' maximum energies", in_classes), &
-      variable_t("map", "energy_q95_low", "real", "J", lower//"energy_q95", order_statistics), &
-      variable_t("map", "energy_q95_high", "real", "J", upper//"energy_q95", order_statistics), &
-      variable_t("map", "energy_q98", "real", "J", &
-                 "98 % quantile of the passing boulders' maximum energies", in_classes), &
-      variable_t("map", "energy_q98_low", "real", "J", lower//"energy_q98", order_statistics), &
-      variable_t("map", "energy_q98_high", "real", "J", upper//"energy_q98", order_statistics), &
-      variable_t("map", "energy_q99", "real", "J", &
-                 "99 % quantile of the passing boulders' maximum energies", in_classes), &
-      variable_t("map", "energy_q99_low", "real", "J", lower//"energy_q99", order_statistics), &
-      variable_t("map", "energy_q99_high", "real", "J", upper//"energy_q99", order_statistics), &
+      variable_t("map", "energy_mean", "real", "J", "mean"//energies), &
+      variable_t("map", "energy_std", "real", "J", "standard deviation (n - 1)"//energies), &
+      (variable_t("map", "energy_"//levels(k), "real", "J", trim(of_level(k))//energies, in_classes), &
+       variable_t("map", "energy_"//levels(k)//"_low", "real", "J", lower//"energy_"//levels(k), order_statistics), &
+       variable_t("map", "energy_"//levels(k)//"_high", "real", "J", upper//"energy_"//levels(k), order_statistics), &
+       k=1, size(levels)), &
       variable_t("map", "energy_exceeded", "integer", "1", &
                  "boulders whose maximum energy in the cell exceeds a threshold"), &
       variable_t("map", "hits", "integer", "1", &
@@ -156,82 +144,28 @@ module rockfall_variables
       variable_t("map", "hits_energy_exceeded", "integer", "1", &
                  "boulders that would hit this object with an energy that exceeds a threshold"), &
       variable_t("map", "speed_max_map", "real", "m s-1", "maximum speed"), &
-      variable_t("map", "speed_mean", "real", "m s-1", &
-                 "mean of the passing boulders' maximum speeds"), &
-      variable_t("map", "speed_std", "real", "m s-1", &
-                 "standard deviation (n - 1) of the passing boulders' maximum speeds"), &
-      variable_t("map", "speed_q50", "real", "m s-1", &
-                 "median of the passing boulders' maximum speeds", in_classes), &
-      variable_t("map", "speed_q50_low", "real", "m s-1", lower//"speed_q50", order_statistics), &
-      variable_t("map", "speed_q50_high", "real", "m s-1", upper//"speed_q50", order_statistics), &
-      variable_t("map", "speed_q90", "real", "m s-1", &
-                 "90 % quantile of the passing boulders' maximum speeds", in_classes), &
-      variable_t("map", "speed_q90_low", "real", "m s-1", lower//"speed_q90", order_statistics), &
-      variable_t("map", "speed_q90_high", "real", "m s-1", upper//"speed_q90", order_statistics), &
-      variable_t("map", "speed_q95", "real", "m s-1", &
-                 "95 % quantile of the passing boulders' maximum speeds", in_classes), &
-      variable_t("map", "speed_q95_low", "real", "m s-1", lower//"speed_q95", order_statistics), &
-      variable_t("map", "speed_q95_high", "real", "m s-1", upper//"speed_q95", order_statistics), &
-      variable_t("map", "speed_q98", "real", "m s-1", &
-                 "98 % quantile of the passing boulders' maximum speeds", in_classes), &
-      variable_t("map", "speed_q98_low", "real", "m s-1", lower//"speed_q98", order_statistics), &
-      variable_t("map", "speed_q98_high", "real", "m s-1", upper//"speed_q98", order_statistics), &
-      variable_t("map", "speed_q99", "real", "m s-1", &
-                 "99 % quantile of the passing boulders' maximum speeds", in_classes), &
-      variable_t("map", "speed_q99_low", "real", "m s-1", lower//"speed_q99", order_statistics), &
-      variable_t("map", "speed_q99_high", "real", "m s-1", upper//"speed_q99", order_statistics), &
+      variable_t("map", "speed_mean", "real", "m s-1", "mean"//speeds), &
+      variable_t("map", "speed_std", "real", "m s-1", "standard deviation (n - 1)"//speeds), &
+      (variable_t("map", "speed_"//levels(k), "real", "m s-1", trim(of_level(k))//speeds, in_classes), &
+       variable_t("map", "speed_"//levels(k)//"_low", "real", "m s-1", lower//"speed_"//levels(k), order_statistics), &
+       variable_t("map", "speed_"//levels(k)//"_high", "real", "m s-1", upper//"speed_"//levels(k), order_statistics), &
+       k=1, size(levels)), &
       variable_t("map", "jump_height_max_map", "real", "m", &
                  "maximum height of a boulder's point above the surface"), &
-      variable_t("map", "jump_height_mean", "real", "m", &
-                 "mean of the passing boulders' maximum jump heights"), &
-      variable_t("map", "jump_height_std", "real", "m", &
-                 "standard deviation (n - 1) of the passing boulders' maximum jump heights"), &
-      variable_t("map", "jump_height_q50", "real", "m", &
-                 "median of the passing boulders' maximum jump heights", in_classes), &
-      variable_t("map", "jump_height_q50_low", "real", "m", lower//"jump_height_q50", order_statistics), &
-      variable_t("map", "jump_height_q50_high", "real", "m", upper//"jump_height_q50", order_statistics), &
-      variable_t("map", "jump_height_q90", "real", "m", &
-                 "90 % quantile of the passing boulders' maximum jump heights", in_classes), &
-      variable_t("map", "jump_height_q90_low", "real", "m", lower//"jump_height_q90", order_statistics), &
-      variable_t("map", "jump_height_q90_high", "real", "m", upper//"jump_height_q90", order_statistics), &
-      variable_t("map", "jump_height_q95", "real", "m", &
-                 "95 % quantile of the passing boulders' maximum jump heights", in_classes), &
-      variable_t("map", "jump_height_q95_low", "real", "m", lower//"jump_height_q95", order_statistics), &
-      variable_t("map", "jump_height_q95_high", "real", "m", upper//"jump_height_q95", order_statistics), &
-      variable_t("map", "jump_height_q98", "real", "m", &
-                 "98 % quantile of the passing boulders' maximum jump heights", in_classes), &
-      variable_t("map", "jump_height_q98_low", "real", "m", lower//"jump_height_q98", order_statistics), &
-      variable_t("map", "jump_height_q98_high", "real", "m", upper//"jump_height_q98", order_statistics), &
-      variable_t("map", "jump_height_q99", "real", "m", &
-                 "99 % quantile of the passing boulders' maximum jump heights", in_classes), &
-      variable_t("map", "jump_height_q99_low", "real", "m", lower//"jump_height_q99", order_statistics), &
-      variable_t("map", "jump_height_q99_high", "real", "m", upper//"jump_height_q99", order_statistics), &
+      variable_t("map", "jump_height_mean", "real", "m", "mean"//jump_heights), &
+      variable_t("map", "jump_height_std", "real", "m", "standard deviation (n - 1)"//jump_heights), &
+      (variable_t("map", "jump_height_"//levels(k), "real", "m", trim(of_level(k))//jump_heights, in_classes), &
+       variable_t("map", "jump_height_"//levels(k)//"_low", "real", "m", lower//"jump_height_"//levels(k), order_statistics), &
+       variable_t("map", "jump_height_"//levels(k)//"_high", "real", "m", upper//"jump_height_"//levels(k), order_statistics), &
+       k=1, size(levels)), &
       variable_t("map", "passing_height_max", "real", "m", &
                  "maximum height of a boulder's centre above the surface, vertical", by_cell), &
-      variable_t("map", "passing_height_mean", "real", "m", &
-                 "mean of the passing boulders' maximum passing heights"), &
-      variable_t("map", "passing_height_std", "real", "m", &
-                 "standard deviation (n - 1) of the passing boulders' maximum passing heights"), &
-      variable_t("map", "passing_height_q50", "real", "m", &
-                 "median of the passing boulders' maximum passing heights", in_classes), &
-      variable_t("map", "passing_height_q50_low", "real", "m", lower//"passing_height_q50", order_statistics), &
-      variable_t("map", "passing_height_q50_high", "real", "m", upper//"passing_height_q50", order_statistics), &
-      variable_t("map", "passing_height_q90", "real", "m", &
-                 "90 % quantile of the passing boulders' maximum passing heights", in_classes), &
-      variable_t("map", "passing_height_q90_low", "real", "m", lower//"passing_height_q90", order_statistics), &
-      variable_t("map", "passing_height_q90_high", "real", "m", upper//"passing_height_q90", order_statistics), &
-      variable_t("map", "passing_height_q95", "real", "m", &
-                 "95 % quantile of the passing boulders' maximum passing heights", in_classes), &
-      variable_t("map", "passing_height_q95_low", "real", "m", lower//"passing_height_q95", order_statistics), &
-      variable_t("map", "passing_height_q95_high", "real", "m", upper//"passing_height_q95", order_statistics), &
-      variable_t("map", "passing_height_q98", "real", "m", &
-                 "98 % quantile of the passing boulders' maximum passing heights", in_classes), &
-      variable_t("map", "passing_height_q98_low", "real", "m", lower//"passing_height_q98", order_statistics), &
-      variable_t("map", "passing_height_q98_high", "real", "m", upper//"passing_height_q98", order_statistics), &
-      variable_t("map", "passing_height_q99", "real", "m", &
-                 "99 % quantile of the passing boulders' maximum passing heights", in_classes), &
-      variable_t("map", "passing_height_q99_low", "real", "m", lower//"passing_height_q99", order_statistics), &
-      variable_t("map", "passing_height_q99_high", "real", "m", upper//"passing_height_q99", order_statistics), &
+      variable_t("map", "passing_height_mean", "real", "m", "mean"//passing_heights), &
+      variable_t("map", "passing_height_std", "real", "m", "standard deviation (n - 1)"//passing_heights), &
+      (variable_t("map", "passing_height_"//levels(k), "real", "m", trim(of_level(k))//passing_heights, in_classes), &
+       variable_t("map", "passing_height_"//levels(k)//"_low", "real", "m", lower//"passing_height_"//levels(k), order_statistics), &
+       variable_t("map", "passing_height_"//levels(k)//"_high", "real", "m", upper//"passing_height_"//levels(k), order_statistics), &
+       k=1, size(levels)), &
       variable_t("map", "energy_line_angle_max", "real", "degree", &
                  "steepest line from the release of a boulder that passed", to_middle), &
       variable_t("map", "energy_line_angle_min", "real", "degree", &
