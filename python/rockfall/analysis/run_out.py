@@ -18,6 +18,7 @@ import numpy as np
 
 from rockfall.analysis.observations import Observed
 from rockfall.case import case_of
+from rockfall.io.arrays import corner_of
 from rockfall.limits import MIN_FOR_MEAN, MIN_FOR_STD
 
 if TYPE_CHECKING:
@@ -232,7 +233,7 @@ def _touching(places: np.ndarray, cell: float) -> np.ndarray:
 
 def _cell(result: xr.Dataset) -> float:
     """The side of a cell of the terrain [m]."""
-    return float(str(result["crs"].attrs["GeoTransform"]).split()[1])
+    return corner_of(result["crs"].attrs)[2]
 
 
 def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:

@@ -17,6 +17,7 @@ from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.html_report.tables import Table
 from rockfall.html_report.validity import has
+from rockfall.io.arrays import corner_of
 from rockfall.io.layers import REPROJECTED
 from rockfall.io.tables import read_table
 from rockfall.io.zone_table import NAMES, read_zone_table
@@ -61,7 +62,7 @@ class Parties(NamedTuple):
 def input_table(result: xr.Dataset, parties: Parties) -> Table:
     """Table of the inputs of the run."""
     case = case_of(result)
-    west, cell, _, north, _, _ = map(float, result["crs"].attrs["GeoTransform"].split())
+    west, north, cell = corner_of(result["crs"].attrs)
     nets = ", ".join(str(result["line"].values[k]) for k in barriers_of(result))
     lines = ", ".join(map(str, result["line"].values)) if "line" in result else ""
     rows = [

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockfall.io.arrays import corner_of
 from rockfall.plots.cartography.labels import along
 from rockfall.plots.cartography.marks import FEW_SOURCES, inside, outlined, starts
 from rockfall.plots.cartography.rasters import cropped, edges, merged
@@ -197,7 +198,7 @@ def _ground(terrain: Terrain | None, window: Window) -> Ground | None:
 
 def window_of(result: xr.Dataset) -> Window:
     """Window around everything that boulders reached, within the raster if maps define its size."""
-    left, cell, _, top, _, _ = map(float, result["crs"].attrs["GeoTransform"].split())
+    left, top, cell = corner_of(result["crs"].attrs)
     west, east, south, north = reached(result)
     first = np.floor([(top - north) / cell, (west - left) / cell]).astype(int)
     last = np.ceil([(top - south) / cell, (east - left) / cell]).astype(int)

@@ -108,6 +108,12 @@ def grid_of(data: xr.DataArray) -> tuple[Grid, bool]:
     return _exact(grid, about), bool(step < 0)
 
 
+def corner_of(about: Mapping[str, Any]) -> tuple[float, float, float]:
+    """West and north edge, and cell size [m], of the grid mapping of a result."""
+    west, cell, _, north, _, _ = map(float, str(about["GeoTransform"]).split())
+    return west, north, abs(cell)
+
+
 def as_plan(data: xr.DataArray) -> xr.DataArray:
     """DataArray on dims (y, x), with other dims of length one removed, such as a single band."""
     others = [name for name in data.dims if name not in ("y", "x")]

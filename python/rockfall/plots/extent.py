@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.io.arrays import corner_of
 from rockfall.limits import fraction_limits
 from rockfall.result.samples import simulated
 
@@ -78,5 +79,5 @@ def of_none(result: xr.Dataset, name: str) -> float:
 
 def cell_of(result: xr.Dataset) -> float:
     """Side of a terrain cell of the run [m]."""
-    transform = str(result["crs"].attrs.get("GeoTransform", "")) if "crs" in result else ""
-    return float(transform.split()[1]) if transform else CELL
+    about = result["crs"].attrs if "crs" in result else {}
+    return corner_of(about)[2] if "GeoTransform" in about else CELL

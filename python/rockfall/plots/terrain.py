@@ -13,6 +13,7 @@ import numpy as np
 
 from rockfall.case import FROM_ARRAY, case_of
 from rockfall.errors import RockfallError
+from rockfall.io.arrays import corner_of
 from rockfall.io.grid import Box, Grid
 from rockfall.io.raster_file import open_raster, raster_file
 from rockfall.plots.extent import reached
@@ -116,7 +117,7 @@ def _inside(centres: np.ndarray, low: float, high: float) -> np.ndarray:
 def _check_place(result: xr.Dataset, path: Path, grid: Grid) -> None:
     """Check that the cells of the result's grid mapping, which starts where maps do, are cells of
     the DEM."""
-    west, cell, _, north, _, _ = map(float, result["crs"].attrs["GeoTransform"].split())
+    west, north, cell = corner_of(result["crs"].attrs)
     column, row = round((west - grid.west) / grid.cell), round((grid.north - north) / grid.cell)
     part = grid.part(Box(row, column, grid.ny, grid.nx))
     among = 0 <= column < grid.nx and 0 <= row < grid.ny

@@ -13,6 +13,7 @@ import numpy as np
 
 from rockfall.case import REPEATABLE, Case, case_in, file_keys
 from rockfall.errors import RockfallError
+from rockfall.io.arrays import corner_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -64,7 +65,7 @@ def _crs_name(one: xr.Dataset) -> str:
 def _extent(result: xr.Dataset) -> np.ndarray:
     """Extent of its boulders: minimum and maximum x and y [m], (2, 2)."""
     if "x" in result.sizes:
-        half = abs(float(result["crs"].attrs["GeoTransform"].split()[1])) / 2
+        half = corner_of(result["crs"].attrs)[2] / 2
         ends = [
             (result[axis].values.min() - half, result[axis].values.max() + half) for axis in "xy"
         ]
