@@ -283,10 +283,7 @@ def _add_results(commands: _Commands) -> None:
 
 
 def _add_design(commands: _Commands) -> None:
-    about = (
-        "what barriers at the lines of results must be, and whether theirs are that; or the block "
-        "of a return period, from a survey of blocks"
-    )
+    about = "what barriers at lines of results must be, or the block of a return period"
     sheet = _add(commands, "protection", "design", about)
     sheet.add_argument("results", metavar="OUT.nc", type=Path, nargs="*")
     sheet.add_argument("-o", "--output", metavar="DIR", type=Path, help="for tables and figures")
