@@ -131,6 +131,12 @@ def site(tmp_path_factory):
         "seen.csv": "line,quantity,unit,mean,std,n\nEL1,speed,m/s,12.5,5.2,80\n",
         "sets.nml": scenes.CALM_SETS,
     }
+    volumes = [0.4 * (1 - k / 60) ** -0.8 for k in range(60)]
+    years = [f"{1990 + 3 * (k // 6)}" if k % 6 == 0 else "" for k in range(60)]
+    rows = [f"{one:.4f},{year}\n" for one, year in zip(volumes, years, strict=True)]
+    files["survey.csv"] = "volume,year\n" + "".join(rows)
+    files["dated.csv"] = "volume,year\n" + "".join(rows[::6])
+    files["deposit.csv"] = "volume\n" + "".join(f"{one:.4f}\n" for one in volumes)
     for name, text in files.items():
         Path(name).write_text(text)
     rocky = {"dem": 1100 - 0.75 * down + 0 * ones, "soiltype": 4 * ones}

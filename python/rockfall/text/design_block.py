@@ -19,6 +19,9 @@ COMMENTS = {
 ABOUT = """\
 Of blocks that come to the place of the survey, in brackets 95 % confidence intervals. The block of
 a return period is the one that larger ones exceed once in that time: see docs/design.md."""
+PLACE = """\
+It takes the blocks of the survey for those that come loose. Where some stop above the place of the
+survey, or are gone from it, more come loose: raise the activity."""
 
 
 def design_block_text(found: DesignBlock) -> str:
@@ -27,7 +30,7 @@ def design_block_text(found: DesignBlock) -> str:
     parts += [f"Warning: {text}" for text in found.warnings]
     parts += ["", f"Design sheet of a result: rockfall design OUT.nc --volume {_volume(found)}"]
     if found.scenario:
-        parts += ["", "Scenario for `rockfall hazard`:", scenario_text(found).rstrip()]
+        parts += ["", "Scenario for `rockfall hazard`:", PLACE, "", scenario_text(found).rstrip()]
     return "\n".join(parts)
 
 
