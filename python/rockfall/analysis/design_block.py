@@ -284,7 +284,7 @@ def _levels(
                 strict=True,
             )  # fmt: skip
             row["power_law"] = law.volume(period)
-            row["extrapolated"] = row["volume"] > survey.volumes.max()
+            row["extrapolated"] = bool(row["volume"] > survey.volumes.max())
         rows.append(row)
     return rows
 

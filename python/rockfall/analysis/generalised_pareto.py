@@ -48,7 +48,7 @@ def fit_gpd(
     )  # fmt: skip
     shape, scale, _ = best_of(theta(best.x), excess)
     p_value = _p_value(weight * _anderson_darling(excess, shape, scale), shape)
-    return Fit(threshold, excess.size, shape, scale, p_value)
+    return Fit(threshold, excess.size, float(shape), float(scale), p_value)
 
 
 def best_of(theta: float, excess: np.ndarray) -> tuple[float, float, float]:
