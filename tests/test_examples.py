@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import rockfall
-from made import make_layer
+from made import make_layer, surveyed_blocks
 from slope_case import CASE
 
 OBSERVED = "line,quantity,unit,mean,std,n\nL,speed,m/s,9.5,2.5,40\n"
@@ -26,6 +26,7 @@ def test_example(name, place, monkeypatch, blank_figures):
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
     Path("observed.csv").write_text(OBSERVED)
     Path("case.nml").write_text(CASE.partition("&output")[0])
+    Path("survey.csv").write_text("volume,year\n" + "".join(surveyed_blocks()))
     make_layer("cliff.gpkg", [shapely.box(600050, 4999980, 600060, 4999990)])
     examples = doctest.DocTestParser().get_examples(inspect.getdoc(getattr(rockfall, name)))
     assert examples, "help() shows no example"

@@ -14,6 +14,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "compare_variants": "analysis.variants",
     "convergence": "analysis.convergence:converge",
     "design": "protection.design",
+    "design_block": "analysis.design_block",
     "ensemble": "analysis.ensemble.study:run_ensemble",
     "ensemble_table": "analysis.ensemble.study",
     "export": "result.export",

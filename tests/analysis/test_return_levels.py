@@ -12,9 +12,10 @@ from scipy import stats
 import rockfall
 from known_law import SAMPLE
 from programs import refuses
+from rockfall.analysis.generalised_pareto import fit_gpd
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.samples import Values
-from rockfall.analysis.return_levels import QUANTITIES, _fit, _profiled, tail
+from rockfall.analysis.return_levels import QUANTITIES, _profiled, tail
 from rockfall.cli import main
 from rockfall.quantities import QUANTITIES as SHOWN
 from rockfall.text import line_tables as linetables
@@ -26,7 +27,7 @@ from scenes import grid, make_case, rough, sets
 @pytest.mark.parametrize("size", [60, 800])
 def test_the_fit_is_the_optimum_that_scipy_finds(shape, size):
     excess = np.sort(stats.genpareto.rvs(shape, scale=7e4, size=size, random_state=size))
-    fit = _fit(excess, 0.0, 1.0)
+    fit = fit_gpd(excess, 0.0, 1.0)
     other, _, scale = stats.genpareto.fit(excess / 7e4, shape, floc=0, scale=1)
     assert (fit.shape, fit.scale) == pytest.approx((other, scale * 7e4), rel=0.01, abs=1e-3)
     cost, least = (
@@ -37,7 +38,7 @@ def test_the_fit_is_the_optimum_that_scipy_finds(shape, size):
 
 def test_p_values_are_even_where_the_gpd_holds_and_small_where_not():
     def p_values(draw):
-        return np.array([_fit(np.sort(draw(seed)), 0.0, 1.0).p_value for seed in range(250)])
+        return np.array([fit_gpd(np.sort(draw(seed)), 0.0, 1.0).p_value for seed in range(250)])
 
     for shape in (-0.2, 0.2):
         p = p_values(lambda seed, c=shape: stats.genpareto.rvs(c, size=150, random_state=seed))

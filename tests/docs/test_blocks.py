@@ -33,7 +33,7 @@ from affine import Affine
 
 import rockfall
 import scenes
-from made import make_layer, make_raster, write_ascii
+from made import make_layer, make_raster, surveyed_blocks, write_ascii
 from programs import ROOT, find_program
 from rockfall.cli import main
 from rockfall.cli.arguments import make_parser
@@ -131,6 +131,10 @@ def site(tmp_path_factory):
         "seen.csv": "line,quantity,unit,mean,std,n\nEL1,speed,m/s,12.5,5.2,80\n",
         "sets.nml": scenes.CALM_SETS,
     }
+    rows = surveyed_blocks()
+    files["survey.csv"] = "volume,year\n" + "".join(rows)
+    files["dated.csv"] = "volume,year\n" + "".join(rows[::6])
+    files["deposit.csv"] = "volume\n" + "".join(f"{row.partition(',')[0]}\n" for row in rows)
     for name, text in files.items():
         Path(name).write_text(text)
     rocky = {"dem": 1100 - 0.75 * down + 0 * ones, "soiltype": 4 * ones}

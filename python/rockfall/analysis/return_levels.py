@@ -5,9 +5,6 @@ The largest of n values grows with n. In addition this module gives the level th
 boulders that pass a line exceeds, from a generalised Pareto distribution (GPD) of the values above
 a high threshold (Pickands 1975; Coles 2001, chapter 4). It is refused where the data do not support
 it. Boulders of common sources count as their effective number of independent ones.
-
-The fit is implemented here: SciPy's takes four times as long, and it has no test of a GPD whose
-parameters were fitted to clustered boulders.
 """
 
 from __future__ import annotations
@@ -19,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.generalised_pareto import Fit, best_of, fit_gpd, lowest_valid
 from rockfall.analysis.line_statistics import with_limits
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.precision.intervals import Sources
@@ -42,23 +40,11 @@ QUANTITIES = (
 UPPER = 0.05  # fraction above the lowest threshold; with 0.1 and 0.25 levels are biased
 MIN_ABOVE, MAX_ABOVE = 50, 2000  # independent boulders above a threshold
 THRESHOLDS = 12  # tried
-FALSE = 0.05  # rate of falsely rejected thresholds
 ENOUGH = 25  # independent boulders beyond a level that make a tail unnecessary
 MAX_PERIOD = 10  # maximum period over the number of independent boulders
 MAX_SHAPE = 0.5  # absolute value: theory of the fit (-0.5) and variance (+0.5) end there
 BARTLETT = 12  # over the number above the threshold: see _profiled
 MAX_HIGH = 3  # maximum ratio of the upper limit to the level
-
-
-class Fit(NamedTuple):
-    """GPD of the values above a threshold: P(X > x | X > u) = (1 + shape (x - u) / scale)**(-1 /
-    shape); `p_value` is that of its Anderson-Darling test."""
-
-    threshold: float
-    exceedances: int
-    shape: float
-    scale: float
-    p_value: float
 
 
 class Level(NamedTuple):
@@ -155,7 +141,7 @@ def tail_of(sample: Sample, levels: Sequence[int] = LEVELS) -> Tail:
         upper = sample.quantile([1 - UPPER])[0]
         independent = min(n, sample.effective_below(upper))
     tried = tuple(_tried(sample, independent))
-    fit = _chosen(tried)
+    fit = lowest_valid(tried)
     refused = _refusal(tried, fit, independent)
     made = {N: _level(N, sample, independent, tried, fit, refused) for N in levels}
     end = (np.inf, np.inf)
@@ -176,34 +162,7 @@ def _tried(sample: Sample, independent: float) -> Iterator[Fit]:
     for threshold in np.unique(ordered[ordered.size - 1 - places[places < ordered.size]]):
         excess = ordered[ordered > threshold] - threshold
         if excess.size * independent >= MIN_ABOVE * n * 0.99:
-            yield _fit(excess, threshold, independent / n)
-
-
-def _fit(excess: np.ndarray, threshold: float, weight: float) -> Fit:
-    """Maximum-likelihood GPD, sought along the line of `_best_of`; the search variable is log(1 +
-    theta max) / log(n), which is near the shape."""
-    from scipy.optimize import minimize_scalar
-
-    top, reach = excess.max(), np.log(excess.size)
-
-    def theta(place: float) -> float:
-        grown = np.expm1(place * reach)
-        return (grown if abs(grown) > 1e-9 else 1e-9) / top  # not 0: exponential
-
-    best = minimize_scalar(
-        lambda place: _best_of(theta(place), excess)[2], bounds=(-1, 2), method="bounded",
-        options={"xatol": 1e-8},
-    )  # fmt: skip
-    shape, scale, _ = _best_of(theta(best.x), excess)
-    p_value = _p_value(weight * _anderson_darling(excess, shape, scale), shape)
-    return Fit(threshold, excess.size, shape, scale, p_value)
-
-
-def _best_of(theta: float, excess: np.ndarray) -> tuple[float, float, float]:
-    """Maximum-likelihood shape and scale for a given theta = shape / scale, and the negative
-    log-likelihood per value, up to a constant (Grimshaw 1993)."""
-    shape = np.log1p(theta * excess).mean()
-    return shape, shape / theta, np.log(shape / theta) + shape
+            yield fit_gpd(excess, threshold, independent / n)
 
 
 def _end(excess: np.ndarray, fit: Fit, weight: float) -> tuple[float, float]:
@@ -214,7 +173,7 @@ def _end(excess: np.ndarray, fit: Fit, weight: float) -> tuple[float, float]:
     theta = fit.shape / fit.scale
 
     def excess_cost(other: float) -> float:
-        loss = _best_of(other, excess)[2] - _best_of(theta, excess)[2]
+        loss = best_of(other, excess)[2] - best_of(theta, excess)[2]
         return loss * excess.size * weight - Z**2 / 2
 
     nothing = -1e-9 / excess.max()
@@ -222,47 +181,6 @@ def _end(excess: np.ndarray, fit: Fit, weight: float) -> tuple[float, float]:
         return np.inf, np.inf
     last = brentq(excess_cost, theta, nothing, xtol=1e-12 / excess.max())
     return fit.threshold - 1 / theta, fit.threshold - 1 / last
-
-
-def _anderson_darling(excess: np.ndarray, shape: float, scale: float) -> float:
-    """The statistic A2 of ordered values (Anderson and Darling 1954)."""
-    log_beyond = -np.log1p(shape * excess / scale) / shape
-    log_below = np.log(-np.expm1(log_beyond))
-    odd = 2 * np.arange(1, excess.size + 1) - 1
-    return -excess.size - (odd * (log_below + log_beyond[::-1])).mean()
-
-
-def _p_value(a2: float, shape: float) -> float:
-    """Probability of a larger A2 if the GPD holds and both its parameters were fitted.
-
-    A2 tends to a sum of chi-squares with the eigenvalues of a covariance as weights (Choulakian and
-    Stephens 2001, section 3); its distribution is an integral (Imhof 1961, eq. 3.2).
-    """
-    a2 = min(a2, 12.0)  # the sum below has a period of 25; the probability is 0 long before
-    shape = max(shape, -0.49)  # the covariance of the fit ends at -0.5
-    shape = shape if abs(shape) > 1e-4 else 1e-4
-    node, weight = np.polynomial.legendre.leggauss(60)
-    t, weight = (node + 1) / 2, weight / 2
-    beyond, log_beyond = 1 - t, np.log1p(-t)
-    power = np.expm1(shape * log_beyond)
-    slope = np.stack([power / shape, (shape * log_beyond - power) / shape**2]) * beyond
-    covariance = (1 + shape) * np.array([[2, -1], [-1, 1 + shape]])  # of log scale and shape
-    kernel = np.minimum.outer(t, t) - np.outer(t, t) - slope.T @ covariance @ slope
-    kernel *= np.sqrt(np.outer(weight, weight) / np.outer(t * beyond, t * beyond))
-    u = 0.25 + 0.5 * np.arange(400)
-    turn = np.outer(u, np.linalg.eigvalsh(kernel))
-    angle = np.arctan(turn).sum(axis=1) / 2 - a2 * u / 2
-    damping = np.exp(np.log1p(turn**2).sum(axis=1) / 4)
-    return float(np.clip(0.5 + 0.5 * (np.sin(angle) / (u * damping)).sum() / np.pi, 0, 1))
-
-
-def _chosen(tried: Sequence[Fit]) -> Fit | None:
-    """The lowest threshold that ForwardStop keeps (Bader, Yan and Zhang 2018, eq. 4)."""
-    p = np.minimum([fit.p_value for fit in tried], 1 - 1e-12)
-    mean = -np.log1p(-p).cumsum() / np.arange(1, p.size + 1)
-    given_up = np.flatnonzero(mean <= FALSE)
-    lowest = given_up[-1] + 1 if given_up.size else 0
-    return tried[lowest] if lowest < len(tried) else None
 
 
 def _refusal(tried: Sequence[Fit], fit: Fit | None, independent: float) -> str | None:
@@ -348,7 +266,7 @@ def _profiled(N: int, sample: Sample, independent: float, fit: Fit) -> Level:
         return k * (scale + log_n) + slope * inverse + sign * total - (n - k) * beyond
 
     def theta_at(place: float) -> float:
-        """Transform the search variable as in `_fit`."""
+        """Transform the search variable as in `fit_gpd`."""
         theta = math.expm1(place * reach)
         return (theta if abs(theta) > 1e-9 else 1e-9) / top
 

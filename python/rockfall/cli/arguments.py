@@ -296,14 +296,14 @@ def _add_imprint(command: argparse.ArgumentParser, where: str) -> None:
 
 
 def _add_design(commands: _Commands) -> None:
-    about = "what barriers at the lines of results must be, and whether theirs are that"
+    about = "what barriers at lines of results must be, or the block of a return period"
     sheet = _add(commands, "protection", "design", about)
-    sheet.add_argument("results", metavar="OUT.nc", type=Path, nargs="+")
+    sheet.add_argument("results", metavar="OUT.nc", type=Path, nargs="*")
     sheet.add_argument("-o", "--output", metavar="DIR", type=Path, help="for tables and figures")
     for key, default, does in (
         ("standard", "UNI", "UNI (11211-4) or ONR (24810)"),
         ("survey", "poor", "of the topography: good or poor"),
-        ("blocks", "poor", "survey of the blocks: good or poor"),
+        ("blocks", "poor", "survey: good or poor; with --return-period, its table (CSV)"),
         ("calibration", "literature", "of the rebound: back-analysed or literature"),
         ("limit-state", "MEL", "MEL: one large impact; SEL: several"),
         ("consequence", "CC2", "of a failure, for ONR: CC1, CC2 or CC3"),
@@ -323,6 +323,17 @@ def _add_design(commands: _Commands) -> None:
     sheet.add_argument("--factors", metavar="CSV", type=Path, help=about)
     about = "class, height, cost of a metre; default: class energy times height"
     sheet.add_argument("--costs", metavar="CSV", type=Path, help=about)
+    block = sheet.add_argument_group("block of a return period")
+    about = "print the block that is exceeded once in so many years, from the survey --blocks"
+    block.add_argument("--return-period", metavar="YEARS", type=float, help=about)
+    about = "in which each fall of a block was recorded"
+    block.add_argument("--years", metavar="YEARS", type=float, help=about)
+    about = "blocks that fell in these years; default: those of --blocks that have a year"
+    block.add_argument("--events", metavar="CSV", type=Path, help=about)
+    about = "larger blocks count; default: the smallest above which a distribution fits"
+    block.add_argument("--threshold", metavar="M3", type=float, help=about)
+    about = "largest block of the scenario; default: that of ten return periods"
+    block.add_argument("--volume-max", metavar="M3", type=float, help=about)
 
 
 def _add_lab(commands: _Commands) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Protection commands for results: the design sheet."""
+"""Protection commands: the design sheet of results, and the design block of a survey."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rockfall.case_files import files_behind
+from rockfall.cli import design_block
 from rockfall.cli.messages import DONE
 from rockfall.errors import RockfallError, need
 from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
@@ -31,12 +32,15 @@ OPTIONS = ("along", "width", "min_boulders", "residual", "volume", "factors", "c
 
 
 def design_command(arguments: argparse.Namespace) -> int:
+    keys = [*OPTIONS, *(field.name for field in fields(Conditions))]
+    _check_mode(arguments, keys)
+    if arguments.return_period is not None:
+        return design_block.design_block_command(arguments)
     folder, paths = arguments.output, [str(path) for path in arguments.results]
     if folder:
         check_folder(folder)
         if arguments.along:
             need("figures need", "report", "matplotlib")
-    keys = [*OPTIONS, *(field.name for field in fields(Conditions))]
     given = {key: getattr(arguments, key) for key in keys}
     given = {key: value for key, value in given.items() if value is not None}
     results, found = {}, {}
@@ -55,6 +59,18 @@ def design_command(arguments: argparse.Namespace) -> int:
     if folder:
         print(*write_design(found, folder, results), sep="\n")
     return DONE
+
+
+def _check_mode(arguments: argparse.Namespace, keys: list[str]) -> None:
+    """Refuse options of the other mode; `--blocks` has a meaning in both."""
+    is_block = arguments.return_period is not None
+    others = [key for key in keys if key != "blocks"] if is_block else design_block.OPTIONS
+    rule = "cannot be combined with" if is_block else "requires"
+    for key in others:
+        if getattr(arguments, key) is not None:
+            raise RockfallError(f"--{key.replace('_', '-')} {rule} --return-period")
+    if not is_block and not arguments.results:
+        raise RockfallError("OUT.nc is required, or --return-period; see rockfall design --help")
 
 
 def design_files(found: Mapping[str, Design]) -> list[str]:

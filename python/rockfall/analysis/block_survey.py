@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Survey of blocks: volumes of deposited blocks, and of those whose fall was recorded in a known
+time (De Biagi et al. 2017)."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.tables import Row, check_columns, read_table
+
+AXES = ("a", "b", "c")
+DATES = ("year", "date")
+MIN_VOLUME, MAX_VOLUME = 1e-6, 1e9  # [m3]
+MAX_YEARS = 1e5
+
+Volumes = str | Path | Sequence[float] | np.ndarray  # a table, or volumes [m3]
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Blocks of a survey. `volumes` [m3] are those of all deposited blocks, `undated` those of
+    unknown date among them, `dated` those that fell within `years`, `dates` the decimal years of
+    the latter as far as known."""
+
+    name: str
+    volumes: np.ndarray
+    undated: np.ndarray
+    dated: np.ndarray
+    dates: np.ndarray
+    years: float
+
+
+class _Blocks(NamedTuple):
+    """Columns of a table: volumes [m3], and decimal years, NaN where unknown."""
+
+    name: str
+    volumes: np.ndarray
+    dates: np.ndarray
+
+
+def read_survey(blocks: Volumes, events: Volumes | None, years: float | None) -> Survey:
+    """Read a survey: `blocks` holds the deposited blocks, and `events` those that fell within
+    `years`, which without it are the dated rows of `blocks`."""
+    deposited = _read(blocks, "blocks")
+    if events is None:
+        is_dated = ~np.isnan(deposited.dates)
+        if not is_dated.any():
+            raise RockfallError(
+                f"{deposited.name}: no dated blocks: the frequency needs rows with a year, or a "
+                "table of dated blocks (events)"
+            )
+        fallen = _Blocks(deposited.name, deposited.volumes[is_dated], deposited.dates[is_dated])
+        undated = deposited.volumes[~is_dated]
+    else:
+        if not np.isnan(deposited.dates).all():
+            raise RockfallError(
+                f"{deposited.name}: has dated blocks: they cannot be combined with events"
+            )
+        fallen, undated = _read(events, "events"), deposited.volumes
+        if 0 < np.isnan(fallen.dates).sum() < fallen.dates.size:
+            raise RockfallError(f"{fallen.name}: dates must be in all rows, or in none")
+    return Survey(
+        deposited.name,
+        np.sort(deposited.volumes),
+        undated,
+        fallen.volumes,
+        fallen.dates,
+        _period(years, fallen),
+    )
+
+
+def _period(years: float | None, fallen: _Blocks) -> float:
+    """Observation period, checked against the dates."""
+    if years is None:
+        raise RockfallError(
+            "years: must be given: the time in which each fall of a block was recorded (from the "
+            "first to the last dated block is too short, and the frequency too high)"
+        )
+    if not 0 < years <= MAX_YEARS:
+        raise RockfallError(f"years = {years:g}: must be > 0 and <= {MAX_YEARS:g}")
+    known = fallen.dates[~np.isnan(fallen.dates)]
+    if known.size and (span := float(np.ptp(known))) > years:
+        raise RockfallError(
+            f"years = {years:g}: must be >= {span:.4g}, the time from the first to the last dated "
+            f"block of {fallen.name}"
+        )
+    return float(years)
+
+
+def _read(given: Volumes, name: str) -> _Blocks:
+    if isinstance(given, str | Path):
+        return _read_file(given)
+    volumes = np.asarray(given, float)
+    if volumes.ndim != 1 or not volumes.size:
+        raise RockfallError(f"{name}: must be a table, or a sequence of volumes")
+    wrong = volumes[~((volumes >= MIN_VOLUME) & (volumes <= MAX_VOLUME))]
+    if wrong.size:
+        raise RockfallError(
+            f"{name}: volume = {wrong[0]:g}: must be >= {MIN_VOLUME:g} and <= {MAX_VOLUME:g}"
+        )
+    return _Blocks(name, volumes, np.full(volumes.size, np.nan))
+
+
+def _read_file(path: str | Path) -> _Blocks:
+    """Read a table with `volume`, or the three axes of a box, and optional dates; other columns
+    are ignored."""
+    where, columns, rows = read_table(path)
+    check_columns(where, columns, columns)
+    has_volume, has_axes = "volume" in columns, all(name in columns for name in AXES)
+    if not has_volume and not has_axes:
+        raise RockfallError(
+            f"{where}: no column volume, and not a, b, c either; has: {', '.join(columns)}"
+        )
+    if has_volume and has_axes:
+        raise RockfallError(f"{where}: columns volume and a, b, c cannot be combined")
+    dated = [name for name in DATES if name in columns]
+    if len(dated) > 1:
+        raise RockfallError(f"{where}: columns year and date cannot be combined")
+    volumes, dates = [], []
+    for row in rows:
+        volumes.append(_volume(row, has_axes))
+        dates.append(_decimal_year(row, dated[0]) if dated else math.nan)
+    return _Blocks(str(path), np.array(volumes), np.array(dates))
+
+
+def _volume(row: Row, has_axes: bool) -> float:
+    if not has_axes:
+        return row.number("volume", MIN_VOLUME, MAX_VOLUME)
+    volume = math.prod(row.number(name, 1e-3, 1e3) for name in AXES)
+    if volume < MIN_VOLUME:
+        row.refuse("a", f"a x b x c must be >= {MIN_VOLUME:g} m3")
+    return volume
+
+
+def _decimal_year(row: Row, column: str) -> float:
+    """Date of a row as a decimal year; NaN where empty."""
+    text = row.cells[column]
+    if not text:
+        return math.nan
+    if re.fullmatch("[0-9]{4}", text):
+        return float(text)
+    try:
+        if not re.fullmatch("[0-9]{4}-[0-9]{2}-[0-9]{2}", text):
+            raise ValueError
+        day = date.fromisoformat(text)
+    except ValueError:
+        row.refuse(column, "must be a year such as 1987, or a date such as 1987-05-30")
+    return day.year + (day.timetuple().tm_yday - 1) / 366

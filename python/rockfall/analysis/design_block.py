@@ -1,0 +1,427 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Design block of a return period, from a survey of blocks (De Biagi et al. 2017).
+
+Blocks larger than a threshold come as often as the dated ones did; their volumes follow a
+generalised Pareto distribution (GPD), fitted to all deposited blocks. The block of a return period
+T is the one that larger ones exceed once in T years. Intervals are those of the profile likelihood
+of volumes and number together: no random numbers, and better for few blocks than resampling.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.block_survey import Survey, Volumes, read_survey
+from rockfall.analysis.generalised_pareto import Fit, best_of, fit_gpd, lowest_valid
+from rockfall.analysis.line_statistics import with_limits
+from rockfall.analysis.return_levels import BARTLETT, MAX_PERIOD, MAX_SHAPE, THRESHOLDS
+from rockfall.case import key_table
+from rockfall.errors import RockfallError
+from rockfall.limits import Z
+from rockfall.quantities import number
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PERIODS = (10.0, 30.0, 100.0, 300.0)  # [year], in each table
+MIN_BLOCKS = 20  # deposited blocks above the threshold
+MIN_DATED = 3  # dated blocks above it
+HEAVIEST = 4.0  # shape of a GPD; volumes of rockfall have up to 1/0.4
+MAX_PLACE = 6.0  # of the search of the fit: shapes are larger than those of `return_levels`
+REJECTED = 0.05  # p-value below which a distribution or a comparison is in doubt
+WIDE = 10  # ratio of the upper limit to the block that is worth a warning
+BEYOND = 10  # return periods after which a block larger than volume_max comes
+FARTHEST = 1e6  # of the search of an upper limit: excess over that of the block
+_PLACES = np.arange(-1.0, MAX_PLACE, 0.005)  # of the profile likelihood
+_LEVELS = ["return_period", *with_limits("volume"), "power_law", "extrapolated", "refused"]
+
+
+class Rate(NamedTuple):
+    """Blocks larger than the threshold a year, with a 95 % interval, from `dated` ones; of
+    `dispersion` > 1 where they came in clusters."""
+
+    value: float
+    low: float
+    high: float
+    dated: int
+    dispersion: float = 1.0
+
+
+class PowerLaw(NamedTuple):
+    """Number of blocks a year that are larger than V: activity V**-exponent; exponent with its 95 %
+    interval, and `p_value` of a test against the GPD."""
+
+    exponent: float
+    low: float
+    high: float
+    activity: float
+    p_value: float
+
+    def volume(self, period: float) -> float:
+        return float((self.activity * period) ** (1 / self.exponent))
+
+    def period(self, volume: float) -> float:
+        return float(volume**self.exponent / self.activity)
+
+
+@dataclass(frozen=True)
+class DesignBlock:
+    """Design block [m3] of a return period [year] with its 95 % interval, and what it is made of.
+
+    `levels`: a row for each return period; `volume` is NaN where `refused` gives a reason, and
+    `extrapolated` where it is larger than any surveyed block; `power_law` is the volume by that
+    distribution. `scenario` holds the keys of `&scenario`, None if the power law has none.
+    """
+
+    survey: Survey
+    return_period: float
+    volume: float
+    volume_low: float
+    volume_high: float
+    rate: Rate
+    fit: Fit
+    power_law: PowerLaw
+    levels: pd.DataFrame
+    scenario: dict[str, Any] | None
+    warnings: tuple[str, ...]
+
+    @property
+    def shape_limits(self) -> tuple[float, float]:
+        """95 % interval of the shape (Smith 1985)."""
+        error = Z * (1 + self.fit.shape) / math.sqrt(self.fit.exceedances)
+        return self.fit.shape - error, self.fit.shape + error
+
+
+def design_block(
+    blocks: Volumes,
+    return_period: float = 100.0,
+    *,
+    years: float | None = None,
+    events: Volumes | None = None,
+    threshold: float | None = None,
+    volume_max: float | None = None,
+) -> DesignBlock:
+    """Design block of a return period [year], from a survey of blocks.
+
+    `blocks` is a table of deposited blocks with `volume` [m3] or the axes `a`, `b`, `c` [m], whose
+    rows with a `year` fell within the observation period of `years`; or `events` is a table of
+    those. Both may be volumes instead. Blocks larger than `threshold` [m3] count; the default is
+    the lowest above which a generalised Pareto distribution fits. `volume_max` [m3] is the largest
+    block of the scenario.
+
+    >>> import rockfall
+    >>> found = rockfall.design_block("survey.csv", 100.0, years=40.0)
+    >>> found.volume_low < found.volume < found.volume_high
+    True
+    """
+    import pandas as pd
+
+    _check(return_period, threshold, volume_max)
+    survey = read_survey(blocks, events, years)
+    fit = _fit(survey, threshold)
+    rate = _rate(survey, fit.threshold)
+    law = _power_law(survey, fit, rate)
+    periods = sorted({*PERIODS, return_period})
+    levels = _levels(survey, fit, rate, law, periods)
+    asked = levels[periods.index(return_period)]
+    if asked["refused"]:
+        raise RockfallError(f"return_period = {return_period:g}: {asked['refused']}")
+    scenario, remarks = _scenario(survey, fit, law, return_period, volume_max)
+    warnings = [*_warnings(survey, fit, rate, asked), *remarks]
+    return DesignBlock(
+        survey,
+        return_period,
+        volume=asked["volume"],
+        volume_low=asked["volume_low"],
+        volume_high=asked["volume_high"],
+        rate=rate,
+        fit=fit,
+        power_law=law,
+        levels=pd.DataFrame(levels, columns=_LEVELS),
+        scenario=scenario,
+        warnings=tuple(warnings),
+    )
+
+
+def _check(return_period: float, threshold: float | None, volume_max: float | None) -> None:
+    for name, value, unit in (
+        ("return_period", return_period, "years"),
+        ("threshold", threshold, "m3"),
+        ("volume_max", volume_max, "m3"),
+    ):
+        if value is not None and not 0 < value < math.inf:
+            raise RockfallError(f"{name} = {value:g}: must be > 0 {unit}")
+
+
+def _fit(survey: Survey, threshold: float | None) -> Fit:
+    """GPD of the deposited blocks above the threshold, or above the lowest one that fits."""
+    if threshold is not None:
+        _check_numbers(survey, threshold)
+        fit = _fit_above(survey.volumes, threshold)
+    else:
+        _check_numbers(survey, 0.0)
+        tried = list(_tried(survey))
+        found = lowest_valid(tried)
+        if found is None:
+            best = max(fit.p_value for fit in tried) if tried else 0.0
+            raise RockfallError(
+                f"{survey.name}: above no threshold a generalised Pareto distribution fits (p = "
+                f"{best:.2g}); give the threshold"
+            )
+        fit = found
+    if not -MAX_SHAPE < fit.shape < HEAVIEST:
+        how = "end too sharply" if fit.shape < 0 else "have too heavy a tail"
+        raise RockfallError(
+            f"{survey.name}: volumes above {fit.threshold:g} m3 {how} for this method (shape "
+            f"{fit.shape:.2f})"
+        )
+    return fit
+
+
+def _check_numbers(survey: Survey, threshold: float) -> None:
+    for what, volumes, needed in (
+        ("surveyed", survey.volumes, MIN_BLOCKS),
+        ("dated", survey.dated, MIN_DATED),
+    ):
+        if (above := int((volumes > threshold).sum())) < needed:
+            limit = f" are larger than {threshold:g} m3" if threshold else ""
+            raise RockfallError(
+                f"{survey.name}: {above} {what} blocks{limit}, {needed} needed for a design block"
+            )
+
+
+def _fit_above(ordered: np.ndarray, threshold: float) -> Fit:
+    above = ordered[ordered > threshold]
+    return fit_gpd(above - threshold, threshold, max_place=MAX_PLACE)
+
+
+def _tried(survey: Survey) -> Iterator[Fit]:
+    """Fits above increasing thresholds, from the smallest dated block on: the dates do not tell
+    about smaller ones."""
+    ordered = survey.volumes
+    most = min(int((ordered > survey.dated.min()).sum()), ordered.size - 1)
+    numbers = np.geomspace(max(most, MIN_BLOCKS), MIN_BLOCKS, THRESHOLDS).round().astype(int)
+    places = ordered.size - 1 - numbers
+    for threshold in np.unique(ordered[places[places >= 0]]):
+        is_enough = (survey.dated > threshold).sum() >= MIN_DATED
+        if is_enough and (ordered > threshold).sum() >= MIN_BLOCKS:
+            yield _fit_above(ordered, float(threshold))
+
+
+def _rate(survey: Survey, threshold: float) -> Rate:
+    """Frequency of larger blocks with the exact interval of a Poisson number (Garwood 1936), of
+    fewer independent ones where they came in clusters."""
+    from scipy.stats import chi2
+
+    above = survey.dated > threshold
+    dated, years = int(above.sum()), survey.years
+    dispersion = _dispersion(survey.dates[above], years)
+    independent = dated / dispersion
+    low = chi2.ppf(0.025, 2 * independent) / 2 * dispersion / years
+    high = chi2.ppf(0.975, 2 * independent + 2) / 2 * dispersion / years
+    return Rate(dated / years, float(low), float(high), dated, dispersion)
+
+
+def _dispersion(dates: np.ndarray, years: float) -> float:
+    """Variance of the yearly numbers over their mean, where the index of dispersion rejects a
+    Poisson process; else 1."""
+    from scipy.stats import chi2
+
+    free = math.ceil(years) - 1
+    if np.isnan(dates).any() or free < 1:
+        return 1.0
+    numbers = np.unique(np.floor(dates), return_counts=True)[1]
+    mean = dates.size / (free + 1)
+    index = float((numbers**2).sum() / mean - dates.size)
+    return index / free if chi2.sf(index, free) < REJECTED else 1.0
+
+
+def _power_law(survey: Survey, fit: Fit, rate: Rate) -> PowerLaw:
+    """Maximum-likelihood power law above the threshold (Hill 1975): the GPD with scale = shape x
+    threshold, tested by the ratio of likelihoods."""
+    from scipy.stats import chi2
+
+    u, n = fit.threshold, fit.exceedances
+    excess = survey.volumes[survey.volumes > u] - u
+    inverse, _, cost = best_of(1 / u, excess)
+    loss = 2 * n * (cost - best_of(fit.shape / fit.scale, excess)[2])
+    exponent = float(1 / inverse)
+    low, high = (exponent * chi2.ppf(p, 2 * n) / (2 * n) for p in (0.025, 0.975))
+    activity = rate.value * u**exponent
+    return PowerLaw(exponent, float(low), float(high), activity, float(chi2.sf(loss, 1)))
+
+
+def _levels(
+    survey: Survey, fit: Fit, rate: Rate, law: PowerLaw, periods: list[float]
+) -> list[dict[str, Any]]:
+    likelihood = _Likelihood(survey, fit, rate)
+    rows = []
+    for period in periods:
+        row: dict[str, Any] = dict.fromkeys(_LEVELS, math.nan)
+        row |= {"return_period": period, "extrapolated": False, "refused": ""}
+        expected = rate.value * period  # blocks above the threshold
+        if expected <= 1:
+            row["refused"] = (
+                f"blocks larger than {fit.threshold:g} m3 come every {number(1 / rate.value)} "
+                "years: the block is smaller than the threshold"
+            )
+        elif expected > MAX_PERIOD * fit.exceedances:
+            longest = number(MAX_PERIOD * fit.exceedances / rate.value)
+            row["refused"] = (
+                f"the {fit.exceedances} blocks larger than {fit.threshold:g} m3 bear up to "
+                f"{longest} years"
+            )
+        else:
+            excess = fit.scale * math.expm1(fit.shape * math.log(expected)) / fit.shape
+            low, high = likelihood.limits(excess, period)
+            row |= zip(
+                with_limits("volume"), (fit.threshold + one for one in (excess, low, high)),
+                strict=True,
+            )  # fmt: skip
+            row["power_law"] = law.volume(period)
+            row["extrapolated"] = bool(row["volume"] > survey.volumes.max())
+        rows.append(row)
+    return rows
+
+
+class _Likelihood:
+    """Profile likelihood of the excess of a return period (Coles 2001, section 4.3.3), of the GPD
+    of n blocks and the Poisson number of dated ones; the latter with weight 1/dispersion."""
+
+    def __init__(self, survey: Survey, fit: Fit, rate: Rate) -> None:
+        excess = survey.volumes[survey.volumes > fit.threshold] - fit.threshold
+        self.n = n = fit.exceedances
+        self.dated = rate.dated / rate.dispersion
+        self.years = survey.years / rate.dispersion
+        theta = np.expm1(_PLACES * math.log(n))
+        self.theta = np.where(np.abs(theta) < 1e-9, 1e-9, theta) / excess[-1]  # not 0: exponential
+        self.total = np.array([np.log1p(one * excess).sum() for one in self.theta])
+        self.least = n * (best_of(fit.shape / fit.scale, excess)[2] + 1)
+        self.least += self.dated * (1 - math.log(rate.value))
+
+    def loss(self, excess: float, period: float) -> float:
+        """Twice the log-likelihood below its maximum if this is the excess of the period.
+
+        For each theta = shape / scale the cost is convex in z = log(1 + theta excess) / shape, the
+        logarithm of the number of blocks above the threshold in a period; Newton's steps from
+        above converge to its minimum."""
+        inside = self.theta * excess > -1
+        theta, total = self.theta[inside], self.total[inside]
+        growth = np.abs(np.log1p(theta * excess))
+        slope = np.abs(total) / growth - self.dated
+        yearly = self.years / period
+        z = np.maximum(1.0, np.log((self.n + np.maximum(-slope, 0)) / yearly))
+        for _ in range(200):
+            expected = yearly * np.exp(z)
+            step = (z * (slope + expected) - self.n) / (slope + expected * (1 + z))
+            z -= step
+            if (np.abs(step) < 1e-9 * z).all():
+                break
+        cost = total + z * slope + yearly * np.exp(z) - self.n * np.log(z * np.abs(theta) / growth)
+        return 2 * float(cost.min() + self.dated * math.log(period) - self.least)
+
+    def limits(self, excess: float, period: float) -> tuple[float, float]:
+        """Limits of the 95 % interval: 0 where it reaches down to the threshold, infinite where
+        there is none."""
+        from scipy.optimize import brentq
+
+        allowed = Z**2 * (1 + BARTLETT / self.n)
+
+        def surplus(place: float) -> float:
+            return self.loss(excess * math.exp(place), period) - allowed
+
+        bottom, top = math.log(1e-6), math.log(FARTHEST)
+        low = math.exp(brentq(surplus, bottom, 0.0)) if surplus(bottom) > 0 else 0.0
+        high = math.exp(brentq(surplus, 0.0, top)) if surplus(top) > 0 else math.inf
+        return excess * low, excess * high
+
+
+def _scenario(
+    survey: Survey, fit: Fit, law: PowerLaw, period: float, volume_max: float | None
+) -> tuple[dict[str, Any] | None, list[str]]:
+    """Keys of `&scenario` for the power law, and what is to be known about them."""
+    largest = float(survey.volumes.max())
+    top = volume_max or max(largest, law.volume(BEYOND * period))
+    if _rounded(top) <= _rounded(fit.threshold):
+        raise RockfallError(f"volume_max = {top:g}: must be > threshold = {fit.threshold:g} m3")
+    scenario = {
+        "name": "blocks",
+        "activity": law.activity,
+        "volume": "pareto",
+        "volume_min": fit.threshold,
+        "volume_max": top,
+        "volume_exponent": law.exponent,
+    }
+    if reason := _beyond_keys(scenario):
+        return None, [f"no scenario by a power law: {reason}"]
+    scenario |= {key: _rounded(value) for key, value in scenario.items() if key != "name"}
+    remarks = []
+    if law.p_value < REJECTED:
+        remarks.append(
+            f"the power law of the scenario does not fit (p = {law.p_value:.2g}): once in "
+            f"{period:g} years it gives {law.volume(period):.3g} m3"
+        )
+    if top < largest:
+        remarks.append(f"volume_max is smaller than the largest surveyed block, {largest:.3g} m3")
+    elif top > WIDE * largest:
+        remarks.append(
+            f"volume_max is {top / largest:.0f} times the largest surveyed block: a decision "
+            "(--volume-max)"
+        )
+    return scenario, remarks
+
+
+def _rounded(value: Any) -> Any:
+    """Number with the five digits that are worth writing."""
+    return float(f"{value:.5g}") if isinstance(value, float) else value
+
+
+def _beyond_keys(scenario: dict[str, Any]) -> str | None:
+    """Value that the table of keys does not allow."""
+    for key in key_table():
+        if key.group == "scenario" and isinstance(value := scenario.get(key.name), float):
+            low, _, high = key.allowed.partition(" to ")
+            limits = (float(low), float(high)) if high else (1e-12, 1e12)
+            if not limits[0] <= value <= limits[1]:
+                return f"{key.name} = {value:.3g}: must be {limits[0]:g} to {limits[1]:g}"
+    return None
+
+
+def _warnings(survey: Survey, fit: Fit, rate: Rate, asked: dict[str, Any]) -> Iterator[str]:
+    if fit.p_value < REJECTED:
+        yield (
+            f"the generalised Pareto distribution does not fit above {fit.threshold:g} m3 (p = "
+            f"{fit.p_value:.2g})"
+        )
+    if (p := _same_volumes(survey, fit.threshold)) < REJECTED:
+        yield (
+            f"dated blocks have other volumes than the others (p = {p:.2g}): one of the lists "
+            "lacks blocks; try a higher threshold"
+        )
+    if rate.dispersion > 1:
+        yield (
+            f"dated blocks came in clusters (variance/mean of yearly numbers {rate.dispersion:.2g})"
+            ": intervals are widened"
+        )
+    if np.isnan(survey.dates).any():
+        yield "blocks without dates: whether they came in clusters is not checked"
+    if asked["extrapolated"]:
+        yield f"larger than any surveyed block ({survey.volumes.max():.3g} m3): extrapolated"
+    if asked["volume_high"] > WIDE * asked["volume"]:
+        yield f"the upper limit is more than {WIDE} times the block: the survey hardly limits it"
+
+
+def _same_volumes(survey: Survey, threshold: float) -> float:
+    """p-value that dated and undated blocks above the threshold have one distribution; NaN if one
+    of the lists has too few."""
+    from scipy.stats import ks_2samp
+
+    dated, undated = (one[one > threshold] for one in (survey.dated, survey.undated))
+    if min(dated.size, undated.size) < MIN_DATED:
+        return math.nan
+    return float(ks_2samp(dated, undated).pvalue)

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Mode of `rockfall design` for the block of a return period."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rockfall.analysis.design_block import DesignBlock, design_block
+from rockfall.cli.messages import DONE
+from rockfall.errors import RockfallError
+from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
+from rockfall.io.tables import write_csv
+from rockfall.text.design_block import design_block_text, scenario_text
+
+OPTIONS = ("years", "events", "threshold", "volume_max")  # of this mode only
+
+
+def design_block_command(arguments: argparse.Namespace) -> int:
+    if arguments.results:
+        raise RockfallError(
+            "--return-period takes no result: it makes the block for --volume of a design sheet"
+        )
+    if arguments.blocks is None:
+        raise RockfallError("--return-period requires --blocks, the table of surveyed blocks")
+    folder, inputs = arguments.output, [Path(arguments.blocks)]
+    inputs += [arguments.events] if arguments.events else []
+    if folder:
+        check_folder(folder)
+        check_outputs([folder / name for name in ("design_block.csv", "design_block.nml")], inputs)
+    given = {key: getattr(arguments, key) for key in OPTIONS}
+    found = design_block(arguments.blocks, arguments.return_period, **given)
+    print(design_block_text(found))
+    if folder:
+        print("", *_write(found, folder, inputs), sep="\n")
+    return DONE
+
+
+def _write(found: DesignBlock, folder: Path, inputs: list[Path]) -> list[Path]:
+    """Write the table of return periods, and the scenario if there is one; both or none."""
+    with atomic_folder(folder, inputs) as part:
+        write_csv(found.levels, part / "design_block.csv")
+        if found.scenario:
+            text = f"! Written by `rockfall design --return-period`.\n{scenario_text(found)}"
+            (part / "design_block.nml").write_text(text, encoding="utf-8")
+        names = sorted(path.name for path in part.iterdir())
+    return [folder / name for name in names]
