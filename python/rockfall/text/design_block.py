@@ -79,7 +79,7 @@ def scenario_text(found: DesignBlock) -> str:
     if not found.scenario:
         return ""
     beyond = number(found.power_law.period(found.scenario["volume_max"]))
-    comments = {"volume_max": f"m3, a decision: without those of {beyond} years"}
+    comments = {"volume_max": f"m3, a decision: none larger (once in {beyond} years)"}
     entries = [
         Entry(key, value, (COMMENTS | comments).get(key, ""))
         for key, value in found.scenario.items()
