@@ -211,7 +211,7 @@ contains
       associate (counts => state%count)
          write (output_unit, "(i0,a,5(i0,a))") counts(1), " rebounds; ", counts(2), " redrawn, ", &
             counts(3), " forced, ", counts(4), &
-            " with R_b/R_m outside 0.5 to 5.5, where no set is calibrated; ", counts(5), &
+            " with R_b/R_m outside those of their impact set (0.5 to 5.5) or table of impacts; ", counts(5), &
             " at speeds, ", counts(6), " at angles outside those that the set was fitted on"
       end associate
       write (output_unit, "(4a,i0,a)") decimal(state%wall, 2), " s (", decimal(state%cpu, 2), &

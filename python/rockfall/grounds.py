@@ -20,7 +20,8 @@ from rockfall.io.files import check_text_file
 from rockfall.io.tables import Row, check_columns, read_table
 
 IMPACT_SETS = "impact_sets"  # model of a ground outside the table of grounds
-TABLES = "impact_table", "ratio_table"  # models of tables of impacts, the second by R_b/R_m
+RATIO_TABLE = "ratio_table"  # model of a table of impacts by R_b/R_m
+TABLES = "impact_table", RATIO_TABLE  # models of tables of impacts
 ABSORBS = "absorbs"  # model of a ground without rebound
 MAX_NAME = 60  # characters
 MAX_GROUNDS = 127  # maximum number per scene: their numbers are bytes

@@ -12,6 +12,7 @@ from rockfall.analysis.model_limits import (
     forest_text,
     model_remarks,
 )
+from rockfall.html_report.sentences import Speaker
 from rockfall.html_report.validity import warnings
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
@@ -40,6 +41,27 @@ def test_a_fifth_of_the_rebounds_is_no_warning_yet(what):
         assert all(one.text.startswith(f"{outside} of 1,000 rebounds") for one in found)
     words = ("R_b/R_m outside 0.5 to 5.5", "speed_range", "angle_range")
     assert words[what] in found[0].text
+
+
+@pytest.mark.parametrize(
+    ("grounds", "words"),
+    [
+        ({"rocks.nc": "ratio_table"}, "table of impacts: the nearest ratio stood in"),
+        ({"rocky-slope": "ratio_table"}, "table of impacts (rocky-slope: 1 to "),
+        ({"a": "impact_sets", "rocky-slope": "ratio_table"}, "impact set or table of impacts: "),
+        ({"a": "impact_sets", "meadow": "impact_table"}, "outside 0.5 to 5.5"),
+    ],
+)
+def test_ratios_are_said_of_what_made_the_rebounds(grounds, words):
+    of_grounds = {
+        "ground": list(grounds), "ground_model": [*grounds.values()],
+        "rebounds_by_ground": [1000 // len(grounds)] * len(grounds),
+    }  # fmt: skip
+    (found,) = extrapolations(values(outside=(300, 0, 0)) | of_grounds)
+    assert words in found.text and found.is_warning
+    for language in "de", "fr", "it":
+        said = Speaker(language)(f"{found.text}.")
+        assert "300" in said and "rebounds" not in said and "nearest" not in said
 
 
 def test_counts_of_each_boulder_are_summed():

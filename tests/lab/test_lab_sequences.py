@@ -21,6 +21,7 @@ from rockfall.lab.contact_records import open_contacts
 from rockfall.lab.fit import ImpactSet
 from rockfall.lab.sequences import open_sequences, rebounds_of, run_sequences
 from rockfall.lab.tables import table_of
+from rockfall.text.lab import sequences_summary
 
 FLIES, ROLLS_ON, STOPS = range(3)
 SMALL = LabCase(
@@ -117,6 +118,16 @@ def test_relief_turns_boulders_aside(data):
         for one in (data, rough)
     ]
     assert turn[1] > 1.2 * turn[0]
+
+
+def test_throws_without_a_stable_step_are_reported(data):
+    """Their absence is no chance: it is the fastest throws that rocks too soft do not stand."""
+    assert "warning" not in sequences_summary(data)
+    few = data.isel(contact=(data["ratio"].values == 1) | (data["sequence"].values > 2))
+    assert (
+        "warning: R_b/R_m = 2: no step was stable in 2 of 12 throws: they have no contacts"
+        in sequences_summary(few)
+    )
 
 
 # ---- tables and sets

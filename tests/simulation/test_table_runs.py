@@ -13,6 +13,7 @@ from made import refused
 from programs import make_full_case, refuses, run_program, same_results
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from rockfall.analysis.model_limits import model_remarks
+from rockfall.case import case_of
 from rockfall.cli import main
 from rockfall.impact_tables import (
     FIELDS,
@@ -31,6 +32,7 @@ from rockfall.result.trajectories import vertices_of
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
+from rockfall.text.summary import summary
 from same import same
 from scenes import case_in, grid, place, rough
 
@@ -297,6 +299,48 @@ def test_a_zone_names_the_table_of_its_ground_and_boulders_their_shape(tmp_path)
     assert not np.array_equal(*(one["stop_y"] for one in found))
     said = [one.text for one in model_remarks(found[0], case)]
     assert any("were drawn from tables of impacts: meadow 100" in text for text in said), said
+
+
+def on_rocks(folder, ratio, **groups):
+    """A run by the shipped table of rocks, at R_b/R_m."""
+    radius = np.cbrt(0.75 / np.pi * 0.27)
+    of_rocks = {"impact": {"form": "table", "table": "rocky-slope"}}
+    of_rocks |= {"surface": {"uniform_mean_radius": radius / ratio}}
+    return on_plane(folder, 38.0, **(of_rocks | groups))
+
+
+@pytest.mark.parametrize("end", [0, -1])
+def test_contacts_beyond_the_ratios_of_a_table_are_counted_and_reported(tmp_path, end):
+    ratios = open_table(shipped_tables()["rocky-slope"]).ratio
+    outward = -1 if end == 0 else 1
+    inside, outside = (on_rocks(tmp_path, ratios[end] * f) for f in (1.01**-outward, 1.01**outward))
+    counts = [int(one["rebounds_out_of_range"]) for one in (inside, outside)]
+    assert counts == [0, int(outside["rebounds"])] and counts[1] > 1000
+    said = f"had R_b/R_m outside those of their table of impacts (rocky-slope: 1 to {ratios[-1]:g})"
+    heard = [one for one in model_remarks(outside, case_of(outside)) if said in one.text]
+    assert [one.is_warning for one in heard] == [True]
+    assert f"warning: {counts[1]:,} of {counts[1]:,} rebounds (100 %) {said}" in summary(outside)
+    assert not any("R_b/R_m" in one.text for one in model_remarks(inside, case_of(inside)))
+
+
+@pytest.mark.parametrize("lanes", [0, 1, 2])
+def test_lanes_count_contacts_beyond_the_ratios_alike(tmp_path, lanes):
+    """Boulders of all sizes, some beyond the table."""
+    volumes = {"volume": "lognormal", "volume_mean": 0.27, "volume_std": 0.6}
+    y = np.mgrid[199:-1:-1, 0:40][0] * 2.5
+    z = 500 + np.tan(np.radians(38.0)) * y
+    case = case_in(
+        tmp_path, case={"boulders": 200}, impact={"form": "table", "table": "rocky-slope"},
+        surface={"uniform_mean_radius": 0.02}, boulder=volumes, output={"maps": None},
+        release={"x": [50.0], "y": [480.0]},
+    )  # fmt: skip
+    scene = read_scene(case, dem=z, transform=grid(z, 2.5))
+    _core.carry_in_lanes(scene.kernel.handle, lanes)
+    result = run_scene(scene)
+    n, total = int(result["rebounds_out_of_range"]), int(result["rebounds"])
+    largest = 0.02 * open_table(shipped_tables()["rocky-slope"]).ratio[-1]
+    beyond = np.cbrt(0.75 / np.pi * result["volume"].values) > largest
+    assert n == int(result["impacts"].values[beyond].sum()) and 0 < n < total
 
 
 def test_where_terrain_ends_within_a_contact_all_is_known(made):

@@ -10,8 +10,8 @@ module rockfall_impact_table
    use rockfall_math, only: logarithm
    implicit none
    private
-   public :: impact_table_t, bins_t, approach_t, outcome_t, choose_record, transfer_record, ratio_at, exceeds_table, &
-             compare_scales, scaled_energy
+   public :: impact_table_t, bins_t, approach_t, outcome_t, choose_record, transfer_record, ratio_at, beyond_ratios, &
+             exceeds_table, compare_scales, scaled_energy
    public :: record_fields, pull_along, pull_across, follower, n_inputs, n_mapped, flies, rolls_on, stops
 
    !> Exit codes of a record, as written by the laboratory.
@@ -108,6 +108,16 @@ contains
          end if
       end associate
    end function ratio_at
+
+   !> Return whether a ratio R_b/R_m is outside those of a table, so that its smallest or largest serves in its place.
+   pure logical function beyond_ratios(table, ratio)
+      type(impact_table_t), intent(in) :: table
+      real(wp), intent(in) :: ratio  !! R_b/R_m [-]
+
+      beyond_ratios = .false.
+      if (size(table%ratio) == 1) return
+      beyond_ratios = ratio < table%ratio(1) .or. ratio > table%ratio(size(table%ratio))
+   end function beyond_ratios
 
    !> Choose the record of a contact: the one that followed in the laboratory, or one drawn with a single random number.
    pure subroutine choose_record(table, part, u, in, bin, record)

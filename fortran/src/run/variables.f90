@@ -77,7 +77,7 @@ module rockfall_variables
       variable_t("count", "rebounds_forced", "integer", "1", &
                  "rebounds without an admissible draw in 32"), &
       variable_t("count", "rebounds_out_of_range", "integer", "1", &
-                 "rebounds with R_b/R_m outside 0.5 to 5.5"), &
+                 "rebounds with R_b/R_m outside 0.5 to 5.5, or those of their table of impacts"), &
       variable_t("count", "rebounds_out_of_speed", "integer", "1", &
                  "rebounds at incident speeds outside the set's speed_range"), &
       variable_t("count", "rebounds_out_of_angle", "integer", "1", &

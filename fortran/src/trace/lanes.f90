@@ -16,6 +16,7 @@ module rockfall_lanes
                               energy_of, beyond_fit
    use rockfall_direction, only: turn_past_aspect, divide_by_length, shortest
    use rockfall_table_lanes, only: table_batch_t, clear_batch, add_contact, handle_table_contacts, find_paths_near_lines
+   use rockfall_impact_table, only: beyond_ratios
    use rockfall_table_contact, only: velocity_after, end_touch
    use rockfall_scene_type, only: scene_t, inertia_of, is_slow
    use rockfall_outcome, only: boulder_result_t, departure_status, add_flight, count_outcome, absorbed
@@ -571,8 +572,8 @@ contains
       integer :: lane
 
       lane = l%lane(k)
-      call count_outcome(rebound_t([0.0_wp, 0.0_wp, 0.0_wp], forced=b%left(k) < b%total(k)), .false., b%fast(k), &
-                         .false., result)
+      call count_outcome(rebound_t([0.0_wp, 0.0_wp, 0.0_wp], forced=b%left(k) < b%total(k)), &
+                         beyond_ratios(scene%grounds(b%ground(k))%table, b%ratio(k)), b%fast(k), .false., result)
       call count_ground(b%ground(k), scratch)
       if (scene%histograms_requested) &
          call count_rebound(scratch%histograms, [b%tangential(k), b%normal(k), b%w(k)], &

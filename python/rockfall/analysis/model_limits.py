@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.grounds import other_tables, repose
+from rockfall.grounds import IMPACT_SETS, RATIO_TABLE, other_tables, repose
+from rockfall.impact_tables import open_table, shipped_tables
 from rockfall.io.tables import read_table
 from rockfall.quantities import part_of, percent
 from rockfall.result.grounds import (
@@ -42,12 +43,14 @@ MAX_SLOW = 0.1  # fraction of passing boulders from which quantiles are no desig
 #: Upper envelope of observed maximum speeds [m/s] per degree of the mean slope (Dorren 2015,
 #: Rockyfor3D revealed, ecorisQ; it uses 0.64 to 0.8).
 SPEED_PER_DEGREE = 0.8
+NEAREST = "the nearest ratio stood in"
 OUTSIDE = {
-    "range": "had R_b/R_m outside 0.5 to 5.5, where the set is not calibrated: the nearest ratio "
-    "stood in",
+    "range": f"had R_b/R_m outside 0.5 to 5.5, where the set is not calibrated: {NEAREST}",
     "speed": "were slower or faster than those that the set was fitted on (speed_range)",
     "angle": "were flatter or steeper than those that the set was fitted on (angle_range)",
 }
+OUTSIDE_TABLES = "had R_b/R_m outside those of their table of impacts"
+OUTSIDE_BOTH = "had R_b/R_m outside those of their impact set or table of impacts"
 
 QUOTED = "their coefficients are as commonly quoted, not confirmed"
 OWN = "their coefficients are the user's own, and what they rest on is not known here"
@@ -194,8 +197,8 @@ class Extrapolation(NamedTuple):
 
 
 def fractions_outside(values: Variables) -> dict[str, float]:
-    """Fractions of the rebounds by impact sets outside the fitted ranges: by range (of R_b/R_m),
-    speed and angle; `values` as for `extrapolations`."""
+    """Fractions of the rebounds by impact sets or tables outside the fitted ranges: by range (of
+    R_b/R_m), speed and angle; `values` as for `extrapolations`."""
     rebounds = max(1.0, _stochastic(values))
     return {what: _total(values, f"rebounds_out_of_{what}") / rebounds for what in OUTSIDE}
 
@@ -209,7 +212,8 @@ def extrapolations(values: Variables) -> Iterator[Extrapolation]:
     for what, fraction in fractions_outside(values).items():
         if fraction:
             said = part_of(round(fraction * rebounds), rebounds, "rebound")
-            yield Extrapolation(fraction, f"{said} {OUTSIDE[what]}", fraction > MAX_OUTSIDE)
+            text = _outside_ratios(values) if what == "range" else OUTSIDE[what]
+            yield Extrapolation(fraction, f"{said} {text}", fraction > MAX_OUTSIDE)
     is_fast = faster_than_observed(values)
     if (fast := int(is_fast.sum())) > MAX_FAST * is_fast.size:
         said = (
@@ -218,6 +222,21 @@ def extrapolations(values: Variables) -> Iterator[Extrapolation]:
             "(Dorren 2015): the bounce has no terminal velocity"
         )
         yield Extrapolation(fast / is_fast.size, said, True)
+
+
+def _outside_ratios(values: Variables) -> str:
+    """Text on rebounds outside the ratios of the impact sets or tables that made them; the ratios
+    of a shipped table are part of it."""
+    followed = [one for one in rebounds_by_ground(values) if one.rebounds]
+    tables = [one.name for one in followed if one.model == RATIO_TABLE]
+    if not tables:
+        return OUTSIDE["range"]
+    if any(one.model == IMPACT_SETS for one in followed):
+        return f"{OUTSIDE_BOTH}: {NEAREST}"
+    if len(tables) > 1 or tables[0] not in shipped_tables():
+        return f"{OUTSIDE_TABLES}: {NEAREST}"
+    ratios = open_table(shipped_tables()[tables[0]]).ratio
+    return f"{OUTSIDE_TABLES} ({tables[0]}: {ratios[0]:g} to {ratios[-1]:g}): {NEAREST}"
 
 
 def faster_than_observed(values: Variables) -> np.ndarray:
@@ -233,7 +252,7 @@ def faster_than_observed(values: Variables) -> np.ndarray:
 
 
 def _stochastic(values: Variables) -> float:
-    """Number of rebounds by impact sets."""
+    """Number of rebounds by impact sets or tables of impacts."""
     return stochastic_fraction(values) * _total(values, "rebounds")
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -89,7 +90,18 @@ def sequences_summary(data: xr.Dataset) -> str:
             f"{int(attrs['unfinished'][k]):7,}{len(ends):10,}{counts}"
             f"{1000 * attrs['cpu_seconds'][k] / max(1, len(ends)):9.1f}"
         )
-    return "\n".join(lines)
+    return "\n".join([*lines, *_lost_throws(data, attrs)])
+
+
+def _lost_throws(data: xr.Dataset, attrs: dict[str, np.ndarray]) -> Iterator[str]:
+    """Warnings of ratios at which throws have no contact, since no step was stable."""
+    for ratio, done in zip(attrs["ratios"], attrs["done"], strict=True):
+        thrown = len(np.unique(data["sequence"].values[data["ratio"].values == ratio]))
+        if lost := int(done) - thrown:
+            yield (
+                f"warning: R_b/R_m = {ratio:g}: no step was stable in {lost} of {int(done)} "
+                "throws: they have no contacts, so a table or set of the others may be biased"
+            )
 
 
 def fit_summary(data: xr.Dataset, sets: dict[int, ImpactSet], state: str) -> str:
