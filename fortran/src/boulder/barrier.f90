@@ -8,7 +8,8 @@ module rockfall_barrier
    use rockfall_forest, only: max_stem_energy
    implicit none
    private
-   public :: barrier_t, barrier_outcome, point_in_front, ead_energy, log_capacity, stopped_there, broken_through, passed_over
+   public :: barrier_t, barrier_outcome, point_in_front, ead_energy, log_capacity
+   public :: stopped_there, broken_through, passed_over
 
    !> Outcome at a barrier. Of several crossings the most severe counts: stopped if the boulder came to rest there,
    !> broken_through if it broke through once, even if it also passed over.
@@ -54,7 +55,8 @@ contains
       end if
    end function barrier_outcome
 
-   !> Energy [J] that a lying log absorbs. Unconfirmed: that of a standing stem of its diameter (Dorren and Berger 2006).
+   !> Energy [J] that a lying log absorbs. Unconfirmed: that of a standing stem of its diameter
+   !> (Dorren and Berger 2006).
    pure real(wp) function log_capacity(diameter, decay_class)
       real(wp), intent(in) :: diameter    !! > 0 [cm]
       integer, intent(in) :: decay_class  !! 1..4

@@ -213,7 +213,7 @@ module rockfall_case_keys
       key_t("barrier", "class", "integer", 1, "absent", "0 to 7", "", &
             "instead of capacity: of EAD 340059, by its maximum energy level"), &
       key_t("barrier", "diameter", "real", 1, "absent", "5 to 200", "cm", &
-            "instead of capacity: of a lying log; without height it is as high as it is thick"), &
+            "instead of capacity: of a lying log; without height its top is at its diameter"), &
       key_t("barrier", "decay_class", "integer", 1, "absent", "1 to 4", "", &
             "of a log: 1 fresh, 2 dead and hard, 3 rotten, 4 soft; leave out softer ones; absent: 1"), &
       key_t("barrier", "file", "text", 1, "absent", "", "", &
