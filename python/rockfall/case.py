@@ -132,7 +132,7 @@ class Case:
     @property
     def has_forest(self) -> bool:
         """Return True if there are trees, listed or generated."""
-        return not {"trees", "stems", "uniform_stems"}.isdisjoint(self.forest)
+        return not {"trees", "polygons", "stems", "uniform_stems"}.isdisjoint(self.forest)
 
     @property
     def lines(self) -> list[dict[str, Any]]:

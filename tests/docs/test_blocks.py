@@ -118,6 +118,10 @@ def site(tmp_path_factory):
     make_layer("dam.gpkg", [line((40, 250), (200, 250))], height=[60.0])
     make_layer("ditch.gpkg", [box(40, 255, 200, 262)], depth=[2.0])
     make_layer("houses.gpkg", [box(90, 150, 100, 160)], name=["house"])
+    stand = {"stems": [400.0], "dbh_mean": [30.0], "dbh_std": [5.0], "conifers": [60.0]}
+    make_layer("stands.gpkg", [box(20, 200, 200, 500)], **stand)
+    make_layer("storm.gpkg", [box(20, 300, 200, 400)], id=[1])
+    make_layer("logs.gpkg", [line((40, 280), (200, 280))], diameter=[40.0])
     for name in ("trees.geojson", "forest.gpkg"):
         make_layer(name, shapely.points([[90, 400], [100, 390]]), dbh=[30.0, 40.0])
     files = {

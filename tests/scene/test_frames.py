@@ -114,7 +114,9 @@ def test_what_cannot_be_is_said_of_the_frame(case):
         read_scene(case, lines=frame([shapely.Point(W, N)]))
     with refused("lines: the GeoDataFrame is empty"):
         read_scene(case, lines=frame([]))
-    with refused("roads: no layer; those are lines, barriers, dams, zones, trees, sources"):
+    with refused(
+        "roads: no layer; those are lines, barriers, dams, zones, trees, stands, clearings, sources"
+    ):
         read_scene(case, roads=frame([across(9)]))
     with pytest.raises(rockfall.RockfallError, match=r"^lines: not a GeoDataFrame that can be"):
         read_scene(case, lines=frame(["LINESTRING (0 0, 1 1)"]))

@@ -5,9 +5,11 @@ module rockfall_barrier
    use rockfall_terrain, only: terrain_t, patch_position
    use rockfall_flight, only: landing_t
    use rockfall_direction, only: unit_vector
+   use rockfall_forest, only: max_stem_energy
    implicit none
    private
-   public :: barrier_t, barrier_outcome, point_in_front, ead_energy, stopped_there, broken_through, passed_over
+   public :: barrier_t, barrier_outcome, point_in_front, ead_energy, log_capacity
+   public :: stopped_there, broken_through, passed_over
 
    !> Outcome at a barrier. Of several crossings the most severe counts: stopped if the boulder came to rest there,
    !> broken_through if it broke through once, even if it also passed over.
@@ -21,6 +23,12 @@ module rockfall_barrier
    !> Distance in front of a barrier at which a boulder continues, over the width of the terrain [-]: well above
    !> coordinate rounding, and a micrometre on a slope of a kilometre.
    real(wp), parameter :: barrier_offset = 1.0e-9_wp
+
+   !> Strength of spruce and larch over that of silver fir, the smallest of Dorren and Berger (2006) [-].
+   real(wp), parameter :: log_factor = 0.9_wp
+   !> Strength of a log of decay class 1 (fresh) to 4 (soft) over that of a fresh one [-]. Unconfirmed: no measured
+   !> values are known to us, so it falls evenly, to nothing in class 5 (no firm wood).
+   real(wp), parameter :: decayed_strength(4) = [1.0_wp, 0.75_wp, 0.5_wp, 0.25_wp]
 
    type :: barrier_t
       integer :: line = 0            !! index among the lines of the scene
@@ -46,6 +54,15 @@ contains
          outcome = stopped_there
       end if
    end function barrier_outcome
+
+   !> Energy [J] that a lying log absorbs. Unconfirmed: that of a standing stem of its diameter
+   !> (Dorren and Berger 2006).
+   pure real(wp) function log_capacity(diameter, decay_class)
+      real(wp), intent(in) :: diameter    !! > 0 [cm]
+      integer, intent(in) :: decay_class  !! 1..4
+
+      log_capacity = decayed_strength(decay_class)*log_factor*max_stem_energy(diameter)
+   end function log_capacity
 
    !> Point in the air just in front of a barrier. Coordinates are rounded, and other features there, such as a line
    !> along the barrier, must still be ahead of the next flight.

@@ -24,7 +24,7 @@ module rockfall_f2py
                              object_reach
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model
    use rockfall_reach, only: block_side, update_block_minima, reach_box
-   use rockfall_stand, only: stems_in_cell, stem_numbers
+   use rockfall_stand, only: stems_in_cell, stem_numbers, thinning_numbers
    use rockfall_random, only: random_key
    use rockfall_sources, only: usual_threshold, keep_steep_cells, surface_ratios, proportional_part
    use rockfall_maps, only: maps_t
@@ -62,7 +62,7 @@ module rockfall_f2py
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, points_outside, boulders
    public :: boulders_of_source, recorded_numbers, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
-   public :: stand_counts, stand_numbers, shape_numbers
+   public :: stand_counts, stand_numbers, stand_thinning, shape_numbers
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, boulders_in_parts, fraction_limits
    public :: sample_edges, sample_units, line_quantities, places_along
    public :: check_numbers, ground_model, barriers, barrier_outcomes, ead_energies
@@ -607,6 +607,25 @@ contains
          end do
       end do
    end subroutine stand_numbers
+
+   !> Two uniform numbers of each of these stems, cell by cell, that decide whether it stands (rockfall_stand).
+   subroutine stand_thinning(seed, nx, row, counts, numbers, n, nt)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: n, nt
+      integer(c_int64_t), intent(in) :: seed
+      integer(c_int), intent(in) :: nx, row
+      integer(c_int32_t), intent(in) :: counts(n)       !! sum nt
+      real(c_double), intent(out) :: numbers(2, nt)
+      integer :: i, k, stem
+
+      k = 0
+      do i = 1, n
+         do stem = 1, counts(i)
+            k = k + 1
+            numbers(:, k) = thinning_numbers(random_key(seed), cell_number(nx, row, i), stem)
+         end do
+      end do
+   end subroutine stand_thinning
 
    !> Volume [m3] and moment of inertia I/(m R**2) [-] of boulders by shape and sides, as in rockfall_shape.
    subroutine shape_numbers(shape, d, volume, inertia, n)

@@ -103,6 +103,7 @@ contains
          if (inputs%input_warnings /= "") &
             call keep(file, nf90_put_att(file%id, nf90_global, "input_warnings", inputs%input_warnings))
          if (inputs%dams /= "") call keep(file, nf90_put_att(file%id, nf90_global, "dams", inputs%dams))
+         if (inputs%stands /= "") call keep(file, nf90_put_att(file%id, nf90_global, "stands", inputs%stands))
          call keep(file, nf90_put_att(file%id, nf90_global, "seed", case%seed))
          call keep(file, nf90_put_att(file%id, nf90_global, "boulder_first", run%before + 1))
          call keep(file, nf90_put_att(file%id, nf90_global, "boulder_last", last))

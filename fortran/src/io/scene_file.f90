@@ -34,7 +34,7 @@ module rockfall_scene_file
       type(axis_t) :: cells(2)                 !! x, y
       character(len=:), allocatable :: case_file, impact_set_checksum, input_checksums, decoded_checksums
       character(len=:), allocatable :: feature_names  !! of the layer of sources, one line each
-      character(len=:), allocatable :: input_warnings, dams  !! JSON, for the result; "" if absent in the file
+      character(len=:), allocatable :: input_warnings, dams, stands  !! JSON, for the result; "" if absent in the file
    end type inputs_t
 
 contains
@@ -88,6 +88,7 @@ contains
          inputs%feature_names = ""
          inputs%input_warnings = text_of(file, nf90_global, "input_warnings")
          inputs%dams = text_of(file, nf90_global, "dams")
+         inputs%stands = text_of(file, nf90_global, "stands")
          inputs%impact_set_checksum = text_of(file, nf90_global, "impact_set_checksum")
          inputs%input_checksums = text_of(file, nf90_global, "input_checksums")
          inputs%decoded_checksums = text_of(file, nf90_global, "decoded_checksums")

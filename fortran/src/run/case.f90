@@ -14,7 +14,7 @@ module rockfall_case
    use rockfall_direction, only: past_aspect, to_aspect, by_lab
    use rockfall_forest, only: tree_model_t
    use rockfall_sobol, only: max_points
-   use rockfall_barrier, only: ead_energy
+   use rockfall_barrier, only: ead_energy, log_capacity
    implicit none
    private
    public :: case_t, case_line_t, read_case, turning_rule, radius_of_reading, keeps_all
@@ -371,30 +371,39 @@ contains
       this%velocity = reals_of(group, "velocity")
    end subroutine read_release
 
-   !> Read the forest: trees are listed, or generated from stand data; other keys concern hits.
+   !> Read the forest: trees are listed, or generated from the data of stands, in polygons or rasters; other keys
+   !> concern hits.
    pure subroutine read_forest(group, this, error)
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: this
       type(error_t), allocatable, intent(out) :: error
       character(len=*), parameter :: turn_keys(3) = [character(len=12) :: "turn_frontal", "turn_lateral", &
                                                      "turn_scratch"]
-      logical :: listed, made
+      logical :: listed, mapped, made
       integer :: k
 
       listed = has_key(group, "trees")
+      mapped = has_key(group, "polygons")
       made = has_key(group, "stems") .or. has_key(group, "uniform_stems")
-      this%forest = listed .or. made
-      if (listed .and. made) then
-         call fail(error, group%file//": &forest: give trees, or stems, not both")
+      this%forest = listed .or. mapped .or. made
+      if (count([listed, mapped, made]) > 1) then
+         if (.not. mapped) call fail(error, group%file//": &forest: give trees, or stems, not both")
+         if (mapped) call fail(error, group%file//": &forest: give one of polygons, trees and stems")
          return
       end if
       call check_either(group, "stems", made, made, error)
-      call check_either(group, "dbh_mean", made, made, error)
-      call check_either(group, "dbh_std", made, made, error)
+      call check_either(group, "dbh_mean", made, made .or. mapped, error)
+      call check_either(group, "dbh_std", made, made .or. mapped, error)
       call check_either(group, "conifers", made, this%forest, error)
       if (allocated(error)) return
       if (has_key(group, "trees_layer") .and. .not. listed) then
          call refuse(group, "trees_layer", "is only valid with trees", error)
+      else if (has_key(group, "polygons_layer") .and. .not. mapped) then
+         call refuse(group, "polygons_layer", "is only valid with polygons", error)
+      else if (has_key(group, "clearings") .and. .not. this%forest) then
+         call refuse(group, "clearings", "is only valid with trees, polygons or stems", error)
+      else if (has_key(group, "clearings_layer") .and. .not. has_key(group, "clearings")) then
+         call refuse(group, "clearings_layer", "is only valid with clearings", error)
       else if (has_key(group, "species_table") .and. .not. this%forest) then
          call refuse(group, "species_table", "is only valid with trees or stems", error)
       else if (has_key(group, "stem_height") .and. .not. this%forest) then
@@ -529,6 +538,8 @@ contains
          call refuse(group, "field", "is not valid together with name", error)
       else if (has_key(group, "capacity") .and. has_key(group, "class")) then
          call fail(error, key_location(group, "capacity, class")//": give one of the two")
+      else if (has_key(group, "diameter") .and. (has_key(group, "capacity") .or. has_key(group, "class"))) then
+         call refuse(group, "diameter", "gives the capacity of a log: leave out capacity and class", error)
       end if
    end subroutine check_layer
 
@@ -568,7 +579,12 @@ contains
       type(case_line_t), intent(inout) :: barrier
       type(error_t), allocatable, intent(out) :: error
 
-      call require_key(group, "height", "here, or as attribute of a layer", error)
+      if (has_key(group, "diameter")) then
+         call read_log(group, barrier)
+         return
+      end if
+      if (has_key(group, "decay_class")) call refuse(group, "decay_class", "is only valid with diameter", error)
+      if (.not. allocated(error)) call require_key(group, "height", "here, or as attribute of a layer", error)
       if (allocated(error)) return
       barrier%height = real_of(group, "height")
       if (has_key(group, "class")) then
@@ -579,6 +595,19 @@ contains
          call fail(error, key_location(group, "capacity, class")//": give one of the two")
       end if
    end subroutine read_barrier
+
+   !> Read a lying log, whose capacity follows from its diameter. Without a height it lies on the ground.
+   pure subroutine read_log(group, barrier)
+      type(group_t), intent(in) :: group
+      type(case_line_t), intent(inout) :: barrier
+      integer :: decay_class
+
+      decay_class = 1
+      if (has_key(group, "decay_class")) decay_class = int(integer_of(group, "decay_class"))
+      barrier%capacity = log_capacity(real_of(group, "diameter"), decay_class)
+      barrier%height = 0.01_wp*real_of(group, "diameter")
+      if (has_key(group, "height")) barrier%height = real_of(group, "height")
+   end subroutine read_log
 
    pure subroutine read_output(group, release, this, error)
       type(group_t), intent(in) :: group, release

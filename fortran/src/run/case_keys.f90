@@ -152,6 +152,10 @@ module rockfall_case_keys
             in_scene), &
       key_t("forest", "species_field", "text", 1, "'species'", "", "", "attribute of trees with their species", &
             in_scene), &
+      key_t("forest", "polygons", "text", 1, "absent", "", "", &
+            "layer of stands; attributes stems, dbh_mean, dbh_std, conifers or species: forest.md", in_scene, &
+            "layer"), &
+      key_t("forest", "polygons_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
       key_t("forest", "stems", "text", 1, "absent", "", "", &
             "raster of stems a hectare, of which trees are made", in_scene, "raster"), &
       key_t("forest", "uniform_stems", "real", 1, "absent", "> 0", "1/ha", "as many everywhere", in_scene), &
@@ -170,6 +174,14 @@ module rockfall_case_keys
       key_t("forest", "spread", "text", 1, "'random'", "random, even", "", &
             "random: stems anywhere; even: each cell has as many as its raster says", in_scene), &
       key_t("forest", "seed", "integer", 1, "1", ">= 0", "", "of the trees that are made", in_scene), &
+      key_t("forest", "clear_of_sources", "real", 1, "0.0", "0 to 1000", "m", &
+            "no stems within this distance of a source, in plan", in_scene), &
+      key_t("forest", "density_factor", "real", 1, "1.0", "0.001 to 1", "", &
+            "fraction of the stems that remains; the same stems in every variant", in_scene), &
+      key_t("forest", "clearings", "text", 1, "absent", "", "", &
+            "polygons without stems, or with their attribute density_factor: after felling or storm", in_scene, &
+            "layer"), &
+      key_t("forest", "clearings_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
       key_t("forest", "species_table", "text", 1, "absent", "", "", &
             "CSV with species, genus, factor; absent: as shipped", in_scene, "table"), &
       key_t("forest", "stem_height", "real", 1, "absent", "> 0", "m", &
@@ -200,6 +212,10 @@ module rockfall_case_keys
             "kinetic energy that it takes at most"), &
       key_t("barrier", "class", "integer", 1, "absent", "0 to 7", "", &
             "instead of capacity: of EAD 340059, by its maximum energy level"), &
+      key_t("barrier", "diameter", "real", 1, "absent", "5 to 200", "cm", &
+            "instead of capacity: of a lying log; without height its top is at its diameter"), &
+      key_t("barrier", "decay_class", "integer", 1, "absent", "1 to 4", "", &
+            "of a log: 1 fresh, 2 dead and hard, 3 rotten, 4 soft; leave out softer ones; absent: 1"), &
       key_t("barrier", "file", "text", 1, "absent", "", "", &
             "in place of x and y: lines, whose attributes give what the group does not", file="layer"), &
       key_t("barrier", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several"), &

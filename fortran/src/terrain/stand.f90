@@ -7,7 +7,7 @@ module rockfall_stand
    use rockfall_random, only: random_key_t, random_words, uniform, for_forest, words_per_block
    implicit none
    private
-   public :: stems_in_cell, stem_numbers
+   public :: stems_in_cell, stem_numbers, thinning_numbers
 
    real(wp), parameter :: max_mean = 16.0_wp  !! maximum mean of a Poisson number drawn from one random number
 
@@ -70,4 +70,17 @@ contains
 
       u = uniform(random_words(key, for_forest, cell, int(stem, i8), 0_i8))
    end function stem_numbers
+
+   !> Two more uniform numbers in (0, 1) of a stem: whether it stands in a stand less dense than the densest in its
+   !> cell, and whether it remains after a thinning. Those of `stem_numbers` do not depend on them.
+   pure function thinning_numbers(key, cell, stem) result(u)
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: cell
+      integer, intent(in) :: stem
+      real(wp) :: u(2)
+      integer(i8) :: word(words_per_block)
+
+      word = random_words(key, for_forest, cell, int(stem, i8), 1_i8)
+      u = uniform(word(1:2))
+   end function thinning_numbers
 end module rockfall_stand

@@ -67,6 +67,11 @@ TABLES_IN_THE_FIELD = (
     "(docs/validation/field)"
 )
 
+LOGS = (
+    "What lying logs take is unconfirmed: as much as standing stems of their diameter, less when "
+    "decayed; logs decay and move, so look at the same run without logs, too"
+)
+
 
 class Remark(NamedTuple):
     """A remark on the validity of a run's model."""
@@ -82,6 +87,7 @@ def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     yield from rebound_remarks(values, case)
     yield from table_remarks(values)
     yield from forest_remarks(case)
+    yield from log_remarks(case)
     yield from roll_remarks(values, case)
     yield from (Remark(one.text, one.is_warning) for one in extrapolations(values))
 
@@ -132,6 +138,12 @@ def forest_remarks(case: Case) -> Iterator[Remark]:
     """Remark that forest is not validated; none without trees."""
     if case.has_forest:
         yield Remark(forest_text(), True, is_counted=False)
+
+
+def log_remarks(case: Case) -> Iterator[Remark]:
+    """Remark that capacities of lying logs are unconfirmed; none without logs."""
+    if any("diameter" in one for one in case.barrier):
+        yield Remark(LOGS, True, is_counted=False)
 
 
 def forest_text() -> str:

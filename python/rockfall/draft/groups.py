@@ -11,14 +11,20 @@ from typing import Any
 
 from rockfall.case import key_table
 from rockfall.case_text import Entry, Group, case_text
-from rockfall.draft.recognise import LINES, NAMES, SEVERAL, SOURCES, TREES, ZONES, Layer
+from rockfall.draft.recognise import LINES, NAMES, SEVERAL, SOURCES, STANDS, TREES, ZONES, Layer
 from rockfall.draft.zones import Zones
 from rockfall.io.grid import Grid
+from rockfall.scene.forest.attributes import matching
 
 VOLUME = 1.0  # [m3]
 RADIUS = 0.25  # [m]: with VOLUME, R_b/R_m is 2.5, within the range of impact sets
 MAPS = ("passages", "deposits", "reach_probability", "energy_mean", "energy_q95", "jump_height_q95")
 TRAJECTORIES = 200
+STAND = {
+    "dbh_mean": 30.0,
+    "dbh_std": 10.0,
+    "conifers": 100.0,
+}  # [cm], [cm], [%]: conifers stop less
 
 
 @dataclass
@@ -174,6 +180,15 @@ def _forest(new: New, place: Path) -> Iterator[Group]:
         if "species" not in layer.columns:
             why = "CHOOSE: the layer has no species, and conifers stop less"
             entries.append(_entry("forest", "uniform_conifers", 100.0, why))
+        yield Group("forest", entries)
+    for layer in new.used.get(STANDS, ()):
+        entries = [_entry("forest", "polygons", _name(layer.path, place))]
+        entries += _layer(layer, "forest", "polygons_layer")
+        for key, value in STAND.items():
+            also = ("species",) if key == "conifers" else ()
+            if not any(matching(one, layer.columns) for one in (key, *also)):
+                why = "CHOOSE: the layer does not say it"
+                entries.append(_entry("forest", f"uniform_{key}", value, why))
         yield Group("forest", entries)
 
 

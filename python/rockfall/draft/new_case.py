@@ -11,7 +11,16 @@ import numpy as np
 
 from rockfall.case import read_case
 from rockfall.draft.groups import New, new_text
-from rockfall.draft.recognise import OBJECTS, SEVERAL, TREES, ZONES, Layer, kind_of, read_layers
+from rockfall.draft.recognise import (
+    OBJECTS,
+    SEVERAL,
+    STANDS,
+    TREES,
+    ZONES,
+    Layer,
+    kind_of,
+    read_layers,
+)
 from rockfall.draft.zones import zones_of
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import atomic_folder
@@ -56,6 +65,8 @@ def _take(new: New, layer: Layer) -> None:
     kind, why = kind_of(layer)
     if kind in new.used and kind not in SEVERAL:
         kind, why = "", f"{kind} are already those of {new.used[kind][0]}"
+    if {kind, *new.used} >= {TREES, STANDS}:
+        kind, why = "", "a forest is made of trees or of stands, and one of them came before"
     if kind == TREES and not layer.alone and not new.has_key("forest", "trees_layer"):
         kind, why = "", "trees must be alone in their file"
     if kind and kind != OBJECTS:

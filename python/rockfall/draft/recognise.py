@@ -14,10 +14,12 @@ from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
 from rockfall.io.layers import layer_names, read_features
 from rockfall.io.zone_table import RADII
+from rockfall.scene.forest.attributes import matching
 from rockfall.scene.layers import LAYERS
 
 ZONES, SOURCES, LINES = "zones", "sources", "lines"
 BARRIERS, DAMS, TREES, OBJECTS = "barriers", "dams", "trees", "objects"
+STANDS = "stands"
 SEVERAL = {LINES: "line", BARRIERS: "barrier", DAMS: "dam"}  # groups that may occur several times
 OF_ZONES = (*RADII, "ground")  # attributes, of which zones have at least one
 SYMBOLS = {"mean_radius": "r_m"}  # common field symbols for them
@@ -106,6 +108,8 @@ def _polygons(layer: Layer) -> tuple[str, str]:
     given = [one for one in OF_ZONES if layer.attribute(one)]
     if given:
         return ZONES, f"polygons with {', '.join(given)}"
+    if matching("stems", layer.columns):
+        return STANDS, f"polygons with {', '.join(matching('stems', layer.columns))}"
     if layer.is_called(SOURCES):
         return SOURCES, "polygons, by their name"
     return _other(
@@ -114,6 +118,8 @@ def _polygons(layer: Layer) -> tuple[str, str]:
 
 
 def _lines(layer: Layer) -> tuple[str, str]:
+    if layer.has("diameter"):
+        return BARRIERS, "lines with diameter [cm]: lying logs"
     strong = layer.has("capacity") or layer.has("class")
     if strong and layer.has("height"):
         return BARRIERS, "lines with height, and capacity or class"

@@ -66,6 +66,7 @@ from rockfall.html_report.tables import (
     line_tables,
     precision_table,
     provenance,
+    stand_tables,
     words_of_hazard,
 )
 from rockfall.html_report.terrain_view import terrain_view
@@ -226,7 +227,12 @@ def _report(
         overview=[picture(figure, title, "", translate) for title, figure in drawn_first],
         doubtful_inputs=doubts,
         indices=[one for k, one in enumerate(ranges) if k % PER_LINE],
-        inputs=[input_table(result, parties), *zone_table(result), *dam_tables(result)],
+        inputs=[
+            input_table(result, parties),
+            *zone_table(result),
+            *dam_tables(result),
+            *stand_tables(result),
+        ],
         ground_map=picture(grounds, say(GROUNDS), "", translate) if grounds else None,
         ends=[ends_table(result)],
         angle=list(angle(result)),

@@ -24,6 +24,7 @@ from rockfall.io.layers import REPROJECTED
 from rockfall.language import say
 from rockfall.protection.barriers import barrier_rows
 from rockfall.protection.dams import dams_of
+from rockfall.protection.stands import stands_of
 from rockfall.quantities import QUANTITIES, number, percent
 from rockfall.result.grounds import rebounds_by_ground, stochastic_fraction
 from rockfall.text.comparison import notes
@@ -104,6 +105,20 @@ def dam_tables(result: xr.Dataset) -> Iterator[Table]:
             say("tables.elevation_of_the_crest_m"), say("tables.width_of_the_crest_m"),
         )  # fmt: skip
         yield Table(say("tables.dam_caption"), head, rows)
+
+
+def stand_tables(result: xr.Dataset) -> Iterator[Table]:
+    """Stands of trees with their stems; no table without stands."""
+    rows = [
+        (one.name, f"{one.area:.3g}", f"{one.stems:,}", f"{one.density:,.0f}", f"{one.stated:,.0f}")
+        for one in stands_of(result)
+    ]
+    if rows:
+        head = (
+            say("tables.stand"), say("tables.area_ha"), say("tables.stems"),
+            say("tables.stems_a_hectare"), say("tables.stems_a_hectare_in_the_layer"),
+        )  # fmt: skip
+        yield Table(say("tables.stand_caption"), head, rows)
 
 
 def ground_table(result: xr.Dataset) -> Table:

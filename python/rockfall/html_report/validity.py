@@ -125,10 +125,7 @@ def _left_out(case: Case) -> Iterator[str]:
 
 def has(case: Case, group: str) -> bool:
     """Return True if a case has trees (some keys of &forest have defaults), or a repeated group."""
-    given = getattr(case, group)
-    if group != "forest":
-        return bool(given)
-    return any(given.get(key) is not None for key in ("trees", "stems", "uniform_stems"))
+    return case.has_forest if group == "forest" else bool(getattr(case, group))
 
 
 def _extremes(rows: Rows, levels: pd.DataFrame) -> Iterator[str]:

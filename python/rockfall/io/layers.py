@@ -123,6 +123,13 @@ def read_features(
     return _on_terrain(path, None, _FEATURES, what, grid, remarks, layer, key)[1:3]
 
 
+def read_polygons(
+    path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Polygons, with all their attributes by name, as in `_on_terrain`."""
+    return _on_terrain(path, None, _POLYGONS, "polygons", grid, remarks, layer, key)[1:3]
+
+
 def read_lines(
     path: str | Path, layer: str | None, grid: Grid, remarks: list[str]
 ) -> tuple[list[list[np.ndarray]], dict[str, np.ndarray]]:

@@ -60,6 +60,7 @@ def provenance(scene: Any) -> dict[str, str]:
         "decoded_checksums": json.dumps(scene.decoded, sort_keys=True),
         "input_warnings": json.dumps(scene.warnings or []),
         "dams": json.dumps([one.rounded() for one in scene.dams]),
+        **({"stands": json.dumps(scene.stands)} if scene.stands else {}),
     }
 
 

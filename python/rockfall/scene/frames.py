@@ -17,7 +17,10 @@ from rockfall.errors import RockfallError, need
 from rockfall.scene.scene import Scene
 
 GROUPS = {"lines": "line", "barriers": "barrier", "dams": "dam"}  # group of features of each
-KEYS = {"zones": ("surface", "zones"), "trees": ("forest", "trees")}
+KEYS = {
+    "zones": ("surface", "zones"), "trees": ("forest", "trees"), "stands": ("forest", "polygons"),
+    "clearings": ("forest", "clearings"),
+}  # fmt: skip
 PLACES = {"x", "y", "cells", "polygons", "polygons_layer", "points", "points_layer"}
 SOURCES = {"Polygon": ("release", "polygons"), "Point": ("release", "points")}
 
@@ -48,7 +51,7 @@ def of_frames(text: str, files: Mapping[str, Path]) -> str:
 
 def with_frames(frames: Mapping[str, Any], case: Case, read: Callable[[Case], Scene]) -> Scene:
     """Read the scene of a case with the layers of frames, by name: those of GROUPS in addition to
-    its own, the others (zones, trees, sources) in place of its own."""
+    its own, the others (zones, trees, stands, clearings, sources) in place of its own."""
     keys = {name: _key(name, frame) for name, frame in frames.items() if name not in GROUPS}
     with frame_files(frames) as files:
         scene = read(_naming(case, files, keys))

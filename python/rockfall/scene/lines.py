@@ -19,7 +19,7 @@ from rockfall.scene.layers import Inputs
 
 OF_LAYER = {"name", "x", "y", "file", "layer", "field"}  # keys that are not attributes
 LOGICAL = {"true": True, "1": True, "false": False, "0": False}  # as written by vector formats
-STRENGTH = {"capacity", "class"}  # a barrier has exactly one of these
+STRENGTH = {"capacity", "class", "diameter"}  # a barrier has exactly one of these
 
 
 class _Drawn(NamedTuple):

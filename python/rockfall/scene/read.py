@@ -22,8 +22,7 @@ from rockfall.io.raster_file import raster_file
 from rockfall.io.zone_table import RADII
 from rockfall.scene.coefficients import open_sets
 from rockfall.scene.digest import Digest
-from rockfall.scene.forest.listed import listed_trees
-from rockfall.scene.forest.made import made_trees
+from rockfall.scene.forest.planted import read_forest
 from rockfall.scene.frames import is_frame, with_frames
 from rockfall.scene.ground import Ground
 from rockfall.scene.layers import LAYERS, Inputs, array_checksum, file_checksum
@@ -44,10 +43,10 @@ def read_scene(
 
     `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, ground_map, cells, stems, dbh_mean,
     dbh_std, conifers) may be given as arrays: an xarray.DataArray, or NumPy on the cells of the DEM
-    (for the DEM itself with its `transform`). Layers (lines, barriers, dams, zones, sources, trees)
-    may be given as GeoDataFrames: lines, barriers and dams in addition to those of the case. If
-    rasters in files need more than half of `memory` [bytes], they are read in windows on demand:
-    see `rockfall.scene.windows`.
+    (for the DEM itself with its `transform`). Layers (lines, barriers, dams, zones, sources, trees,
+    stands, clearings) may be given as GeoDataFrames: lines, barriers and dams in addition to those
+    of the case. If rasters in files need more than half of `memory` [bytes], they are read in
+    windows on demand: see `rockfall.scene.windows`.
     """
     if not isinstance(case, Case):
         raise RockfallError(f"case = {case!r}: must be a Case; rockfall.read_case(path) reads one")
@@ -92,9 +91,8 @@ def read_scene(
 
 def _scene(inputs: Inputs, rasters: Rasters, rows: Iterable[tuple[Rasters, Box]]) -> Scene:
     """The scene of a case with its rasters; impact sets are read last of all."""
-    sources, trees = read_sources(inputs, rows), None
-    if inputs.case.has_forest:
-        trees = listed_trees(inputs) if "trees" in inputs.case.forest else made_trees(inputs)
+    sources = read_sources(inputs, rows)
+    trees, stands = read_forest(inputs, sources.x, sources.y)
     sets = open_sets(set_path(inputs.case))
     inputs.checksums["sets"] = sets.checksum
     if inputs.arrays:
@@ -102,7 +100,7 @@ def _scene(inputs: Inputs, rasters: Rasters, rows: Iterable[tuple[Rasters, Box]]
             f"{inputs.case.name}: rasters that the case does not use: {', '.join(inputs.arrays)}"
         )
     return Scene(
-        case=inputs.case, rasters=rasters, **vars(sources), trees=trees, sets=sets,
+        case=inputs.case, rasters=rasters, **vars(sources), trees=trees, stands=stands, sets=sets,
         checksums=inputs.checksums, remarks=tuple(inputs.remarks),
     )  # fmt: skip
 

@@ -15,7 +15,7 @@ from rockfall.case import Case
 from rockfall.grounds import GroundRule
 from rockfall.io.grid import Box, Grid
 from rockfall.scene.coefficients import Coefficients, SetFile
-from rockfall.scene.forest.trees import Trees
+from rockfall.scene.forest.trees import Stand, Trees
 from rockfall.scene.ground import Ground
 from rockfall.scene.kernel_scene import KernelScene, kernel_arrays
 from rockfall.scene.layers import Inputs
@@ -49,6 +49,7 @@ class Scene(Sources):
     case: Case
     rasters: Rasters
     trees: Trees | None = None
+    stands: tuple[Stand, ...] = ()  # of a layer of polygons, with their numbers of stems
     sets: SetFile = SetFile(b"", "")
     dams: tuple[DamShape, ...] = ()  # as rasterised
     checksums: dict[str, str] = field(default_factory=dict)  # of the input files

@@ -28,6 +28,7 @@ from rockfall.result.contents import Contents
 from rockfall.result.dataset import DAMAGED, georeference
 from rockfall.result.samples import lengths, possible, sample_dims
 from rockfall.result.validate import are_crossings, out_of_range
+from rockfall.scene.forest.trees import Stand
 from rockfall.scene.parts import Features
 from rockfall.scene.scene import InputWarning
 from rockfall.simulation.maps import SHARED
@@ -301,6 +302,8 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
         warnings = [InputWarning(*map(str, one)) for one in json.loads(attrs.get(at, "[]"))]
         at = "dams"
         dams = [DamShape(**one) for one in json.loads(attrs.get(at, "[]"))]
+        at = "stands"
+        stands = [Stand(*one) for one in json.loads(attrs.get(at, "[]"))]
         about = {key: one for key, one in crs.items() if key not in ("_FillValue", "GeoTransform")}
     except DAMAGED as error:
         raise RockfallError(f"{name}: is damaged: {at}") from error
@@ -308,8 +311,9 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
     checksums, decoded = sums
     boulders = int(attrs["boulders_requested"])
     origin = Origin(
-        case, boulders, grid, window, checksums, decoded, version, grounds, features, warnings, dams
-    )
+        case, boulders, grid, window, checksums, decoded, version, grounds, features, warnings,
+        dams, stands,
+    )  # fmt: skip
     first, last = int(attrs["boulder_first"]), int(attrs["boulder_last"])
     clocks = {clock: float(attrs[clock]) for clock in CLOCKS}
     part = Part(name, origin, first, last, int(attrs["threads"]), clocks, about, date)

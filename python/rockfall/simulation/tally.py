@@ -16,6 +16,7 @@ from rockfall.grounds import GroundRule
 from rockfall.io.grid import Box, Grid
 from rockfall.result.dataset import georeference
 from rockfall.result.samples import rows_kept
+from rockfall.scene.forest.trees import Stand
 from rockfall.scene.parts import Features
 from rockfall.scene.scene import InputWarning, Scene
 from rockfall.simulation.maps import SHARED, tells_sources
@@ -39,6 +40,7 @@ class Origin:
     features: Features | None = None  # names of the features
     warnings: list[InputWarning] | None = None
     dams: Sequence[DamShape] = ()
+    stands: Sequence[Stand] = ()
 
     def difference(self, other: Origin) -> str:
         """First item in which another run differs, "" if none; threads and the layout of the case
@@ -188,5 +190,5 @@ def origin_of(tally: Tally) -> Origin:
     return Origin(
         scene.case, scene.boulders, replace(scene.grid, crs=None), tally.window,
         scene.checksums, scene.decoded, __version__, scene.grounds, scene.features,
-        scene.warnings, scene.dams,
+        scene.warnings, scene.dams, scene.stands,
     )  # fmt: skip

@@ -28,6 +28,7 @@ from rockfall.simulation.simulate import check_team, run_chunks, start
 from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import MAXIMA
 from rockfall.text.dams import dam_lines
+from rockfall.text.stands import stand_lines
 
 PROBE_BOULDERS = 100  # to estimate the number of rebounds
 PILOT_REBOUNDS = 200_000  # approximate: some hundredths of a second, and the same on every machine
@@ -311,12 +312,12 @@ def _forest(scene: Scene) -> list[tuple[str, str]]:
     trees = scene.trees
     if trees is None:
         return []
-    n, area = trees.x.size, trees.area()
-    return [(
-        "forest",
+    n, area = trees.x.size, sum(one.area for one in scene.stands) or trees.area()
+    about = (
         f"{n:,} stems on {area:.3g} ha, {n / area:,.0f} a hectare, mean DBH {trees.dbh.mean():.1f} "
-        f"cm, basal area {trees.basal_area() / area:.3g} m2/ha",
-    )]  # fmt: skip
+        f"cm, basal area {trees.basal_area() / area:.3g} m2/ha"
+    )
+    return [("forest", about), *(("", line) for line in stand_lines(scene.stands))]
 
 
 def _rebounds(values: dict[str, np.ndarray]) -> str:

@@ -15,11 +15,13 @@ from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
 from rockfall.protection.barriers import barrier_rows, barriers_of
 from rockfall.protection.dams import dams_of
+from rockfall.protection.stands import stands_of
 from rockfall.quantities import QUANTITIES, TOO_FEW, Quantity, percent
 from rockfall.result.grounds import GroundRebounds, rebounds_by_ground
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import ended
 from rockfall.text.dams import dam_lines
+from rockfall.text.stands import stand_lines
 from rockfall.text.table import table
 
 if TYPE_CHECKING:
@@ -38,6 +40,7 @@ def summary(result: Held) -> str:
     if barriers_of(result) and rows:
         lines.append(table(_barriers(result)))
     lines += [f"  {name}: {line}" for name, line in dam_lines(dams_of(result))]
+    lines += [f"  {line}" for line in stand_lines(stands_of(result))]
     lines += [f"  until {verdict}" for verdict in verdicts_of(result)]
     lines += _rebounds(result)
     if grounds := rebounds_by_ground(result):

@@ -299,8 +299,8 @@ def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nda
 def _attributes(study: Study, runs: list[_Run]) -> dict[str, Any]:
     first = runs[0].attrs
     kept = ("Conventions", "history", "source", "version", "case_file", "seed", "impact_set")
-    kept += ("impact_set_checksum", "input_checksums", "decoded_checksums", "dams", "threads")
-    kept += ("date_created",)
+    kept += ("impact_set_checksum", "input_checksums", "decoded_checksums", "dams", "stands")
+    kept += ("threads", "date_created")
     clocks = ("wall_seconds", "cpu_seconds")
     return {
         "hazard_layout": LAYOUT,

@@ -17,7 +17,8 @@ from rockfall.io.tables import read_table
 from rockfall.limits import MAX_REAL
 from rockfall.scene.forest.made import Cells, conifer_shares
 from rockfall.scene.forest.species import BROADLEAF, CONIFER, Species, read_species
-from rockfall.scene.forest.trees import MAX_DBH, Trees
+from rockfall.scene.forest.thinning import numbers_of_list
+from rockfall.scene.forest.trees import MAX_DBH, Planted, Trees
 from rockfall.scene.layers import LAYERS, Inputs
 
 SPECIES_NUMBER = 3  # index of the random number of a stem that selects its species
@@ -32,7 +33,7 @@ class Listed(NamedTuple):
     species: list[str] | None  # None where the list has no such column
 
 
-def listed_trees(inputs: Inputs) -> Trees:
+def listed_trees(inputs: Inputs) -> Planted:
     """Trees of the case's list that lie on the terrain."""
     path, grid = inputs.case.path(inputs.case.forest["trees"]), inputs.grid
     if path.suffix.lower() in LAYERS:
@@ -56,7 +57,9 @@ def listed_trees(inputs: Inputs) -> Trees:
         factor = _drawn_factors(inputs, path, found, inside)
     else:
         factor = _factors(read_species(inputs), path, found.species)[inside]
-    return Trees(x[inside], y[inside], found.dbh[inside], factor)
+    remain = numbers_of_list(inputs.case, x.size)
+    trees = Trees(x[inside], y[inside], found.dbh[inside], factor)
+    return Planted(trees, None if remain is None else remain[inside])
 
 
 def _from_table(path: Path) -> Listed:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trees generated from stand data: stems per hectare, diameters, fraction of conifers.
+"""Trees generated from stand data, in rasters or polygons: stems per hectare, diameters, fraction
+of conifers.
 
 A tree depends only on the forest seed and its cell, not on threads or blocks of rows. Diameters
 follow a gamma distribution, drawn by inversion. They are rounded to a tenth of a millimetre because
@@ -16,14 +17,16 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 from rockfall.io.grid import row_blocks
-from rockfall.scene.forest.species import BROADLEAF, CONIFER, read_species
-from rockfall.scene.forest.trees import HECTARE, MAX_DBH, Trees
+from rockfall.scene.forest.species import BROADLEAF, CONIFER, Species, read_species
+from rockfall.scene.forest.stands import Stands, read_stands
+from rockfall.scene.forest.thinning import is_thinned
+from rockfall.scene.forest.trees import HECTARE, MAX_DBH, MAX_DENSITY, Planted, Trees
 from rockfall.scene.layers import Inputs
 
-MAX_DENSITY = 1e6  # stems per hectare
 MAX_STEMS = 1e8  # stems in a forest
 THINNEST = 20.0  # stems per hectare: 22 m apart, single trees rather than a forest
 DECIMALS = 2  # decimals of a diameter [cm]
+DENSER, REMAINS = 0, 1  # numbers of a stem that decide whether it stands: its stand, its thinning
 
 
 class Cells(NamedTuple):
@@ -33,37 +36,52 @@ class Cells(NamedTuple):
     column: np.ndarray
 
 
-def made_trees(inputs: Inputs) -> Trees:
-    """Generate the trees of a case with a stem density."""
-    grid, table = inputs.grid, read_species(inputs)
-    columns = {row: found for row, found in _columns(inputs) if found.size}
+def made_trees(inputs: Inputs) -> tuple[Planted, Stands | None]:
+    """Generate the trees of a case with a stem density; and the stands of its layer, if any."""
+    grid, table, seed = inputs.grid, read_species(inputs), inputs.case.forest["seed"]
+    stands = read_stands(inputs, table)
+    columns = {row: found for row, found in _columns(inputs, stands) if found.size}
     if not columns:
-        raise RockfallError(f"{inputs.case.name}: &forest: no tree stands on the terrain")
+        raise _treeless(inputs)
     rows = sorted(columns)
     sizes = [columns[row].size for row in rows]
     cells = Cells(
         np.repeat(np.array(rows, "i4"), sizes), np.concatenate([columns[k] for k in rows])
     )
-    x, y, quantile, species = np.empty((4, cells.row.size))
+    numbers = np.empty((4, cells.row.size))
+    more = np.empty((2, cells.row.size if stands or is_thinned(inputs.case) else 0))
     for row, stop, size in zip(rows, np.cumsum(sizes), sizes, strict=True):
         counts = np.bincount(columns[row], minlength=grid.nx).astype("i4")
-        numbers = _core.stand_numbers(inputs.case.forest["seed"], grid.nx, row + 1, counts, size)
-        for part, values in zip((x, y, quantile, species), numbers, strict=True):
-            part[stop - size : stop] = values
+        numbers[:, stop - size : stop] = _core.stand_numbers(seed, grid.nx, row + 1, counts, size)
+        if more.size:
+            more[:, stop - size : stop] = _core.stand_thinning(seed, grid.nx, row + 1, counts, size)
+    x, y, quantile, species = numbers
     x[:] = grid.west + (cells.column + x) * grid.cell
     y[:] = grid.north - (cells.row + 1 - y) * grid.cell
-    quantile[:] = _diameters(inputs, cells, quantile)
-    conifer = species < conifer_shares(inputs, cells)
-    species[:] = np.where(conifer, table.factors[CONIFER], table.factors[BROADLEAF])
-    return Trees(x, y, quantile, species)
+    stand = None
+    if stands is not None:
+        stand = stands.at(x, y)
+        some = stands.thinned(stand, cells.row, cells.column, more[DENSER])
+        if not some.any():
+            raise _treeless(inputs)
+        x, y, quantile, species = numbers[:, some]
+        stand, more = stand[some], more[:, some]
+        cells = Cells(cells.row[some], cells.column[some])
+    dbh = _diameters(inputs, cells, quantile, stands, stand)
+    factor = _factors(inputs, cells, species, stands, stand, table)
+    return Planted(Trees(x, y, dbh, factor), more[REMAINS] if more.size else None, stand), stands
 
 
-def _columns(inputs: Inputs) -> Iterator[tuple[int, np.ndarray]]:
+def _treeless(inputs: Inputs) -> RockfallError:
+    return RockfallError(f"{inputs.case.name}: &forest: no tree stands on the terrain")
+
+
+def _columns(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[int, np.ndarray]]:
     """Each row, and the columns of its trees."""
     forest, nx, total, densest = inputs.case.forest, inputs.grid.nx, 0.0, 0.0
     columns, even = np.arange(nx, dtype="i4"), int(forest["spread"] == "even")
     per_cell = inputs.grid.cell**2 / HECTARE
-    for rows, block in _blocks(inputs, "stems"):
+    for rows, block in _densities(inputs, stands):
         density = np.nan_to_num(np.asarray(block, float))  # no trees where the density is missing
         _check(inputs, "stems", density, (density >= 0) & (density <= MAX_DENSITY))
         total += density.sum() * per_cell
@@ -74,18 +92,34 @@ def _columns(inputs: Inputs) -> Iterator[tuple[int, np.ndarray]]:
             counts = _core.stand_counts(forest["seed"], nx, row + 1, expected, even)
             yield row, np.repeat(columns, counts)
     if densest < THINNEST:
+        area = "each cell" if stands is None else "another area"
         inputs.remarks.append(
-            f"&forest stems: {densest:.3g} stems a hectare at most: were they meant for each cell?"
+            f"&forest stems: {densest:.3g} stems a hectare at most: were they meant for {area}?"
         )
 
 
-def _diameters(inputs: Inputs, cells: Cells, u: np.ndarray) -> np.ndarray:
-    """Quantiles `u` of the gamma distributions of the cells [cm]: shape (mean/std)**2, scale
-    std**2/mean."""
+def _densities(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[slice, np.ndarray]]:
+    """Blocks of rows of stems per hectare: of a raster, or of the densest stand in each cell."""
+    if stands is None:
+        yield from _blocks(inputs, "stems")
+        return
+    for rows in row_blocks(inputs.grid.shape):
+        yield rows, stands.by_rank[stands.ranks[rows]]
+
+
+def _diameters(
+    inputs: Inputs, cells: Cells, u: np.ndarray, stands: Stands | None, stand: np.ndarray | None
+) -> np.ndarray:
+    """Quantiles `u` of the gamma distributions of the cells, or stands [cm]: shape (mean/std)**2,
+    scale std**2/mean."""
     from scipy.special import gammaincinv
 
-    mean = _at_trees(inputs, "dbh_mean", cells)
-    std = _at_trees(inputs, "dbh_std", cells)
+    mean, std = (
+        _at_trees(inputs, key, cells)
+        if stands is None or stand is None or key not in stands.values
+        else stands.values[key][stand]
+        for key in ("dbh_mean", "dbh_std")
+    )
     _check(inputs, "dbh_mean", mean, (mean > 0) & (mean <= MAX_DBH))
     _check(inputs, "dbh_std", std, (std >= 0) & (std <= MAX_DBH))
     dbh, varied = mean.copy(), std > 0
@@ -94,9 +128,34 @@ def _diameters(inputs: Inputs, cells: Cells, u: np.ndarray) -> np.ndarray:
     return np.maximum(np.round(dbh, DECIMALS), 10.0**-DECIMALS)
 
 
+def _factors(
+    inputs: Inputs, cells: Cells, u: np.ndarray, stands: Stands | None, stand: np.ndarray | None,
+    table: Species,
+) -> np.ndarray:  # fmt: skip
+    """Toughness factor of each stem, drawn by its uniform number `u`: a species of its stand, or
+    conifer with the fraction of its cell or stand."""
+    unmixed, factors = np.arange(u.size), np.empty(u.size)
+    if stands is not None and stand is not None:
+        unmixed = np.flatnonzero(~stands.draw_species(stand, u, factors))
+    if not unmixed.size:
+        return factors
+    if stands is not None and stand is not None and "conifers" in stands.values:
+        percent = stands.values["conifers"][stand[unmixed]]
+        shares = _shares(inputs, percent)
+    else:
+        shares = conifer_shares(inputs, Cells(cells.row[unmixed], cells.column[unmixed]))
+    conifer = u[unmixed] < shares
+    factors[unmixed] = np.where(conifer, table.factors[CONIFER], table.factors[BROADLEAF])
+    return factors
+
+
 def conifer_shares(inputs: Inputs, cells: Cells) -> np.ndarray:
     """Fraction of conifers among the stems of cells, 0 to 1."""
-    percent = _at_trees(inputs, "conifers", cells)
+    return _shares(inputs, _at_trees(inputs, "conifers", cells))
+
+
+def _shares(inputs: Inputs, percent: np.ndarray) -> np.ndarray:
+    """Fractions of percentages of conifers; fractions given for percentages are doubted."""
     _check(inputs, "conifers", percent, (percent >= 0) & (percent <= 100))
     if 0 < percent.max() <= 1:
         inputs.remarks.append(

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rockfall.errors import RockfallError
 from rockfall.io.tables import read_table
+from rockfall.scene.forest.attributes import plain_name
 from rockfall.scene.layers import Inputs, file_checksum
 
 CONIFER, BROADLEAF = "conifer", "broadleaf"  # where only the fraction of conifers is known
@@ -16,11 +17,13 @@ _SHIPPED = Path(str(importlib.resources.files("rockfall") / "data" / "species.cs
 
 
 class Species:
-    """Toughness factors by the name of a species or its genus: `spruce`, `Picea abies`."""
+    """Toughness factors by the name of a species or its genus: `spruce`, `Picea abies`, `Fichte`;
+    capitals and accents do not matter."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.factors: dict[str, float] = {}
+        self.factors: dict[str, float] = {}  # by plain names
+        self._shown: list[str] = []  # names for messages
         where, columns, rows = read_table(path)
         for column in ("species", "factor"):
             if column not in columns:
@@ -29,7 +32,10 @@ class Species:
             factor = row.number("factor", 0.0, MAX_FACTOR)
             if not factor > 0:
                 row.refuse("factor", "must be > 0")
-            for name in {row.text("species").lower(), row.cells.get("genus", "").lower()} - {""}:
+            names = [row.text("species").lower(), row.cells.get("genus", "").lower()]
+            self._shown += [name for name in dict.fromkeys(names) if name]
+            names += row.cells.get("other_names", "").split(";")
+            for name in {plain_name(one) for one in names} - {""}:
                 if name in self.factors:
                     raise RockfallError(f"{row.where}: {name}: is in the table twice")
                 self.factors[name] = factor
@@ -39,11 +45,11 @@ class Species:
 
     def factor(self, name: str, where: str) -> float:
         """Toughness factor of a species by its name in a list."""
-        words = name.lower().split()
-        for one in (" ".join(words), *words[:1]):
+        words = plain_name(name).split("_")
+        for one in ("_".join(words), words[0]):
             if one in self.factors:
                 return self.factors[one]
-        known = ", ".join(self.factors)
+        known = ", ".join(self._shown)
         raise RockfallError(f"{where}: species = {name}: is not in {self.path}; has: {known}")
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 HECTARE = 1.0e4  # m2
 MAX_DBH = 1000.0  # [cm]
+MAX_DENSITY = 1e6  # stems per hectare
 SQUARE = 25.0  # [m] side of the squares that count as forest if they hold a stem
 STEM = 32  # bytes per stem in the kernel, in addition to these arrays
 
@@ -35,3 +36,29 @@ class Trees(NamedTuple):
     def basal_area(self) -> float:
         """Basal area of all stems at breast height [m2]."""
         return float(np.pi / 4 * ((0.01 * self.dbh) ** 2).sum())
+
+    def select(self, chosen: np.ndarray) -> Trees:
+        """The chosen stems."""
+        return Trees(*(one[chosen] for one in self))
+
+
+class Stand(NamedTuple):
+    """Stand of a layer of polygons with its stems, as stored in a result."""
+
+    name: str
+    area: float  # on the terrain [ha]
+    stated: float  # stems per hectare, in the layer
+    stems: int  # standing: after thinnings and clearings
+
+    @property
+    def density(self) -> float:
+        """Stems per hectare; 0 outside the terrain."""
+        return self.stems / self.area if self.area > 0 else 0.0
+
+
+class Planted(NamedTuple):
+    """Stems before thinnings."""
+
+    trees: Trees
+    remain: np.ndarray | None = None  # uniform number of each, which decides whether it remains
+    stand: np.ndarray | None = None  # index of its stand; None without stands

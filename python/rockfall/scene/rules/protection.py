@@ -32,7 +32,7 @@ def protection_rules(scene: Scene) -> Iterator[InputWarning]:
 def _barriers(scene: Scene) -> Iterator[InputWarning]:
     for one in scene.case.barrier:
         where = f"&barrier name = '{one['name']}'"
-        if one["height"] > NET:
+        if one.get("height", 0.0) > NET:
             yield InputWarning(
                 where,
                 f"height = {one['height']:g} m: nets are up to 10 m high; was it meant in cm?",

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Polygons as areas: parts on the terrain, overlaps, points inside, cells that they touch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.grid import Grid
+
+SLIVER = 0.01  # of the smaller polygon: smaller overlaps are inaccuracies of drawing
+MARGIN = 0.01  # cells by which polygons are enlarged, so that no cell that they touch is missed
+
+
+def disjoint(shapes: np.ndarray, where: str) -> tuple[np.ndarray, float]:
+    """Polygons without overlaps, and the area [m2] that was shared: slivers belong to the later
+    polygon, larger overlaps are refused with the numbers of both features.
+
+    >>> import shapely
+    >>> squares = np.array([shapely.box(0, 0, 10, 10), shapely.box(9.99, 0, 20, 10)])
+    >>> parts, shared = disjoint(squares, "stands.gpkg")
+    >>> round(shared, 6), round(parts[0].area, 6)
+    (0.1, 99.9)
+    """
+    import shapely
+
+    shapes, shared = shapes.copy(), 0.0
+    earlier, later = shapely.STRtree(shapes).query(shapes, predicate="intersects")
+    for j, k in sorted((j, k) for j, k in zip(earlier, later, strict=True) if j < k):
+        common = shapely.area(shapely.intersection(shapes[j], shapes[k]))
+        if common > SLIVER * min(shapely.area(shapes[j]), shapely.area(shapes[k])):
+            raise RockfallError(
+                f"{where}: features {j + 1} and {k + 1} overlap by {common:,.4g} m2: polygons must "
+                f"not overlap by more than {SLIVER:.0%} of the smaller one"
+            )
+        if common > 0:
+            shapes[j] = shapely.difference(shapes[j], shapes[k])
+            shared += float(common)
+    return shapes, shared
+
+
+def on_terrain(shapes: np.ndarray, grid: Grid) -> np.ndarray:
+    """Parts of polygons on the terrain; empty outside it."""
+    import shapely
+
+    return shapely.intersection(shapes, shapely.box(grid.west, grid.south, grid.east, grid.north))
+
+
+def points_inside(
+    shapes: np.ndarray, x: np.ndarray, y: np.ndarray
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Each polygon by its index, and the indices of the points inside it."""
+    import shapely
+
+    order = np.argsort(y, kind="stable")
+    sorted_y = y[order]
+    shapely.prepare(shapes)
+    for k, (west, south, east, north) in enumerate(shapely.bounds(shapes)):
+        if np.isnan(west):  # empty
+            continue
+        start, stop = np.searchsorted(sorted_y, [south, north])
+        near = order[start:stop]
+        near = near[(x[near] >= west) & (x[near] <= east)]
+        yield k, near[shapely.contains_xy(shapes[k], x[near], y[near])]
+
+
+def touched_cells(shapes: np.ndarray, numbers: np.ndarray, grid: Grid) -> np.ndarray:
+    """Number of the last polygon that touches each cell, be it at an edge; 0 where none does."""
+    import shapely
+    from rasterio.features import rasterize
+
+    larger = shapely.buffer(shapes, MARGIN * grid.cell, quad_segs=1)
+    pairs = [(one, int(k)) for one, k in zip(larger, numbers, strict=True) if not one.is_empty]
+    if not pairs:
+        return np.zeros(grid.shape, "i4")
+    return rasterize(
+        pairs, out_shape=grid.shape, transform=grid.transform, fill=0, dtype="int32",
+        all_touched=True,
+    )  # fmt: skip

@@ -1,0 +1,17 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stands of trees of a result, with their numbers of stems."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+from rockfall.scene.forest.trees import Stand
+
+if TYPE_CHECKING:
+    from rockfall.result.contents import Held
+
+
+def stands_of(result: Held) -> list[Stand]:
+    """Stands of a run in the order of their layer; empty for results without them."""
+    return [Stand(*one) for one in json.loads(str(result.attrs.get("stands", "[]")))]

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Attributes of stands: their names in English, German, French and Italian, and their limits."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.layers import SHORT, plain
+from rockfall.scene.forest.trees import MAX_DBH, MAX_DENSITY
+
+NAMES = {  # the first is that of the case; English, German, French, Italian
+    "stems": ("stems", "stems_ha", "stems_per_ha", "n_ha", "stammzahl", "stammzahl_ha", "tiges",
+              "tiges_ha", "nb_tiges", "fusti", "fusti_ha", "piante_ha"),
+    "dbh_mean": ("dbh_mean", "mean_dbh", "dbh", "bhd", "bhd_mittel", "mittl_bhd", "dhp",
+                 "dhp_moyen", "dhp_moy", "dpu", "dpu_medio", "diametro_medio"),
+    "dbh_std": ("dbh_std", "dbh_sd", "std_dbh", "bhd_std", "bhd_stabw", "dhp_std", "dhp_ecart_type",
+                "ecart_type", "dpu_std", "dpu_dev_std", "dev_std"),
+    "conifers": ("conifers", "conifer_pct", "conif_percent", "nadelholz", "nadelholzanteil",
+                 "nadelanteil", "resineux", "part_resineux", "coniferes", "conifere"),
+    "species": ("species", "tree_species", "baumart", "baumarten", "essence", "essences", "espece",
+                "specie"),
+    "name": ("name", "bezeichnung", "bestand", "nom", "peuplement", "nome", "label"),
+    "density_factor": ("density_factor", "remaining", "restanteil", "part_restante",
+                       "parte_restante"),
+}  # fmt: skip
+LIMITS = {  # minimum, maximum, and the rule in words
+    "stems": (0.0, MAX_DENSITY, f"0 to {MAX_DENSITY:,.0f} stems a hectare"),
+    "dbh_mean": (1e-2, MAX_DBH, f"> 0 and at most {MAX_DBH:g} cm"),
+    "dbh_std": (0.0, MAX_DBH, f"0 to {MAX_DBH:g} cm"),
+    "conifers": (0.0, 100.0, "0 to 100 %"),
+    "density_factor": (0.0, 1.0, "0 to 1"),
+}
+
+
+def plain_name(name: str) -> str:
+    """Lower-case name without accents, other characters as single underscores.
+
+    >>> plain_name("Écart-type")
+    'ecart_type'
+    """
+    letters = unicodedata.normalize("NFKD", name.casefold())
+    letters = "".join(one for one in letters if not unicodedata.combining(one))
+    return re.sub(r"[^a-z0-9]+", "_", letters).strip("_")
+
+
+def matching(key: str, columns: Iterable[str]) -> list[str]:
+    """Attributes that give a value of a stand, as they are called in the layer; shapefiles truncate
+    their names.
+
+    >>> matching("dbh_mean", ["FID", "BHD", "Baumart"])
+    ['BHD']
+    """
+    known = {one[:length].strip("_") for one in NAMES[key] for length in (SHORT, None)}
+    return [name for name in columns if plain_name(name) in known]
+
+
+class Attributes(NamedTuple):
+    """Attributes of the features of a layer of polygons, by the names of NAMES."""
+
+    where: str
+    columns: dict[str, np.ndarray]
+
+    def own_name(self, key: str) -> str | None:
+        """Name of the attribute in the layer; None if it has none. Several names are no matter."""
+        found = matching(key, self.columns)
+        if len(found) > 1 and key != "name":
+            raise RockfallError(
+                f"{self.where}: attributes {' and '.join(found)}: both give {key}: keep one"
+            )
+        return found[0] if found else None
+
+    def refuse(self, k: int, key: str, value: Any, rule: str) -> RockfallError:
+        return RockfallError(
+            f"{self.where}: feature {k + 1}: {self.own_name(key)} = {value}: must be {rule}"
+        )
+
+    def texts(self, key: str) -> list[str | None]:
+        """Texts of an attribute; None where empty or missing."""
+        name = self.own_name(key)
+        if name is None:
+            return [None] * self.size
+        return [None if (one := plain(value)) is None else str(one) for value in self.columns[name]]
+
+    def numbers(self, key: str, needed: np.ndarray) -> np.ndarray | None:
+        """Numbers of an attribute, given where `needed` and within their limits; None without the
+        attribute."""
+        name = self.own_name(key)
+        if name is None:
+            return None
+        low, high, rule = LIMITS[key]
+        column = self.columns[name]
+        if column.dtype.kind not in "iuf":
+            raise RockfallError(f"{self.where}: attribute {name}: must be a number: {rule}")
+        values = column.astype(float)
+        for k in np.flatnonzero(needed & np.isnan(values))[:1]:
+            raise RockfallError(f"{self.where}: feature {k + 1}: has no {name}")
+        for k in np.flatnonzero((values < low) | (values > high))[:1]:
+            raise self.refuse(int(k), key, f"{values[k]:g}", rule)
+        return values
+
+    @property
+    def size(self) -> int:
+        return max(map(len, self.columns.values()), default=0)

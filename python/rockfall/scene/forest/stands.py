@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stands of trees: polygons with stems a hectare, diameters, and conifers or species.
+
+Each cell that a polygon touches draws as many stems as the densest of its polygons has, anywhere in
+the cell. A stem then stands if it lies in a polygon, with the probability of that polygon's density
+over that of the densest: a thinned Poisson process is a Poisson process (Lewis and Shedler 1979),
+so cells cut by an edge hold what the areas of their parts say. Where all of a cell lies in one
+polygon, stems are those of a raster with its values.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.layers import read_polygons
+from rockfall.io.polygons import disjoint, on_terrain, points_inside, touched_cells
+from rockfall.scene.forest.attributes import NAMES, Attributes
+from rockfall.scene.forest.species import Species
+from rockfall.scene.forest.trees import HECTARE, Stand
+from rockfall.scene.layers import Inputs
+
+PART = re.compile(r"(?P<name>[^\d%]*[^\d%\s])\s*(?P<percent>\d+(\.\d+)?)?\s*%?")
+WHOLE = 1.0  # [%] by which the species of a stand may miss 100 %
+
+
+class Mixture(NamedTuple):
+    """Species of the stems of a stand."""
+
+    limits: np.ndarray  # cumulative fractions
+    factors: np.ndarray  # toughness of each species
+
+
+class Stands(NamedTuple):
+    """Stands of a layer, in its order."""
+
+    names: list[str]
+    shapes: np.ndarray  # without overlaps, on the terrain
+    density: np.ndarray  # stems per hectare
+    values: dict[str, np.ndarray]  # dbh_mean, dbh_std, conifers: those that the layer has
+    mixtures: list[Mixture | None]  # None: conifers and broadleaves
+    ranks: np.ndarray  # (ny, nx) rank of the densest stand that touches each cell; 0: none
+    by_rank: np.ndarray  # stems per hectare of each rank
+
+    def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Index of the stand of each place; -1 outside all."""
+        found = np.full(x.size, -1, "i4")
+        for k, inside in points_inside(self.shapes, x, y):
+            found[inside] = k
+        return found
+
+    def thinned(
+        self, stand: np.ndarray, row: np.ndarray, column: np.ndarray, u: np.ndarray
+    ) -> np.ndarray:
+        """Mark stems that stand, by the stand and the cell of each, and a uniform number."""
+        densest = self.by_rank[self.ranks[row, column]]
+        return (stand >= 0) & (u * densest < self.density[stand])
+
+    def draw_species(self, stand: np.ndarray, u: np.ndarray, factors: np.ndarray) -> np.ndarray:
+        """Set the toughness factors of stems in stands of given species, by a uniform number of
+        each; returns a mark for these stems."""
+        drawn = np.zeros(u.size, bool)
+        for k, mixture in enumerate(self.mixtures):
+            if mixture is not None:
+                mine = np.flatnonzero(stand == k)
+                which = np.searchsorted(mixture.limits[:-1], u[mine], side="right")
+                factors[mine], drawn[mine] = mixture.factors[which], True
+        return drawn
+
+    def records(self, stand: np.ndarray) -> tuple[Stand, ...]:
+        """The stands with their numbers of stems, from the stand of each stem."""
+        import shapely
+
+        area = shapely.area(self.shapes) / HECTARE
+        stems = np.bincount(stand, minlength=len(self.names))
+        rows = zip(self.names, area.tolist(), self.density.tolist(), stems.tolist(), strict=True)
+        return tuple(Stand(*row) for row in rows)
+
+
+def read_stands(inputs: Inputs, table: Species) -> Stands | None:
+    """Stands of the layer of a case; None without a layer."""
+    forest, grid = inputs.case.forest, inputs.grid
+    if "polygons" not in forest:
+        return None
+    path, layer = inputs.case.path(forest["polygons"]), forest.get("polygons_layer")
+    shapes, columns = read_polygons(path, grid, inputs.remarks, layer, "polygons_layer")
+    inputs.note_layer("stands", path, layer)
+    known = Attributes(str(path), columns)
+    everywhere = np.ones(len(shapes), bool)
+    density = known.numbers("stems", everywhere)
+    if density is None:
+        raise RockfallError(
+            f"{path}: no attribute stems [1/ha] ({', '.join(NAMES['stems'][1:])}); has: "
+            f"{', '.join(columns) or 'none'}"
+        )
+    with_trees = density > 0
+    mixtures = [_mixture(table, known, k, text) for k, text in enumerate(known.texts("species"))]
+    unmixed = with_trees & np.array([one is None for one in mixtures], bool)
+    values = {}
+    for key, needed in ("dbh_mean", with_trees), ("dbh_std", with_trees), ("conifers", unmixed):
+        found = known.numbers(key, needed)
+        _check_given_once(inputs, path, known, key, found, bool(needed.any()))
+        if found is not None:
+            values[key] = found
+    names = [name or str(k) for k, name in enumerate(known.texts("name"), start=1)]
+    parts, order = _areas(inputs, path, shapes), np.argsort(density, kind="stable")
+    ranks = touched_cells(parts[order], np.arange(1, order.size + 1), grid)
+    return Stands(names, parts, density, values, mixtures, ranks, np.append(0.0, density[order]))
+
+
+def _areas(inputs: Inputs, path: Path, shapes: np.ndarray) -> np.ndarray:
+    """Polygons without overlaps, on the terrain."""
+    import shapely
+
+    shapes, shared = disjoint(shapes, str(path))
+    if shared > 0:
+        inputs.remarks.append(
+            f"{path}: stands overlap by {shared:.3g} m2 in slivers: the later one counts there"
+        )
+    parts = on_terrain(shapes, inputs.grid)
+    if out := np.count_nonzero(shapely.area(parts) == 0):
+        if out == parts.size:
+            raise RockfallError(f"{path}: no stand lies on the terrain")
+        inputs.remarks.append(f"{path}: {out:,} of {parts.size:,} stands lie outside the terrain")
+    return parts
+
+
+def _check_given_once(
+    inputs: Inputs, path: Path, known: Attributes, key: str, found: Any, needed: bool
+) -> None:
+    """Refuse values given by both layer and case, or by none."""
+    forest = inputs.case.forest
+    given = [name for name in (key, f"uniform_{key}") if name in forest]
+    if found is not None and given:
+        raise RockfallError(
+            f"{inputs.case.name}: &forest {given[0]}: attribute {known.own_name(key)} of {path} "
+            "gives it: leave out one of the two"
+        )
+    if found is None and needed and not given:
+        also = " or species" if key == "conifers" else ""
+        raise RockfallError(
+            f"{path}: no attribute {key}{also}: add it, or set &forest uniform_{key}; has: "
+            f"{', '.join(known.columns) or 'none'}"
+        )
+
+
+def _mixture(table: Species, known: Attributes, k: int, text: str | None) -> Mixture | None:
+    """Species of a stand: one name, or several with percentages, as `spruce 60, beech 40`."""
+    if text is None:
+        return None
+    parts = [PART.fullmatch(part.strip()) for part in re.split(r"[,;/]", text)]
+    if not all(parts):
+        raise known.refuse(k, "species", repr(text), "a species, or as 'spruce 60, beech 40'")
+    percents = [part["percent"] for part in parts if part]
+    if len(parts) == 1 and percents[0] is None:
+        percents = ["100"]
+    if None in percents or abs(sum(map(float, percents)) - 100) > WHOLE:
+        raise known.refuse(k, "species", repr(text), "species with percentages that add to 100")
+    where = f"{known.where}: feature {k + 1}"
+    factors = [table.factor(part["name"], where) for part in parts if part]
+    fractions = np.cumsum([float(one) for one in percents])
+    return Mixture(fractions / fractions[-1], np.array(factors))

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Changes of a stand: no stems near sources, and fewer after felling or a storm.
+
+Whether a stem remains depends only on its place and on a number of its own, so the stems that
+remain are a part of those before, and of those after a weaker thinning: variants of a forest have
+common trees.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.io.layers import read_polygons
+from rockfall.io.polygons import points_inside
+from rockfall.scene.forest.attributes import Attributes
+from rockfall.scene.forest.trees import Planted
+from rockfall.scene.layers import Inputs
+
+
+def is_thinned(case: Case) -> bool:
+    """Return True if only a part of the stems remains."""
+    return "clearings" in case.forest or case.forest["density_factor"] < 1
+
+
+def numbers_of_list(case: Case, n: int) -> np.ndarray | None:
+    """Numbers that decide whether each of `n` listed trees remains; None if all do."""
+    if not is_thinned(case):
+        return None
+    return _core.stand_thinning(case.forest["seed"], n, 1, np.ones(n, "i4"), n)[1]
+
+
+def thinned(inputs: Inputs, planted: Planted, x: np.ndarray, y: np.ndarray) -> Planted:
+    """Stems that remain, away from the sources at `x`, `y`."""
+    forest, trees = inputs.case.forest, planted.trees
+    remain = np.ones(trees.x.size, bool)
+    if forest["clear_of_sources"] > 0:
+        remain &= _clear_of(trees.x, trees.y, x, y, forest["clear_of_sources"])
+    if planted.remain is not None:
+        remain &= planted.remain < forest["density_factor"] * _cleared(inputs, trees.x, trees.y)
+    if remain.all():
+        return planted
+    if not remain.any():
+        raise RockfallError(
+            f"{inputs.case.name}: &forest: no stem remains of {remain.size:,}; leave out &forest "
+            "to run without trees"
+        )
+    stand = None if planted.stand is None else planted.stand[remain]
+    return Planted(trees.select(remain), None, stand)
+
+
+def _clear_of(
+    x: np.ndarray, y: np.ndarray, source_x: np.ndarray, source_y: np.ndarray, distance: float
+) -> np.ndarray:
+    """Mark places farther than a distance [m] from all sources, in plan."""
+    from scipy.spatial import KDTree
+
+    sources = KDTree(np.column_stack((source_x, source_y)))
+    nearest, _ = sources.query(np.column_stack((x, y)), distance_upper_bound=distance)
+    return np.isinf(nearest)
+
+
+def _cleared(inputs: Inputs, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Fraction of the stems that remains at each place after the clearings; the smallest where
+    these overlap."""
+    forest, factors = inputs.case.forest, np.ones(x.size)
+    if "clearings" not in forest:
+        return factors
+    path, layer = inputs.case.path(forest["clearings"]), forest.get("clearings_layer")
+    shapes, columns = read_polygons(path, inputs.grid, inputs.remarks, layer, "clearings_layer")
+    inputs.note_layer("clearings", path, layer)
+    given = Attributes(str(path), columns).numbers("density_factor", np.ones(shapes.size, bool))
+    remaining, some = np.zeros(shapes.size) if given is None else given, False
+    for k, inside in points_inside(shapes, x, y):
+        factors[inside] = np.minimum(factors[inside], remaining[k])
+        some = some or inside.size > 0
+    if not some:
+        raise RockfallError(f"{path}: no stem stands in a polygon of the clearings")
+    return factors
