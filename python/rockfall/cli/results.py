@@ -17,9 +17,11 @@ from rockfall.analysis.variants import compare_variants, difference_maps, write_
 from rockfall.case_files import files_behind
 from rockfall.cli.messages import DONE, warn
 from rockfall.errors import RockfallError
+from rockfall.io.ramms import ENDINGS, is_trajectory_file
 from rockfall.products import figures, report
 from rockfall.result.dataset import read_result
 from rockfall.result.export import export
+from rockfall.result.same_case import common_lines
 from rockfall.result.samples import kept_note
 from rockfall.text.comparison import ranks_text, text
 from rockfall.text.line_details import print_groups, print_profile
@@ -50,6 +52,9 @@ def compare_command(arguments: argparse.Namespace) -> int:
     sources = [path for path in arguments.files if path.suffix != ".nc"]
     if not paths or len(arguments.files) < 2:
         raise RockfallError("compare needs results (.nc) and observations (CSV), or variants (.nc)")
+    unit = arguments.energy_unit
+    if unit is not None and not any(map(is_trajectory_file, sources)):
+        raise RockfallError(f"--energy-unit {unit}: needs trajectories ({', '.join(ENDINGS)})")
     results = {str(path): read_result(path) for path in paths}
     if len(results) < len(paths):
         raise RockfallError("compare: a result is given twice")
@@ -57,14 +62,14 @@ def compare_command(arguments: argparse.Namespace) -> int:
         return _compare_variants(results, arguments)
     if arguments.maps:
         raise RockfallError("--maps requires variants: results without observations")
-    seen = read_observed(*sources)
+    seen = read_observed(*sources, lines=common_lines(results), energy_unit=unit)
     if len(results) == 1:
         (result,) = results.values()
         found = compare(result, seen)
         table, said = found.table(), text(found)
     else:
         table = rank_results(results, seen)
-        said = ranks_text(table)
+        said = "\n".join([ranks_text(table), *seen.notes])
     if arguments.output:
         behind = (path for result in results.values() for path in files_behind(result))
         write_comparison(table, arguments.output, keep=(*arguments.files, *behind))
