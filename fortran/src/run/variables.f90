@@ -155,16 +155,20 @@ module rockfall_variables
       variable_t("map", "jump_height_mean", "real", "m", "mean"//jump_heights), &
       variable_t("map", "jump_height_std", "real", "m", "standard deviation (n - 1)"//jump_heights), &
       (variable_t("map", "jump_height_"//levels(k), "real", "m", trim(of_level(k))//jump_heights, in_classes), &
-       variable_t("map", "jump_height_"//levels(k)//"_low", "real", "m", lower//"jump_height_"//levels(k), order_statistics), &
-       variable_t("map", "jump_height_"//levels(k)//"_high", "real", "m", upper//"jump_height_"//levels(k), order_statistics), &
+       variable_t("map", "jump_height_"//levels(k)//"_low", "real", "m", &
+                   lower//"jump_height_"//levels(k), order_statistics), &
+       variable_t("map", "jump_height_"//levels(k)//"_high", "real", "m", &
+                   upper//"jump_height_"//levels(k), order_statistics), &
        k=1, size(levels)), &
       variable_t("map", "passing_height_max", "real", "m", &
                  "maximum height of a boulder's centre above the surface, vertical", by_cell), &
       variable_t("map", "passing_height_mean", "real", "m", "mean"//passing_heights), &
       variable_t("map", "passing_height_std", "real", "m", "standard deviation (n - 1)"//passing_heights), &
       (variable_t("map", "passing_height_"//levels(k), "real", "m", trim(of_level(k))//passing_heights, in_classes), &
-       variable_t("map", "passing_height_"//levels(k)//"_low", "real", "m", lower//"passing_height_"//levels(k), order_statistics), &
-       variable_t("map", "passing_height_"//levels(k)//"_high", "real", "m", upper//"passing_height_"//levels(k), order_statistics), &
+       variable_t("map", "passing_height_"//levels(k)//"_low", "real", "m", &
+                   lower//"passing_height_"//levels(k), order_statistics), &
+       variable_t("map", "passing_height_"//levels(k)//"_high", "real", "m", &
+                   upper//"passing_height_"//levels(k), order_statistics), &
        k=1, size(levels)), &
       variable_t("map", "energy_line_angle_max", "real", "degree", &
                  "steepest line from the release of a boulder that passed", to_middle), &

@@ -34,7 +34,7 @@ from rockfall.io.output_files import check_output
 from rockfall.io.tables import write_csv
 from rockfall.limits import MIN_FOR_MEAN, MIN_FOR_STD
 from rockfall.result.samples import check_rows, kept_note
-from rockfall.result.trajectories import ends, left_terrain
+from rockfall.result.trajectories import ends, left_terrain, lines
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -75,8 +75,11 @@ class Comparison:
         return pd.concat(parts, names=["table"]).reset_index(level="table").reset_index(drop=True)
 
 
-def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
-    """Compare a result with observations: CSV files (docs/observed.md), or one `Observed`.
+def compare(
+    result: xr.Dataset, *observed: str | Path | Observed, energy_unit: str | None = None
+) -> Comparison:
+    """Compare a result with observations: CSV files and trajectory files of other programs
+    (docs/observed.md), or one `Observed`. `energy_unit`, J or kJ, is that of trajectory files.
 
     Printed numbers are used if observed, or if from the method, A or B, of the result.
 
@@ -86,7 +89,7 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
     >>> found.errors["statistic"].tolist()
     ['mean', 'std', 'max']
     """
-    seen = read_observed(*observed)
+    seen = read_observed(*observed, lines=lines(result), energy_unit=energy_unit)
     names = line_names(result)
     for line, where in seen.lines.items():
         if line not in names:
@@ -286,6 +289,7 @@ def _passing(
 
 def _notes(result: xr.Dataset, seen: Observed, source: Sources) -> Iterator[str]:
     """Notes that complete the tables."""
+    yield from seen.notes
     if note := kept_note(result):
         yield note
     if not {*REACH} & set(result):

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Field observations, and printed results of papers, from CSV files: docs/observed.md."""
+"""Field observations, printed results of papers and trajectories of other programs: files as
+docs/observed.md describes them."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
@@ -12,7 +13,9 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
+from rockfall.analysis.recorded import Line, recorded_numbers
 from rockfall.errors import RockfallError
+from rockfall.io.ramms import is_trajectory_file
 from rockfall.io.tables import Row, check_columns, read_table
 
 if TYPE_CHECKING:
@@ -50,13 +53,20 @@ class Observed:
     contacts: pd.DataFrame | None = None  # x, y, and where known speed, height: impacts
     kept: dict[str, pd.DataFrame] = field(default_factory=dict)  # other columns of each kind
     passing_n: float = np.nan  # boulders behind `passing`
+    notes: tuple[str, ...] = ()  # for readers of tables made of them
 
 
-def read_observed(*given: str | Path | Observed) -> Observed:
+def read_observed(
+    *given: str | Path | Observed,
+    lines: Sequence[Line] | None = None,
+    energy_unit: str | None = None,
+) -> Observed:
     """Read observations from CSV files, each of a kind that its header identifies; `Observed`
     arguments are used directly.
 
-    A RockfallError names file, line, column, value and what is allowed.
+    With evaluation `lines` also from trajectory files (.rts, .pts), whose energies are in
+    `energy_unit`, J or kJ; without a unit they are left out, which a note says. A RockfallError
+    names file, line, column, value and what is allowed.
     """
     import pandas as pd
 
@@ -69,20 +79,29 @@ def read_observed(*given: str | Path | Observed) -> Observed:
             raise RockfallError(f"{path}: is given twice")
     found: dict[str, list[dict]] = {kind.name: [] for kind in KINDS}
     kept: dict[str, list[dict]] = {kind.name: [] for kind in KINDS}
+    recorded = [path for path in paths if is_trajectory_file(path)]
+    if recorded and lines is None:
+        raise RockfallError(f"{recorded[0]}: trajectories are read by `rockfall compare` only")
+    samples, stops, notes = recorded_numbers(recorded, lines or (), energy_unit)
+    found["samples"] += samples
+    found["stops"] += stops
+    kept["stops"] += [{} for _ in stops]
     for path in paths:
+        if path in recorded:
+            continue
         kind, rows = _read(str(path))
         for row in rows:
             found[kind.name].append({"where": row.where, **kind.record(row)})
             kept[kind.name].append(
                 {name: one for name, one in row.cells.items() if name not in kind.columns}
             )
-    lines: dict[str, str] = {}
-    samples: dict[tuple[str, str], list[float]] = {}
+    named: dict[str, str] = {}
+    values: dict[tuple[str, str], list[float]] = {}
     for name in "summaries", "samples", "tests":
         for one in found[name]:
-            lines.setdefault(one["line"], one["where"])
+            named.setdefault(one["line"], one["where"])
     for one in found["samples"]:
-        samples.setdefault((one["line"], one["quantity"]), []).append(one["value"])
+        values.setdefault((one["line"], one["quantity"]), []).append(one["value"])
     for name in "summaries", "tests":
         _refuse_twice(found[name], ("line", "method", "quantity"))
     _refuse_twice(found["passing"], ("distance",))
@@ -102,16 +121,17 @@ def read_observed(*given: str | Path | Observed) -> Observed:
     passing = frame("passing", "distance", "fraction").sort_values("distance", ignore_index=True)
     return Observed(
         summaries=frame("summaries", "line", "method", "quantity", "mean", "std", "max", "n"),
-        samples={key: np.array(values) for key, values in samples.items()},
+        samples={key: np.array(of) for key, of in values.items()},
         tests=frame("tests", "line", "method", "quantity", "p"),
         stops=frame("stops", "x", "y").to_numpy(float) if found["stops"] else None,
         distances=np.sort(distances) if found["distances"] else None,
         passing=passing if found["passing"] else None,
-        lines=lines,
+        lines=named,
         starts=starts if starts.size and not np.isnan(starts).any() else None,
         contacts=frame("contacts", *CONTACT) if found["contacts"] else None,
         kept={name: pd.DataFrame(rows) for name, rows in kept.items() if any(rows)},
         passing_n=float(counts[0]) if counts.size else np.nan,
+        notes=tuple(notes),
     )
 
 

@@ -237,9 +237,12 @@ def _add_results(commands: _Commands) -> None:
     export.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
     about = "compare a result with observations (several: rank them), or variants with the first"
     compare = _add(commands, "results", "compare", about)
-    about = "results OUT.nc and observations OBSERVED.csv; or variants A.nc B.nc ... alone"
+    about = "results OUT.nc and observations OBSERVED.csv, or trajectories .rts, .pts of RAMMS; "
+    about += "or variants A.nc B.nc ... alone"
     compare.add_argument("files", metavar="FILE", type=Path, nargs="+", help=about)
     compare.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="all tables as CSV")
+    about = "of the trajectories: J or kJ; default: energies are left out"
+    compare.add_argument("--energy-unit", metavar="UNIT", help=about)
     about = "of variants: maps of the differences, as GeoTIFF"
     compare.add_argument("--maps", metavar="DIR", type=Path, help=about)
     about = "of variants: one page (.html, .pdf) with a column for each"

@@ -19,10 +19,12 @@ from rockfall.case_files import files_behind
 from rockfall.cli.messages import DONE, warn
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import check_output
+from rockfall.io.ramms import ENDINGS, is_trajectory_file
 from rockfall.io.tables import plain_decimal
 from rockfall.products import figures, report, report_variants
 from rockfall.result.dataset import read_result
 from rockfall.result.export import export
+from rockfall.result.same_case import common_lines
 from rockfall.result.samples import kept_note
 from rockfall.text.comparison import ranks_text, text
 from rockfall.text.line_details import print_groups, print_profile
@@ -46,6 +48,9 @@ def compare_command(arguments: argparse.Namespace) -> int:
     sources = [path for path in arguments.files if path.suffix != ".nc"]
     if not paths or len(arguments.files) < 2:
         raise RockfallError("compare needs results (.nc) and observations (CSV), or variants (.nc)")
+    unit, recorded = arguments.energy_unit, any(map(is_trajectory_file, sources))
+    if unit is not None and not recorded:
+        raise RockfallError(f"--energy-unit {unit}: needs trajectories ({', '.join(ENDINGS)})")
     results = {str(path): read_result(path) for path in paths}
     if len(results) < len(paths):
         raise RockfallError("compare: a result is given twice")
@@ -54,14 +59,15 @@ def compare_command(arguments: argparse.Namespace) -> int:
     for option in ("maps", "report"):
         if getattr(arguments, option):
             raise RockfallError(f"--{option} requires variants: results without observations")
-    seen = read_observed(*sources)
+    lines = common_lines(results) if recorded else []
+    seen = read_observed(*sources, lines=lines, energy_unit=unit)
     if len(results) == 1:
         (result,) = results.values()
         found = compare(result, seen)
         table, said = found.table(), text(found)
     else:
         table = rank_results(results, seen)
-        said = ranks_text(table)
+        said = "\n".join([ranks_text(table), *seen.notes])
     if arguments.output:
         behind = (path for result in results.values() for path in files_behind(result))
         write_comparison(table, arguments.output, keep=(*arguments.files, *behind))

@@ -14,6 +14,7 @@ import numpy as np
 from rockfall.case import REPEATABLE, Case, case_in, file_keys
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import corner_of
+from rockfall.result.trajectories import lines
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -47,6 +48,19 @@ def check_same_site(results: Mapping[str, xr.Dataset]) -> None:
         _check_crs(one, other, next_name)
         if not _overlap(_extent(one), _extent(other)):
             raise RockfallError(f"{next_name}: lies elsewhere than {name}: no place in common")
+
+
+def common_lines(results: Mapping[str, xr.Dataset]) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Name, x and y of the evaluation lines of all results, by the names of their files. A line of
+    one name at different places is refused."""
+    found: dict[str, tuple[str, np.ndarray, np.ndarray]] = {}
+    for path, result in results.items():
+        for line in lines(result):
+            name, *place = line
+            _, *known = found.setdefault(name, line)
+            if not all(map(np.array_equal, known, place)):
+                raise RockfallError(f"{path}: line {name}: lies elsewhere than in other results")
+    return list(found.values())
 
 
 def _check_crs(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
