@@ -13,8 +13,8 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.scene.frames import frame_files, is_frame
 from rockfall.scene.read import read_scene
-from rockfall.terrain.height import height
-from rockfall.terrain.polyline import beside, lengths
+from rockfall.terrain.height import height, inside
+from rockfall.terrain.polyline import beside, lengths, spaced
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -88,7 +88,7 @@ def drawn_scene(
     for one in both.case.line:
         if one["name"] not in known:
             vertices = np.array(one["x"]) + 1j * np.array(one["y"])
-            apart = float(beside(along(vertices, SAMPLES), before)[0].mean())
+            apart = float(beside(spaced(vertices, SAMPLES), before)[0].mean())
             found.append(alignment(both, one["name"], vertices, apart))
     if len(found) > MAX_ALIGNMENTS:
         raise RockfallError(
@@ -106,18 +106,11 @@ def vertices_of(case: Case, line: str) -> np.ndarray:
     raise RockfallError(f"{case.name}: line = '{line}': no such line; lines: {names}")
 
 
-def along(vertices: np.ndarray, number: int) -> np.ndarray:
-    """Places at equal distances along a line, as x + iy [m]."""
-    at = lengths(vertices)
-    return np.interp(np.linspace(0.0, at[-1], number), at, vertices)
-
-
 def alignment(scene: Scene, name: str, vertices: np.ndarray, distance: float) -> Alignment:
     """An alignment with its elevation, on the known terrain below it; NaN if there is none."""
-    z, grid, places = scene.rasters.z, scene.grid, along(vertices, SAMPLES)
-    inside = (places.real >= grid.x[0]) & (places.real <= grid.x[-1])
-    inside &= (places.imag >= grid.y[-1]) & (places.imag <= grid.y[0])
-    above = height(z, grid, places.real[inside], places.imag[inside])
+    z, grid, places = scene.rasters.z, scene.grid, spaced(vertices, SAMPLES)
+    places = places[inside(grid, places.real, places.imag)]
+    above = height(z, grid, places.real, places.imag)
     above = above[np.isfinite(above)]
     elevation = float(above.mean()) if above.size else math.nan
     length = float(lengths(vertices)[-1])
@@ -148,7 +141,7 @@ def _direction(scene: Scene, line: str, vertices: np.ndarray, azimuth: float | N
     if azimuth is not None:
         return complex(1j * np.exp(-1j * math.radians(azimuth)))
     chord = vertices[-1] - vertices[0]
-    to_sources = np.mean(scene.x + 1j * scene.y) - along(vertices, SAMPLES).mean()
+    to_sources = np.mean(scene.x + 1j * scene.y) - spaced(vertices, SAMPLES).mean()
     normal = 1j * chord
     side = (to_sources * np.conj(normal)).real
     if abs(chord) < 1e-6 * lengths(vertices)[-1] or side == 0:
