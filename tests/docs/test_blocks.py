@@ -116,6 +116,7 @@ def site(tmp_path_factory):
     make_layer("net.gpkg", [line((0, 200), (235, 200))], layer="net", height=[5.0], capacity=[1e3])
     make_layer("nets.shp", [line((0, 200), (235, 200))], height=[4.0])
     make_layer("dam.gpkg", [line((40, 250), (200, 250))], height=[60.0])
+    make_layer("drawn.gpkg", [line((0, 330), (235, 330))], name=["upper"])
     make_layer("ditch.gpkg", [box(40, 255, 200, 262)], depth=[2.0])
     make_layer("houses.gpkg", [box(90, 150, 100, 160)], name=["house"])
     stand = {"stems": [400.0], "dbh_mean": [30.0], "dbh_std": [5.0], "conifers": [60.0]}
@@ -141,6 +142,11 @@ def site(tmp_path_factory):
     files["deposit.csv"] = "volume\n" + "".join(f"{row.partition(',')[0]}\n" for row in rows)
     for name, text in files.items():
         Path(name).write_text(text)
+    fall = np.zeros((9, 26))  # records of a trajectory: time, place, velocity, energy, terrain
+    fall[:, 0] = np.arange(9)
+    fall[:, 1:4] = np.stack([np.full(9, 100.0), 580 - 50.0 * fall[:, 0], 700 + fall[:, 0]], axis=1)
+    fall[:, 4], fall[:, 9], fall[:, 15], fall[:, 18] = 1.0, -50.0, 2.5e6, 690.0
+    np.concatenate([np.ones(4), fall.ravel()]).tofile("rocks.rts")
     rocky = {"dem": 1100 - 0.75 * down + 0 * ones, "soiltype": 4 * ones}
     rocky |= dict.fromkeys(("rg70", "rg20", "rg10"), 0.1 * ones)
     source = np.zeros((NY, NX))

@@ -303,29 +303,14 @@ def _add_design(commands: _Commands) -> None:
     sheet = _add(commands, "protection", "design", about)
     sheet.add_argument("results", metavar="OUT.nc", type=Path, nargs="*")
     sheet.add_argument("-o", "--output", metavar="DIR", type=Path, help="for tables and figures")
-    for key, default, does in (
-        ("standard", "UNI", "UNI (11211-4) or ONR (24810)"),
-        ("survey", "poor", "of the topography: good or poor"),
-        ("blocks", "poor", "survey: good or poor; with --return-period, its table (CSV)"),
-        ("calibration", "literature", "of the rebound: back-analysed or literature"),
-        ("limit-state", "MEL", "MEL: one large impact; SEL: several"),
-        ("consequence", "CC2", "of a failure, for ONR: CC1, CC2 or CC3"),
-    ):
-        about = f"{does}; default: {default}"
-        sheet.add_argument(f"--{key}", metavar=key.upper().replace("-", "_"), help=about)
+    _add_conditions(sheet)
     about = "that may pass, of the boulders that come; default: 0.01"
     sheet.add_argument("--residual", metavar="FRACTION", type=float, help=about)
-    about = "of the design block; default: a quantile of those that come"
-    sheet.add_argument("--volume", metavar="M3", type=float, help=about)
     sheet.add_argument("--along", metavar="LINE", help="its height and class, metre by metre")
     about = "of windows along the line; default: 10"
     sheet.add_argument("--width", metavar="M", type=float, help=about)
     about = "boulders that a window needs; default: 50"
     sheet.add_argument("--min-boulders", metavar="N", type=int, help=about)
-    about = "standard, factor, condition, value, source; default: the shipped table"
-    sheet.add_argument("--factors", metavar="CSV", type=Path, help=about)
-    about = "class, height, cost of a metre; default: class energy times height"
-    sheet.add_argument("--costs", metavar="CSV", type=Path, help=about)
     block = sheet.add_argument_group("block of a return period")
     about = "print the block that is exceeded once in so many years, from the survey --blocks"
     block.add_argument("--return-period", metavar="YEARS", type=float, help=about)
@@ -337,6 +322,51 @@ def _add_design(commands: _Commands) -> None:
     block.add_argument("--threshold", metavar="M3", type=float, help=about)
     about = "largest block of the scenario; default: that of ten return periods"
     block.add_argument("--volume-max", metavar="M3", type=float, help=about)
+    _add_site(commands)
+
+
+def _add_site(commands: _Commands) -> None:
+    about = "compare alignments of a barrier above a line: loads, requirements, the best of them"
+    site = _add(commands, "protection", "site", about, "CASE")
+    site.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_siting")
+    about = "evaluation line of the case that is to be protected"
+    site.add_argument("--line", metavar="NAME", required=True, help=about)
+    about = "between alignments, which are the line shifted towards the sources; default: 10"
+    site.add_argument("--every", metavar="M", type=float, help=about)
+    about = "up to this distance; default: 100"
+    site.add_argument("--to", metavar="M", type=float, help=about)
+    about = "degrees from north, in place of perpendicular to the line"
+    site.add_argument("--direction", metavar="AZIMUTH", type=float, help=about)
+    about = "drawn alignments, in place of shifted ones"
+    site.add_argument("--candidates", metavar="LAYER", type=Path, help=about)
+    site.add_argument("--candidates-layer", metavar="NAME", help="of a file with several layers")
+    about = "of the barrier"
+    site.add_argument("--max-height", metavar="M", type=float, help=about)
+    site.add_argument("--max-class", metavar="CLASS", type=int, help="EAD 340059 class, 0 to 7")
+    about = "of the boulders that come to the line, around an alignment; default: 0.01"
+    site.add_argument("--max-bypass", metavar="FRACTION", type=float, help=about)
+    _add_conditions(site)
+    _add_overrides(site)
+
+
+def _add_conditions(command: argparse.ArgumentParser) -> None:
+    """Add the options that decide on what a standard asks for."""
+    for key, default, does in (
+        ("standard", "UNI", "UNI (11211-4) or ONR (24810)"),
+        ("survey", "poor", "of the topography: good or poor"),
+        ("blocks", "poor", "survey: good or poor; with --return-period, its table (CSV)"),
+        ("calibration", "literature", "of the rebound: back-analysed or literature"),
+        ("limit-state", "MEL", "MEL: one large impact; SEL: several"),
+        ("consequence", "CC2", "of a failure, for ONR: CC1, CC2 or CC3"),
+    ):
+        about = f"{does}; default: {default}"
+        command.add_argument(f"--{key}", metavar=key.upper().replace("-", "_"), help=about)
+    about = "of the design block; default: a quantile of those that come"
+    command.add_argument("--volume", metavar="M3", type=float, help=about)
+    about = "standard, factor, condition, value, source; default: the shipped table"
+    command.add_argument("--factors", metavar="CSV", type=Path, help=about)
+    about = "class, height, cost of a metre; default: class energy times height"
+    command.add_argument("--costs", metavar="CSV", type=Path, help=about)
 
 
 def _add_lab(commands: _Commands) -> None:

@@ -1,27 +1,36 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Protection commands: the design sheet of results, and the design block of a survey."""
+"""Protection commands: the design sheet of results, the design block of a survey, and the siting of
+a barrier."""
 
 from __future__ import annotations
 
 import argparse
+import warnings
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rockfall.case_files import files_behind
+import numpy as np
+
+from rockfall.case_files import files_behind, input_files
 from rockfall.cli import design_block
+from rockfall.cli.given import overridden, warn_of_inputs
 from rockfall.cli.messages import DONE
 from rockfall.errors import RockfallError, need
 from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
 from rockfall.io.tables import write_csv
 from rockfall.plots.along_figures import along_figure
+from rockfall.plots.siting_figure import siting_figure
 from rockfall.plots.style import save
 from rockfall.protection.design import Design, design
 from rockfall.protection.factors import COLUMNS, DECIDES, Conditions
-from rockfall.result.dataset import read_result
+from rockfall.protection.siting import CONDITIONS, Siting, site
+from rockfall.result.dataset import read_result, write_result
+from rockfall.result.export import crs_wkt, write_geopackage
 from rockfall.result.same_case import check_same_site
 from rockfall.text.design import design_text
+from rockfall.text.siting import siting_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,6 +38,9 @@ if TYPE_CHECKING:
 
 TABLES = ("loads", "demand", "checks", "choices", "along")
 OPTIONS = ("along", "width", "min_boulders", "residual", "volume", "factors", "costs")
+SITING = ("every", "to", "direction", "candidates", "candidates_layer", "max_height", "max_class",
+          "max_bypass", "volume", "factors", "costs", *sorted(CONDITIONS))  # fmt: skip
+SITING_FILES = "siting.csv", "siting.png", "siting.gpkg", "siting.nc"
 
 
 def design_command(arguments: argparse.Namespace) -> int:
@@ -71,6 +83,47 @@ def _check_mode(arguments: argparse.Namespace, keys: list[str]) -> None:
             raise RockfallError(f"--{key.replace('_', '-')} {rule} --return-period")
     if not is_block and not arguments.results:
         raise RockfallError("OUT.nc is required, or --return-period; see rockfall design --help")
+
+
+def site_command(arguments: argparse.Namespace) -> int:
+    case = overridden(arguments)
+    folder = arguments.output or Path(f"{arguments.case.stem}_siting")
+    given = {key: getattr(arguments, key) for key in SITING}
+    given = {key: value for key, value in given.items() if value is not None}
+    files = [given[key] for key in ("candidates", "factors", "costs") if key in given]
+    inputs = [*input_files(case), *files]
+    need("site needs", "report", "matplotlib")
+    need("site needs", "vector", "pyogrio", "shapely")
+    check_folder(folder)
+    check_outputs([folder / name for name in SITING_FILES], inputs)
+    warn_of_inputs(case)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # said above, in lines
+        found = site(case, arguments.line, progress=not arguments.quiet, **given)
+    with atomic_folder(folder, inputs) as part:
+        write_csv(found.table, part / "siting.csv")
+        save(siting_figure(found), part / "siting.png", dpi=200)
+        write_geopackage(
+            part / "siting.gpkg", {"alignments": ("LineString", [_features(found)])},
+            crs_wkt(found.result),
+        )  # fmt: skip
+        write_result(found.result, part / "siting.nc")
+    if not arguments.quiet:
+        print(siting_text(found))
+    print(*(folder / name for name in SITING_FILES), sep="\n")
+    return DONE
+
+
+def _features(found: Siting) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Alignments as lines, with their numbers."""
+    import shapely
+
+    shapes = [shapely.LineString(np.column_stack([one.x, one.y])) for one in found.alignments]
+    columns = {str(name): column.to_numpy() for name, column in found.table.items()}
+    return np.array(shapes, object), {
+        name: column if column.dtype.kind == "O" else column.astype(float)
+        for name, column in columns.items()
+    }
 
 
 def design_files(found: Mapping[str, Design]) -> list[str]:

@@ -97,11 +97,11 @@ def design(
     >>> sheet = rockfall.design(result, survey="good")
     """
     _check(result, along, width, min_boulders, residual, volume)
-    known = read_factors(_conditions(conditions), factors)
+    known = read_factors(conditions_of(conditions), factors)
     prices = read_costs(costs) if costs is not None else None
     case = case_of(result)
     how = known, case.boulder["density"], volume
-    doubts: dict[str, Any] = {"unconfirmed": "; ".join(_unconfirmed(result, case, known))}
+    doubts: dict[str, Any] = {"unconfirmed": unconfirmed_of(result, case, known)}
     came = {str(name): crossings(result, k) for k, name in enumerate(result["line"].values)}
     asked = [{"line": name, **demand(one, *how), **doubts} for name, one in came.items()]
     barriers = [_check_of(result, k, asked[k], known) | doubts for k in barriers_of(result)]
@@ -127,14 +127,12 @@ def design(
     )
 
 
-def _unconfirmed(result: xr.Dataset, case: Case, factors: Factors) -> Iterator[str]:
+def unconfirmed_of(result: xr.Dataset, case: Case, factors: Factors) -> str:
     """Unconfirmed assumptions of the loads. The user's own grounds are confirmed by declaring the
     rebound back-analysed; shipped grounds and the forest never are."""
     is_fitted = has_own_grounds(case) and factors.conditions.calibration == BACK_ANALYSED
-    if classical_grounds(result) and not is_fitted:
-        yield "rebounds"
-    if case.has_forest:
-        yield "forest"
+    rebounds = ["rebounds"] if classical_grounds(result) and not is_fitted else []
+    return "; ".join([*rebounds, *(["forest"] if case.has_forest else [])])
 
 
 def _table(rows: list[dict[str, Any]], columns: list[str]) -> pd.DataFrame:
@@ -143,7 +141,8 @@ def _table(rows: list[dict[str, Any]], columns: list[str]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def _conditions(given: dict[str, str]) -> Conditions:
+def conditions_of(given: dict[str, str]) -> Conditions:
+    """Conditions of the standard given as options."""
     unknown = given.keys() - Conditions.__dataclass_fields__.keys()
     if unknown:
         raise TypeError(f"design() has no option {sorted(unknown)[0]!r}")

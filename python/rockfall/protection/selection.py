@@ -42,7 +42,7 @@ def choices(
         if height == height:
             left = residual_of(passes(came, height, capacity), came.source)
         row |= zip(("residual", "residual_low", "residual_high"), left, strict=True)
-        rows.append(row | {"cost": _cost(k, height, costs), "cheapest": False})
+        rows.append(row | {"cost": cost_of(k, height, costs), "cheapest": False})
     known = [row for row in rows if not math.isnan(row["cost"])]
     if known:
         min(known, key=lambda row: row["cost"])["cheapest"] = True
@@ -57,7 +57,7 @@ def residual_of(passing: np.ndarray, source: Sources) -> tuple[float, float, flo
     return fraction_interval(passing, source)
 
 
-def _cost(ead_class: int, height: float, costs: Costs | None) -> float:
+def cost_of(ead_class: int, height: float, costs: Costs | None) -> float:
     """Cost per metre: the lowest price of a barrier of the class that is high enough; without
     prices energy times height [kJ m], which favours no manufacturer. NaN if there is none."""
     if math.isnan(height):

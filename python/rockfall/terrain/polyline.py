@@ -25,3 +25,9 @@ def beside(points: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.nda
 def lengths(vertices: np.ndarray) -> np.ndarray:
     """Distances of the vertices along a polyline [m]."""
     return np.concatenate([[0.0], np.cumsum(abs(np.diff(vertices)))])
+
+
+def spaced(vertices: np.ndarray, number: int) -> np.ndarray:
+    """Places at equal distances along a polyline, from its first vertex to its last."""
+    at = lengths(vertices)
+    return np.interp(np.linspace(0.0, at[-1], number), at, vertices)

@@ -10,6 +10,7 @@ import numpy as np
 
 from rockfall.protection.demand import ABOVE, ENDS
 from rockfall.protection.design import Design
+from rockfall.protection.factors import Factors
 from rockfall.quantities import DESIGN, number
 from rockfall.text.table import table as aligned
 
@@ -31,7 +32,7 @@ def design_text(found: Design) -> str:
         parts += ["", "Barriers", aligned(_checks(found.checks))]
     if found.along is not None:
         parts += ["", f"Along {found.along['line'][0]}", aligned(_along(found.along))]
-    return "\n".join([*parts, "", *factor_lines(found)])
+    return "\n".join([*parts, "", *factor_lines(found.factors)])
 
 
 def _lines(found: Design) -> Iterator[str]:
@@ -124,11 +125,11 @@ def _along(along: pd.DataFrame) -> Iterator[list[str]]:
         yield [place, f"{row['n']:,}", energy, height, class_name(row)]
 
 
-def factor_lines(found: Design) -> Iterator[str]:
+def factor_lines(factors: Factors) -> Iterator[str]:
     """Partial factors, with those to be confirmed marked."""
-    values = ", ".join(f"{name} {value:.4g}" for name, value in found.factors.values.items())
+    values = ", ".join(f"{name} {value:.4g}" for name, value in factors.values.items())
     yield f"Factors: {values}"
-    if unconfirmed := found.factors.unconfirmed:
+    if unconfirmed := factors.unconfirmed:
         names = ", ".join(unconfirmed)
         yield f"Unconfirmed, to be set from the standard (--factors): {names}"
 

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Figure of the siting of a barrier: loads and requirements against the distance upslope."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.limits import EAD_ENERGY
+from rockfall.plots.style import BLUE, GREY, INK, VERMILION, WIDE, new_figure, plain, styled
+from rockfall.protection.demand import usable
+from rockfall.protection.siting import BEST, NOT_TOLD_APART
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from rockfall.protection.siting import Siting
+
+LIMIT: dict[str, Any] = {"color": VERMILION, "lw": 0.9, "linestyle": (0, (5, 2))}
+
+
+@styled
+def siting_figure(found: Siting) -> Figure:
+    """Energy, height and boulders around each alignment with 95 % intervals, limits as lines; the
+    best alignment is marked, and those that are not told apart from it."""
+    figure = new_figure(WIDE, 6.2)
+    energy, high, round_it = figure.subplots(3, 1, sharex=True, height_ratios=[2, 2, 1])
+    _draw(energy, found.table, "energy_q95", 1e-3, BLUE, "95 % quantile, total")
+    _draw(energy, found.table, "E_d", 1e-3, GREY, "E_d")
+    energy.set(ylabel="energy [kJ]", ylim=(0, None))
+    if found.limits.ead_class is not None:
+        allowed = usable(EAD_ENERGY[found.limits.ead_class], found.factors) / 1000
+        energy.axhline(allowed, label=f"class {found.limits.ead_class}", **LIMIT)
+    _draw(high, found.table, "height_q95", 1.0, BLUE, "95 % quantile of the centre")
+    _draw(high, found.table, "height_needed", 1.0, GREY, "height needed")
+    high.set(ylabel="height, vertical [m]", ylim=(0, None))
+    if found.limits.height is not None:
+        high.axhline(found.limits.height, label="limit", **LIMIT)
+    _draw(round_it, found.table, "bypass", 100.0, BLUE, "around the alignment")
+    _draw(round_it, found.table, "remaining", 100.0, GREY, "with a barrier there")
+    round_it.axhline(100 * found.limits.bypass, **LIMIT)
+    round_it.set(ylabel="still come [%]", ylim=(0, None))
+    for axes in (energy, high, round_it):
+        _mark(axes, found.table)
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0)
+    energy.set_title(f"Above {plain(found.line)}", pad=22)
+    round_it.set(xlabel=f"distance from {plain(found.line)} [m]")
+    figure.align_ylabels()
+    return figure
+
+
+def _draw(
+    axes: Axes, table: pd.DataFrame, name: str, factor: float, colour: str, label: str
+) -> None:
+    """Draw a number of each alignment with its interval; a triangle where too few
+    boulders give an upper limit."""
+    value, low, high = (factor * table[name + end].to_numpy() for end in ("", "_low", "_high"))
+    ends = np.nan_to_num(np.stack([value - low, high - value])).clip(min=0)
+    about: dict[str, Any] = {"marker": "o", "ms": 3, "lw": 0.8, "color": colour, "label": label}
+    axes.errorbar(table["distance"], value, yerr=ends, **about)
+    unknown = np.isfinite(value) & ~np.isfinite(high)
+    about = {"linestyle": "", "marker": "^", "ms": 5, "mfc": "none", "color": colour}
+    axes.plot(table["distance"][unknown], value[unknown], **about)
+
+
+def _mark(axes: Axes, table: pd.DataFrame) -> None:
+    """Mark the best alignment, and those that are not told apart from it."""
+    for choice, linestyle in ((BEST, "-"), (NOT_TOLD_APART, ":")):
+        for distance in table["distance"][table["choice"] == choice]:
+            axes.axvline(distance, color=INK, lw=0.8, linestyle=linestyle, zorder=0)

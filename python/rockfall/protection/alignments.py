@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Candidate alignments of a barrier above what it protects: a line shifted step by step towards the
+sources, or lines that the user has drawn."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.scene.frames import frame_files, is_frame
+from rockfall.scene.read import read_scene
+from rockfall.terrain.height import height, inside
+from rockfall.terrain.polyline import beside, lengths, spaced
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from rockfall.case import Case
+    from rockfall.scene.scene import Scene
+
+MAX_ALIGNMENTS = 200
+SAMPLES = 200  # places along a line at which elevation and distance are taken
+
+
+class Alignment(NamedTuple):
+    """A candidate line: its vertices [m], its mean plan distance from the protected line, its mean
+    elevation, and its length [m]."""
+
+    name: str
+    x: list[float]
+    y: list[float]
+    distance: float
+    elevation: float
+    length: float
+
+
+class Shift(NamedTuple):
+    """Steps by which the protected line is moved [m], up to a distance, and the azimuth of the move
+    [degree]; None: perpendicular to the line, towards the sources."""
+
+    every: float
+    to: float
+    direction: float | None = None
+
+
+def shifted_scene(scene: Scene, line: str, shift: Shift) -> tuple[Scene, list[Alignment]]:
+    """The scene with copies of a line as evaluation lines, and these; the line itself comes first.
+    Copies that lie entirely outside the terrain are left out."""
+    number = _steps(shift)
+    vertices = vertices_of(scene.case, line)
+    step = _direction(scene, line, vertices, shift.direction) * shift.every
+    copies = {
+        f"{line} +{k * shift.every:.10g} m": vertices + k * step for k in range(1, number + 1)
+    }
+    drawn = [
+        {"name": name, "x": one.real.tolist(), "y": one.imag.tolist()}
+        for name, one in copies.items()
+    ]
+    case = scene.case
+    outside = {*scene.replace(case=case.replace(line=[*case.line, *drawn])).lines_outside()}
+    drawn = [one for one in drawn if one["name"] not in outside]
+    found = [alignment(scene, line, vertices, 0.0)]
+    found += [
+        alignment(scene, name, one, k * shift.every)
+        for k, (name, one) in enumerate(copies.items(), start=1)
+        if name not in outside
+    ]
+    return scene.replace(case=case.replace(line=[*case.line, *drawn])), found
+
+
+def drawn_scene(
+    case: Case, scene: Scene, line: str, layer: Any, name: str | None, arrays: Mapping[str, Any]
+) -> tuple[Scene, list[Alignment]]:
+    """The scene of a case with the lines of a layer (a file, or a GeoDataFrame) as evaluation
+    lines, and these; `scene` is that of the case without them."""
+    given = {"candidates": layer} if is_frame(layer) else {}
+    with frame_files(given) as files:
+        file = files.get("candidates", layer if is_frame(layer) else Path(layer).resolve())
+        group = {"file": str(file)} | ({} if name is None else {"layer": name})
+        both = read_scene(case.replace(line=[*case.line, group]), **arrays)
+    known = {one["name"] for one in scene.case.lines}
+    before = vertices_of(scene.case, line)
+    found = []
+    for one in both.case.line:
+        if one["name"] not in known:
+            vertices = np.array(one["x"]) + 1j * np.array(one["y"])
+            apart = float(beside(spaced(vertices, SAMPLES), before)[0].mean())
+            found.append(alignment(both, one["name"], vertices, apart))
+    if len(found) > MAX_ALIGNMENTS:
+        raise RockfallError(
+            f"candidates: {len(found):,} lines: must be at most {MAX_ALIGNMENTS} alignments"
+        )
+    return both, sorted(found, key=lambda one: one.distance)
+
+
+def vertices_of(case: Case, line: str) -> np.ndarray:
+    """Vertices of an evaluation line or barrier of a case, as x + iy [m]."""
+    for one in case.lines:
+        if one["name"] == line:
+            return np.array(one["x"]) + 1j * np.array(one["y"])
+    names = ", ".join(one["name"] for one in case.lines) or "none"
+    raise RockfallError(f"{case.name}: line = '{line}': no such line; lines: {names}")
+
+
+def alignment(scene: Scene, name: str, vertices: np.ndarray, distance: float) -> Alignment:
+    """An alignment with its elevation, on the known terrain below it; NaN if there is none."""
+    z, grid, places = scene.rasters.z, scene.grid, spaced(vertices, SAMPLES)
+    places = places[inside(grid, places.real, places.imag)]
+    above = height(z, grid, places.real, places.imag)
+    above = above[np.isfinite(above)]
+    elevation = float(above.mean()) if above.size else math.nan
+    length = float(lengths(vertices)[-1])
+    return Alignment(
+        name, vertices.real.tolist(), vertices.imag.tolist(), distance, elevation, length
+    )
+
+
+def _steps(shift: Shift) -> int:
+    """Number of copies."""
+    for name in ("every", "to"):
+        if not 0 < getattr(shift, name) < math.inf:
+            raise RockfallError(f"{name} = {getattr(shift, name)}: must be > 0 m")
+    if shift.direction is not None and not 0 <= shift.direction <= 360:
+        raise RockfallError(f"direction = {shift.direction}: must be 0 to 360 degrees")
+    number = math.floor(shift.to / shift.every * (1 + 1e-9))
+    if not 1 <= number < MAX_ALIGNMENTS:
+        raise RockfallError(
+            f"every = {shift.every}: makes {number:,} alignments up to {shift.to:g} m: must make 1 "
+            f"to {MAX_ALIGNMENTS - 1}"
+        )
+    return number
+
+
+def _direction(scene: Scene, line: str, vertices: np.ndarray, azimuth: float | None) -> complex:
+    """Unit vector of a move, from its azimuth, or perpendicular to the chord of a line on the side
+    of the mean source."""
+    if azimuth is not None:
+        return complex(1j * np.exp(-1j * math.radians(azimuth)))
+    chord = vertices[-1] - vertices[0]
+    to_sources = np.mean(scene.x + 1j * scene.y) - spaced(vertices, SAMPLES).mean()
+    normal = 1j * chord
+    side = (to_sources * np.conj(normal)).real
+    if abs(chord) < 1e-6 * lengths(vertices)[-1] or side == 0:
+        raise RockfallError(
+            f"{scene.case.name}: line '{line}' does not tell on which side its sources are: give "
+            "the direction [degree from north] in which it is to be shifted"
+        )
+    return complex(normal / abs(normal) * np.sign(side))

@@ -1,0 +1,281 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Siting of a barrier: what it would have to take at candidate alignments above a protected line,
+from one run with all of them as evaluation lines, so that every alignment meets the same boulders.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import with_limits
+from rockfall.analysis.lines.values import line_names
+from rockfall.analysis.model_limits import model_remarks
+from rockfall.analysis.precision.intervals import fraction_interval, sources
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.limits import EAD_ENERGY
+from rockfall.protection.alignments import Alignment, Shift, drawn_scene, shifted_scene
+from rockfall.protection.crossings import crossings, passes, quantile
+from rockfall.protection.demand import ENDS, demand
+from rockfall.protection.design import conditions_of, unconfirmed_of
+from rockfall.protection.factors import Conditions, Factors, read_factors
+from rockfall.protection.selection import Costs, cost_of, read_costs, residual_of
+from rockfall.scene.plausible import warn_of
+from rockfall.scene.read import read_scene
+from rockfall.simulation.progress import progress_bar
+from rockfall.simulation.simulate import run_scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+YES, NO, UNDECIDED = "yes", "no", "undecided"
+BEST, NOT_TOLD_APART = "best", "not told apart"
+LEVEL = 0.95  # of the loads
+CONDITIONS = {one.name for one in fields(Conditions)}
+NUMBERS = ("fraction", "energy_q95", "height_q95", "bypass", "E_d", "height_needed", "ead_class",
+           "remaining", "cost")  # fmt: skip
+COLUMNS = ["alignment", "distance", "elevation", "length", "n"]
+COLUMNS += [name for number in NUMBERS for name in with_limits(number)]
+COLUMNS += ["fits", "fails", "choice", "unconfirmed"]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of a barrier that can be had: height [m], EAD class, and the fraction of the boulders
+    that come to the protected line that may pass around its ends. None: no limit."""
+
+    height: float | None = None
+    ead_class: int | None = None
+    bypass: float = 0.01
+
+
+@dataclass(frozen=True)
+class Siting:
+    """Candidate alignments above a protected line, in SI units; intervals are 95 % confidence
+    intervals.
+
+    `table` has COLUMNS, a row for each alignment. Of the boulders that cross it: `energy_q95`
+    (total) and `height_q95` (of the centre, vertical); E_d, height and EAD class that the standard
+    asks for. Of those that come to the protected line: `bypass`, the fraction that does not cross
+    the alignment before, and `remaining`, the fraction that still comes if a barrier of that height
+    and class stands there. `cost` is that of its length. `fits` tells whether it is within the
+    limits, `fails` which are exceeded or undecided, `choice` which alignment is best.
+    """
+
+    line: str
+    boulders: int
+    come: int  # boulders that come to the protected line
+    limits: Limits
+    factors: Factors
+    priced: bool  # costs are from prices
+    table: pd.DataFrame
+    alignments: tuple[Alignment, ...]
+    result: xr.Dataset  # the run, with the alignments as evaluation lines
+    notes: tuple[str, ...]
+
+
+def site(
+    case: Case,
+    line: str,
+    *,
+    every: float = 10.0,
+    to: float = 100.0,
+    direction: float | None = None,
+    candidates: Any = None,
+    candidates_layer: str | None = None,
+    max_height: float | None = None,
+    max_class: int | None = None,
+    max_bypass: float = 0.01,
+    volume: float | None = None,
+    factors: str | Path | None = None,
+    costs: str | Path | None = None,
+    progress: bool = False,
+    **given: Any,
+) -> Siting:
+    """Compare alignments of a barrier above `line`, an evaluation line of a case.
+
+    Candidates are the line itself and copies of it, shifted every `every` metres `to` a distance,
+    perpendicular to the line on the side of the sources, or in a `direction` [degree from north];
+    or the lines of a layer `candidates` (a file, or a GeoDataFrame). The case is run once with all
+    of them as evaluation lines. `max_height` [m] and `max_class` (0 to 7) limit the barrier,
+    `max_bypass` the fraction of the boulders that may pass around its ends. `volume`, `factors`,
+    `costs` and the conditions of the standard are as in `rockfall.design`; all else `given` are
+    arrays and layers as in `rockfall.run`.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> found = rockfall.site(case, "L", every=10.0, to=20.0, max_height=5.0)
+    >>> found.table["alignment"].tolist()
+    ['L', 'L +10 m', 'L +20 m']
+    """
+    limits = _limits(max_height, max_class, max_bypass)
+    conditions = {key: given.pop(key) for key in CONDITIONS & given.keys()}
+    known = read_factors(conditions_of(conditions), factors)
+    prices = read_costs(costs) if costs is not None else None
+    if volume is not None and not 0 < volume < math.inf:
+        raise RockfallError(f"volume = {volume}: must be > 0 m3")
+    case = case.replace(output={"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"})
+    scene = read_scene(case, **given)
+    warn_of(scene)
+    if candidates is None:
+        scene, alignments = shifted_scene(scene, line, Shift(every, to, direction))
+    else:
+        scene, alignments = drawn_scene(case, scene, line, candidates, candidates_layer, given)
+    with progress_bar(scene.boulders, shown=progress) as advance:
+        result = run_scene(scene)
+        advance(scene.boulders)
+    design_of = known, case.boulder["density"], volume
+    doubts = {"unconfirmed": unconfirmed_of(result, scene.case, known)}
+    rows = [_row(result, line, one, design_of, prices, limits) | doubts for one in alignments]
+    choose(rows)
+    come = int(np.count_nonzero(_crossed(result, line)))
+    notes = (*_notes(scene.case, line, come, alignments, rows), *_remarks(result, scene.case))
+    if candidates is None and alignments[-1].distance + every <= to * (1 + 1e-9):
+        beyond = f"alignments beyond {alignments[-1].distance:g} m are outside the terrain"
+        notes = (f"{beyond}: left out", *notes)
+    return Siting(
+        line, result.sizes["boulder"], come, limits, known, prices is not None, _table(rows),
+        tuple(alignments), result, notes,
+    )  # fmt: skip
+
+
+def _limits(height: float | None, ead_class: int | None, bypass: float) -> Limits:
+    if height is not None and not 0 < height < math.inf:
+        raise RockfallError(f"max_height = {height}: must be > 0 m")
+    if ead_class is not None and ead_class not in range(len(EAD_ENERGY)):
+        raise RockfallError(f"max_class = {ead_class}: must be 0 to {len(EAD_ENERGY) - 1}")
+    if not 0 <= bypass <= 1:
+        raise RockfallError(f"max_bypass = {bypass}: must be 0 to 1")
+    return Limits(height, ead_class, bypass)
+
+
+def _crossed(result: xr.Dataset, line: str) -> np.ndarray:
+    """Mark boulders that cross a line."""
+    return np.isfinite(result["line_time"].values[line_names(result).index(line)])
+
+
+def _row(
+    result: xr.Dataset,
+    line: str,
+    of: Alignment,
+    design_of: tuple[Factors, float, float | None],
+    prices: Costs | None,
+    limits: Limits,
+) -> dict[str, Any]:
+    """Numbers of an alignment."""
+    number = line_names(result).index(of.name)
+    came, source = crossings(result, number), sources(result)
+    crossed = _crossed(result, of.name)
+    row: dict[str, Any] = {
+        "alignment": of.name, "distance": of.distance, "elevation": of.elevation,
+        "length": of.length, "n": came.n,
+    }  # fmt: skip
+    row |= _named("fraction", fraction_interval(crossed, source))
+    row |= _named("energy_q95", quantile(came.energy_total, LEVEL, came.source))
+    row |= _named("height_q95", quantile(came.passing_height, LEVEL, came.source))
+    asked = demand(came, *design_of)
+    for name in ("E_d", "height_needed", "ead_class"):
+        row |= {f"{name}{end}": asked[f"{name}{end}"] for end in ENDS}
+    comes, around = _around(result, line, of.name)
+    row |= _named("bypass", residual_of(around[comes], source[comes]))
+    left = around.copy()
+    if (capacity := _capacity(row["ead_class"])) is not None:
+        left[crossed] |= passes(came, row["height_needed"], capacity)
+        row |= _named("remaining", residual_of(left[comes], source[comes]))
+    row |= {f"cost{end}": _cost(row, end, prices) for end in ENDS}
+    return row | _verdicts(row, limits)
+
+
+def _around(result: xr.Dataset, line: str, alignment: str) -> tuple[np.ndarray, np.ndarray]:
+    """Boulders that come to the protected line, and those that do not cross the alignment before
+    they do."""
+    names = line_names(result)
+    there, before = (result["line_time"].values[names.index(one)] for one in (line, alignment))
+    return np.isfinite(there), ~(before <= there)
+
+
+def _named(name: str, values: tuple[float, float, float]) -> dict[str, float]:
+    return dict(zip(with_limits(name), values, strict=True))
+
+
+def _capacity(ead_class: float) -> float | None:
+    """Energy [J] of an EAD class; None for one above the list, and where no boulder comes."""
+    return EAD_ENERGY[int(ead_class)] if ead_class < len(EAD_ENERGY) else None
+
+
+def _cost(row: Mapping[str, Any], end: str, prices: Costs | None) -> float:
+    """Cost of the length of an alignment: of the cheapest barrier of the class that is needed, or a
+    higher one, that is high enough; NaN if there is none. Without prices class energy times height
+    times length [kJ m2]."""
+    ead_class, high = row[f"ead_class{end}"], row[f"height_needed{end}"]
+    if math.isnan(ead_class) or math.isnan(high):
+        return math.nan
+    each = [cost_of(k, high, prices) for k in range(int(ead_class), len(EAD_ENERGY))]
+    return min((one for one in each if not math.isnan(one)), default=math.nan) * row["length"]
+
+
+def _verdicts(row: Mapping[str, Any], limits: Limits) -> dict[str, str]:
+    """Verdict on the limits, over the intervals of what is needed. An unknown upper limit decides
+    nothing."""
+    checks = {"height": ("height_needed", limits.height), "class": ("ead_class", limits.ead_class),
+              "bypass": ("bypass", limits.bypass)}  # fmt: skip
+    found = {}
+    for name, (number, limit) in checks.items():
+        value, low, high = (row[f"{number}{end}"] for end in ENDS)
+        if limit is None or (value <= limit and high <= limit):
+            continue
+        found[name] = NO if value > limit and low > limit else UNDECIDED
+    verdict = NO if NO in found.values() else UNDECIDED if found else YES
+    return {"fits": verdict, "fails": ", ".join(k for k, of in found.items() if of == verdict)}
+
+
+def choose(rows: list[dict[str, Any]]) -> None:
+    """Mark the alignment of the lowest cost among those within the limits (those undecided if there
+    are no others), and those that its interval does not tell apart from it. Intervals that overlap
+    decide nothing, though the same boulders are behind them: this errs on the side of "not told
+    apart"."""
+    for row in rows:
+        row["choice"] = ""
+    open_ones = [row for row in rows if row["fits"] != NO and not math.isnan(row["cost"])]
+    sure = [row for row in open_ones if row["fits"] == YES]
+    if not open_ones:
+        return
+    best = min(sure or open_ones, key=lambda row: (row["cost"], row["distance"]))
+    highest = math.inf if math.isnan(best["cost_high"]) else best["cost_high"]
+    for row in open_ones:
+        if not row["cost_low"] > highest:  # unknown limits decide nothing
+            row["choice"] = NOT_TOLD_APART
+    best["choice"] = BEST
+
+
+def _notes(
+    case: Case, line: str, come: int, alignments: list[Alignment], rows: list[dict[str, Any]]
+) -> Iterator[str]:
+    """What the table alone does not tell."""
+    if not come:
+        yield f"no boulder comes to {line}: what goes around an alignment is unknown"
+    if case.barrier:
+        yield "barriers of the case are in the run: alignments below them see what they let pass"
+    own = next((one for one in alignments if one.name == line), None)
+    if own is not None and all(one.elevation <= own.elevation for one in alignments):
+        yield f"no alignment is higher than {line}: give the direction in which the slope rises"
+    if all(row["fits"] == NO for row in rows):
+        yield "no alignment is within the limits"
+
+
+def _remarks(result: xr.Dataset, case: Case) -> Iterator[str]:
+    """Remarks on the model that limit every number."""
+    return (one.text for one in model_remarks(result, case) if one.is_warning)
+
+
+def _table(rows: list[dict[str, Any]]) -> pd.DataFrame:
+    import pandas as pd
+
+    return pd.DataFrame(rows, columns=COLUMNS)

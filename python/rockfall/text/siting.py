@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Text output of the siting of a barrier."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from rockfall.protection.siting import BEST, NOT_TOLD_APART, UNDECIDED, YES
+from rockfall.quantities import number
+from rockfall.text.design import class_name, factor_lines, needed, shown, unconfirmed
+from rockfall.text.table import table as aligned
+
+if TYPE_CHECKING:
+    from rockfall.protection.siting import Siting
+
+ABOUT = """\
+Of the boulders that cross each alignment, in brackets 95 % confidence intervals of the Monte Carlo
+error. Heights are above the ground, vertical. `round` are those that come to the line without
+crossing the alignment, `left` those that still come with the barrier that is needed there."""
+
+
+def siting_text(found: Siting) -> str:
+    """Table of alignments, the choice, and what the numbers rest on."""
+    first = f"{found.line}: {found.come:,} of {found.boulders:,} boulders come; {_limits(found)}"
+    parts = [ABOUT, *(f"Warning: {text}" for text in found.notes), "", first]
+    parts += [aligned(_rows(found)), "", *_choice(found), "", *factor_lines(found.factors)]
+    return "\n".join(parts)
+
+
+def _limits(found: Siting) -> str:
+    limits = found.limits
+    given = [f"height at most {limits.height:g} m"] if limits.height is not None else []
+    given += [f"class at most {limits.ead_class}"] if limits.ead_class is not None else []
+    return ", ".join([*given, f"at most {100 * limits.bypass:g} % around it"])
+
+
+def _rows(found: Siting) -> Iterator[list[str]]:
+    cost = "cost" if found.priced else "cost [kJ m2]"
+    yield ["  alignment", "up [m]", "elevation [m]", "boulders", "E95 [kJ]", "h95 [m]",
+           "E_d [kJ]", "height needed [m]", "class", "round [%]", "left [%]", cost, "fits",
+           ""]  # fmt: skip
+    for row in found.table.to_dict("records"):
+        yield [
+            f"  {row['alignment']}", number(row["distance"]), number(row["elevation"], 4),
+            f"{row['n']:,}", shown(row, "energy_q95", 1e-3), shown(row, "height_q95"),
+            needed(row, "E_d", 1e-3), needed(row, "height_needed"),
+            class_name(row) if row["n"] else "-", shown(row, "bypass", 100.0),
+            shown(row, "remaining", 100.0), shown(row, "cost"), _fits(row), row["choice"],
+        ]  # fmt: skip
+
+
+def _fits(row: Mapping[str, Any]) -> str:
+    """Verdict and its reasons; one that rests on unconfirmed assumptions is not proven."""
+    doubt = unconfirmed(row)
+    if row["fits"] == YES:
+        return (UNDECIDED if doubt else YES) + doubt
+    return f"{row['fits']}: {row['fails']}"
+
+
+def _choice(found: Siting) -> Iterator[str]:
+    """The best alignment in a sentence, and those that may be as good."""
+    chosen = {name: rows for name, rows in found.table.groupby("choice")}
+    if BEST not in chosen:
+        yield "Best: none"
+        return
+    best = chosen[BEST].iloc[0].to_dict()
+    state = (
+        "" if best["fits"] == YES else f", not certain to be within the limits ({best['fails']})"
+    )
+    yield (
+        f"Best: {best['alignment']}, of the lowest cost{state}: class {class_name(best)}, "
+        f"{needed(best, 'height_needed')} m"
+    )
+    if NOT_TOLD_APART in chosen:
+        names = ", ".join(chosen[NOT_TOLD_APART]["alignment"])
+        yield f"Not told apart from it by so few boulders: {names}"

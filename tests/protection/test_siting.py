@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Siting: each alignment has the numbers of a run with that line alone, and a barrier there leaves
+what the table says."""
+
+import csv
+import math
+
+import numpy as np
+import pytest
+
+import rockfall
+from made import make_layer, refused
+from rockfall.analysis.line_statistics import line_statistics
+from rockfall.cli import main
+from rockfall.limits import EAD_ENERGY
+from rockfall.protection.siting import BEST, COLUMNS, NO, NOT_TOLD_APART, UNDECIDED, YES, choose
+from rockfall.text.siting import siting_text
+from scenes import grid, make_case, rough, sets
+
+shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+
+Z = rough()
+ROAD = {"name": "road", "x": [0.0, 300.0], "y": [180.0, 180.0]}
+TERRAIN = {"dem": Z, "transform": grid(Z)}
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("siting")
+    return make_case(
+        folder, *sets(), terrain={}, line=[ROAD],
+        case={"boulders": 300, "threads": 0},
+        boulder={"volume": "normal", "volume_mean": 0.8, "volume_std": 0.2},
+        release={"x": [100.0, 150.0, 200.0], "y": [380.0] * 3},
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def found(case):
+    return rockfall.site(case, "road", every=40.0, to=220.0, max_height=8.0, **TERRAIN)
+
+
+def at(found, name):
+    return found.table.set_index("alignment").loc[name]
+
+
+def test_alignments_are_the_line_shifted_to_the_sources(found):
+    table = found.table
+    assert list(table.columns) == COLUMNS
+    assert table["distance"].tolist() == [0, 40, 80, 120, 160, 200]
+    assert (np.diff(table["elevation"]) > 20).all() and (table["length"] == 300).all()
+    assert [one.y for one in found.alignments] == [[180.0 + 40 * k] * 2 for k in range(6)]
+
+
+def test_numbers_are_those_of_a_run_with_that_line_alone(case, found):
+    alone = {"name": "other", "x": ROAD["x"], "y": [300.0, 300.0]}
+    result = rockfall.run(case.replace(line=[alone]), **TERRAIN)
+    rows = line_statistics(result).set_index("quantity")
+    row = at(found, "road +120 m")
+    for name, quantity in ("energy_q95", "energy_total"), ("height_q95", "passing_height"):
+        for end in ("", "_low", "_high"):
+            assert row[name + end] == rows.loc[quantity, f"q95{end}"]
+    sheet = rockfall.design(result).demand.iloc[0]
+    for name in ("E_d", "E_d_high", "height_needed", "height_needed_low", "ead_class"):
+        assert row[name] == sheet[name]
+    assert row["n"] == sheet["n"]
+
+
+def test_a_barrier_there_leaves_what_is_said(case, found):
+    """Passed over, it goes on as it came; broken through, it is slower, so that fewer come."""
+    row = at(found, "road +160 m")
+    net = {"name": "net", "x": ROAD["x"], "y": [340.0] * 2, "height": row["height_needed"],
+           "class": int(row["ead_class"])}  # fmt: skip
+    result = rockfall.run(case.replace(barrier=[net]), **TERRAIN)
+    come = np.isfinite(result["line_time"].values[0])
+    broke = result["barrier_outcome"].values[1] == 2
+    said = round(row["remaining"] * found.come)
+    assert 0 < come.sum() <= said <= (come | broke).sum()
+
+
+def test_what_passes_around_a_short_alignment_counts(case):
+    """Of those that come to the road, as far as they do not cross the short line before."""
+    short = [{"name": "short", "x": [140.0, 160.0], "y": [300.0, 300.0]}]
+    result = rockfall.run(case.replace(line=[ROAD, *short]), **TERRAIN)
+    comes, met = np.isfinite(result["line_time"].values)
+    layer = make_layer(case.folder / "short.gpkg", [shapely.LineString([(140, 300), (160, 300)])],
+                       crs=None, name=["short"])  # fmt: skip
+    found = rockfall.site(case, "road", candidates=layer, **TERRAIN)
+    row = at(found, "short")
+    assert row["bypass"] == (comes & ~met).sum() / comes.sum() > 0.5
+    assert row["remaining"] >= row["bypass"]
+    assert (row["fits"], row["fails"], row["choice"]) == (NO, "bypass", "")
+    assert row["distance"] == pytest.approx(120.0) and row["length"] == 20.0
+
+
+def test_a_layer_and_a_frame_are_the_same(case):
+    import pandas as pd
+    from rasterio.crs import CRS
+
+    class Frame(pd.DataFrame):
+        _metadata = ["crs"]
+
+        @property
+        def geometry(self):
+            return pd.Series(list(self["geom"]), name="geom")
+
+    shapes = [shapely.LineString([(0, y), (300, y - 10)]) for y in (300, 250)]
+    names = ["upper", "lower"]
+    layer = make_layer(case.folder / "drawn.gpkg", shapes, crs=None, name=names)
+    frame = Frame({"geom": shapes, "name": names})
+    frame.crs = CRS.from_epsg(32632)
+    one, other = (rockfall.site(case, "road", candidates=of, **TERRAIN) for of in (layer, frame))
+    assert one.table["alignment"].tolist() == ["lower", "upper"]
+    assert one.table.equals(other.table)
+
+
+def row_of(cost, low=math.nan, high=math.nan, fits=YES, distance=0.0):
+    return {"cost": cost, "cost_low": low, "cost_high": high, "fits": fits, "distance": distance}
+
+
+def test_the_choice_is_the_cheapest_and_what_overlaps_is_not_told_apart():
+    rows = [row_of(5, 4, 6), row_of(7, 5.5, 9), row_of(9, 7, 12), row_of(1, 1, 1, NO),
+            row_of(8), row_of(3, 2, 4, UNDECIDED), row_of(math.nan)]  # fmt: skip
+    choose(rows)
+    marks = [BEST, NOT_TOLD_APART, "", "", NOT_TOLD_APART, NOT_TOLD_APART, ""]
+    assert [row["choice"] for row in rows] == marks
+    few = [row_of(5), row_of(50, 40, 60)]  # too few boulders for an upper limit of the best
+    choose(few)
+    assert [row["choice"] for row in few] == [BEST, NOT_TOLD_APART]
+    undecided = [row_of(5, 4, 6, UNDECIDED), row_of(1, 1, 1, NO)]
+    choose(undecided)
+    assert [row["choice"] for row in undecided] == [BEST, ""]
+
+
+def test_limits_decide_over_the_interval(found, case):
+    for row in found.table.to_dict("records"):
+        if not row["n"]:
+            continue
+        high = row["height_needed_high"] <= 8.0
+        low = row["height_needed_low"] > 8.0
+        assert row["fits"] == (YES if high else NO if low else UNDECIDED), row["alignment"]
+    row = at(found, "road +160 m")
+    between = (row["height_needed_low"] + row["height_needed"]) / 2
+    again = rockfall.site(case, "road", every=160.0, to=160.0, max_height=between, **TERRAIN)
+    row = at(again, "road +160 m")
+    assert (row["fits"], row["fails"], row["choice"]) == (UNDECIDED, "height", BEST)
+    assert "not certain to be within the limits (height)" in siting_text(again)
+
+
+def test_cost_is_that_of_the_cheapest_that_suffices(case, found, tmp_path):
+    row = at(found, "road +160 m")
+    k, high = int(row["ead_class"]), row["height_needed"]
+    assert row["cost"] == EAD_ENERGY[k] / 1000 * high * 300.0
+    prices = tmp_path / "prices.csv"
+    prices.write_text(f"class,height,cost\n{k},{high - 0.1},10\n{k},{high + 9},90\n"
+                      f"{k + 1},{high + 9},80\n{k - 1},{high + 9},5\n")  # fmt: skip
+    priced = rockfall.site(case, "road", every=160.0, to=160.0, costs=prices, **TERRAIN)
+    assert at(priced, "road +160 m")["cost"] == 80 * 300.0
+
+
+def test_directions(case):
+    east = rockfall.site(case, "road", every=10.0, to=10.0, direction=90.0, **TERRAIN)
+    np.testing.assert_allclose(east.alignments[1].x, [10.0, 310.0])
+    np.testing.assert_allclose(east.alignments[1].y, [180.0, 180.0])
+    down = rockfall.site(case, "road", every=50.0, to=50.0, direction=180.0, **TERRAIN)
+    assert "no alignment is higher than road: give the direction in which the slope rises" in (
+        down.notes
+    )
+    beyond = rockfall.site(case, "road", every=150.0, to=450.0, **TERRAIN)
+    assert beyond.table["distance"].tolist() == [0.0, 150.0]  # the terrain ends at 220 m
+    assert beyond.notes[0] == "alignments beyond 150 m are outside the terrain: left out"
+    assert not down.notes[0].endswith("left out")
+
+
+def test_refusals(case):
+    for given, message in (
+        ({"line": "rail"}, "case: line = 'rail': no such line; lines: road"),
+        ({"every": 0.0}, "every = 0.0: must be > 0 m"),
+        ({"every": 0.1}, "every = 0.1: makes 1,000 alignments up to 100 m: must make 1 to 199"),
+        ({"every": 200.0}, "every = 200.0: makes 0 alignments up to 100 m: must make 1 to 199"),
+        ({"direction": 361.0}, "direction = 361.0: must be 0 to 360 degrees"),
+        ({"max_height": -1.0}, "max_height = -1.0: must be > 0 m"),
+        ({"max_class": 8}, "max_class = 8: must be 0 to 7"),
+        ({"max_bypass": 2.0}, "max_bypass = 2.0: must be 0 to 1"),
+        ({"volume": 0.0}, "volume = 0.0: must be > 0 m3"),
+    ):
+        with refused(message):
+            rockfall.site(case, given.pop("line", "road"), **given, **TERRAIN)
+    ring = [{"name": "ring", "x": [0.0, 9.0, 0.0, 0.0], "y": [180.0, 180.0, 190.0, 180.0]}]
+    with refused("case: line 'ring' does not tell on which side its sources are: give the "
+                 "direction [degree from north] in which it is to be shifted"):  # fmt: skip
+        rockfall.site(case.replace(line=ring), "ring", **TERRAIN)
+
+
+def test_command(place, capsys):
+    words = ["site", "case.nml", "--line", "L", "--every", "10", "--to", "30", "--max-height", "9"]
+    assert main([*words, "--max-class", "7", "-o", "out"]) == 0
+    said = capsys.readouterr().out
+    assert "Best: L" in said and "height at most 9 m, class at most 7" in said
+    with open("out/siting.csv") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["alignment"] for row in rows] == ["L", "L +10 m", "L +20 m", "L +30 m"]
+    assert rockfall.read_result("out/siting.nc").sizes["line"] == 4
+    pyogrio = pytest.importorskip("pyogrio")
+    assert pyogrio.read_info("out/siting.gpkg")["features"] == 4
+    assert main([*words, "-o", "out"]) == 2
+    assert "already exists" in capsys.readouterr().err
+    assert main(["site", "case.nml", "--line", "M", "-o", "new"]) == 2
+    assert "line = 'M': no such line; lines: L" in capsys.readouterr().err
+    assert not (place / "new").exists()
