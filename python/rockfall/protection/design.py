@@ -58,8 +58,8 @@ class Design:
     `loads`: a row for each line and quantity; `demand`: requirements of the standard at each line;
     `checks`: of each barrier; `choices`: for each line and EAD class the height that leaves at most
     `residual`; `along`: as `demand`, for windows of a line; None unless requested. Their column
-    `unconfirmed` names the unconfirmed assumptions of the loads (rebounds, forest): a check that
-    passes under them is not proven. `warnings` are the remarks on the model.
+    `unconfirmed` names the unconfirmed assumptions of the loads (rebounds, forest, logs): a check
+    that passes under them is not proven. `warnings` are the remarks on the model.
     """
 
     factors: Factors
@@ -129,10 +129,12 @@ def design(
 
 def unconfirmed_of(result: xr.Dataset, case: Case, factors: Factors) -> str:
     """Unconfirmed assumptions of the loads. The user's own grounds are confirmed by declaring the
-    rebound back-analysed; shipped grounds and the forest never are."""
+    rebound back-analysed; shipped grounds, the forest and lying logs never are."""
     is_fitted = has_own_grounds(case) and factors.conditions.calibration == BACK_ANALYSED
     rebounds = ["rebounds"] if classical_grounds(result) and not is_fitted else []
-    return "; ".join([*rebounds, *(["forest"] if case.has_forest else [])])
+    forest = ["forest"] if case.has_forest else []
+    logs = ["logs"] if any("diameter" in one for one in case.barrier) else []
+    return "; ".join([*rebounds, *forest, *logs])
 
 
 def _table(rows: list[dict[str, Any]], columns: list[str]) -> pd.DataFrame:
