@@ -194,9 +194,11 @@ def _add_studies(commands: _Commands) -> None:
     zone = _add(commands, "hazard", "hazard", about, "CASE")
     zone.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_hazard")
     _add_imprint(zone, "on the sheet")
-    about = "points, lines, polygons, with name, vulnerability, exposure, value"
+    about = "points, lines, polygons, with name, vulnerability, value, persons, aadt, ..."
     zone.add_argument("--objects", metavar="LAYER", type=Path, help=about)
     zone.add_argument("--objects-layer", metavar="NAME", help="of a file with several layers")
+    about = "curves for the objects: name, energy [kJ], vulnerability, source"
+    zone.add_argument("--vulnerability", metavar="CURVES.csv", type=Path, help=about)
     about = "write each scenario as a case, CASE_scenarioN.nml, and run nothing"
     zone.add_argument("--write-cases", action="store_true", help=about)
     about = "of these cases, one for each scenario, in place of running them"

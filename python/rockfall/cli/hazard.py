@@ -43,7 +43,8 @@ def hazard_command(arguments: argparse.Namespace) -> int:
     case = overridden(arguments)
     base_case(case)  # refuses invalid cases before a file is read
     folder = arguments.output or Path(f"{arguments.case.stem}_hazard")
-    inputs = [*input_files(case), *([arguments.objects] if arguments.objects else [])]
+    given = (arguments.objects, arguments.vulnerability)
+    inputs = [*input_files(case), *(path for path in given if path)]
     if arguments.write_cases:
         return _write_cases(arguments, case, inputs)
     inputs += arguments.results
@@ -51,15 +52,21 @@ def hazard_command(arguments: argparse.Namespace) -> int:
     with locked(folder.resolve(), warn):
         checkpoints = list(_checkpoints(arguments, folder.resolve(), case))
         memory = machine_memory() if arguments.memory is None else read_memory(arguments.memory)
-        study = read_study(case, arguments.objects, memory, arguments.objects_layer)
+        study = _study(arguments, case, memory)
         for line in study.remarks:
             warn(line)
         return _run_to(arguments, folder, study, checkpoints, inputs)
 
 
+def _study(arguments: argparse.Namespace, case: Case, memory: float | None = None) -> Study:
+    return read_study(
+        case, arguments.objects, memory, arguments.objects_layer, arguments.vulnerability
+    )
+
+
 def _write_cases(arguments: argparse.Namespace, case: Case, inputs: list[Path]) -> int:
     """Write each scenario as its own case, next to the case, for runs elsewhere."""
-    study = read_study(case, arguments.objects, objects_layer=arguments.objects_layer)
+    study = _study(arguments, case)
     stem = arguments.case.with_suffix("")
     cases = {Path(f"{stem}_scenario{k}.nml"): one for k, one in enumerate(study.scenarios, start=1)}
     for path in cases:
@@ -139,7 +146,8 @@ def _check_place(folder: Path, case: Case, inputs: Iterable[str | Path]) -> None
     check_folder(folder)
     if not folder.resolve().parent.is_dir():
         raise RockfallError(f"{folder}: there is no folder {folder.parent}")
-    names = ["hazard.nc", "hazard.gpkg", "objects.csv", "hazard_class.png", SHEET]
+    names = ["hazard.nc", "hazard.gpkg", "objects.csv", "risk.csv"]
+    names += ["hazard_class.png", "risk.png", SHEET]
     names += [f"{name}.{ending}" for name, _ in map_names(case) for ending in ("tif", "qml")]
     periods = (shown("return_period", one) for one in case.hazard["return_periods"])
     names += [f"intensity_{period}.png" for period in periods]

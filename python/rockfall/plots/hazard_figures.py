@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard zones and intensities over the relief of the terrain."""
+"""Hazard zones, intensities and risk over the relief of the terrain."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.hazard.files import colours_of
+from rockfall.analysis.hazard.risk_files import has_risk
 from rockfall.analysis.hazard.zones import uncertain_of, zones_of
 from rockfall.case import case_in
 from rockfall.io.arrays import grid_of
@@ -18,6 +19,7 @@ from rockfall.plots.cartography.rasters import draw_image
 from rockfall.plots.cartography.sheet import PAGE, Room, Sheet, finish, new_sheet
 from rockfall.plots.extent import around
 from rockfall.plots.figures import Figure
+from rockfall.plots.risk_figure import draw_risk, risk_key
 from rockfall.plots.style import INK, styled
 from rockfall.result.flat_maps import layers
 from rockfall.result.trajectories import flags_of
@@ -34,7 +36,8 @@ HATCH = "/////"
 
 
 def hazard_figures(found: xr.Dataset, terrain: Terrain | None = None) -> list[Figure]:
-    """Figures of the zones of a hazard, and of the intensity at each return period."""
+    """Figures of the zones of a hazard, of the intensity at each return period, and of the risk of
+    objects, if they say what is exposed."""
     minimum_area = case_in(found.attrs).hazard["minimum_area"]
     least = f", of {minimum_area:g} m2 or more" if minimum_area else ""
     shown = [
@@ -49,6 +52,11 @@ def hazard_figures(found: xr.Dataset, terrain: Terrain | None = None) -> list[Fi
         title = f"Intensity {name.removeprefix('intensity_').replace('years', ' years')}"
         about = f"{data.attrs['long_name'].capitalize()}."
         shown.append(Figure(name, title, about, partial(_map_figure, found, data, terrain)))
+    if has_risk(found):
+        about = "Individual risk of death a year of the most exposed person at each object."
+        shown.append(
+            Figure("risk", "Individual risk", about, partial(_risk_figure, found, terrain))
+        )
     return shown
 
 
@@ -100,6 +108,14 @@ def _map_figure(found: xr.Dataset, data: xr.DataArray, terrain: Terrain | None) 
     values = data.values[::-1] if flipped else data.values
     _draw_classes(sheet.axes, values, grid, data)
     _draw_objects(sheet, found)
+    finish(sheet, found["crs"].attrs)
+    return sheet.figure
+
+
+@styled
+def _risk_figure(found: xr.Dataset, terrain: Terrain | None) -> figure.Figure:
+    sheet = begun(found, terrain, risk_key(found))
+    draw_risk(sheet, found)
     finish(sheet, found["crs"].attrs)
     return sheet.figure
 

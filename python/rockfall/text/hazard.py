@@ -15,6 +15,7 @@ from rockfall.case import case_in
 from rockfall.io.arrays import grid_of
 from rockfall.quantities import count, number, percent
 from rockfall.result.flat_maps import shown
+from rockfall.text.risk import risk_lines
 from rockfall.text.table import table
 
 if TYPE_CHECKING:
@@ -24,7 +25,8 @@ MAX_OBJECTS = 20  # listed individually
 
 
 def hazard_summary(found: xr.Dataset) -> str:
-    """The scenarios, the area of each class and its certain fraction, and the objects."""
+    """The scenarios, the area of each class and its certain fraction, the objects and their
+    risk."""
     scenarios = count(found.sizes["scenario"], "scenario")
     lines = [f"{found.attrs['title'] or 'rockfall'}: {scenarios}"]
     lines.append(table(scenario_rows(found)))
@@ -33,6 +35,7 @@ def hazard_summary(found: xr.Dataset) -> str:
         lines.append(table(object_rows(found)))
         if (more := found.sizes["object"] - MAX_OBJECTS) > 0:
             lines.append(f"  and {count(more, 'more object')}, in objects.csv")
+    lines += risk_lines(found)
     lines += [f"  warning: {text}" for text in hazard_warnings(found)]
     wall, cpu = (found.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu"))
     lines.append(f"  {wall:.1f} s, {cpu:.1f} s of CPU")

@@ -10,6 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES
+from rockfall.analysis.hazard.risk_files import (
+    has_risk,
+    risk_columns,
+    risk_layers,
+    risk_styles,
+    total_table,
+)
 from rockfall.analysis.hazard.zones import (
     certain_fractions,
     highest_classes,
@@ -48,8 +55,8 @@ NO_CELL = 255  # value without data in a yes-no raster
 
 def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
     """Write a hazard to a folder: hazard.nc, a GeoTIFF and a QGIS style (.qml) for each map,
-    hazard.gpkg with zones and objects, objects.csv. Writes all of them or, with a RockfallError,
-    none.
+    hazard.gpkg with zones and objects, objects.csv, risk.csv. Writes all of them or, with a
+    RockfallError, none.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -86,6 +93,9 @@ def put_hazard(found: xr.Dataset, folder: Path) -> Iterator[Path]:
     if "object" in found.dims:
         write_csv(object_table(found), folder / "objects.csv")
         yield folder / "objects.csv"
+    if has_risk(found):
+        write_csv(total_table(found), folder / "risk.csv")
+        yield folder / "risk.csv"
 
 
 def colours_of(data: xr.DataArray) -> dict[int, str]:
@@ -138,6 +148,8 @@ def _layers(found: xr.Dataset) -> Iterator[tuple[str, tuple]]:
         yield "uncertain", ("Polygon", [(doubtful.shapes, about)])
     if "object" in found.dims:
         yield "objects", _object_layer(found)
+    if has_risk(found):
+        yield from risk_layers(found)
 
 
 def _styles(kinds: dict[str, str]) -> dict[str, Style]:
@@ -148,7 +160,7 @@ def _styles(kinds: dict[str, str]) -> dict[str, Style]:
     for layer in ("zones", "zones_by_cell", "objects"):
         if symbol := drawn.get(plain_type(kinds.get(layer, ""))):
             found[layer] = Style("hazard", [(c, c, symbol(colours[c])) for c in CLASSES])
-    return found
+    return found | risk_styles(kinds)
 
 
 def _object_layer(found: xr.Dataset) -> tuple:
@@ -161,7 +173,7 @@ def _object_layer(found: xr.Dataset) -> tuple:
 
 
 def object_table(found: xr.Dataset) -> pd.DataFrame:
-    """One row for each object: frequencies with their limits, class, and risk where it has one."""
+    """One row for each object: frequencies with their limits, class, and risks where known."""
     import pandas as pd
 
     words = np.array(CLASSES, dtype=object)
@@ -180,4 +192,4 @@ def object_table(found: xr.Dataset) -> pd.DataFrame:
         columns[f"hazard{end}"] = words[found[f"object_hazard_class{end}"].values]
     if "object_risk" in found:
         columns |= {f"risk{end}": found[f"object_risk{end}"].values for end in ends}
-    return pd.DataFrame(columns)
+    return pd.DataFrame(columns | dict(risk_columns(found)))

@@ -8,13 +8,17 @@ width of their own. The others are taken to be as wide as the objects of the map
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.analysis.hazard.attributes import Layer
 from rockfall.analysis.hazard.classes import Frequencies
+from rockfall.analysis.hazard.exposure import Exposure, read_exposure
+from rockfall.analysis.hazard.vulnerability import SHIPPED, Curve
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
 from rockfall.io.layers import read_features
@@ -27,10 +31,7 @@ if TYPE_CHECKING:
 
     from rockfall.scene.scene import Scene
 
-WIDTH = "width"  # attribute: of the object across a line, or of a point [m]
-MAX_WIDTH = 1000.0  # of an object, as in a case [m]
 VULNERABILITY = "vulnerability"  # an attribute for all intensities, or with _1, _2, ... for each
-FRACTIONS = (VULNERABILITY, "exposure")
 BYTES = 8 * len(LINE)  # of a boulder at a line
 ROOM = 0.5  # fraction of the memory
 MAX_NAMED = 5  # of objects in a remark
@@ -50,27 +51,35 @@ class Objects:
     vulnerability: np.ndarray | None = None  # (objects, intensities)
     exposure: np.ndarray = field(default_factory=lambda: np.empty(0))
     value: np.ndarray = field(default_factory=lambda: np.empty(0))
+    exposed: Exposure = field(default_factory=Exposure)  # persons and property
 
     def __len__(self) -> int:
         return len(self.shapes)
 
 
 def read_objects(
-    path: str | Path, layer: str | None, grid: Grid, intensities: int, remarks: list[str]
+    path: str | Path,
+    layer: str | None,
+    grid: Grid,
+    thresholds: np.ndarray,
+    remarks: list[str],
+    curves: Mapping[str, Curve] = SHIPPED,
 ) -> Objects:
-    """Read the objects in a layer (None: the only one), with vulnerabilities for the given number
-    of intensities."""
+    """Read the objects in a layer (None: the only one), with their vulnerability for each intensity
+    between the thresholds [J], or by a curve, and who and what is exposed there."""
     import shapely
 
     shapes, columns = read_features(path, grid, remarks, layer, "--objects-layer")
     found = Objects(str(path), shapely.force_2d(shapes))
     columns = {name.lower(): values for name, values in columns.items()}
+    about = Layer(str(path), columns, len(shapes))
     numbers = [str(number) for number in range(1, len(shapes) + 1)]
     found.names = [str(name) for name in columns.get("name", numbers)]
-    widths = _numbers(found, columns, WIDTH, np.full(len(shapes), np.nan), missing=True)
+    widths = about.numbers("width", np.nan, missing=True)
     for number, (shape, width) in enumerate(zip(found.shapes, widths.tolist(), strict=True)):
         _place(found, number, shape, width, grid)
-    _take_values(found, columns, intensities)
+    _take_values(found, about, thresholds.size + 1)
+    found.exposed = read_exposure(about, found.names, thresholds, curves, found.point.tolist())
     return found
 
 
@@ -128,53 +137,24 @@ def _place(objects: Objects, number: int, shape: Any, width: float, grid: Grid) 
         objects.owner = np.append(objects.owner, number)
 
 
-def _take_values(objects: Objects, columns: dict[str, np.ndarray], intensities: int) -> None:
+def _take_values(objects: Objects, layer: Layer, intensities: int) -> None:
     """Read vulnerability, exposure and value, if the layer has them."""
-    size = len(objects)
-    objects.exposure = _numbers(objects, columns, "exposure", np.ones(size))
-    objects.value = _numbers(objects, columns, "value", np.ones(size))
-    several = [f"{VULNERABILITY}_{k}" for k in range(1, intensities + 1)]
-    given = [name for name in columns if name.startswith(VULNERABILITY)]
-    if given == [VULNERABILITY]:
-        one = _numbers(objects, columns, VULNERABILITY, np.ones(size))
-        objects.vulnerability = np.repeat(one[:, None], intensities, axis=1)
-    elif given:
-        if {*given} != {*several}:
-            raise RockfallError(
-                f"{objects.path}: attributes {', '.join(given)}: must be {VULNERABILITY}, or "
-                f"{several[0]} to {several[-1]}: one for each intensity"
-            )
-        by_class = [_numbers(objects, columns, name, np.ones(size)) for name in several]
-        objects.vulnerability = np.stack(by_class, axis=1)
-        if (falls := np.argwhere(np.diff(objects.vulnerability, axis=1) < 0)).size:
-            number, k = falls[0]
-            raise RockfallError(
-                f"{objects.path}: feature {number + 1}: {several[k + 1]}: must not be below "
-                f"{several[k]}"
-            )
+    objects.exposure = layer.numbers("exposure", 1.0)
+    objects.value = layer.numbers("value", 1.0)
+    steps = layer.by_intensity(VULNERABILITY, intensities)
+    objects.vulnerability = steps if len(steps) else None
 
 
-def _numbers(
-    objects: Objects,
-    columns: dict[str, np.ndarray],
-    name: str,
-    default: np.ndarray,
-    missing: bool = False,
-) -> np.ndarray:
-    """Values of an attribute, which objects may lack (NaN) if it may be `missing`."""
-    if name not in columns:
-        return default
-    values, most = columns[name], 1.0 if name.startswith(FRACTIONS) else np.inf
-    most = MAX_WIDTH if name == WIDTH else most
-    rule = ">= 0" if most == np.inf else f"0 to {most:g}"
-    if values.dtype.kind not in "iufb":
-        raise RockfallError(f"{objects.path}: attribute {name}: must be a number, {rule}")
-    for number, value in enumerate(values.tolist(), start=1):
-        if not 0 <= value <= most and not (missing and np.isnan(value)):
-            raise RockfallError(
-                f"{objects.path}: feature {number}: {name} = {value}: must be {rule}"
-            )
-    return values.astype(float)
+def object_energies(objects: Objects, result: xr.Dataset) -> Iterator[tuple[int, np.ndarray]]:
+    """Energy [J] of each boulder of a run at each object that is a line, by the object's number;
+    NaN for those that miss it."""
+    for number in np.unique(objects.owner):
+        check_all_rows(result, "an object that is a line")
+        energy = np.full(result.sizes["boulder"], np.nan)
+        for line in np.flatnonzero(objects.owner == number):
+            parts = (f"line_energy_{kind}" for kind in ("translational", "rotational"))
+            energy = np.fmax(energy, sum(result[part].values[line] for part in parts))
+        yield int(number), energy
 
 
 def object_counts(objects: Objects, result: xr.Dataset, grid: Grid, maps: np.ndarray) -> np.ndarray:
@@ -184,12 +164,7 @@ def object_counts(objects: Objects, result: xr.Dataset, grid: Grid, maps: np.nda
     counts = np.zeros((1 + thresholds.size, len(objects)), "i4")
     rows, columns = grid.cells(*objects.places.T)
     counts[:, objects.point] = maps[:, rows, columns]
-    for number in np.unique(objects.owner):
-        check_all_rows(result, "an object that is a line")
-        energy = np.full(result.sizes["boulder"], np.nan)
-        for line in np.flatnonzero(objects.owner == number):
-            parts = (f"line_energy_{kind}" for kind in ("translational", "rotational"))
-            energy = np.fmax(energy, sum(result[part].values[line] for part in parts))
+    for number, energy in object_energies(objects, result):
         counts[0, number] = np.isfinite(energy).sum()
         counts[1:, number] = (energy > thresholds[:, None]).sum(axis=1)
     return counts

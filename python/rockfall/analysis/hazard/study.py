@@ -24,11 +24,14 @@ from rockfall.analysis.hazard.objects import (
     beyond_elevations,
     check_room,
     object_counts,
+    object_energies,
     read_objects,
     risks,
 )
+from rockfall.analysis.hazard.risk import Points, RunRisk, annual, diameters
 from rockfall.analysis.hazard.scenarios import Scenario, base_case, scenario_remarks, scenarios_of
 from rockfall.analysis.hazard.variables import CLASS_ENDS, COORDINATES, ENDS, EXTREMES, TABLE
+from rockfall.analysis.hazard.vulnerability import KILOJOULE, read_curves
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
@@ -68,6 +71,7 @@ def hazard(
     *,
     objects: Any = None,
     objects_layer: str | None = None,
+    vulnerability: str | Path | None = None,
     results: Sequence[str | Path] = (),
     progress: bool = False,
     threads: int | None = None,
@@ -76,7 +80,8 @@ def hazard(
 ) -> xr.Dataset:
     """Run each &scenario of a case and combine them: an xarray.Dataset of annual frequencies and
     hazard classes, with 95 % intervals, for each cell and each of the `objects` (a layer of points,
-    lines and polygons, or a GeoDataFrame; `objects_layer` is its name in a file with several).
+    lines and polygons, or a GeoDataFrame; `objects_layer` is its name in a file with several), and
+    of risk where these say what is exposed; `vulnerability` is a table of curves for them.
     `results` are those of the scenarios, if they have been run elsewhere. docs/hazard.md explains
     it; the other arguments are as in `rockfall.run`.
 
@@ -85,7 +90,7 @@ def hazard(
     >>> case = case.replace(scenario=[{"name": "small", "return_period": 10.0}])
     >>> found = rockfall.hazard(case)
     """
-    study = read_study(case, objects, memory, objects_layer, **arrays)
+    study = read_study(case, objects, memory, objects_layer, vulnerability, **arrays)
     for line in study.remarks:
         warnings.warn(line, stacklevel=2)
     return run_study(study, results=results, progress=progress, threads=threads)
@@ -96,19 +101,23 @@ def read_study(
     objects: Any = None,
     memory: float | None = None,
     objects_layer: str | None = None,
+    vulnerability: str | Path | None = None,
     **arrays: Any,
 ) -> Study:
     """Read and check all inputs of a hazard before any run."""
     memory = memory or machine_memory()
+    if vulnerability is not None and objects is None:
+        raise RockfallError(f"{vulnerability}: curves of vulnerability need objects")
+    curves = read_curves(vulnerability)
     scene = read_scene(base_case(case), memory=memory, **arrays)
     _check_memory(scene, memory)
     remarks: list[str] = []
     found = Objects()
     if objects is not None:
-        number = 1 + len(case.hazard["thresholds"])
+        levels = KILOJOULE * np.array(case.hazard["thresholds"])
         with frame_files({"objects": objects} if is_frame(objects) else {}) as files:
             path = files.get("objects", objects)
-            found = read_objects(path, objects_layer, scene.grid, number, remarks)
+            found = read_objects(path, objects_layer, scene.grid, levels, remarks, curves)
             remarks += beyond_elevations(found, scene)
         found.path = of_frames(found.path, files)
         remarks = [of_frames(one, files) for one in remarks]
@@ -190,12 +199,18 @@ class _Run:
         self.hits = _counts(result, "hits", "hits_energy_exceeded")
         self.extremes = {name: result[name].values for name in EXTREMES}
         self.objects = object_counts(study.objects, result, study.scene.grid, self.hits)
+        self.risk = self._risk(study.objects, result) if study.objects.exposed else None
         self.about = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
         self.warnings = [
             one.text for one in model_remarks(result, case_of(result)) if one.is_warning
         ]
+
+    def _risk(self, objects: Objects, result: xr.Dataset) -> RunRisk:
+        points = Points(objects.point, self.objects, result["threshold"].values)
+        energies = object_energies(objects, result)
+        return RunRisk(objects.exposed, energies, diameters(result), points, self.per_cluster)
 
 
 def _counts(result: xr.Dataset, name: str, exceeded: str) -> np.ndarray:
@@ -293,11 +308,14 @@ def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nda
     values |= _classes("object_", found, matrix)
     if risk := risks(study.objects, found):
         values |= {f"object_risk{end}": one for end, one in zip(ENDS, risk, strict=True)}
+    if exposed := study.objects.exposed:
+        values["object_kind"] = np.array(exposed.kinds, dtype=object)
+        values |= annual((run.risk, run.yearly) for run in runs if run.risk)
     return values
 
 
 def _attributes(study: Study, runs: list[_Run]) -> dict[str, Any]:
-    first = runs[0].attrs
+    first, exposed = runs[0].attrs, study.objects.exposed
     kept = ("Conventions", "history", "source", "version", "case_file", "seed", "impact_set")
     kept += ("impact_set_checksum", "input_checksums", "decoded_checksums", "dams", "stands")
     kept += ("threads", "date_created")
@@ -306,6 +324,7 @@ def _attributes(study: Study, runs: list[_Run]) -> dict[str, Any]:
         "hazard_layout": LAYOUT,
         "title": study.case.case["title"],
         **{name: first[name] for name in kept if name in first},
+        **({"risk_assumptions": "\n".join(exposed.assumptions)} if exposed else {}),
         "input_warnings": json.dumps(study.warnings),
         "case": study.case.text(),
         **{clock: sum(run.attrs[clock] for run in runs) for clock in clocks},

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES, intensity_words
+from rockfall.analysis.hazard.risk import CLASSES as RISK_CLASSES
 from rockfall.case import Case
 from rockfall.result.flat_maps import BEYOND, PLAN, shown
 from rockfall.result.variables import MAP
@@ -35,7 +36,7 @@ class Variable(NamedTuple):
     dims: tuple[str, ...]
     units: str
     long_name: str
-    words: str = ""  # of numbers: hazard, intensity or certain
+    words: str = ""  # of numbers: hazard, intensity, certain or risk
     comment: str = ""
 
     @property
@@ -56,7 +57,8 @@ class Variable(NamedTuple):
 
 def words_of(kind: str, case: Case) -> Sequence[str]:
     """Meanings of the numbers from 0."""
-    return {"hazard": CLASSES, "intensity": intensity_words(case), "certain": ("no", "yes")}[kind]
+    words = {"hazard": CLASSES, "certain": ("no", "yes"), "risk": RISK_CLASSES}
+    return intensity_words(case) if kind == "intensity" else words[kind]
 
 
 def _with_ends(name: str, dims: tuple[str, ...], what: str) -> Iterator[tuple[str, Variable]]:
@@ -113,10 +115,28 @@ def _table() -> Iterator[tuple[str, Variable]]:
     yield from _with_ends("object_exceedance_frequency", ("threshold", "object"), what)
     yield from _classes("object_", ("object",))
     yield from _with_ends("object_risk", ("object",), "annual risk, in the unit of the value")
+    yield from _exposed()
     what = "simulated boulders that met the object"
     yield "object_passages", Variable(("scenario", "object"), PART, what)
     what += ", with more energy than a threshold"
     yield "object_energy_exceeded", Variable(("scenario", "threshold", "object"), PART, what)
+
+
+def _exposed() -> Iterator[tuple[str, Variable]]:
+    """Risk to property and persons."""
+    of, all_of = ("object",), "objects together, from the boulders that they share"
+    yield "object_kind", Variable(of, "", "kind of the object")
+    damage = "expected annual damage to property, in the unit of the value"
+    yield from _with_ends("object_damage", of, damage)
+    what = "annual individual risk of death of the most exposed person"
+    yield from _with_ends("object_individual_risk", of, what)
+    for end, extreme in CLASS_ENDS.items():
+        about = f"{extreme}class of individual risk" + (" within the 95 % interval" * bool(extreme))
+        yield f"object_risk_class{end}", Variable(of, PART, about, "risk")
+    deaths = "annual collective risk: expected deaths"
+    yield from _with_ends("object_collective_risk", of, deaths)
+    yield from _with_ends("total_damage", (), f"{damage}, of all {all_of}")
+    yield from _with_ends("total_collective_risk", (), f"{deaths}, of all {all_of}")
 
 
 TABLE = dict(_table())

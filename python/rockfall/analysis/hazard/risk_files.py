@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Risk of a hazard as columns of the objects, as a table of sums, and as layers with styles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.analysis.hazard.exposure import QUANTITIES
+from rockfall.analysis.hazard.risk import CLASSES, SUMMED
+from rockfall.analysis.hazard.variables import CLASS_ENDS, ENDS
+from rockfall.result.vector_style import Style, fill, marker, plain_type, thick
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+#: Colours of the classes of individual risk, from none.
+COLOURS = ("#bdbdbd", "#4daf4a", "#ffe14d", "#ff8c00", "#e03131")
+LAYERS = {"Point": "risk_points", "LineString": "risk_lines", "Polygon": "risk_polygons"}
+SYMBOLS = {"Point": marker, "LineString": thick, "Polygon": fill}
+
+
+def has_risk(found: xr.Dataset) -> bool:
+    """Return True if the objects of a hazard say what is exposed."""
+    return "object_individual_risk" in found
+
+
+def class_words() -> np.ndarray:
+    """Names of the classes of individual risk, as people read them."""
+    return np.array([word.replace("_", " ") for word in CLASSES], dtype=object)
+
+
+def risk_columns(found: xr.Dataset) -> Iterator[tuple[str, np.ndarray]]:
+    """Columns of the objects: kind, damage, individual risk with its class, collective risk."""
+    if not has_risk(found):
+        return
+    yield "kind", found["object_kind"].values.astype(object)
+    for name in QUANTITIES:
+        yield from ((f"{name}{end}", found[f"object_{name}{end}"].values) for end in ENDS)
+    for end in CLASS_ENDS:
+        yield f"risk_class{end}", class_words()[found[f"object_risk_class{end}"].values]
+
+
+def total_table(found: xr.Dataset) -> pd.DataFrame:
+    """Sums over all objects, with limits from the boulders that they share; and the limits of the
+    objects added up, within which these lie."""
+    import pandas as pd
+
+    rows = []
+    for name in SUMMED:
+        three = [float(found[f"total_{name}{end}"]) for end in ENDS]
+        added = [float(np.nansum(found[f"object_{name}{end}"].values)) for end in ("_low", "_high")]
+        rows.append([name, *three, *added])
+    columns = ["quantity", "value", "low", "high", "low_added", "high_added"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def risk_layers(found: xr.Dataset) -> Iterator[tuple[str, tuple]]:
+    """A layer of the objects of each kind of shape, with their risks, since QGIS draws a style for
+    one kind alone."""
+    import shapely
+
+    shapes = shapely.from_wkt(found["object_geometry"].values.astype(str))
+    columns = {"name": found["object"].values.astype(object), **dict(risk_columns(found))}
+    of = np.array([plain_type(shape.geom_type) for shape in shapes])
+    for kind, layer in LAYERS.items():
+        here = of == kind
+        types = {shape.geom_type for shape in shapes[here]}
+        if not types:
+            continue
+        written = types.pop() if len(types) == 1 else f"Multi{kind}"
+        parts = shapes[here] if not types else _multiple(shapes[here])
+        yield layer, (written, [(parts, {name: one[here] for name, one in columns.items()})])
+
+
+def _multiple(shapes: np.ndarray) -> np.ndarray:
+    """Shapes as those of several parts, since a layer has one type."""
+    import shapely
+
+    collect = {
+        "Point": shapely.multipoints, "LineString": shapely.multilinestrings,
+        "Polygon": shapely.multipolygons,
+    }  # fmt: skip
+    return np.array([collect[plain_type(one.geom_type)](shapely.get_parts(one)) for one in shapes])
+
+
+def risk_styles(kinds: Mapping[str, str]) -> dict[str, Style]:
+    """Styles of the layers of risk, by the class of individual risk."""
+    words = class_words().tolist()
+    return {
+        layer: Style(
+            "risk_class",
+            [
+                (word, f"{word} a year" if k else "no individual risk", SYMBOLS[kind](colour))
+                for k, (word, colour) in enumerate(zip(words, COLOURS, strict=True))
+            ],
+        )
+        for kind, layer in LAYERS.items()
+        if layer in kinds
+    }

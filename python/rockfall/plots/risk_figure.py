@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Objects by the class of their individual risk, over the relief of the terrain."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.hazard.risk_files import COLOURS, class_words
+from rockfall.plots.cartography.labels import beside
+from rockfall.plots.cartography.marks import OBJECT, draw_line
+from rockfall.plots.style import INK
+from rockfall.text.risk import small
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.plots.cartography.sheet import Sheet
+
+BROAD: dict[str, Any] = OBJECT | {"linewidth": 3.0}
+
+
+def risk_key(found: xr.Dataset) -> list[Any]:
+    """Legend handles of the classes that objects have, the highest first."""
+    from matplotlib.patches import Patch
+
+    numbers = {*found["object_risk_class"].values.tolist()}
+    words = [f"{word} a year" for word in class_words().tolist()]
+    words[0] = "no individual risk"
+    return [
+        Patch(facecolor=COLOURS[k], edgecolor=INK, label=words[k])
+        for k in sorted(numbers, reverse=True)
+    ]
+
+
+def draw_risk(sheet: Sheet, found: xr.Dataset) -> None:
+    """Draw objects in the colours of their classes, with their names and individual risks."""
+    import shapely
+
+    shapes = shapely.from_wkt(found["object_geometry"].values.astype(str))
+    numbers, risks = (found[f"object_{name}"].values for name in ("risk_class", "individual_risk"))
+    for name, shape, number, risk in zip(
+        found["object"].values, shapes, numbers, risks, strict=True
+    ):
+        colour = COLOURS[number]
+        for part in getattr(shape, "geoms", [shape]):
+            _draw_part(sheet, part, colour)
+        text = str(name) if np.isnan(risk) else f"{name}\n{small(float(risk))}"
+        sheet.labels.put(text, beside(*shapely.get_coordinates(shape).T))
+
+
+def _draw_part(sheet: Sheet, part: Any, colour: str) -> None:
+    if part.geom_type == "Polygon":
+        x, y = np.array(part.exterior.coords).T[:2]
+        sheet.axes.fill(x, y, color=colour)
+        draw_line(sheet, x, y, OBJECT)
+        return
+    x, y = np.array(part.coords).T[:2]
+    if x.size == 1:
+        sheet.axes.plot(x, y, "o", ms=6, mfc=colour, mec=INK, mew=0.8)
+    else:
+        draw_line(sheet, x, y, BROAD | {"color": colour})
