@@ -473,3 +473,34 @@ def test_a_hazard_needs_scenarios_that_agree_with_the_case(tmp_path):
         "case: &scenario name = 'one': &boulder volume_std = 0.1: is not valid for volume = 'fixed'"
     ):
         hazard(make_case(tmp_path, odd))
+
+
+def test_a_factor_on_frequencies_widens_their_limits_and_nothing_else(tmp_path, layer):
+    """Of cells, objects and risks; a class is certain if it is over the whole range."""
+    path = layer(ROAD, vulnerability=[0.5], persons=[1.0])
+    known = hazard(make_case(tmp_path), objects=path)
+    wide = {"frequency_factor": [0.5, 3.0]}
+    found = hazard(make_case(tmp_path, hazard=wide), objects=path)
+    names = ["hit_frequency", "exceedance_frequency", "object_frequency", "object_risk"]
+    for name in [*names, "object_collective_risk", "total_collective_risk"]:
+        for end, factor in (("", 1.0), ("_low", 0.5), ("_high", 3.0)):
+            one, other = (of[f"{name}{end}"].values for of in (found, known))
+            np.testing.assert_allclose(one, factor * other, rtol=1e-6)
+    assert (found.hazard_class.values == known.hazard_class.values).all()
+    assert (found.hazard_class_lower.values <= known.hazard_class_lower.values).all()
+    assert (found.hazard_class_upper.values >= known.hazard_class_upper.values).all()
+    assert found.hazard_class_certain.values.sum() < known.hazard_class_certain.values.sum()
+
+
+@pytest.mark.parametrize(
+    ("factor", "rule"),
+    [
+        ([0.5], "(value 1) = 0.5: must be two factors, the lowest and the highest"),
+        ([1.5, 2.0], "must enclose 1"),
+        ([0.5, 0.9], "must enclose 1"),
+    ],
+)
+def test_a_factor_must_enclose_one(tmp_path, factor, rule):
+    with pytest.raises(rockfall.RockfallError, match="&hazard frequency_factor") as caught:
+        make_case(tmp_path, hazard={"frequency_factor": factor})
+    assert rule.split(": ")[-1] in str(caught.value)

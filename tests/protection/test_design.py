@@ -52,9 +52,9 @@ def file(result, tmp_path):
 
 
 def equal(n=100, **values):
-    """Boulders that are all the same."""
+    """Boulders that are all the same, of 2600 kg/m3."""
     usual = {"volume": 1.0, "position": 5.0, "speed": 20.0, "energy_total": 5e5,
-             "energy_translational": 4e5, "passing_height": 3.0, "upper_edge": 3.6,
+             "energy_translational": 5.2e5, "passing_height": 3.0, "upper_edge": 3.6,
              "normal_height": 2.5, "normal_upper_edge": 3.1}  # fmt: skip
     columns = {name: np.full(n, value) for name, value in (usual | values).items()}
     return Crossings(source=Sources.alone(n), **columns)
@@ -87,6 +87,18 @@ def test_what_is_not_known_costs_more():
     assert row["E_d"] == pytest.approx(0.5 * 2860 * 24.2**2)
     assert row["h_d"] == pytest.approx(3.63)
     assert row["ead_class"] == 4  # 837 kJ > 1000 / 1.2
+
+
+def test_the_mass_is_that_of_the_densest_boulder_that_came():
+    """Where a layer of sources says other densities than the case, whatever the case says."""
+    factors = read_factors(Conditions(**WELL_KNOWN))
+    energy = np.where(np.arange(100) == 7, 1.5, 1.0) * 5.2e5  # one of 3900 kg/m3
+    for density in 2600.0, 1000.0, 5000.0:
+        row = demand(equal()._replace(energy_translational=energy), factors, density)
+        assert row["m_d"] == pytest.approx(3900 * 1.02)
+        assert row["E_d"] == pytest.approx(1.5 * 574_122.0, rel=1e-6)
+    resting = equal(speed=0.0, energy_translational=0.0)
+    assert demand(resting, factors, 2600.0)["m_d"] == pytest.approx(2652.0)
 
 
 def test_onr_by_hand():

@@ -674,11 +674,26 @@ contains
 
       call check_rising(group, "thresholds", error)
       if (.not. allocated(error)) call check_rising(group, "return_periods", error)
+      if (.not. allocated(error)) call check_factor(group, error)
       if (allocated(error)) return
       this%thresholds = joules*reals_of(group, "thresholds")
       this%object_width = real_of(group, "object_width")
       if (any(list%group%name == "scenario")) call check_matrix(group, error)
    end subroutine read_hazard
+
+   !> Check that a factor on frequencies may be one.
+   pure subroutine check_factor(group, error)
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: factor(:)
+
+      factor = reals_of(group, "frequency_factor")
+      if (size(factor) /= 2) then
+         call refuse(group, "frequency_factor", "must be two factors, the lowest and the highest", error)
+      else if (factor(1) > 1 .or. factor(2) < 1) then
+         call refuse(group, "frequency_factor", "must enclose 1", error)
+      end if
+   end subroutine check_factor
 
    pure subroutine check_rising(group, key, error)
       type(group_t), intent(in) :: group

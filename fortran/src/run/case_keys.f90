@@ -286,6 +286,8 @@ module rockfall_case_keys
       key_t("hazard", "matrix", "text", (max_thresholds + 1)*max_periods, swiss_matrix, &
             hazard_classes, "", &
             "hazard of each class of intensity, from the weakest, by return period, from the shortest"), &
+      key_t("hazard", "frequency_factor", "real", 2, "1.0, 1.0", "0 to 1000", "", &
+            "lowest and highest factor on all frequencies, for their limits: what is not known of them"), &
       key_t("hazard", "object_width", "real", 1, "10.0", "0 to 1000", "m", &
             "of an object in the middle of each cell, for maps of hits; 0: a point"), &
       key_t("hazard", "minimum_area", "real", 1, "0.0", ">= 0", "m2", &

@@ -14,6 +14,8 @@ from rockfall.scene.rebound import sphere_radius
 ENDS = "", "_low", "_high"
 ABOVE = len(EAD_ENERGY)  # class of barriers whose manufacturer declares a higher energy
 
+ROUNDING = 1e-9  # of a density from an energy
+
 Row = dict[str, float]
 
 
@@ -21,17 +23,28 @@ def demand(came: Crossings, factors: Factors, density: float, volume: float | No
     """Design values, in SI units: v_d, m_d, E_d, h_d (of the centre, vertical, and normal to the
     slope), with the limits of their 95 % intervals; `height_needed` = h_d + f_min, and the EAD
     class that takes E_d. `volume` [m3] is that of the design block; None: a quantile of the
-    boulders that reach the line."""
+    boulders that reach the line. `density` is that of the case, unless a layer of sources has
+    given others."""
     if volume is None:
         volume = quantile(came.volume, factors["quantile_volume"], came.source)[0]
     values = _uni if factors.conditions.standard == "UNI" else _onr
-    row = {"n": came.n, "volume": volume} | values(came, factors, density, volume)
+    row = {"n": came.n, "volume": volume}
+    row |= values(came, factors, _density(came, density), volume)
     free = max(factors["free_border"], float(sphere_radius(np.array(volume))))
     row["f_min"] = free if came.n else np.nan
     for name in "height_needed", "normal_height_needed":
         for end in ENDS:
             row[f"{name}{end}"] = row[f"{name.replace('height_needed', 'h_d')}{end}"] + free
     return row | {f"ead_class{end}": class_for(row[f"E_d{end}"], factors) for end in ENDS}
+
+
+def _density(came: Crossings, density: float) -> float:
+    """Density of the densest boulder that came, from its energy; that of the case if it is the
+    same."""
+    moves = came.speed > 0
+    mass = 2 * came.energy_translational[moves] / came.speed[moves] ** 2
+    densest = float((mass / came.volume[moves]).max(initial=0.0))
+    return densest if densest and abs(densest / density - 1) > ROUNDING else density
 
 
 def class_for(energy: float, factors: Factors) -> float:

@@ -49,8 +49,9 @@ def hazard_warnings(found: xr.Dataset) -> Iterator[str]:
     yearly, longest = float(found["frequency"].sum()), float(found["return_period"].max())
     clusters = (found["boulders"] / found["boulders_per_cluster"]).values.tolist()
     parts = zip(clusters, found["frequency"].values, strict=True)
-    if (limit := unseen(parts)) >= 1 / longest:
-        needed = boulders_needed(yearly, longest)
+    factor = case_in(found.attrs).hazard["frequency_factor"]
+    if (limit := unseen(parts, factor)) >= 1 / longest:
+        needed = boulders_needed(factor[1] * yearly, longest)
         yield (
             f"where none of the boulders passed one may still come every {number(1 / limit, 2)} "
             f"years: to tell {longest:g} years take {needed:,} boulders or more in each scenario"

@@ -4,7 +4,7 @@ classes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -41,19 +41,22 @@ class Matrix(NamedTuple):
         return cls(periods, np.vstack([np.zeros_like(rows[:1]), rows]))
 
 
-def frequencies(parts: Iterable[tuple[np.ndarray, int, int, float]]) -> Frequencies:
+def frequencies(
+    parts: Iterable[tuple[np.ndarray, int, int, float]], factor: Sequence[float] = (1.0, 1.0)
+) -> Frequencies:
     """Combine scenarios, each given as counts, number of boulders, number of boulders that count as
     one (`boulders_per_cluster`), and annual frequency.
 
     The limits are sums of those of the scenarios (Wilson's). Scenarios share random numbers, so
-    their errors may have the same sign, for which other rules would be too narrow.
+    their errors may have the same sign, for which other rules would be too narrow. They include
+    the lowest and highest `factor` on the annual frequencies.
     """
     value = low = high = np.zeros(())
     for counts, boulders, per_cluster, yearly in parts:
         lower, upper = count_limits(counts, boulders, per_cluster)
         value = value + yearly * (counts / boulders)
         low, high = low + yearly * lower, high + yearly * upper
-    return Frequencies(value, low, high)
+    return Frequencies(value, factor[0] * low, factor[1] * high)
 
 
 def intensities(frequency: np.ndarray, periods: np.ndarray) -> np.ndarray:
@@ -99,11 +102,12 @@ def intensity_words(case: Case) -> list[str]:
     return ["none", f"up_to_{ends[0]}_kJ", *between, f"above_{ends[-1]}_kJ"]
 
 
-def unseen(parts: Iterable[tuple[int, float]]) -> float:
+def unseen(parts: Iterable[tuple[int, float]], factor: Sequence[float] = (1.0, 1.0)) -> float:
     """Upper limit of the frequency [1/year] of an event that no boulder showed, for scenarios of
     given numbers of boulders and frequencies."""
     none = np.zeros(1, "i4")
-    return float(frequencies((none, boulders, 1, yearly) for boulders, yearly in parts).high[0])
+    known = ((none, boulders, 1, yearly) for boulders, yearly in parts)
+    return float(frequencies(known, factor).high[0])
 
 
 def boulders_needed(yearly: float, period: float) -> int:

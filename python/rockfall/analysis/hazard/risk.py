@@ -4,7 +4,7 @@ limits from the boulders that hit."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -114,8 +114,11 @@ def diameters(result: xr.Dataset) -> np.ndarray:
     return np.cbrt(6 * result["volume"].values.astype(float) / np.pi)
 
 
-def annual(runs: Iterable[tuple[RunRisk, float]]) -> dict[str, np.ndarray]:
-    """Risk a year, from runs and their annual frequencies; names as in the table of a hazard."""
+def annual(
+    runs: Iterable[tuple[RunRisk, float]], factor: Sequence[float] = (1.0, 1.0)
+) -> dict[str, np.ndarray]:
+    """Risk a year, from runs and their annual frequencies; names as in the table of a hazard. The
+    limits include the lowest and highest `factor` on the frequencies."""
     found: dict[str, Any] = {}
     for run, yearly in runs:
         parts = {f"object_{name}": values for name, values in run.objects.items()}
@@ -123,9 +126,9 @@ def annual(runs: Iterable[tuple[RunRisk, float]]) -> dict[str, np.ndarray]:
         for name, values in parts.items():
             found[name] = found.get(name, 0.0) + yearly * values
     values = {
-        f"{name}{end}": one
+        f"{name}{end}": one * times
         for name, three in found.items()
-        for end, one in zip(("", "_low", "_high"), three, strict=True)
+        for end, one, times in zip(("", "_low", "_high"), three, (1.0, *factor), strict=True)
     }
     for end, of in (("", ""), ("_lower", "_low"), ("_upper", "_high")):
         values[f"object_risk_class{end}"] = risk_classes(values[f"object_individual_risk{of}"])

@@ -220,8 +220,9 @@ def _counts(result: xr.Dataset, name: str, exceeded: str) -> np.ndarray:
 def _dataset(study: Study, runs: list[_Run]) -> xr.Dataset:
     matrix, case = Matrix.of(study.case), study.case
     values = _scenarios(study, runs)
-    passages = frequencies((run.passages, *run.sample) for run in runs)
-    hits = frequencies((run.hits, *run.sample) for run in runs)
+    factor = case.hazard["frequency_factor"]
+    passages = frequencies(((run.passages, *run.sample) for run in runs), factor)
+    hits = frequencies(((run.hits, *run.sample) for run in runs), factor)
     values |= _frequencies(passages, sum(run.yearly for run in runs))
     values |= _with_ends("hit_frequency", "hit_exceedance_frequency", hits)
     values |= _classes("", hits, matrix)
@@ -296,7 +297,8 @@ def _classes(prefix: str, found: Frequencies, matrix: Matrix) -> dict[str, np.nd
 
 
 def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.ndarray]:
-    found = frequencies((run.objects, *run.sample) for run in runs)
+    factor = study.case.hazard["frequency_factor"]
+    found = frequencies(((run.objects, *run.sample) for run in runs), factor)
     values = {
         "object_geometry": np.array([one.wkt for one in study.objects.shapes], dtype=object),
         "object_passages": np.stack([run.objects[0] for run in runs]),
@@ -310,7 +312,7 @@ def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nda
         values |= {f"object_risk{end}": one for end, one in zip(ENDS, risk, strict=True)}
     if exposed := study.objects.exposed:
         values["object_kind"] = np.array(exposed.kinds, dtype=object)
-        values |= annual((run.risk, run.yearly) for run in runs if run.risk)
+        values |= annual(((run.risk, run.yearly) for run in runs if run.risk), factor)
     return values
 
 
