@@ -27,7 +27,8 @@ ALWAYS = (
     "loose in an event count one by one (errs high for individual risk)",
     "individual and collective risk are expected deaths a year; a probability a year is hardly "
     "less where they are far below 1",
-    "limits are of the Monte Carlo error alone, not of frequencies, vulnerability or exposure",
+    "limits are of the Monte Carlo error and of `frequency_factor`, not of vulnerability or "
+    "exposure",
     "classes of individual risk end at 1e-6, 1e-5 and 1e-4 a year, as AGS (2007) and PLANAT grade "
     "tolerable and acceptable risks; unconfirmed: cited from memory",
 )
