@@ -290,8 +290,8 @@ contains
    end function state_of
 
    !> Return whether the boulder, or the sphere around it, would hit a body if all moved on in straight lines. In free
-   !> flight gravity does not change motion relative to flying bodies; if the boulder falls back to the layer, that is its
-   !> next impact. Considers images up to the next one on each side.
+   !> flight gravity does not change motion relative to flying bodies; if the boulder falls back to the layer, that is
+   !> its next impact. Considers images up to the next one on each side.
    pure logical function will_meet(s)
       type(assembly_t), intent(in) :: s
       real(wp) :: centre(3), v(6), reach, p(3), u(3), along, square
