@@ -5,11 +5,12 @@
 module lab_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_text, only: integer_text
+   use rockfall_text, only: integer_text, joined
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, get_text, get_integer, get_real, refuse, check_names
    use lab_case_values, only: key_t, take_row, take_range, check_whole
    use lab_contact, only: material_t, check_material
+   use lab_clump, only: shape_names
    use lab_packing, only: packing_t, check_packing
    use lab_impact, only: shot_t
    use lab_ensemble, only: range_t, check_range
@@ -33,6 +34,7 @@ module lab_case
       key_t("packing", "depth", "real"), key_t("packing", "density", "real"), &
       key_t("packing", "friction", "real"), key_t("packing", "gravity", "real"), &
       key_t("packing", "rigid_base", "logical"), key_t("packing", "base_speed", "real"), &
+      key_t("packing", "clumps", "logical"), &
       key_t("impact", "speed", "range"), key_t("impact", "angle", "range"), &
       key_t("impact", "spin", "range"), key_t("impact", "density", "real"), &
       key_t("impact", "patience", "real"), key_t("impact", "spent", "real"), &
@@ -41,6 +43,7 @@ module lab_case
       key_t("throw", "throws", "list"), key_t("throw", "on_layer", "integer"), &
       key_t("throw", "contacts", "integer"), key_t("throw", "radius", "real"), &
       key_t("throw", "max_depth", "real"), key_t("throw", "relief", "real"), &
+      key_t("throw", "shape", "text"), &
       key_t("throw", "slope", "range"), key_t("throw", "speed", "range"), &
       key_t("throw", "angle", "range"), key_t("throw", "spin", "range")]
 
@@ -188,6 +191,7 @@ contains
          case%max_depth = numbers(3)
          call get_real(group, "throws", case%throws, error)
       end if
+      if (.not. allocated(error)) call take_shape(group, case%boulder%kind, error)
       if (.not. allocated(error)) call get_integer(group, "on_layer", case%on_layer, error)
       if (.not. allocated(error)) call get_integer(group, "contacts", case%contacts, error)
       if (.not. allocated(error)) call take_range(group, "slope", case%throw_range%slope, error)
@@ -198,6 +202,20 @@ contains
       if (any(case%throws < 1 .or. case%throws > real(max_shots, wp) .or. case%throws /= aint(case%throws))) &
          call refuse(group, "throws", "must be whole numbers, 1 to "//integer_text(int(max_shots)), error)
    end subroutine take_throws
+
+   pure subroutine take_shape(group, kind, error)
+      type(group_t), intent(in) :: group
+      integer, intent(inout) :: kind  !! index in `shape_names`
+      type(error_t), allocatable, intent(out) :: error
+      character(len=:), allocatable :: shape
+      integer :: k
+
+      shape = trim(shape_names(kind))
+      call get_text(group, "shape", shape, error)
+      if (allocated(error)) return
+      kind = findloc([(shape_names(k) == shape, k=1, size(shape_names))], .true., 1)
+      if (kind == 0) call refuse(group, "shape", "must be one of "//joined(shape_names, ", "), error)
+   end subroutine take_shape
 
    pure subroutine take_plan(group, case, error)
       type(group_t), intent(in) :: group

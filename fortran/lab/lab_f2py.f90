@@ -8,7 +8,8 @@ module lab_f2py
    use rockfall_threads, only: team_size
    use lab_contact, only: material_t, check_material
    use lab_neighbours, only: box_t
-   use lab_packing, only: packing_t, layer_t, check_packing, max_bodies
+   use lab_clump, only: shape_names, tetrahedral_clump
+   use lab_packing, only: packing_t, layer_t, check_packing, max_spheres
    use lab_impact, only: shot_t, outcome_t, status_names
    use lab_step, only: trouble_words => trouble_text
    use lab_ensemble, only: range_t, identity_t, check_range, pack_layers, fire_shots
@@ -19,7 +20,7 @@ module lab_f2py
       material_keys, packing_keys, shot_keys, range_keys, outcome_fields, outcome_counts, &
       layer_fields, throw_range_of, throw_range_row, contact_row, contact_count_row, throw_keys, contact_fields, &
       contact_counts, boulder_of, boulder_row, boulder_keys
-   use lab_rock_throw, only: boulder_t, check_boulder
+   use lab_rock_throw, only: boulder_t, check_boulder, shape_boulder
    use lab_rock_throws, only: throw_on_rocks
    use lab_block, only: block_t, make_block
    use lab_yielding_ground, only: relief_t, make_relief, check_ground
@@ -32,13 +33,13 @@ module lab_f2py
    implicit none
    private
    public :: names, defaults, check_case, team, trouble_text, room_for_layer, pack, impact, &
-      throw, throw_at_rocks, cut_time, names_ground, check_block_case
+      throw, throw_at_rocks, inertia_factor, cut_time, names_ground, check_block_case
 
 contains
 
    !> Names in the order of the arrays: 1 material, 2 packing, 3 shot, 4 ranges, 5 outcome, 6 its counts, 7 layer; 8 the
    !> statuses of an outcome, from 1; of blocks 9 ground, 10 ranges of throws, 11 contact, 12 its counts, 13 plan; of
-   !> boulders thrown at rocks 15 boulder, 16 keys that do not apply to them.
+   !> boulders thrown at rocks 15 boulder, 16 keys that do not apply to them, 17 their shapes.
    subroutine names(kind, text)
       integer(c_int), intent(in) :: kind
       character(len=512), intent(out) :: text
@@ -59,6 +60,7 @@ contains
       case (13); text = joined(plan_keys, " ")
       case (15); text = joined(boulder_keys, " ")
       case (16); text = joined(impact_alone, " ")
+      case (17); text = joined(shape_names, " ")
       case default; text = ""
       end select
    end subroutine names
@@ -142,16 +144,16 @@ contains
       text = trouble_words(trouble)
    end subroutine trouble_text
 
-   !> Maximum number of bodies in a layer.
+   !> Maximum number of spheres in a layer.
    subroutine room_for_layer(packing, room, code, message)
-      real(c_double), intent(in) :: packing(11)
+      real(c_double), intent(in) :: packing(12)
       integer(c_int), intent(out) :: room, code
       character(len=512), intent(out) :: message
       type(error_t), allocatable :: error
 
       room = 0
       call check_packing(packing_of(packing), error)
-      if (.not. allocated(error)) room = max_bodies(packing_of(packing))
+      if (.not. allocated(error)) room = max_spheres(packing_of(packing))
       call give_error(error, code, message)
    end subroutine room_for_layer
 
@@ -160,7 +162,7 @@ contains
       message, room, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: room, n           !! maximum number of bodies in a layer, number of layers
-      real(c_double), intent(in) :: material(6), packing(11)
+      real(c_double), intent(in) :: material(6), packing(12)
       integer(c_int64_t), intent(in) :: seed, first
       integer(c_int), intent(in) :: threads           !! 0: all
       real(c_double), intent(out) :: x(3, room, n)    !! centres [m]
@@ -181,7 +183,7 @@ contains
       call check_material(material_of(material), error)
       if (.not. allocated(error)) call check_packing(packing_of(packing), error)
       if (.not. allocated(error)) then
-         if (room < max_bodies(packing_of(packing))) &
+         if (room < max_spheres(packing_of(packing))) &
             call fail(error, "pack: room is below room_for_layer")
       end if
       if (.not. allocated(error)) then
@@ -204,7 +206,7 @@ contains
                      place, layer, point, number, outcome, counts, code, message, room, nl, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: room, nl, n
-      real(c_double), intent(in) :: material(6), packing(11), ranges(9)
+      real(c_double), intent(in) :: material(6), packing(12), ranges(9)
       real(c_double), intent(in) :: shot(16)           !! template: speed, angle, spin and aim are drawn
       integer(c_int64_t), intent(in) :: seed
       integer(c_int), intent(in) :: threads            !! 0: all
@@ -234,7 +236,7 @@ contains
       if (code /= 0) return
       allocate (layers(nl), ids(n), shots(n), outcomes(n))
       do k = 1, nl
-         layers(k) = layer_of(x(:, :bodies(k), k), radius(:bodies(k), k), facts(:, k))
+         layers(k) = layer_of(packing, x(:, :bodies(k), k), radius(:bodies(k), k), facts(:, k))
       end do
       do k = 1, n
          ids(k) = identity_t(place(k), layer(k), point(k), number(k))
@@ -320,7 +322,7 @@ contains
                              layer, number, contacts, rows, counts, found, complete, code, message, room, nl, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: room, nl, n, contacts         !! contacts: maximum per throw
-      real(c_double), intent(in) :: material(6), packing(11), boulder(5), ranges(12)
+      real(c_double), intent(in) :: material(6), packing(12), boulder(6), ranges(12)
       integer(c_int64_t), intent(in) :: seed
       integer(c_int), intent(in) :: threads                       !! 0: all
       real(c_double), intent(in) :: x(3, room, nl), radius(room, nl), facts(6, nl)  !! from `pack`
@@ -333,6 +335,7 @@ contains
       integer(c_int), intent(out) :: code
       character(len=512), intent(out) :: message
       type(layer_t), allocatable :: layers(:)
+      type(boulder_t) :: thrown_boulder
       type(thrown_t), allocatable :: thrown(:)
       type(error_t), allocatable :: error
       integer :: k, j
@@ -350,10 +353,12 @@ contains
       call give_error(error, code, message)
       if (code /= 0) return
       allocate (layers(nl), thrown(n))
+      thrown_boulder = boulder_of(boulder)
+      call shape_boulder(thrown_boulder)
       do k = 1, nl
-         layers(k) = layer_of(x(:, :bodies(k), k), radius(:bodies(k), k), facts(:, k))
+         layers(k) = layer_of(packing, x(:, :bodies(k), k), radius(:bodies(k), k), facts(:, k))
       end do
-      call throw_on_rocks(layers, packing_of(packing), material_of(material), boulder_of(boulder), &
+      call throw_on_rocks(layers, packing_of(packing), material_of(material), thrown_boulder, &
                           throw_range_of(ranges), contacts, random_key(seed), place, layer, number, threads, thrown)
       do k = 1, n
          found(k) = thrown(k)%n
@@ -365,6 +370,18 @@ contains
       end do
    end subroutine throw_at_rocks
 
+   !> Mean principal moment of inertia of a boulder that is thrown at rocks / (m R_b**2).
+   subroutine inertia_factor(boulder, factor)
+      real(c_double), intent(in) :: boulder(6)
+      real(c_double), intent(out) :: factor
+      type(boulder_t) :: thrown
+
+      thrown = boulder_of(boulder)
+      call shape_boulder(thrown)
+      factor = 0.4_c_double
+      if (allocated(thrown%shape)) factor = sum(thrown%shape%inertia)/3
+   end subroutine inertia_factor
+
    !> Time after which a contact is cut into records [s].
    subroutine cut_time(radius, gravity, time)
       real(c_double), intent(in) :: radius, gravity  !! [m], [m/s2]
@@ -373,14 +390,18 @@ contains
       time = cut_time_of(radius, gravity)
    end subroutine cut_time
 
-   pure type(layer_t) function layer_of(x, radius, facts) result(layer)
-      real(c_double), intent(in) :: x(:, :), radius(:), facts(6)
+   pure type(layer_t) function layer_of(packing, x, radius, facts) result(layer)
+      real(c_double), intent(in) :: packing(12), x(:, :), radius(:), facts(6)
+      type(packing_t) :: made
+
       allocate (layer%x, source=x)
       allocate (layer%radius, source=radius)
       layer%box = box_t(facts(5))
       layer%surface = facts(1)
       layer%top = facts(2)
       layer%solid = facts(3)
+      made = packing_of(packing)
+      if (made%clumps) layer%rock = tetrahedral_clump()
    end function layer_of
 
    !> Check indices that would exceed the arrays, and numbers that would share random words.

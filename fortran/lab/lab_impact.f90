@@ -8,8 +8,8 @@ module lab_impact
    use rockfall_error, only: error_t, fail
    use rockfall_math, only: degree, sine_cosine
    use lab_contact, only: material_t
-   use lab_bodies, only: bodies_t, bodies, body_energy
-   use lab_packing, only: packing_t, layer_t, skin_factor
+   use lab_bodies, only: bodies_t, body_energy, body_position, body_velocity, body_reach, first_sphere
+   use lab_packing, only: packing_t, layer_t, skin_factor, rocks_at_rest, largest_extent
    use lab_step, only: assembly_t, assemble, set_absorbing_base, advance, watch_energy, deepest_share, &
       safe_step, sound, leapt, step_too_long, energy_grew
    implicit none
@@ -180,9 +180,9 @@ contains
    pure logical function fits(layer, packing, radius)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
-      real(wp), intent(in) :: radius  !! R_b [m]
+      real(wp), intent(in) :: radius  !! of the boulder [m]
 
-      fits = max(3*radius, 2*(radius + maxval(layer%radius) + skin_factor*packing%mean_radius)) &
+      fits = max(3*radius, 2*(radius + largest_extent(layer) + skin_factor*packing%mean_radius)) &
          < layer%box%width
    end function fits
 
@@ -196,13 +196,11 @@ contains
       real(wp), intent(in) :: factor          !! on the step [-]
       type(assembly_t), intent(out) :: s
       type(bodies_t) :: b
-      real(wp) :: x(3, size(layer%radius) + 1), dt
+      real(wp) :: dt
       integer :: n
 
       n = size(layer%radius) + 1
-      x(:, :n - 1) = layer%x
-      x(:, n) = start
-      b = bodies(x, [layer%radius, shot%radius], [spread(packing%density, 1, n - 1), shot%density])
+      b = rocks_at_rest(layer, packing%density, reshape(start, [3, 1]), [shot%radius], shot%density)
       b%v(:, n) = v
       dt = factor*shot%step_factor*safe_step(material, minval(layer%radius), packing%density, shot%speed)
       call assemble(s, b, layer%box, material, shot%gravity, dt, skin_factor*packing%mean_radius, 1, &
@@ -291,26 +289,30 @@ contains
       end associate
    end function state_of
 
-   !> Return whether the sphere would hit a body if all moved on in straight lines. In free flight gravity does not
-   !> change motion relative to flying bodies; if the sphere falls back to the layer, that is its next impact. Considers
-   !> images up to the next one on each side.
+   !> Return whether the boulder, or the sphere around it, would hit a body if all moved on in straight lines. In free
+   !> flight gravity does not change motion relative to flying bodies; if the boulder falls back to the layer, that is
+   !> its next impact. Considers images up to the next one on each side.
    pure logical function will_meet(s)
       type(assembly_t), intent(in) :: s
-      real(wp) :: p(3), u(3), along, square
+      real(wp) :: centre(3), v(6), reach, p(3), u(3), along, square
       integer :: k, i, j
 
       will_meet = .true.
       associate (b => s%bodies, n => s%bodies%n)
-         do k = 1, n - 1
-            u = b%v(1:3, n) - b%v(1:3, k)
+         centre = body_position(b, n)
+         centre(1:2) = centre(1:2) - s%box%width*anint((centre(1:2) - b%x(1:2, n))/s%box%width)
+         v = body_velocity(b, n)
+         reach = body_reach(b, n)
+         do k = 1, first_sphere(b, n) - 1
+            u = v(1:3) - b%v(1:3, k)
             square = dot_product(u, u)
             do j = -1, 1
                do i = -1, 1
-                  p = b%x(:, k) - b%x(:, n)
+                  p = b%x(:, k) - centre
                   p(1:2) = p(1:2) + s%box%width*[i, j]
                   along = dot_product(p, u)
                   if (along > 0 .and. dot_product(p, p)*square - along**2 &
-                      < (b%radius(k) + b%radius(n))**2*square) return
+                      < (b%radius(k) + reach)**2*square) return
                end do
             end do
          end do

@@ -22,7 +22,8 @@ module lab_neighbours
 
    type :: neighbours_t
       real(wp) :: skin = 0      !! [m]
-      integer :: n_large = 0    !! the last bodies, much larger than the others; compared with all
+      integer :: n_large = 0    !! the last bodies, compared with all others
+      integer, allocatable :: owner(:)      !! clump of each body, whose spheres are no pairs; 0: none
       integer :: n_pairs = 0
       type(pair_t), allocatable :: pair(:)  !! (n_pairs or more), by i
       integer, allocatable :: row(:)        !! pairs row(i) to row(i + 1) - 1 belong to i
@@ -162,6 +163,9 @@ contains
       integer, intent(inout) :: count
       real(wp) :: reach, d(3), shift(2)
 
+      if (allocated(list%owner)) then
+         if (list%owner(i) == list%owner(j) .and. list%owner(i) > 0) return
+      end if
       reach = radius(i) + radius(j)
       d = x(:, j) - x(:, i)
       if (abs(d(3)) > reach + list%skin) return

@@ -1,23 +1,25 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Soil of spheres: radii are drawn from a grading, and the spheres fall on a floor in a periodic box until their
-!> energy is dissipated. The friction during settling controls the compaction: 0 gives a dense layer, large values a
-!> loose one; the solid fraction is a result.
+!> Soil of spheres, or of clumps of four spheres: radii are drawn from a grading, and the rocks fall on a floor in a
+!> periodic box until their energy is dissipated. The friction during settling controls the compaction: 0 gives a dense
+!> layer, large values a loose one; the solid fraction is a result.
 module lab_packing
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail, our_fault
    use rockfall_math, only: pi, logarithm, exponential
    use rockfall_random, only: random_key_t, random_words, uniform, words_per_block
    use lab_contact, only: material_t
-   use lab_bodies, only: bodies_t, bodies
+   use lab_rotation, only: any_orientation
+   use lab_clump, only: clump_t, clump_shape_t, tetrahedral_clump, make_clump
+   use lab_bodies, only: bodies_t, bodies, set_clumps, slow_down, kinetic_energy, total_mass, mass_moment
    use lab_neighbours, only: box_t, fold_into_box
    use lab_step, only: assembly_t, assemble, stiffen, advance, watch_energy, total_energy, safe_step, &
       energy_tolerance, trouble_text, sound
    implicit none
    private
-   public :: packing_t, layer_t, pack_layer, check_packing, max_bodies, size_limits, draw_radius, &
-      box_width, skin_factor
+   public :: packing_t, layer_t, pack_layer, check_packing, max_spheres, size_limits, draw_radius, &
+      box_width, skin_factor, rocks_at_rest, largest_extent
 
-   integer(i8), parameter :: for_layer = 65         !! purpose of the random numbers of a layer
+   integer(i8), parameter :: for_layer = 65, for_rock_attitude = 72  !! purposes of random numbers
    real(wp), parameter :: skin_factor = 0.35_wp     !! skin of the neighbour list / R_m
    real(wp), parameter :: expected_solid = 0.64_wp  !! volume of the spheres / volume of the layer
    real(wp), parameter :: bodies_limit = 3.0e5_wp   !! maximum number in a layer
@@ -50,16 +52,18 @@ module lab_packing
       real(wp) :: gravity = 9.81_wp     !! [m/s2]
       logical :: rigid_base = .false.   !! otherwise the base absorbs waves
       real(wp) :: base_speed = 300      !! of waves in the ground below an absorbing base [m/s]
+      logical :: clumps = .false.       !! rocks are clumps; a radius is that of the sphere of the same volume
    end type packing_t
 
    !> A settled layer.
    type :: layer_t
-      real(wp), allocatable :: x(:, :)    !! (3, n) centres [m]
+      real(wp), allocatable :: x(:, :)    !! (3, n) centres of spheres [m]
       real(wp), allocatable :: radius(:)  !! [m]
+      type(clump_shape_t), allocatable :: rock  !! shape of the clumps that the spheres form, in their order
       type(box_t) :: box
       real(wp) :: surface = 0             !! mean height of the surface [m]
       real(wp) :: top = 0                 !! of the highest body [m]
-      real(wp) :: solid = 0               !! volume of the spheres / (area * mean height of the surface)
+      real(wp) :: solid = 0               !! volume of the rocks / (area * mean height of the surface)
       real(wp) :: floor_share = 0         !! force of the floor / weight
       integer :: steps = 0
    end type layer_t
@@ -83,10 +87,13 @@ contains
             call fail(error, "packing: base_speed must be >= 0 [m/s]")
          else
             limits = size_limits(p)
-            if (.not. solid_volume(p) <= bodies_limit*4.0_wp/3*pi*limits(1)**3) then
+            if (.not. spheres_per_rock(p)*solid_volume(p) <= bodies_limit*4.0_wp/3*pi*limits(1)**3) then
                call fail(error, &
                   "packing: width, depth or grading is too great: more than 300000 bodies")
-            else if (.not. box_width(p) > 4*limits(2) + 2*skin_factor*p%mean_radius) then
+               return
+            end if
+            limits = limits*extent_of_rock(p)
+            if (.not. box_width(p) > 4*limits(2) + 2*skin_factor*p%mean_radius) then
                call fail(error, &
                   "packing: width must exceed the diameters of the two largest bodies side by side")
             else if (.not. box_width(p) > 3*p%ratio*p%mean_radius) then
@@ -114,6 +121,23 @@ contains
       limits = size_limits(packing)
       layer_depth = max(packing%depth*packing%ratio*packing%mean_radius, 4*limits(2))
    end function layer_depth
+
+   pure integer function spheres_per_rock(packing)
+      type(packing_t), intent(in) :: packing
+
+      spheres_per_rock = merge(4, 1, packing%clumps)
+   end function spheres_per_rock
+
+   !> Distance of the farthest point of a rock from its centre / its radius [-].
+   pure real(wp) function extent_of_rock(packing) result(extent)
+      type(packing_t), intent(in) :: packing
+      type(clump_shape_t) :: shape
+
+      extent = 1
+      if (.not. packing%clumps) return
+      shape = tetrahedral_clump()
+      extent = shape%reach
+   end function extent_of_rock
 
    !> Minimum and maximum radius [m].
    pure function size_limits(packing) result(limits)
@@ -154,32 +178,35 @@ contains
       call check_packing(packing, error)
       if (allocated(error)) return
       layer%box = box_t(box_width(packing))
-      call hang(packing, key, number, b)
+      if (packing%clumps) layer%rock = tetrahedral_clump()
+      call hang(packing, layer%rock, key, number, b)
       call start(packing, material, layer%box, b, s)
       call settle(packing, drag, fallen, s, layer%steps, error)
       if (allocated(error)) return
       call harden(packing, material, s, layer%steps)
       call settle(packing, resting_drag, at_rest, s, layer%steps, error)
       if (allocated(error)) return
-      call describe(layer, s)
+      call describe(layer, packing%density, s)
    end subroutine pack_layer
 
    !> Place bodies in loose rows above the floor, without overlap, enough to fill the depth.
-   pure subroutine hang(packing, key, number, b)
+   pure subroutine hang(packing, rock, key, number, b)
       type(packing_t), intent(in) :: packing
+      type(clump_shape_t), allocatable, intent(in) :: rock  !! absent for spheres
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
       type(bodies_t), intent(out) :: b
       real(wp), allocatable :: x(:, :), r(:), v(:, :)
       real(wp), parameter :: apart = 1.001_wp  ! spacing of neighbouring rows
       integer(i8) :: word(words_per_block), gap(words_per_block)  ! 1: radius; 2 to 4: velocity; 1: gap
-      real(wp) :: width, volume, goal, corner(3), row, tallest, kick
+      real(wp) :: width, volume, goal, corner(3), row, tallest, kick, extent, half
       integer :: n
 
       width = box_width(packing)
       goal = solid_volume(packing)
       kick = 0.2_wp*sqrt(packing%gravity*packing%mean_radius)
-      n = max_bodies(packing)
+      extent = extent_of_rock(packing)
+      n = max_spheres(packing)/spheres_per_rock(packing)
       allocate (x(3, n), r(n), v(3, n))
       volume = 0
       corner = 0   ! position of the next body: along the row, across the rows, above the shelves
@@ -192,24 +219,108 @@ contains
          gap = random_words(key, for_layer, number, int(n, i8), 1_i8)
          r(n) = draw_radius(packing, uniform(word(1)))
          v(:, n) = kick*(2*uniform(word(2:4)) - 1)
-         if (corner(1) + 2*r(n) > width) then
+         half = extent*r(n)
+         if (corner(1) + 2*half > width) then
             corner = [0.0_wp, corner(2) + row, corner(3)]
             row = 0
          end if
-         if (corner(2) + 2*r(n) > width) then
+         if (corner(2) + 2*half > width) then
             corner = [0.0_wp, 0.0_wp, corner(3) + tallest]
             row = 0
             tallest = 0
          end if
-         x(:, n) = corner + r(n)
-         corner(1) = corner(1) + 2*r(n)*(1 + 0.1_wp*uniform(gap(1)))
-         row = max(row, 2*apart*r(n))
-         tallest = max(tallest, 2*apart*r(n))
+         x(:, n) = corner + half
+         corner(1) = corner(1) + 2*half*(1 + 0.1_wp*uniform(gap(1)))
+         row = max(row, 2*apart*half)
+         tallest = max(tallest, 2*apart*half)
          volume = volume + 4.0_wp/3*pi*r(n)**3
       end do
-      b = bodies(x(:, :n), r(:n), spread(packing%density, 1, n))
-      b%v(1:3, :) = v(:, :n)
+      if (allocated(rock)) then
+         b = hanging_clumps(packing, rock, key, number, x(:, :n), r(:n), v(:, :n))
+      else
+         b = bodies(x(:, :n), r(:n), spread(packing%density, 1, n))
+         b%v(1:3, :) = v(:, :n)
+      end if
    end subroutine hang
+
+   !> Rocks as clumps, each with a random orientation.
+   pure type(bodies_t) function hanging_clumps(packing, rock, key, number, x, radius, v) result(b)
+      type(packing_t), intent(in) :: packing
+      type(clump_shape_t), intent(in) :: rock
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: number
+      real(wp), intent(in) :: x(:, :), radius(:), v(:, :)  !! centres [m], [m], [m/s]
+      type(clump_t) :: clump(size(radius))
+      integer :: k, each
+
+      each = size(rock%radius)
+      do k = 1, size(radius)
+         clump(k) = make_clump(rock, radius(k), packing%density, each*(k - 1) + 1, x(:, k), &
+                               any_orientation(key, for_rock_attitude, number, int(k, i8)))
+         clump(k)%v = v(:, k)
+      end do
+      b = spheres_of_clumps(rock, radius, packing%density)
+      call set_clumps(b, clump)
+   end function hanging_clumps
+
+   !> Spheres of rocks that are clumps, before these place them.
+   pure type(bodies_t) function spheres_of_clumps(rock, radius, density) result(b)
+      type(clump_shape_t), intent(in) :: rock
+      real(wp), intent(in) :: radius(:), density  !! of the rocks [m], [kg/m3]
+      integer :: n, k
+
+      n = size(rock%radius)*size(radius)
+      b = bodies(spread([0.0_wp, 0.0_wp, 0.0_wp], 2, n), [(radius(k)*rock%radius, k=1, size(radius))], &
+                 spread(density, 1, n))
+   end function spheres_of_clumps
+
+   !> Bodies of a settled layer, followed by the spheres of a boulder, which are bodies of their own.
+   pure type(bodies_t) function rocks_at_rest(layer, density, x, radius, boulder_density) result(b)
+      type(layer_t), intent(in) :: layer
+      real(wp), intent(in) :: density                    !! of the rocks [kg/m3]
+      real(wp), intent(in) :: x(:, :), radius(:)         !! of the spheres of the boulder [m]
+      real(wp), intent(in) :: boulder_density            !! [kg/m3]
+      real(wp) :: centres(3, size(layer%radius) + size(radius))
+      integer :: n
+
+      n = size(layer%radius)
+      centres(:, :n) = layer%x
+      centres(:, n + 1:) = x
+      b = bodies(centres, [layer%radius, radius], [spread(density, 1, n), spread(boulder_density, 1, size(radius))])
+      if (allocated(layer%rock)) call set_clumps(b, resting_clumps(layer, density))
+   end function rocks_at_rest
+
+   !> Clumps of a settled layer. Their moments of inertia are equal, so that any axes are principal axes.
+   pure function resting_clumps(layer, density) result(clump)
+      type(layer_t), intent(in) :: layer
+      real(wp), intent(in) :: density  !! [kg/m3]
+      type(clump_t), allocatable :: clump(:)
+      real(wp), allocatable :: x(:, :)
+      real(wp) :: width
+      integer :: each, k, j, first
+
+      each = size(layer%rock%radius)
+      width = layer%box%width
+      allocate (clump(size(layer%radius)/each), x(3, each))
+      do k = 1, size(clump)
+         first = each*(k - 1) + 1
+         do j = 1, each  ! side by side, as the images in the box need not be
+            x(:, j) = layer%x(:, first + j - 1)
+            x(1:2, j) = x(1:2, j) - width*anint((x(1:2, j) - x(1:2, 1))/width)
+         end do
+         clump(k) = make_clump(layer%rock, layer%radius(first)/layer%rock%radius(1), density, first, sum(x, 2)/each, &
+                               [1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp])
+         clump(k)%offset = x - spread(clump(k)%x, 2, each)
+      end do
+   end function resting_clumps
+
+   !> Distance of the farthest point of the largest rock of a layer from its centre [m].
+   pure real(wp) function largest_extent(layer) result(extent)
+      type(layer_t), intent(in) :: layer
+
+      extent = maxval(layer%radius)
+      if (allocated(layer%rock)) extent = extent/layer%rock%radius(1)*layer%rock%reach
+   end function largest_extent
 
    !> Volume of the spheres of a layer, to be reached or slightly exceeded [m3].
    pure real(wp) function solid_volume(packing)
@@ -218,12 +329,13 @@ contains
       solid_volume = expected_solid*box_width(packing)**2*layer_depth(packing)
    end function solid_volume
 
-   !> Maximum number of bodies in a layer.
-   pure integer function max_bodies(packing)
+   !> Maximum number of spheres in a layer.
+   pure integer function max_spheres(packing)
       type(packing_t), intent(in) :: packing
 
-      max_bodies = int(solid_volume(packing)/(4.0_wp/3*pi*minval(size_limits(packing))**3)) + 2
-   end function max_bodies
+      max_spheres = int(solid_volume(packing)/(4.0_wp/3*pi*minval(size_limits(packing))**3)) + 2
+      max_spheres = spheres_per_rock(packing)*max_spheres
+   end function max_spheres
 
    pure subroutine start(packing, material, box, b, s)
       type(packing_t), intent(in) :: packing
@@ -244,7 +356,7 @@ contains
       dt = safe_step(settling, minval(b%radius), packing%density, &
                      2*sqrt(packing%gravity*packing%mean_radius)/drag)
       call assemble(s, b, box, settling, packing%gravity, dt, skin_factor*packing%mean_radius, 0, &
-                    packing%gravity*sum(b%mass*b%x(3, :)))
+                    packing%gravity*mass_moment(b))
    end subroutine start
 
    !> Step until the kinetic energy is dissipated, or only creep remains.
@@ -261,13 +373,13 @@ contains
       associate (g => packing%gravity, r_m => packing%mean_radius)
          rate = drag*sqrt(g/r_m)
          time_limit = patience*sqrt(r_m/g) + 2*maxval(s%bodies%x(3, :))*rate/g
-         unit = sum(s%bodies%mass)*g*r_m
+         unit = total_mass(s%bodies)*g*r_m
       end associate
       first = steps
       energy = huge(energy)
       do while ((steps - first)*s%dt < time_limit)
          call advance(s)
-         s%bodies%v = s%bodies%v*(1 - rate*s%dt)
+         call slow_down(s%bodies, 1 - rate*s%dt)
          steps = steps + 1
          if (s%trouble == sound .and. mod(steps, watch_interval) == 0) call watch_energy(s)
          if (s%trouble /= sound) then
@@ -275,7 +387,7 @@ contains
             return
          end if
          if (mod(steps, watch_interval) == 0 .and. (steps - first)*s%dt*rate > 1) then
-            energy = 0.5_wp*sum(s%bodies%v**2/s%bodies%inverse)
+            energy = kinetic_energy(s%bodies)
             if (energy < spent*unit) return
          end if
       end do
@@ -301,16 +413,17 @@ contains
          call stiffen(s, merge(s%material%young*factor, material%young, k < stages))
          do l = 1, stage_steps
             call advance(s)
-            s%bodies%v = s%bodies%v*(1 - rate*s%dt)
+            call slow_down(s%bodies, 1 - rate*s%dt)
          end do
          steps = steps + stage_steps
       end do
-      s%energy_limit = total_energy(s) + energy_tolerance*packing%gravity*sum(s%bodies%mass)*packing%mean_radius
+      s%energy_limit = total_energy(s) + energy_tolerance*packing%gravity*total_mass(s%bodies)*packing%mean_radius
    end subroutine harden
 
    !> Store the packed layer and its properties.
-   pure subroutine describe(layer, s)
+   pure subroutine describe(layer, density, s)
       type(layer_t), intent(inout) :: layer
+      real(wp), intent(in) :: density  !! [kg/m3]
       type(assembly_t), intent(in) :: s
 
       associate (b => s%bodies)
@@ -320,7 +433,8 @@ contains
          layer%top = maxval(b%x(3, :) + b%radius)
          layer%surface = mean_surface(layer)
          layer%solid = 4.0_wp/3*pi*sum(b%radius**3)/(layer%box%width**2*layer%surface)
-         layer%floor_share = s%floor_force/(s%gravity*sum(b%mass))
+         if (allocated(b%clump)) layer%solid = total_mass(b)/density/(layer%box%width**2*layer%surface)
+         layer%floor_share = s%floor_force/(s%gravity*total_mass(b))
       end associate
    end subroutine describe
 

@@ -1,11 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Time stepping of spheres in contact: velocity Verlet, with the step determined by the stiffest contact and checked
-!> at every step. An unstable run sets `trouble`, and cannot be used further.
+!> Time stepping of spheres and clumps in contact: velocity Verlet, with the step determined by the stiffest contact and
+!> checked at every step. An unstable run sets `trouble`, and cannot be used further.
 module lab_step
    use rockfall_kinds, only: wp
    use lab_contact, only: material_t, law_t, touch_t, pair_law, plane_law, press, stored_energy, &
       collision_time, rayleigh_time, cross, in_plane
-   use lab_bodies, only: bodies_t, sphere_mass
+   use lab_clump, only: move_clump, place_spheres, accelerate_clump
+   use lab_bodies, only: bodies_t, sphere_mass, update_spheres, in_clump, kinetic_energy, mass_moment, body_mass, &
+      body_velocity
    use lab_neighbours, only: box_t, pair_t, neighbours_t, find_neighbours, outdated, find_pair
    implicit none
    private
@@ -82,6 +84,7 @@ contains
       s%dt = dt
       s%near%skin = skin
       s%near%n_large = n_large
+      if (allocated(bodies%owner)) s%near%owner = bodies%owner
       allocate (s%on_base(bodies%n), source=.false.)
       call find_neighbours(s%near, s%box, s%bodies%x, s%bodies%radius)
       call make_laws(s)
@@ -109,12 +112,42 @@ contains
             call note(s, leapt)
             return
          end if
-         s%tilt_work = s%tilt_work + s%dt*b%mass(b%n)*dot_product(s%tilt, b%v(1:3, b%n))
+         if (allocated(b%clump)) call move_clumps(s)
+         s%tilt_work = s%tilt_work + s%dt*body_mass(b, b%n)*dot_product(s%tilt, b%v(1:3, b%n))
          if (outdated(s%near, b%x)) call renew(s)
          call find_forces(s)
          call accelerate(b%n, s%gravity, s%tilt, 0.5_wp*s%dt, b%f, b%inverse, b%a, b%v)
+         if (allocated(b%clump)) call accelerate_clumps(s, 0.5_wp*s%dt)
       end associate
    end subroutine advance
+
+   !> Move clumps, and place their spheres, which have moved as bodies of their own.
+   pure subroutine move_clumps(s)
+      type(assembly_t), intent(inout) :: s
+      integer :: c
+
+      do c = 1, size(s%bodies%clump)
+         call move_clump(s%bodies%clump(c), s%dt)
+         call place_spheres(s%bodies%clump(c), s%box%width, s%bodies%x)
+      end do
+   end subroutine move_clumps
+
+   !> Update velocities of clumps over a time, and those of their spheres.
+   pure subroutine accelerate_clumps(s, time)
+      type(assembly_t), intent(inout) :: s
+      real(wp), intent(in) :: time  !! [s]
+      real(wp) :: gravity(3)
+      integer :: c
+
+      do c = 1, size(s%bodies%clump)
+         gravity = [0.0_wp, 0.0_wp, -s%gravity]
+         associate (b => s%bodies, first => s%bodies%clump(c)%first, last => s%bodies%clump(c)%last)
+            if (last == b%n) gravity = gravity + s%tilt
+            call accelerate_clump(b%clump(c), gravity, time, b%f(:, first:last))
+            call update_spheres(b, c)
+         end associate
+      end do
+   end subroutine accelerate_clumps
 
    !> Move bodies to the end of the step with the velocity at its middle.
    pure subroutine drift(n, dt, radius, a, v, x, sound_step)
@@ -161,6 +194,7 @@ contains
       call find_forces(s)
       associate (b => s%bodies)
          call accelerate(b%n, s%gravity, s%tilt, 0.0_wp, b%f, b%inverse, b%a, b%v)
+         if (allocated(b%clump)) call accelerate_clumps(s, 0.0_wp)
       end associate
    end subroutine set_rates
 
@@ -323,8 +357,12 @@ contains
          do k = 1, size(s%base)
             i = s%base(k)%body
             b%f(3, i) = b%f(3, i) + s%base(k)%force
-            v = b%v(1:3, i) + half*b%f(1:3, i)*b%inverse(1:3, i)
-            v(3) = v(3) - half*s%gravity
+            if (in_clump(b, i)) then  ! its clump decides how it moves
+               v = b%v(1:3, i) + half*b%a(1:3, i)
+            else
+               v = b%v(1:3, i) + half*b%f(1:3, i)*b%inverse(1:3, i)
+               v(3) = v(3) - half*s%gravity
+            end if
             b%f(1:3, i) = b%f(1:3, i) - s%base(k)%drag/(1 + half*s%base(k)%drag*b%inverse(1, i))*v
          end do
       end associate
@@ -468,7 +506,7 @@ contains
       type(assembly_t), intent(in) :: s
 
       associate (b => s%bodies)
-         energy = 0.5_wp*sum(b%v**2/b%inverse) + s%gravity*sum(b%mass*b%x(3, :)) - s%tilt_work &
+         energy = kinetic_energy(b) + s%gravity*mass_moment(b) - s%tilt_work &
                   + sum(stored_energy(s%law, s%touch)) &
                   + sum(stored_energy(s%floor_law, s%floor_touch))
          if (allocated(s%base)) energy = energy - sum(s%base%force*b%x(3, s%base%body))

@@ -22,9 +22,9 @@ module lab_tables
    integer, parameter :: long = 16
    character(len=long), parameter :: material_keys(6) = [character(len=long) :: &
       "young", "poisson", "friction", "damping", "rolling", "boulder_rolling"]
-   character(len=long), parameter :: packing_keys(11) = [character(len=long) :: &
+   character(len=long), parameter :: packing_keys(12) = [character(len=long) :: &
       "mean_radius", "ratio", "grading", "by_mass", "width", "depth", "density", "friction", &
-      "gravity", "rigid_base", "base_speed"]
+      "gravity", "rigid_base", "base_speed", "clumps"]
    character(len=long), parameter :: shot_keys(16) = [character(len=long) :: &
       "radius", "density", "speed", "angle", "spin", "aim_x", "aim_y", "heading_x", "heading_y", &
       "gravity", "patience", "spent", "past", "wait", "step_factor", "retries"]
@@ -42,8 +42,8 @@ module lab_tables
    character(len=long), parameter :: throw_keys(12) = [character(len=long) :: &
       "slope_min", "slope_max", "speed_min", "speed_median", "speed_max", "angle_min", "angle_median", "angle_max", &
       "spin_min", "spin_median", "spin_max", "gravity"]
-   character(len=long), parameter :: boulder_keys(5) = [character(len=long) :: &
-      "radius", "density", "relief", "step_factor", "retries"]
+   character(len=long), parameter :: boulder_keys(6) = [character(len=long) :: &
+      "radius", "density", "relief", "step_factor", "retries", "shape"]  ! the shape by its index in `shape_names`
    character(len=long), parameter :: contact_fields(16) = [character(len=long) :: &
       "slope", "downhill", "heading", "speed", "incidence", "spin", "s", "vt_out", "vn_out", "w_out", "lateral", &
       "duration", "advance", "rise", "height", "energy_out"]
@@ -71,7 +71,7 @@ contains
 
       packing_of = packing_t(mean_radius=v(1), ratio=v(2), grading=v(3), by_mass=is_true(v(4)), &
                              width=v(5), depth=v(6), density=v(7), friction=v(8), gravity=v(9), &
-                             rigid_base=is_true(v(10)), base_speed=v(11))
+                             rigid_base=is_true(v(10)), base_speed=v(11), clumps=is_true(v(12)))
    end function packing_of
 
    pure function packing_row(p) result(row)
@@ -79,7 +79,7 @@ contains
       real(wp) :: row(size(packing_keys))
 
       row = [p%mean_radius, p%ratio, p%grading, one_if(p%by_mass), p%width, p%depth, p%density, &
-             p%friction, p%gravity, one_if(p%rigid_base), p%base_speed]
+             p%friction, p%gravity, one_if(p%rigid_base), p%base_speed, one_if(p%clumps)]
    end function packing_row
 
    pure type(shot_t) function shot_of(v)
@@ -167,13 +167,14 @@ contains
       real(wp), intent(in) :: v(size(boulder_keys))  !! [units] of boulder_t
 
       boulder_of = boulder_t(radius=v(1), density=v(2), relief=v(3), step_factor=v(4), retries=nint(v(5)))
+      boulder_of%kind = nint(v(6))
    end function boulder_of
 
    pure function boulder_row(b) result(row)
       type(boulder_t), intent(in) :: b
       real(wp) :: row(size(boulder_keys))
 
-      row = [b%radius, b%density, b%relief, b%step_factor, real(b%retries, wp)]
+      row = [b%radius, b%density, b%relief, b%step_factor, real([b%retries, b%kind], wp)]
    end function boulder_row
 
    !> Row of contact k of a throw, velocities over the speed before it, lengths over R_b.

@@ -225,3 +225,52 @@ def test_another_file_is_not_taken_for_contacts_on_rocks(place):
     xr.Dataset({"speed": ("contact", [1.0])}).to_netcdf("other.nc")
     with refused("other.nc: is not a file of contacts of the laboratory"):
         open_sequences("other.nc")
+
+
+# ---- angular rocks and boulders
+
+
+ANGULAR = SMALL.replace(
+    lab={"ratios": [2]}, packing={"clumps": True},
+    throw={"throws": [6], "on_layer": 3, "shape": "platy"},
+)  # fmt: skip
+
+
+def test_angular_rocks_and_boulders_do_not_depend_on_threads_and_chunks(monkeypatch):
+    whole = run_sequences(ANGULAR, threads=1)
+    assert whole.attrs["shape"] == "platy"
+    assert 0.45 < whole.attrs["inertia_factor"] < 0.6  # a plate of 1 : 0.8 : 0.42; a sphere: 0.4
+    monkeypatch.setattr(module, "THROWS_IN_CHUNK", 1)
+    xr.testing.assert_identical(numbers(run_sequences(ANGULAR, threads=2)), numbers(whole))
+
+
+def test_a_platy_boulder_has_the_moment_of_a_plate():
+    """Mean of (b^2 + c^2)/12 and so on over m R_b^2 of a box, its edges rounded: within 5 %."""
+    from rockfall._lab import lab_f2py
+
+    a, b, c = 1.0, 0.8, 0.42
+    radius = (3 * a * b * c / (4 * np.pi)) ** (1 / 3)
+    box = (a * a + b * b + c * c) / 18 / radius**2
+    row = ANGULAR.row(15)
+    assert lab_f2py.inertia_factor(row) == pytest.approx(box, rel=0.05)
+
+
+def test_cases_of_spheres_keep_their_text():
+    assert "clumps" not in SMALL.text() and "shape" not in SMALL.text()
+    assert lab_case_of(ANGULAR.text(), "angular") == ANGULAR
+
+
+@pytest.mark.parametrize(
+    ("group", "values", "said"),
+    [
+        (
+            "throw",
+            {"shape": "round"},
+            "&throw shape = 'round': must be one of sphere, compact, elongated, platy",
+        ),
+        ("packing", {"clumps": 3}, "&packing clumps = 3: must be .true. or .false."),
+    ],
+)
+def test_what_shapes_cannot_be_is_refused(group, values, said):
+    with refused(f"laboratory case: {said}"):
+        SMALL.replace(**{group: values})

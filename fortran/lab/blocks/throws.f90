@@ -3,7 +3,8 @@
 module lab_throws
    use rockfall_kinds, only: wp, i8
    use rockfall_threads, only: team_size
-   use rockfall_random, only: random_key_t, random_words, uniform
+   use rockfall_random, only: random_key_t
+   use lab_rotation, only: any_orientation
    use lab_block, only: block_t
    use lab_yielding_ground, only: relief_t
    use lab_pressure, only: law_t
@@ -58,23 +59,6 @@ contains
       call draw_throw(range, key, for_throw, number, throw, choice)
       patch = int(size(reliefs)*choice) + 1
       throw%place = reliefs(patch)%cell*reliefs(patch)%cells*throw%place
-      throw%orientation = any_orientation(key, number)
+      throw%orientation = any_orientation(key, for_attitude, number, 0_i8)
    end subroutine draw_block_throw
-
-   !> Random orientation, uniform: the direction of a point that is uniform in a four-dimensional ball.
-   pure function any_orientation(key, number) result(q)
-      type(random_key_t), intent(in) :: key
-      integer(i8), intent(in) :: number
-      real(wp) :: q(4), square
-      integer(i8) :: draw
-
-      draw = 0
-      do
-         q = 2*uniform(random_words(key, for_attitude, number, 0_i8, draw)) - 1
-         square = sum(q**2)
-         if (square <= 1 .and. square > 0) exit
-         draw = draw + 1
-      end do
-      q = q/sqrt(square)
-   end function any_orientation
 end module lab_throws

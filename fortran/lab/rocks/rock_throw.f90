@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Throw of a boulder, a sphere, at a tilted layer of rocks, and the records of its first contacts.
+!> Throw of a boulder, a sphere or a clump, at a tilted layer of rocks, and the records of its first contacts.
 !>
 !> The layer has settled under gravity along its normal, and keeps it: gravity is tilted for the boulder only. Spheres
 !> have a smaller angle of repose than rocks; under the gravity of the slope a layer of them would flow by itself on
@@ -15,10 +15,15 @@ module lab_rock_throw
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
    use rockfall_math, only: tangent
+   use rockfall_text, only: joined
    use rockfall_random, only: random_key_t, random_words, uniform, normal_quantile, words_per_block
    use lab_contact, only: material_t, cross
-   use lab_bodies, only: bodies_t, bodies, body_energy
-   use lab_packing, only: packing_t, layer_t, skin_factor
+   use lab_clump, only: clump_t, clump_shape_t, make_clump, set_motion, turn_in_flight, block_clump, shape_names, &
+      sphere_shape
+   use lab_rotation, only: product_of, conjugate
+   use lab_bodies, only: bodies_t, set_clumps, in_clump, body_energy, body_mass, body_position, body_velocity, &
+      is_touched
+   use lab_packing, only: packing_t, layer_t, skin_factor, rocks_at_rest
    use lab_step, only: assembly_t, assemble, set_tilt, set_absorbing_base, advance, watch_energy, safe_step, sound, &
       leapt, step_too_long, energy_grew
    use lab_impact, only: will_meet, fits
@@ -26,8 +31,8 @@ module lab_rock_throw
       from_flight, from_rolling, flies, rolls_on, stops, cut, hop_time, hop_height, rest_energy, max_time
    implicit none
    private
-   public :: boulder_t, check_boulder, follow_on_rocks, gap_to_layer, find_touch, facet_t, draw_facet, into_facet, &
-      out_of_facet
+   public :: boulder_t, check_boulder, shape_boulder, follow_on_rocks, gap_to_layer, find_touch, facet_t, draw_facet, &
+      into_facet, out_of_facet
 
    !> Thrown boulder, and parameters of its simulation.
    type :: boulder_t
@@ -36,6 +41,8 @@ module lab_rock_throw
       real(wp) :: relief = 0            !! standard deviation of the facets' slope along a line [degrees]
       real(wp) :: step_factor = 1.4_wp  !! step relative to `safe_step`
       integer :: retries = 3            !! maximum number of halvings of a step found too long
+      integer :: kind = sphere_shape    !! index in `shape_names`; R_b is that of the sphere of the same volume
+      type(clump_shape_t), allocatable :: shape  !! of its kind, see `shape_boulder`; absent: a sphere
    end type boulder_t
 
    !> Facet of the mean surface: its rotation about a line in that surface.
@@ -48,6 +55,7 @@ module lab_rock_throw
    type :: motion_t
       real(wp) :: x(3) = 0, v(6) = 0  !! [m]; [m/s] and [rad/s]
       real(wp) :: time = 0            !! [s]
+      real(wp) :: q(4) = [1, 0, 0, 0] !! orientation, a unit quaternion
    end type motion_t
 
    !> Current state of a throw.
@@ -57,6 +65,7 @@ module lab_rock_throw
       type(facet_t) :: facet
       type(instant_t) :: first, last    !! of the current contact so far
       integer :: entry = from_flight
+      logical :: landed = .false.       !! touched since it was placed
       real(wp) :: slow_since = 0        !! [s]
       real(wp) :: wait = 0              !! time until which it does not leave the layer [s]
       integer :: steps = 0              !! number since the landing
@@ -85,8 +94,17 @@ contains
          call fail(error, "impact: density must be 100 to 10000 kg/m3 where boulders are thrown")
       else if (.not. (boulder%relief >= 0 .and. boulder%relief <= 30)) then
          call fail(error, "throw: relief must be 0 (none) to 30 degrees")
+      else if (boulder%kind < 1 .or. boulder%kind > size(shape_names)) then
+         call fail(error, "throw: shape must be one of "//joined(shape_names, ", "))
       end if
    end subroutine check_boulder
+
+   !> Give a boulder the spheres of its kind.
+   pure subroutine shape_boulder(boulder)
+      type(boulder_t), intent(inout) :: boulder
+
+      if (boulder%kind /= sphere_shape) boulder%shape = block_clump(boulder%kind)
+   end subroutine shape_boulder
 
    !> Compute the first contacts of a throw, as many as fit; `complete` is false if the time limit was reached, or if no
    !> step was stable: then there are no contacts. A pure function of its arguments.
@@ -106,7 +124,7 @@ contains
       n = 0
       trouble = sound
       complete = .false.
-      if (.not. fits(layer, packing, boulder%radius)) return
+      if (.not. fits(layer, packing, extent(boulder))) return
       do k = 0, boulder%retries
          call follow(layer, packing, material, boulder, throw, key, number, 0.5_wp**k, contacts, n, complete, trouble)
          if (.not. any(trouble == [step_too_long, leapt, energy_grew])) exit
@@ -138,13 +156,14 @@ contains
       throw = thrown
       unit = sqrt(boulder%radius/throw%gravity)
       gravity = fall_line_gravity(throw)
-      c%m = motion_t([throw%place, 0.0_wp], thrown_velocity(throw, boulder%radius))
+      c%m = motion_t([throw%place, 0.0_wp], thrown_velocity(throw, boulder%radius), q=throw%orientation)
       n = 0
       call land(c, .true.)
       throw%place = c%m%x(1:2)
       complete = .true.
       trouble = sound
       do while (n < size(contacts))
+         if (.not. c%landed) call await_touch(c)
          call step_on(c%s, c%facet, c%m)
          c%steps = c%steps + 1
          if (mod(c%steps, watch_interval) == 0) call watch_energy(c%s)
@@ -152,7 +171,7 @@ contains
          if (trouble /= sound) return
          if (touches(c%s)) then
             c%last = instant_of(c%s, c%m)
-            if (c%last%energy > rest_energy*c%s%bodies%mass(c%s%bodies%n)*throw%gravity*boulder%radius) &
+            if (c%last%energy > rest_energy*body_mass(c%s%bodies, c%s%bodies%n)*throw%gravity*boulder%radius) &
                c%slow_since = c%m%time
             rests = c%m%time - c%slow_since > cut*unit
             cut_now = c%m%time - c%first%time > cut*unit
@@ -176,7 +195,7 @@ contains
                n = n + 1
                contacts(n) = record(boulder%radius, throw, c%entry, flies, c%first, c%last)
                if (n == size(contacts)) exit
-               call fly(gravity, flight_time, c%m)
+               call fly(boulder, gravity, flight_time, c%m)
                call land(c, boulder%relief > 0)
             else if (boulder%relief > 0) then
                call continue_on_facet(c, found)
@@ -227,7 +246,19 @@ contains
          call load(layer, packing, material, boulder, throw, gravity, c%facet, factor, on_straight_path, c%m, c%s)
          c%steps = 0
          c%wait = 0
+         c%landed = .not. allocated(boulder%shape)
       end subroutine begin
+
+      !> A clump is placed where the sphere around it touches the layer: its flight ends at its own first touch.
+      pure subroutine await_touch(c)
+         type(course_t), intent(inout) :: c
+
+         c%landed = touches(c%s)
+         if (c%landed .or. c%entry /= from_flight) return
+         c%first = instant_of(c%s, c%m)
+         c%last = c%first
+         c%slow_since = c%m%time
+      end subroutine await_touch
    end subroutine follow
 
    !> Return whether a boulder that moves away from the layer has left it: nothing touches it or lies in its path, or it
@@ -236,12 +267,15 @@ contains
       type(layer_t), intent(in) :: layer
       type(boulder_t), intent(in) :: boulder
       type(assembly_t), intent(in) :: s
+      real(wp) :: v(6)
 
       associate (b => s%bodies)
          is_free = .false.
-         if (.not. b%v(3, b%n) > 0) return
+         v = body_velocity(b, b%n)
+         if (.not. v(3) > 0) return
          if (.not. touches(s)) is_free = .not. will_meet(s)
-         if (.not. is_free) is_free = gap_to_layer(layer, boulder%radius, b%x(:, b%n)) > hop_height*boulder%radius
+         if (.not. is_free) is_free = gap_to_layer(layer, extent(boulder), body_position(b, b%n)) &
+            > hop_height*boulder%radius
       end associate
    end function is_free
 
@@ -249,8 +283,29 @@ contains
    pure logical function touches(s)
       type(assembly_t), intent(in) :: s
 
-      touches = any(abs(s%bodies%f(:, s%bodies%n)) > 0)
+      touches = is_touched(s%bodies, s%bodies%n)
    end function touches
+
+   !> Radius of the sphere around a boulder [m].
+   pure real(wp) function extent(boulder)
+      type(boulder_t), intent(in) :: boulder
+
+      extent = boulder%radius
+      if (allocated(boulder%shape)) extent = boulder%radius*boulder%shape%reach
+   end function extent
+
+   !> A boulder that is a clump, in the frame of a facet.
+   pure type(clump_t) function clump_on_facet(boulder, facet, m, first, x, v) result(clump)
+      type(boulder_t), intent(in) :: boulder
+      type(facet_t), intent(in) :: facet
+      type(motion_t), intent(in) :: m
+      integer, intent(in) :: first        !! its first sphere
+      real(wp), intent(in) :: x(3), v(6)  !! in the frame of the facet [m], [m/s] and [rad/s]
+
+      clump = make_clump(boulder%shape, boulder%radius, boulder%density, first, x, &
+                         product_of(quaternion_into(facet), m%q))
+      call set_motion(clump, v)
+   end function clump_on_facet
 
    !> Assemble layer and boulder for time stepping. On a straight path the boulder is placed where it first touches the
    !> layer on its way to the mean surface, otherwise it is already there.
@@ -267,52 +322,75 @@ contains
       type(motion_t), intent(inout) :: m
       type(assembly_t), intent(out) :: s
       type(bodies_t) :: b
-      real(wp) :: x(3, size(layer%radius) + 1), v(6), start(3), time, dt, highest
+      real(wp) :: v(6), start(3), time, dt, highest
       integer :: n
 
-      n = size(layer%radius) + 1
       v(1:3) = into_facet(facet, m%v(1:3))
       v(4:6) = into_facet(facet, m%v(4:6))
       start = m%x
       if (on_straight_path) then
          ! back along the path from the mean surface to above all rocks
-         start(3) = layer%top - layer%surface + 2*boulder%radius
+         start(3) = layer%top - layer%surface + 2*extent(boulder)
          start(1:2) = start(1:2) + v(1:2)/v(3)*start(3)
          start(3) = start(3) + layer%surface
-         call find_touch(layer, boulder%radius, start, v(1:3), [0.0_wp, 0.0_wp, 0.0_wp], time, highest)
+         call find_touch(layer, extent(boulder), start, v(1:3), [0.0_wp, 0.0_wp, 0.0_wp], time, highest)
          start = start + time*v(1:3)
          m%x(3) = start(3) - layer%surface
          if (all(facet%axis == 0)) m%x(1:2) = start(1:2)
       else
          start(3) = start(3) + layer%surface
       end if
-      x(:, :n - 1) = layer%x
-      x(:, n) = start
-      b = bodies(x, [layer%radius, boulder%radius], [spread(packing%density, 1, n - 1), boulder%density])
-      b%v(:, n) = v
+      call assemble_bodies(layer, packing, boulder, facet, m, start, v, b, n)
       dt = factor*boulder%step_factor*safe_step(material, minval(layer%radius), packing%density, &
                                                 max(sqrt(sum(v(1:3)**2)), sqrt(throw%gravity*boulder%radius)))
-      call assemble(s, b, layer%box, material, throw%gravity, dt, skin_factor*packing%mean_radius, 1, &
-                    body_energy(b, n) + throw%gravity*b%mass(n)*(layer%top + boulder%radius))
+      call assemble(s, b, layer%box, material, throw%gravity, dt, skin_factor*packing%mean_radius, &
+                    b%n - size(layer%radius), &
+                    body_energy(b, n) + throw%gravity*body_mass(b, n)*(layer%top + boulder%radius))
       call set_tilt(s, into_facet(facet, gravity) + [0.0_wp, 0.0_wp, throw%gravity])
       if (.not. packing%rigid_base) call set_absorbing_base(s, packing%density*layer%solid*packing%base_speed)
    end subroutine load
+
+   !> Bodies of the layer, then the boulder.
+   pure subroutine assemble_bodies(layer, packing, boulder, facet, m, x, v, b, n)
+      type(layer_t), intent(in) :: layer
+      type(packing_t), intent(in) :: packing
+      type(boulder_t), intent(in) :: boulder
+      type(facet_t), intent(in) :: facet
+      type(motion_t), intent(in) :: m
+      real(wp), intent(in) :: x(3), v(6)  !! of the boulder, in the frame of the facet [m], [m/s] and [rad/s]
+      type(bodies_t), intent(out) :: b
+      integer, intent(out) :: n           !! number of bodies
+      integer :: first
+
+      first = size(layer%radius) + 1
+      if (allocated(boulder%shape)) then
+         b = rocks_at_rest(layer, packing%density, spread(x, 2, size(boulder%shape%radius)), &
+                           boulder%radius*boulder%shape%radius, boulder%density)
+         call set_clumps(b, [clump_on_facet(boulder, facet, m, first, x, v)])
+      else
+         b = rocks_at_rest(layer, packing%density, reshape(x, [3, 1]), [boulder%radius], boulder%density)
+         b%v(:, first) = v
+      end if
+      n = b%n
+   end subroutine assemble_bodies
 
    !> Advance by one step, and update the position of the boulder: the layer is periodic, its path is not.
    pure subroutine step_on(s, facet, m)
       type(assembly_t), intent(inout) :: s
       type(facet_t), intent(in) :: facet
       type(motion_t), intent(inout) :: m
-      real(wp) :: before(3), displacement(3)
+      real(wp) :: before(3), displacement(3), v(6)
 
-      before = s%bodies%x(:, s%bodies%n)
+      before = body_position(s%bodies, s%bodies%n)
       call advance(s)
       associate (b => s%bodies)
-         displacement = b%x(:, b%n) - before
+         displacement = body_position(b, b%n) - before
          displacement(1:2) = displacement(1:2) - s%box%width*anint(displacement(1:2)/s%box%width)
+         v = body_velocity(b, b%n)
          m%x = m%x + out_of_facet(facet, displacement)
-         m%v(1:3) = out_of_facet(facet, b%v(1:3, b%n))
-         m%v(4:6) = out_of_facet(facet, b%v(4:6, b%n))
+         m%v(1:3) = out_of_facet(facet, v(1:3))
+         m%v(4:6) = out_of_facet(facet, v(4:6))
+         if (in_clump(b, b%n)) m%q = product_of(conjugate(quaternion_into(facet)), b%clump(b%owner(b%n))%q)
          m%time = m%time + s%dt
       end associate
    end subroutine step_on
@@ -342,20 +420,28 @@ contains
          top = max(0.0_wp, m%v(3))/(-gravity(3))
          time = top + sqrt(2*max(0.0_wp, m%x(3) + highest - boulder%radius)/(-gravity(3)))
       else
-         call find_touch(layer, boulder%radius, m%x + [0.0_wp, 0.0_wp, layer%surface], m%v(1:3), gravity, time, highest)
+         call find_touch(layer, extent(boulder), m%x + [0.0_wp, 0.0_wp, layer%surface], m%v(1:3), gravity, time, &
+                         highest)
       end if
       leaves = highest > hop_height*boulder%radius .and. m%v(3) > 0 .and. m%v(3) + time*gravity(3) <= 0 &
                .and. m%time + time - last_touch > hop_time*unit
    end subroutine look_ahead
 
-   !> Move along a parabola.
-   pure subroutine fly(gravity, time, m)
+   !> Move along a parabola; a clump turns freely.
+   pure subroutine fly(boulder, gravity, time, m)
+      type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: gravity(3), time  !! [m/s2], [s]
       type(motion_t), intent(inout) :: m
+      type(clump_t) :: clump
 
       m%x = m%x + time*(m%v(1:3) + 0.5_wp*time*gravity)
       m%v(1:3) = m%v(1:3) + time*gravity
       m%time = m%time + time
+      if (.not. allocated(boulder%shape)) return
+      clump = clump_on_facet(boulder, facet_t(), m, 1, m%x, m%v)
+      call turn_in_flight(clump, time)
+      m%q = clump%q
+      m%v(4:6) = clump%spin
    end subroutine fly
 
    !> Time of the first contact of a sphere with the settled layer on its path. A sphere that starts inside it, where
@@ -478,6 +564,15 @@ contains
 
       turned = facet%cosine*v + cross(facet%axis, v) + dot_product(facet%axis, v)/(1 + facet%cosine)*facet%axis
    end function into_facet
+
+   !> Rotation into the frame of a facet as a quaternion.
+   pure function quaternion_into(facet) result(q)
+      type(facet_t), intent(in) :: facet
+      real(wp) :: q(4)
+
+      q = [1 + facet%cosine, facet%axis]
+      q = q/sqrt(sum(q**2))
+   end function quaternion_into
 
    !> Transform a vector from the frame of a facet.
    pure function out_of_facet(facet, v) result(turned)

@@ -6,6 +6,7 @@ module lab_rock_throws
    use rockfall_threads, only: team_size
    use rockfall_random, only: random_key_t
    use lab_contact, only: material_t
+   use lab_rotation, only: any_orientation
    use lab_packing, only: packing_t, layer_t
    use lab_contact_record, only: throw_t, thrown_t
    use lab_throw_range, only: throw_range_t, draw_throw
@@ -14,7 +15,7 @@ module lab_rock_throws
    private
    public :: throw_on_rocks
 
-   integer(i8), parameter :: for_rock_throw = 70  !! purpose of random numbers
+   integer(i8), parameter :: for_rock_throw = 70, for_rock_throw_attitude = 73  !! purposes of random numbers
 
 contains
 
@@ -43,6 +44,8 @@ contains
          associate (o => thrown(k), of => layers(place(k)))
             call draw_throw(range, key, for_rock_throw, number(k), o%throw, choice)
             o%throw%place = of%box%width*o%throw%place
+            if (allocated(boulder%shape)) &
+               o%throw%orientation = any_orientation(key, for_rock_throw_attitude, number(k), 0_i8)
             o%body = layer(k)
             allocate (o%contacts(contacts))
             call follow_on_rocks(of, packing, material, boulder, o%throw, key, number(k), o%contacts, o%n, o%complete)

@@ -6,7 +6,7 @@ program test_lab_packing
    use rockfall_error, only: error_t
    use rockfall_random, only: random_key
    use lab_contact, only: material_t
-   use lab_packing, only: packing_t, layer_t, pack_layer, check_packing, max_bodies, box_width, &
+   use lab_packing, only: packing_t, layer_t, pack_layer, check_packing, max_spheres, box_width, &
       size_limits, draw_radius
    use check_m, only: check, check_close, finish
    implicit none
@@ -61,7 +61,7 @@ contains
       call check_close("depth of the layer / R_b", layer%surface/(2.5_wp*packing%mean_radius), &
          packing%depth, 0.2_wp)
       call check("solid fraction", layer%solid > 0.5_wp .and. layer%solid < 0.74_wp)
-      call check("no more bodies than predicted", size(layer%radius) <= max_bodies(packing))
+      call check("no more bodies than predicted", size(layer%radius) <= max_spheres(packing))
       call check("sizes within their limits", &
          minval(layer%radius) >= minval(size_limits(packing)) .and. &
          maxval(layer%radius) <= maxval(size_limits(packing)))

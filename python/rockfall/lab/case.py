@@ -21,11 +21,12 @@ from rockfall.errors import RockfallError
 from rockfall.io.files import read_text
 
 COEFFICIENTS = tuple(f"a{k}" for k in range(1, 10))
-SWITCHES = "rigid_base", "by_mass"
+SWITCHES = "rigid_base", "by_mass", "clumps"
 WHOLE = "retries", "seed", "layers", "points", "impacts", "on_layer", "contacts"
+SHAPED = ("packing", "clumps"), ("throw", "shape")
 RANGED = "speed", "angle", "spin"  # random, for an impact: min, median, max
 ENDS = "min", "median", "max"
-THROW, BOULDER, IMPACT_ALONE = 10, 15, 16  # kinds of the kernel's rows and names
+THROW, BOULDER, IMPACT_ALONE, SHAPES = 10, 15, 16, 17  # kinds of the kernel's rows and names
 THROWN = {"slope": ("min", "max"), "speed": ENDS, "angle": ENDS, "spin": ENDS}  # of a throw, drawn
 #: Keys of an impact and a packing that follow from the ratio, the point or the packing.
 SET_ELSEWHERE = "radius", "aim_x", "aim_y", "heading_x", "heading_y", "gravity"
@@ -35,7 +36,7 @@ SET_ELSEWHERE = "radius", "aim_x", "aim_y", "heading_x", "heading_y", "gravity"
 def names(kind: int) -> tuple[str, ...]:
     """Names in the kernel's rows: 1 material, 2 packing, 3 impact, 4 ranges, 5 outcome, 6 its
     counts, 7 layer, 8 statuses of an outcome; of throws 10 ranges, 11 contact, 12 its counts;
-    15 boulder that is thrown, 16 keys that only single impacts have."""
+    15 boulder that is thrown, 16 keys that only single impacts have, 17 shapes of a boulder."""
     return tuple(_lab.names(kind).decode().split())
 
 
@@ -65,6 +66,7 @@ def _throw_defaults() -> dict[str, Any]:
     throws, on_layer, contacts, max_depth = _lab.defaults(16)[:4].tolist()
     plan = {"throws": [throws], "on_layer": on_layer, "contacts": contacts}
     plan |= {"radius": boulder["radius"], "max_depth": max_depth, "relief": boulder["relief"]}
+    plan["shape"] = names(SHAPES)[int(boulder["shape"]) - 1]
     return plan | {key: [limits[f"{key}_{end}"] for end in ends] for key, ends in THROWN.items()}
 
 
@@ -165,8 +167,13 @@ class LabCase:
         return LabCase(name=self.name, **changed)
 
     def text(self) -> str:
-        """The complete case as the text of a namelist file."""
-        return namelist_text(self._groups, indent=2)
+        """The complete case as the text of a namelist file; the keys of angular rocks and boulders
+        only where there are any, so that older cases keep their text."""
+        groups = {group: dict(values) for group, values in self._groups.items()}
+        for group, key in SHAPED:
+            if group in groups and groups[group][key] == _defaults()[group][key]:
+                del groups[group][key]
+        return namelist_text(groups, indent=2)
 
     def row(self, kind: int, ratio: float = 1.0) -> np.ndarray:
         """Kernel row in the order of `names(kind)`; `ratio` is R_b/R_m."""
@@ -180,7 +187,9 @@ class LabCase:
                 for end, value in zip(ENDS, self.impact[key], strict=True)
             },
             THROW: lambda: range_values(self.throw) | {"gravity": self.packing["gravity"]},
-            BOULDER: lambda: self.impact | self.throw,
+            BOULDER: lambda: (
+                self.impact | self.throw | {"shape": 1 + names(SHAPES).index(self.throw["shape"])}
+            ),
         }[kind]()
         return np.array([float(values[key]) for key in names(kind)])
 

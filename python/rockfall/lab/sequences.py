@@ -34,8 +34,7 @@ from rockfall.version import __version__
 if TYPE_CHECKING:
     import xarray as xr
 
-GROUND, SHAPE = "rocks", "sphere"
-SPHERE = 0.4  # I/(m R_b^2)
+GROUND = "rocks"
 END = "end of contact"  # state of the boulder for sets from throws
 THROWS_IN_CHUNK = 2  # per thread: up to minutes for large R_b/R_m
 COUNTERS = "done", "unfinished", "solid", "cpu_seconds"  # attributes, one number per ratio
@@ -144,9 +143,10 @@ def _dataset(
     """All contacts so far."""
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     attributes = {
-        "title": case.lab["title"], "lab_case": case.text(), "ground": GROUND, "shape": SHAPE,
+        "title": case.lab["title"], "lab_case": case.text(), "ground": GROUND,
+        "shape": case.throw["shape"],
         "density": case.impact["density"], "yield_pressure": 0.0, "rest_angle": repose(),
-        "inertia_factor": SPHERE,
+        "inertia_factor": float(_lab.inertia_factor(case.row(BOULDER))),
         "ratios": case.lab["ratios"], **about,
     }  # fmt: skip
     return contact_dataset(columns, case.throw["radius"], case.packing["gravity"], attributes)

@@ -1,10 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Rotation of a rigid body: orientation as a unit quaternion, free motion by Euler's equations.
 module lab_rotation
-   use rockfall_kinds, only: wp
+   use rockfall_kinds, only: wp, i8
+   use rockfall_random, only: random_key_t, random_words, uniform
    implicit none
    private
-   public :: rotation_matrix, rotate_free
+   public :: rotation_matrix, rotate_free, any_orientation, product_of, conjugate
 
 contains
 
@@ -17,6 +18,42 @@ contains
       m(:, 2) = [2*(q(2)*q(3) - q(1)*q(4)), 1 - 2*(q(2)**2 + q(4)**2), 2*(q(3)*q(4) + q(1)*q(2))]
       m(:, 3) = [2*(q(2)*q(4) + q(1)*q(3)), 2*(q(3)*q(4) - q(1)*q(2)), 1 - 2*(q(2)**2 + q(3)**2)]
    end function rotation_matrix
+
+   !> Rotation `second` followed by `first`, as quaternions.
+   pure function product_of(first, second) result(q)
+      real(wp), intent(in) :: first(4), second(4)  !! (scalar, vector) [-]
+      real(wp) :: q(4)
+
+      associate (a => first, b => second)
+         q = [a(1)*b(1) - dot_product(a(2:), b(2:)), &
+              a(1)*b(2:) + b(1)*a(2:) + [a(3)*b(4) - a(4)*b(3), a(4)*b(2) - a(2)*b(4), a(2)*b(3) - a(3)*b(2)]]
+      end associate
+   end function product_of
+
+   !> The opposite rotation.
+   pure function conjugate(q) result(opposite)
+      real(wp), intent(in) :: q(4)  !! (scalar, vector) [-]
+      real(wp) :: opposite(4)
+
+      opposite = [q(1), -q(2:)]
+   end function conjugate
+
+   !> Random orientation, uniform: the direction of a point that is uniform in a four-dimensional ball.
+   pure function any_orientation(key, purpose, number, event) result(q)
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: purpose, number, event
+      real(wp) :: q(4), square
+      integer(i8) :: draw
+
+      draw = 0
+      do
+         q = 2*uniform(random_words(key, purpose, number, event, draw)) - 1
+         square = sum(q**2)
+         if (square <= 1 .and. square > 0) exit
+         draw = draw + 1
+      end do
+      q = q/sqrt(square)
+   end function any_orientation
 
    !> Free rotation over a time by five rotations about principal axes (Dullweber, Leimkuhler, McLachlan 1997).
    !> Conserves the angular momentum in space to rounding; the energy error stays bounded.
