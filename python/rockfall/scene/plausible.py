@@ -37,7 +37,7 @@ def _found(scene: Scene, rules: Rules, uses: tuple[str, ...]) -> list[InputWarni
         return [*rules(scene if case is scene.case else replace(scene, case=case))]
 
     parts = tuple(getattr(scene, name) for name in uses)
-    return scene.stages.take(f"rules {rules.__name__}", scene.case, parts, apply)
+    return scene.stages.take(f"rules {rules.__name__}", scene.case, parts, apply, reads=False)
 
 
 def implausible(scene: Scene) -> list[str]:

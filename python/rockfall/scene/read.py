@@ -70,13 +70,12 @@ def read_scene(
     arrays = {"dem": dem, **rasters}
     case = _with_arrays(case, {key for key, array in arrays.items() if array is not None})
     _check_files(case, arrays)
-    file = case.path(case.terrain["dem"])
     if dem is None and case.terrain["dem"] == FROM_ARRAY:
         raise RockfallError(
             f"{case.name}: &terrain dem is missing: a raster file, or run(case, dem=...)"
         )
     if dem is None and memory is not None and not rasters:
-        grid, dtype = dem_header(file)
+        grid, dtype = stages.take("header", case, (), lambda case: dem_header(_dem_path(case)))
         if (cells := int(memory / 2 / cell_bytes(case, dtype))) < grid.nx * grid.ny:
             return _windowed(Inputs(case, grid), dtype, cells)
     z, grid, checksum, remarks = stages.take(
@@ -103,9 +102,13 @@ def _elevations(case: Case, dem: Any, transform: Any) -> tuple[np.ndarray, Grid,
     """Elevations, given or in a file, their grid, the checksum of the file, and remarks."""
     if dem is not None:
         return *from_array(dem, transform), "", []
-    file = case.path(case.terrain["dem"])
+    file = _dem_path(case)
     z, grid = read_dem(file)
     return z, grid, file_checksum(file), packing_note(file)
+
+
+def _dem_path(case: Case) -> Path:
+    return case.path(case.terrain["dem"])
 
 
 def _digest(rasters: Rasters) -> Digest:

@@ -19,8 +19,16 @@ T = TypeVar("T")
 class Stages:
     """Stages of a single reading, of which nothing is kept."""
 
-    def take(self, name: str, case: Case, uses: tuple[Any, ...], make: Callable[[Case], T]) -> T:
-        """Result of a stage, which `make` derives from the case and from the objects `uses`."""
+    def take(
+        self,
+        name: str,
+        case: Case,
+        uses: tuple[Any, ...],
+        make: Callable[[Case], T],
+        reads: bool = True,
+    ) -> T:
+        """Result of a stage, which `make` derives from the case and from the objects `uses`, and
+        from files, if it `reads` them."""
         return make(case)
 
     def find(self, name: str, uses: tuple[Any, ...]) -> Any:
@@ -63,10 +71,17 @@ class KeptStages(Stages):
         """Stages that start from these results and leave them as they are."""
         return KeptStages(dict(self._kept))
 
-    def take(self, name: str, case: Case, uses: tuple[Any, ...], make: Callable[[Case], T]) -> T:
+    def take(
+        self,
+        name: str,
+        case: Case,
+        uses: tuple[Any, ...],
+        make: Callable[[Case], T],
+        reads: bool = True,
+    ) -> T:
         kept = self._kept.get(name)
         if kept is None or not kept.holds(case, uses):
-            watched = WatchedCase(case)
+            watched = WatchedCase(case, reads)
             result = make(watched)
             kept = self._kept[name] = _Kept(uses, watched.seen, watched.states, result)
         return kept.result
@@ -81,12 +96,12 @@ class KeptStages(Stages):
 
 
 class WatchedCase(Case):
-    """A case that notes which of its groups are read, and the states of the files that they name
-    before these are read."""
+    """A case that notes which of its groups are looked at, and, for a stage that `reads` files, the
+    states of those that these groups name, before they are read."""
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: Case, reads: bool) -> None:
         self.__dict__ |= case.__dict__
-        self.__dict__ |= {"seen": {}, "states": {}, "_original": case}
+        self.__dict__ |= {"seen": {}, "states": {}, "_original": case, "_reads": reads}
 
     def __getattribute__(self, name: str) -> Any:
         value = super().__getattribute__(name)
@@ -106,7 +121,7 @@ class WatchedCase(Case):
         known = self.__dict__
         if group not in known["seen"]:
             known["seen"][group] = value
-            for path in group_files(known["_original"], group):
+            for path in group_files(known["_original"], group) if known["_reads"] else ():
                 known["states"][path] = _state(path)
 
 
