@@ -149,11 +149,11 @@ class Killed(BaseException):
 def killed_after(monkeypatch, chunks):
     """A run ends like one that is killed, after so many chunks."""
     calls = iter(range(chunks))
-    fly = simulate.run_range
+    fly = simulate._fly
 
     def until(*arguments):
         if next(calls, None) is None:
             raise Killed
         return fly(*arguments)
 
-    monkeypatch.setattr(simulate, "run_range", until)
+    monkeypatch.setattr(simulate, "_fly", until)

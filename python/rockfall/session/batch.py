@@ -29,8 +29,9 @@ RECORDED = 100  # trajectories, if no number is given
 
 
 class Batch:
-    """Results so far of a run of a session: of the boulders done when it was yielded, which are
-    spread over all sources. The last batch of a run is complete, with the bits of `rockfall.run`.
+    """Results so far of a run of a session: of the boulders done when it was yielded, which come
+    from all sources alike (with maps of sources, from the first of them). The last batch of a run
+    is complete, with the bits of `rockfall.run`.
 
     Statistics and trajectories may be asked for at any time; a Dataset, which has the maps, only
     until the run goes on.
@@ -39,9 +40,9 @@ class Batch:
     def __init__(self, run: Batches, until: str, criteria: Sequence[Rule] = ()) -> None:
         tally = run.tally
         goes_on = tally.done < tally.boulders
-        spans = None if tally.spans is None or not goes_on else [*tally.spans]
-        self._run, self._lock, self._pieces = run, run.lock, run.pieces
-        self._tally = replace(tally, spans=spans, goes_on=goes_on)
+        marks = tally.marks.copy() if goes_on and tally.marks is not None else None
+        self._run, self._lock, self._begun = run, run.lock, run.begun
+        self._tally = replace(tally, marks=marks, goes_on=goes_on)
         self._until, self._criteria = until, criteria
         self._result: Contents | None = None
 
@@ -111,7 +112,7 @@ class Batch:
     def _make(self) -> Contents:
         """Complete results of the boulders done."""
         tally = self._tally
-        if self._run.pieces != self._pieces and tally.scene.case.output.get("maps"):
+        if self._run.begun != self._begun and tally.scene.case.output.get("maps"):
             raise RockfallError(
                 "the run has gone on since this batch, and its maps have changed: ask a batch for "
                 "its dataset before the next"
@@ -127,13 +128,13 @@ class Batch:
 
     def _recorded(self, number: int) -> dict[int, np.ndarray]:
         """Vertices of the boulders done among this number of all boulders of the run."""
-        scene, known, spans = self._tally.scene, self._tally.trajectories, self._tally.spans
+        scene, known, marks = self._tally.scene, self._tally.trajectories, self._tally.marks
         assert isinstance(scene, Scene)
         if number < 1:
             return {}
-        numbers = recorded_numbers(scene, min(number, self.total), 1, self.total)
-        done = [range(self.boulders)] if spans is None else spans
-        chosen = [one for one in numbers if any(one - 1 in span for span in done)]
+        last = self.boulders if marks is None else self.total
+        numbers = recorded_numbers(scene, min(number, self.total), 1, last)
+        chosen = [one for one in numbers if marks is None or marks[one - 1]]
         for one in chosen:
             if one not in known:
                 known[one] = trajectory(scene, one)

@@ -113,11 +113,13 @@ class Run:
                 return array.values
         raise KeyError(file_name)
 
-    def advance(self, scene: Scene, first: int, size: int) -> tuple[np.ndarray, np.ndarray]:
-        """Run the boulders from number `first` (from 1) on a scene, which may be a window. Returns
-        the numbers of the boulders that left it, which are not tallied, and the places where they
-        left it (2, n)."""
-        left, code, message = _core.advance(self.handle, scene.kernel.handle, first, size)
+    def advance(
+        self, scene: Scene, first: int, size: int, step: int = 1
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Run boulders, every `step`-th from number `first` (from 1) on, on a scene, which may be a
+        window. Returns the numbers of the boulders that left it, which are not tallied, and the
+        places where they left it (2, n)."""
+        left, code, message = _core.advance(self.handle, scene.kernel.handle, first, step, size)
         self.changed()
         scene.kernel.check(code, message)
         if not left:

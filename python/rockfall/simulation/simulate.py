@@ -182,7 +182,7 @@ def run_chunks(
     while tally.done < total and not interrupted():
         size = min(size, total - tally.done)
         wall, cpu = time.perf_counter(), time.process_time()
-        size = run_range(tally, tally.before + tally.done + 1, size)
+        size = _fly(tally, tally.before + tally.done + 1, size)
         tally.done += size
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         tally.wall, tally.cpu = tally.wall + wall, tally.cpu + cpu
@@ -191,7 +191,7 @@ def run_chunks(
             size = max(1, int(size * min(4.0, CHUNK_SECONDS / max(wall, 1e-9))))
 
 
-def run_range(tally: Tally, first: int, size: int) -> int:
+def _fly(tally: Tally, first: int, size: int) -> int:
     """Simulate boulders from number `first` on, and store them: `size` of them, or those whose
     sources lie in one window of the terrain. Returns their number."""
     scene = tally.scene
@@ -210,7 +210,7 @@ def run_range(tally: Tally, first: int, size: int) -> int:
         for start_, n in groups(left):
             done = 0
             while done < n:
-                done += run_range(tally, start_ + done, n - done)
+                done += _fly(tally, start_ + done, n - done)
     return size
 
 

@@ -76,7 +76,7 @@ class Tally:
     cpu: float = 0.0
     threads: int = 0
     crs: dict[str, Any] = field(default_factory=dict)  # attributes of a grid without a CRS
-    spans: list[range] | None = None  # boulders done, from 0; None: the first `done` of them
+    marks: np.ndarray | None = None  # bool, of each boulder: done; None: the first `done` are
     goes_on: bool = False  # results are made while the run goes on: they are copies
 
     def array(self, file_name: str) -> np.ndarray:
@@ -118,23 +118,20 @@ class Tally:
 
     @property
     def chosen(self) -> slice | np.ndarray:
-        """Rows of the boulders done: the first ones, or, of boulders in spans, their indices."""
+        """Rows of the boulders done: the first ones, or the indices of the marked ones."""
         number = self.number
-        if self.spans is None:
-            last = self.before + self.done
-            return slice(
-                self.done if number is None else int(np.searchsorted(number, last, side="right"))
-            )
-        done = np.zeros(self.boulders, bool)
-        for span in self.spans:
-            done[span.start : span.stop] = True
-        return np.flatnonzero(done if number is None else done[number - self.before - 1])
+        if self.marks is not None:
+            of_rows = self.marks if number is None else self.marks[number - self.before - 1]
+            return np.flatnonzero(of_rows)
+        if number is None:
+            return slice(self.done)
+        return slice(int(np.searchsorted(number, self.before + self.done, side="right")))
 
     def numbers(self) -> np.ndarray:
         """The boulders of these rows."""
         if (number := self.number) is not None:
             return number[self.chosen]
-        if self.spans is not None:
+        if self.marks is not None:
             return self.before + 1 + np.asarray(self.chosen)
         return np.arange(self.before + 1, self.before + self.done + 1)
 
