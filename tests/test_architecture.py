@@ -26,7 +26,7 @@ LEVELS = [
     ["scene"],
     ["simulation"],
     ["analysis"],
-    ["draft", "protection", "rockyfor3d"],
+    ["draft", "protection", "rockyfor3d", "session"],
     ["__init__"],
     ["lab"],
     ["plots", "text"],

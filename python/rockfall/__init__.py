@@ -5,8 +5,10 @@ from importlib import import_module
 
 _MODULES = {  # module of each public name, and the name there if different
     "Case": "case",
+    "Batch": "session.batch",
     "Interrupted": "simulation.simulate",
     "RockfallError": "errors",
+    "Session": "session.session",
     "__version__": "version",
     "back_analysis": "analysis.back.study",
     "barrier_statistics": "protection.barriers",
@@ -25,6 +27,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "line_statistics": "analysis.line_statistics",
     "merge": "simulation.merge",
     "new_case": "draft.new_case",
+    "open": "session.session:open_session",
     "read_case": "case",
     "read_result": "result.dataset",
     "report": "products",
@@ -34,6 +37,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "run_ensemble": "analysis.ensemble.study",
     "run_until": "analysis.run_until",
     "site": "protection.siting",
+    "trajectories": "result.trajectories",
     "write_hazard": "analysis.hazard.files",
     "write_result": "result.dataset",
 }

@@ -13,7 +13,7 @@ from rockfall.case import FROM_ARRAY, REPEATABLE, Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import find_set, set_path
 from rockfall.impact_tables import find_table
-from rockfall.io.raster_file import raster_files
+from rockfall.io.raster_file import raster_file, raster_files
 from rockfall.io.zone_table import read_zone_table
 
 if TYPE_CHECKING:
@@ -36,6 +36,22 @@ def input_files(case: Case) -> Iterator[Path]:
         for path in find_table(case, name), find_set(case, name):
             if path is not None:
                 yield path
+
+
+def group_files(case: Case, group: str) -> Iterator[Path]:
+    """All files that one group of a case names, with those that may come to lie beside them."""
+    for key, name in case.files():
+        if key.group != group or name == FROM_ARRAY:
+            continue
+        yield from _files_of(case, key.file, name)
+        if "raster" in key.file:
+            path = Path(raster_file(str(case.path(name))))
+            yield from (path.with_name(f"{path.name}{end}") for end in APPENDED)
+    if group == "surface":
+        for name in _named_grounds(case):
+            for found in find_table(case, name), find_set(case, name):
+                if found is not None:
+                    yield found
 
 
 def _named_grounds(case: Case) -> set[str]:

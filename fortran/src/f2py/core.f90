@@ -288,12 +288,12 @@ contains
       call c_f_pointer(pointer_of(run), opened)
    end function run_of
 
-   !> Run boulders first .. first + n - 1 on a scene, which may be a window of that of the run; `left` is the number of
-   !> boulders that left it and must be rerun.
-   subroutine advance(run, handle, first, n, left, code, message)
+   !> Run n boulders, every `step`-th from the first on, on a scene, which may be a window of that of the run; `left` is
+   !> the number of boulders that left it and must be rerun.
+   subroutine advance(run, handle, first, step, n, left, code, message)
       !f2py threadsafe
       integer(c_intptr_t), intent(in) :: run, handle
-      integer(c_int64_t), intent(in) :: first, n
+      integer(c_int64_t), intent(in) :: first, step, n
       integer(c_int), intent(out) :: left
       integer(c_int), intent(out) :: code
       character(len=1024), intent(out) :: message
@@ -303,7 +303,7 @@ contains
 
       scene => scene_of(handle)
       opened => run_of(run)
-      call advance_run(opened%run, scene%scene, first, n, error)
+      call advance_run(opened%run, scene%scene, first, step, n, error)
       left = 0
       if (.not. allocated(error)) left = size(opened%run%left)
       call give_error(error, code, message)

@@ -129,7 +129,7 @@ contains
          chunk = min(chunk, run%boulders - run%done)
          call system_clock(clock_start, rate)
          call cpu_time(cpu_start)
-         call advance(run, scene, run%before + run%done + 1, chunk, error)
+         call advance(run, scene, run%before + run%done + 1, 1_i8, chunk, error)
          if (.not. allocated(error) .and. size(run%left) > 0) &
             call fail(error, "internal error: a boulder left the reachable area", our_fault)
          call name_case(case, error)

@@ -426,17 +426,18 @@ contains
 
    ! ---- boulders -----------------------------------------------------------------------------
 
-   !> Run boulders first .. first + n - 1 of the run on a scene, which may be a window of that of the run: boulders that
-   !> leave it are not counted, and must be rerun.
-   subroutine advance(run, scene, first, n, error)
+   !> Run n boulders of the run, every `step`-th from the first on, on a scene, which may be a window of that of the
+   !> run: boulders that leave it are not counted, and must be rerun. With a step above 1, which maps of sources do not
+   !> allow, `done` is left as it is.
+   subroutine advance(run, scene, first, step, n, error)
       type(run_t), intent(inout), target :: run
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: first, n
+      integer(i8), intent(in) :: first, step, n
       type(error_t), allocatable, intent(out) :: error
       type(boulder_result_t), allocatable :: results(:)
       type(crossing_t), allocatable :: crossings(:, :)
       type(maps_t) :: maps
-      integer(i8) :: k, row
+      integer(i8) :: k, row, number
       integer :: status
       logical :: has_row
 
@@ -446,30 +447,28 @@ contains
          return
       end if
       maps = map_tallies(run, run%at)
-      call run_boulders(scene, first, run%threads, results, crossings, maps, run%histogram, run%by_ground)
+      call run_boulders(scene, first, step, run%threads, results, crossings, maps, run%histogram, run%by_ground)
       if (lacks_slots(maps)) then
          call fail(error, "&output maps: boulders reach more than "//integer_text(size(run%bin_counts, 2)) &
                    //" cells; the counts of quantile maps in more do not fit in memory")
          return
       end if
-      row = rows_before(run, first)
       do k = 1, n
+         number = first + (k - 1)*step
+         row = rows_before(run, number) + 1
          has_row = .not. allocated(run%number)
-         if (.not. has_row .and. row < size(run%status, kind=i8)) has_row = run%number(row + 1) == first + k - 1
-         if (has_row) then
-            row = row + 1
-            call store_row(run, scene, results(k), crossings(:, k), row)
-         end if
+         if (.not. has_row .and. row <= size(run%status, kind=i8)) has_row = run%number(row) == number
+         if (has_row) call store_row(run, scene, results(k), crossings(:, k), row)
          if (results(k)%status == left_window) cycle
          call add_counts(run, results(k))
          if (allocated(run%number)) call add_sample(run, scene, results(k), crossings(:, k))
       end do
-      run%left = pack([(first + k - 1, k=1, n)], results%status == left_window)
+      run%left = pack([(first + (k - 1)*step, k=1, n)], results%status == left_window)
       if (allocated(run%left_at)) deallocate (run%left_at)
       allocate (run%left_at(size(run%left), 2))
       run%left_at(:, 1) = pack(results%stop(1), results%status == left_window) + scene%dem%x0
       run%left_at(:, 2) = pack(results%stop(2), results%status == left_window) + scene%dem%y0
-      run%done = max(run%done, first + n - 1 - run%before)
+      if (step == 1) run%done = max(run%done, first + n - 1 - run%before)
    end subroutine advance
 
    pure subroutine add_counts(run, result)

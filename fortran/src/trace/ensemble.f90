@@ -45,11 +45,11 @@ module rockfall_ensemble
 
 contains
 
-   !> Run boulders `first` to `first + size(results) - 1`; add to maps and histogram counts. Boulders that left the
-   !> window of the terrain (see status) are not counted.
-   subroutine run_boulders(scene, first, threads, results, crossings, maps, histogram_counts, by_ground)
+   !> Run boulders `first`, `first + step` and so on, as many as there are results; add to maps and histogram counts.
+   !> Boulders that left the window of the terrain (see status) are not counted.
+   subroutine run_boulders(scene, first, step, threads, results, crossings, maps, histogram_counts, by_ground)
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: first
+      integer(i8), intent(in) :: first, step                 !! step: 1 if maps count sources
       integer, intent(in) :: threads                         !! as for team_size
       type(boulder_result_t), intent(out) :: results(:)
       type(crossing_t), intent(inout) :: crossings(:, :)     !! (lines, boulders)
@@ -64,17 +64,18 @@ contains
       if (team_size(threads) > 1) call init_locks(shared_maps, scene%dem%ny)
       next = 1
       !$omp parallel default(none) num_threads(team_size(threads)) &
-      !$omp& shared(scene, first, threads, results, crossings, shared_maps, histogram_counts, by_ground, next)
-      call run_thread(scene, first, threads, results, crossings, shared_maps, histogram_counts, by_ground, next)
+      !$omp& shared(scene, first, step, threads, results, crossings, shared_maps, histogram_counts, by_ground, next)
+      call run_thread(scene, first, step, threads, results, crossings, shared_maps, histogram_counts, by_ground, &
+                      next)
       !$omp end parallel
       if (team_size(threads) > 1) call free_locks(shared_maps)
    end subroutine run_boulders
 
    !> Run one thread's part of the boulders. A separate procedure, so that its work space is default-initialised, which
    !> private copies are not.
-   subroutine run_thread(scene, first, threads, results, crossings, maps, histogram_counts, by_ground, next)
+   subroutine run_thread(scene, first, step, threads, results, crossings, maps, histogram_counts, by_ground, next)
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: first
+      integer(i8), intent(in) :: first, step
       integer, intent(in) :: threads
       type(boulder_result_t), intent(inout) :: results(:)
       type(crossing_t), intent(inout) :: crossings(:, :)
@@ -89,9 +90,9 @@ contains
       if (is_wide() == 0) lanes = min(lanes, narrow_lanes)
       if (allocated(scene%grounds)) allocate (worker%totals%by_ground(size(scene%grounds)), source=0_i8)
       if (lanes == wide_lanes) then
-         call run_in_wide_lanes(scene, first, results, crossings, maps, next, worker%totals)
+         call run_in_wide_lanes(scene, first, step, results, crossings, maps, next, worker%totals)
       else if (lanes == narrow_lanes) then
-         call run_in_lanes(scene, first, results, crossings, maps, next, worker%totals)
+         call run_in_lanes(scene, first, step, results, crossings, maps, next, worker%totals)
       else
          allocate (worker%spans(merge(scene%dem%nx + scene%dem%ny, 0, needs_heights(maps) .or. has_obstacles(scene))))
          call choose_tracer(scene, needs_visits(maps), worker%trace)
@@ -101,7 +102,7 @@ contains
          else
             !$omp do schedule(dynamic, batch)
             do k = 1, size(results)
-               call run_boulder(scene, first + k - 1, results(k), crossings(:, k), maps, worker)
+               call run_boulder(scene, first + (k - 1)*step, results(k), crossings(:, k), maps, worker)
             end do
             !$omp end do
          end if

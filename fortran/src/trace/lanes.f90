@@ -90,9 +90,9 @@ module rockfall_lanes
 contains
 
    !> Run one thread's part of the boulders, in batches from the shared counter `next`.
-   subroutine run_in_lanes(scene, first, results, crossings, maps, next, totals)
+   subroutine run_in_lanes(scene, first, step, results, crossings, maps, next, totals)
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: first                    !! number of the first boulder
+      integer(i8), intent(in) :: first, step              !! number of the first boulder, from one to the next
       type(boulder_result_t), intent(inout) :: results(:)
       type(crossing_t), intent(inout) :: crossings(:, :)  !! (lines, boulders)
       type(maps_t), intent(in) :: maps                    !! none counts sources
@@ -117,11 +117,11 @@ contains
       end do
       if (has_tables(scene)) allocate (by_table)
       do
-         call refill(scene, first, results, next, pool, scratch, flights)
+         call refill(scene, first, step, results, next, pool, scratch, flights)
          if (flights%n == 0) exit
          call fly_to_landings(scene%dem, scene%gravity, pool%w, flights, landings, scratch)
          if (allocated(scene%lines)) call record_line_crossings(scene, results, pool, landings, scratch)
-         call classify_contacts(scene, sets, first, results, pool, landings, scratch, contacts)
+         call classify_contacts(scene, sets, first, step, results, pool, landings, scratch, contacts)
          call compute_incidence(landings, scene%gravity, scene%dem%per_cell, contacts)
          call draw_random_numbers(scene, landings%n, contacts)
          if (size(sets%set) > 0) then
@@ -175,9 +175,9 @@ contains
    end function has_tables
 
    !> Fill the free lanes with the next boulders.
-   subroutine refill(scene, first, results, next, pool, scratch, flights)
+   subroutine refill(scene, first, step, results, next, pool, scratch, flights)
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: first
+      integer(i8), intent(in) :: first, step
       type(boulder_result_t), intent(inout) :: results(:)
       integer, intent(inout) :: next
       type(pool_t), intent(inout) :: pool
@@ -199,7 +199,7 @@ contains
          pool%index(lane) = pool%from
          pool%from = pool%from + 1
          associate (result => results(pool%index(lane)))
-            call start_boulder(scene, first + pool%index(lane) - 1, with_all, result, flight)
+            call start_boulder(scene, first + (pool%index(lane) - 1)*step, with_all, result, flight)
             if (result%status /= 0) cycle
          end associate
          call clear_scratch(scene, with_all, scratch(lane))
@@ -241,10 +241,10 @@ contains
    end subroutine record_line_crossings
 
    !> Find the ground properties at the landings.
-   subroutine classify_contacts(scene, sets, first, results, pool, l, scratch, c)
+   subroutine classify_contacts(scene, sets, first, step, results, pool, l, scratch, c)
       type(scene_t), intent(in) :: scene
       type(set_list_t), intent(in) :: sets
-      integer(i8), intent(in) :: first
+      integer(i8), intent(in) :: first, step
       type(boulder_result_t), intent(inout) :: results(:)
       type(pool_t), intent(in) :: pool
       type(landings_t), intent(in) :: l
@@ -259,7 +259,7 @@ contains
          lane = l%lane(k)
          c%ground(k) = 1
          c%set(k) = size(sets%set) + 1
-         c%number(k) = first + pool%index(lane) - 1
+         c%number(k) = first + (pool%index(lane) - 1)*step
          c%w(k) = pool%w(lane)
          c%heading1(k) = pool%heading1(lane)
          c%heading2(k) = pool%heading2(lane)

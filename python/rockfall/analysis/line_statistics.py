@@ -16,11 +16,11 @@ from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.lines.values import HEIGHTS
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.samples import Sample, Values
+from rockfall.errors import RockfallError
 from rockfall.limits import fraction_limits
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
 
     from rockfall.result.contents import Held
 
@@ -42,20 +42,23 @@ SIGNED = ("omega", "position")  # signed quantities: neither end is bounded
 
 
 def line_statistics(
-    result: xr.Dataset, by: str | None = None, classes: Sequence[float] | None = None
+    result: Held,
+    by: str | None = None,
+    classes: Sequence[float] | None = None,
+    quantities: Sequence[str] = QUANTITIES,
 ) -> pd.DataFrame:
-    """One row for each line and quantity: n and fraction of the boulders that crossed, then mean,
-    standard deviation (n - 1), quantiles and maximum, in the units of the result; NaN where none
-    crossed. `NAME_low` and `NAME_high` are the limits of the 95 % confidence interval of fraction
-    (Wilson 1927), mean, std (Hall 1992) and quantiles (order statistics). The maximum has none: it
-    grows with n. Too few boulders give no valid interval: below 10 that of the mean is NaN, below
-    100 that of std, and limits of quantiles beyond the values of the sample are NaN. `withheld`
-    names the numbers without an interval.
+    """One row for each line and quantity, of those chosen: n and fraction of the boulders that
+    crossed, then mean, standard deviation (n - 1), quantiles and maximum, in the units of the
+    result; NaN where none crossed. `NAME_low` and `NAME_high` are the limits of the 95 % confidence
+    interval of fraction (Wilson 1927), mean, std (Hall 1992) and quantiles (order statistics). The
+    maximum has none: it grows with n. Too few boulders give no valid interval: below 10 that of the
+    mean is NaN, below 100 that of std, and limits of quantiles beyond the values of the sample are
+    NaN. `withheld` names the numbers without an interval.
 
     by = 'source' or 'volume' gives these rows for each group of boulders, named in a column of that
     name, with the number released in `boulders`, to which `fraction` then refers; `classes` are the
     edges between classes of volume [m3] (see `rockfall.analysis.lines.groups.groups`). Raises
-    RockfallError for another `by`, or edges that do not increase.
+    RockfallError for another `by` or quantity, or edges that do not increase.
 
     energy_total is E_trans + E_rot, rotational_share is E_rot / E_total; position is the distance
     along the line, from its first vertex, at which a boulder crossed [m]: its std is the lateral
@@ -74,12 +77,15 @@ def line_statistics(
     """
     import pandas as pd
 
+    if unknown := [one for one in quantities if one not in QUANTITIES]:
+        known_ones = ", ".join(QUANTITIES)
+        raise RockfallError(f"quantities: no quantity '{unknown[0]}'; there are {known_ones}")
     known = LineSamples(result)
     parts = known.groups(by, classes) if by else [("", None)]
     rows = []
     for k, line in enumerate(result["line"].values if "line" in result else []):
         for name, chosen in parts:
-            for quantity in QUANTITIES:
+            for quantity in quantities:
                 sample = known.sample(k, quantity, chosen)
                 about = {"line": line} | ({by: name, "boulders": sample.released} if by else {})
                 row = numbers(sample, quantity)

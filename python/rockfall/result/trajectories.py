@@ -19,16 +19,18 @@ POINTS = 25  # of a drawn parabola
 
 
 class Trajectory(NamedTuple):
-    """A smooth curve: coordinates, plan distance from the start [m], speed [m/s]."""
+    """A smooth curve: coordinates, plan distance from the start [m], speed [m/s], time [s]."""
 
     x: np.ndarray
     y: np.ndarray
     z: np.ndarray
     distance: np.ndarray
     speed: np.ndarray
+    time: np.ndarray
+    boulder: int  # its number
 
 
-def vertices_of(result: xr.Dataset, *names: str) -> list[np.ndarray]:
+def vertices_of(result: Held, *names: str) -> list[np.ndarray]:
     """Variables trajectory_`names` (names, vertices) of each recorded trajectory."""
     if "trajectory_boulder" not in result:
         return []
@@ -37,14 +39,22 @@ def vertices_of(result: xr.Dataset, *names: str) -> list[np.ndarray]:
     return np.split(columns, cuts, axis=1)
 
 
-def trajectories(result: xr.Dataset, number: int | None = None) -> list[Trajectory]:
+def trajectories(result: Held, number: int | None = None) -> list[Trajectory]:
     """Recorded trajectories, at most `number` of them, evenly selected, with the parabolas between
     their contacts.
 
     A parabola is fixed by the velocity after a contact, the time and the next contact; gravity
-    follows.
+    follows. A result has the trajectories that its case asks for (`&output trajectories`); each is
+    a named tuple of arrays x, y, z, distance [m], speed [m/s] and time [s], and the boulder's
+    number.
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> path = rockfall.trajectories(result, 5)[0]
+    >>> path.x.shape == path.speed.shape
+    True
     """
-    names = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
+    names = ("boulder", "x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
     return [_curve(*vertices) for vertices in spread(vertices_of(result, *names), number)]
 
 
@@ -55,11 +65,12 @@ def spread(recorded: list[np.ndarray], number: int | None) -> list[np.ndarray]:
     return [recorded[k * len(recorded) // number] for k in range(number)]
 
 
-def _curve(x, y, z, time, velocity_x, velocity_y, velocity_z) -> Trajectory:
+def _curve(boulder, x, y, z, time, velocity_x, velocity_y, velocity_z) -> Trajectory:
     """Curve through the vertices of a trajectory; a point for a boulder that never moved."""
+    number = int(boulder[0])
     if x.size == 1:
-        zero = np.zeros(1)
-        return Trajectory(x, y, z, zero, np.hypot(np.hypot(velocity_x, velocity_y), velocity_z))
+        speed = np.hypot(np.hypot(velocity_x, velocity_y), velocity_z)
+        return Trajectory(x, y, z, np.zeros(1), speed, time, number)
     part = np.linspace(0, 1, POINTS)
     duration = np.diff(time)[:, None]
     rise = velocity_z[:-1, None] * duration  # without gravity
@@ -71,7 +82,9 @@ def _curve(x, y, z, time, velocity_x, velocity_y, velocity_z) -> Trajectory:
     vertical = velocity_z[:-1, None] + slowed * part
     speed = np.hypot(np.hypot(velocity_x, velocity_y)[:-1, None], vertical)
     distance = np.hypot(x - x[0, 0], y - y[0, 0])
-    return Trajectory(*(curve.ravel() for curve in (x, y, z, distance, speed)))
+    time = time[:-1, None] + part * duration
+    x, y, z, distance, speed, time = (one.ravel() for one in (x, y, z, distance, speed, time))
+    return Trajectory(x, y, z, distance, speed, time, number)
 
 
 def lines(result: xr.Dataset) -> list[tuple[str, np.ndarray, np.ndarray]]:

@@ -43,10 +43,10 @@ class Digest:
 
     def sums(self, sources: Sources, trees: Trees | None) -> dict[str, str]:
         """Checksum of each input, by name."""
-        dem, *surface = self.layers
+        dem, sizes = self.layers[0].copy(), self.sizes.copy()
         dem.update(_place(self.grid).encode())
-        for layer in surface:
-            self.sizes.update(layer.digest())
+        for layer in self.layers[1:]:
+            sizes.update(layer.digest())
         of_sources = hashlib.sha256(b"" if sources.area is None else sources.area.data)
         of_sources.update(b"" if sources.frequency is None else sources.frequency.data)
         of_sources.update(np.concatenate((sources.x, sources.y)).data)
@@ -55,7 +55,7 @@ class Digest:
         of_features = sources.features[1:] if sources.features else ()
         for values in (*(sources.source_boulders or ()), *of_features):
             of_sources.update(b"" if values is None else np.ascontiguousarray(values).data)
-        found = {"dem": dem, "surface": self.sizes, "sources": of_sources}
+        found = {"dem": dem, "surface": sizes, "sources": of_sources}
         if trees is not None:
             found["trees"] = hashlib.sha256()
             for values in trees:

@@ -30,16 +30,45 @@ def is_frame(given: Any) -> bool:
     return hasattr(given, "geometry") and hasattr(given, "columns")
 
 
+class FrameFiles:
+    """Files of frames in a temporary folder; a frame given again keeps its file."""
+
+    def __init__(self) -> None:
+        self._folder = TemporaryDirectory()
+        self._known: dict[str, tuple[Any, Path]] = {}
+        self._number = 0
+
+    def write(self, frames: Mapping[str, Any]) -> dict[str, Path]:
+        """Files of these frames, by name."""
+        for name, frame in frames.items():
+            if name not in self._known or self._known[name][0] is not frame:
+                self._number += 1
+                folder = Path(self._folder.name) / str(self._number)
+                folder.mkdir()
+                self._known[name] = frame, _write(frame, name, folder)
+        return {name: self._known[name][1] for name in frames}
+
+    def remove(self) -> None:
+        """Remove the files."""
+        self._folder.cleanup()
+
+
 @contextmanager
-def frame_files(frames: Mapping[str, Any]) -> Iterator[dict[str, Path]]:
-    """Write frames to files, by name, for the duration of the block; callers name the frames in
-    errors."""
-    with TemporaryDirectory() as folder:
-        files = {name: _write(frame, name, Path(folder)) for name, frame in frames.items()}
+def frame_files(
+    frames: Mapping[str, Any], store: FrameFiles | None = None
+) -> Iterator[dict[str, Path]]:
+    """Write frames to files, by name, for the duration of the block, or as long as their store
+    lives; callers name the frames in errors."""
+    own = store or FrameFiles()
+    try:
+        files = own.write(frames)
         try:
             yield files
         except RockfallError as error:
             raise RockfallError(of_frames(str(error), files), error.code) from error
+    finally:
+        if store is None:
+            own.remove()
 
 
 def of_frames(text: str, files: Mapping[str, Path]) -> str:
@@ -49,11 +78,16 @@ def of_frames(text: str, files: Mapping[str, Path]) -> str:
     return text
 
 
-def with_frames(frames: Mapping[str, Any], case: Case, read: Callable[[Case], Scene]) -> Scene:
+def with_frames(
+    frames: Mapping[str, Any],
+    case: Case,
+    read: Callable[[Case], Scene],
+    store: FrameFiles | None = None,
+) -> Scene:
     """Read the scene of a case with the layers of frames, by name: those of GROUPS in addition to
     its own, the others (zones, trees, stands, clearings, sources) in place of its own."""
     keys = {name: _key(name, frame) for name, frame in frames.items() if name not in GROUPS}
-    with frame_files(frames) as files:
+    with frame_files(frames, store) as files:
         scene = read(_naming(case, files, keys))
     changes: dict[str, dict[str, Any]] = {}
     for group, key in keys.values():

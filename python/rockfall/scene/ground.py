@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -43,23 +43,30 @@ class Ground:
     smallest: float = np.inf  # where sizes are rasters [m]
     largest: float = 0.0
 
-    def take(self, band: Rasters, box: Box, x: np.ndarray, y: np.ndarray) -> None:
-        """Add the rows of a box from rasters that hold them and their neighbours, and the sources
-        there, of all at x, y."""
+    def take(self, band: Rasters, box: Box) -> None:
+        """Add the rows of a box from rasters that hold them and their neighbours."""
         inner = slice(box.row - band.at[0], box.stop_row - band.at[0])
         z = band.z[inner]
         for rows in row_blocks(z.shape):
             self._take_elevations(z[rows])
         self._take_spikes(band, inner)
         self._take_samples(band, *_samples(band, box))
+        self._take_sizes(band, inner)
+
+    def with_sources(self, band: Rasters, box: Box, x: np.ndarray, y: np.ndarray) -> Ground:
+        """Statistics with those of the sources in a box, of all at x, y, added."""
         row = ((band.grid.north - y) / band.grid.cell).astype(int).clip(0, band.grid.ny - 1)
         mine = (row >= box.row) & (row < box.stop_row)
-        if mine.any():
-            x, y = x[mine], y[mine]
-            column = ((x - band.grid.west) / band.grid.cell).astype(int).clip(0, band.grid.nx - 1)
-            self.source_z.append(band.z[row[mine] - band.at[0], column - band.at[1]])
-            self.source_slopes.append(_slopes(band, x, y))
-        self._take_sizes(band, inner)
+        if not mine.any():
+            return self
+        x, y = x[mine], y[mine]
+        column = ((x - band.grid.west) / band.grid.cell).astype(int).clip(0, band.grid.nx - 1)
+        z = band.z[row[mine] - band.at[0], column - band.at[1]]
+        return replace(
+            self,
+            source_z=[*self.source_z, z],
+            source_slopes=[*self.source_slopes, _slopes(band, x, y)],
+        )
 
     def _take_samples(self, band: Rasters, row: np.ndarray, column: np.ndarray) -> None:
         """Sample the slopes of cells and their ground."""
@@ -129,6 +136,13 @@ class Ground:
     def source_quantiles(self) -> np.ndarray:
         """Quantiles of the slopes at the sources [degree]."""
         return _degrees(self.source_slopes, QUANTILES)
+
+
+def ground_of(rasters: Rasters) -> Ground:
+    """Statistics of a complete terrain, without sources."""
+    found = Ground()
+    found.take(rasters, rasters.grid.box)
+    return found
 
 
 def falls_and_rises(sizes: np.ndarray) -> tuple[int, int]:

@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -20,7 +20,9 @@ from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.io.layers import REPROJECTED, name_of
 from rockfall.io.raster import aligned_blocks, packing_note
 from rockfall.io.raster_file import raster_file
+from rockfall.scene.stages import Stages
 
+T = TypeVar("T")
 LAYERS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # file extensions of vector layers
 
 
@@ -63,6 +65,28 @@ class Inputs:
         for remark in self.remarks:
             if remark.startswith(f"{where}: {REPROJECTED} "):
                 self.checksums[name] += remark.removeprefix(where).replace(":", ",", 1)
+
+
+def take_inputs(
+    stages: Stages,
+    name: str,
+    inputs: Inputs,
+    uses: tuple[Any, ...],
+    make: Callable[[Inputs], T],
+) -> T:
+    """Result of a stage that reads inputs, whose checksums and remarks are added to them, and
+    whose arrays are taken out. It uses the grid and all arrays besides the objects `uses`."""
+
+    def read(case: Case) -> tuple[T, Inputs]:
+        own = Inputs(case, inputs.grid, dict(inputs.arrays))
+        return make(own), own
+
+    given = tuple(one for item in inputs.arrays.items() for one in item)
+    found, own = stages.take(name, inputs.case, (inputs.grid, *uses, *given), read)
+    inputs.checksums |= own.checksums
+    inputs.remarks += [one for one in own.remarks if one not in inputs.remarks]
+    inputs.arrays = {key: one for key, one in inputs.arrays.items() if key in own.arrays}
+    return found
 
 
 def _on_cells(grid: Grid, key: str, given: Any) -> np.ma.MaskedArray:

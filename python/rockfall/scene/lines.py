@@ -15,7 +15,8 @@ from rockfall.case import REPEATABLE, Case, file_keys, key_table
 from rockfall.errors import RockfallError
 from rockfall.io.layers import attribute, name_of, named_attribute, plain
 from rockfall.io.layers import read_lines as read_layer
-from rockfall.scene.layers import Inputs
+from rockfall.scene.layers import Inputs, take_inputs
+from rockfall.scene.stages import FRESH, Stages
 
 OF_LAYER = {"name", "x", "y", "file", "layer", "field"}  # keys that are not attributes
 LOGICAL = {"true": True, "1": True, "false": False, "0": False}  # as written by vector formats
@@ -29,12 +30,15 @@ class _Drawn(NamedTuple):
     values: dict[str, Any]
 
 
-def read_lines(inputs: Inputs) -> Case:
+def read_lines(inputs: Inputs, stages: Stages = FRESH) -> Case:
     """The case with the coordinates of its layers."""
     groups, case = _groups(), inputs.case
     if not any("file" in one for group in groups for one in getattr(case, group)):
         return case
-    drawn = {group: list(_drawn(inputs, group)) for group in groups}
+    drawn = take_inputs(
+        stages, "lines", inputs, (),
+        lambda inputs: {group: list(_drawn(inputs, group)) for group in groups},
+    )  # fmt: skip
     try:
         found = {group: [one.values for one in several] for group, several in drawn.items()}
         return case.replace(**found)

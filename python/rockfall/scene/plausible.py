@@ -8,20 +8,36 @@ warning also does harm. Each limit is defined once, with its reason, in `rockfal
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import TypeAlias
 
+from rockfall.case import Case
 from rockfall.scene.rules.boulders import boulder_rules
 from rockfall.scene.rules.protection import protection_rules
 from rockfall.scene.rules.terrain import dem_rules
 from rockfall.scene.scene import InputWarning, Scene
+
+Rules: TypeAlias = Callable[[Scene], Iterator[InputWarning]]
 
 
 def input_warnings(scene: Scene) -> list[InputWarning]:
     """Likely mistakes in the inputs; computed once for a scene and those derived from it."""
     findings = scene.findings
     if findings.warnings is None:
-        findings.warnings = list(dict.fromkeys(one for rule in RULES for one in rule(scene)))
+        found = (one for rules, uses in RULES.items() for one in _found(scene, rules, uses))
+        findings.warnings = list(dict.fromkeys([*found, *_read(scene)]))
     return findings.warnings
+
+
+def _found(scene: Scene, rules: Rules, uses: tuple[str, ...]) -> list[InputWarning]:
+    """Warnings of some rules, which look at the case and at these parts of a scene."""
+
+    def apply(case: Case) -> list[InputWarning]:
+        return [*rules(scene if case is scene.case else replace(scene, case=case))]
+
+    parts = tuple(getattr(scene, name) for name in uses)
+    return scene.stages.take(f"rules {rules.__name__}", scene.case, parts, apply, reads=False)
 
 
 def implausible(scene: Scene) -> list[str]:
@@ -49,4 +65,10 @@ def _read(scene: Scene) -> Iterator[InputWarning]:
         yield InputWarning(where, text)
 
 
-RULES = _lines, dem_rules, boulder_rules, protection_rules, _read
+#: Rules, and the parts of a scene that they look at besides its case.
+RULES: dict[Rules, tuple[str, ...]] = {
+    _lines: ("grid",),
+    dem_rules: ("rasters",),
+    boulder_rules: ("rasters", "x", "y", "features", "source_boulders", "source_values", "trees"),
+    protection_rules: ("grid", "dams"),
+}

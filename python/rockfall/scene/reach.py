@@ -14,13 +14,16 @@ from rockfall.scene.kernel_scene import KernelScene
 class Survey:
     """Terrain data needed before a run, gathered from all its rows."""
 
-    def __init__(self, case: Case, grid: Grid) -> None:
+    def __init__(self, case: Case, grid: Grid, minima: np.ndarray | None = None) -> None:
+        """`minima` are those of all rows, where they are known already."""
         self._output, self._grid = case.output, grid
         self.head = np.full(1, -np.inf)  # energy head [m]
         nodes = grid.nx, grid.ny
         side = _core.block_of(nodes)
         blocks = [-(-n // side) for n in nodes] if "maps" in case.output else [1, 1]
-        self.minima = np.full(blocks, np.inf, order="F")  # minima of blocks of cells [m]
+        self._known = minima is not None
+        #: minima of blocks of cells [m]
+        self.minima = np.full(blocks, np.inf, order="F") if minima is None else minima
 
     def take(self, kernel: KernelScene, first: int, stop: int) -> None:
         """Add rows `first` to `stop` - 1 of the raster; the scene in the kernel holds them and four
@@ -28,7 +31,8 @@ class Survey:
 
         A source from which no boulder can start is refused.
         """
-        kernel.check(*_core.scan_rows(kernel.handle, first + 1, stop, self.minima, self.head))
+        minima = np.empty((1, 1)) if self._known else self.minima  # a single one is left as it is
+        kernel.check(*_core.scan_rows(kernel.handle, first + 1, stop, minima, self.head))
 
     def box(self, kernel: KernelScene) -> Box:
         """Box of all cells that boulders can reach: no rebound adds energy, so no boulder rises

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,28 +16,36 @@ from rockfall.errors import RockfallError
 from rockfall.grounds import other_tables
 from rockfall.impact_sets import set_path
 from rockfall.io.arrays import check_known, from_array
-from rockfall.io.grid import Box
+from rockfall.io.grid import Box, Grid
 from rockfall.io.raster import dem_header, packing_note, read_dem
 from rockfall.io.raster_file import raster_file
 from rockfall.io.zone_table import RADII
 from rockfall.scene.coefficients import open_sets
 from rockfall.scene.digest import Digest
 from rockfall.scene.forest.planted import read_forest
-from rockfall.scene.frames import is_frame, with_frames
+from rockfall.scene.frames import FrameFiles, is_frame, with_frames
 from rockfall.scene.ground import Ground
-from rockfall.scene.layers import LAYERS, Inputs, array_checksum, file_checksum
+from rockfall.scene.layers import LAYERS, Inputs, array_checksum, file_checksum, take_inputs
 from rockfall.scene.lines import read_lines
 from rockfall.scene.parts import Rasters
 from rockfall.scene.reach import Survey
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import read_sources
+from rockfall.scene.stages import FRESH, Stages
 from rockfall.scene.surface import cell_bytes, read_grounds, read_rasters, size_columns
 from rockfall.scene.windows import Windows, bands
-from rockfall.terrain.dams import with_dam
+from rockfall.terrain.dams import with_dams
 
 
 def read_scene(
-    case: Case, dem: Any = None, transform: Any = None, memory: float | None = None, **rasters: Any
+    case: Case,
+    dem: Any = None,
+    transform: Any = None,
+    memory: float | None = None,
+    *,
+    stages: Stages = FRESH,
+    frame_store: FrameFiles | None = None,
+    **rasters: Any,
 ) -> Scene:
     """Read and check everything that a case names.
 
@@ -46,7 +54,8 @@ def read_scene(
     (for the DEM itself with its `transform`). Layers (lines, barriers, dams, zones, sources, trees,
     stands, clearings) may be given as GeoDataFrames: lines, barriers and dams in addition to those
     of the case. If rasters in files need more than half of `memory` [bytes], they are read in
-    windows on demand: see `rockfall.scene.windows`.
+    windows on demand: see `rockfall.scene.windows`. An open session keeps `stages` and
+    `frame_store` from one reading to the next: only what changed is then read.
     """
     if not isinstance(case, Case):
         raise RockfallError(f"case = {case!r}: must be a Case; rockfall.read_case(path) reads one")
@@ -54,46 +63,73 @@ def read_scene(
     if frames:
         rasters = {name: one for name, one in rasters.items() if name not in frames}
         return with_frames(
-            frames, case, lambda named: read_scene(named, dem, transform, memory, **rasters)
-        )
+            frames, case,
+            lambda named: read_scene(named, dem, transform, memory, stages=stages, **rasters),
+            frame_store,
+        )  # fmt: skip
     arrays = {"dem": dem, **rasters}
     case = _with_arrays(case, {key for key, array in arrays.items() if array is not None})
     _check_files(case, arrays)
-    file = case.path(case.terrain["dem"])
-    if dem is not None:
-        z, grid = from_array(dem, transform)
-    elif case.terrain["dem"] == FROM_ARRAY:
+    if dem is None and case.terrain["dem"] == FROM_ARRAY:
         raise RockfallError(
             f"{case.name}: &terrain dem is missing: a raster file, or run(case, dem=...)"
         )
-    else:
-        if memory is not None and not rasters:
-            grid, dtype = dem_header(file)
-            if (cells := int(memory / 2 / cell_bytes(case, dtype))) < grid.nx * grid.ny:
-                return _windowed(Inputs(case, grid), dtype, cells)
-        z, grid = read_dem(file)
+    if dem is None and memory is not None and not rasters:
+        grid, dtype = stages.take("header", case, (), lambda case: dem_header(_dem_path(case)))
+        if (cells := int(memory / 2 / cell_bytes(case, dtype))) < grid.nx * grid.ny:
+            return _windowed(Inputs(case, grid), dtype, cells)
+    z, grid, checksum, remarks = stages.take(
+        "dem", case, (dem, transform), lambda case: _elevations(case, dem, transform)
+    )
     inputs = Inputs(case, grid, rasters)
-    inputs.case = read_lines(inputs)
-    dams = []
-    for dam in inputs.case.dam:
-        z, shape = with_dam(z, grid, dam, case.name)
-        dams.append(shape)
-    inputs.checksums["dem"] = file_checksum(file) if dem is None else array_checksum(z)
-    inputs.remarks += packing_note(file) if dem is None else []
-    terrain = read_rasters(inputs, z, grid.box)
-    scene = _scene(inputs, terrain, [(terrain, grid.box)])
-    sums = Digest(grid)
-    sums.take(terrain, 0, grid.ny)
-    scene = replace(scene, dams=tuple(dams), decoded=sums.sums(scene, scene.trees))
+    inputs.case = read_lines(inputs, stages)
+    z, dams = stages.take(
+        "dams", inputs.case, (z,), lambda case: with_dams(z, grid, case.dam, case.name)
+    )
+    inputs.checksums["dem"] = checksum or array_checksum(z)
+    inputs.remarks += remarks
+    terrain = take_inputs(
+        stages, "surface", inputs, (z,), lambda inputs: read_rasters(inputs, z, grid.box)
+    )
+    scene = _scene(inputs, terrain, lambda: [(Rasters(grid, z), grid.box)], stages)
+    sums = stages.take("digest", inputs.case, (terrain,), lambda _: _digest(terrain))
+    scene = replace(scene, dams=dams, decoded=sums.sums(scene, scene.trees), stages=stages)
     _ = scene.kernel.handle  # raises errors that the case text alone cannot reveal
     return scene
 
 
-def _scene(inputs: Inputs, rasters: Rasters, rows: Iterable[tuple[Rasters, Box]]) -> Scene:
+def _elevations(case: Case, dem: Any, transform: Any) -> tuple[np.ndarray, Grid, str, list[str]]:
+    """Elevations, given or in a file, their grid, the checksum of the file, and remarks."""
+    if dem is not None:
+        return *from_array(dem, transform), "", []
+    file = _dem_path(case)
+    z, grid = read_dem(file)
+    return z, grid, file_checksum(file), packing_note(file)
+
+
+def _dem_path(case: Case) -> Path:
+    return case.path(case.terrain["dem"])
+
+
+def _digest(rasters: Rasters) -> Digest:
+    """Checksums of a complete terrain and its surface."""
+    sums = Digest(rasters.grid)
+    sums.take(rasters, 0, rasters.grid.ny)
+    return sums
+
+
+def _scene(
+    inputs: Inputs,
+    rasters: Rasters,
+    rows: Callable[[], Iterable[tuple[Rasters, Box]]],
+    stages: Stages = FRESH,
+) -> Scene:
     """The scene of a case with its rasters; impact sets are read last of all."""
-    sources = read_sources(inputs, rows)
-    trees, stands = read_forest(inputs, sources.x, sources.y)
-    sets = open_sets(set_path(inputs.case))
+    sources = take_inputs(
+        stages, "sources", inputs, (rasters.z,), lambda inputs: read_sources(inputs, rows())
+    )
+    trees, stands = read_forest(inputs, sources.x, sources.y, stages)
+    sets = stages.take("sets", inputs.case, (), lambda case: open_sets(set_path(case)))
     inputs.checksums["sets"] = sets.checksum
     if inputs.arrays:
         raise RockfallError(
@@ -132,12 +168,14 @@ def _windowed(inputs: Inputs, dtype: np.dtype, cells: int) -> Scene:
     empty = Rasters(grid, np.empty((0, 0), dtype))
     read_grounds(inputs, empty)
     from_terrain = case.release["steep_cells"] or case.release["by_area"]
-    scene = _scene(inputs, empty, bands(inputs, cells) if from_terrain else [(empty, grid.box)])
+    rows = bands(inputs, cells) if from_terrain else [(empty, grid.box)]
+    scene = _scene(inputs, empty, lambda: rows)
     survey, ground, sums, known = Survey(case, grid), Ground(), Digest(grid), False
     for band, box in bands(inputs, cells):
         known = check_known(grid.path, band.z, band.at[0]) or known
         survey.take(replace(scene, rasters=band).kernel, box.row, box.stop_row)
-        ground.take(band, box, scene.x, scene.y)
+        ground.take(band, box)
+        ground = ground.with_sources(band, box, scene.x, scene.y)
         sums.take(band, box.row, box.stop_row)
     if not known:
         raise RockfallError(f"{grid.path}: all cells are nodata")
@@ -152,7 +190,7 @@ def _with_arrays(case: Case, keys: set[str]) -> Case:
     for key in file_keys():
         if "raster" in key.file and key.name in keys and key.name in getattr(case, key.group):
             changes.setdefault(key.group, {})[key.name] = FROM_ARRAY
-    return case.replace(**changes)
+    return case.replace(**changes) if changes else case
 
 
 def _check_files(case: Case, arrays: dict[str, Any]) -> None:

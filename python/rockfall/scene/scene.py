@@ -16,11 +16,12 @@ from rockfall.grounds import GroundRule
 from rockfall.io.grid import Box, Grid
 from rockfall.scene.coefficients import Coefficients, SetFile
 from rockfall.scene.forest.trees import Stand, Trees
-from rockfall.scene.ground import Ground
+from rockfall.scene.ground import Ground, ground_of
 from rockfall.scene.kernel_scene import KernelScene, kernel_arrays
 from rockfall.scene.layers import Inputs
 from rockfall.scene.parts import Rasters, Sources
 from rockfall.scene.reach import Survey
+from rockfall.scene.stages import FRESH, Stages
 from rockfall.scene.surface import read_window
 from rockfall.scene.windows import Windows
 from rockfall.terrain.dams import DamShape
@@ -57,9 +58,11 @@ class Scene(Sources):
     remarks: tuple[str, ...] = ()  # remarks of the readers, one line each
     windows: Windows | None = None  # terrain read in windows: no rasters here
     findings: Findings = field(default_factory=Findings)
+    stages: Stages = FRESH  # what an open session keeps from one scene to the next
 
     def __getstate__(self) -> dict[str, Any]:
-        return {key: value for key, value in vars(self).items() if key != "kernel"}
+        own = {key: value for key, value in vars(self).items() if key != "kernel"}
+        return own | {"stages": FRESH}
 
     def replace(self, **changes: Any) -> Scene:
         """The scene with other values, its own or those of its rasters."""
@@ -115,9 +118,12 @@ class Scene(Sources):
         """Ground statistics of its terrain."""
         if self.windows:
             return self.windows.ground
-        found = Ground()
-        found.take(self.rasters, self.grid.box, self.x, self.y)
-        return found
+        rasters, box, at = self.rasters, self.grid.box, (self.x, self.y)
+        terrain = self.stages.take("ground", self.case, (rasters,), lambda _: ground_of(rasters))
+        return self.stages.take(
+            "ground with sources", self.case, (terrain, *at),
+            lambda _: terrain.with_sources(rasters, box, *at),
+        )  # fmt: skip
 
     @property
     def weight(self) -> np.ndarray | None:
@@ -129,8 +135,11 @@ class Scene(Sources):
         """Survey the terrain; a source from which no boulder can start is refused."""
         if self.windows:
             return self.windows.survey
-        found = Survey(self.case, self.grid)
+        uses = (self.rasters.z,)
+        found = Survey(self.case, self.grid, self.stages.find("minima", uses))
         found.take(self.kernel, 0, self.grid.ny)
+        if "maps" in self.case.output:
+            self.stages.keep("minima", uses, found.minima)
         return found
 
     def known_at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:

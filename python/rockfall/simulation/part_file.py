@@ -77,7 +77,7 @@ def make_part(tally: Tally) -> Contents:
         BEFORE + name: (_dimensions(name), values, variables.TALLY[name])
         for name, values in found.items()
     }
-    data |= trajectory_variables(tally)
+    data |= trajectory_variables(tally.trajectories)
     data["crs"] = ((), np.int32(0), georeference(grid))
     places = {
         "terrain_cells": np.array([grid.nx, grid.ny], "i4"),

@@ -27,6 +27,18 @@ class Array(NamedTuple):
     values: np.ndarray
 
 
+class _Row(NamedTuple):
+    """A row of that table as the kernel has it. (Run keeps no views, which keep it alive.)"""
+
+    group: str
+    name: str
+    file_name: str
+    dims: tuple[str, ...]
+    kind: str  # type of its values
+    shape: tuple[int, ...]
+    address: int
+
+
 class Run:
     """Handle of a run; closed when neither the run nor a view of it remains."""
 
@@ -35,6 +47,7 @@ class Run:
         check_kernel(code, message, name)
         self.handle = handle
         self.successor: Run | None = None  # the run that took over its tallies
+        self._table: list[_Row] | None = None  # None: not listed since it last changed
         weakref.finalize(self, _core.close_run, handle)
 
     @classmethod
@@ -58,25 +71,40 @@ class Run:
     def merge(self, part: Run) -> None:
         """Add a part."""
         code, message = _core.merge_run(self.handle, part.handle)
+        self.changed()
         check_kernel(code, message, "merge")
 
     def continued(self, scene: Scene) -> Run:
         """Create a run of a scene with more boulders that starts from the results of this one."""
+        self.changed()
         self.successor = Run(_core.continue_run(scene.kernel.handle, self.handle), scene.case.name)
         return self.successor
 
-    def arrays(self) -> Iterator[Array]:
-        """All arrays, including those that the next chunk replaces."""
+    def arrays(self, *groups: str) -> Iterator[Array]:
+        """All arrays, or those of some groups, including those that the next chunk replaces."""
+        if self._table is None:
+            self._table = [*self._listed()]
+        for group, name, file_name, dims, kind, shape, address in self._table:
+            if groups and group not in groups:
+                continue
+            if 0 in shape:
+                values = np.empty(shape, kind)
+            else:
+                values = np.asarray(_Memory(self, address, shape, np.dtype(kind).str))
+            yield Array(group, name, file_name, dims, values)
+
+    def _listed(self) -> Iterator[_Row]:
+        """The kernel's table of arrays."""
         k = 1
         while text := (found := _core.array(self.handle, k))[0].decode().split():
             group, name, file_name, kind, *axes = text
             shape = tuple(found[1][: len(axes)][::-1].tolist())
-            if 0 in shape:
-                values = np.empty(shape, kind)
-            else:
-                values = np.asarray(_Memory(self, int(found[2]), shape, np.dtype(kind).str))
-            yield Array(group, name, file_name, tuple(axes[::-1]), values)
+            yield _Row(group, name, file_name, tuple(axes[::-1]), kind, shape, int(found[2]))
             k += 1
+
+    def changed(self) -> None:
+        """Note that the kernel may have replaced arrays."""
+        self._table = None
 
     def array(self, file_name: str) -> np.ndarray:
         """View of an array by its name in files."""
@@ -85,11 +113,14 @@ class Run:
                 return array.values
         raise KeyError(file_name)
 
-    def advance(self, scene: Scene, first: int, size: int) -> tuple[np.ndarray, np.ndarray]:
-        """Run the boulders from number `first` (from 1) on a scene, which may be a window. Returns
-        the numbers of the boulders that left it, which are not tallied, and the places where they
-        left it (2, n)."""
-        left, code, message = _core.advance(self.handle, scene.kernel.handle, first, size)
+    def advance(
+        self, scene: Scene, first: int, size: int, step: int = 1
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Run boulders, every `step`-th from number `first` (from 1) on, on a scene, which may be a
+        window. Returns the numbers of the boulders that left it, which are not tallied, and the
+        places where they left it (2, n)."""
+        left, code, message = _core.advance(self.handle, scene.kernel.handle, first, step, size)
+        self.changed()
         scene.kernel.check(code, message)
         if not left:
             return np.empty(0, "i8"), np.empty((2, 0))
@@ -101,6 +132,7 @@ class Run:
         """Free the memory of map tallies and samples once their results are made, except for stacks
         with remaining views."""
         _core.forget_tallies(self.handle, [not held for held in (counts, sums, maxima)])
+        self.changed()
 
 
 class _Memory:

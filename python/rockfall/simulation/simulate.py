@@ -223,11 +223,17 @@ def trace(tally: Tally) -> None:
     if not wanted:
         return
     ends = tally.before + 1, tally.before + tally.done
-    numbers, n = _core.recorded_numbers(scene.kernel.handle, *ends, wanted)
-    for number in numbers[:n].tolist():
+    for number in recorded_numbers(scene, wanted, *ends):
         tally.trajectories[number] = trajectory(scene, number)
     tally.wall += time.perf_counter() - wall
     tally.cpu += time.process_time() - cpu
+
+
+def recorded_numbers(scene: Scene, wanted: int, first: int, last: int) -> list[int]:
+    """Boulders from the first to the last whose trajectories are recorded, if a number of all
+    boulders of the run is wanted: evenly spread over them."""
+    numbers, n = _core.recorded_numbers(scene.kernel.handle, first, last, wanted)
+    return numbers[:n].tolist()
 
 
 def trajectory(scene: Scene, number: int) -> np.ndarray:

@@ -76,6 +76,8 @@ class Tally:
     cpu: float = 0.0
     threads: int = 0
     crs: dict[str, Any] = field(default_factory=dict)  # attributes of a grid without a CRS
+    marks: np.ndarray | None = None  # bool, of each boulder: done; None: the first `done` are
+    goes_on: bool = False  # results are made while the run goes on: they are copies
 
     def array(self, file_name: str) -> np.ndarray:
         """A view of an array of the run, by its name in files."""
@@ -92,11 +94,14 @@ class Tally:
     def arrays(self, *groups: str) -> list[Array]:
         """Arrays of some groups of the table of variables; row arrays are limited to completed
         boulders."""
-        rows, found = self.rows, []
-        for array in self.run.arrays():
-            if array.group in groups:
-                some = array.values[..., :rows] if "boulder" in array.dims else array.values
-                found.append(array._replace(values=some))
+        rows, found = self.chosen, []
+        for array in self.run.arrays(*groups):
+            values = array.values
+            if "boulder" in array.dims:
+                values = values[..., rows]
+            elif self.goes_on and array.group != "work":
+                values = values.copy()
+            found.append(array._replace(values=values))
         return found
 
     @property
@@ -109,15 +114,26 @@ class Tally:
     @property
     def rows(self) -> int:
         """Rows of the boulders done."""
-        if (number := self.number) is None:
-            return self.done
-        return int(np.searchsorted(number, self.before + self.done, side="right"))
+        return self.numbers().size
+
+    @property
+    def chosen(self) -> slice | np.ndarray:
+        """Rows of the boulders done: the first ones, or the indices of the marked ones."""
+        number = self.number
+        if self.marks is not None:
+            of_rows = self.marks if number is None else self.marks[number - self.before - 1]
+            return np.flatnonzero(of_rows)
+        if number is None:
+            return slice(self.done)
+        return slice(int(np.searchsorted(number, self.before + self.done, side="right")))
 
     def numbers(self) -> np.ndarray:
         """The boulders of these rows."""
-        if (number := self.number) is None:
-            return np.arange(self.before + 1, self.before + self.done + 1)
-        return number[: self.rows]
+        if (number := self.number) is not None:
+            return number[self.chosen]
+        if self.marks is not None:
+            return self.before + 1 + np.asarray(self.chosen)
+        return np.arange(self.before + 1, self.before + self.done + 1)
 
     def go_on(self, scene: Scene) -> None:
         """Make room for the additional boulders of a scene."""
@@ -144,6 +160,7 @@ class Tally:
             return {}
         assert isinstance(self.scene, Scene)
         _core.settle_sources(self.run.handle, self.scene.kernel.handle, self.done, sign)
+        self.run.changed()
         return {name: self.array(f"tally_{name}").copy() for name in SHARED}
 
     def restore_sources(self, shared: dict[str, np.ndarray]) -> bool:
@@ -153,7 +170,9 @@ class Tally:
             return True
         assert isinstance(self.scene, Scene)
         handles = self.run.handle, self.scene.kernel.handle
-        return bool(_core.restore_sources(*handles, self.done, *(shared[name] for name in SHARED)))
+        good = _core.restore_sources(*handles, self.done, *(shared[name] for name in SHARED))
+        self.run.changed()
+        return bool(good)
 
     @property
     def window(self) -> Box:

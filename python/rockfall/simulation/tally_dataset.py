@@ -29,7 +29,7 @@ MAXIMA = {
 
 def make_result(tally: Tally, maps: bool = True) -> Contents:
     """Complete results of a run, named as in `variables`; with or without its maps, whose tallies
-    are used up (`settle` comes before)."""
+    are used up (`settle` comes before) unless the run goes on."""
     data = table_variables(tally, "boulder", "count", "energy", "feature", "tree")
     data["boulder"] = ("boulder", tally.numbers(), variables.KEPT["boulder"])
     data |= sample_variables(tally)
@@ -46,10 +46,12 @@ def make_result(tally: Tally, maps: bool = True) -> Contents:
         if requested := tally.scene.case.output.get("maps", []):
             _add_maps(data, tally)
         stacks = plan_of(tally.scene.case).counts, [HITS], MAXIMA  # stacks that maps are views of
-        tally.run.forget_tallies(*(any(name in stack for name in requested) for stack in stacks))
+        held = (any(name in stack for name in requested) for stack in stacks)
+        if not tally.goes_on:
+            tally.run.forget_tallies(*held)
     if tally.scene.case.output["rebounds"]:
         data |= _bins() | table_variables(tally, "histogram")
-    data |= trajectory_variables(tally)
+    data |= trajectory_variables(tally.trajectories)
     bins = (name for name in data if name.endswith("_bin"))
     names = {"boulder", "line", "feature", "ground", "ground_model", "threshold", "x", "y", *bins}
     history = {"history": f"rockfall {__version__}: run of {tally.scene.case.name}"}
@@ -168,25 +170,33 @@ def map_variable(name: str, tally: Tally, per_cluster: int) -> tuple:
 def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, int]:
     """A map, the minimum number of passages for a value, and the number below which a value is
     uncertain."""
-    plan = plan_of(tally.scene.case)
-    if name in variables.EXCEEDED:
-        first = plan.counts[name] - 1
-        thresholds = len(tally.scene.case.hazard["thresholds"])
-        return tally.array("tally_counts")[first : first + thresholds], 0, 0
-    if name in plan.counts:  # without a copy, to save memory
-        return tally.array("tally_counts")[plan.counts[name] - 1], 0, 0
-    if name == HITS:
-        return tally.array("tally_sums")[plan.sums[name] - 1], 0, 0
-    if name in MAXIMA:
-        values = tally.array("tally_maxima")[plan.maxima[MAXIMA[name]] - 1]
-        for rows in row_blocks(values.shape):
-            values[rows][values[rows] == 0] = np.nan
+    if (layers := _layers(name, tally)) is not None:  # without a copy, to save memory
+        values = layers.copy() if tally.goes_on else layers
+        if name in MAXIMA:
+            for rows in row_blocks(values.shape):
+                values[rows][values[rows] == 0] = np.nan
         return values, 0, 0
     values = np.empty(tally.box.shape, "f4")
     min_passages = tally.scene.case.output["min_passages"]
     about = tally.done, per_cluster, min_passages, values.T
     fewest, thin = _core.map(tally.run.handle, name, *about)
     return values, fewest, thin
+
+
+def _layers(name: str, tally: Tally) -> np.ndarray | None:
+    """Layer of a stack of the kernel that is a map, or layers by threshold; None if none is."""
+    plan = plan_of(tally.scene.case)
+    if name in variables.EXCEEDED:
+        first = plan.counts[name] - 1
+        thresholds = len(tally.scene.case.hazard["thresholds"])
+        return tally.array("tally_counts")[first : first + thresholds]
+    if name in plan.counts:
+        return tally.array("tally_counts")[plan.counts[name] - 1]
+    if name == HITS:
+        return tally.array("tally_sums")[plan.sums[name] - 1]
+    if name in MAXIMA:
+        return tally.array("tally_maxima")[plan.maxima[MAXIMA[name]] - 1]
+    return None
 
 
 def _bins() -> dict[str, Any]:
@@ -203,14 +213,13 @@ def _bins() -> dict[str, Any]:
     return data
 
 
-def trajectory_variables(tally: Tally) -> dict[str, Any]:
-    """Vertices of boulders, where they were kept."""
-    if not tally.trajectories:
+def trajectory_variables(recorded: dict[int, np.ndarray]) -> dict[str, Any]:
+    """Vertices of boulders by number, where they were kept."""
+    if not recorded:
         return {}
-    vertices = np.concatenate([*tally.trajectories.values()])
+    vertices = np.concatenate([*recorded.values()])
     columns = dict(zip(fields(4), vertices.T, strict=True))
-    lengths = [len(one) for one in tally.trajectories.values()]
-    columns["boulder"] = np.repeat([*tally.trajectories], lengths)
+    columns["boulder"] = np.repeat([*recorded], [len(one) for one in recorded.values()])
     return {
         f"trajectory_{name}": ("trajectory_vertex", columns[name], about)
         for name, about in variables.VERTEX.items()

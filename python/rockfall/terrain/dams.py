@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,6 +76,17 @@ def with_dam(
             "say allow_coarse = .true."
         )
     return raised, shape
+
+
+def with_dams(
+    z: np.ndarray, grid: Grid, dams: Iterable[Mapping[str, Any]], name: str
+) -> tuple[np.ndarray, tuple[DamShape, ...]]:
+    """Return elevations with several dams, one after the other, and their shapes."""
+    shapes = []
+    for dam in dams:
+        z, shape = with_dam(z, grid, dam, name)
+        shapes.append(shape)
+    return z, tuple(shapes)
 
 
 def finer(shape: DamShape) -> float:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.lines.groups import Group, check_by, groups, part_names
-from rockfall.analysis.lines.values import line_values
+from rockfall.analysis.lines.values import QUANTITIES, derived_values, is_derived, line_values
 from rockfall.analysis.precision.intervals import Sources, are_sampled, sources
 from rockfall.analysis.precision.samples import Counts, Sample, Values
 from rockfall.case import case_of
@@ -38,6 +38,7 @@ class LineSamples:
         if source is None and not self._counted:
             source = sources(result)
         self._source = source
+        self._derived: dict[int, np.ndarray] = {}  # values of derived quantities, by line
         self.sampled = are_sampled(result) if source is None else source.sampled
 
     @property
@@ -79,11 +80,19 @@ class LineSamples:
         """Sample of a quantity at the line of this index, for all boulders or a group."""
         if self._counted:
             return self._counts(line, quantity, chosen)
-        values, source = line_values(self.result, quantity, line), self._source
+        values, source = self._values(line, quantity), self._source
         assert source is not None
         if chosen is None:
             return Values(values, source)
         return Values(values[chosen], source[chosen])
+
+    def _values(self, line: int, quantity: str) -> np.ndarray:
+        """Values of each boulder; those derived from others are computed together, once a line."""
+        if not is_derived(self.result, quantity) or not self.result.sizes["boulder"]:
+            return line_values(self.result, quantity, line)
+        if line not in self._derived:
+            self._derived[line] = derived_values(self.result, line)
+        return self._derived[line][QUANTITIES.index(quantity)]
 
     def ends(self, quantity: str) -> Sample:
         """Sample of a quantity at the ends of boulders: plan_distance, path_length and so on."""

@@ -30,14 +30,24 @@ def line_values(result: Held, quantity: str, line: int) -> np.ndarray:
     check_rows(result, "a quantity of each boulder at a line")
     if quantity == "position":
         return _along(result, line)
-    if f"line_{quantity}" in result:
+    if not is_derived(result, quantity):
         return result[f"line_{quantity}"].values[line]
-    needed = HEIGHT_NEEDS if quantity in HEIGHTS else ENERGY_NEEDS
+    return derived_values(result, line)[QUANTITIES.index(quantity)]
+
+
+def is_derived(result: Held, quantity: str) -> bool:
+    """Return True for a quantity that follows from others in a result."""
+    return quantity != "position" and f"line_{quantity}" not in result
+
+
+def derived_values(result: Held, line: int) -> np.ndarray:
+    """Values (quantities, boulder) at a line of the quantities that follow from others; NaN where a
+    boulder did not cross."""
     rows = np.full((len(fields(3)), result.sizes["boulder"]), np.nan, order="F")
-    for name in needed:
-        rows[fields(3).index(name)] = result[f"line_{name}"].values[line]
-    volume = result["volume"].values if quantity in HEIGHTS else rows[0]
-    return line_quantities(rows, volume)[QUANTITIES.index(quantity)]
+    for name in HEIGHT_NEEDS + ENERGY_NEEDS:
+        if f"line_{name}" in result:
+            rows[fields(3).index(name)] = result[f"line_{name}"].values[line]
+    return line_quantities(rows, result["volume"].values if "volume" in result else rows[0])
 
 
 def _along(result: Held, line: int) -> np.ndarray:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 TARGETS = (0.05, 0.02, 0.01)  # relative half-widths of an interval to plan for
 SIMPSON = np.r_[1, np.tile([4, 2], 199), 4, 1] / 1200.0  # weights of 401 values
+STEPS = np.arange(SIMPSON.size, dtype=float)
 CROSSED = 500  # boulders past the line from which intervals of anything but a fraction are used
 #: Skewness over the coefficient of variation: exact for gamma distributions. Few values seldom show
 #: the tail of their distribution, so that upper limits assume it.
@@ -67,11 +69,18 @@ class Sources:
 
     def sums(self, residual: np.ndarray) -> Sums:
         """Sums of a variable of the boulders, less its mean."""
-        of, size = self.number if self.sampled else self.stratum, self.released.size
-        n, total, squares = (
-            np.bincount(of, v, size) for v in (np.ones(of.size), residual, residual**2)
-        )
-        return Sums(n, total, squares, self.released, self.sampled)
+        of, size = self._of, self.released.size
+        total, squares = (np.bincount(of, v, size) for v in (residual, residual**2))
+        return Sums(self._numbers, total, squares, self.released, self.sampled)
+
+    @property
+    def _of(self) -> np.ndarray:
+        return self.number if self.sampled else self.stratum
+
+    @cached_property
+    def _numbers(self) -> np.ndarray:
+        """Boulders of each stratum, or source."""
+        return np.bincount(self._of, minlength=self.released.size).astype(float)
 
 
 def strata(boulders: np.ndarray) -> np.ndarray:
@@ -262,6 +271,7 @@ def effective_number(indicator: np.ndarray, source: Sources) -> float:
     return source.sums(indicator - fraction).effective_number(fraction)
 
 
+@lru_cache(maxsize=256)
 def student(freedom: float) -> float:
     """97.5 % quantile of Student's t for n >= 1: the density of t = sqrt(n) tan(a) in a is
     cos(a)**(n - 1), which is integrated (Simpson); the quantile is found by Newton's method, from
@@ -270,8 +280,12 @@ def student(freedom: float) -> float:
     density = math.exp(math.lgamma(half + 0.5) - math.lgamma(half)) / math.sqrt(math.pi)
     angle = math.atan(Z / math.sqrt(freedom))
     for _ in range(8):
-        values = density * np.cos(np.linspace(0.0, angle, SIMPSON.size)) ** (freedom - 1)
-        angle += (0.475 - angle * (SIMPSON @ values)) / values[-1]
+        angles = STEPS * (angle / STEPS[-1])
+        angles[-1] = angle
+        values = density * np.cos(angles) ** (freedom - 1)
+        before, angle = angle, angle + (0.475 - angle * (SIMPSON @ values)) / values[-1]
+        if angle == before:
+            break
     return math.sqrt(freedom) * math.tan(angle)
 
 

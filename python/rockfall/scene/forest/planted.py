@@ -7,19 +7,31 @@ import numpy as np
 
 from rockfall.scene.forest.listed import listed_trees
 from rockfall.scene.forest.made import made_trees
+from rockfall.scene.forest.stands import Stands
 from rockfall.scene.forest.thinning import thinned
-from rockfall.scene.forest.trees import Stand, Trees
-from rockfall.scene.layers import Inputs
+from rockfall.scene.forest.trees import Planted, Stand, Trees
+from rockfall.scene.layers import Inputs, take_inputs
+from rockfall.scene.stages import FRESH, Stages
 
 
 def read_forest(
-    inputs: Inputs, x: np.ndarray, y: np.ndarray
+    inputs: Inputs, x: np.ndarray, y: np.ndarray, stages: Stages = FRESH
 ) -> tuple[Trees | None, tuple[Stand, ...]]:
     """Trees of a case with sources at `x`, `y`, and its stands; None and empty without them."""
     if not inputs.case.has_forest:
         return None, ()
+    planted, stands = take_inputs(stages, "planted", inputs, (), _planted)
+    sources = (x, y) if inputs.case.forest["clear_of_sources"] > 0 else ()
+    left = take_inputs(
+        stages, "thinned", inputs, (planted, *sources),
+        lambda inputs: thinned(inputs, planted, x, y),
+    )  # fmt: skip
+    records = () if stands is None or left.stand is None else stands.records(left.stand)
+    return left.trees, records
+
+
+def _planted(inputs: Inputs) -> tuple[Planted, Stands | None]:
+    """Trees before thinnings, and their stands, if any."""
     if "trees" in inputs.case.forest:
-        return thinned(inputs, listed_trees(inputs), x, y).trees, ()
-    planted, stands = made_trees(inputs)
-    left = thinned(inputs, planted, x, y)
-    return left.trees, () if stands is None or left.stand is None else stands.records(left.stand)
+        return listed_trees(inputs), None
+    return made_trees(inputs)

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stages of a reading, whose results an open session keeps: a stage is repeated only if something
+that it used has changed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rockfall.case import REPEATABLE, Case
+from rockfall.case_files import group_files
+
+T = TypeVar("T")
+
+
+class Stages:
+    """Stages of a single reading, of which nothing is kept."""
+
+    def take(
+        self,
+        name: str,
+        case: Case,
+        uses: tuple[Any, ...],
+        make: Callable[[Case], T],
+        reads: bool = True,
+    ) -> T:
+        """Result of a stage, which `make` derives from the case and from the objects `uses`, and
+        from files, if it `reads` them."""
+        return make(case)
+
+    def find(self, name: str, uses: tuple[Any, ...]) -> Any:
+        """Result kept by `keep` for the same objects; None without one."""
+        return None
+
+    def keep(self, name: str, uses: tuple[Any, ...], result: Any) -> None:
+        """Keep a result that depends on these objects alone."""
+
+
+FRESH = Stages()
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """Result of a stage, and what it depends on."""
+
+    uses: tuple[Any, ...]  # objects, which are the same or not: none is changed in place
+    seen: dict[str, Any]  # groups of the case that it read, by name
+    states: dict[Path, Any]  # of the files that these groups name
+    result: Any
+
+    def holds(self, case: Case, uses: tuple[Any, ...]) -> bool:
+        """Return True if the stage would have the same result again."""
+        return (
+            len(self.uses) == len(uses)
+            and all(mine is its for mine, its in zip(self.uses, uses, strict=True))
+            and all(getattr(case, group) == value for group, value in self.seen.items())
+            and all(_state(path) == state for path, state in self.states.items())
+        )
+
+
+class KeptStages(Stages):
+    """Stages that keep their results from one reading to the next."""
+
+    def __init__(self, kept: dict[str, _Kept] | None = None) -> None:
+        self._kept = kept or {}
+
+    def copy(self) -> KeptStages:
+        """Stages that start from these results and leave them as they are."""
+        return KeptStages(dict(self._kept))
+
+    def take(
+        self,
+        name: str,
+        case: Case,
+        uses: tuple[Any, ...],
+        make: Callable[[Case], T],
+        reads: bool = True,
+    ) -> T:
+        kept = self._kept.get(name)
+        if kept is None or not kept.holds(case, uses):
+            watched = WatchedCase(case, reads)
+            result = make(watched)
+            kept = self._kept[name] = _Kept(uses, watched.seen, watched.states, result)
+        return kept.result
+
+    def find(self, name: str, uses: tuple[Any, ...]) -> Any:
+        kept = self._kept.get(name)
+        same = kept and all(mine is its for mine, its in zip(kept.uses, uses, strict=True))
+        return kept.result if kept and same else None
+
+    def keep(self, name: str, uses: tuple[Any, ...], result: Any) -> None:
+        self._kept[name] = _Kept(uses, {}, {}, result)
+
+
+class WatchedCase(Case):
+    """A case that notes which of its groups are looked at, and, for a stage that `reads` files, the
+    states of those that these groups name, before they are read."""
+
+    def __init__(self, case: Case, reads: bool) -> None:
+        self.__dict__ |= case.__dict__
+        self.__dict__ |= {"seen": {}, "states": {}, "_original": case, "_reads": reads}
+
+    def __getattribute__(self, name: str) -> Any:
+        value = super().__getattribute__(name)
+        if name in REPEATABLE:
+            self._note(name, value)
+        elif name == "_groups":  # all of them, to make a text or another case
+            for group, one in {**value, **{key: self.__dict__[key] for key in REPEATABLE}}.items():
+                self._note(group, one)
+        return value
+
+    def __getattr__(self, group: str) -> dict[str, Any]:
+        value = super().__getattr__(group)
+        self._note(group, value)
+        return value
+
+    def _note(self, group: str, value: Any) -> None:
+        known = self.__dict__
+        if group not in known["seen"]:
+            known["seen"][group] = value
+            for path in group_files(known["_original"], group) if known["_reads"] else ():
+                known["states"][path] = _state(path)
+
+
+def _state(path: Path) -> tuple[int, int, int] | None:
+    """Something that differs once a file is written again; None for a file that does not exist."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size, found.st_ino

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Results of a run that goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import QUANTITIES, line_statistics
+from rockfall.analysis.run_until import Rule, evaluate
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.result.contents import Contents
+from rockfall.result.trajectories import Trajectory, trajectories
+from rockfall.scene.scene import Scene
+from rockfall.simulation.batches import Batches
+from rockfall.simulation.simulate import recorded_numbers, trajectory
+from rockfall.simulation.tally_dataset import make_result, trajectory_variables
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+RECORDED = 100  # trajectories, if no number is given
+
+
+class Batch:
+    """Results so far of a run of a session: of the boulders done when it was yielded, which come
+    from all sources alike (with maps of sources, from the first of them). The last batch of a run
+    is complete, with the bits of `rockfall.run`.
+
+    Statistics and trajectories may be asked for at any time; a Dataset, which has the maps, only
+    until the run goes on.
+    """
+
+    def __init__(self, run: Batches, until: str, criteria: Sequence[Rule] = ()) -> None:
+        tally = run.tally
+        goes_on = tally.done < tally.boulders
+        marks = tally.marks.copy() if goes_on and tally.marks is not None else None
+        self._run, self._lock, self._begun = run, run.lock, run.begun
+        self._tally = replace(tally, marks=marks, goes_on=goes_on)
+        self._until, self._criteria = until, criteria
+        self._result: Contents | None = None
+
+    def __repr__(self) -> str:
+        return f"<rockfall batch: {self.boulders:,} of {self.total:,} boulders>"
+
+    @property
+    def case(self) -> Case:
+        """Case of the run: `rockfall.run` of it gives the same result."""
+        return self._tally.scene.case
+
+    @property
+    def boulders(self) -> int:
+        """Number of boulders done."""
+        return self._tally.done
+
+    @property
+    def total(self) -> int:
+        """Number of boulders of the complete run."""
+        return self._tally.boulders
+
+    @property
+    def complete(self) -> bool:
+        """True if all boulders are done."""
+        return self.boulders == self.total
+
+    @property
+    def seconds(self) -> float:
+        """Time in the kernel so far [s]."""
+        return self._tally.wall
+
+    @cached_property
+    def until_met(self) -> bool:
+        """True if all rules of `until` are met; False without any."""
+        return bool(self._criteria) and all(
+            one.met for one in evaluate([*self._criteria], self._rows)
+        )
+
+    def line_statistics(
+        self,
+        by: str | None = None,
+        classes: Sequence[float] | None = None,
+        quantities: Sequence[str] = QUANTITIES,
+    ) -> pd.DataFrame:
+        """Statistics at the lines: `rockfall.line_statistics` of the boulders done."""
+        return line_statistics(self._result or self._rows, by, classes, quantities)
+
+    def trajectories(self, number: int = RECORDED) -> list[Trajectory]:
+        """Trajectories of at most this number of the boulders done, evenly spread over all of the
+        run, as in `rockfall.trajectories`. Each is computed once in a run."""
+        return trajectories(Contents(trajectory_variables(self._recorded(number)), {}))
+
+    def dataset(self) -> xr.Dataset:
+        """Result so far, with maps, as of `rockfall.run`; `complete` in its attributes is 0 until
+        the last batch. A RockfallError once the run has gone on, which changes the maps."""
+        with self._lock:
+            if self._result is None:
+                self._result = self._make()
+        return self._result.dataset()
+
+    @cached_property
+    def _rows(self) -> Contents:
+        """Results without maps."""
+        with self._lock:
+            return make_result(self._tally, maps=False)
+
+    def _make(self) -> Contents:
+        """Complete results of the boulders done."""
+        tally = self._tally
+        if self._run.begun != self._begun and tally.scene.case.output.get("maps"):
+            raise RockfallError(
+                "the run has gone on since this batch, and its maps have changed: ask a batch for "
+                "its dataset before the next"
+            )
+        recorded = self._recorded(tally.scene.case.output["trajectories"])
+        tally.settle()
+        result = make_result(replace(tally, trajectories=recorded))
+        if tally.goes_on:
+            tally.settle(-1)
+        if self._until:
+            result.attrs |= {"until": self._until, "until_met": int(self.until_met)}
+        return result
+
+    def _recorded(self, number: int) -> dict[int, np.ndarray]:
+        """Vertices of the boulders done among this number of all boulders of the run."""
+        scene, known, marks = self._tally.scene, self._tally.trajectories, self._tally.marks
+        assert isinstance(scene, Scene)
+        if number < 1:
+            return {}
+        last = self.boulders if marks is None else self.total
+        numbers = recorded_numbers(scene, min(number, self.total), 1, last)
+        chosen = [one for one in numbers if marks is None or marks[one - 1]]
+        for one in chosen:
+            if one not in known:
+                known[one] = trajectory(scene, one)
+        return {one: known[one] for one in chosen}

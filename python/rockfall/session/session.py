@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A scene that is kept open: what changes is read again, and nothing else."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from threading import Event, RLock
+from types import TracebackType
+from typing import Any, Self
+
+from rockfall.analysis.run_until import Rule, read_rules
+from rockfall.case import Case, key_table
+from rockfall.errors import RockfallError
+from rockfall.scene.frames import FrameFiles
+from rockfall.scene.plausible import implausible
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
+from rockfall.scene.stages import KeptStages
+from rockfall.session.batch import Batch
+from rockfall.simulation.batches import Batches
+from rockfall.simulation.memory import machine_memory
+from rockfall.simulation.simulate import check_tallies, check_team, start
+
+BATCH_SECONDS = 0.1
+
+
+def open_session(case: Case, *, threads: int | None = None, **arrays: Any) -> Session:
+    """Open a case for many runs: a Session, which keeps what it has read and surveyed.
+
+    `arrays` (dem, zones, lines, ...) are as in `rockfall.run`, and are not to be changed in place;
+    `threads` are those of all runs (default: the case's). The terrain stays in memory: one that
+    needs more than half of it is refused. Likely mistakes in the case raise a UserWarning.
+
+    >>> import rockfall
+    >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
+    ...     session.change(release={"drop_height": 3.0}, boulder={"density": 2600.0})
+    ...     for batch in session.run(40):
+    ...         reached = batch.line_statistics(quantities=["energy_total"])
+    >>> batch.complete, batch.dataset().sizes["boulder"]
+    (True, 40)
+    """
+    session = Session(case, threads, arrays)
+    session.warn_of_new(set())
+    return session
+
+
+class Session:
+    """An open case, from `rockfall.open`. Its methods may be called from any thread: a change
+    leaves a run in progress on the case that it was started with."""
+
+    def __init__(self, case: Case, threads: int | None, arrays: dict[str, Any]) -> None:
+        self._threads, self._lock = threads, RLock()
+        self._stages, self._frames = KeptStages(), FrameFiles()
+        self._boulders: int | None = None  # of the runs, in place of the case's; None: the case's
+        self._case, self._arrays = case, arrays
+        self._scene: Scene | None = None
+        try:
+            self._read(case, arrays, None)
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:  # fmt: skip
+        self.close()
+
+    def close(self) -> None:
+        """Free the memory of the session. Runs in progress and their batches remain usable."""
+        with self._lock:
+            self._stages, self._scene = KeptStages(), None
+            self._frames.remove()
+
+    @property
+    def case(self) -> Case:
+        """The case as changed."""
+        return self._case
+
+    @property
+    def warnings(self) -> list[str]:
+        """Likely mistakes in the case, one line each."""
+        return implausible(self._opened())
+
+    def change(self, **changes: Any) -> None:
+        """Change the case, and read what depends on the changes.
+
+        `changes` are groups of the case as in `case.replace` (`release={"x": [120.0]}`; a key that
+        is None is removed; `line=[...]`, `barrier=[...]`, `dam=[...]` replace all groups of the
+        name), and rasters and layers as in `rockfall.run` (`lines`, `barriers`, `sources`, `dem`,
+        ...), in place of those given before; None removes one. Files that have been written again
+        are read again, with `change()` alone too. New warnings raise a UserWarning. An error leaves
+        the session as it was.
+
+        >>> import rockfall
+        >>> session = rockfall.open(rockfall.read_case("case.nml"))
+        >>> session.change(line=[{"name": "road", "x": [600000.0, 600120.0], "y": [4999900.0] * 2}])
+        >>> [line["name"] for line in session.case.line]
+        ['road']
+        """
+        with self._lock:
+            before = {*self.warnings}
+            groups = {name: one for name, one in changes.items() if name in _groups()}
+            arrays = _changed_arrays(
+                self._arrays, {name: one for name, one in changes.items() if name not in groups}
+            )
+            self._read(
+                self._case.replace(**groups) if groups else self._case, arrays, self._boulders
+            )
+            self.warn_of_new(before)
+
+    def run(
+        self,
+        boulders: int | None = None,
+        until: str | None = None,
+        cancel: Event | None = None,
+        batch_seconds: float = BATCH_SECONDS,
+    ) -> Iterator[Batch]:
+        """Run the case, and yield the results so far about every `batch_seconds`, the complete ones
+        last: see `Batch`.
+
+        `boulders` is the number over all sources, in place of the case's; the last batch is then
+        that of `rockfall.run` with `&case boulders_total`. The run ends early once the rules of
+        `until` (as in `rockfall.run_until`) are met, which each batch is tried for, or, without
+        another batch, within 0.05 s after `cancel`, an Event, has been set by another thread.
+
+        >>> import rockfall
+        >>> session = rockfall.open(rockfall.read_case("case.nml"))
+        >>> [batch.boulders for batch in session.run(100, batch_seconds=10.0)]
+        [100]
+        """
+        with self._lock:
+            scene = self._opened()
+            if boulders is not None and boulders < 1:
+                raise RockfallError(f"boulders = {boulders}: must be at least 1")
+            if not batch_seconds > 0:
+                raise RockfallError(f"batch_seconds = {batch_seconds}: must be > 0")
+            if boulders != self._boulders:
+                self._read(self._case, self._arrays, boulders)
+                scene = self._opened()
+            criteria = read_rules(until, [one["name"] for one in scene.case.lines]) if until else []
+            tally = start(scene, self._team(scene))
+        batches = Batches(tally)
+        return _batches(batches, until or "", criteria, cancel or Event(), batch_seconds)
+
+    def _opened(self) -> Scene:
+        if self._scene is None:
+            raise RockfallError("the session is closed")
+        return self._scene
+
+    def _team(self, scene: Scene) -> int:
+        return scene.case.case["threads"] if self._threads is None else self._threads
+
+    def _read(self, case: Case, arrays: dict[str, Any], boulders: int | None) -> None:
+        """Read a case with this number of boulders, and take over all of it, or nothing."""
+        total = {"boulders": None, "boulders_total": boulders}
+        stages = self._stages.copy()
+        scene = read_scene(
+            case if boulders is None else case.replace(case=total),
+            memory=machine_memory(), stages=stages, frame_store=self._frames, **arrays,
+        )  # fmt: skip
+        if scene.windows:
+            raise RockfallError(
+                f"{case.name}: &terrain dem = '{case.terrain['dem']}': needs more than half of the "
+                "memory, and an open session keeps it there; use rockfall.run"
+            )
+        check_team(self._team(scene))
+        check_tallies(scene, scene.survey())
+        implausible(scene)
+        self._case, self._arrays, self._boulders = case, arrays, boulders
+        self._stages, self._scene = stages, scene
+
+    def warn_of_new(self, before: set[str]) -> None:
+        """Issue warnings that were not there before, attributed to the caller's caller."""
+        for line in self.warnings:
+            if line not in before:
+                warnings.warn(line, stacklevel=3)
+
+
+def _groups() -> set[str]:
+    """Names of the groups of a case."""
+    return {key.group for key in key_table()}
+
+
+def _changed_arrays(before: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Rasters and layers after changes; a place is given with the elevations that need it."""
+    found = {**before, **changes}
+    if found.get("dem") is None or hasattr(found["dem"], "coords"):
+        found["transform"] = changes.get("transform")
+    return {name: one for name, one in found.items() if one is not None}
+
+
+def _batches(
+    batches: Batches, until: str, criteria: list[Rule], cancelled: Event, seconds: float
+) -> Iterator[Batch]:
+    """Advance a run, and yield its results, until all are done, enough, or not wanted."""
+    complete = met = False
+    while not complete and not met:
+        batches.advance(seconds, cancelled.is_set)
+        if cancelled.is_set():
+            return
+        batch = Batch(batches, until, criteria)
+        complete = batch.complete
+        met = bool(criteria) and batch.until_met
+        yield batch

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A run in batches of a given time, with boulders from all its sources in each, that can be
+cancelled between pieces of a few milliseconds."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from threading import Lock
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.errors import RockfallError
+from rockfall.scene.scene import Scene
+from rockfall.simulation.maps import tells_sources
+from rockfall.simulation.tally import Tally
+
+PIECE_SECONDS = 0.012  # between looks at a cancel, which is to be answered within 0.05 s
+FIRST_PIECE = 64  # boulders
+LANES = 128  # boulders of a thread in one call of the kernel, below which lanes run empty
+RECOVERY = 1.5  # growth of the rate that is expected, after a slow piece
+
+
+class Batches:
+    """The boulders of a tally that is empty, in an order in which those done are spread evenly."""
+
+    def __init__(self, tally: Tally) -> None:
+        self.tally, self.lock = tally, Lock()
+        self.begun = 0  # pieces
+        self._threads = int(_core.team(tally.threads))
+        self._rate = 0.0  # boulders in a second: the slowest of late; 0: not known
+        if tells_sources(tally.scene.case):  # maps of sources take them one after the other
+            self._pieces = self._in_order()
+        else:
+            tally.marks = np.zeros(tally.boulders, bool)
+            self._pieces = self._spread()
+
+    def advance(self, seconds: float, cancelled: Callable[[], bool]) -> None:
+        """Simulate boulders for a time, up to the last, or until cancelled."""
+        stop = time.perf_counter() + seconds
+        while self.tally.done < self.tally.boulders and not cancelled():
+            with self.lock:
+                self._run(next(self._pieces))
+            if time.perf_counter() >= stop:
+                return
+
+    def _size(self) -> int:
+        """Number of boulders that take the time of a piece."""
+        return max(1, int(PIECE_SECONDS * self._rate)) if self._rate else FIRST_PIECE
+
+    def _in_order(self) -> Iterator[range]:
+        """Pieces of the boulders, counted from 0, one after the other."""
+        while self.tally.done < self.tally.boulders:
+            stop = min(self.tally.done + self._size(), self.tally.boulders)
+            yield range(self.tally.done, stop)
+
+    def _spread(self) -> Iterator[range]:
+        """Every n-th boulder, then others halfway between these, and so on, in pieces of which each
+        is spread over all as well."""
+        boulders = range(self.tally.boulders)
+        for part in spread_parts(boulders, -(-len(boulders) // (LANES * self._threads))):
+            for piece in spread_parts(part, -(-len(part) // self._size())):
+                # smaller ones, where boulders took more than twice the time since that was planned
+                yield from spread_parts(piece, -(-len(piece) // (2 * self._size())))
+
+    def _run(self, piece: range) -> None:
+        """Simulate boulders, counted from 0."""
+        tally = self.tally
+        scene = tally.scene
+        assert isinstance(scene, Scene)
+        self.begun += 1
+        clocks = time.perf_counter, time.process_time, time.thread_time
+        before = [clock() for clock in clocks]
+        scene.kernel.keep_within(tally.box)
+        first = tally.before + piece.start + 1
+        left, _ = tally.run.advance(scene, first, len(piece), piece.step)
+        if left.size:
+            raise RockfallError(
+                f"internal error: boulder {left[0]} left the reachable area", code=1
+            )
+        wall, cpu, own = (clock() - begun for clock, begun in zip(clocks, before, strict=True))
+        tally.wall, tally.cpu = tally.wall + wall, tally.cpu + cpu
+        tally.done += len(piece)
+        if tally.marks is not None:
+            tally.marks[piece.start : piece.stop : piece.step] = True
+        # by the time computed: while a busy machine waits, smaller pieces would be no help
+        rate = len(piece) / max(own, cpu / self._threads, 1e-9)
+        self._rate = min(rate, RECOVERY * self._rate) if self._rate else rate
+
+
+def spread_parts(numbers: range, parts: int) -> Iterator[range]:
+    """Every `parts`-th of some numbers, from each of the first ones on: in an order in which every
+    next part lies in a gap between those before it (van der Corput's)."""
+    parts = min(parts, len(numbers))
+    bits = max(0, parts - 1).bit_length()
+    for k in range(1 << bits):
+        first = int(f"{k:0{bits}b}"[::-1], 2) if bits else 0
+        if first < parts:
+            yield numbers[first::parts]
