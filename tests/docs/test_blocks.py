@@ -85,6 +85,7 @@ SMALL = {
     "run": ["--boulders", "5"],
     "hazard": ["--boulders", "5"],
     "models": ["--boulders", "5"],
+    "variants": ["--boulders", "5"],
     "ensemble": ["--boulders", "5", "--runs", "8"],
     "back": ["--boulders", "20", "--members", "64", "--effective", "2"],
     "convergence": ["--boulders", "10", "40", "--reference", "5000"],
@@ -224,7 +225,9 @@ def write(name, code, kind):
     Path(name).write_text(whole(code) if of_simulation else few)
     if of_simulation:
         try:
-            read_scene(rockfall.read_case(name))
+            case = rockfall.read_case(name)
+            for one in rockfall.variants(case).values() if case.variant else [case]:
+                read_scene(one)
         except rockfall.RockfallError as error:
             if APART not in str(error):
                 raise

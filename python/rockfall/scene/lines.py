@@ -50,7 +50,8 @@ def with_lines_of(case: Case, read: Case) -> Case:
 
 def _groups() -> list[str]:
     """Groups that allow several entries from a layer."""
-    return [group for group in REPEATABLE if group in {key.group for key in file_keys()}]
+    drawn = {key.group for key in file_keys() if key.name == "file"}
+    return [group for group in REPEATABLE if group in drawn]
 
 
 def _blame(case: Case, drawn: Mapping[str, list[_Drawn]]) -> None:
