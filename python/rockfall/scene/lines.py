@@ -18,6 +18,7 @@ from rockfall.io.layers import read_lines as read_layer
 from rockfall.scene.layers import Inputs
 
 OF_LAYER = {"name", "x", "y", "file", "layer", "field"}  # keys that are not attributes
+RECORDED = {"line", "barrier"}  # groups whose names results have
 LOGICAL = {"true": True, "1": True, "false": False, "0": False}  # as written by vector formats
 STRENGTH = {"capacity", "class", "diameter"}  # a barrier has exactly one of these
 
@@ -85,7 +86,9 @@ def _features(inputs: Inputs, group: str, given: Mapping[str, Any]) -> Iterator[
         asked -= STRENGTH
     found = {key: attribute(columns, key) for key in sorted(asked)}
     attributes = {key: column for key, column in found.items() if column is not None}
-    names = _names(path, given, columns, [len(of) for of in parts]) if "name" in known else None
+    names = None
+    if group in RECORDED:
+        names = _names(path, given, columns, [len(of) for of in parts])
     for k, feature in enumerate(parts):
         values = {name: _plain(column[k], known[name]) for name, column in attributes.items()}
         values = {name: value for name, value in values.items() if value is not None} | own
