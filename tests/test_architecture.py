@@ -17,6 +17,7 @@ LEVELS = [
         "case",
         "case_files",
         "case_text",
+        "case_variants",
         "grounds",
         "impact_sets",
         "impact_tables",

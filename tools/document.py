@@ -33,6 +33,13 @@ t/m3, nodata that a raster does not declare, zones that overlap) is a warning of
 program's own table.
 """
 
+VARIED = """
+Besides these, a variant takes every key of `&terrain`, `&surface`, `&impact`, `&boulder`,
+`&release` and `&forest` with its group before it, such as `forest_density_factor`,
+`surface_zones`, `release_drop_height`: in place of that of the case. [Variants](variants.md) shows
+how.
+"""
+
 FORMATS = """
 ## Rasters and layers
 
@@ -191,6 +198,8 @@ def case_page() -> str:
     for group, keys in groupby(key_table(), key=lambda key: key.group):
         rows = []
         for key in keys:
+            if key.is_varied:
+                continue
             several = "" if key.most == 1 else f", {key.most}" if key.most == 3 else ", list"
             default = key.default if key.default in ("required", "absent") else f"`{key.default}`"
             unit = f" [{key.unit}]" if key.unit else ""
@@ -199,7 +208,7 @@ def case_page() -> str:
             )
         head = ["key", "type", "default", "allowed", "meaning"]
         page += f"\n## &{group}\n\n{table(head, rows)}"
-    return page + FORMATS
+    return page + VARIED + FORMATS
 
 
 def result_page() -> str:

@@ -60,6 +60,8 @@ def listed() -> str:
 
 def _keys() -> Iterator[str]:
     for key in key_table():
+        if key.is_varied:  # GROUP_KEY of &variant: as that key of the group
+            continue
         several = "" if key.most == 1 else f"({key.most})" if key.most == 3 else "(:)"
         again = " repeatable" if key.group in REPEATABLE else ""
         about = f"{key.kind}{several}{again} | {key.default} | {key.allowed} | {key.unit}"

@@ -36,8 +36,10 @@ _MODULES = {  # module of each public name, and the name there if different
     "run": "simulation.simulate",
     "run_ensemble": "analysis.ensemble.study",
     "run_until": "analysis.run_until",
+    "run_variants": "analysis.variant_runs",
     "site": "protection.siting",
     "trajectories": "result.trajectories",
+    "variants": "case_variants",
     "write_hazard": "analysis.hazard.files",
     "write_result": "result.dataset",
 }

@@ -34,6 +34,11 @@ class Key(NamedTuple):
     meaning: str
     file: str  # kind of file: raster, layer, raster layer (either), table, sets; ""
 
+    @property
+    def is_varied(self) -> bool:
+        """Return True for a key of &variant that takes the place of one of another group."""
+        return self.group == "variant" and varied_key(self.name) is not None
+
 
 @cache
 def key_table() -> tuple[Key, ...]:
@@ -43,6 +48,14 @@ def key_table() -> tuple[Key, ...]:
         group, name, kind, most, *rest = text.split("|")
         rows.append(Key(group, name, kind, int(most), *rest))
     return tuple(rows)
+
+
+@cache
+def varied_key(name: str) -> tuple[str, str] | None:
+    """Group and key whose value a key of &variant replaces; None for its other keys."""
+    group, _, key = name.partition("_")
+    known = {(one.group, one.name) for one in key_table()}
+    return (group, key) if (group, key) in known else None
 
 
 def file_keys() -> list[Key]:
@@ -105,6 +118,7 @@ class Case:
     barrier: list[dict[str, Any]]
     dam: list[dict[str, Any]]
     scenario: list[dict[str, Any]]
+    variant: list[dict[str, Any]]
 
     def __init__(self, *, folder: str | Path = ".", name: str = "case", **groups: Any) -> None:
         self.folder, self.name = Path(folder), name

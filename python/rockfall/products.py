@@ -111,6 +111,7 @@ def report_variants(
     dem: Place = None,
     yearly: float = 0.0,
     costs: Mapping[str, float] = NO_COSTS,
+    title: str = "",
     language: str = "en",
     project: str = "",
     client: str = "",
@@ -120,8 +121,9 @@ def report_variants(
     each: `compare_variants` at all lines, with the measures, and maps of the differences.
 
     `yearly` is the number of boulders that come loose from all sources in a year, for frequencies;
-    `costs` are those of variants, in any unit; `dem` is the terrain under maps; the rest is as in
-    `report`. Returns the path of the page.
+    `costs` are those of variants, in any unit; `title` is that of the page (default: of the first
+    result); `dem` is the terrain under maps; the rest is as in `report`. Returns the path of the
+    page.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -136,7 +138,8 @@ def report_variants(
     terrain = terrain_of(next(iter(results.values())), dem)
     inputs = [one for result in results.values() for one in files_behind(result)]
     parties = Parties(project, client, author)
-    write_variants_page(results, path, terrain, Given(yearly, costs), language, parties, inputs)
+    given = Given(yearly, costs, title)
+    write_variants_page(results, path, terrain, given, language, parties, inputs)
     return path
 
 

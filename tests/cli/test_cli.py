@@ -100,7 +100,7 @@ HOSTILE = {
         r"case.nml: line 5: &boulder density: given twice in this group \(first in line 5\)"),
     "group given twice": (change("&terrain", "&case seed = 2 /\n&terrain"),
         r"case.nml: line 1: &case: a case has one such group; only "
-        "&line, &barrier, &dam, &scenario may repeat"),
+        "&line, &barrier, &dam, &scenario, &variant may repeat"),
     "case missing": (remove("case.nml"), r"case.nml: cannot be read: No such file or directory"),
     "case empty": (write("case.nml", b""), r"case.nml: &terrain dem is missing: .*"),
     "case of bytes": (write("case.nml", CASE.replace("Slope", "Hänge").encode("latin-1")),

@@ -85,6 +85,7 @@ SMALL = {
     "run": ["--boulders", "5"],
     "hazard": ["--boulders", "5"],
     "models": ["--boulders", "5"],
+    "variants": ["--boulders", "5"],
     "ensemble": ["--boulders", "5", "--runs", "8"],
     "back": ["--boulders", "20", "--members", "64", "--effective", "2"],
     "convergence": ["--boulders", "10", "40", "--reference", "5000"],
@@ -196,6 +197,8 @@ def test_every_block_says_what_it_is():
     "page", [str(page) for page in PAGES if any(one["kind"] != "text" for one in blocks(page))]
 )
 def test_blocks_run(page, page_site, capfd):
+    if "import geopandas" in (ROOT / page).read_text(encoding="utf-8"):
+        pytest.importorskip("geopandas", reason="the test extra is not installed")
     names = {"rockfall": rockfall}
     names["case"] = rockfall.read_case("case.nml")
     names["result"] = rockfall.read_result("result.nc")
@@ -224,7 +227,9 @@ def write(name, code, kind):
     Path(name).write_text(whole(code) if of_simulation else few)
     if of_simulation:
         try:
-            read_scene(rockfall.read_case(name))
+            case = rockfall.read_case(name)
+            for one in rockfall.variants(case).values() if case.variant else [case]:
+                read_scene(one)
         except rockfall.RockfallError as error:
             if APART not in str(error):
                 raise

@@ -2,7 +2,7 @@
 !> Comparison of the texts of two cases, and cases with values replaced by the command line.
 module rockfall_case_file
    use rockfall_kinds, only: wp, i8
-   use rockfall_error, only: error_t
+   use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, joined
    use rockfall_text_file, only: read_text
    use rockfall_namelist, only: namelist_t, group_t, entry_t, value_t, parse_namelist
@@ -27,6 +27,7 @@ contains
 
       call read_text(file, text, error)
       if (.not. allocated(error)) call read_case(text, file, case, error)
+      if (.not. allocated(error)) call check_single(case, error)
       if (allocated(error) .or. boulders//total//seed//threads == "") return
       call parse_namelist(text, file, list, error)
       if (boulders /= "") call remove(list, "boulders_total")
@@ -38,6 +39,16 @@ contains
       text = namelist_text(list)
       call read_case(text, file, case, error)
    end subroutine read_case_file
+
+   !> Refuse a case with variants: a scene file is that of one.
+   pure subroutine check_single(case, error)
+      type(case_t), intent(in) :: case
+      type(error_t), allocatable, intent(inout) :: error
+
+      if (case%variants == "") return
+      call fail(error, case%file//": &variant: has the variants "//case%variants//"; `rockfall prepare CASE DIR " &
+                //"--variant NAME` makes the case of one")
+   end subroutine check_single
 
    !> Replace the value of a key of &case.
    pure subroutine override(list, key, value)

@@ -3,7 +3,7 @@
 module rockfall_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_text, only: integer_text, first_repeated, joined
+   use rockfall_text, only: integer_text, first_repeated, joined, lower
    use rockfall_namelist, only: namelist_t, group_t
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, key_location
    use rockfall_case_keys, only: read_keys, map_names, n_maps, max_thresholds, max_periods, hazard_classes, &
@@ -70,6 +70,7 @@ module rockfall_case
       integer(i8) :: kept = keeps_all            !! number of boulders whose rows are kept
       real(wp), allocatable :: thresholds(:)     !! of the maps energy_exceeded and hits_energy_exceeded [J]
       real(wp) :: object_width = 0.0_wp          !! of the maps of hits [m]
+      character(len=:), allocatable :: variants  !! names of its variants, of which a run needs one; "": none
    end type case_t
 
 contains
@@ -97,6 +98,7 @@ contains
                                                          this, error)
       if (.not. allocated(error)) call read_hazard(group_of(list, "hazard"), list, this, error)
       if (.not. allocated(error)) call check_scenarios(list, this, error)
+      if (.not. allocated(error)) call read_variants(list, this, error)
    end subroutine read_case
 
    !> Find a group by name; `complete` has added absent ones.
@@ -782,4 +784,58 @@ contains
          end if
       end function distribution_of
    end subroutine check_scenarios
+
+   !> Read the names of the variants, and check what each says alone; the case that it makes is checked when it is made.
+   pure subroutine read_variants(list, this, error)
+      type(namelist_t), intent(in) :: list
+      type(case_t), intent(inout) :: this
+      type(error_t), allocatable, intent(out) :: error
+      type(group_t), allocatable :: groups(:)
+      character(len=max_name), allocatable :: names(:)
+      integer :: k
+
+      this%variants = ""
+      groups = pack(list%group, list%group%name == "variant")
+      allocate (names(size(groups)))
+      do k = 1, size(groups)
+         call check_variant(groups(k), error)
+         if (allocated(error)) return
+         names(k) = text_of(groups(k), "name")
+      end do
+      do k = 1, size(groups)  ! file systems may not tell A from a
+         if (findloc(lower(names), lower(names(k)), dim=1) < k) then
+            call refuse(groups(k), "name", "must be unique among variants, in lower case, too", error)
+            return
+         end if
+      end do
+      if (size(groups) > 0) this%variants = joined(names, ", ")
+   end subroutine read_variants
+
+   !> Check the name of a variant, which is that of a file, and that its keys do not contradict each other.
+   pure subroutine check_variant(group, error)
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(out) :: error
+      character(len=*), parameter :: lists(*) = [character(len=8) :: "barriers", "dams"]
+      character(len=*), parameter :: left(*) = [character(len=8) :: "barrier", "dam"]
+      character(len=:), allocatable :: name
+      character(len=text_length), allocatable :: without(:)
+      integer :: k
+
+      name = text_of(group, "name")
+      if (len(name) > max_name) then
+         call refuse(group, "name", "must be at most "//integer_text(max_name)//" bytes", error)
+      else if (scan(name, "/\:*?""<>|,=") > 0 .or. scan(name(:1)//name(len(name):), ". ") > 0) then
+         call refuse(group, "name", "is that of a file, too: it must not begin or end with a dot or a blank, or " &
+                     //"contain one of / \ : * ? "" < > | , =", error)
+      end if
+      allocate (without(0))
+      if (.not. allocated(error)) call get_text(group, "without", without, error)
+      if (allocated(error)) return
+      do k = 1, size(lists)
+         if (has_key(group, trim(lists(k))) .and. any(without == left(k))) then
+            call refuse(group, trim(lists(k)), "is not valid together with without = '"//trim(left(k))//"'", error)
+            return
+         end if
+      end do
+   end subroutine check_variant
 end module rockfall_case

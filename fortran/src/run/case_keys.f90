@@ -24,7 +24,7 @@ module rockfall_case_keys
    !> Key of the case file.
    type :: key_t
       character(len=8) :: group
-      character(len=20) :: name
+      character(len=32) :: name
       character(len=7) :: kind      !! text, integer, real, logical, or count: words or an integer
       integer :: most               !! maximum number of values
       character(len=90) :: default  !! as written in a case; "required", or "absent"
@@ -46,9 +46,10 @@ module rockfall_case_keys
    character(len=*), parameter :: swiss_matrix = "'moderate', 2*'low', 'high', 2*'moderate', 3*'high'"
 
    !> Groups that may occur several times in a case.
-   character(len=*), parameter :: repeatable(*) = [character(len=8) :: "line", "barrier", "dam", "scenario"]
+   character(len=*), parameter :: repeatable(*) = [character(len=8) :: "line", "barrier", "dam", "scenario", "variant"]
+   integer, parameter :: max_names = 1000  !! maximum number of barriers or dams that a variant names
 
-   type(key_t), parameter :: key_table(*) = [ &
+   type(key_t), parameter :: own_keys(*) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
       key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
       key_t("case", "boulders", "integer", 1, "absent", "1 to 1e15", "", "released from each source"), &
@@ -220,6 +221,7 @@ module rockfall_case_keys
             "in place of x and y: lines, whose attributes give what the group does not", file="layer"), &
       key_t("barrier", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several"), &
       key_t("barrier", "field", "text", 1, "absent", "", "", "attribute with the name; absent: name"), &
+      key_t("dam", "name", "text", 1, "absent", "", "", "by which a variant knows it"), &
       key_t("dam", "x", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
       key_t("dam", "y", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
       key_t("dam", "height", "real", 1, "absent", "0.001 to 100", "m", "of the crest above the terrain below it", &
@@ -293,7 +295,25 @@ module rockfall_case_keys
       key_t("hazard", "minimum_area", "real", 1, "0.0", ">= 0", "m2", &
             "of a zone: a smaller patch takes the class of the largest beside it"), &
       key_t("hazard", "minimum_width", "real", 1, "10.0", "0 to 1000", "m", &
-            "of a zone: narrower parts are widened or take the next higher class; 0: zones follow cells")]
+            "of a zone: narrower parts are widened or take the next higher class; 0: zones follow cells"), &
+      key_t("variant", "name", "text", 1, "required", "", "", "of a variant; that of its result's file, too"), &
+      key_t("variant", "without", "text", 7, "absent", "barrier, dam, forest, surface, impact, boulder, release", "", &
+            "groups of the case that it leaves out"), &
+      key_t("variant", "barriers", "text", max_names, "absent", "", "", &
+            "names of those that it has; of a layer, its name or file's; absent: all"), &
+      key_t("variant", "dams", "text", max_names, "absent", "", "", &
+            "names of those that it has; of a layer, its name or file's; absent: all"), &
+      key_t("variant", "cost", "real", 1, "absent", ">= 0", "", "in any unit, for the report")]
+
+   !> Keys of &terrain to &forest, which are neighbours: a variant gives them as GROUP_KEY.
+   integer, parameter :: first_varied = findloc(own_keys%group, "terrain", dim=1)
+   integer, parameter :: last_varied = findloc(own_keys%group, "forest", dim=1, back=.true.)
+   integer :: row  !! of the implied loop below; never has a value
+   type(key_t), parameter :: varied_keys(*) = [ &
+      (key_t("variant", trim(own_keys(row)%group)//"_"//own_keys(row)%name, own_keys(row)%kind, own_keys(row)%most, &
+             "absent", own_keys(row)%allowed, own_keys(row)%unit, "in place of that of &"//own_keys(row)%group, &
+             .false., own_keys(row)%file), row=first_varied, last_varied)]
+   type(key_t), parameter :: key_table(*) = [own_keys, varied_keys]
    integer, parameter :: n_keys = size(key_table)
 
 contains

@@ -262,7 +262,7 @@ def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray
     import xarray as xr
 
     check_variants(results)
-    if not all("passages" in one for one in results.values()):
+    if not have_passages(results):
         raise RockfallError("maps of difference need &output maps = 'passages' in all variants")
     (_, first), *others = results.items()
     found: dict[str, xr.DataArray] = {}
@@ -298,11 +298,28 @@ def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray
     return found
 
 
-def _check_grid(first: xr.Dataset, other: xr.Dataset, name: str) -> None:
-    """Refuse maps of other cells."""
+def have_passages(results: Mapping[str, xr.Dataset]) -> bool:
+    """Return True if all variants have the map on which maps of difference are based."""
+    return all("passages" in one for one in results.values())
+
+
+def on_same_cells(results: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
+    """The first variant, and those whose maps have its cells."""
+    first = next(iter(results.values()))
+    return {name: one for name, one in results.items() if _same_cells(first, one)}
+
+
+def _same_cells(first: xr.Dataset, other: xr.Dataset) -> bool:
+    """Return True if maps of two results are on the cells of one grid."""
     ours, theirs = (grid_of(one["passages"])[0] for one in (first, other))
     steps = np.array([theirs.west - ours.west, theirs.north - ours.north]) / ours.cell
-    if theirs.cell != ours.cell or np.abs(steps - np.round(steps)).max() > OF_A_CELL:
+    return theirs.cell == ours.cell and float(np.abs(steps - np.round(steps)).max()) <= OF_A_CELL
+
+
+def _check_grid(first: xr.Dataset, other: xr.Dataset, name: str) -> None:
+    """Refuse maps of other cells."""
+    if not _same_cells(first, other):
+        ours, theirs = (grid_of(one["passages"])[0] for one in (first, other))
         raise RockfallError(
             f"{name}: maps of difference need the cells of the first variant, of {ours.cell:g} m; "
             f"its terrain has others, of {theirs.cell:g} m: compare without maps"

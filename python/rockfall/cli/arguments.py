@@ -40,10 +40,13 @@ def _add(
     commands: _Commands, module: str, name: str, does: str, what: str = "", writes: bool = True
 ) -> _Parser:
     """Add a command from a module in this folder that reads one file, `what`; most commands may
-    replace their earlier output."""
+    replace their earlier output, and take one variant of a case."""
     one = commands.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
     if what:
         one.add_argument(what.lower(), metavar=what, type=Path)
+    if what == "CASE" and name != "variants":
+        about = "of a case with &variant groups, the one of this name"
+        one.add_argument("--variant", metavar="NAME", help=about)
     if writes:
         _add_overwrite(one)
     one.set_defaults(command=_command(module, name.replace("-", "_")))
@@ -206,6 +209,17 @@ def _add_studies(commands: _Commands) -> None:
     _add_memory(zone)
     _add_resume(zone, "DIR.scenarioN.checkpoint")
     _add_overrides(zone)
+    about = "run the variants of a case, with common random numbers, and compare them"
+    several = _add(commands, "variants", "variants", about, "CASE")
+    several.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_variants")
+    about = "one page, too, with a column for each variant: DIR/variants.html"
+    several.add_argument("--report", action="store_true", help=about)
+    several.add_argument("--pdf", action="store_true", help="the page as DIR/variants.pdf")
+    _add_yearly(several, "")
+    _add_imprint(several, "in the report")
+    _add_memory(several)
+    _add_resume(several, "DIR.NAME.checkpoint")
+    _add_overrides(several)
     about = "run a case by every rebound model, with common random numbers"
     every = _add(commands, "studies", "models", about, "CASE")
     every.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_models")
@@ -249,8 +263,7 @@ def _add_results(commands: _Commands) -> None:
     compare.add_argument("--maps", metavar="DIR", type=Path, help=about)
     about = "of variants: one page (.html, .pdf) with a column for each"
     compare.add_argument("--report", metavar="FILE", type=Path, help=about)
-    about = "of variants: boulders that come loose a year, for frequencies in the report"
-    compare.add_argument("--yearly", metavar="N", type=float, default=0.0, help=about)
+    _add_yearly(compare, "of variants: ")
     about = "of variants, for the report: NAME=AMOUNT"
     compare.add_argument("--costs", metavar="COST", nargs="+", default=[], help=about)
     _add_imprint(compare, "in the report")
@@ -287,6 +300,11 @@ def _add_results(commands: _Commands) -> None:
         one.add_argument(
             "--limits", metavar="UNIT=LIMITS", nargs="+", help="of classes: kJ=30,300 m=1,5"
         )
+
+
+def _add_yearly(command: argparse.ArgumentParser, of: str) -> None:
+    about = f"{of}boulders that come loose a year, for frequencies in the report"
+    command.add_argument("--yearly", metavar="N", type=float, default=0.0, help=about)
 
 
 def _add_imprint(command: argparse.ArgumentParser, where: str) -> None:

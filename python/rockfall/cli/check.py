@@ -6,11 +6,17 @@ from __future__ import annotations
 import argparse
 
 from rockfall.case import read_case
-from rockfall.cli.given import scene_of
+from rockfall.case_variants import variants
+from rockfall.cli.given import given_case, scene_of
 from rockfall.cli.messages import DONE
 from rockfall.text.preview import preview
 
 
 def check_command(arguments: argparse.Namespace) -> int:
-    print(preview(scene_of(read_case(arguments.case), arguments)))
+    cases = {} if arguments.variant else variants(read_case(arguments.case))
+    if not cases:
+        print(preview(scene_of(given_case(arguments), arguments)))
+    blocks = (f"variant {name}\n{preview(scene_of(one, arguments))}" for name, one in cases.items())
+    for k, block in enumerate(blocks):
+        print(f"\n{block}" if k else block, flush=True)
     return DONE

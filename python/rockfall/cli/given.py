@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 
 from rockfall.case import Case, read_case
+from rockfall.case_variants import chosen_variant
 from rockfall.cli.messages import warn
 from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
@@ -13,9 +14,24 @@ from rockfall.scene.scene import Scene
 from rockfall.simulation.memory import machine_memory, read_memory
 
 
+def given_case(arguments: argparse.Namespace) -> Case:
+    """Case in a file, or its variant that `--variant` names."""
+    return chosen_variant(read_case(arguments.case), arguments.variant)
+
+
+def stem_of(arguments: argparse.Namespace) -> str:
+    """Stem of the names of outputs: that of the case, and its variant."""
+    stem, variant = arguments.case.stem, arguments.variant
+    return f"{stem}_{variant}" if variant else str(stem)
+
+
 def overridden(arguments: argparse.Namespace) -> Case:
+    """Case, or its variant that `--variant` names, with values replaced by the command line."""
+    return with_overrides(given_case(arguments), arguments)
+
+
+def with_overrides(case: Case, arguments: argparse.Namespace) -> Case:
     """Case with values replaced by the command line."""
-    case = read_case(arguments.case)
     keys = ("boulders", "boulders_total", "seed", "threads")
     given = {key: getattr(arguments, key) for key in keys}
     given = {key: value for key, value in given.items() if value is not None}

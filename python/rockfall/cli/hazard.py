@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import argparse
-import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 from rockfall.analysis.hazard.files import put_hazard
@@ -14,11 +13,12 @@ from rockfall.analysis.hazard.study import Study, read_study, run_study
 from rockfall.analysis.hazard.variables import map_names
 from rockfall.case import Case
 from rockfall.case_files import input_files
-from rockfall.cli.given import overridden
-from rockfall.cli.messages import DONE, say, warn
+from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
+from rockfall.cli.given import overridden, stem_of
+from rockfall.cli.messages import DONE, warn
 from rockfall.errors import RockfallError, need
 from rockfall.html_report.sentences import Speaker
-from rockfall.interrupts import exit_status, interrupts
+from rockfall.interrupts import interrupts
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import atomic_folder, check_folder, check_output, check_outputs
 from rockfall.language import catalogue, speaking
@@ -42,7 +42,7 @@ def hazard_command(arguments: argparse.Namespace) -> int:
     catalogue(arguments.language)  # refuses unknown languages before a file is read
     case = overridden(arguments)
     base_case(case)  # refuses invalid cases before a file is read
-    folder = arguments.output or Path(f"{arguments.case.stem}_hazard")
+    folder = arguments.output or Path(f"{stem_of(arguments)}_hazard")
     given = (arguments.objects, arguments.vulnerability)
     inputs = [*input_files(case), *(path for path in given if path)]
     if arguments.write_cases:
@@ -50,7 +50,8 @@ def hazard_command(arguments: argparse.Namespace) -> int:
     inputs += arguments.results
     _check_place(folder, case, inputs)
     with locked(folder.resolve(), warn):
-        checkpoints = list(_checkpoints(arguments, folder.resolve(), case))
+        runs = [f"scenario{k}" for k in range(1, len(case.scenario) + 1)]
+        checkpoints = study_checkpoints(arguments, folder.resolve(), runs, "a hazard")
         memory = machine_memory() if arguments.memory is None else read_memory(arguments.memory)
         study = _study(arguments, case, memory)
         for line in study.remarks:
@@ -93,7 +94,7 @@ def _run_to(
                 study, results=arguments.results, progress=shown, checkpoints=checkpoints
             )
         except Interrupted:
-            return _interrupted(checkpoints)
+            return study_interrupted(checkpoints)
         rasters = study.scene.rasters
         terrain = (rasters.z, rasters.grid) if rasters.z.size else None
         with atomic_folder(folder, inputs) as part:
@@ -114,31 +115,6 @@ def _run_to(
         print(hazard_summary(found))
         print(*(folder / path.name for path in paths), sep="\n")
     return DONE
-
-
-def _interrupted(checkpoints: list[Checkpoint]) -> int:
-    kept = [str(one.path) for one in checkpoints if one.saved]
-    if not kept:
-        raise KeyboardInterrupt
-    return say(
-        f"interrupted: {', '.join(kept)}: hold what is done; --resume goes on", exit_status()
-    )
-
-
-def _checkpoints(arguments: argparse.Namespace, folder: Path, case: Case) -> Iterator[Checkpoint]:
-    """Checkpoints of the scenarios, next to the folder; existing ones are overwritten only on
-    request."""
-    if not arguments.checkpoint >= 0:
-        raise RockfallError(f"--checkpoint {arguments.checkpoint}: must be >= 0 seconds")
-    for k in range(1, len(case.scenario) + 1):
-        output = folder.with_name(f"{folder.name}.scenario{k}")
-        found = Checkpoint(output, arguments.checkpoint or math.inf, warn, keep=True)
-        if (done := found.found()) and not arguments.resume:
-            raise RockfallError(
-                f"{found.path}: holds {done:,} boulders of a hazard that was stopped; go on with "
-                "--resume, or remove it"
-            )
-        yield found
 
 
 def _check_place(folder: Path, case: Case, inputs: Iterable[str | Path]) -> None:

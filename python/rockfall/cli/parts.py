@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import argparse
 
-from rockfall.case import read_case
+from rockfall.cli.given import given_case
 from rockfall.cli.messages import DONE
 from rockfall.io.output_files import check_result_path
 from rockfall.result.dataset import write_result
@@ -25,11 +25,11 @@ def merge_command(arguments: argparse.Namespace) -> int:
 
 
 def prepare_command(arguments: argparse.Namespace) -> int:
-    print(*prepare(read_case(arguments.case), arguments.folder), sep="\n")
+    print(*prepare(given_case(arguments), arguments.folder), sep="\n")
     return DONE
 
 
 def slurm_command(arguments: argparse.Namespace) -> int:
-    how = {key: getattr(arguments, key) for key in ("program", "threads", "time")}
+    how = {key: getattr(arguments, key) for key in ("program", "threads", "time", "variant")}
     print(*write_jobs(arguments.case, arguments.folder, arguments.shards, **how), sep="\n")
     return DONE

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from rockfall.analysis.run_until import simulate_until, verdicts_of
 from rockfall.case import Case
 from rockfall.case_files import input_files
-from rockfall.cli.given import overridden, scene_of
+from rockfall.cli.given import overridden, scene_of, stem_of
 from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError
 from rockfall.interrupts import exit_status, interrupts
@@ -33,7 +33,7 @@ def run_command(arguments: argparse.Namespace) -> int:
     _refuse_contradictions(arguments)
     case = overridden(arguments)
     which, of = shard = (1, 1) if arguments.shard is None else _shard(arguments.shard)
-    stem = arguments.case.stem
+    stem = stem_of(arguments)
     path = arguments.output or Path(f"{stem}.nc" if of == 1 else f"{stem}.part{which}of{of}")
     with overwriting(arguments.overwrite or _was_stopped(path, arguments)):
         check_result_path(path, input_files(case))

@@ -15,9 +15,8 @@ from rockfall.analysis.ensemble.study import check_place, run_ensemble, write_en
 from rockfall.analysis.models import run_models, write_models
 from rockfall.analysis.observations import read_observed
 from rockfall.analysis.validation import validate
-from rockfall.case import read_case
 from rockfall.case_files import input_files
-from rockfall.cli.given import overridden, warn_of_inputs
+from rockfall.cli.given import given_case, overridden, stem_of, warn_of_inputs
 from rockfall.cli.messages import DONE, say
 from rockfall.errors import RockfallError, need
 from rockfall.interrupts import exit_status
@@ -43,7 +42,7 @@ def ensemble_command(arguments: argparse.Namespace) -> int:
     case = overridden(arguments)
     if arguments.runs is not None:
         case = case.replace(ensemble={"runs": arguments.runs})
-    path = arguments.output or Path(f"{arguments.case.stem}-ensemble.nc")
+    path = arguments.output or Path(f"{stem_of(arguments)}-ensemble.nc")
     check_place(path, len(case.lines), input_files(case))
     warn_of_inputs(case)
     try:
@@ -62,7 +61,7 @@ def ensemble_command(arguments: argparse.Namespace) -> int:
 
 def back_command(arguments: argparse.Namespace) -> int:
     case = overridden(arguments)
-    folder = arguments.output or Path(f"{arguments.case.stem}_back")
+    folder = arguments.output or Path(f"{stem_of(arguments)}_back")
     need("back needs", "report", "matplotlib")
     seen = read_observed(*arguments.observed)
     check_back(folder, [*input_files(case), *arguments.observed])
@@ -87,8 +86,8 @@ def _draw_posterior(found: Back, path: Path) -> None:
 
 
 def convergence_command(arguments: argparse.Namespace) -> int:
-    folder = arguments.output or Path(f"{arguments.case.stem}_convergence")
-    case = read_case(arguments.case)
+    folder = arguments.output or Path(f"{stem_of(arguments)}_convergence")
+    case = given_case(arguments)
     inputs = list(input_files(case))
     check_writable(folder, inputs)
     given = {key: getattr(arguments, key) for key in ("boulders", "reference")}
@@ -103,7 +102,7 @@ def convergence_command(arguments: argparse.Namespace) -> int:
 
 def models_command(arguments: argparse.Namespace) -> int:
     case = overridden(arguments)
-    folder = arguments.output or Path(f"{arguments.case.stem}_models")
+    folder = arguments.output or Path(f"{stem_of(arguments)}_models")
     inputs = list(input_files(case))
     _check_folder(folder, MODEL_FILES, "models", inputs)
     found = run_models(case, arguments.ground, progress=not arguments.quiet)

@@ -129,6 +129,12 @@ def write_report(
 
 def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
     """Refuse a page that cannot be made or written, before the work starts."""
+    check_page_needs(path)
+    check_output(path, inputs)
+
+
+def check_page_needs(path: str | Path) -> None:
+    """Refuse a page that cannot be made, wherever it is to be written."""
     path = Path(path)
     need("a report needs", "report", "matplotlib", "PIL", "jinja2", "babel")
     ending = path.suffix.lower()
@@ -136,7 +142,6 @@ def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
         raise RockfallError(f"{path}: is no name for a page; it must end in .html or .pdf")
     if ending == PDF:
         check_pdf()
-    check_output(path, inputs)
 
 
 def report(

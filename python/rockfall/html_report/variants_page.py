@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.variants import UNDECIDED, compare_variants, difference_maps
+from rockfall.analysis.variants import (
+    UNDECIDED,
+    compare_variants,
+    difference_maps,
+    have_passages,
+    on_same_cells,
+)
 from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.html_report.inputs import Parties
@@ -39,6 +45,7 @@ NAMES = {
     "upper_edge": "variants.upper_edge",
     "energy_total": "variants.energy_total",
 }
+BESIDE_FIRST = 4  # variants in a table on paper
 MEAN, Q95 = "variants.mean", "variants.q95"
 
 
@@ -47,6 +54,7 @@ class Given(NamedTuple):
 
     yearly: float = 0.0  # boulders that come loose from all sources [1/year]; 0: not known
     costs: Mapping[str, float] = {}  # by variant, in any unit
+    title: str = ""  # of the page; "": that of the first
 
     def check(self, results: Mapping[str, xr.Dataset]) -> None:
         """Refuse what cannot be."""
@@ -96,11 +104,11 @@ def _page(
     first = next(iter(results.values()))
     table = compare_variants(results)
     translate = Speaker(language, [*results, *table["line"].unique()])
-    drawn = difference_maps(results) if all("passages" in one for one in results.values()) else {}
+    drawn = difference_maps(on_same_cells(results)) if have_passages(results) else {}
     return rendered(
         "variants.html.j2",
         translate,
-        title=str(first.attrs["title"]) or "rockfall",
+        title=given.title or str(first.attrs["title"]) or "rockfall",
         on_paper=on_paper,
         facts=[
             (say("sheet.project"), parties.project),
@@ -110,7 +118,11 @@ def _page(
             (say("sheet.computed"), str(first.attrs.get("date_created", ""))[:10]),
         ],
         warnings=list(_warnings(results, translate)),
-        lines=[_line_table(of_line, given) for _, of_line in table.groupby("line", sort=False)],
+        lines=[
+            _line_table(part, given)
+            for _, of_line in table.groupby("line", sort=False)
+            for part in _on_page(of_line, on_paper)
+        ],
         notes=[say("variants.note"), say("variants.same_boulders", n=simulated(first))],
         measures=[_measures(results, given)],
         figures=[
@@ -121,7 +133,7 @@ def _page(
                 translate,
             )
             for name in list(results)[1:]
-            if drawn
+            if f"{name}_passing" in drawn
         ],
     )
 
@@ -134,6 +146,17 @@ def _warnings(results: Mapping[str, xr.Dataset], translate: Speaker) -> Iterator
             said.setdefault(translate(text), []).append(name)
     for text, names in said.items():
         yield Text(f"{', '.join(names)}: {text}")
+    if have_passages(results) and (others := [*results.keys() - on_same_cells(results).keys()]):
+        yield say("variants.other_cells", names=", ".join(sorted(others)))
+
+
+def _on_page(of_line: pd.DataFrame, on_paper: bool) -> Iterator[pd.DataFrame]:
+    """The numbers of a line, on paper in parts that are not wider than the page, each with the
+    first variant."""
+    first, *others = of_line["variant"].unique()
+    step = BESIDE_FIRST if on_paper else max(1, len(others))
+    for k in range(0, max(1, len(others)), step):
+        yield of_line[of_line["variant"].isin([first, *others[k : k + step]])]
 
 
 def _line_table(of_line: pd.DataFrame, given: Given) -> Table:
@@ -167,16 +190,16 @@ def _yearly_label(statistic: str) -> Text:
 
 
 def _cell(row: pd.Series, factor: float) -> Text:
-    """A number and, below it, its difference with its interval."""
+    """A number, below it its difference, and below that the interval."""
     value = localised(number(factor * row["value"]))
     if not isinstance(row["verdict"], str):
         return Text(value)
     apart, low, high = (
         localised(signed(factor * row[f"difference{end}"])) for end in ("", "_low", "_high")
     )
-    interval = f" ({low} … {high})" if np.isfinite(row["difference_low"]) else ""
+    interval = f"\n({low} … {high})" if np.isfinite(row["difference_low"]) else ""
     doubt = " ?" if row["verdict"] == UNDECIDED else ""
-    return Text(f"{value}\n{apart}{interval}{doubt}")
+    return Text(f"{value}\n{apart}{doubt}{interval}")
 
 
 def _measures(results: Mapping[str, xr.Dataset], given: Given) -> Table:
@@ -185,7 +208,7 @@ def _measures(results: Mapping[str, xr.Dataset], given: Given) -> Table:
     rows = [[say("variants.terrain"), *(_dem(case) for case in cases.values())]]
     rows.append([say("variants.barriers"), *(_barriers(case) for case in cases.values())])
     rows.append([say("variants.dams"), *(_dams(case) for case in cases.values())])
-    rows.append([say("variants.forest"), *(_yes(bool(case.forest)) for case in cases.values())])
+    rows.append([say("variants.forest"), *(_forest(case) for case in cases.values())])
     if given.costs:
         costs = (given.costs.get(name) for name in results)
         shown = (Text("-" if one is None else localised(f"{one:,.10g}")) for one in costs)
@@ -204,6 +227,8 @@ def _barriers(case: Case) -> Text:
 
 
 def _barrier(one: Mapping[str, object]) -> str:
+    if "diameter" in one:
+        return f"{one.get('name') or one.get('file')}: ⌀ {_digits(one['diameter'])} cm"
     strength = f"EAD {one['class']}" if "class" in one else f"{one.get('capacity', 0.0):g} kJ"
     height = localised(f"{one.get('height', 0.0):g}")
     return f"{one.get('name') or one.get('file')}: {height} m, {strength}"
@@ -214,5 +239,20 @@ def _dams(case: Case) -> Text:
     return Text("\n".join(f"{height} m" for height in heights) or "-")
 
 
-def _yes(whether: bool) -> Text:
-    return say("variants.yes") if whether else Text("-")
+def _digits(value: object) -> str:
+    return localised(f"{value:g}")
+
+
+def _forest(case: Case) -> Text:
+    """Where the trees come from, the fraction of them that remains, and the layer of clearings."""
+    if not case.has_forest:
+        return Text("-")
+    forest = case.forest
+    sources = (forest[key] for key in ("trees", "polygons", "stems") if key in forest)
+    parts = [say("variants.yes") if name == FROM_ARRAY else Path(name).name for name in sources]
+    if "uniform_stems" in forest:
+        parts.append(f"{_digits(forest['uniform_stems'])}/ha")
+    if forest["density_factor"] < 1:
+        parts.append(f"× {_digits(forest['density_factor'])}")
+    parts += [f"- {Path(forest['clearings']).name}"] if "clearings" in forest else []
+    return Text("\n".join(map(str, parts)))

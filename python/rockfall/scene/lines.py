@@ -19,6 +19,7 @@ from rockfall.scene.layers import Inputs, take_inputs
 from rockfall.scene.stages import FRESH, Stages
 
 OF_LAYER = {"name", "x", "y", "file", "layer", "field"}  # keys that are not attributes
+RECORDED = {"line", "barrier"}  # groups whose names results have
 LOGICAL = {"true": True, "1": True, "false": False, "0": False}  # as written by vector formats
 STRENGTH = {"capacity", "class", "diameter"}  # a barrier has exactly one of these
 
@@ -54,7 +55,8 @@ def with_lines_of(case: Case, read: Case) -> Case:
 
 def _groups() -> list[str]:
     """Groups that allow several entries from a layer."""
-    return [group for group in REPEATABLE if group in {key.group for key in file_keys()}]
+    drawn = {key.group for key in file_keys() if key.name == "file"}
+    return [group for group in REPEATABLE if group in drawn]
 
 
 def _blame(case: Case, drawn: Mapping[str, list[_Drawn]]) -> None:
@@ -88,7 +90,9 @@ def _features(inputs: Inputs, group: str, given: Mapping[str, Any]) -> Iterator[
         asked -= STRENGTH
     found = {key: attribute(columns, key) for key in sorted(asked)}
     attributes = {key: column for key, column in found.items() if column is not None}
-    names = _names(path, given, columns, [len(of) for of in parts]) if "name" in known else None
+    names = None
+    if group in RECORDED:
+        names = _names(path, given, columns, [len(of) for of in parts])
     for k, feature in enumerate(parts):
         values = {name: _plain(column[k], known[name]) for name, column in attributes.items()}
         values = {name: value for name, value in values.items() if value is not None} | own

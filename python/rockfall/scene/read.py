@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from rockfall.case import FROM_ARRAY, Case, file_keys
+from rockfall.case_variants import check_single
 from rockfall.errors import RockfallError
 from rockfall.grounds import other_tables
 from rockfall.impact_sets import set_path
@@ -59,6 +60,7 @@ def read_scene(
     """
     if not isinstance(case, Case):
         raise RockfallError(f"case = {case!r}: must be a Case; rockfall.read_case(path) reads one")
+    check_single(case)
     frames = {name: one for name, one in rasters.items() if is_frame(one)}
     if frames:
         rasters = {name: one for name, one in rasters.items() if name not in frames}

@@ -12,6 +12,7 @@ from string import Template
 
 from rockfall.case import read_case
 from rockfall.case_files import input_files
+from rockfall.case_variants import chosen_variant
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import atomic_folder, check_outputs
 
@@ -34,7 +35,7 @@ set -eu
 mkdir -p $folder/parts
 part=$$SLURM_ARRAY_TASK_ID
 export OMP_NUM_THREADS="$${SLURM_CPUS_PER_TASK:-$threads}"
-exec $program $case --quiet --resume --overwrite --threads "$$OMP_NUM_THREADS" \\
+exec $program $case$variant --quiet --resume --overwrite --threads "$$OMP_NUM_THREADS" \\
   --shard "$$part/$shards" --output $folder/parts/"part$${part}of$shards"
 """
 )
@@ -67,15 +68,23 @@ sbatch --dependency="afterok:$$job" $folder/merge.sh
 
 
 def write_jobs(
-    path: str | Path, folder: str | Path, shards: int, *, program: str, threads: int, time: str
+    path: str | Path,
+    folder: str | Path,
+    shards: int,
+    *,
+    program: str,
+    threads: int,
+    time: str,
+    variant: str | None = None,
 ) -> list[Path]:
     """Write run.sh, merge.sh and submit.sh for a case to `folder`, created if missing: all of them
     or none.
 
     `program` is python or batch; the latter needs a case made by `rockfall prepare`. `threads` and
-    `time` (in Slurm's format) are the request of each job.
+    `time` (in Slurm's format) are the request of each job. `variant` is that of a case with
+    several.
     """
-    case = read_case(path)
+    case = chosen_variant(read_case(path), variant)
     if program not in PROGRAMS:
         raise RockfallError(f"--program {program}: must be {' or '.join(PROGRAMS)}")
     if threads < 1:
@@ -101,6 +110,7 @@ def write_jobs(
         "case": shlex.quote(str(Path(path).absolute())), "folder": shlex.quote(str(folder)),
         "name": "rockfall", "stem": shlex.quote(Path(path).stem), "shards": shards,
         "threads": threads, "time": time,
+        "variant": "" if variant is None else f" --variant {shlex.quote(variant)}",
         "rockfall": ROCKFALL, "program": f"{ROCKFALL} run" if program == "python" else _batch(path),
     }  # fmt: skip
     scripts = {"run.sh": RUN, "merge.sh": MERGE, "submit.sh": SUBMIT}

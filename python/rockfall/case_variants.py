@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Variants of a case: each &variant group names what differs from the rest of the case, and makes
+a case of its own. All have the seed of the case, and so common random numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rockfall.case import Case, varied_key
+from rockfall.errors import RockfallError
+
+CHOSEN = {"barriers": "barrier", "dams": "dam"}  # lists of names, and their groups
+
+
+def variants(case: Case) -> dict[str, Case]:
+    """Cases of the &variant groups of a case, by name, in their order; none without such groups.
+
+    A variant that makes no valid case raises a RockfallError that names it.
+
+    >>> import rockfall
+    >>> net = {"name": "net", "x": [600000.0, 600120.0], "y": [4999950.0, 4999950.0]}
+    >>> case = rockfall.read_case("case.nml").replace(
+    ...     barrier=[net | {"height": 3.0, "class": 4}],
+    ...     variant=[{"name": "bare", "without": ["barrier"]}, {"name": "with net"}],
+    ... )
+    >>> {name: len(one.barrier) for name, one in rockfall.variants(case).items()}
+    {'bare': 0, 'with net': 1}
+    """
+    return {given["name"]: _variant(case, given) for given in case.variant}
+
+
+def chosen_variant(case: Case, name: str | None) -> Case:
+    """The variant of a name, or the case itself if it has none; a case with several needs one."""
+    if name is None:
+        check_single(case)
+        return case
+    found = variants(case)
+    if name not in found:
+        known = f"the variants are {', '.join(found)}" if found else "the case has no &variant"
+        raise RockfallError(f"{case.name}: --variant {name}: {known}")
+    return found[name]
+
+
+def check_single(case: Case) -> None:
+    """Refuse a case with variants, of which a run needs one."""
+    if case.variant:
+        names = ", ".join(one["name"] for one in case.variant)
+        raise RockfallError(
+            f"{case.name}: &variant: has the variants {names}: `rockfall variants` runs all, "
+            "--variant NAME (in Python rockfall.variants(case)[NAME]) takes one"
+        )
+
+
+def _variant(case: Case, given: Mapping[str, Any]) -> Case:
+    """The case that a group makes."""
+    where = f"{case.name}: &variant name = '{given['name']}'"
+    title = case.case["title"]
+    changes: dict[str, Any] = {"variant": []}
+    changes["case"] = {"title": f"{title}: {given['name']}" if title else given["name"]}
+    for group in given.get("without", []):
+        own = getattr(case, group)
+        changes[group] = [] if isinstance(own, list) else dict.fromkeys(own)
+    for key, group in CHOSEN.items():
+        if key in given:
+            changes[group] = _named(case, group, given[key], f"{where} {key}")
+    for key, value in given.items():
+        if (varied := varied_key(key)) is not None:
+            group, name = varied
+            changes.setdefault(group, {})[name] = value
+    with naming_variant(case, given["name"]):
+        return case.replace(**changes)
+
+
+@contextmanager
+def naming_variant(case: Case, name: str) -> Iterator[None]:
+    """Name the variant in errors about its case that are raised within the block."""
+    try:
+        yield
+    except RockfallError as error:
+        rule = str(error).removeprefix(f"{case.name}: ")
+        where = f"{case.name}: &variant name = '{name}'"
+        raise RockfallError(f"{where}: {rule}", error.code) from error
+
+
+def _named(case: Case, group: str, names: list[str], where: str) -> list[dict[str, Any]]:
+    """Groups that bear one of the names; a name that none bears is refused."""
+    own = [(_name(one), one) for one in getattr(case, group)]
+    known = list(dict.fromkeys(name for name, _ in own if name))
+    for name in names:
+        if name not in known:
+            those = f"those are {', '.join(known)}" if known else f"no &{group} has a name"
+            raise RockfallError(f"{where}: no &{group} is called '{name}'; {those}")
+    return [one for name, one in own if name in names]
+
+
+def _name(given: Mapping[str, Any]) -> str:
+    """Name of a group; that of its layer, or of its file, if it has none of its own."""
+    stem = Path(given["file"]).stem if "file" in given else ""
+    return str(given.get("name") or given.get("layer") or stem)

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Variants of a case, from its groups to the comparison."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rockfall.analysis.variant_runs import check_variant_scenes, run_each
+from rockfall.analysis.variants import (
+    compare_variants,
+    difference_maps,
+    have_passages,
+    on_same_cells,
+    write_variants,
+)
+from rockfall.case import Case, read_case
+from rockfall.case_files import input_files
+from rockfall.case_variants import variants
+from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
+from rockfall.cli.given import with_overrides
+from rockfall.cli.messages import DONE, warn
+from rockfall.cli.results import IMPRINT, warnings_told
+from rockfall.errors import RockfallError
+from rockfall.html_report.page import check_page_needs
+from rockfall.html_report.variants_page import Given
+from rockfall.interrupts import interrupts
+from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
+from rockfall.language import catalogue
+from rockfall.products import report_variants
+from rockfall.result.dataset import write_result
+from rockfall.result.samples import kept_note
+from rockfall.simulation.lock import locked
+from rockfall.simulation.memory import machine_memory, read_memory
+from rockfall.simulation.simulate import Interrupted
+from rockfall.text.variants import variants_text
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def variants_command(arguments: argparse.Namespace) -> int:
+    case = with_overrides(read_case(arguments.case), arguments)
+    names, pages = list(variants(case)), _pages(arguments)
+    folder = arguments.output or Path(f"{arguments.case.stem}_variants")
+    inputs = list(input_files(case))
+    _check_place(folder, names, pages, inputs)
+    if pages:
+        catalogue(arguments.language)  # refuses unknown languages before a file is read
+        check_page_needs(pages[0])
+        Given(arguments.yearly).check({})
+    with locked(folder.resolve(), warn):
+        checkpoints = study_checkpoints(arguments, folder.resolve(), names, "a variant")
+        memory = machine_memory() if arguments.memory is None else read_memory(arguments.memory)
+        for remark in check_variant_scenes(case, memory=memory):
+            warn(remark)
+        with interrupts():  # completed work is kept
+            by_name = dict(zip(names, checkpoints, strict=True))
+            try:
+                results = run_each(
+                    case, memory=memory, progress=not arguments.quiet, checkpoints=by_name
+                )
+            except Interrupted:
+                return study_interrupted(checkpoints)
+            paths = _write(case, results, folder, arguments, inputs)
+        for checkpoint in checkpoints:
+            checkpoint.remove()
+    if not arguments.quiet:
+        first = next(iter(results.values()))
+        print(variants_text(compare_variants(results), kept_note(first)))
+        print(*paths, sep="\n")
+    return DONE
+
+
+def _write(
+    case: Case,
+    results: Mapping[str, xr.Dataset],
+    folder: Path,
+    arguments: argparse.Namespace,
+    inputs: Iterable[Path],
+) -> list[Path]:
+    """Write results, differences, maps and page to the folder: all of them, or none."""
+    maps = {}
+    if have_passages(results):
+        alike = on_same_cells(results)
+        maps = difference_maps(alike)
+        if others := [name for name in results if name not in alike]:
+            warn(f"no maps of difference for {', '.join(others)}: other cells than the first")
+    costs = {one["name"]: one["cost"] for one in case.variant if "cost" in one}
+    title = case.case["title"] or arguments.case.stem
+    imprint = {key: getattr(arguments, key) for key in IMPRINT}
+    with atomic_folder(folder, inputs) as part:
+        made = []
+        for name, result in results.items():
+            made.append(part / f"{name}.nc")
+            write_result(result, made[-1])
+        made += write_variants(compare_variants(results), maps, part)
+        for name in _pages(arguments):
+            made.append(part / name)
+            with warnings_told():
+                report_variants(
+                    results, made[-1], yearly=arguments.yearly, costs=costs, title=title, **imprint
+                )
+    return [folder / path.name for path in made]
+
+
+def _pages(arguments: argparse.Namespace) -> list[str]:
+    """Names of the page in the folder, as HTML and as PDF, as far as requested."""
+    given = {"variants.html": arguments.report, "variants.pdf": arguments.pdf}
+    return [name for name, wanted in given.items() if wanted]
+
+
+def _check_place(
+    folder: Path, names: Iterable[str], pages: Iterable[str], inputs: Iterable[Path]
+) -> None:
+    """Refuse a folder to which the files cannot be written, before the runs start."""
+    check_folder(folder)
+    if not folder.resolve().parent.is_dir():
+        raise RockfallError(f"{folder}: there is no folder {folder.parent}")
+    files = [*(f"{name}.nc" for name in names), "differences.csv", *pages]
+    check_outputs([folder / name for name in files], inputs)
