@@ -33,6 +33,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "run": "simulation.simulate",
     "run_ensemble": "analysis.ensemble.study",
     "run_until": "analysis.run_until",
+    "section": "products",
     "site": "protection.siting",
     "write_hazard": "analysis.hazard.files",
     "write_result": "result.dataset",

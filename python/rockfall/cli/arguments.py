@@ -264,6 +264,7 @@ def _add_results(commands: _Commands) -> None:
     lines.add_argument("--along", metavar="LINE", help=about)
     about = "of windows along the line; default: a round one, for about 40"
     lines.add_argument("--width", metavar="M", type=float, help=about)
+    _add_section(commands)
     figures = result("figures", "draw every figure of a result, those of the paper too")
     figures.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
     figures.add_argument("--format", default="png", help="png (default), pdf or svg")
@@ -287,6 +288,21 @@ def _add_results(commands: _Commands) -> None:
         one.add_argument(
             "--limits", metavar="UNIT=LIMITS", nargs="+", help="of classes: kJ=30,300 m=1,5"
         )
+
+
+def _add_section(commands: _Commands) -> None:
+    about = "draw a section along a line: profile, trajectories, envelopes of energy and height"
+    section = _add(commands, "section", "section", about, "OUT.nc")
+    about = "its vertices, in quotes if one is negative, or a layer with one line"
+    section.add_argument("--line", metavar="X,Y", nargs="+", required=True, help=about)
+    section.add_argument("--line-layer", metavar="NAME", help="of a file with several layers")
+    about = "boulders count so far to either side; default: 10"
+    section.add_argument("--within", metavar="M", type=float, help=about)
+    about = "between stations; default: a round one, for about 100"
+    section.add_argument("--every", metavar="M", type=float, help=about)
+    about = "tables NAME.csv, NAME_lines.csv and figure NAME.png; default: OUT_section.csv"
+    section.add_argument("-o", "--output", metavar="NAME.csv", type=Path, help=about)
+    section.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
 
 
 def _add_imprint(command: argparse.ArgumentParser, where: str) -> None:

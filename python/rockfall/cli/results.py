@@ -90,7 +90,7 @@ def _compare_variants(results: dict[str, xr.Dataset], arguments: argparse.Namesp
         costs = dict(map(_cost, arguments.costs))
         named = {name: getattr(arguments, name) for name in ("yearly", *IMPRINT)}
         check_output(arguments.report, inputs)
-        with _warnings_told():
+        with warnings_told():
             report_variants(variants, arguments.report, costs=costs, **named)
     print(variants_text(table, kept_note(next(iter(variants.values())))))
     return DONE
@@ -134,7 +134,7 @@ def _edges(given: str | None) -> list[float] | None:
 
 
 def figures_command(arguments: argparse.Namespace) -> int:
-    with _warnings_told():
+    with warnings_told():
         files = figures(
             _path(arguments), arguments.folder, format=arguments.format, **_beside(arguments)
         )
@@ -148,7 +148,7 @@ def report_command(arguments: argparse.Namespace) -> int:
     path = arguments.output or given.with_name(f"{given.name.removesuffix('.nc')}{ending}")
     if arguments.pdf and path.suffix.lower() != ending:
         raise RockfallError(f"{path}: is no name for a PDF; it must end in .pdf")
-    with _warnings_told():
+    with warnings_told():
         named = {key: getattr(arguments, key) for key in REPORTED}
         print(report(given, path, view=arguments.view, **named, **_beside(arguments)))
     return DONE
@@ -170,7 +170,8 @@ def _beside(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 @contextmanager
-def _warnings_told() -> Iterator[None]:
+def warnings_told() -> Iterator[None]:
+    """Print the warnings of products within the block, and none of libraries."""
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("ignore")  # from libraries
         warnings.filterwarnings("always", module=r"rockfall\.products")

@@ -22,7 +22,6 @@ from rockfall.lab.sets import read_sets
 from rockfall.language import say, say_count
 from rockfall.plots.along_figures import line_profile_figure
 from rockfall.plots.ensemble_figures import ranges_figure
-from rockfall.plots.extent import PASSED, passed_map
 from rockfall.plots.lab import draw_restitution
 from rockfall.plots.line_figures import DRAWN, distribution_figure, passing_figure
 from rockfall.plots.map_figures import (
@@ -31,7 +30,6 @@ from rockfall.plots.map_figures import (
     map_figure,
     map_note,
     stops_figure,
-    thin_cells,
     trajectories_figure,
 )
 from rockfall.plots.profile_figures import profile_figure
@@ -46,6 +44,7 @@ from rockfall.plots.style import FORMATS, capital, save
 from rockfall.quantities import QUANTITIES, count, number
 from rockfall.result.flat_maps import flat_maps
 from rockfall.result.grounds import sets_followed
+from rockfall.result.passages import PASSED, passed_map, thin_cells
 from rockfall.result.samples import has_rows, simulated
 from rockfall.result.trajectories import left_terrain, lines, trajectories
 from rockfall.scene.coefficients import open_sets

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Section along a drawn line: the ground below it, and what recorded trajectories near it do at
-stations, with quantile envelopes of energy and height.
+"""Section along a drawn line: the ground below it, and energies, speeds and heights of the boulders
+near it, from recorded trajectories, from maps, and at the lines that it crosses.
 
-A station is a short line across the section. A boulder counts where it first crosses it, as at an
-evaluation line, and by the same rules: between its contacts it flies on a parabola.
+A station is a short line across the section. A recorded boulder counts where it first crosses it,
+as at an evaluation line, and by the same rules: between its contacts it flies on a parabola.
 """
 
 from __future__ import annotations
@@ -14,16 +14,18 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import sample_numbers, with_limits
+from rockfall.analysis.lines import section_maps
+from rockfall.analysis.lines.crossed_lines import crossed_lines
+from rockfall.analysis.lines.envelopes import QUANTITIES, envelope_names, envelopes
+from rockfall.analysis.lines.stations import SectionLine, stations_of
 from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
-from rockfall.quantities import round_step
-from rockfall.result.samples import check_rows
-from rockfall.result.trajectories import vertices_of
+from rockfall.result.samples import simulated
+from rockfall.result.trajectories import trajectories, vertices_of
 from rockfall.scene.rebound import INERTIA_FACTOR, sphere_radius
 from rockfall.terrain.height import height, inside, steepness
-from rockfall.terrain.polyline import lengths
+from rockfall.terrain.polyline import beside, lengths
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,41 +33,35 @@ if TYPE_CHECKING:
 
     from rockfall.result.trajectories import Terrain
 
-STATIONS = 100  # approximate number, if no interval is given
-MAX_STATIONS = 10_000
-QUANTITIES = ("speed", "energy_total", "jump_height", "passing_height")
-LEVELS = ("q50", "q95")
-COLUMNS = ["distance", "x", "y", "elevation", "n", "unknown_energy"]
-COLUMNS += [
-    one
-    for quantity in QUANTITIES
-    for name in LEVELS
-    for one in with_limits(f"{quantity}_{name}")
-]  # fmt: skip
-COLUMNS += [f"{quantity}_max" for quantity in QUANTITIES]
-
-
-class SectionLine(NamedTuple):
-    """A section: vertices as x + iy [m], the distance to either side within which trajectories
-    count, and the interval between stations [m]; None: a round one, for about 100."""
-
-    vertices: np.ndarray
-    within: float = 10.0
-    every: float | None = None
+RECORDED = "recorded_"  # before numbers of recorded trajectories
+COLUMNS = ["distance", "x", "y", "elevation", "crossed", "recorded_n", "unknown_energy"]
+COLUMNS += [*envelope_names(RECORDED), *section_maps.COLUMNS]
 
 
 @dataclass(frozen=True)
 class Section:
-    """A section of a result. `table` has COLUMNS, a row for each station, in the units of the
-    result; `passages` has a row for each boulder at each station that it crosses: distance along
-    the section, boulder, elevation of its point, and QUANTITIES. `recorded` trajectories are
-    behind it, of `boulders`."""
+    """A section of a result, in its units; intervals are 95 % confidence intervals.
+
+    `table` has COLUMNS, a row for each station: `recorded_...` of recorded trajectories that cross
+    it within the corridor, `cell_...` of all boulders in the cell of the maps below it,
+    `corridor_..._max` of all boulders in the cells that it crosses; `crossed` names the lines
+    crossed since the station before. `lines` has a row for each place where the section crosses a
+    line, a barrier or a dam, with the numbers of all boulders that cross the line in the corridor.
+    `passages` has a row for each recorded boulder at each station: distance along the section,
+    boulder, elevation of its point, and QUANTITIES. `paths` are the recorded trajectories within
+    the corridor: distance along the section and elevation (2, n), NaN outside. `recorded`
+    trajectories are behind it, of `boulders`; `has_maps` tells whether the result has maps of these
+    quantities.
+    """
 
     line: SectionLine
     table: pd.DataFrame
+    lines: pd.DataFrame
     passages: pd.DataFrame
+    paths: tuple[np.ndarray, ...]
     recorded: int
     boulders: int
+    has_maps: bool
 
 
 class _Flights(NamedTuple):
@@ -84,73 +80,82 @@ class _Flights(NamedTuple):
     row: np.ndarray
 
 
+class _Known(NamedTuple):
+    """Masses [kg] and radii [m] of all boulders, and the terrain."""
+
+    mass: np.ndarray
+    radius: np.ndarray
+    terrain: Terrain | None
+
+
 def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = None) -> Section:
-    """Section of a result along a line. Without terrain, or beyond it, elevations and heights are
-    unknown (NaN); energies are where neither the case nor a crossing of a line tells the mass."""
+    """Section of a result along a line. Without terrain, or beyond it, elevations and heights of
+    trajectories are unknown (NaN); their energies are where neither the case nor a crossing of a
+    line tells the mass. A RockfallError refuses a result that has neither trajectories of boulders
+    that moved nor maps of speeds, energies or heights."""
     import pandas as pd
 
-    distance, places, directions = _stations(line)
-    check_rows(result, "a section")
+    stations = stations_of(line)
+    mapped = section_maps.has_maps(result)
     flights = _flights(result)
+    if not flights.row.size and not mapped:
+        raise RockfallError(
+            "section: the result has neither trajectories of boulders that moved (&output "
+            "trajectories) nor maps of speeds, energies or heights (&output maps)"
+        )
     rows, of_recorded = np.unique(flights.row, return_inverse=True)
     own = sources(result)
     among = Sources.of(np.unique(own.number[rows], return_inverse=True)[1], own.sampled)
-    masses = _masses(result)
-    radii = sphere_radius(result["volume"].values)
+    lines = crossed_lines(result, line.vertices, line.within)
+    known = _Known(_masses(result), sphere_radius(result["volume"].values), terrain)
     table, passages = [], []
-    for at, place, direction in zip(distance, places, directions, strict=True):
+    for at, place, direction in zip(*stations[:3], strict=True):
         k, part = _first_crossings(flights, place, direction, line.within)
-        values = _values(flights, k, part, masses, radii, terrain)
-        number = result["boulder"].values[flights.row[k]]
-        passages.append({"distance": np.full(k.size, at), "boulder": number} | values)
-        source = among[of_recorded[k]]
-        ground = _ground(terrain, np.array([place]), height)[0]
-        row = {"distance": at, "x": place.real, "y": place.imag, "elevation": ground, "n": k.size}
+        values = _values(flights, k, part, known)
+        boulder = result["boulder"].values[flights.row[k]]
+        passages.append({"distance": np.full(k.size, at), "boulder": boulder} | values)
+        row = {"distance": at, "x": place.real, "y": place.imag, f"{RECORDED}n": k.size}
         row["unknown_energy"] = int(np.isnan(values["energy_total"]).sum())
-        table.append(row | _envelopes(values, source))
+        table.append(row | envelopes(values, among[of_recorded[k]], RECORDED))
     columns = {name: np.concatenate([one[name] for one in passages]) for name in passages[0]}
+    about = section_maps.map_numbers(result, stations) | {
+        "elevation": _ground(terrain, stations.place, height),
+        "crossed": _crossed(lines, stations.distance),
+    }
     return Section(
-        line, pd.DataFrame(table, columns=COLUMNS), pd.DataFrame(columns), rows.size,
-        result.sizes["boulder"],
+        line, pd.DataFrame(table, columns=COLUMNS).assign(**about), lines, pd.DataFrame(columns),
+        _paths(result, line), rows.size, simulated(result), mapped,
     )  # fmt: skip
 
 
-def _stations(line: SectionLine) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Distances of stations along a section, their places, and its directions there; the last is
-    its end."""
-    vertices, within, every = line
-    if vertices.size < 2 or not np.isfinite(vertices).all():
-        raise RockfallError("section: must have two or more vertices, x y x y ...")
-    vertices = vertices[np.append(True, np.abs(np.diff(vertices)) > 0)]
-    if vertices.size < 2:
-        raise RockfallError("section: must have a length above 0 m")
-    at = lengths(vertices)
-    every = round_step(at[-1] / STATIONS) if every is None else every
-    for name, value in (("within", within), ("every", every)):
-        if not 0 < value < np.inf:
-            raise RockfallError(f"{name} = {value}: must be > 0 m")
-    if (number := at[-1] / every) > MAX_STATIONS:
-        raise RockfallError(
-            f"every = {every}: makes {number:,.0f} stations, at most {MAX_STATIONS:,}"
-        )
-    distance = np.append(np.arange(0.0, at[-1] * (1 - 1e-9), every), at[-1])
-    side = np.clip(np.searchsorted(at, distance, side="right") - 1, 0, vertices.size - 2)
-    directions = np.diff(vertices)
-    return distance, np.interp(distance, at, vertices), (directions / abs(directions))[side]
+def _crossed(lines: pd.DataFrame, distance: np.ndarray) -> list[str]:
+    """Names of the lines crossed up to each station since the one before."""
+    found: list[list[str]] = [[] for _ in distance]
+    for name, at in zip(lines["name"], lines["distance"], strict=True):
+        found[min(np.searchsorted(distance, at * (1 - 1e-12)), distance.size - 1)].append(name)
+    return ["; ".join(names) for names in found]
+
+
+def _paths(result: xr.Dataset, line: SectionLine) -> tuple[np.ndarray, ...]:
+    """Recorded trajectories beside a section, not beyond its ends."""
+    paths, length = [], lengths(line.vertices)[-1]
+    for one in trajectories(result):
+        apart, along = beside(one.x + 1j * one.y, line.vertices)
+        here = (apart <= line.within) & (along > 0) & (along < length)
+        if here.any():
+            paths.append(np.where(here, [along, one.z], np.nan))
+    return tuple(paths)
 
 
 def _flights(result: xr.Dataset) -> _Flights:
-    """Flights of the recorded boulders that have rows."""
+    """Flights of the recorded boulders that have rows; empty if none moved."""
     names = ("boulder", "x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z", "out_w")
-    recorded = [one for one in vertices_of(result, *names) if one.shape[1] > 1]
     known = result["boulder"].values
-    recorded = [one for one in recorded if one[0, 0] in known]
-    if not recorded:
-        raise RockfallError(
-            "section: the result has no trajectories of boulders that moved: &output trajectories"
-        )
     parts = []
-    for boulder, x, y, z, time, velocity_x, velocity_y, velocity_z, spin in recorded:
+    for recorded in vertices_of(result, *names):
+        boulder, x, y, z, time, velocity_x, velocity_y, velocity_z, spin = recorded
+        if boulder[0] not in known:
+            continue
         place, duration = x + 1j * y, np.diff(time)
         below = np.diff(z) - velocity_z[:-1] * duration  # -g t^2/2 at the end of a flight
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -159,6 +164,8 @@ def _flights(result: xr.Dataset) -> _Flights:
         plan_speed = np.hypot(velocity_x, velocity_y)[:-1]
         parts.append((place[:-1], place[1:], z[:-1], velocity_z[:-1], plan_speed, duration, fall,
                       spin[:-1], row))  # fmt: skip
+    if not parts:
+        return _Flights(*(np.empty(0) for _ in _Flights._fields))._replace(row=np.empty(0, int))
     return _Flights(*map(np.concatenate, zip(*parts, strict=True)))
 
 
@@ -194,17 +201,16 @@ def _first_crossings(
 
 
 def _values(
-    flights: _Flights, k: np.ndarray, part: np.ndarray, masses: np.ndarray, radii: np.ndarray,
-    terrain: Terrain | None,
-) -> dict[str, np.ndarray]:  # fmt: skip
+    flights: _Flights, k: np.ndarray, part: np.ndarray, known: _Known
+) -> dict[str, np.ndarray]:
     """QUANTITIES of boulders within these flights, and the elevation of their point."""
     of = _Flights(*(values[k] for values in flights))
     time, here = part * of.duration, of.start + part * (of.end - of.start)
     z = of.z + of.velocity_z * time + of.fall * time**2 / 2
     squared = of.plan_speed**2 + (of.velocity_z + of.fall * time) ** 2
-    jump = np.maximum(0.0, z - _ground(terrain, here, height))
-    energy = 0.5 * masses[of.row] * (squared + INERTIA_FACTOR * of.spin**2)
-    passing = jump + radii[of.row] * _ground(terrain, here, steepness)
+    jump = np.maximum(0.0, z - _ground(known.terrain, here, height))
+    energy = 0.5 * known.mass[of.row] * (squared + INERTIA_FACTOR * of.spin**2)
+    passing = jump + known.radius[of.row] * _ground(known.terrain, here, steepness)
     found = (np.sqrt(squared), energy, jump, passing)
     return {"elevation": z, **dict(zip(QUANTITIES, found, strict=True))}
 
@@ -219,16 +225,3 @@ def _ground(
         known = inside(grid, places.real, places.imag)
         found[known] = what(z, grid, places.real[known], places.imag[known])
     return found
-
-
-def _envelopes(values: dict[str, np.ndarray], source: Sources) -> dict[str, float]:
-    """Quantiles with their intervals and the maximum of each quantity, where any is known."""
-    row: dict[str, float] = {}
-    for quantity in QUANTITIES:
-        known = np.isfinite(values[quantity])
-        if not known.any():
-            continue
-        numbers = sample_numbers(values[quantity][known], source[known])
-        names = [one for name in LEVELS for one in with_limits(name)]
-        row |= {f"{quantity}_{name}": numbers[name] for name in [*names, "max"]}
-    return row
