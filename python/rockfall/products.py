@@ -74,6 +74,9 @@ def report(
     dem_date: str = "",
     hazard: Place = None,
     models: Place = None,
+    section: Any = None,
+    section_layer: str | None = None,
+    section_within: float = 10.0,
 ) -> Path:
     """Write a result (a Dataset, or its netCDF file) as one offline HTML page, or as a PDF, by the
     extension of `path`.
@@ -84,7 +87,9 @@ def report(
     trajectories. The page is in `language` (en, de, fr or it), and names `project` (its name or
     number), `client` and `author` on page 1, which is made to be signed, and the date `dem_date` of
     the survey of the terrain; `hazard`, a file hazard.nc, adds its zones, `models`, a file
-    models.nc of `rockfall models`, the spread over rebound models. Returns the path of the page.
+    models.nc of `rockfall models`, the spread over rebound models; `section`, a line as in
+    `section`, with `section_layer` and `section_within` [m], the figure of a section along it.
+    Returns the path of the page.
     Invalid inputs or outputs raise a RockfallError, missing terrain gives a UserWarning.
 
     >>> import rockfall
@@ -93,7 +98,8 @@ def report(
     'report.html'
     """
     path = Path(path)
-    others = [one for one in (hazard, models) if one is not None]
+    line = [section] if isinstance(section, str | Path) else []
+    others = [*line, *(one for one in (hazard, models) if one is not None)]
     check_page(path, [*_given(result, dem, observed, basemap), *others])
     catalogue(language)
     zones = None if hazard is None else read_hazard(hazard)
@@ -107,7 +113,10 @@ def report(
         check_models(drawn.result, spread, str(models))
     checksum = file_checksum(Path(result)) if isinstance(result, str | Path) else ""
     parties = Parties(project, client, author, dem_date, checksum)
-    write_report(drawn.result, path, *drawn[1:], view, language, parties, zones, spread)
+    cut = None
+    if section is not None:
+        cut = _section(drawn.result, drawn.terrain, section, section_layer, section_within)
+    write_report(drawn.result, path, *drawn[1:], view, language, parties, zones, spread, cut)
     return path
 
 
@@ -191,11 +200,12 @@ def section(
     give a UserWarning.
 
     >>> import rockfall
-    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> case = rockfall.read_case("case.nml").replace(output={"trajectories": 10})
+    >>> result = rockfall.run(case)
     >>> down = [(600060.0, 4999990.0), (600060.0, 4999890.0)]
     >>> found = rockfall.section(result, down, within=20.0, every=10.0)
-    >>> found.lines[["name", "distance"]].iloc[0].tolist()
-    ['L', 60.0]
+    >>> found.lines["distance"].tolist()
+    [60.0]
     """
     data = read_result(result) if isinstance(result, str | Path) else result
     beside = Path(result).parent if isinstance(result, str | Path) else None

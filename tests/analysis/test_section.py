@@ -16,7 +16,11 @@ from rockfall.analysis.lines.section_maps import places_in_cells
 from rockfall.analysis.lines.stations import SectionLine
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.cli import main
+from rockfall.html_report.sentences import Speaker
+from rockfall.language import speaking
 from rockfall.limits import MIN_FOR_MEAN
+from rockfall.plots.figures import section_entry
+from rockfall.plots.section_figure import section_figure
 from rockfall.terrain.polyline import intersections
 from scenes import grid, make_case, rough, sets
 
@@ -355,3 +359,27 @@ def test_command(place, capsys):
     assert not list(place.glob("new*"))
     quoted = "-5.5,3 -6,4e2"
     assert main(["section", "case.nc", "--line", quoted, "-o", "far.csv"]) == 0
+
+
+@pytest.mark.parametrize("language", ["de", "fr", "it"])
+def test_every_text_of_the_figure_is_translated(language, wide, caplog):
+    pytest.importorskip("babel", reason="the report extra is not installed")
+    drawn = section_figure(wide)
+    Speaker(language, ["road"]).figure(drawn)
+    assert not caplog.records
+    with speaking(language):
+        said = section_entry(wide)
+    english = section_entry(wide)
+    assert said.title != english.title and "60" in said.caption and "150 m" in said.caption
+    assert not set(said.caption.split(". ")) & set(english.caption.split(". "))
+
+
+def test_a_page_has_the_section(result, tmp_path):
+    pytest.importorskip("jinja2", reason="the report extra is not installed")
+    path = tmp_path / "page.html"
+    with pytest.warns(UserWarning, match="elevations of the run came from an array"):
+        rockfall.report(result, path, section=[(150, 400), (150, 20)], section_within=25.0)
+    page = path.read_text()
+    about = "Recorded: 60 boulders of 4,500, where they cross a station."
+    assert "Section along the drawn line" in page and about in page
+    assert "within 25 m to either side" in page and "each by its maximum there" in page

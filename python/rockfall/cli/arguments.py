@@ -280,6 +280,11 @@ def _add_results(commands: _Commands) -> None:
     report.add_argument("--hazard", metavar="HAZARD.nc", type=Path, help="its zones, too")
     about = "of `rockfall models`: the spread over rebound models, on page 1"
     report.add_argument("--models", metavar="MODELS.nc", type=Path, help=about)
+    about = "a section along this line, as in `rockfall section`"
+    report.add_argument("--section", metavar="X,Y", nargs="+", help=about)
+    report.add_argument("--section-layer", metavar="NAME", help="of a file with several layers")
+    about = "boulders count so far to either side; default: %(default)s"
+    report.add_argument("--section-within", metavar="M", type=float, default=10.0, help=about)
     _add_design(commands)
     for one in figures, report:
         one.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")

@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rockfall.case_files import files_behind
-from rockfall.cli.messages import DONE
-from rockfall.cli.results import warnings_told
+from rockfall.cli.messages import DONE, warnings_told
 from rockfall.errors import RockfallError, need
 from rockfall.io.output_files import atomic_folder, check_output
 from rockfall.io.tables import plain_decimal, write_csv

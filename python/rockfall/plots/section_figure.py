@@ -23,7 +23,7 @@ from rockfall.plots.style import (
     plain,
     styled,
 )
-from rockfall.quantities import DESIGN, Quantity
+from rockfall.quantities import DESIGN, Quantity, with_unit
 from rockfall.result.trajectories import spread
 from rockfall.terrain.polyline import lengths
 
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 DISTANCE = "distance along the section [m]"
 SHOWN = ("energy_total", "passing_height", "speed")
-HEIGHTS = [0.8, 1.4, 1.4, 1.1]  # of the panels below the profile [inch]
-TALLEST = 4.2  # of the profile: all of it fits on a page of A4 [inch]
+HEIGHTS = [1.0, 1.4, 1.4, 1.1]  # of the panels below the profile [inch]
+TALLEST = 4.0  # of the profile: all of it fits on a page of A4 [inch]
 MEAN: dict[str, Any] = {"lw": 0.8, "linestyle": (0, (4, 2))}
 QUANTILE: dict[str, Any] = {"lw": 1.3}
 MAXIMUM: dict[str, Any] = {"lw": 0.9, "linestyle": ":"}
@@ -128,7 +128,8 @@ def _draw_envelopes(axes: Axes, found: Section, quantity: str, about: Quantity) 
     value, low, high = _with_limits(found.lines, f"{quantity}_q95", factor)
     ends = np.stack([value - low, high - value])
     axes.errorbar(found.lines["distance"], value, yerr=ends, label="at a line, 95 %", **AT_LINE)
-    axes.set(ylabel=about.title.replace(", ", ",\n"), ylim=(0, None))
+    label = with_unit(about.name.replace(", ", ",\n"), about.unit)
+    axes.set(ylabel=label, ylim=(0, None))
 
 
 def _draw_band(
