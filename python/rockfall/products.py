@@ -3,11 +3,16 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall.analysis.hazard.files import read_hazard
+from rockfall.analysis.lines.drawn_line import drawn_line
+from rockfall.analysis.lines.section import Section, section_of
+from rockfall.analysis.lines.stations import SectionLine
 from rockfall.analysis.models import read_models
 from rockfall.analysis.observations import Observed, read_observed
 from rockfall.case_files import files_behind
@@ -16,16 +21,18 @@ from rockfall.html_report.page import check_page, write_report
 from rockfall.html_report.spread import check_models
 from rockfall.html_report.terrain_view import check_view
 from rockfall.html_report.variants_page import Given, write_variants_page
+from rockfall.io.grid import Grid
 from rockfall.io.raster_file import raster_files
 from rockfall.language import catalogue
 from rockfall.plots.cartography.basemap import read_basemap
-from rockfall.plots.extent import reached
+from rockfall.plots.extent import cell_of, reached
 from rockfall.plots.figures import figures as figures_of
 from rockfall.plots.figures import write_figures
 from rockfall.plots.map_figures import Look
 from rockfall.plots.terrain import terrain_of
 from rockfall.result.classes import read_limits
 from rockfall.result.dataset import read_result
+from rockfall.result.export import crs_wkt
 from rockfall.result.same_case import check_same_case
 from rockfall.scene.layers import file_checksum
 
@@ -67,6 +74,9 @@ def report(
     dem_date: str = "",
     hazard: Place = None,
     models: Place = None,
+    section: Any = None,
+    section_layer: str | None = None,
+    section_within: float = 10.0,
 ) -> Path:
     """Write a result (a Dataset, or its netCDF file) as one offline HTML page, or as a PDF, by the
     extension of `path`.
@@ -77,7 +87,9 @@ def report(
     trajectories. The page is in `language` (en, de, fr or it), and names `project` (its name or
     number), `client` and `author` on page 1, which is made to be signed, and the date `dem_date` of
     the survey of the terrain; `hazard`, a file hazard.nc, adds its zones, `models`, a file
-    models.nc of `rockfall models`, the spread over rebound models. Returns the path of the page.
+    models.nc of `rockfall models`, the spread over rebound models; `section`, a line as in
+    `section`, with `section_layer` and `section_within` [m], the figure of a section along it.
+    Returns the path of the page.
     Invalid inputs or outputs raise a RockfallError, missing terrain gives a UserWarning.
 
     >>> import rockfall
@@ -86,7 +98,8 @@ def report(
     'report.html'
     """
     path = Path(path)
-    others = [one for one in (hazard, models) if one is not None]
+    line = [section] if isinstance(section, str | Path) else []
+    others = [*line, *(one for one in (hazard, models) if one is not None)]
     check_page(path, [*_given(result, dem, observed, basemap), *others])
     catalogue(language)
     zones = None if hazard is None else read_hazard(hazard)
@@ -100,7 +113,10 @@ def report(
         check_models(drawn.result, spread, str(models))
     checksum = file_checksum(Path(result)) if isinstance(result, str | Path) else ""
     parties = Parties(project, client, author, dem_date, checksum)
-    write_report(drawn.result, path, *drawn[1:], view, language, parties, zones, spread)
+    cut = None
+    if section is not None:
+        cut = _section(drawn.result, drawn.terrain, section, section_layer, section_within)
+    write_report(drawn.result, path, *drawn[1:], view, language, parties, zones, spread, cut)
     return path
 
 
@@ -165,6 +181,65 @@ def figures(
     drawn = _drawn(result, dem, observed, basemap, limits)
     inputs = [*_given(result, dem, observed, basemap), *files_behind(drawn.result)]
     return write_figures(figures_of(*drawn), folder, format, inputs)
+
+
+def section(
+    result: Result,
+    line: Any,
+    *,
+    layer: str | None = None,
+    within: float = 10.0,
+    every: float | None = None,
+    dem: Place = None,
+) -> Section:
+    """Section of a result (a Dataset, or its netCDF file) along a drawn line: ground, energies,
+    speeds and heights of the boulders within a corridor, and the lines that it crosses.
+
+    `line` is pairs x, y in the CRS of the terrain, or a file with one line, in its `layer` if it
+    has several. Boulders count `within` [m] to either side, at stations `every` [m]; the default is
+    a round interval that gives about 100. `dem` is as in `report`; without terrain elevations and
+    heights of trajectories are unknown. Invalid inputs, and results that have neither trajectories
+    nor maps of these quantities, raise a RockfallError; missing terrain and a layer in another CRS
+    give a UserWarning.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml").replace(output={"trajectories": 10})
+    >>> result = rockfall.run(case)
+    >>> down = [(600060.0, 4999990.0), (600060.0, 4999890.0)]
+    >>> found = rockfall.section(result, down, within=20.0, every=10.0)
+    >>> found.lines["distance"].tolist()
+    [60.0]
+    """
+    data = read_result(result) if isinstance(result, str | Path) else result
+    beside = Path(result).parent if isinstance(result, str | Path) else None
+    return _section(data, terrain_of(data, dem, beside), line, layer, within, every)
+
+
+def _section(
+    result: xr.Dataset,
+    terrain: Terrain | None,
+    line: Any,
+    layer: str | None,
+    within: float,
+    every: float | None = None,
+) -> Section:
+    remarks: list[str] = []
+    vertices = drawn_line(line, layer, _grid(result, terrain), remarks)
+    for remark in remarks:
+        warnings.warn(remark, stacklevel=3)
+    return section_of(result, SectionLine(vertices, within, every), terrain)
+
+
+def _grid(result: xr.Dataset, terrain: Terrain | None) -> Grid:
+    """Grid of the terrain of a result, with its CRS; without terrain, of what boulders reached."""
+    if terrain is not None:
+        return terrain[1]
+    from rasterio.crs import CRS
+
+    west, east, south, north = reached(result)
+    cell, wkt = cell_of(result), crs_wkt(result)
+    nx, ny = (math.ceil(size / cell) for size in (east - west, north - south))
+    return Grid(west, north, cell, nx, ny, CRS.from_wkt(wkt) if wkt else None)
 
 
 def _drawn(

@@ -277,6 +277,7 @@ def _add_results(commands: _Commands) -> None:
     lines.add_argument("--along", metavar="LINE", help=about)
     about = "of windows along the line; default: a round one, for about 40"
     lines.add_argument("--width", metavar="M", type=float, help=about)
+    _add_section(commands)
     figures = result("figures", "draw every figure of a result, those of the paper too")
     figures.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
     figures.add_argument("--format", default="png", help="png (default), pdf or svg")
@@ -292,6 +293,11 @@ def _add_results(commands: _Commands) -> None:
     report.add_argument("--hazard", metavar="HAZARD.nc", type=Path, help="its zones, too")
     about = "of `rockfall models`: the spread over rebound models, on page 1"
     report.add_argument("--models", metavar="MODELS.nc", type=Path, help=about)
+    about = "a section along this line, as in `rockfall section`"
+    report.add_argument("--section", metavar="X,Y", nargs="+", help=about)
+    report.add_argument("--section-layer", metavar="NAME", help="of a file with several layers")
+    about = "boulders count so far to either side; default: %(default)s"
+    report.add_argument("--section-within", metavar="M", type=float, default=10.0, help=about)
     _add_design(commands)
     for one in figures, report:
         one.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
@@ -305,6 +311,21 @@ def _add_results(commands: _Commands) -> None:
 def _add_yearly(command: argparse.ArgumentParser, of: str) -> None:
     about = f"{of}boulders that come loose a year, for frequencies in the report"
     command.add_argument("--yearly", metavar="N", type=float, default=0.0, help=about)
+
+
+def _add_section(commands: _Commands) -> None:
+    about = "draw a section along a line: profile, trajectories, envelopes of energy and height"
+    section = _add(commands, "section", "section", about, "OUT.nc")
+    about = "its vertices, in quotes if one is negative, or a layer with one line"
+    section.add_argument("--line", metavar="X,Y", nargs="+", required=True, help=about)
+    section.add_argument("--line-layer", metavar="NAME", help="of a file with several layers")
+    about = "boulders count so far to either side; default: 10"
+    section.add_argument("--within", metavar="M", type=float, help=about)
+    about = "between stations; default: a round one, for about 100"
+    section.add_argument("--every", metavar="M", type=float, help=about)
+    about = "tables NAME.csv, NAME_lines.csv and figure NAME.png; default: OUT_section.csv"
+    section.add_argument("-o", "--output", metavar="NAME.csv", type=Path, help=about)
+    section.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
 
 
 def _add_imprint(command: argparse.ArgumentParser, where: str) -> None:

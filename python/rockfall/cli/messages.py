@@ -4,6 +4,9 @@
 from __future__ import annotations
 
 import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 DONE, FAULT, REFUSED = 0, 1, 2  # for interrupts see `rockfall.interrupts.exit_status`
 
@@ -17,3 +20,14 @@ def say(line: str, status: int) -> int:
 def warn(text: str) -> None:
     """Print a warning as one line to stderr."""
     print(f"rockfall: warning: {text}", file=sys.stderr)
+
+
+@contextmanager
+def warnings_told() -> Iterator[None]:
+    """Print the warnings of products within the block, and none of libraries."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("ignore")  # from libraries
+        warnings.filterwarnings("always", module=r"rockfall\.products")
+        yield
+    for warning in said:
+        warn(str(warning.message))

@@ -5,9 +5,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +13,8 @@ from rockfall.analysis.observations import read_observed
 from rockfall.analysis.ranks import rank_results
 from rockfall.analysis.variants import compare_variants, difference_maps, write_variants
 from rockfall.case_files import files_behind
-from rockfall.cli.messages import DONE, warn
+from rockfall.cli.messages import DONE, warnings_told
+from rockfall.cli.section import drawn
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import check_output
 from rockfall.io.ramms import ENDINGS, is_trajectory_file
@@ -35,6 +33,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 IMPRINT = ("language", "project", "client", "author")  # of a page
+SECTION = ("section_layer", "section_within")  # in a report with a section
 REPORTED = (*IMPRINT, "dem_date", "hazard", "models")  # in a report
 
 
@@ -150,6 +149,9 @@ def report_command(arguments: argparse.Namespace) -> int:
         raise RockfallError(f"{path}: is no name for a PDF; it must end in .pdf")
     with warnings_told():
         named = {key: getattr(arguments, key) for key in REPORTED}
+        if arguments.section:
+            named["section"] = drawn(arguments.section)
+            named |= {key: getattr(arguments, key) for key in SECTION}
         print(report(given, path, view=arguments.view, **named, **_beside(arguments)))
     return DONE
 
@@ -167,14 +169,3 @@ def _beside(arguments: argparse.Namespace) -> dict[str, Any]:
         "basemap": arguments.basemap,
         "limits": arguments.limits or (),
     }
-
-
-@contextmanager
-def warnings_told() -> Iterator[None]:
-    """Print the warnings of products within the block, and no others."""
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("ignore")  # from libraries
-        warnings.filterwarnings("always", module=r"rockfall\.products")
-        yield
-    for warning in said:
-        warn(str(warning.message))

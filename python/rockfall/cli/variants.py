@@ -21,8 +21,8 @@ from rockfall.case_files import input_files
 from rockfall.case_variants import variants
 from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
 from rockfall.cli.given import with_overrides
-from rockfall.cli.messages import DONE, warn
-from rockfall.cli.results import IMPRINT, warnings_told
+from rockfall.cli.messages import DONE, warn, warnings_told
+from rockfall.cli.results import IMPRINT
 from rockfall.errors import RockfallError
 from rockfall.html_report.page import check_page_needs
 from rockfall.html_report.variants_page import Given

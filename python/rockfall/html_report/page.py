@@ -74,7 +74,7 @@ from rockfall.html_report.validity import cautions, warnings
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import check_output
 from rockfall.language import say, speaking
-from rockfall.plots.figures import LABORATORY, drawn_lines, figures
+from rockfall.plots.figures import LABORATORY, drawn_lines, figures, section_entry
 from rockfall.plots.hazard_figures import hazard_figures
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.design import design
@@ -87,6 +87,7 @@ from rockfall.text.hazard import hazard_warnings
 if TYPE_CHECKING:
     import xarray as xr
 
+    from rockfall.analysis.lines.section import Section
     from rockfall.analysis.models import Models
     from rockfall.html_report.intervals import Rows
     from rockfall.html_report.tables import Table
@@ -110,6 +111,7 @@ def write_report(
     parties: Parties = NOBODY,
     hazard: xr.Dataset | None = None,
     models: Models | None = None,
+    section: Section | None = None,
 ) -> None:
     """Write the page of a result to `path` (.html, or .pdf) atomically; other arguments are as in
     `report`."""
@@ -118,7 +120,7 @@ def write_report(
     on_paper = path.suffix.lower() == PDF
     view = view and not on_paper
     page = report(
-        result, terrain, observed, look, view, on_paper, language, parties, hazard, models
+        result, terrain, observed, look, view, on_paper, language, parties, hazard, models, section
     )
     if on_paper:
         write_pdf(page, path)
@@ -155,6 +157,7 @@ def report(
     parties: Parties = NOBODY,
     hazard: xr.Dataset | None = None,
     models: Models | None = None,
+    section: Section | None = None,
 ) -> str:
     """Page of a result as text. The same result gives the same text.
 
@@ -163,12 +166,14 @@ def report(
     tables; `look` has limits between classes of maps and a basemap. `view` adds a three-dimensional
     view of the terrain, and needs `terrain`. With `on_paper` all maps are figures. `language` is
     en, de, fr or it; `hazard`, from `rockfall.hazard`, adds its zones; `models`, from
-    `rockfall.analysis.models`, the spread over rebound models.
+    `rockfall.analysis.models`, the spread over rebound models; `section`, from `rockfall.section`,
+    its figure.
     """
     with speaking(language):
         return _report(
-            result, terrain, observed, look, view, on_paper, language, parties, hazard, models
-        )
+            result, terrain, observed, look, view, on_paper, language, parties, hazard, models,
+            section,
+        )  # fmt: skip
 
 
 def _report(
@@ -182,6 +187,7 @@ def _report(
     parties: Parties,
     hazard: xr.Dataset | None,
     models: Models | None,
+    section: Section | None,
 ) -> str:
     result = flat_maps(result)
     words = [*words_of(result), *(words_of_hazard(hazard) if hazard is not None else ())]
@@ -194,6 +200,7 @@ def _report(
     zoomed = set() if on_paper else {f"map_{name}" for name in result.data_vars}
     drawn = figures(result, terrain, observed, look, DRAWN_LINES)
     shown = [one for one in drawn if one.name not in zoomed]
+    shown = [*([] if section is None else [section_entry(section)]), *shown]
     laboratory = [one for one in shown if one.name in LABORATORY]
     if not stochastic_fraction(result):
         laboratory = []  # the reference is not what rebounds followed

@@ -9,6 +9,7 @@ import numpy as np
 
 from rockfall.io.arrays import corner_of
 from rockfall.limits import fraction_limits
+from rockfall.result.passages import passed_map
 from rockfall.result.samples import simulated
 
 if TYPE_CHECKING:
@@ -20,12 +21,6 @@ if TYPE_CHECKING:
 
 SLENDEREST = 1 / 3  # minimum ratio of a map's shorter side to its longer
 CELL = 5.0  # default for margins [m]
-PASSED = ("reach_probability", "passages")  # maps with the pass frequency, either of them
-
-
-def passed_map(result: xr.Dataset) -> str | None:
-    """Map with the pass frequency, if the result has one."""
-    return next((name for name in PASSED if name in result), None)
 
 
 def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) -> Extent:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.ensemble.study import is_ensemble
+from rockfall.analysis.lines.envelopes import fewest_for
 from rockfall.analysis.lines.profile import line_profile
 from rockfall.analysis.precision.intervals import fraction_interval, sources
 from rockfall.case import case_of
@@ -19,10 +20,10 @@ from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import set_path
 from rockfall.io.output_files import atomic_folder, check_outputs
 from rockfall.lab.sets import read_sets
-from rockfall.language import say, say_count
+from rockfall.language import Text, say, say_count
+from rockfall.limits import MIN_FOR_MEAN
 from rockfall.plots.along_figures import line_profile_figure
 from rockfall.plots.ensemble_figures import ranges_figure
-from rockfall.plots.extent import PASSED, passed_map
 from rockfall.plots.lab import draw_restitution
 from rockfall.plots.line_figures import DRAWN, distribution_figure, passing_figure
 from rockfall.plots.map_figures import (
@@ -31,7 +32,6 @@ from rockfall.plots.map_figures import (
     map_figure,
     map_note,
     stops_figure,
-    thin_cells,
     trajectories_figure,
 )
 from rockfall.plots.profile_figures import profile_figure
@@ -42,10 +42,12 @@ from rockfall.plots.rebound_figures import (
     histogram,
     histogram_figure,
 )
+from rockfall.plots.section_figure import section_figure
 from rockfall.plots.style import FORMATS, capital, save
 from rockfall.quantities import QUANTITIES, count, number
 from rockfall.result.flat_maps import flat_maps
 from rockfall.result.grounds import sets_followed
+from rockfall.result.passages import PASSED, passed_map, thin_cells
 from rockfall.result.samples import has_rows, simulated
 from rockfall.result.trajectories import left_terrain, lines, trajectories
 from rockfall.scene.coefficients import open_sets
@@ -54,6 +56,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib import figure
 
+    from rockfall.analysis.lines.section import Section
     from rockfall.lab.sets import Sets
     from rockfall.plots.map_figures import Look
     from rockfall.result.trajectories import Terrain
@@ -216,6 +219,22 @@ def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[F
                 say("figures.along"),
                 partial(_along, result, name),
             )
+
+
+def section_entry(found: Section) -> Figure:
+    """Figure of a section along a drawn line, which says what each of its curves is of."""
+    said = [
+        say_count(
+            "figures.section", found.recorded, total=found.boulders, within=found.line.within
+        ),
+        say("figures.section_maps" if found.has_maps else "figures.section_without_maps"),
+        *([say("figures.section_lines")] if len(found.lines) else []),
+        say("figures.section_blank", mean=MIN_FOR_MEAN, quantile=fewest_for(0.95)),
+    ]
+    return Figure(
+        "section", say("figures.section_title"), Text(" ".join(said)),
+        partial(section_figure, found),
+    )  # fmt: skip
 
 
 def _along(result: xr.Dataset, line: str) -> figure.Figure:

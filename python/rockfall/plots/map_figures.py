@@ -12,10 +12,11 @@ from rockfall.io.arrays import grid_of
 from rockfall.plots.cartography.marks import draw_marks, key_of
 from rockfall.plots.cartography.rasters import cropped, draw_image, edges
 from rockfall.plots.cartography.sheet import PAGE, SMALL, Room, Sheet, finish, new_sheet
-from rockfall.plots.extent import PASSED, of_none, passed_map, reached
+from rockfall.plots.extent import of_none, reached
 from rockfall.plots.style import INK, OBSERVED, VERMILION, styled
 from rockfall.quantities import with_unit
 from rockfall.result.classes import STATUS_MARKERS, Classes, classes_of, shown_as
+from rockfall.result.passages import PASSED, thin_cells
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import ends, trajectories
 
@@ -134,16 +135,6 @@ def map_values(result: xr.Dataset, name: str) -> tuple[np.ndarray, str]:
         return 100 * values / simulated(result), "%"
     unit, factor = shown_as(result[name])
     return factor * values, unit
-
-
-def thin_cells(result: xr.Dataset, name: str) -> np.ndarray | None:
-    """Mask (y, x) of cells with too few boulders for a reliable value of a map; None if the map has
-    no such cells, or the result does not count passages."""
-    fewest, passed = result[name].attrs.get("thin_below", 0), passed_map(result)
-    if not fewest or passed is None:
-        return None
-    count = result[passed].values * (1 if passed == "passages" else simulated(result))
-    return np.isfinite(result[name].values) & (count < fewest - 0.5)
 
 
 def _draw_map(sheet: Sheet, result: xr.Dataset, name: str, limits: Limits | None) -> None:

@@ -31,7 +31,8 @@ def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure
     against the plan distance from the release; without terrain, ground and heights are omitted."""
     curves = trajectories(result, MAX_TRAJECTORIES)
     ground = _ground_below(result, curves, terrain)
-    high, furthest = _true_scale(curves)
+    drop = max((np.ptp(one.z) for one in curves), default=0.0)
+    high, furthest = true_scale(drop, max((one.distance.max() for one in curves), default=0.0))
     tall = [high, 1.3, 1.6]
     tall = tall if ground else [tall[0], tall[2]]
     figure = new_figure(WIDE, sum(tall) + 0.9)
@@ -39,7 +40,7 @@ def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure
     _draw_profile(panels[0], curves, ground)
     if ground:
         _draw_heights(panels[1], curves, ground)
-    _draw_curves(panels[-1], [(one.distance, one.speed) for one in curves])
+    draw_curves(panels[-1], [(one.distance, one.speed) for one in curves])
     panels[-1].set(ylabel="speed [m/s]", ylim=(0, None), xlabel=DISTANCE)
     panels[-1].set_xlim(0, furthest)
     mark_lines(panels, result, labels=panels[0])
@@ -47,12 +48,11 @@ def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure
     return figure
 
 
-def _true_scale(curves: Sequence[Trajectory]) -> tuple[float, float]:
-    """Height [inch] of a profile at true scale, and the distance [m] at which its axis must end to
-    show all of it."""
-    drop = 1.1 * max((np.ptp(one.z) for one in curves), default=0.0)
-    furthest = 1.03 * max((one.distance.max() for one in curves), default=0.0) or 1.0
-    high = float(np.clip(PANEL * drop / furthest, 1.2, TALLEST))
+def true_scale(drop: float, furthest: float, tallest: float = TALLEST) -> tuple[float, float]:
+    """Height [inch], at most `tallest`, of a profile at true scale that falls by a height over a
+    distance [m], and the distance at which its axis must end to show all of it."""
+    drop, furthest = 1.1 * drop, 1.03 * furthest or 1.0
+    high = float(np.clip(PANEL * drop / furthest, 1.2, tallest))
     return high, max(furthest, PANEL * drop / high)
 
 
@@ -69,8 +69,8 @@ def _ground_below(
 def _draw_profile(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.ndarray]) -> None:
     """Draw trajectories and the ground below them at true scale."""
     below = [(one.distance, z) for one, z in zip(curves, ground, strict=bool(ground))]
-    _draw_curves(axes, below, color=INK, linewidth=0.8, alpha=1)
-    _draw_curves(axes, [(one.distance, one.z) for one in curves])
+    draw_curves(axes, below, color=INK, linewidth=0.8, alpha=1)
+    draw_curves(axes, [(one.distance, one.z) for one in curves])
     axes.set_ylabel("elevation [m]")
     axes.ticklabel_format(axis="y", useOffset=False)
     axes.set_aspect("equal", adjustable="datalim")
@@ -79,11 +79,12 @@ def _draw_profile(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.
 def _draw_heights(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.ndarray]) -> None:
     """Draw heights of the boulder's point above the ground, 0 at a contact."""
     above = [(one.distance, one.z - z) for one, z in zip(curves, ground, strict=True)]
-    _draw_curves(axes, above)
+    draw_curves(axes, above)
     axes.set(ylabel="jump height [m]", ylim=(0, None))
 
 
-def _draw_curves(axes: Axes, shown: list[tuple[np.ndarray, np.ndarray]], **about: object) -> None:
+def draw_curves(axes: Axes, shown: list[tuple[np.ndarray, np.ndarray]], **about: object) -> None:
+    """Draw curves (x, y), interrupted at NaN, in the style of trajectories or another."""
     from matplotlib.collections import LineCollection
 
     look: dict[str, Any] = {"rasterized": True, **TRAJECTORY, **about}

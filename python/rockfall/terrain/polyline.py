@@ -31,3 +31,19 @@ def spaced(vertices: np.ndarray, number: int) -> np.ndarray:
     """Places at equal distances along a polyline, from its first vertex to its last."""
     at = lengths(vertices)
     return np.interp(np.linspace(0.0, at[-1], number), at, vertices)
+
+
+def intersections(vertices: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distances along two polylines of the places where they meet, in the order of the first [m];
+    none where they run along each other."""
+    start, side = vertices[:-1, None], np.diff(vertices)[:, None]
+    begin, across = other[:-1], np.diff(other)
+    turn = (np.conj(side) * across).imag
+    with np.errstate(divide="ignore", invalid="ignore"):
+        part = (np.conj(begin - start) * across).imag / turn
+        part_of_other = (np.conj(begin - start) * side).imag / turn
+    meet = (turn != 0) & (part >= 0) & (part <= 1) & (part_of_other >= 0) & (part_of_other <= 1)
+    along = (lengths(vertices)[:-1, None] + part * abs(side))[meet]
+    along_other = (lengths(other)[:-1] + part_of_other * abs(across))[meet]
+    _, first = np.unique(along.round(6), return_index=True)  # a vertex belongs to two sides
+    return along[first], along_other[first]

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Evaluation lines, barriers and dams that a section crosses, and all boulders that cross the lines
+near it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.lines.envelopes import QUANTITIES, envelope_names, envelopes
+from rockfall.analysis.lines.values import line_values
+from rockfall.analysis.precision.intervals import sources
+from rockfall.case import case_of
+from rockfall.result.samples import has_rows
+from rockfall.result.trajectories import lines
+from rockfall.terrain.polyline import intersections
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+LINE, BARRIER, DAM = "line", "barrier", "dam"
+COLUMNS = ["name", "kind", "distance", "height", "capacity", "n", *envelope_names()]
+
+
+def crossed_lines(result: xr.Dataset, vertices: np.ndarray, within: float) -> pd.DataFrame:
+    """One row for each place where a section (vertices x + iy) crosses a line, a barrier or a dam
+    of a result, in order: COLUMNS, with the barrier's height [m] and capacity [J]. The numbers are
+    of the boulders with rows, which are all unless `&output kept` says otherwise, that cross the
+    line within a distance [m] along it to either side."""
+    import pandas as pd
+
+    rows = [*_lines(result, vertices, within), *_dams(result, vertices)]
+    return pd.DataFrame(sorted(rows, key=lambda row: row["distance"]), columns=COLUMNS)
+
+
+def _lines(result: xr.Dataset, vertices: np.ndarray, within: float) -> Iterator[dict[str, Any]]:
+    """Rows of evaluation lines and barriers; without rows of boulders their numbers are NaN."""
+    known = has_rows(result)
+    source = sources(result) if known else None
+    for k, (name, x, y) in enumerate(lines(result)):
+        row: dict[str, Any] = {"name": name, "kind": LINE}
+        if "barrier_height" in result and np.isfinite(height := result["barrier_height"].values[k]):
+            capacity = result["barrier_capacity"].values[k]
+            row |= {"kind": BARRIER, "height": float(height), "capacity": float(capacity)}
+        for distance, along in zip(*intersections(vertices, x + 1j * y), strict=True):
+            row = row | {"distance": float(distance)}
+            if source is not None:
+                near = np.abs(line_values(result, "position", k) - along) <= within
+                values = {one: line_values(result, one, k)[near] for one in QUANTITIES}
+                row |= {"n": int(near.sum())} | envelopes(values, source[near])
+            yield row
+
+
+def _dams(result: xr.Dataset, vertices: np.ndarray) -> Iterator[dict[str, Any]]:
+    """Rows of dams, at their middle lines."""
+    for k, dam in enumerate(case_of(result).dam, start=1):
+        middle = np.array(dam["x"]) + 1j * np.array(dam["y"])
+        for distance in intersections(vertices, middle)[0]:
+            about = {"name": f"dam {k}", "kind": DAM, "height": float(dam["height"])}
+            yield about | {"distance": float(distance)}

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Line of a section as drawn by the user: pairs of coordinates, or the line of a layer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.layers import read_lines
+
+if TYPE_CHECKING:
+    from rockfall.io.grid import Grid
+
+
+def drawn_line(drawn: Any, layer: str | None, grid: Grid, remarks: list[str]) -> np.ndarray:
+    """Vertices x + iy [m] of a section: pairs x, y (n, 2), or the line of a file, which may have
+    several layers; reprojected to the CRS of the terrain's grid with a note in `remarks`. A
+    RockfallError refuses anything but one line."""
+    if isinstance(drawn, str | Path):
+        features, _ = read_lines(drawn, layer, grid, remarks)
+        parts = [part for feature in features for part in feature]
+        if len(parts) > 1:
+            raise RockfallError(f"{drawn}: has {len(parts):,} lines: a section needs one")
+        return _vertices(parts[0])
+    if layer is not None:
+        raise RockfallError(f"section: layer = '{layer}': needs a file with a line")
+    try:
+        pairs = np.asarray(drawn, float)
+    except (TypeError, ValueError):
+        pairs = np.empty(0)
+    if pairs.ndim != 2 or pairs.shape[1] != 2:
+        raise RockfallError("section: a line must be pairs x, y, or a file with a line")
+    return _vertices(pairs)
+
+
+def _vertices(pairs: np.ndarray) -> np.ndarray:
+    return pairs[:, 0] + 1j * pairs[:, 1]

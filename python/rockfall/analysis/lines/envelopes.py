@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Numbers of the boulders at a place of a section: mean, 95 % quantile and maximum."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import sample_numbers, with_limits, withheld
+from rockfall.analysis.precision.intervals import Sources, ranks_around
+
+QUANTITIES = ("speed", "energy_total", "jump_height", "passing_height")
+NUMBERS = ("mean", "q95")
+
+
+def envelope_names(prefix: str = "") -> list[str]:
+    """Names of the numbers of a place."""
+    names = [one for number in NUMBERS for one in with_limits(number)]
+    return [f"{prefix}{quantity}_{name}" for quantity in QUANTITIES for name in [*names, "max"]]
+
+
+def envelopes(
+    values: Mapping[str, np.ndarray], source: Sources, prefix: str = ""
+) -> dict[str, float]:
+    """Numbers of the boulders whose quantities are known (not NaN), by `envelope_names`. One for
+    which too few boulders give a complete interval is left out, with its limits; the maximum is
+    that of any number of boulders."""
+    found: dict[str, float] = {}
+    for quantity in QUANTITIES:
+        known = np.isfinite(values[quantity])
+        if not known.any():
+            continue
+        numbers = sample_numbers(values[quantity][known], source[known])
+        few = withheld(numbers)
+        names = [one for name in NUMBERS if name not in few for one in with_limits(name)]
+        found |= {f"{prefix}{quantity}_{name}": numbers[name] for name in [*names, "max"]}
+    return found
+
+
+def fewest_for(level: float) -> int:
+    """Smallest number of independent boulders that gives a quantile both limits of its interval."""
+    return next(n for n in itertools.count(2) if _has_limits(n, level))
+
+
+def _has_limits(n: int, level: float) -> bool:
+    low, high = ranks_around(n, level, n)
+    return bool(low >= 1 and high <= n)

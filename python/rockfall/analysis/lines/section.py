@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Section along a drawn line: the ground below it, and energies, speeds and heights of the boulders
+near it, from recorded trajectories, from maps, and at the lines that it crosses.
+
+A station is a short line across the section. A recorded boulder counts where it first crosses it,
+as at an evaluation line, and by the same rules: between its contacts it flies on a parabola.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.lines import section_maps
+from rockfall.analysis.lines.crossed_lines import crossed_lines
+from rockfall.analysis.lines.envelopes import QUANTITIES, envelope_names, envelopes
+from rockfall.analysis.lines.stations import SectionLine, stations_of
+from rockfall.analysis.precision.intervals import Sources, sources
+from rockfall.case import case_of
+from rockfall.errors import RockfallError
+from rockfall.result.samples import simulated
+from rockfall.result.trajectories import trajectories, vertices_of
+from rockfall.scene.rebound import INERTIA_FACTOR, sphere_radius
+from rockfall.terrain.height import height, inside, steepness
+from rockfall.terrain.polyline import beside, lengths
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from rockfall.result.trajectories import Terrain
+
+RECORDED = "recorded_"  # before numbers of recorded trajectories
+COLUMNS = ["distance", "x", "y", "elevation", "crossed", "recorded_n", "unknown_energy"]
+COLUMNS += [*envelope_names(RECORDED), *section_maps.COLUMNS]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of a result, in its units; intervals are 95 % confidence intervals.
+
+    `table` has COLUMNS, a row for each station: `recorded_...` of recorded trajectories that cross
+    it within the corridor, `cell_...` of all boulders in the cell of the maps below it,
+    `corridor_..._max` of all boulders in the cells that it crosses; `crossed` names the lines
+    crossed since the station before. `lines` has a row for each place where the section crosses a
+    line, a barrier or a dam, with the numbers of all boulders that cross the line in the corridor.
+    `passages` has a row for each recorded boulder at each station: distance along the section,
+    boulder, elevation of its point, and QUANTITIES. `paths` are the recorded trajectories within
+    the corridor: distance along the section and elevation (2, n), NaN outside. `recorded`
+    trajectories are behind it, of `boulders`; `has_maps` tells whether the result has maps of these
+    quantities.
+    """
+
+    line: SectionLine
+    table: pd.DataFrame
+    lines: pd.DataFrame
+    passages: pd.DataFrame
+    paths: tuple[np.ndarray, ...]
+    recorded: int
+    boulders: int
+    has_maps: bool
+
+
+class _Flights(NamedTuple):
+    """Flights between contacts, in order of time for each boulder: ends as x + iy [m]; elevation,
+    vertical velocity and plan speed at the start, duration, acceleration; W = R_b omega [m/s]; row
+    of the boulder."""
+
+    start: np.ndarray
+    end: np.ndarray
+    z: np.ndarray
+    velocity_z: np.ndarray
+    plan_speed: np.ndarray
+    duration: np.ndarray
+    fall: np.ndarray
+    spin: np.ndarray
+    row: np.ndarray
+
+
+class _Known(NamedTuple):
+    """Masses [kg] and radii [m] of all boulders, and the terrain."""
+
+    mass: np.ndarray
+    radius: np.ndarray
+    terrain: Terrain | None
+
+
+def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = None) -> Section:
+    """Section of a result along a line. Without terrain, or beyond it, elevations and heights of
+    trajectories are unknown (NaN); their energies are where neither the case nor a crossing of a
+    line tells the mass. A RockfallError refuses a result that has neither trajectories of boulders
+    that moved nor maps of speeds, energies or heights."""
+    import pandas as pd
+
+    stations = stations_of(line)
+    mapped = section_maps.has_maps(result)
+    flights = _flights(result)
+    if not flights.row.size and not mapped:
+        raise RockfallError(
+            "section: the result has neither trajectories of boulders that moved (&output "
+            "trajectories) nor maps of speeds, energies or heights (&output maps)"
+        )
+    rows, of_recorded = np.unique(flights.row, return_inverse=True)
+    own = sources(result)
+    among = Sources.of(np.unique(own.number[rows], return_inverse=True)[1], own.sampled)
+    lines = crossed_lines(result, line.vertices, line.within)
+    known = _Known(_masses(result), sphere_radius(result["volume"].values), terrain)
+    table, passages = [], []
+    for at, place, direction in zip(*stations[:3], strict=True):
+        k, part = _first_crossings(flights, place, direction, line.within)
+        values = _values(flights, k, part, known)
+        boulder = result["boulder"].values[flights.row[k]]
+        passages.append({"distance": np.full(k.size, at), "boulder": boulder} | values)
+        row = {"distance": at, "x": place.real, "y": place.imag, f"{RECORDED}n": k.size}
+        row["unknown_energy"] = int(np.isnan(values["energy_total"]).sum())
+        table.append(row | envelopes(values, among[of_recorded[k]], RECORDED))
+    columns = {name: np.concatenate([one[name] for one in passages]) for name in passages[0]}
+    about = section_maps.map_numbers(result, stations) | {
+        "elevation": _ground(terrain, stations.place, height),
+        "crossed": _crossed(lines, stations.distance),
+    }
+    return Section(
+        line, pd.DataFrame(table, columns=COLUMNS).assign(**about), lines, pd.DataFrame(columns),
+        _paths(result, line), rows.size, simulated(result), mapped,
+    )  # fmt: skip
+
+
+def _crossed(lines: pd.DataFrame, distance: np.ndarray) -> list[str]:
+    """Names of the lines crossed up to each station since the one before."""
+    found: list[list[str]] = [[] for _ in distance]
+    for name, at in zip(lines["name"], lines["distance"], strict=True):
+        found[min(np.searchsorted(distance, at * (1 - 1e-12)), distance.size - 1)].append(name)
+    return ["; ".join(names) for names in found]
+
+
+def _paths(result: xr.Dataset, line: SectionLine) -> tuple[np.ndarray, ...]:
+    """Recorded trajectories beside a section, not beyond its ends."""
+    paths, length = [], lengths(line.vertices)[-1]
+    for one in trajectories(result):
+        apart, along = beside(one.x + 1j * one.y, line.vertices)
+        here = (apart <= line.within) & (along > 0) & (along < length)
+        if here.any():
+            paths.append(np.where(here, [along, one.z], np.nan))
+    return tuple(paths)
+
+
+def _flights(result: xr.Dataset) -> _Flights:
+    """Flights of the recorded boulders that have rows; empty if none moved."""
+    names = ("boulder", "x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z", "out_w")
+    known = result["boulder"].values
+    parts = []
+    for recorded in vertices_of(result, *names):
+        boulder, x, y, z, time, velocity_x, velocity_y, velocity_z, spin = recorded
+        if boulder[0] not in known:
+            continue
+        place, duration = x + 1j * y, np.diff(time)
+        below = np.diff(z) - velocity_z[:-1] * duration  # -g t^2/2 at the end of a flight
+        with np.errstate(divide="ignore", invalid="ignore"):
+            fall = np.where(duration > 0, 2 * below / duration**2, 0.0)
+        row = np.searchsorted(known, boulder[:-1])
+        plan_speed = np.hypot(velocity_x, velocity_y)[:-1]
+        parts.append((place[:-1], place[1:], z[:-1], velocity_z[:-1], plan_speed, duration, fall,
+                      spin[:-1], row))  # fmt: skip
+    if not parts:
+        return _Flights(*(np.empty(0) for _ in _Flights._fields))._replace(row=np.empty(0, int))
+    return _Flights(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def _masses(result: xr.Dataset) -> np.ndarray:
+    """Mass of each boulder [kg], NaN if unknown: from its energy at any line that it crossed, else
+    from the density of the case, unless sources may have others."""
+    case = case_of(result)
+    known = "rock_density" not in case.boulder and "source_feature" not in result
+    masses = result["volume"].values * (case.boulder["density"] if known else np.nan)
+    if "line_energy_translational" in result:
+        energies, speeds = (
+            result[f"line_{name}"].values for name in ("energy_translational", "speed")
+        )
+        for energy, speed in zip(energies, speeds, strict=True):
+            crossed = speed > 0  # False for NaN
+            masses[crossed] = 2 * energy[crossed] / speed[crossed] ** 2
+    return masses
+
+
+def _first_crossings(
+    flights: _Flights, place: complex, direction: complex, within: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Flights with which boulders first cross a station, and the parts flown by then (0 to 1)."""
+    before = ((flights.start - place) * np.conj(direction)).real
+    after = ((flights.end - place) * np.conj(direction)).real
+    k = np.flatnonzero((before * after <= 0) & (before != after))
+    part = before[k] / (before[k] - after[k])
+    here = flights.start[k] + part * (flights.end[k] - flights.start[k])
+    near = np.abs(((here - place) * np.conj(direction)).imag) <= within
+    k, part = k[near], part[near]
+    _, first = np.unique(flights.row[k], return_index=True)
+    return k[first], part[first]
+
+
+def _values(
+    flights: _Flights, k: np.ndarray, part: np.ndarray, known: _Known
+) -> dict[str, np.ndarray]:
+    """QUANTITIES of boulders within these flights, and the elevation of their point."""
+    of = _Flights(*(values[k] for values in flights))
+    time, here = part * of.duration, of.start + part * (of.end - of.start)
+    z = of.z + of.velocity_z * time + of.fall * time**2 / 2
+    squared = of.plan_speed**2 + (of.velocity_z + of.fall * time) ** 2
+    jump = np.maximum(0.0, z - _ground(known.terrain, here, height))
+    energy = 0.5 * known.mass[of.row] * (squared + INERTIA_FACTOR * of.spin**2)
+    passing = jump + known.radius[of.row] * _ground(known.terrain, here, steepness)
+    found = (np.sqrt(squared), energy, jump, passing)
+    return {"elevation": z, **dict(zip(QUANTITIES, found, strict=True))}
+
+
+def _ground(
+    terrain: Terrain | None, places: np.ndarray, what: Callable[..., np.ndarray]
+) -> np.ndarray:
+    """Number of the ground (`height` or `steepness`) at places; NaN where it is unknown."""
+    found = np.full(places.shape, np.nan)
+    if terrain is not None:
+        z, grid = terrain
+        known = inside(grid, places.real, places.imag)
+        found[known] = what(z, grid, places.real[known], places.imag[known])
+    return found

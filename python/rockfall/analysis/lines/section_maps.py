@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps of a result along a section: numbers of all boulders, by the cells of the terrain.
+
+In a map each boulder counts once in a cell, with its maximum there. Mean and quantile are those of
+the cell below the section; the maximum is that of all cells that a station crosses.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import with_limits
+from rockfall.io.arrays import grid_of
+from rockfall.result.passages import passages_of, passed_map, thin_cells
+from rockfall.result.samples import simulated
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.analysis.lines.stations import Stations
+    from rockfall.io.grid import Grid
+
+#: Quantities of maps: their beginnings, and the names of their maxima.
+MAPPED = {
+    "speed": ("speed", "speed_max_map"),
+    "energy_total": ("energy", "energy_max"),
+    "jump_height": ("jump_height", "jump_height_max_map"),
+    "passing_height": ("passing_height", "passing_height_max"),
+}
+REACH = with_limits("reach_probability")
+OF_CELL = ("mean", *with_limits("q95"))
+COLUMNS = ["cell_n", *with_limits("cell_fraction")]
+COLUMNS += [f"cell_{quantity}_{of}" for quantity in MAPPED for of in OF_CELL]
+COLUMNS += [f"corridor_{quantity}_max" for quantity in MAPPED]
+
+
+def map_numbers(result: xr.Dataset, stations: Stations) -> dict[str, np.ndarray]:
+    """COLUMNS at each station, NaN where the result has no such map, where the station is outside
+    of the maps, and where too few boulders passed for a number with an interval."""
+    found = {name: np.full(stations.distance.size, np.nan) for name in COLUMNS}
+    if (passed := passed_map(result)) is not None:
+        count = _at(result, passed, stations, passages_of(result))
+        found["cell_n"] = np.round(count)
+        found["cell_fraction"] = count / simulated(result)
+    for name, end in zip(REACH[1:], ("low", "high"), strict=True):
+        if name in result:
+            found[f"cell_fraction_{end}"] = _at(result, name, stations)
+    for quantity, (start, of_max) in MAPPED.items():
+        for of in OF_CELL:
+            if (name := f"{start}_{of}") in result:
+                found[f"cell_{quantity}_{of}"] = _at(result, name, stations, known(result, name))
+        if of_max in result:
+            found[f"corridor_{quantity}_max"] = _max_across(result, of_max, stations)
+    return found
+
+
+def has_maps(result: xr.Dataset) -> bool:
+    """Return True if a result has a map that a section uses."""
+    names = {f"{start}_{of}" for start, _ in MAPPED.values() for of in OF_CELL}
+    names |= {of_max for _, of_max in MAPPED.values()}
+    return any(str(name) in names for name in result.data_vars)
+
+
+def known(result: xr.Dataset, name: str) -> np.ndarray:
+    """Values of a map (y, x), NaN where too few boulders passed for a reliable one. Without a count
+    of passages a quantile is known where both limits of its interval are."""
+    values = result[name].values
+    if (thin := thin_cells(result, name)) is not None:
+        return np.where(thin, np.nan, values)
+    if "thin_below" not in result[name].attrs or passed_map(result) is not None:
+        return values
+    limits = with_limits(name)[1:]
+    if not all(limit in result for limit in limits):
+        return np.full(values.shape, np.nan)
+    complete = np.isfinite([result[limit].values for limit in limits]).all(axis=0)
+    return np.where(complete, values, np.nan)
+
+
+def _at(
+    result: xr.Dataset, name: str, stations: Stations, values: np.ndarray | None = None
+) -> np.ndarray:
+    """Values of a map, or others on its cells, in the cells that hold the stations."""
+    grid, values = _northern_first(result, name, values)
+    return _in_cells(values, grid, stations.place)
+
+
+def _max_across(result: xr.Dataset, name: str, stations: Stations) -> np.ndarray:
+    """Maximum of a map over the cells that each station crosses."""
+    grid, values = _northern_first(result, name, None)
+    found = np.full(stations.distance.size, np.nan)
+    for k, (place, direction) in enumerate(zip(stations.place, stations.direction, strict=True)):
+        half = 1j * direction * stations.within
+        among = _in_cells(values, grid, places_in_cells(grid, place - half, place + half))
+        found[k] = np.fmax.reduce(among, initial=np.nan)
+    return found
+
+
+def places_in_cells(grid: Grid, start: complex, end: complex) -> np.ndarray:
+    """A place within each cell that a straight line crosses, in their order, as x + iy [m]."""
+    parts = [0.0, 1.0]
+    for low, high, edge in (
+        (start.real, end.real, grid.west), (start.imag, end.imag, grid.north)
+    ):  # fmt: skip
+        first, last = sorted([(low - edge) / grid.cell, (high - edge) / grid.cell])
+        edges = edge + grid.cell * np.arange(np.ceil(first), np.floor(last) + 1)
+        if high != low:
+            parts.extend((edges - low) / (high - low))
+    parts = np.unique(np.clip(parts, 0.0, 1.0))
+    return start + (parts[:-1] + parts[1:]) / 2 * (end - start)
+
+
+def _northern_first(
+    result: xr.Dataset, name: str, values: np.ndarray | None
+) -> tuple[Grid, np.ndarray]:
+    """Grid of a map, and its values, or others on the same cells, from the north."""
+    grid, flipped = grid_of(result[name])
+    values = result[name].values if values is None else values
+    return grid, values[::-1] if flipped else values
+
+
+def _in_cells(values: np.ndarray, grid: Grid, places: np.ndarray) -> np.ndarray:
+    """Values of the cells that hold places; NaN outside of the grid."""
+    row = np.floor((grid.north - places.imag) / grid.cell)
+    column = np.floor((places.real - grid.west) / grid.cell)
+    among = (row >= 0) & (row < grid.ny) & (column >= 0) & (column < grid.nx)
+    found = np.full(places.shape, np.nan)
+    found[among] = values[row[among].astype(int), column[among].astype(int)]
+    return found

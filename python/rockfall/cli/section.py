@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Section of a result along a drawn line: its tables and its figure."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from rockfall.case_files import files_behind
+from rockfall.cli.messages import DONE, warnings_told
+from rockfall.errors import RockfallError, need
+from rockfall.io.output_files import atomic_folder, check_output
+from rockfall.io.tables import plain_decimal, write_csv
+from rockfall.plots.section_figure import section_figure
+from rockfall.plots.style import FORMATS, save
+from rockfall.products import section
+from rockfall.result.dataset import open_result
+from rockfall.text.section import section_text, with_units
+
+TABLE = ".csv"
+ENDINGS = [TABLE, *(f".{one}" for one in FORMATS)]
+
+
+def section_command(arguments: argparse.Namespace) -> int:
+    path: Path = getattr(arguments, "out.nc")
+    need("a section needs", "report", "matplotlib")
+    line = drawn(arguments.line)
+    places = _places(arguments.output or Path(f"{path.name.removesuffix('.nc')}_section.csv"))
+    with open_result(path) as data:
+        inputs = [path, *files_behind(data), *([line] if isinstance(line, Path) else [])]
+    for place in places:
+        check_output(place, inputs)
+    given = {key: getattr(arguments, key) for key in ("within", "every")}
+    given = {key: value for key, value in given.items() if value is not None}
+    with warnings_told():
+        found = section(path, line, layer=arguments.line_layer, dem=arguments.dem, **given)
+    table, lines, picture = places
+    with atomic_folder(table.parent, inputs) as part:
+        write_csv(with_units(found.table), part / table.name)
+        write_csv(with_units(found.lines), part / lines.name)
+        save(section_figure(found), part / picture.name)
+    print(section_text(found))
+    print(*places, sep="\n")
+    return DONE
+
+
+def drawn(given: Sequence[str]) -> Path | list[tuple[float, float]]:
+    """Line of a section: a file, or pairs X,Y."""
+    words = " ".join(given).split()
+    pairs = [tuple(map(plain_decimal, word.split(","))) for word in words if word.count(",") == 1]
+    if len(pairs) == len(words) > 1 and all(map(math.isfinite, itertools.chain(*pairs))):
+        return [(x, y) for x, y in pairs]
+    if len(given) == 1:
+        return Path(given[0])
+    raise RockfallError(f"--line {' '.join(given)}: must be X,Y X,Y ... or a file with one line")
+
+
+def _places(output: Path) -> list[Path]:
+    """Files of a section: its tables, and its figure, in the format of the output if that is
+    one."""
+    ending = output.suffix.lower()
+    if ending not in ENDINGS:
+        raise RockfallError(f"{output}: must be a file name that ends in {', '.join(ENDINGS)}")
+    figure = output if ending != TABLE else output.with_suffix(".png")
+    return [
+        output if ending == TABLE else output.with_suffix(TABLE),
+        output.with_name(f"{output.stem}_lines{TABLE}"),
+        figure,
+    ]

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Figure of a section along a drawn line: profile with trajectories, numbers of boulders, and
+envelopes of energy, height and speed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import with_limits
+from rockfall.plots.map_figures import MAX_TRAJECTORIES
+from rockfall.plots.profile_figures import draw_curves, true_scale
+from rockfall.plots.style import (
+    BARRIER,
+    BLUE,
+    GREEN,
+    INK,
+    LINE,
+    VERMILION,
+    WIDE,
+    new_figure,
+    plain,
+    styled,
+)
+from rockfall.quantities import DESIGN, Quantity, with_unit
+from rockfall.result.trajectories import spread
+from rockfall.terrain.polyline import lengths
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from rockfall.analysis.lines.section import Section
+
+DISTANCE = "distance along the section [m]"
+SHOWN = ("energy_total", "passing_height", "speed")
+HEIGHTS = [1.0, 1.4, 1.4, 1.1]  # of the panels below the profile [inch]
+TALLEST = 4.0  # of the profile: all of it fits on a page of A4 [inch]
+MEAN: dict[str, Any] = {"lw": 0.8, "linestyle": (0, (4, 2))}
+QUANTILE: dict[str, Any] = {"lw": 1.3}
+MAXIMUM: dict[str, Any] = {"lw": 0.9, "linestyle": ":"}
+AT_LINE: dict[str, Any] = {"color": GREEN, "marker": "D", "ms": 3.5, "lw": 0.9, "linestyle": ""}
+STRENGTH: dict[str, Any] = {"color": INK, "marker": "_", "ms": 9, "mew": 1.8, "linestyle": ""}
+
+
+@styled
+def section_figure(found: Section) -> Figure:
+    """Profile at true scale with the recorded trajectories within the corridor; boulders at each
+    station; mean, 95 % quantile with its 95 % band, and maximum of total energy, passing height and
+    speed: of recorded trajectories, of the cells of the maps, and at the lines that the section
+    crosses. Barriers have their height and capacity. Nothing is drawn where too few boulders give
+    a number."""
+    paths = spread([*found.paths], MAX_TRAJECTORIES)
+    length = float(lengths(found.line.vertices)[-1])
+    high, furthest = true_scale(_relief(found, paths), length, TALLEST)
+    figure = new_figure(WIDE, high + sum(HEIGHTS) + 1.3)
+    panels = figure.subplots(1 + len(HEIGHTS), 1, sharex=True, height_ratios=[high, *HEIGHTS])
+    _draw_profile(panels[0], found, paths)
+    _draw_boulders(panels[1], found)
+    for axes, quantity in zip(panels[2:], SHOWN, strict=True):
+        _draw_envelopes(axes, found, quantity, DESIGN[quantity])
+    _draw_strength(panels[2], found.lines, "capacity", DESIGN["energy_total"].factor)
+    _draw_strength(panels[3], found.lines, "height", 1.0)
+    _mark_lines(panels, found.lines)
+    panels[-1].set_xlabel(DISTANCE)
+    panels[-1].set_xlim(0, furthest)
+    _draw_key(figure, panels[2:])
+    figure.align_ylabels()
+    return figure
+
+
+def _relief(found: Section, paths: list[np.ndarray]) -> float:
+    """Difference of the elevations that a profile shows [m]."""
+    shown = [found.table["elevation"].to_numpy(float), *(z for _, z in paths)]
+    values = np.concatenate(shown)
+    return float(np.ptp(known)) if (known := values[np.isfinite(values)]).size else 0.0
+
+
+def _draw_profile(axes: Axes, found: Section, paths: list[np.ndarray]) -> None:
+    """Draw the ground, barriers as high as they are, and trajectories, at true scale."""
+    draw_curves(axes, [(along, z) for along, z in paths])
+    distance, ground = (found.table[name].to_numpy(float) for name in ("distance", "elevation"))
+    axes.plot(distance, ground, color=INK, lw=1.0)
+    for row in found.lines[found.lines["height"].notna()].itertuples():
+        base = np.interp(row.distance, distance, ground)
+        if row.kind == "barrier":
+            axes.plot([row.distance] * 2, [base, base + row.height], **BARRIER)
+    axes.set_ylabel("elevation [m]")
+    axes.ticklabel_format(axis="y", useOffset=False)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_title(_bases(found))
+
+
+def _bases(found: Section) -> str:
+    """Boulders behind the numbers of a section."""
+    within = f"{found.line.within:g} m to either side"
+    return f"{found.recorded:,} recorded of {found.boulders:,} boulders, {within}"
+
+
+def _draw_boulders(axes: Axes, found: Section) -> None:
+    """Draw recorded boulders at each station, and the fraction of all boulders in the cell."""
+    table = found.table
+    if found.recorded:
+        axes.step(table["distance"], table["recorded_n"], where="mid", color=BLUE, lw=1)
+        axes.set_ylim(0, None)
+    axes.set_ylabel("recorded", color=BLUE)
+    if table["cell_fraction"].notna().any():
+        other = axes.twinx()
+        other.spines["right"].set_visible(True)
+        _draw_band(other, table, "cell_fraction", 100.0, VERMILION)
+        other.set_ylim(0, None)
+        other.set_ylabel("all, in the cell [%]", color=VERMILION)
+
+
+def _draw_envelopes(axes: Axes, found: Section, quantity: str, about: Quantity) -> None:
+    """Draw the envelopes of a quantity from each of its sources."""
+    table, factor = found.table, about.factor
+    for before, colour in (("recorded", BLUE), ("cell", VERMILION)):
+        mean = factor * table[f"{before}_{quantity}_mean"]
+        axes.plot(table["distance"], mean, color=colour, label=f"{before}, mean", **MEAN)
+        label = f"{before}, 95 %"
+        _draw_band(axes, table, f"{before}_{quantity}_q95", factor, colour, label)
+    for before, colour in (("recorded", BLUE), ("corridor", VERMILION)):
+        most = factor * table[f"{before}_{quantity}_max"]
+        axes.plot(table["distance"], most, color=colour, label=f"{before}, max", **MAXIMUM)
+    value, low, high = _with_limits(found.lines, f"{quantity}_q95", factor)
+    ends = np.stack([value - low, high - value])
+    axes.errorbar(found.lines["distance"], value, yerr=ends, label="at a line, 95 %", **AT_LINE)
+    label = with_unit(about.name.replace(", ", ",\n"), about.unit)
+    axes.set(ylabel=label, ylim=(0, None))
+
+
+def _draw_band(
+    axes: Axes, table: pd.DataFrame, name: str, factor: float, colour: str, label: str = ""
+) -> None:
+    """Draw a number along the section with its 95 % band."""
+    value, low, high = _with_limits(table, name, factor)
+    axes.fill_between(table["distance"], low, high, color=colour, alpha=0.2, lw=0)
+    axes.plot(table["distance"], value, color=colour, label=label, **QUANTILE)
+
+
+def _with_limits(table: pd.DataFrame, name: str, factor: float) -> list[np.ndarray]:
+    """Column of a number, and those of the limits of its interval."""
+    return [factor * table[one].to_numpy(float) for one in with_limits(name)]
+
+
+def _draw_strength(axes: Axes, lines: pd.DataFrame, name: str, factor: float) -> None:
+    """Draw the height or the capacity of the barriers."""
+    barriers = lines[lines["kind"] == "barrier"]
+    axes.plot(barriers["distance"], factor * barriers[name].astype(float), **STRENGTH,
+              label="barrier")  # fmt: skip
+
+
+def _mark_lines(panels: np.ndarray, lines: pd.DataFrame) -> None:
+    """Mark lines, barriers and dams in all panels, with their names in the first."""
+    for k, row in enumerate(lines.itertuples()):
+        for axes in panels:
+            axes.axvline(row.distance, **(LINE | {"lw": 0.6, "zorder": 0}))
+        high = 0.03 + 0.1 * (k % 4)  # lines may be near each other
+        about: dict[str, Any] = {"transform": panels[0].get_xaxis_transform(), "clip_on": True}
+        panels[0].text(row.distance, high, f" {plain(str(row.name))}", **about)
+
+
+def _draw_key(figure: Figure, panels: np.ndarray) -> None:
+    """Draw the key of what has been drawn in any panel."""
+    from matplotlib.container import ErrorbarContainer
+
+    shown: dict[str, Any] = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            line = handle[0] if isinstance(handle, ErrorbarContainer) else handle
+            if np.isfinite(np.asarray(line.get_ydata(), float)).any():
+                shown.setdefault(label, handle)
+    figure.legend(shown.values(), shown.keys(), loc="outside upper left", ncols=4)

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Number of boulders behind each cell of the maps of a result."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.result.samples import simulated
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+PASSED = ("reach_probability", "passages")  # maps with the pass frequency, either of them
+
+
+def passed_map(result: xr.Dataset) -> str | None:
+    """Map with the pass frequency, if the result has one."""
+    return next((name for name in PASSED if name in result), None)
+
+
+def passages_of(result: xr.Dataset) -> np.ndarray | None:
+    """Number of boulders (y, x) that passed each cell; None if the result does not count them."""
+    if (passed := passed_map(result)) is None:
+        return None
+    return result[passed].values * (1 if passed == "passages" else simulated(result))
+
+
+def thin_cells(result: xr.Dataset, name: str) -> np.ndarray | None:
+    """Mask (y, x) of cells with too few boulders for a reliable value of a map; None if the map has
+    no such cells, or the result does not count passages."""
+    fewest, count = result[name].attrs.get("thin_below", 0), passages_of(result)
+    if not fewest or count is None:
+        return None
+    return np.isfinite(result[name].values) & (count < fewest - 0.5)

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Section along a drawn line as text, and its tables with units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.lines.envelopes import QUANTITIES as OF_SECTION
+from rockfall.analysis.lines.envelopes import fewest_for
+from rockfall.analysis.lines.section import RECORDED
+from rockfall.limits import MIN_FOR_MEAN
+from rockfall.quantities import QUANTITIES, count, number, with_unit
+from rockfall.terrain.polyline import lengths
+from rockfall.text.line_tables import ENDS
+from rockfall.text.table import table as aligned
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from rockfall.analysis.lines.section import Section
+
+ROWS = 20  # stations printed, at most
+LENGTHS = ("distance", "x", "y", "elevation", "height")
+SHOWN = ("energy_total", "passing_height", "speed")
+SYMBOLS = {"energy_total": "E", "jump_height": "j", "passing_height": "h", "speed": "v"}
+AT_LINE = (
+    "energy_total_mean", "energy_total_q95", "energy_total_max", "passing_height_q95",
+    "passing_height_max", "speed_q95", "speed_max",
+)  # fmt: skip
+BY_CELL = (
+    "cell_energy_total_mean", "cell_energy_total_q95", "corridor_energy_total_max",
+    "cell_passing_height_q95", "corridor_passing_height_max", "cell_speed_q95",
+    "corridor_speed_max",
+)  # fmt: skip
+ABOUT = """\
+In brackets 95 % confidence intervals of the Monte Carlo error. E: total kinetic energy, h: height
+of the centre above the ground, vertical, v: speed; mean, 95 % quantile, maximum. A recorded boulder
+counts where it first crosses a station, all boulders by their maxima in the cell of the maps below
+it; a maximum of the corridor is that of all cells which the station crosses."""
+
+
+def with_units(table: pd.DataFrame) -> pd.DataFrame:
+    """Table of a section in the units in which numbers are shown, named in its columns."""
+    found = {}
+    for name, column in table.items():
+        unit, factor = _unit(str(name))
+        found[with_unit(str(name), unit)] = column if factor == 1 else factor * column
+    return table.__class__(found)
+
+
+def _unit(name: str) -> tuple[str, float]:
+    """Unit of a column, and the factor to it from SI."""
+    if name in LENGTHS:
+        return "m", 1.0
+    if name == "capacity":
+        name = "energy_total_"
+    for quantity in OF_SECTION:
+        if f"{quantity}_" in name:
+            return QUANTITIES[quantity].unit, QUANTITIES[quantity].factor
+    return "", 1.0
+
+
+def section_text(found: Section) -> str:
+    """What a section rests on, the lines that it crosses, and some of its stations."""
+    length = float(lengths(found.line.vertices)[-1])
+    first = f"{number(length, 4)} m, {found.line.within:g} m to either side"
+    parts = [ABOUT, *(f"Warning: {note}" for note in section_notes(found)), "", first]
+    if len(found.lines):
+        parts += ["", "All boulders at the lines that it crosses", aligned(_lines(found.lines))]
+    if found.recorded:
+        names = tuple(f"{RECORDED}{name}" for name in AT_LINE)
+        parts += ["", "Recorded trajectories", aligned(_stations(found, f"{RECORDED}n", names))]
+    if found.has_maps:
+        parts += ["", "All boulders, by the maps", aligned(_stations(found, "cell_n", BY_CELL))]
+    return "\n".join(parts)
+
+
+def section_notes(found: Section) -> Iterator[str]:
+    """Limits of the numbers of a section."""
+    if found.recorded:
+        most = int(found.table["recorded_n"].max())
+        yield (
+            f"{found.recorded:,} of {count(found.boulders, 'boulder')} are recorded, at most "
+            f"{most:,} cross a station in the corridor: a mean needs {MIN_FOR_MEAN}, a 95 % "
+            f"quantile {fewest_for(0.95)}, and is blank below; more: &output trajectories"
+        )
+    else:
+        yield "no trajectories of boulders that moved are recorded: &output trajectories"
+    if not found.has_maps:
+        yield (
+            "no maps of speeds, energies or heights: no number along the section is of all "
+            "boulders; &output maps = 'passages', 'energy_q95', 'energy_max', 'passing_height_q95' "
+            "and so on"
+        )
+    if found.recorded and found.table["elevation"].isna().any():
+        yield "the terrain is not known along all of the section: elevations and heights are blank"
+    if unknown := int(found.table["unknown_energy"].sum()):
+        yield (
+            f"energies of {unknown:,} passages are left out: the masses of their boulders are not "
+            "known"
+        )
+
+
+def _lines(lines: pd.DataFrame) -> Iterator[list[str]]:
+    yield ["  crosses", "at [m]", "boulders", *map(_title, AT_LINE)]
+    for row in lines.to_dict("records"):
+        about = f", {row['height']:g} m" if np.isfinite(row["height"]) else ""
+        name = f"  {row['name']}" + (f" ({row['kind']}{about})" if row["kind"] != "line" else "")
+        numbers = (_number(row, name) for name in AT_LINE)
+        yield [name, number(row["distance"], 4), _count(row["n"]), *numbers]
+
+
+def _stations(found: Section, counted: str, names: tuple[str, ...]) -> Iterator[list[str]]:
+    """Stations, evenly selected, with numbers from one source."""
+    yield ["  at [m]", "elevation [m]", "boulders", *map(_title, names)]
+    rows = found.table.to_dict("records")
+    for row in rows[:: -(-len(rows) // ROWS)]:
+        place = f"  {number(row['distance'], 4)}", number(row["elevation"], 5)
+        yield [*place, _count(row[counted]), *(_number(row, name) for name in names)]
+
+
+def _title(name: str) -> str:
+    """Title of a column: E95 [kJ], corridor: E_max [kJ]."""
+    before, quantity, of = _parsed(name)
+    corridor = "corridor: " if before == "corridor_" else ""
+    return corridor + with_unit(f"{SYMBOLS[quantity]}_{of}", QUANTITIES[quantity].unit)
+
+
+def _parsed(name: str) -> tuple[str, str, str]:
+    """Source, quantity and statistic of a column."""
+    quantity = next(one for one in OF_SECTION if f"{one}_" in name)
+    before, _, of = name.partition(f"{quantity}_")
+    return before, quantity, of
+
+
+def _count(n: float) -> str:
+    return f"{n:,.0f}" if np.isfinite(n) else "-"
+
+
+def _number(row: Mapping[Any, Any], name: str) -> str:
+    """Number with its interval, if it has one."""
+    factor = QUANTITIES[_parsed(name)[1]].factor
+    value, low, high = (factor * row.get(name + end, np.nan) for end in ENDS)
+    known = np.isfinite([low, high]).all()
+    return number(value) + (f" ({number(low)} to {number(high)})" if known else "")

@@ -1,0 +1,385 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A section: flights on a plane have the heights and energies of a calculation by hand, a station
+that is an evaluation line has the kernel's numbers, and no recorded boulder exceeds the maps."""
+
+import csv
+
+import numpy as np
+import pytest
+
+import rockfall
+from made import UTM, make_layer, refused
+from rockfall.analysis.line_statistics import sample_numbers
+from rockfall.analysis.lines.envelopes import envelopes, fewest_for
+from rockfall.analysis.lines.section import COLUMNS, section_of
+from rockfall.analysis.lines.section_maps import places_in_cells
+from rockfall.analysis.lines.stations import SectionLine
+from rockfall.analysis.precision.intervals import Sources
+from rockfall.cli import main
+from rockfall.html_report.sentences import Speaker
+from rockfall.language import speaking
+from rockfall.limits import MIN_FOR_MEAN
+from rockfall.plots.figures import section_entry
+from rockfall.plots.section_figure import section_figure
+from rockfall.terrain.polyline import intersections
+from scenes import grid, make_case, rough, sets
+
+Z = rough()
+TERRAIN = Z, grid(Z)
+ROAD = {"name": "road", "x": [0.0, 300.0], "y": [180.0, 180.0]}
+DOWN = np.array([150 + 400j, 150 + 20j])
+QUANTITIES = {
+    "speed": ("speed", "speed_max_map"), "energy_total": ("energy", "energy_max"),
+    "jump_height": ("jump_height", "jump_height_max_map"),
+    "passing_height": ("passing_height", "passing_height_max"),
+}  # fmt: skip
+MAPS = ["passages", "reach_probability_low", "reach_probability_high"]
+MAPS += [name for _, name in QUANTITIES.values()]
+MAPS += [
+    f"{start}_{of}" for start, _ in QUANTITIES.values()
+    for of in ("mean", "q95", "q95_low", "q95_high")
+]  # fmt: skip
+
+
+BOULDERS = 4500
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    case = make_case(
+        tmp_path_factory.mktemp("section"), *sets(), terrain={}, line=[ROAD],
+        case={"boulders": BOULDERS // 3, "threads": 0},
+        output={"trajectories": 60, "maps": MAPS},
+        boulder={"volume": "normal", "volume_mean": 0.8, "volume_std": 0.2},
+        release={"x": [100.0, 150.0, 200.0], "y": [380.0] * 3},
+    )  # fmt: skip
+    return rockfall.run(case, dem=Z, transform=TERRAIN[1])
+
+
+@pytest.fixture(scope="module")
+def wide(result):
+    return section_of(result, SectionLine(DOWN, 150.0, 20.0), TERRAIN)
+
+
+#: A plane of 45 degrees to the south, z = y, and gravity of 10 m/s2: a boulder thrown level to the
+#: south at v m/s from z = y = 100 is v t - 5 t^2 above the plane, and comes to it after v/5 s.
+PLANE = np.tile(np.arange(147.5, 0, -5.0)[:, None], (1, 20))
+GRAVITY, FROM = 10.0, 100.0
+
+
+def thrown(result, speeds, x):
+    """A result on the plane with one flight of each of its first boulders in place of its own."""
+    speeds, x = np.asarray(speeds, float), np.asarray(x, float)
+    time, number = speeds / 5, result["boulder"].values[: speeds.size]
+    vertices = {
+        "boulder": np.stack([number, number]), "x": np.stack([x, x]),
+        "y": np.stack([np.full(x.size, FROM), FROM - speeds * time]),
+        "time": np.stack([0 * time, time]),
+        "velocity_x": np.zeros((2, x.size)), "velocity_y": np.stack([-speeds, -speeds]),
+        "velocity_z": np.stack([0 * time, -GRAVITY * time]), "out_w": np.full((2, x.size), 3.0),
+    }  # fmt: skip
+    vertices["z"] = vertices["y"]
+    columns = {f"trajectory_{k}": ("trajectory_vertex", v.T.ravel()) for k, v in vertices.items()}
+    return result.drop_dims("trajectory_vertex").assign(columns)
+
+
+@pytest.fixture(scope="module")
+def on_plane(tmp_path_factory):
+    case = make_case(
+        tmp_path_factory.mktemp("plane"), *sets(), terrain={}, line=[],
+        output={"trajectories": 3}, release={"x": [50.0], "y": [100.0], "drop_height": 1.0},
+        boulder={"volume_mean": 1.0, "density": 2700.0},
+    )  # fmt: skip
+    return rockfall.run(case, dem=PLANE, transform=grid(PLANE))
+
+
+def test_flights_on_a_plane_by_hand(on_plane):
+    """10 m down the slope in plan: after 1 s, 0.5 s and 1/3 s, at 5, 8.75 and 85/9 m above."""
+    data = thrown(on_plane, [10.0, 20.0, 30.0], [50.0, 48.0, 61.5])
+    line = SectionLine(np.array([50 + 120j, 50 + 20j]), 10.0, 10.0)
+    found = section_of(data, line, (PLANE, grid(PLANE)))
+    table = found.table.set_index("distance")
+    np.testing.assert_allclose(table["elevation"], 120.0 - table.index)
+    assert found.recorded == 3 and found.boulders == 50
+    # the third boulder is beyond the corridor; the first lands 20 m on, the second 80 m
+    assert table["recorded_n"].tolist() == [0, 0, 2, 2, 2, 1, 1, 1, 1, 1, 1]
+    here = found.passages[found.passages["distance"] == 30.0]
+    radius = (3 / (4 * np.pi)) ** (1 / 3)
+    np.testing.assert_allclose(here["elevation"], [95.0, 98.75])
+    np.testing.assert_allclose(here["jump_height"], [5.0, 8.75])
+    np.testing.assert_allclose(here["passing_height"], [v + radius * 2**0.5 for v in (5.0, 8.75)])
+    squared = np.array([10.0**2 + 10.0**2, 20.0**2 + 5.0**2])
+    np.testing.assert_allclose(here["speed"], np.sqrt(squared))
+    np.testing.assert_allclose(here["energy_total"], 1350.0 * (squared + 0.4 * 3.0**2))
+    assert table.loc[30.0, "recorded_energy_total_max"] == pytest.approx(1350.0 * 428.6)
+    assert table["recorded_energy_total_mean"].isna().all()  # two boulders give no mean
+    far = section_of(data, line._replace(within=11.6), (PLANE, grid(PLANE)))
+    assert far.passages.query("distance == 30")["jump_height"].max() == pytest.approx(85 / 9)
+
+
+def test_an_oblique_section_projects_on_itself(on_plane):
+    """At 45 degrees to the flights: a station is crossed where its own line is."""
+    data = thrown(on_plane, [10.0], [50.0])
+    line = SectionLine(np.array([40 + 100j, 90 + 50j]), 20.0, 50 * 2**0.5)
+    found = section_of(data, line, (PLANE, grid(PLANE))).passages
+    # the line across the start at (40, 100) holds (50, 110): the flight begins beyond it
+    assert not len(found)
+    before = SectionLine(np.array([40 + 85j, 90 + 35j]), 20.0, 50 * 2**0.5)
+    found = section_of(data, before, (PLANE, grid(PLANE))).passages
+    # at (50, 95): after 0.5 s, 5 m down, 10 0.5 - 5 0.25 = 3.75 m above
+    assert found["jump_height"].tolist() == pytest.approx([3.75])
+
+
+def test_a_number_is_blank_where_too_few_boulders_give_it():
+    values = np.random.default_rng(3).gamma(2.0, size=200)
+    level = fewest_for(0.95)
+    for n in (MIN_FOR_MEAN - 1, MIN_FOR_MEAN, level - 1, level):
+        few = {name: values[:n] for name in QUANTITIES}
+        row = envelopes(few, Sources.alone(n))
+        assert row["speed_max"] == values[:n].max()
+        assert ("speed_mean" in row) == (n >= MIN_FOR_MEAN)
+        assert ("speed_q95_high" in row) == ("speed_q95" in row)
+        if n >= level:
+            assert row["speed_q95"] == sample_numbers(values[:n], Sources.alone(n))["q95"]
+        elif n < level - 1:
+            assert "speed_q95" not in row
+
+
+def test_a_station_is_an_evaluation_line(result, wide):
+    assert list(wide.table.columns) == COLUMNS
+    here = wide.passages[wide.passages["distance"] == 220.0].set_index("boulder")
+    recorded = np.isin(result["boulder"].values, result["trajectory_boulder"].values)
+    crossed = np.isfinite(result["line_speed"].values[0]) & recorded
+    assert wide.recorded == 60 and crossed.sum() > 20
+    assert sorted(here.index) == result["boulder"].values[crossed].tolist()
+    here = here.loc[result["boulder"].values[crossed]]
+    at_line = {
+        name: result[f"line_{name}"].values[0] for name in ("speed", "jump_height",
+        "passing_height", "energy_translational", "energy_rotational")
+    }  # fmt: skip
+    at_line["energy_total"] = at_line["energy_translational"] + at_line["energy_rotational"]
+    for name in QUANTITIES:
+        np.testing.assert_allclose(here[name], at_line[name][crossed], rtol=1e-10, atol=1e-10)
+    row = wide.table.set_index("distance").loc[220.0]
+    assert row["recorded_energy_total_max"] == here["energy_total"].max()
+    assert row["recorded_passing_height_mean"] == pytest.approx(here["passing_height"].mean())
+    assert row["recorded_n"] == crossed.sum() and row["unknown_energy"] == 0
+
+
+def test_all_boulders_count_at_a_line(result):
+    rows = rockfall.line_statistics(result).set_index("quantity")
+    found = section_of(result, SectionLine(DOWN, 1000.0), TERRAIN)
+    assert found.lines[["name", "kind", "distance"]].values.tolist() == [["road", "line", 220.0]]
+    (row,) = found.lines.to_dict("records")
+    assert row["n"] == rows.loc["speed", "n"] > found.recorded
+    for name in QUANTITIES:
+        for number in ("mean", "q95", "q95_low", "q95_high", "max"):
+            assert row[f"{name}_{number}"] == rows.loc[name, number]
+    near = section_of(result, SectionLine(DOWN, 20.0), TERRAIN).lines["n"][0]
+    assert near == (abs(result["line_x"].values[0] - 150.0) <= 20.0).sum() < row["n"]
+    marked = found.table[found.table["crossed"] != ""]
+    assert marked[["distance", "crossed"]].values.tolist() == [[220.0, "road"]]
+
+
+def test_barriers_and_dams_are_marked(tmp_path):
+    net = {"name": "net", "x": [0.0, 300.0], "y": [300.0, 300.0], "height": 4.0, "class": 3}
+    dam = {"x": [100.0, 200.0], "y": [100.0, 120.0], "height": 20.0, "crest_width": 10.0}
+    case = make_case(
+        tmp_path, *sets(), terrain={}, line=[ROAD],
+        output={"trajectories": 9}, release={"x": [150.0], "y": [380.0]},
+    ).replace(barrier=[net], dam=[dam | {"slope": 40.0, "allow_coarse": True}])  # fmt: skip
+    run = rockfall.run(case, dem=Z, transform=TERRAIN[1])
+    lines = section_of(run, SectionLine(DOWN, 150.0), TERRAIN).lines
+    assert lines["name"].tolist() == ["net", "road", "dam 1"]
+    assert lines["kind"].tolist() == ["barrier", "line", "dam"]
+    assert lines["distance"].tolist() == [100.0, 220.0, 290.0]
+    assert lines["height"].tolist() == pytest.approx([4.0, np.nan, 20.0], nan_ok=True)
+    assert lines["capacity"][0] == 1e6
+    came = np.isfinite(run["line_speed"].values).sum(axis=1)
+    assert lines["n"].tolist() == pytest.approx([came[1], came[0], np.nan], nan_ok=True)
+
+
+def test_without_rows_maps_are_what_is_known(tmp_path):
+    case = make_case(
+        tmp_path, *sets(), terrain={}, line=[ROAD], release={"x": [150.0], "y": [380.0]},
+        output={"trajectories": 9, "maps": MAPS, "kept": "none"},
+    )  # fmt: skip
+    run = rockfall.run(case, dem=Z, transform=TERRAIN[1])
+    found = section_of(run, SectionLine(DOWN, 150.0), TERRAIN)
+    assert (found.recorded, found.boulders) == (0, 50)
+    assert found.lines["name"].tolist() == ["road"] and found.lines["n"].isna().all()
+    assert found.table["corridor_speed_max"].notna().any()
+
+
+def test_maps_below_are_the_cells_of_the_line(result, wide):
+    table, about = wide.table, TERRAIN[1]
+    rows, columns = about.cells(table["x"].to_numpy(), table["y"].to_numpy())
+    west, north = result["x"].values[0], result["y"].values[0]
+    rows -= round((about.y[0] - north) / about.cell)
+    columns -= round((west - about.x[0]) / about.cell)
+    inside = (rows >= 0) & (rows < result.sizes["y"])
+    passed = result["passages"].values[rows[inside], columns[inside]]
+    assert table["cell_n"][inside].tolist() == passed.tolist() and passed.max() > 100
+    assert table["cell_n"][~inside].isna().all()
+    assert (table["cell_fraction"][inside] == passed / BOULDERS).all()
+    for name, (start, _) in QUANTITIES.items():
+        for of in ("mean", "q95", "q95_low", "q95_high"):
+            values = result[f"{start}_{of}"]
+            wanted = values.values[rows[inside], columns[inside]]
+            wanted = np.where(passed < values.attrs.get("thin_below", 0), np.nan, wanted)
+            np.testing.assert_array_equal(table[f"cell_{name}_{of}"][inside], wanted)
+        assert table[f"cell_{name}_q95"].notna().any() and table[f"cell_{name}_q95"].isna().any()
+
+
+def test_no_recorded_boulder_exceeds_the_maximum_of_the_corridor(wide):
+    for name in QUANTITIES:
+        recorded, most = (wide.table[f"{of}_{name}_max"] for of in ("recorded", "corridor"))
+        known = recorded.notna().to_numpy()
+        assert known.sum() > 10
+        assert (recorded[known] <= most[known] * (1 + 1e-6) + 1e-6).all(), name
+
+
+def test_a_station_crosses_each_cell_once():
+    cells = grid(Z)
+    start, end = 12.3 + 41.7j, 88.1 + 3.3j
+    places = places_in_cells(cells, start, end)
+    fine = start + np.linspace(0, 1, 100001) * (end - start)
+    fine_cells = set(zip(*(k.tolist() for k in cells.cells(fine.real, fine.imag)), strict=True))
+    found = list(zip(*(k.tolist() for k in cells.cells(places.real, places.imag)), strict=True))
+    assert len(found) == len({*found}) and {*found} == fine_cells
+    along = places_in_cells(cells, 12.3 + 42j, 23.0 + 42j)
+    np.testing.assert_allclose(along.real, [13.65, 17.5, 21.5])
+
+
+def test_where_lines_meet():
+    vertices = np.array([0, 10, 10 + 10j])
+    along, along_other = intersections(vertices, np.array([5 - 5j, 5 + 5j, 15 + 5j]))
+    np.testing.assert_allclose(along, [5.0, 15.0])
+    np.testing.assert_allclose(along_other, [5.0, 15.0])
+    corner, _ = intersections(vertices, np.array([5 - 5j, 15 + 5j]))
+    np.testing.assert_allclose(corner, [10.0])  # once, though it meets both sides
+    assert not intersections(vertices, np.array([0 + 1j, 8 + 1j]))[0].size
+
+
+def test_mass_is_that_of_the_case_where_no_line_is_crossed(result, wide):
+    bare = result.drop_vars([name for name in result.data_vars if name.startswith("line_")])
+    line, name = wide.line, "recorded_energy_total_max"
+    np.testing.assert_allclose(
+        wide.table[name], section_of(bare, line, TERRAIN).table[name], rtol=1e-10
+    )
+    named = bare.assign(source_feature=("boulder", np.zeros(bare.sizes["boulder"], int)))
+    table = section_of(named, line, TERRAIN).table
+    assert (table["unknown_energy"] == table["recorded_n"]).all() and table[name].isna().all()
+
+
+def test_only_near_trajectories_count(result, wide):
+    near = section_of(result, SectionLine(DOWN, 5.0, 20.0), TERRAIN)
+    few, many = near.table["recorded_n"], wide.table["recorded_n"]
+    assert (few <= many).all() and 0 < few.sum() < many.sum()
+    apart = [np.nanmax(abs(along)) for along, _ in near.paths]
+    assert len(near.paths) < len(wide.paths) and max(apart) <= 380.0
+
+
+def test_without_terrain_heights_are_unknown(result):
+    table = section_of(result, SectionLine(DOWN, 150.0, 20.0)).table
+    assert table["recorded_passing_height_max"].isna().all() and table["elevation"].isna().all()
+    assert table["recorded_energy_total_max"].notna().any()
+    assert table["cell_passing_height_q95"].notna().any()
+
+
+def test_maps_alone_make_a_section(result):
+    bare = result.drop_dims("trajectory_vertex")
+    found = section_of(bare, SectionLine(DOWN, 150.0, 20.0), TERRAIN)
+    assert found.recorded == 0 and (found.table["recorded_n"] == 0).all() and not found.paths
+    assert found.table["corridor_energy_total_max"].notna().any()
+
+
+def test_refusals(result):
+    with refused("within = 0.0: must be > 0 m"):
+        section_of(result, SectionLine(DOWN, 0.0))
+    with refused("every = 0.001: makes 380,000 stations, at most 10,000"):
+        section_of(result, SectionLine(DOWN, 10.0, 0.001))
+    with refused("section: must have a length above 0 m"):
+        section_of(result, SectionLine(np.array([1 + 1j, 1 + 1j])))
+    bare = result.drop_dims("trajectory_vertex").drop_vars(
+        [name for name in MAPS if name != "passages"]
+    )
+    about = "neither trajectories of boulders that moved (&output trajectories) nor maps of"
+    with refused(f"section: the result has {about} speeds, energies or heights (&output maps)"):
+        section_of(bare, SectionLine(DOWN))
+
+
+def test_a_layer_and_pairs_are_the_same(result, tmp_path):
+    shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+    pairs = [(150.0, 400.0), (150.0, 20.0)]
+    layer = make_layer(tmp_path / "drawn.gpkg", [shapely.LineString(pairs)], crs=UTM)
+    with pytest.warns(UserWarning, match="elevations of the run came from an array"):
+        one = rockfall.section(result, layer, within=20.0)
+    with pytest.warns(UserWarning, match="elevations of the run came from an array"):
+        other = rockfall.section(result, pairs, within=20.0)
+    assert one.table.equals(other.table)
+    two = make_layer(tmp_path / "two.gpkg", [shapely.LineString(pairs)] * 2, crs=UTM)
+    for drawn, about in (
+        (two, f"{two}: has 2 lines: a section needs one"),
+        ([1.0, 2.0], "section: a line must be pairs x, y, or a file with a line"),
+        ("nowhere.gpkg", None),
+    ):
+        with pytest.warns(UserWarning), pytest.raises(rockfall.RockfallError) as caught:
+            rockfall.section(result, drawn)
+        assert about is None or str(caught.value) == about
+
+
+def test_command(place, capsys):
+    """Tables with units, a figure of the format that is asked for, and refusals."""
+    pytest.importorskip("matplotlib", reason="the report extra is not installed")
+    assert main(["run", "case.nml", "--quiet"]) == 0
+    words = ["section", "case.nc", "--line", "600060,4999990", "600060,4999890"]
+    assert main([*words, "--within", "20", "--every", "10", "-o", "down.svg"]) == 0
+    said = capsys.readouterr().out
+    assert "3 of 20 boulders are recorded, at most 3 cross a station" in said
+    assert said.splitlines()[-3:] == ["down.csv", "down_lines.csv", "down.svg"]
+    with open("down.csv") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["distance [m]"] for row in rows] == [f"{10.0 * k}" for k in range(11)]
+    found = rockfall.section("case.nc", [(600060, 4999990), (600060, 4999890)], within=20.0,
+                             every=10.0)  # fmt: skip
+    most = found.table["recorded_energy_total_max"][4] / 1000
+    assert float(rows[4]["recorded_energy_total_max [kJ]"]) == pytest.approx(most) and most > 1
+    assert [row["crossed"] for row in rows].index("L") == 6
+    assert float(rows[4]["elevation [m]"]) == pytest.approx(found.table["elevation"][4])
+    for wrong, message in (
+        ([*words, "-o", "down.csv"], "down.csv: already exists"),
+        ([*words[:-1], "-o", "new.csv"], "600060,4999990: no such file"),
+        ([*words, "7", "-o", "new.csv"], "must be X,Y X,Y ... or a file with one line"),
+        ([*words, "-o", "new.txt"], "new.txt: must be a file name that ends in .csv, .png"),
+        ([*words, "--within", "-1", "-o", "new.csv"], "within = -1.0: must be > 0 m"),
+    ):
+        assert main(wrong) == 2
+        assert message in capsys.readouterr().err, message
+    assert not list(place.glob("new*"))
+    quoted = "-5.5,3 -6,4e2"
+    assert main(["section", "case.nc", "--line", quoted, "-o", "far.csv"]) == 0
+
+
+@pytest.mark.parametrize("language", ["de", "fr", "it"])
+def test_every_text_of_the_figure_is_translated(language, wide, caplog):
+    pytest.importorskip("babel", reason="the report extra is not installed")
+    drawn = section_figure(wide)
+    Speaker(language, ["road"]).figure(drawn)
+    assert not caplog.records
+    with speaking(language):
+        said = section_entry(wide)
+    english = section_entry(wide)
+    assert said.title != english.title and "60" in said.caption and "150 m" in said.caption
+    assert not set(said.caption.split(". ")) & set(english.caption.split(". "))
+
+
+def test_a_page_has_the_section(result, tmp_path):
+    pytest.importorskip("jinja2", reason="the report extra is not installed")
+    path = tmp_path / "page.html"
+    with pytest.warns(UserWarning, match="elevations of the run came from an array"):
+        rockfall.report(result, path, section=[(150, 400), (150, 20)], section_within=25.0)
+    page = path.read_text()
+    about = "Recorded: 60 boulders of 4,500, where they cross a station."
+    assert "Section along the drawn line" in page and about in page
+    assert "within 25 m to either side" in page and "each by its maximum there" in page
