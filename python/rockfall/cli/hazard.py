@@ -43,8 +43,8 @@ def hazard_command(arguments: argparse.Namespace) -> int:
     case = overridden(arguments)
     base_case(case)  # refuses invalid cases before a file is read
     folder = arguments.output or Path(f"{arguments.case.stem}_hazard")
-    given = (arguments.objects, arguments.vulnerability)
-    inputs = [*input_files(case), *(path for path in given if path)]
+    inputs = [*input_files(case), *arguments.objects]
+    inputs += [arguments.vulnerability] if arguments.vulnerability else []
     if arguments.write_cases:
         return _write_cases(arguments, case, inputs)
     inputs += arguments.results

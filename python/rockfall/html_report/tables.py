@@ -222,8 +222,8 @@ def compared(found: Comparison) -> Compared:
 
 def words_of_hazard(found: xr.Dataset) -> Iterator[str]:
     """Names in a hazard, which are not translated."""
-    for name in ("scenario", "object"):
-        yield from map(str, found[name].values) if name in found.dims else ()
+    for name in ("scenario", "object", "object_layer"):
+        yield from map(str, found[name].values) if name in found.variables else ()
 
 
 def provenance(result: xr.Dataset) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from rockfall.case import case_in
 from rockfall.io.arrays import grid_of
 from rockfall.quantities import count, number, percent
 from rockfall.result.flat_maps import shown
-from rockfall.text.risk import risk_lines
+from rockfall.text.risk import has_layers, risk_lines
 from rockfall.text.table import table
 
 if TYPE_CHECKING:
@@ -117,13 +117,16 @@ def object_rows(found: xr.Dataset) -> Iterator[list[str]]:
     names = ["frequency", *(f"frequency_above_{one}" for one in above)]
     titles = ["boulders a year", *(f"above {one}" for one in above)]
     risk = ["risk"] if key == "risk" else []
-    yield ["  object (95 %)", *titles, "hazard", *(f"{one} a year" for one in risk)]
+    layer = has_layers(found)
+    head = ["  object (95 %)", *["layer"] * layer, *titles, "hazard"]
+    yield [*head, *(f"{one} a year" for one in risk)]
     for _, row in rows.iterrows():
         texts = [_within(row, name) for name in names + risk]
         hazard = row["hazard"]
         if row["hazard_lower"] != row["hazard_upper"]:
             hazard += f" ({row['hazard_lower']} to {row['hazard_upper']})"
-        yield [f"  {row['object']}", *texts[: len(names)], hazard, *texts[len(names) :]]
+        first = [f"  {row['object']}", *[row["layer"] for _ in range(layer)]]
+        yield [*first, *texts[: len(names)], hazard, *texts[len(names) :]]
 
 
 def _within(row: object, name: str) -> str:

@@ -178,10 +178,10 @@ def object_table(found: xr.Dataset) -> pd.DataFrame:
 
     words = np.array(CLASSES, dtype=object)
     geometry = [GEOMETRY[text.split(" ")[0]] for text in found["object_geometry"].values]
-    columns: dict[str, np.ndarray] = {
-        "object": found["object"].values.astype(object),
-        "geometry": np.array(geometry, dtype=object),
-    }
+    columns: dict[str, np.ndarray] = {"object": found["object"].values.astype(object)}
+    if "object_layer" in found:  # not in older files
+        columns["layer"] = found["object_layer"].values.astype(object)
+    columns["geometry"] = np.array(geometry, dtype=object)
     ends = ("", "_low", "_high")
     columns |= {f"frequency{end}": found[f"object_frequency{end}"].values for end in ends}
     for threshold in found["threshold"].values.tolist():

@@ -19,9 +19,10 @@ from rockfall.analysis.hazard.classes import (
     frequencies,
     intensities,
 )
+from rockfall.analysis.hazard.object_layers import files_of, frames_of, given_layers
 from rockfall.analysis.hazard.objects import (
     Objects,
-    beyond_elevations,
+    beyond_remarks,
     check_room,
     object_counts,
     object_energies,
@@ -38,7 +39,7 @@ from rockfall.errors import RockfallError
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import read_result
 from rockfall.result.samples import simulated
-from rockfall.scene.frames import frame_files, is_frame, of_frames
+from rockfall.scene.frames import frame_files, of_frames
 from rockfall.scene.plausible import implausible, input_warnings
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Findings, InputWarning, Scene
@@ -70,7 +71,7 @@ def hazard(
     case: Case,
     *,
     objects: Any = None,
-    objects_layer: str | None = None,
+    objects_layer: str | Sequence[str] | None = None,
     vulnerability: str | Path | None = None,
     results: Sequence[str | Path] = (),
     progress: bool = False,
@@ -80,10 +81,10 @@ def hazard(
 ) -> xr.Dataset:
     """Run each &scenario of a case and combine them: an xarray.Dataset of annual frequencies and
     hazard classes, with 95 % intervals, for each cell and each of the `objects` (a layer of points,
-    lines and polygons, or a GeoDataFrame; `objects_layer` is its name in a file with several), and
-    of risk where these say what is exposed; `vulnerability` is a table of curves for them.
-    `results` are those of the scenarios, if they have been run elsewhere. docs/hazard.md explains
-    it; the other arguments are as in `rockfall.run`.
+    lines and polygons, or a GeoDataFrame, or a list of these; `objects_layer` is its name in a file
+    with several, or a list of names), and of risk where these say what is exposed; `vulnerability`
+    is a table of curves for them. `results` are those of the scenarios, if they have been run
+    elsewhere. docs/hazard.md explains it; the other arguments are as in `rockfall.run`.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -100,26 +101,27 @@ def read_study(
     case: Case,
     objects: Any = None,
     memory: float | None = None,
-    objects_layer: str | None = None,
+    objects_layer: str | Sequence[str] | None = None,
     vulnerability: str | Path | None = None,
     **arrays: Any,
 ) -> Study:
     """Read and check all inputs of a hazard before any run."""
     memory = memory or machine_memory()
-    if vulnerability is not None and objects is None:
+    sources = given_layers(objects, objects_layer)
+    if vulnerability is not None and not sources:
         raise RockfallError(f"{vulnerability}: curves of vulnerability need objects")
     curves = read_curves(vulnerability)
     scene = read_scene(base_case(case), memory=memory, **arrays)
     _check_memory(scene, memory)
     remarks: list[str] = []
     found = Objects()
-    if objects is not None:
+    if sources:
         levels = KILOJOULE * np.array(case.hazard["thresholds"])
-        with frame_files({"objects": objects} if is_frame(objects) else {}) as files:
-            path = files.get("objects", objects)
-            found = read_objects(path, objects_layer, scene.grid, levels, remarks, curves)
-            remarks += beyond_elevations(found, scene)
-        found.path = of_frames(found.path, files)
+        with frame_files(frames_of(sources)) as files:
+            layers = files_of(sources, files)
+            found = read_objects(layers, scene.grid, levels, remarks, curves)
+            remarks += beyond_remarks(found, scene)
+        found.paths = [of_frames(path, files) for path in found.paths]
         remarks = [of_frames(one, files) for one in remarks]
     case = case.replace(barrier=scene.case.barrier, dam=scene.case.dam)  # layers have been read
     scene = scene.replace(remarks=(*scene.remarks, *scenario_remarks(scene)))
@@ -300,6 +302,7 @@ def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nda
     factor = study.case.hazard["frequency_factor"]
     found = frequencies(((run.objects, *run.sample) for run in runs), factor)
     values = {
+        "object_layer": np.array(study.objects.layers, dtype=object),
         "object_geometry": np.array([one.wkt for one in study.objects.shapes], dtype=object),
         "object_passages": np.stack([run.objects[0] for run in runs]),
         "object_energy_exceeded": np.stack([run.objects[1:] for run in runs]),

@@ -108,6 +108,7 @@ def _table() -> Iterator[tuple[str, Variable]]:
     yield "scenario_hits", Variable(("scenario", *each), PART, f"simulated {of_object}")
     what = f"simulated {of_object}, with more energy than a threshold"
     yield "scenario_hits_energy_exceeded", Variable(("scenario", *above), PART, what)
+    yield "object_layer", Variable(("object",), "", "name of the layer of the object")
     yield "object_geometry", Variable(("object",), "", "well-known text")
     what = "annual frequency of boulders that meet the object"
     yield from _with_ends("object_frequency", ("object",), what)
