@@ -79,12 +79,12 @@ def files_of(sources: Sequence[Source], frames: dict[str, Path]) -> list[File]:
     found = []
     for one in sources:
         name, path = next(of_frame) if is_frame(one.given) else (None, one.given)
-        found.append(File(path, one.layer, one.layer or name or _only_layer(path)))
+        found.append(File(path, one.layer, one.layer or name or only_layer(path)))
     labels = numbered([one.label for one in found])
     return [one._replace(label=label) for one, label in zip(found, labels, strict=True)]
 
 
-def _only_layer(path: str | Path) -> str:
+def only_layer(path: str | Path) -> str:
     """Name of the layer of a file with one; that of the file otherwise, which is refused later."""
     names = layer_names(path)
     return names[0] if len(names) == 1 else Path(path).stem

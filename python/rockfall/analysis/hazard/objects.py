@@ -154,14 +154,14 @@ def beyond_remarks(objects: Objects, scene: Scene) -> list[str]:
     ]
 
 
-def check_room(objects: Objects, boulders: int) -> None:
+def check_room(paths: Sequence[str], lines: int, boulders: int) -> None:
     """Refuse more lines than fit in memory with their boulders."""
-    need = BYTES * len(objects.lines) * boulders
+    need = BYTES * lines * boulders
     if need > ROOM * machine_memory():
         raise RockfallError(
-            f"{', '.join(objects.paths)}: {len(objects.lines):,} lines and outlines, of "
-            f"{boulders:,} boulders each, take {need / 1e9:.1f} GB: more than half of the memory; "
-            "give fewer objects or boulders"
+            f"{', '.join(paths)}: {lines:,} lines and outlines, of {boulders:,} boulders each, "
+            f"take {need / 1e9:.1f} GB: more than half of the memory; give fewer objects or "
+            "boulders, or longer segments"
         )
 
 
