@@ -249,6 +249,8 @@ def test_chainage_goes_on_where_lines_meet(read):
     assert found.start.tolist() == [0, 50, 100, 0] and found.end.tolist() == [50, 100, 150, 60]
     assert found.roads == ["roads 1"] * 3 + ["roads 2"] and remarks == []
     assert found.labels[2] == "roads 1, 100 to 150 m"
+    _, unequal = read(*lines[:1], shapely.LineString([(120, 200), (120, 230)]))
+    assert "segments are 30 to 100 m long" in unequal[0] and "do not compare" in unequal[0]
     named, _ = read(*lines, name=["K 12", "K 12", "lane"])
     assert named.roads == ["K 12", "K 12", "lane"] and named.names == ["K 12", "K 12", "lane"]
     one_line, _ = read(shapely.MultiLineString([first, second]))
@@ -336,6 +338,9 @@ def test_what_cannot_be_is_refused(tmp_path):
     points = make_layer(tmp_path / "points.gpkg", [shapely.Point(100, 200)], CRS)
     with refused(f"{points}: feature 1: is a Point, lines are needed"):
         hazard(case, points)
+    with refused("case: &output kept = 'none': objects with a width, lines, polygons and segments "
+                 "of roads need rows of all boulders: kept = 'all'"):  # fmt: skip
+        hazard(case.replace(output={"kept": "none"}), road)
     many = tmp_path / "many.gpkg"
     for layer in ("a", "b"):
         make_layer(many, [ROAD], CRS, layer=layer)

@@ -19,6 +19,7 @@ from rockfall.analysis.hazard.classes import Frequencies
 from rockfall.analysis.hazard.exposure import Exposure, joined, read_exposure
 from rockfall.analysis.hazard.object_layers import File, distinct_names
 from rockfall.analysis.hazard.vulnerability import SHIPPED, Curve
+from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
 from rockfall.io.layers import read_features
@@ -152,6 +153,15 @@ def beyond_remarks(objects: Objects, scene: Scene) -> list[str]:
         f"{', '.join(objects.paths)}: {', '.join(names[:MAX_NAMED])}{more}: beyond the elevations "
         "of the terrain no boulder meets them"
     ]
+
+
+def check_kept(case: Case, lines: int) -> None:
+    """Refuse lines without rows of all boulders, before a run."""
+    if lines and (kept := case.output["kept"]) != "all":
+        raise RockfallError(
+            f"{case.name}: &output kept = {kept!r}: objects with a width, lines, polygons and "
+            "segments of roads need rows of all boulders: kept = 'all'"
+        )
 
 
 def check_room(paths: Sequence[str], lines: int, boulders: int) -> None:

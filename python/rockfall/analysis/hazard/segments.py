@@ -32,6 +32,7 @@ KEY = "--segments-layer"
 FRAME = "segments"  # name of a GeoDataFrame
 TOUCHING = 1e-3  # [m] between the end of a line and the start of the next of the same road
 SLIVER = 1e-6  # area of what rounding leaves between strips, of the square of their width
+UNEQUAL = 2.0  # ratio of lengths above which classes do not compare
 MAX_SEGMENTS = 10_000
 
 
@@ -130,6 +131,8 @@ def read_segments(file: File, length: float | None, scene: Scene, remarks: list[
             "and more touch the road"
         )
     stretches = list(_stretches(parts, layer))
+    if length is None:
+        remarks += _unequal(stretches, layer.path)
     roads = _roads(stretches, file.label)
     pieces = [piece for one in stretches for piece in _pieces(one, length, layer.path)]
     pieces = _on_terrain(pieces, scene, layer.path, remarks)
@@ -156,6 +159,17 @@ def read_segments(file: File, length: float | None, scene: Scene, remarks: list[
             found.lines.append({"name": name, "object_width": 0.0, "x": x, "y": y})
             found.owner = np.append(found.owner, number)
     return found
+
+
+def _unequal(stretches: Sequence[_Stretch], path: str) -> Iterator[str]:
+    """Remark on lines that are too different in length for their classes to be compared."""
+    lengths = [one.axis.length for one in stretches]
+    if max(lengths) > UNEQUAL * min(lengths):
+        yield (
+            f"{path}: segments are {min(lengths):,.4g} to {max(lengths):,.4g} m long: the longer, "
+            "the more often they are hit, so their classes do not compare; --segment-length cuts "
+            "them alike"
+        )
 
 
 def _stretches(parts: Sequence[Sequence[np.ndarray]], layer: Layer) -> Iterator[_Stretch]:

@@ -23,6 +23,7 @@ from rockfall.analysis.hazard.object_layers import files_of, frames_of, given_la
 from rockfall.analysis.hazard.objects import (
     Objects,
     beyond_remarks,
+    check_kept,
     check_room,
     object_counts,
     object_energies,
@@ -149,6 +150,7 @@ def read_study(
         remarks += implausible(one)
         study.warnings += [found for found in input_warnings(one) if found not in study.warnings]
     paths = [*found.paths, *([segments.path] if len(segments) else [])]
+    check_kept(scene.case, len(lines))
     check_room(paths, len(lines), scene.boulders)
     study.remarks = list(dict.fromkeys(remarks))
     return study
