@@ -19,6 +19,7 @@ from rockfall.analysis.precision.intervals import between_ranks
 from rockfall.analysis.precision.weighted import quantile_interval
 from rockfall.cli import main
 from rockfall.limits import fraction_limits
+from rockfall.plots.hazard_figures import hazard_figures
 from rockfall.text.segments import segment_rows
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
@@ -168,6 +169,36 @@ def test_a_winding_road_is_hit_wherever_it_is_crossed(tmp_path):
     assert found.segment_passages.values[0].sum() > BOULDERS
 
 
+def test_a_road_that_closes_is_hit_from_within(tmp_path):
+    """Around the sources: boulders that stop on the road have not touched its outer edge."""
+    release = {"x": [120.0, 180.0], "y": [340.0, 345.0], "drop_height": 5.0}
+    case = make_case(tmp_path, release=release)
+    ring = shapely.LineString([(60, 280), (240, 280), (240, 395), (60, 395), (60, 280)])
+    found = hazard(case, make_roads(tmp_path, ring, width=40.0), length=None)
+    paths, radius = boulders_of(case)
+    ground = shapely.buffer(ring, 20.0, cap_style="flat")
+    assert len(ground.interiors) == 1
+    hit = (shapely.distance(paths, ground) <= radius).sum()
+    outer = (shapely.distance(paths, ground.exterior) <= radius).sum()
+    assert found.segment_passages.values.item() == hit > outer
+
+
+def test_each_road_has_a_figure(tmp_path):
+    pytest.importorskip("matplotlib", reason="the report extra is not installed").use("Agg")
+    lane = shapely.LineString([(60, 200), (140, 200)])
+    found = hazard(make_case(tmp_path), make_roads(tmp_path, ROAD, lane, name=["$1", "lane"]))
+    first, second = hazard_figures(found)[-2:]
+    assert [first.name, second.name] == ["segments_1", "segments_2"]
+    classes, frequency, energy, edge = first.draw().axes
+    assert classes.get_title(loc="left") == r"\$1" and len(classes.patches) == 6
+    assert len(frequency.lines) == 18 and frequency.get_yscale() == "log"
+    highest = np.nanmax(found.segment_energy_q95.values[:6]) / 1000
+    assert energy.get_ylim()[1] > highest and edge.get_xlim() == (0.0, 180.0)
+    drawn = [line.get_ydata()[0] for line in energy.lines]
+    assert drawn == pytest.approx(found.segment_energy_q95.values[:6] / 1000, nan_ok=True)
+    assert second.draw().axes[3].get_xlim() == (0.0, 80.0)
+
+
 # ---- statistics
 
 
@@ -273,6 +304,13 @@ def test_what_lies_beyond_the_terrain_is_said(read):
     left, low = remarks
     assert left.endswith("road.gpkg: 4 of 7 segments lie outside the terrain and are left out")
     assert "1 of 3 segments reach beyond the elevations" in low and "err low" in low
+
+
+def test_sources_on_the_road_are_said(read):
+    """Those of the case lie at (120, 380) and (180, 385); a boulder that stays crosses no edge."""
+    _, remarks = read(shapely.LineString([(60, 380), (150, 380)]))
+    assert "1 of the sources lie on the road" in remarks[0] and "err low" in remarks[0]
+    assert read(shapely.LineString([(60, 300), (150, 300)]))[1] == []
 
 
 def test_a_road_without_width_is_said(read):

@@ -151,9 +151,13 @@ def read_segments(file: File, length: float | None, scene: Scene, remarks: list[
             f"{file.path}: {beyond:,} of {len(found):,} segments reach beyond the elevations of "
             "the terrain, where no boulder meets them: their frequencies err low"
         )
+    if on_road := _sources_on([one.ground for one in pieces if one.stretch.width], scene):
+        remarks.append(
+            f"{file.path}: {on_road:,} of the sources lie on the road: of their boulders those that "
+            "stay there are not counted, so frequencies err low; move the sources off the road"
+        )
     for number, piece in enumerate(pieces):
-        for part in getattr(piece.ground, "geoms", [piece.ground]):
-            curve = part.exterior if part.geom_type == "Polygon" else part
+        for curve in _outlines(piece.ground):
             x, y = np.array(curve.coords).T.tolist()
             name = f"segment {number + 1} part {len(found.lines) + 1}"
             found.lines.append({"name": name, "object_width": 0.0, "x": x, "y": y})
@@ -246,6 +250,20 @@ def strips_along(whole: Any, axes: Sequence[Any], width: float) -> list[Any]:
             nearest = int(np.argmin(shapely.distance(strips, wedge)))
             strips[nearest] = shapely.union(strips[nearest], wedge)
     return strips
+
+
+def _sources_on(grounds: Sequence[Any], scene: Scene) -> int:
+    """Number of sources on strips of ground, from which boulders need not cross an outline."""
+    import shapely
+
+    return int(np.count_nonzero(shapely.contains_xy(shapely.union_all(grounds), scene.x, scene.y)))
+
+
+def _outlines(ground: Any) -> Iterator[Any]:
+    """Curves that a boulder touches first: the axis, or the outlines of a strip, with that of the
+    land within a road that closes, from which boulders may come."""
+    for part in getattr(ground, "geoms", [ground]):
+        yield from (part.exterior, *part.interiors) if part.geom_type == "Polygon" else (part,)
 
 
 def _on_terrain(
