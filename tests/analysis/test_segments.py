@@ -313,10 +313,12 @@ def test_sources_on_the_road_are_said(read):
     assert read(shapely.LineString([(60, 300), (150, 300)]))[1] == []
 
 
-def test_a_road_without_width_is_said(read):
+def test_a_line_without_width_is_said(read):
+    lines = [shapely.LineString([(x, 200), (x + 40, 200)]) for x in (20, 100)]
+    assert "lines have no width" in read(*lines, width=np.nan)[1][0]
     found, remarks = read(shapely.LineString([(20, 200), (60, 200)]), width=None)
     assert found.width.tolist() == [0] and found.lines[0]["x"] == [20, 60]
-    assert "no attribute width: boulders count that touch the axis" in remarks[0]
+    assert "lines have no width: boulders count that touch the axis" in remarks[0]
 
 
 # ---- the study

@@ -125,11 +125,6 @@ def read_segments(file: File, length: float | None, scene: Scene, remarks: list[
     parts, columns = read_lines(file.path, file.layer, scene.grid, remarks, KEY)
     columns = {name.lower(): values for name, values in columns.items()}
     layer = Layer(str(file.path), columns, len(parts))
-    if not layer.has("width"):
-        remarks.append(
-            f"{file.path}: the layer has no attribute width: boulders count that touch the axis, "
-            "and more touch the road"
-        )
     stretches = list(_stretches(parts, layer))
     if length is None:
         remarks += _unequal(stretches, layer.path)
@@ -146,16 +141,7 @@ def read_segments(file: File, length: float | None, scene: Scene, remarks: list[
         [one.axis for one in pieces],
         ~beyond_elevations([one.ground for one in pieces], scene),
     )
-    if beyond := np.count_nonzero(~found.within):
-        remarks.append(
-            f"{file.path}: {beyond:,} of {len(found):,} segments reach beyond the elevations of "
-            "the terrain, where no boulder meets them: their frequencies err low"
-        )
-    if on_road := _sources_on([one.ground for one in pieces if one.stretch.width], scene):
-        remarks.append(
-            f"{file.path}: {on_road:,} of the sources lie on the road: of their boulders those that "
-            "stay there are not counted, so frequencies err low; move the sources off the road"
-        )
+    remarks += _remarks(found, pieces, layer, scene)
     for number, piece in enumerate(pieces):
         for curve in _outlines(piece.ground):
             x, y = np.array(curve.coords).T.tolist()
@@ -163,6 +149,27 @@ def read_segments(file: File, length: float | None, scene: Scene, remarks: list[
             found.lines.append({"name": name, "object_width": 0.0, "x": x, "y": y})
             found.owner = np.append(found.owner, number)
     return found
+
+
+def _remarks(
+    found: Segments, pieces: Sequence[_Piece], layer: Layer, scene: Scene
+) -> Iterator[str]:
+    """Reasons for which frequencies of segments err low."""
+    if np.isnan(layer.numbers("width", np.nan, missing=True)).any():
+        yield (
+            f"{layer.path}: lines have no width: boulders count that touch the axis, and more "
+            "touch the road; give the attribute width"
+        )
+    if beyond := np.count_nonzero(~found.within):
+        yield (
+            f"{layer.path}: {beyond:,} of {len(found):,} segments reach beyond the elevations of "
+            "the terrain, where no boulder meets them: their frequencies err low"
+        )
+    if on_road := _sources_on([one.ground for one in pieces if one.stretch.width], scene):
+        yield (
+            f"{layer.path}: {on_road:,} of the sources lie on the road: of their boulders those "
+            "that stay there are not counted, so frequencies err low; move the sources off it"
+        )
 
 
 def _unequal(stretches: Sequence[_Stretch], path: str) -> Iterator[str]:
