@@ -10,7 +10,7 @@ import numpy as np
 from rockfall.limits import Z
 
 
-def weighted_quantile(values: np.ndarray, weights: np.ndarray, level: float) -> float:
+def value_at(values: np.ndarray, weights: np.ndarray, level: float) -> float:
     """Value below which a fraction of the weight lies, interpolated between the middles of the
     steps; the lowest or highest value beyond these (Hazen's rule, with weights)."""
     ordered, middles = _steps(values, weights)
