@@ -5,6 +5,7 @@ import contextlib
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import rasterio
 from affine import Affine
@@ -68,6 +69,23 @@ def make_layer(path, shapes, crs=UTM, layer=None, **columns):
 def _field(values):
     kinds = set(map(type, values))
     return np.array(values, object if str in kinds else float if type(None) in kinds else None)
+
+
+class Frame(pd.DataFrame):
+    """What rockfall wants of a GeoDataFrame; geopandas need not be there."""
+
+    _metadata = ["crs"]
+
+    @property
+    def geometry(self):
+        return pd.Series(list(self["geom"]), name="geom")
+
+
+def make_frame(shapes, crs=UTM, **columns):
+    """A layer as a GeoDataFrame."""
+    made = Frame({"geom": shapes, **columns}, index=[f"row {k}" for k in range(len(shapes))])
+    made.crs = rasterio.crs.CRS.from_user_input(crs) if crs else None
+    return made
 
 
 def write_ascii(path, array, grid, nodata=-9999):

@@ -119,6 +119,7 @@ def site(tmp_path_factory):
     make_layer("dam.gpkg", [line((40, 250), (200, 250))], height=[60.0])
     make_layer("drawn.gpkg", [line((0, 330), (235, 330))], name=["upper"])
     make_layer("ditch.gpkg", [box(40, 255, 200, 262)], depth=[2.0])
+    make_layer("road.gpkg", [across], name=["Road 214"], width=[6.0])
     make_layer("houses.gpkg", [box(90, 150, 100, 160)], name=["house"])
     stand = {"stems": [400.0], "dbh_mean": [30.0], "dbh_std": [5.0], "conifers": [60.0]}
     make_layer("stands.gpkg", [box(20, 200, 200, 500)], **stand)

@@ -6,32 +6,15 @@ import os
 import numpy as np
 import pandas as pd
 import pytest
-from rasterio.crs import CRS
 
 import rockfall
-from made import make_layer, refused
+from made import make_frame, make_layer, refused
 from programs import make_full_case
 from rockfall.scene.read import read_scene
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
 W, N = 600000.0, 5000000.0
-
-
-class Frame(pd.DataFrame):
-    """What rockfall wants of a GeoDataFrame; geopandas need not be there."""
-
-    _metadata = ["crs"]
-
-    @property
-    def geometry(self):
-        return pd.Series(list(self["geom"]), name="geom")
-
-
-def frame(shapes, crs="EPSG:32632", **columns):
-    made = Frame({"geom": shapes, **columns}, index=[f"row {k}" for k in range(len(shapes))])
-    made.crs = CRS.from_user_input(crs) if crs else None
-    return made
 
 
 def across(y, x=0.0):
@@ -66,7 +49,7 @@ def test_frames_give_the_bits_of_files(case):
         release={"x": None, "y": None, "cells": None, "polygons": "sources.gpkg"},
         forest={"trees": "trees.gpkg"},
     )
-    frames = {name: frame(shapes, **columns) for name, (shapes, columns) in LAYERS.items()}
+    frames = {name: make_frame(shapes, **columns) for name, (shapes, columns) in LAYERS.items()}
     one, other = rockfall.run(files), rockfall.run(case, **frames)
     assert one["line"].values.tolist() == other["line"].values.tolist()
     for name, values in one.data_vars.items():
@@ -81,14 +64,14 @@ def test_points_of_a_frame_are_those_of_a_layer(case):
     points, about = [shapely.Point(W + x, N - 20) for x in (120, 180)], {"name": ["left", None]}
     make_layer("points.gpkg", points, **about)
     files = case.replace(release={"x": None, "y": None, "cells": None, "points": "points.gpkg"})
-    one, other = read_scene(files), read_scene(case, sources=frame(points, **about))
+    one, other = read_scene(files), read_scene(case, sources=make_frame(points, **about))
     assert one.x.tolist() == other.x.tolist() == [W + 120, W + 180]
     assert one.features.names == other.features.names == ["left", "2"]
 
 
 def test_zones_of_a_frame_take_the_place_of_a_raster(case):
     halves = [shapely.box(W, N - 200, W + 150, N), shapely.box(W + 150, N - 200, W + 900, N)]
-    zones = frame(halves, zone=pd.array([-2, 77], "Int64"))
+    zones = make_frame(halves, zone=pd.array([-2, 77], "Int64"))
     scene = read_scene(case.replace(surface={"default_zone": 4}), zones=zones)
     zone = scene.rasters.zone
     for cells, row in (zone[:40, :30], 2), (zone[:40, 30:], 3), (zone[40:], 1):
@@ -103,7 +86,7 @@ def test_objects_of_a_frame_are_those_of_a_layer(case):
     shapes, names = [across(151), CLIFF], ["road", "cliff"]
     make_layer("objects.gpkg", shapes, name=names)
     one = rockfall.hazard(case, objects="objects.gpkg")
-    other = rockfall.hazard(case, objects=frame(shapes, name=names))
+    other = rockfall.hazard(case, objects=make_frame(shapes, name=names))
     assert one["object_passages"].values.any()
     for name in one.data_vars:
         np.testing.assert_array_equal(one[name], other[name])
@@ -111,14 +94,14 @@ def test_objects_of_a_frame_are_those_of_a_layer(case):
 
 def test_what_cannot_be_is_said_of_the_frame(case):
     with refused("lines = (GeoDataFrame): feature 1: is a Point, lines are needed"):
-        read_scene(case, lines=frame([shapely.Point(W, N)]))
+        read_scene(case, lines=make_frame([shapely.Point(W, N)]))
     with refused("lines: the GeoDataFrame is empty"):
-        read_scene(case, lines=frame([]))
+        read_scene(case, lines=make_frame([]))
     with refused(
         "roads: no layer; those are lines, barriers, dams, zones, trees, stands, clearings, sources"
     ):
-        read_scene(case, roads=frame([across(9)]))
+        read_scene(case, roads=make_frame([across(9)]))
     with pytest.raises(rockfall.RockfallError, match=r"^lines: not a GeoDataFrame that can be"):
-        read_scene(case, lines=frame(["LINESTRING (0 0, 1 1)"]))
+        read_scene(case, lines=make_frame(["LINESTRING (0 0, 1 1)"]))
     with pytest.raises(rockfall.RockfallError, match=r"^sources: must be Polygons"):
-        read_scene(case, sources=frame([across(9)]))
+        read_scene(case, sources=make_frame([across(9)]))

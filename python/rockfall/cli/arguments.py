@@ -197,9 +197,20 @@ def _add_studies(commands: _Commands) -> None:
     zone = _add(commands, "hazard", "hazard", about, "CASE")
     zone.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_hazard")
     _add_imprint(zone, "on the sheet")
-    about = "points, lines, polygons, with name, vulnerability, value, persons, aadt, ..."
-    zone.add_argument("--objects", metavar="LAYER", type=Path, help=about)
-    zone.add_argument("--objects-layer", metavar="NAME", help="of a file with several layers")
+    about = (
+        "points, lines, polygons, with name, vulnerability, value, persons, aadt, ...; several: "
+    )
+    about += "--objects A --objects B"
+    zone.add_argument(
+        "--objects", metavar="LAYER", type=Path, action="append", default=[], help=about
+    )
+    about = "of a file with several layers; again for another of them, or one for each file"
+    zone.add_argument("--objects-layer", metavar="NAME", action="append", default=[], help=about)
+    about = "lines of roads, with name, width, chainage: frequencies of each segment"
+    zone.add_argument("--segments", metavar="LAYER", type=Path, help=about)
+    zone.add_argument("--segments-layer", metavar="NAME", help="of a file with several layers")
+    about = "of the segments [m]; default: each line is one"
+    zone.add_argument("--segment-length", metavar="LENGTH", type=float, help=about)
     about = "curves for the objects: name, energy [kJ], vulnerability, source"
     zone.add_argument("--vulnerability", metavar="CURVES.csv", type=Path, help=about)
     about = "write each scenario as a case, CASE_scenarioN.nml, and run nothing"

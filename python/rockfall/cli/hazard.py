@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rockfall.analysis.hazard.files import put_hazard
 from rockfall.analysis.hazard.scenarios import base_case
+from rockfall.analysis.hazard.segments import Roads
 from rockfall.analysis.hazard.study import Study, read_study, run_study
 from rockfall.analysis.hazard.variables import map_names
 from rockfall.case import Case
@@ -43,8 +44,8 @@ def hazard_command(arguments: argparse.Namespace) -> int:
     case = overridden(arguments)
     base_case(case)  # refuses invalid cases before a file is read
     folder = arguments.output or Path(f"{stem_of(arguments)}_hazard")
-    given = (arguments.objects, arguments.vulnerability)
-    inputs = [*input_files(case), *(path for path in given if path)]
+    inputs = [*input_files(case), *arguments.objects]
+    inputs += [path for path in (arguments.vulnerability, arguments.segments) if path]
     if arguments.write_cases:
         return _write_cases(arguments, case, inputs)
     inputs += arguments.results
@@ -60,9 +61,9 @@ def hazard_command(arguments: argparse.Namespace) -> int:
 
 
 def _study(arguments: argparse.Namespace, case: Case, memory: float | None = None) -> Study:
-    return read_study(
-        case, arguments.objects, memory, arguments.objects_layer, arguments.vulnerability
-    )
+    roads = Roads(arguments.segments, arguments.segments_layer, arguments.segment_length)
+    objects = arguments.objects, memory, arguments.objects_layer, arguments.vulnerability
+    return read_study(case, *objects, roads)
 
 
 def _write_cases(arguments: argparse.Namespace, case: Case, inputs: list[Path]) -> int:
@@ -122,8 +123,8 @@ def _check_place(folder: Path, case: Case, inputs: Iterable[str | Path]) -> None
     check_folder(folder)
     if not folder.resolve().parent.is_dir():
         raise RockfallError(f"{folder}: there is no folder {folder.parent}")
-    names = ["hazard.nc", "hazard.gpkg", "objects.csv", "risk.csv"]
-    names += ["hazard_class.png", "risk.png", SHEET]
+    names = ["hazard.nc", "hazard.gpkg", "objects.csv", "risk.csv", "segments.csv"]
+    names += ["hazard_class.png", "risk.png", "segments.png", SHEET]
     names += [f"{name}.{ending}" for name, _ in map_names(case) for ending in ("tif", "qml")]
     periods = (shown("return_period", one) for one in case.hazard["return_periods"])
     names += [f"intensity_{period}.png" for period in periods]

@@ -31,6 +31,7 @@ from rockfall.text.comparison import notes
 from rockfall.text.comparison import tables as comparison_tables
 from rockfall.text.design import CHECKED, check_row, demand_rows, load_rows
 from rockfall.text.hazard import class_rows, object_rows, scenario_rows
+from rockfall.text.segments import segment_rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -198,10 +199,13 @@ def design_tables(found: Design) -> Iterator[Table]:
 
 
 def hazard_tables(found: xr.Dataset) -> Iterator[Table]:
-    """Areas of the classes, objects at risk, scenarios."""
+    """Areas of the classes, objects at risk, segments of roads, scenarios."""
     parts: list[tuple[str, Any]] = [(say("tables.classes_of_hazard"), class_rows)]
     if "object" in found.dims:
         parts.append(("Objects, with 95 % confidence intervals", object_rows))
+    if "segment" in found.dims:
+        caption = "Segments of roads hit most often, with 95 % confidence intervals"
+        parts.append((caption, segment_rows))
     for caption, rows_of_part in (*parts, ("Scenarios", scenario_rows)):
         head, *rows = rows_of_part(found)
         yield Table(caption, head, [[cell.replace(" (", "\n(") for cell in row] for row in rows])
@@ -222,8 +226,8 @@ def compared(found: Comparison) -> Compared:
 
 def words_of_hazard(found: xr.Dataset) -> Iterator[str]:
     """Names in a hazard, which are not translated."""
-    for name in ("scenario", "object"):
-        yield from map(str, found[name].values) if name in found.dims else ()
+    for name in ("scenario", "object", "object_layer", "segment", "segment_road"):
+        yield from map(str, found[name].values) if name in found.variables else ()
 
 
 def provenance(result: xr.Dataset) -> dict[str, Any]:

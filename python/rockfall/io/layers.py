@@ -131,11 +131,11 @@ def read_polygons(
 
 
 def read_lines(
-    path: str | Path, layer: str | None, grid: Grid, remarks: list[str]
+    path: str | Path, layer: str | None, grid: Grid, remarks: list[str], key: str = "layer"
 ) -> tuple[list[list[np.ndarray]], dict[str, np.ndarray]]:
     """Lines of a layer (the only one, for None), with all their attributes by name. A line is a
     list of its parts, (n, 2) coordinates [m]; connected parts are merged."""
-    found = _on_terrain(path, None, _LINES, "lines", grid, remarks, layer, "layer")
+    found = _on_terrain(path, None, _LINES, "lines", grid, remarks, layer, key)
     return [_parts(shape) for shape in found.shapes], found.values
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from rockfall.analysis.hazard.files import colours_of
 from rockfall.analysis.hazard.risk_files import has_risk
+from rockfall.analysis.hazard.segment_files import has_segments
 from rockfall.analysis.hazard.zones import uncertain_of, zones_of
 from rockfall.case import case_in
 from rockfall.io.arrays import grid_of
@@ -20,6 +21,7 @@ from rockfall.plots.cartography.sheet import PAGE, Room, Sheet, finish, new_shee
 from rockfall.plots.extent import around
 from rockfall.plots.figures import Figure
 from rockfall.plots.risk_figure import draw_risk, risk_key
+from rockfall.plots.segment_figure import roads_of_segments, segment_figure
 from rockfall.plots.style import INK, styled
 from rockfall.result.flat_maps import layers
 from rockfall.result.trajectories import flags_of
@@ -36,8 +38,8 @@ HATCH = "/////"
 
 
 def hazard_figures(found: xr.Dataset, terrain: Terrain | None = None) -> list[Figure]:
-    """Figures of the zones of a hazard, of the intensity at each return period, and of the risk of
-    objects, if they say what is exposed."""
+    """Figures of the zones of a hazard, of the intensity at each return period, of the risk of
+    objects, if they say what is exposed, and of each road that was cut into segments."""
     minimum_area = case_in(found.attrs).hazard["minimum_area"]
     least = f", of {minimum_area:g} m2 or more" if minimum_area else ""
     shown = [
@@ -56,6 +58,16 @@ def hazard_figures(found: xr.Dataset, terrain: Terrain | None = None) -> list[Fi
         about = "Individual risk of death a year of the most exposed person at each object."
         shown.append(
             Figure("risk", "Individual risk", about, partial(_risk_figure, found, terrain))
+        )
+    roads = roads_of_segments(found) if has_segments(found) else []
+    for k, road in enumerate(roads, start=1):
+        name = "segments" if len(roads) == 1 else f"segments_{k}"
+        about = (
+            "Frequencies, energies and heights at each segment of a road, with 95 % bands; "
+            "hatched: too few boulders for an upper limit, or the class is not certain."
+        )
+        shown.append(
+            Figure(name, "Hazard along a road", about, partial(segment_figure, found, road))
         )
     return shown
 

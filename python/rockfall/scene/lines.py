@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import copy
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -114,6 +114,11 @@ def _names(
     if column is not None and "name" not in given:
         found = [_plain(value, "text") for value in column]
     names = [str(name or usual) for name, n in zip(found, parts, strict=True) for _ in range(n)]
+    yield from numbered(names)
+
+
+def numbered(names: Sequence[str]) -> Iterator[str]:
+    """Names, of which those that occur more than once are numbered."""
     often, count = Counter(names), Counter[str]()
     for name in names:
         count[name] += 1

@@ -15,7 +15,8 @@ from rockfall.case import case_in
 from rockfall.io.arrays import grid_of
 from rockfall.quantities import count, number, percent
 from rockfall.result.flat_maps import shown
-from rockfall.text.risk import risk_lines
+from rockfall.text.risk import has_layers, risk_lines
+from rockfall.text.segments import segment_lines, within
 from rockfall.text.table import table
 
 if TYPE_CHECKING:
@@ -25,8 +26,8 @@ MAX_OBJECTS = 20  # listed individually
 
 
 def hazard_summary(found: xr.Dataset) -> str:
-    """The scenarios, the area of each class and its certain fraction, the objects and their
-    risk."""
+    """The scenarios, the area of each class and its certain fraction, the objects, the segments of
+    roads, the risk of the objects."""
     scenarios = count(found.sizes["scenario"], "scenario")
     lines = [f"{found.attrs['title'] or 'rockfall'}: {scenarios}"]
     lines.append(table(scenario_rows(found)))
@@ -35,6 +36,7 @@ def hazard_summary(found: xr.Dataset) -> str:
         lines.append(table(object_rows(found)))
         if (more := found.sizes["object"] - MAX_OBJECTS) > 0:
             lines.append(f"  and {count(more, 'more object')}, in objects.csv")
+    lines += segment_lines(found)
     lines += risk_lines(found)
     lines += [f"  warning: {text}" for text in hazard_warnings(found)]
     wall, cpu = (found.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu"))
@@ -117,16 +119,13 @@ def object_rows(found: xr.Dataset) -> Iterator[list[str]]:
     names = ["frequency", *(f"frequency_above_{one}" for one in above)]
     titles = ["boulders a year", *(f"above {one}" for one in above)]
     risk = ["risk"] if key == "risk" else []
-    yield ["  object (95 %)", *titles, "hazard", *(f"{one} a year" for one in risk)]
+    layer = has_layers(found)
+    head = ["  object (95 %)", *["layer"] * layer, *titles, "hazard"]
+    yield [*head, *(f"{one} a year" for one in risk)]
     for _, row in rows.iterrows():
-        texts = [_within(row, name) for name in names + risk]
+        texts = [within(row, name) for name in names + risk]
         hazard = row["hazard"]
         if row["hazard_lower"] != row["hazard_upper"]:
             hazard += f" ({row['hazard_lower']} to {row['hazard_upper']})"
-        yield [f"  {row['object']}", *texts[: len(names)], hazard, *texts[len(names) :]]
-
-
-def _within(row: object, name: str) -> str:
-    """Number and its interval."""
-    ends = (number(row[f"{name}{end}"], 2) for end in ("_low", "_high"))  # type: ignore[index]
-    return f"{number(row[name], 2)} ({' to '.join(ends)})"  # type: ignore[index]
+        first = [f"  {row['object']}", *[row["layer"] for _ in range(layer)]]
+        yield [*first, *texts[: len(names)], hazard, *texts[len(names) :]]

@@ -39,7 +39,9 @@ def risk_rows(found: xr.Dataset) -> Iterator[list[str]]:
     """Objects, those of the highest individual risk first, then of the highest damage; and sums."""
     rows = _rows(found)
     keys = [-np.nan_to_num(rows[name].to_numpy()) for name in ("damage", "individual_risk")]
-    yield ["  risk a year (95 %)", "damage", "individual", "class", "collective (deaths)"]
+    layer = ["layer"] * has_layers(found)
+    head = ["damage", "individual", "class", "collective (deaths)"]
+    yield ["  risk a year (95 %)", *layer, *head]
     for _, row in rows.iloc[np.lexsort(keys)][:MAX_OBJECTS].iterrows():
         of_class = row["risk_class"]
         if row["risk_class_lower"] != row["risk_class_upper"]:
@@ -50,7 +52,8 @@ def risk_rows(found: xr.Dataset) -> Iterator[list[str]]:
                 ("damage", plain), ("individual_risk", small), ("collective_risk", small),
             )
         )  # fmt: skip
-        yield [f"  {row['object']}", damage, individual, of_class, collective]
+        first = [f"  {row['object']}", *(row[name] for name in layer)]
+        yield [*first, damage, individual, of_class, collective]
     sums = {row["quantity"]: row for row in total_table(found).to_dict("records")}
     about = {
         f"{name}{end}": row[key]
@@ -58,13 +61,21 @@ def risk_rows(found: xr.Dataset) -> Iterator[list[str]]:
         for end, key in (("", "value"), ("_low", "low"), ("_high", "high"))
     }
     damage, deaths = within(about, "damage", plain), within(about, "collective_risk", small)
-    yield ["  all objects", damage, "", "", deaths]
+    yield ["  all objects", *[""] * len(layer), damage, "", "", deaths]
 
 
 def _rows(found: xr.Dataset) -> pd.DataFrame:
     import pandas as pd
 
-    return pd.DataFrame({"object": found["object"].values, **dict(risk_columns(found))})
+    columns = {"object": found["object"].values, **dict(risk_columns(found))}
+    if has_layers(found):
+        columns["layer"] = found["object_layer"].values
+    return pd.DataFrame(columns)
+
+
+def has_layers(found: xr.Dataset) -> bool:
+    """Return True if the objects of a hazard are of several layers."""
+    return "object_layer" in found and len({*found["object_layer"].values.tolist()}) > 1
 
 
 def plain(value: float) -> str:

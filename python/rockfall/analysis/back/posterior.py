@@ -13,6 +13,7 @@ import numpy as np
 
 from rockfall.analysis.back.sampling import effective
 from rockfall.analysis.back.study import Back
+from rockfall.analysis.precision.weighted import value_at
 from rockfall.case import FROM_ARRAY, REPEATABLE, Case, file_keys
 from rockfall.case_files import input_files
 from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
@@ -167,11 +168,8 @@ def weighted_quantile(values: np.ndarray, weight: np.ndarray, level: float) -> f
     """Value below which a fraction of the weight lies, interpolated between the middles of the
     steps. Of n effective draws, level (n + 1) are below it (Weibull 1939), so that the next draw,
     like the truth, is below it with this probability; ranges are wider for small n."""
-    order = np.argsort(values)
-    values, weight = values[order], weight[order]
     n = effective(weight)
-    level = (level * (n + 1) - 0.5) / n
-    return float(np.interp(level, np.cumsum(weight) - weight / 2, values))
+    return value_at(values, weight, (level * (n + 1) - 0.5) / n)
 
 
 def warnings(found: Back) -> Iterator[str]:

@@ -4,7 +4,7 @@ of the layer, with every assumption that enters."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -96,6 +96,19 @@ def read_exposure(
             f"of the upper end of its intensity (errs high): {_listed(names, exposed)}"
         )
     return Exposure(kinds, harms, [*notes, *ALWAYS])
+
+
+def joined(parts: Sequence[tuple[Exposure, int]]) -> Exposure:
+    """Exposure of the objects of several layers, each with their number."""
+    if not any(one for one, _ in parts):
+        return Exposure()
+    kinds = [kind for one, size in parts for kind in one.kinds or [""] * size]
+    harms: dict[str, list[Harm | None]] = {
+        name: [harm for one, size in parts for harm in one.harms.get(name, [None] * size)]
+        for name in QUANTITIES
+    }
+    notes = dict.fromkeys(text for one, _ in parts for text in one.assumptions)
+    return Exposure(kinds, harms, [*(one for one in notes if one not in ALWAYS), *ALWAYS])
 
 
 def _damage(

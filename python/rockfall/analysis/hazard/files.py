@@ -17,6 +17,7 @@ from rockfall.analysis.hazard.risk_files import (
     risk_styles,
     total_table,
 )
+from rockfall.analysis.hazard.segment_files import has_segments, segment_layer, segment_table
 from rockfall.analysis.hazard.zones import (
     certain_fractions,
     highest_classes,
@@ -55,8 +56,8 @@ NO_CELL = 255  # value without data in a yes-no raster
 
 def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
     """Write a hazard to a folder: hazard.nc, a GeoTIFF and a QGIS style (.qml) for each map,
-    hazard.gpkg with zones and objects, objects.csv, risk.csv. Writes all of them or, with a
-    RockfallError, none.
+    hazard.gpkg with zones, objects and segments, a table of each, risk.csv. Writes all of them or,
+    with a RockfallError, none.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -93,6 +94,9 @@ def put_hazard(found: xr.Dataset, folder: Path) -> Iterator[Path]:
     if "object" in found.dims:
         write_csv(object_table(found), folder / "objects.csv")
         yield folder / "objects.csv"
+    if has_segments(found):
+        write_csv(segment_table(found), folder / "segments.csv")
+        yield folder / "segments.csv"
     if has_risk(found):
         write_csv(total_table(found), folder / "risk.csv")
         yield folder / "risk.csv"
@@ -148,6 +152,8 @@ def _layers(found: xr.Dataset) -> Iterator[tuple[str, tuple]]:
         yield "uncertain", ("Polygon", [(doubtful.shapes, about)])
     if "object" in found.dims:
         yield "objects", _object_layer(found)
+    if has_segments(found):
+        yield "segments", segment_layer(found)
     if has_risk(found):
         yield from risk_layers(found)
 
@@ -157,7 +163,7 @@ def _styles(kinds: dict[str, str]) -> dict[str, Style]:
     colours = dict(zip(CLASSES, HAZARD_COLOURS, strict=True))
     drawn = {"Point": marker, "LineString": thick, "Polygon": fill}
     found = {"uncertain": alike(fill(DOUBTFUL, "f_diagonal"))}
-    for layer in ("zones", "zones_by_cell", "objects"):
+    for layer in ("zones", "zones_by_cell", "objects", "segments"):
         if symbol := drawn.get(plain_type(kinds.get(layer, ""))):
             found[layer] = Style("hazard", [(c, c, symbol(colours[c])) for c in CLASSES])
     return found | risk_styles(kinds)
@@ -178,10 +184,10 @@ def object_table(found: xr.Dataset) -> pd.DataFrame:
 
     words = np.array(CLASSES, dtype=object)
     geometry = [GEOMETRY[text.split(" ")[0]] for text in found["object_geometry"].values]
-    columns: dict[str, np.ndarray] = {
-        "object": found["object"].values.astype(object),
-        "geometry": np.array(geometry, dtype=object),
-    }
+    columns: dict[str, np.ndarray] = {"object": found["object"].values.astype(object)}
+    if "object_layer" in found:  # not in older files
+        columns["layer"] = found["object_layer"].values.astype(object)
+    columns["geometry"] = np.array(geometry, dtype=object)
     ends = ("", "_low", "_high")
     columns |= {f"frequency{end}": found[f"object_frequency{end}"].values for end in ends}
     for threshold in found["threshold"].values.tolist():

@@ -8,17 +8,18 @@ width of their own. The others are taken to be as wide as the objects of the map
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from rockfall.analysis.hazard.attributes import Layer
 from rockfall.analysis.hazard.classes import Frequencies
-from rockfall.analysis.hazard.exposure import Exposure, read_exposure
+from rockfall.analysis.hazard.exposure import Exposure, joined, read_exposure
+from rockfall.analysis.hazard.object_layers import File, distinct_names
 from rockfall.analysis.hazard.vulnerability import SHIPPED, Curve
+from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
 from rockfall.io.layers import read_features
@@ -41,7 +42,8 @@ MAX_NAMED = 5  # of objects in a remark
 class Objects:
     """Points, lines and polygons, with their attributes."""
 
-    path: str = ""
+    paths: list[str] = field(default_factory=list)  # of the layers
+    layers: list[str] = field(default_factory=list)  # name of the layer of each object
     shapes: np.ndarray = field(default_factory=lambda: np.empty(0, object))
     names: list[str] = field(default_factory=list)
     lines: list[dict[str, Any]] = field(default_factory=list)  # in the form of a case
@@ -58,60 +60,118 @@ class Objects:
 
 
 def read_objects(
-    path: str | Path,
-    layer: str | None,
+    files: Sequence[File],
     grid: Grid,
     thresholds: np.ndarray,
     remarks: list[str],
     curves: Mapping[str, Curve] = SHIPPED,
 ) -> Objects:
-    """Read the objects in a layer (None: the only one), with their vulnerability for each intensity
-    between the thresholds [J], or by a curve, and who and what is exposed there."""
+    """Read the objects of layers, with their vulnerability for each intensity between the
+    thresholds [J], or by a curve, and who and what is exposed there."""
+    read = [_read(file, grid, remarks) for file in files]
+    names = distinct_names([one.names for one in read], [file.label for file in files])
+    found = []
+    for file, one, own in zip(files, read, names, strict=True):
+        objects = Objects([str(file.path)], [file.label] * len(own), one.shapes, own)
+        widths = one.layer.numbers("width", np.nan, missing=True)
+        for number, (shape, width) in enumerate(zip(one.shapes, widths.tolist(), strict=True)):
+            _place(objects, number, shape, width, grid)
+        _take_values(objects, one.layer, thresholds.size + 1)
+        without_energy = objects.point.tolist()
+        objects.exposed = read_exposure(one.layer, own, thresholds, curves, without_energy)
+        found.append(objects)
+    return _joined(found)
+
+
+class _Read(NamedTuple):
+    """A layer with its shapes and names of objects."""
+
+    layer: Layer
+    shapes: np.ndarray
+    names: list[str]
+
+
+def _read(file: File, grid: Grid, remarks: list[str]) -> _Read:
     import shapely
 
-    shapes, columns = read_features(path, grid, remarks, layer, "--objects-layer")
-    found = Objects(str(path), shapely.force_2d(shapes))
+    shapes, columns = read_features(file.path, grid, remarks, file.layer, "--objects-layer")
     columns = {name.lower(): values for name, values in columns.items()}
-    about = Layer(str(path), columns, len(shapes))
     numbers = [str(number) for number in range(1, len(shapes) + 1)]
-    found.names = [str(name) for name in columns.get("name", numbers)]
-    widths = about.numbers("width", np.nan, missing=True)
-    for number, (shape, width) in enumerate(zip(found.shapes, widths.tolist(), strict=True)):
-        _place(found, number, shape, width, grid)
-    _take_values(found, about, thresholds.size + 1)
-    found.exposed = read_exposure(about, found.names, thresholds, curves, found.point.tolist())
+    names = [str(name) for name in columns.get("name", numbers)]
+    return _Read(Layer(str(file.path), columns, len(shapes)), shapely.force_2d(shapes), names)
+
+
+def _joined(parts: Sequence[Objects]) -> Objects:
+    """Objects of several layers as one; those of a layer without vulnerability have NaN."""
+    found = Objects()
+    before = 0
+    for one in parts:
+        found.paths += one.paths
+        found.layers += one.layers
+        found.names += one.names
+        found.lines += one.lines
+        found.owner = np.append(found.owner, before + one.owner)
+        found.point = np.append(found.point, before + one.point)
+        before += len(one)
+    for name in ("shapes", "places", "exposure", "value"):
+        setattr(found, name, np.concatenate([getattr(one, name) for one in parts]))
+    steps = [one.vulnerability for one in parts]
+    if known := [one for one in steps if one is not None]:
+        intensities = known[0].shape[1]
+        found.vulnerability = np.concatenate([
+            np.full((len(part), intensities), np.nan) if one is None else one
+            for part, one in zip(parts, steps, strict=True)
+        ])  # fmt: skip
+    found.exposed = joined([(one.exposed, len(one)) for one in parts])
+    for k, (owner, line) in enumerate(zip(found.owner.tolist(), found.lines, strict=True), start=1):
+        line["name"] = f"object {owner + 1} part {k}"
     return found
 
 
-def beyond_elevations(objects: Objects, scene: Scene) -> list[str]:
-    """Remark on objects that extend to where missing elevations stop boulders."""
+def beyond_elevations(shapes: Iterable[Any], scene: Scene) -> np.ndarray:
+    """Mark shapes that extend to where missing elevations stop boulders."""
     import shapely
 
-    grid, cells, names = scene.grid, scene.rasters, []
-    for name, shape in zip(objects.names, objects.shapes, strict=True):
+    grid, cells, found = scene.grid, scene.rasters, []
+    for shape in shapes:
         x, y = shapely.get_coordinates(shape).T
         inside = (grid.west <= x) & (x <= grid.east) & (grid.south <= y) & (y <= grid.north)
         row, column = (one - begin for one, begin in zip(grid.cells(x, y), cells.at, strict=True))
         known = (0 <= row) & (row < cells.z.shape[0]) & (0 <= column) & (column < cells.z.shape[1])
-        if not inside.all() or np.isnan(cells.z[row[known], column[known]]).any():
-            names.append(name)
+        found.append(not inside.all() or bool(np.isnan(cells.z[row[known], column[known]]).any()))
+    return np.array(found, bool)
+
+
+def beyond_remarks(objects: Objects, scene: Scene) -> list[str]:
+    """Remark on objects that extend beyond the elevations."""
+    beyond = beyond_elevations(objects.shapes, scene)
+    names = [name for name, lies in zip(objects.names, beyond, strict=True) if lies]
     if not names:
         return []
     more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
     return [
-        f"{objects.path}: {', '.join(names[:MAX_NAMED])}{more}: beyond the elevations of the "
-        "terrain no boulder meets them"
+        f"{', '.join(objects.paths)}: {', '.join(names[:MAX_NAMED])}{more}: beyond the elevations "
+        "of the terrain no boulder meets them"
     ]
 
 
-def check_room(objects: Objects, boulders: int) -> None:
+def check_kept(case: Case, lines: int) -> None:
+    """Refuse lines without rows of all boulders, before a run."""
+    if lines and (kept := case.output["kept"]) != "all":
+        raise RockfallError(
+            f"{case.name}: &output kept = {kept!r}: objects with a width, lines, polygons and "
+            "segments of roads need rows of all boulders: kept = 'all'"
+        )
+
+
+def check_room(paths: Sequence[str], lines: int, boulders: int) -> None:
     """Refuse more lines than fit in memory with their boulders."""
-    need = BYTES * len(objects.lines) * boulders
+    need = BYTES * lines * boulders
     if need > ROOM * machine_memory():
         raise RockfallError(
-            f"{objects.path}: {len(objects.lines):,} lines and outlines, of {boulders:,} boulders "
-            f"each, take {need / 1e9:.1f} GB: more than half of the memory; give fewer objects or "
-            "boulders"
+            f"{', '.join(paths)}: {lines:,} lines and outlines, of {boulders:,} boulders each, "
+            f"take {need / 1e9:.1f} GB: more than half of the memory; give fewer objects or "
+            "boulders, or longer segments"
         )
 
 
@@ -121,7 +181,7 @@ def _place(objects: Objects, number: int, shape: Any, width: float, grid: Grid) 
     if not (
         west <= grid.east and east >= grid.west and south <= grid.north and north >= grid.south
     ):
-        raise RockfallError(f"{objects.path}: feature {number + 1}: lies outside the terrain")
+        raise RockfallError(f"{objects.paths[0]}: feature {number + 1}: lies outside the terrain")
     if shape.geom_type == "Point" and np.isnan(width):
         objects.point = np.append(objects.point, number)
         objects.places = np.vstack([objects.places, [[shape.x, shape.y]]])
@@ -129,10 +189,7 @@ def _place(objects: Objects, number: int, shape: Any, width: float, grid: Grid) 
     for part in getattr(shape, "geoms", [shape]):
         curve = part.exterior if part.geom_type == "Polygon" else part
         x, y = np.array(curve.coords)[[0, 0] if part.geom_type == "Point" else slice(None)].T
-        about = {
-            "name": f"object {number + 1} part {len(objects.lines) + 1}",
-            "object_width": 0.0 if np.isnan(width) else width,
-        }
+        about = {"name": "", "object_width": 0.0 if np.isnan(width) else width}  # named when joined
         objects.lines.append(about | {"x": x.tolist(), "y": y.tolist()})
         objects.owner = np.append(objects.owner, number)
 

@@ -64,7 +64,10 @@ def risk_layers(found: xr.Dataset) -> Iterator[tuple[str, tuple]]:
     import shapely
 
     shapes = shapely.from_wkt(found["object_geometry"].values.astype(str))
-    columns = {"name": found["object"].values.astype(object), **dict(risk_columns(found))}
+    columns = {"name": found["object"].values.astype(object)}
+    if "object_layer" in found:  # not in older files
+        columns["layer"] = found["object_layer"].values.astype(object)
+    columns |= dict(risk_columns(found))
     of = np.array([plain_type(shape.geom_type) for shape in shapes])
     for kind, layer in LAYERS.items():
         here = of == kind

@@ -19,9 +19,11 @@ from rockfall.analysis.hazard.classes import (
     frequencies,
     intensities,
 )
+from rockfall.analysis.hazard.object_layers import files_of, frames_of, given_layers
 from rockfall.analysis.hazard.objects import (
     Objects,
-    beyond_elevations,
+    beyond_remarks,
+    check_kept,
     check_room,
     object_counts,
     object_energies,
@@ -30,6 +32,13 @@ from rockfall.analysis.hazard.objects import (
 )
 from rockfall.analysis.hazard.risk import Points, RunRisk, annual, diameters
 from rockfall.analysis.hazard.scenarios import Scenario, base_case, scenario_remarks, scenarios_of
+from rockfall.analysis.hazard.segment_hits import (
+    Weighted,
+    hit_counts,
+    segment_hits,
+    segment_numbers,
+)
+from rockfall.analysis.hazard.segments import NO_ROADS, Roads, Segments, check_roads, roads_of
 from rockfall.analysis.hazard.variables import CLASS_ENDS, COORDINATES, ENDS, EXTREMES, TABLE
 from rockfall.analysis.hazard.vulnerability import KILOJOULE, read_curves
 from rockfall.analysis.model_limits import model_remarks
@@ -38,7 +47,7 @@ from rockfall.errors import RockfallError
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import read_result
 from rockfall.result.samples import simulated
-from rockfall.scene.frames import frame_files, is_frame, of_frames
+from rockfall.scene.frames import frame_files, of_frames
 from rockfall.scene.plausible import implausible, input_warnings
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Findings, InputWarning, Scene
@@ -62,6 +71,7 @@ class Study:
     scene: Scene
     scenarios: list[Scenario]
     objects: Objects
+    segments: Segments
     remarks: list[str] = field(default_factory=list)  # likely mistakes, one line each
     warnings: list[InputWarning] = field(default_factory=list)  # of its scenes
 
@@ -70,8 +80,11 @@ def hazard(
     case: Case,
     *,
     objects: Any = None,
-    objects_layer: str | None = None,
+    objects_layer: str | Sequence[str] | None = None,
     vulnerability: str | Path | None = None,
+    segments: Any = None,
+    segments_layer: str | None = None,
+    segment_length: float | None = None,
     results: Sequence[str | Path] = (),
     progress: bool = False,
     threads: int | None = None,
@@ -80,8 +93,10 @@ def hazard(
 ) -> xr.Dataset:
     """Run each &scenario of a case and combine them: an xarray.Dataset of annual frequencies and
     hazard classes, with 95 % intervals, for each cell and each of the `objects` (a layer of points,
-    lines and polygons, or a GeoDataFrame; `objects_layer` is its name in a file with several), and
-    of risk where these say what is exposed; `vulnerability` is a table of curves for them.
+    lines and polygons, or a GeoDataFrame, or a list of these; `objects_layer` is its name in a file
+    with several, or a list of names), and of risk where these say what is exposed; `vulnerability`
+    is a table of curves for them. The lines of another layer, roads, are cut into `segments` of
+    `segment_length` [m], each with its own frequencies; without a length each line is a segment.
     `results` are those of the scenarios, if they have been run elsewhere. docs/hazard.md explains
     it; the other arguments are as in `rockfall.run`.
 
@@ -90,7 +105,8 @@ def hazard(
     >>> case = case.replace(scenario=[{"name": "small", "return_period": 10.0}])
     >>> found = rockfall.hazard(case)
     """
-    study = read_study(case, objects, memory, objects_layer, vulnerability, **arrays)
+    roads = Roads(segments, segments_layer, segment_length)
+    study = read_study(case, objects, memory, objects_layer, vulnerability, roads, **arrays)
     for line in study.remarks:
         warnings.warn(line, stacklevel=2)
     return run_study(study, results=results, progress=progress, threads=threads)
@@ -100,35 +116,42 @@ def read_study(
     case: Case,
     objects: Any = None,
     memory: float | None = None,
-    objects_layer: str | None = None,
+    objects_layer: str | Sequence[str] | None = None,
     vulnerability: str | Path | None = None,
+    roads: Roads = NO_ROADS,
     **arrays: Any,
 ) -> Study:
     """Read and check all inputs of a hazard before any run."""
     memory = memory or machine_memory()
-    if vulnerability is not None and objects is None:
+    check_roads(roads)
+    sources = given_layers(objects, objects_layer)
+    if vulnerability is not None and not sources:
         raise RockfallError(f"{vulnerability}: curves of vulnerability need objects")
     curves = read_curves(vulnerability)
     scene = read_scene(base_case(case), memory=memory, **arrays)
     _check_memory(scene, memory)
     remarks: list[str] = []
     found = Objects()
-    if objects is not None:
+    if sources:
         levels = KILOJOULE * np.array(case.hazard["thresholds"])
-        with frame_files({"objects": objects} if is_frame(objects) else {}) as files:
-            path = files.get("objects", objects)
-            found = read_objects(path, objects_layer, scene.grid, levels, remarks, curves)
-            remarks += beyond_elevations(found, scene)
-        found.path = of_frames(found.path, files)
+        with frame_files(frames_of(sources)) as files:
+            layers = files_of(sources, files)
+            found = read_objects(layers, scene.grid, levels, remarks, curves)
+            remarks += beyond_remarks(found, scene)
+        found.paths = [of_frames(path, files) for path in found.paths]
         remarks = [of_frames(one, files) for one in remarks]
+    segments = roads_of(roads, scene, remarks)
     case = case.replace(barrier=scene.case.barrier, dam=scene.case.dam)  # layers have been read
     scene = scene.replace(remarks=(*scene.remarks, *scenario_remarks(scene)))
-    study = Study(case, scene, scenarios_of(scene, found.lines), found)
+    lines = [*found.lines, *segments.lines]
+    study = Study(case, scene, scenarios_of(scene, lines), found, segments)
     derived = (replace(scene, case=one.case, findings=Findings()) for one in study.scenarios)
     for one in (scene, *derived):
         remarks += implausible(one)
         study.warnings += [found for found in input_warnings(one) if found not in study.warnings]
-    check_room(found, scene.boulders)
+    paths = [*found.paths, *([segments.path] if len(segments) else [])]
+    check_kept(scene.case, len(lines))
+    check_room(paths, len(lines), scene.boulders)
     study.remarks = list(dict.fromkeys(remarks))
     return study
 
@@ -173,17 +196,26 @@ def run_study(
 def _read_scenario(study: Study, scenario: Scenario, path: str | Path) -> xr.Dataset:
     """Result of a scenario that was run elsewhere: complete, with the same inputs."""
     result = read_result(path)
-    theirs, ours = (
-        one.replace(case={"threads": 0}).text() for one in (case_of(result), scenario.case)
-    )
     about = f"{path}: scenario '{scenario.name}'"
-    if theirs != ours:
+    own = case_of(result)
+    if not _is_same(own, scenario.case):
+        if _is_same(own, scenario.case, line=[]):
+            raise RockfallError(
+                f"{about}: its &line groups are not those of the objects and segments given here: "
+                "--write-cases writes the cases with them"
+            )
         raise RockfallError(f"{about}: is the result of another case; see --write-cases")
     if json.loads(result.attrs["input_checksums"]) != study.scene.checksums:
         raise RockfallError(f"{about}: was run with other input files")
     if not result.attrs["complete"]:
         raise RockfallError(f"{about}: is not complete")
     return result
+
+
+def _is_same(one: Case, other: Case, **without: Any) -> bool:
+    """Return True if two cases are the same but for threads, and for the groups given."""
+    changes = {"case": {"threads": 0}} | without
+    return one.replace(**changes).text() == other.replace(**changes).text()
 
 
 class _Run:
@@ -198,6 +230,8 @@ class _Run:
         self.passages = _counts(result, "passages", "energy_exceeded")
         self.hits = _counts(result, "hits", "hits_energy_exceeded")
         self.extremes = {name: result[name].values for name in EXTREMES}
+        self.segments = [*segment_hits(study.segments, result, len(study.objects.lines))]
+        self.segment_counts = hit_counts(self.segments, result["threshold"].values)
         self.objects = object_counts(study.objects, result, study.scene.grid, self.hits)
         self.risk = self._risk(study.objects, result) if study.objects.exposed else None
         self.about = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
@@ -233,6 +267,10 @@ def _dataset(study: Study, runs: list[_Run]) -> xr.Dataset:
         values |= _objects(study, runs, matrix)
         names = np.array(study.objects.names, dtype=object)
         data["object"] = ("object", names, {"long_name": "name of the object"})
+    if len(study.segments):
+        values |= _segments(study, runs, matrix)
+        labels = np.array(study.segments.labels, dtype=object)
+        data["segment"] = ("segment", labels, {"long_name": "road, and chainage of the segment"})
     for name, variable in TABLE.items():
         if name in values:
             data[name] = (variable.dims, values[name], variable.about(case))
@@ -300,6 +338,7 @@ def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nda
     factor = study.case.hazard["frequency_factor"]
     found = frequencies(((run.objects, *run.sample) for run in runs), factor)
     values = {
+        "object_layer": np.array(study.objects.layers, dtype=object),
         "object_geometry": np.array([one.wkt for one in study.objects.shapes], dtype=object),
         "object_passages": np.stack([run.objects[0] for run in runs]),
         "object_energy_exceeded": np.stack([run.objects[1:] for run in runs]),
@@ -314,6 +353,30 @@ def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nda
         values["object_kind"] = np.array(exposed.kinds, dtype=object)
         values |= annual(((run.risk, run.yearly) for run in runs if run.risk), factor)
     return values
+
+
+def _segments(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.ndarray]:
+    """Frequencies, classes and numbers of the segments of roads."""
+    segments, factor = study.segments, study.case.hazard["frequency_factor"]
+    found = frequencies(((run.segment_counts, *run.sample) for run in runs), factor)
+    values = {
+        "segment_geometry": np.array([one.wkt for one in segments.axes], dtype=object),
+        "segment_road": np.array(segments.roads, dtype=object),
+        "segment_name": np.array(segments.names, dtype=object),
+        "segment_start": segments.start,
+        "segment_end": segments.end,
+        "segment_width": segments.width,
+        "segment_within": segments.within.astype("i1"),
+        "segment_passages": np.stack([run.segment_counts[0] for run in runs]),
+        "segment_energy_exceeded": np.stack([run.segment_counts[1:] for run in runs]),
+    }
+    for end, one in zip(ENDS, found, strict=True):
+        values[f"segment_frequency{end}"] = one[0]
+        values[f"segment_exceedance_frequency{end}"] = one[1:]
+    weighted = [Weighted(run.segments, run.yearly / run.boulders, run.per_cluster) for run in runs]
+    numbers = segment_numbers(weighted)
+    values |= {f"segment_{name}": one for name, one in numbers.items()}
+    return values | _classes("segment_", found, matrix)
 
 
 def _attributes(study: Study, runs: list[_Run]) -> dict[str, Any]:

@@ -27,7 +27,7 @@ EXTREMES = {  # maps whose extreme over the scenarios is kept
     "travel_time_min": np.fmin,
 }
 YEARLY, YEARS, PART = "year-1", "year", "1"
-COORDINATES = ("x", "y", "threshold", "return_period", "scenario", "object")
+COORDINATES = ("x", "y", "threshold", "return_period", "scenario", "object", "segment")
 
 
 class Variable(NamedTuple):
@@ -61,9 +61,11 @@ def words_of(kind: str, case: Case) -> Sequence[str]:
     return intensity_words(case) if kind == "intensity" else words[kind]
 
 
-def _with_ends(name: str, dims: tuple[str, ...], what: str) -> Iterator[tuple[str, Variable]]:
+def _with_ends(
+    name: str, dims: tuple[str, ...], what: str, units: str = YEARLY
+) -> Iterator[tuple[str, Variable]]:
     for end, of in ENDS.items():
-        yield f"{name}{end}", Variable(dims, YEARLY, of + what)
+        yield f"{name}{end}", Variable(dims, units, of + what)
 
 
 def _classes(prefix: str, dims: tuple[str, ...]) -> Iterator[tuple[str, Variable]]:
@@ -108,6 +110,7 @@ def _table() -> Iterator[tuple[str, Variable]]:
     yield "scenario_hits", Variable(("scenario", *each), PART, f"simulated {of_object}")
     what = f"simulated {of_object}, with more energy than a threshold"
     yield "scenario_hits_energy_exceeded", Variable(("scenario", *above), PART, what)
+    yield "object_layer", Variable(("object",), "", "name of the layer of the object")
     yield "object_geometry", Variable(("object",), "", "well-known text")
     what = "annual frequency of boulders that meet the object"
     yield from _with_ends("object_frequency", ("object",), what)
@@ -120,6 +123,39 @@ def _table() -> Iterator[tuple[str, Variable]]:
     yield "object_passages", Variable(("scenario", "object"), PART, what)
     what += ", with more energy than a threshold"
     yield "object_energy_exceeded", Variable(("scenario", "threshold", "object"), PART, what)
+    yield from _segments()
+
+
+def _segments() -> Iterator[tuple[str, Variable]]:
+    """Segments of roads."""
+    of, where = ("segment",), "where they first touch the segment"
+    yield "segment_geometry", Variable(of, "", "axis of the segment, well-known text")
+    yield "segment_road", Variable(of, "", "road of the segment")
+    yield "segment_name", Variable(of, "", "name of its feature in the layer")
+    yield "segment_start", Variable(of, "m", "chainage at which the segment begins")
+    yield "segment_end", Variable(of, "m", "chainage at which the segment ends")
+    yield "segment_width", Variable(of, "m", "width of the road")
+    what = "whether all of the segment lies on known elevations"
+    yield "segment_within", Variable(of, PART, what, "certain")
+    what = "annual frequency of boulders that touch the segment"
+    yield from _with_ends("segment_frequency", of, what)
+    what += ", with more energy than a threshold"
+    yield from _with_ends("segment_exceedance_frequency", ("threshold", *of), what)
+    yield from _classes("segment_", of)
+    for name, units, what in (
+        ("energy", "J", f"kinetic energy of these boulders {where}"),
+        ("passing_height", "m", f"vertical height of their centres above the ground {where}"),
+        ("upper_edge", "m", f"vertical height of their highest points above the ground {where}"),
+        ("diameter", "m", "diameter of these boulders, that of a sphere of their volume"),
+    ):
+        yield f"segment_{name}_mean", Variable(of, units, f"mean of the {what}")
+        quantile = f"95 % quantile of the {what}"
+        yield from _with_ends(f"segment_{name}_q95", of, quantile, units)
+    what = "simulated boulders that touched the segment"
+    yield "segment_boulders", Variable(of, PART, f"{what}, in all scenarios")
+    yield "segment_passages", Variable(("scenario", *of), PART, what)
+    what += ", with more energy than a threshold"
+    yield "segment_energy_exceeded", Variable(("scenario", "threshold", *of), PART, what)
 
 
 def _exposed() -> Iterator[tuple[str, Variable]]:

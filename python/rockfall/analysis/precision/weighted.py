@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Quantiles of values with weights, such as boulders of scenarios of different frequencies."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rockfall.limits import Z
+
+
+def value_at(values: np.ndarray, weights: np.ndarray, level: float) -> float:
+    """Value below which a fraction of the weight lies, interpolated between the middles of the
+    steps; the lowest or highest value beyond these (Hazen's rule, with weights)."""
+    ordered, middles = _steps(values, weights)
+    return float(np.interp(level, middles, ordered))
+
+
+def quantile_interval(
+    values: np.ndarray, weights: np.ndarray, level: float, per_cluster: int = 1
+) -> tuple[float, float, float]:
+    """Quantile and the limits of its 95 % interval: order statistics that enclose it, as
+    `between_ranks` has them for equal weights. NaN without values; a limit is NaN where the values
+    end before it.
+
+    The number of independent values is that of equal weights with the same information (Kish 1965),
+    of which `per_cluster` count as one. Values of given sources vary less (stratification), so the
+    limits are never too narrow for them.
+    """
+    if not values.size:
+        return math.nan, math.nan, math.nan
+    ordered, middles = _steps(values, weights)
+    effective = weights.sum() ** 2 / (weights**2).sum() / per_cluster
+    half = Z * math.sqrt(level * (1 - level) / effective)
+    value = float(np.interp(level, middles, ordered))
+    low, high = np.interp([level - half, level + half], middles, ordered, np.nan, np.nan)
+    return value, float(low), float(high)
+
+
+def _steps(values: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values in rising order, and the fractions of the weight up to the middle of each."""
+    order = np.argsort(values, kind="stable")
+    ordered = weights[order]
+    return values[order], (np.cumsum(ordered) - ordered / 2) / ordered.sum()

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Objects of several layers: each has the numbers that it has alone, sums are of all of them, and
+names tell layers apart."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rockfall
+import scenes
+from made import make_frame, make_layer, refused
+from rockfall.analysis.hazard.files import object_table
+from rockfall.cli import main
+from rockfall.text.hazard import object_rows
+from rockfall.text.risk import assumptions, risk_rows
+
+shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+
+Z = scenes.rough()
+GRID = scenes.grid(Z)
+HOUSE = shapely.box(140, 280, 155, 292)
+SHED = shapely.box(100, 320, 125, 335)
+ROAD = shapely.LineString([(0, 250), (300, 253)])
+POINT = shapely.Point(122.5, 342.5)
+TRAFFIC = {"aadt": [800.0], "speed": [50.0], "persons_per_vehicle": [1.6], "width": [6.0]}
+ENDS = ("", "_low", "_high")
+
+
+def make_case(folder):
+    release = {"x": [120.0, 180.0], "y": [380.0, 385.0], "drop_height": 5.0}
+    case = scenes.make_case(folder, *scenes.sets(2.0), release=release, case={"boulders": 100})
+    return case.replace(scenario=[{"name": "one", "frequency": 0.5}])
+
+
+@pytest.fixture
+def layers(tmp_path):
+    """Buildings with persons, a road with traffic, and things without either, by path."""
+    about = {"crs": "EPSG:32632"}
+    homes = {"name": ["1", "2"], "persons": [4.0, 2.0], "vulnerability": [0.5, 0.5]}
+    return [
+        make_layer(tmp_path / "houses.gpkg", [HOUSE, SHED], **about, **homes),
+        make_layer(tmp_path / "roads.gpkg", [ROAD], **about, name=["1"], **TRAFFIC),
+        make_layer(tmp_path / "marks.gpkg", [POINT], **about, name=["mark"]),
+    ]
+
+
+def hazard(folder, objects, **how):
+    return rockfall.hazard(make_case(folder), dem=Z, transform=GRID, objects=objects, **how)
+
+
+def test_each_object_has_the_numbers_that_it_has_alone(tmp_path, layers):
+    together = hazard(tmp_path, layers)
+    assert together.object_layer.values.tolist() == ["houses", "houses", "roads", "marks"]
+    assert together.object.values.tolist() == ["houses: 1", "2", "roads: 1", "mark"]
+    first = 0
+    for path in layers:
+        alone = hazard(tmp_path, path)
+        size = alone.sizes["object"]
+        mine = together.isel(object=slice(first, first + size))
+        first += size
+        of_objects = [name for name in alone.data_vars if "object" in alone[name].dims]
+        for name in of_objects:
+            if alone[name].dtype.kind in "OU":
+                assert mine[name].values.tolist() == alone[name].values.tolist(), name
+            else:
+                assert np.array_equal(mine[name].values, alone[name].values, equal_nan=True), name
+    assert (together.object_passages.values > 5).all()
+    assert np.isfinite(together.object_risk.values).tolist() == [True, True, False, False]
+
+
+def test_sums_are_of_all_layers(tmp_path, layers):
+    """Expected deaths add up exactly; their limits within those of the objects added."""
+    together = hazard(tmp_path, layers)
+    added = sum(float(hazard(tmp_path, path).total_collective_risk) for path in layers[:2])
+    assert added > 0
+    assert float(together.total_collective_risk) == pytest.approx(added, rel=1e-12)
+    each = together.object_collective_risk
+    assert np.isnan(each.values[3])
+    assert float(together.total_collective_risk) == pytest.approx(np.nansum(each.values), rel=1e-12)
+
+
+def test_assumptions_and_tables_name_the_layer(tmp_path, layers):
+    found = hazard(tmp_path, layers)
+    said = assumptions(found)
+    assert "default presence = 1: houses: 1, 2" in said
+    assert any(one.startswith("NOT included") and one.endswith(": roads: 1") for one in said)
+    assert len(said) == len({*said})
+    head, *rows = object_rows(found)
+    assert head[1] == "layer" and {row[1] for row in rows} == {"houses", "roads", "marks"}
+    assert len({len(row) for row in rows} | {len(head)}) == 1
+    head, *rows = risk_rows(found)
+    assert head[1] == "layer" and {len(row) for row in rows} == {len(head)}
+    assert object_table(found)["layer"].tolist() == ["houses", "houses", "roads", "marks"]
+    assert next(object_rows(hazard(tmp_path, layers[0])))[1] != "layer"
+
+
+def test_layers_of_one_file_and_files_of_one_name(tmp_path, layers):
+    site = tmp_path / "site.gpkg"
+    make_layer(site, [HOUSE], "EPSG:32632", layer="houses", name=["a"])
+    make_layer(site, [ROAD], "EPSG:32632", layer="roads", name=["b"])
+    found = hazard(tmp_path, site, objects_layer=["roads", "houses"])
+    assert found.object_layer.values.tolist() == ["roads", "houses"]
+    assert found.object.values.tolist() == ["b", "a"]
+    files = hazard(tmp_path, [site, layers[0]], objects_layer=["houses", "houses"])
+    assert files.object_layer.values.tolist() == ["houses 1", "houses 2", "houses 2"]
+    with refused("--objects-layer: 2 names for 3 files: must be names of layers in one file, or "
+                 "one for each file"):  # fmt: skip
+        hazard(tmp_path, [site, *layers[:2]], objects_layer=["roads", "houses"])
+    with refused(f"{site}, layer roads: is given twice as a layer of objects"):
+        hazard(tmp_path, [site, site], objects_layer=["roads", "roads"])
+    with refused(f"{site}: has 2 layers (houses, roads); name one with --objects-layer"):
+        hazard(tmp_path, [layers[0], site])
+
+
+def test_frames_are_layers_too(tmp_path, layers):
+    homes = {"name": ["1", "2"], "persons": [4.0, 2.0], "vulnerability": [0.5, 0.5]}
+    frames = [make_frame([HOUSE, SHED], **homes), make_frame([ROAD], name=["1"], **TRAFFIC)]
+    found, of_files = hazard(tmp_path, frames), hazard(tmp_path, layers[:2])
+    assert found.object_layer.values.tolist() == ["objects[0]", "objects[0]", "objects[1]"]
+    assert (found.object_passages.values == of_files.object_passages.values).all()
+    frames[1]["width"] = -1.0
+    with refused("objects[1] = (GeoDataFrame): feature 1: width = -1.0: must be 0 to 1000"):
+        hazard(tmp_path, frames)
+    with refused("a GeoDataFrame: is given twice as a layer of objects"):
+        hazard(tmp_path, [frames[0], frames[0]])
+
+
+def test_the_command_takes_several(place, capsys):
+    from slope_case import CASE
+
+    Path("case.nml").write_text(CASE + "&scenario name = 'one', frequency = 0.5 /\n")
+    make_layer("a.gpkg", [shapely.box(600040, 4999900, 600070, 4999920)], name=["house"])
+    make_layer("b.gpkg", [shapely.LineString([(600000, 4999905), (600120, 4999930)])])
+    words = ["hazard", "case.nml", "--objects", "a.gpkg", "--objects", "b.gpkg", "--write-cases"]
+    assert main(words) == 0
+    case = rockfall.read_case("case_scenario1.nml")
+    assert [one["name"] for one in case.line] == ["object 1 part 1", "object 2 part 2"]
