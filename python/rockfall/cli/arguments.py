@@ -235,8 +235,15 @@ def _add_results(commands: _Commands) -> None:
     def result(name: str, does: str) -> _Parser:
         return _add(commands, "results", name, does, "OUT.nc")
 
-    export = result("export", "write a result as GeoTIFF, GeoPackage and CSV")
+    about = "write a result as GeoTIFF, GeoPackage and CSV; or as CZML, KML, DXF"
+    export = result("export", about)
     export.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
+    about = "some of tif, gpkg, csv (default: these), czml, kml, dxf; of HAZARD.nc: kml, dxf"
+    export.add_argument("--formats", metavar="FORMAT", nargs="+", help=about)
+    about = "of drawn parabolas; default: 0.05"
+    export.add_argument("--tolerance", metavar="M", type=float, help=about)
+    about = "height of the DEM's vertical datum above the ellipsoid, for czml"
+    export.add_argument("--geoid", metavar="M", type=float, help=about)
     about = "compare a result with observations (several: rank them), or variants with the first"
     compare = _add(commands, "results", "compare", about)
     about = "results OUT.nc and observations OBSERVED.csv, or trajectories .rts, .pts of RAMMS; "

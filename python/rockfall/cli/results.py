@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rockfall.analysis.compare import compare, write_comparison
+from rockfall.analysis.hazard.files import DRAWINGS, export_hazard, is_hazard
 from rockfall.analysis.observations import read_observed
 from rockfall.analysis.ranks import rank_results
 from rockfall.analysis.variants import compare_variants, difference_maps, write_variants
@@ -39,7 +40,20 @@ REPORTED = (*IMPRINT, "dem_date", "hazard", "models")  # in a report
 
 
 def export_command(arguments: argparse.Namespace) -> int:
-    print(*export(_path(arguments), arguments.folder), sep="\n")
+    path, folder, formats = _path(arguments), arguments.folder, arguments.formats
+    keys = ("formats", "tolerance", "geoid")
+    given = {key: getattr(arguments, key) for key in keys}
+    given = {key: value for key, value in given.items() if value is not None}
+    if "geoid" in given and "czml" not in (formats or ()):
+        raise RockfallError("--geoid: needs --formats czml")
+    with _warnings_told():
+        if not is_hazard(path):
+            files = export(path, folder, **given)
+        elif "tolerance" in given:
+            raise RockfallError("--tolerance: is for trajectories, a hazard has none")
+        else:
+            files = export_hazard(path, folder, formats or DRAWINGS)
+    print(*files, sep="\n")
     return DONE
 
 
@@ -173,7 +187,7 @@ def _beside(arguments: argparse.Namespace) -> dict[str, Any]:
 def _warnings_told() -> Iterator[None]:
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("ignore")  # from libraries
-        warnings.filterwarnings("always", module=r"rockfall\.products")
+        warnings.filterwarnings("always", module=r"rockfall\.(products|result\.export)")
         yield
     for warning in said:
         warn(str(warning.message))
