@@ -125,6 +125,12 @@ def site(tmp_path_factory):
     make_layer("logs.gpkg", [line((40, 280), (200, 280))], diameter=[40.0])
     for name in ("trees.geojson", "forest.gpkg"):
         make_layer(name, shapely.points([[90, 400], [100, 390]]), dbh=[30.0, 40.0])
+    drawing = pytest.importorskip("ezdxf", reason="the cad extra is not installed").new()
+    cliff, road = ({"layer": layer} for layer in ("Fels", "Strasse"))
+    corners = [(95, 575), (105, 575), (105, 585), (95, 585)]
+    drawing.modelspace().add_lwpolyline(corners, close=True, dxfattribs=cliff)
+    drawing.modelspace().add_line((0, 300), (235, 300), dxfattribs=road)
+    drawing.saveas("plan.dxf")
     files = {
         "zones.csv": "zone,mean_radius\n1,0.3\n2,0.2\n",
         "case.nml": CASE,

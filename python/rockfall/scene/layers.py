@@ -21,7 +21,7 @@ from rockfall.io.layers import REPROJECTED, name_of
 from rockfall.io.raster import aligned_blocks, packing_note
 from rockfall.io.raster_file import raster_file
 
-LAYERS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # file extensions of vector layers
+LAYERS = {".gpkg", ".geojson", ".json", ".shp", ".fgb", ".dxf"}  # file extensions of vector layers
 
 
 @dataclass
