@@ -142,6 +142,15 @@ def site(tmp_path_factory):
         "seen.csv": "line,quantity,unit,mean,std,n\nEL1,speed,m/s,12.5,5.2,80\n",
         "sets.nml": scenes.CALM_SETS,
     }
+    points = np.loadtxt(files["points.csv"].splitlines(), delimiter=",", skiprows=1)
+    np.savetxt("ground.xyz", points)
+    laspy = pytest.importorskip("laspy", reason="the points extra is not installed")
+    for name in ("west.laz", "east.laz"):
+        las = laspy.create(point_format=6, file_version="1.4")
+        las.header.scales = [0.01] * 3
+        las.x, las.y, las.z = points.T
+        las.classification = np.full(len(points), 2)
+        las.write(name)
     rows = surveyed_blocks()
     files["survey.csv"] = "volume,year\n" + "".join(rows)
     files["dated.csv"] = "volume,year\n" + "".join(rows[::6])

@@ -91,7 +91,8 @@ def _add_draft(commands: _Commands) -> None:
     new.add_argument("-o", "--output", metavar="CASE.nml", type=Path, required=True)
     about = "make a DEM of surveyed points, or edit one: edits in the order in which they are given"
     dem = _add(commands, "draft", "dem", about)
-    dem.add_argument("input", metavar="FILE", type=Path, help="points.csv with x, y, z; or a DEM")
+    about = "points.csv with x, y, z; point clouds (.las, .laz, .xyz), several too; or a DEM"
+    dem.add_argument("input", metavar="FILE", type=Path, nargs="+", help=about)
     dem.add_argument("-o", "--output", metavar="DEM.tif", type=Path, required=True)
     points = dem.add_argument_group("points")
     about = "side of a cell; default: 1, 2, 5, 10..., at most the mean spacing of the points"
@@ -107,6 +108,10 @@ def _add_draft(commands: _Commands) -> None:
         metavar="CODE",
         help="of the points, or of a DEM that names none, such as EPSG:2056",
     )
+    about = "of .las and .laz: points of these classes; default: 2, ground"
+    points.add_argument("--classes", metavar="N", type=int, nargs="+", help=about)
+    about = "of point clouds: the mean of the points in each square of M metres"
+    points.add_argument("--thin", metavar="M", type=float, help=about)
     edits = dem.add_argument_group("edits")
     for name, metavar, kind, does in (
         ("fill", "M", float, "fill holes, as far as M from their edges"),
