@@ -127,6 +127,12 @@ def site(tmp_path_factory):
     make_layer("logs.gpkg", [line((40, 280), (200, 280))], diameter=[40.0])
     for name in ("trees.geojson", "forest.gpkg"):
         make_layer(name, shapely.points([[90, 400], [100, 390]]), dbh=[30.0, 40.0])
+    drawing = pytest.importorskip("ezdxf", reason="the cad extra is not installed").new()
+    cliff, road = ({"layer": layer} for layer in ("Fels", "Strasse"))
+    corners = [(95, 575), (105, 575), (105, 585), (95, 585)]
+    drawing.modelspace().add_lwpolyline(corners, close=True, dxfattribs=cliff)
+    drawing.modelspace().add_line((0, 300), (235, 300), dxfattribs=road)
+    drawing.saveas("plan.dxf")
     files = {
         "zones.csv": "zone,mean_radius\n1,0.3\n2,0.2\n",
         "case.nml": CASE,
@@ -138,6 +144,15 @@ def site(tmp_path_factory):
         "seen.csv": "line,quantity,unit,mean,std,n\nEL1,speed,m/s,12.5,5.2,80\n",
         "sets.nml": scenes.CALM_SETS,
     }
+    points = np.loadtxt(files["points.csv"].splitlines(), delimiter=",", skiprows=1)
+    np.savetxt("ground.xyz", points)
+    laspy = pytest.importorskip("laspy", reason="the points extra is not installed")
+    for name in ("west.laz", "east.laz"):
+        las = laspy.create(point_format=6, file_version="1.4")
+        las.header.scales = [0.01] * 3
+        las.x, las.y, las.z = points.T
+        las.classification = np.full(len(points), 2)
+        las.write(name)
     rows = surveyed_blocks()
     files["survey.csv"] = "volume,year\n" + "".join(rows)
     files["dated.csv"] = "volume,year\n" + "".join(rows[::6])

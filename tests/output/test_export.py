@@ -56,6 +56,7 @@ def made():
         "trajectory_y": ("trajectory_vertex", 4999990.0 + np.arange(6.0)),
         "trajectory_z": ("trajectory_vertex", 100.0 - np.arange(6.0)),
         "trajectory_time": ("trajectory_vertex", [0.0, 1.0, 2.5, 0.0, 0.0, 3.25], {"units": "s"}),
+        **{f"trajectory_velocity_{axis}": ("trajectory_vertex", np.zeros(6)) for axis in "xyz"},
     }
     stop_x = 600000.0 + np.arange(5.0) / 3.0
     stop_x[4] = np.nan

@@ -94,7 +94,8 @@ def _add_draft(commands: _Commands) -> None:
     new.add_argument("-o", "--output", metavar="CASE.nml", type=Path, required=True)
     about = "make a DEM of surveyed points, or edit one: edits in the order in which they are given"
     dem = _add(commands, "draft", "dem", about)
-    dem.add_argument("input", metavar="FILE", type=Path, help="points.csv with x, y, z; or a DEM")
+    about = "points.csv with x, y, z; point clouds (.las, .laz, .xyz), several too; or a DEM"
+    dem.add_argument("input", metavar="FILE", type=Path, nargs="+", help=about)
     dem.add_argument("-o", "--output", metavar="DEM.tif", type=Path, required=True)
     points = dem.add_argument_group("points")
     about = "side of a cell; default: 1, 2, 5, 10..., at most the mean spacing of the points"
@@ -110,6 +111,10 @@ def _add_draft(commands: _Commands) -> None:
         metavar="CODE",
         help="of the points, or of a DEM that names none, such as EPSG:2056",
     )
+    about = "of .las and .laz: points of these classes; default: 2, ground"
+    points.add_argument("--classes", metavar="N", type=int, nargs="+", help=about)
+    about = "of point clouds: the mean of the points in each square of M metres"
+    points.add_argument("--thin", metavar="M", type=float, help=about)
     edits = dem.add_argument_group("edits")
     for name, metavar, kind, does in (
         ("fill", "M", float, "fill holes, as far as M from their edges"),
@@ -260,8 +265,15 @@ def _add_results(commands: _Commands) -> None:
     def result(name: str, does: str) -> _Parser:
         return _add(commands, "results", name, does, "OUT.nc")
 
-    export = result("export", "write a result as GeoTIFF, GeoPackage and CSV")
+    about = "write a result as GeoTIFF, GeoPackage and CSV; or as CZML, KML, DXF"
+    export = result("export", about)
     export.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
+    about = "some of tif, gpkg, csv (default: these), czml, kml, dxf; of HAZARD.nc: kml, dxf"
+    export.add_argument("--formats", metavar="FORMAT", nargs="+", help=about)
+    about = "of drawn parabolas; default: 0.05"
+    export.add_argument("--tolerance", metavar="M", type=float, help=about)
+    about = "height of the DEM's vertical datum above the ellipsoid, for czml"
+    export.add_argument("--geoid", metavar="M", type=float, help=about)
     about = "compare a result with observations (several: rank them), or variants with the first"
     compare = _add(commands, "results", "compare", about)
     about = "results OUT.nc and observations OBSERVED.csv, or trajectories .rts, .pts of RAMMS; "

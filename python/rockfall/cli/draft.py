@@ -12,8 +12,9 @@ from rockfall.cli.messages import DONE, warn
 from rockfall.draft.dem import Dem, check_place, dem_of_points, edited, read_source, write_dem
 from rockfall.draft.new_case import new_case
 from rockfall.errors import RockfallError
+from rockfall.io.point_clouds import is_cloud
 
-OF_POINTS = ("cell", "power", "neighbours", "within", "crs")
+OF_POINTS = ("cell", "power", "neighbours", "within", "crs", "classes", "thin")
 
 
 def new_command(arguments: argparse.Namespace) -> int:
@@ -27,13 +28,13 @@ def new_command(arguments: argparse.Namespace) -> int:
 
 
 def dem_command(arguments: argparse.Namespace) -> int:
-    source, steps = arguments.input, arguments.steps or []
-    check_place(arguments.output, source, steps)
+    sources, steps = arguments.input, arguments.steps or []
+    check_place(arguments.output, sources, steps)
     remarks: list[str] = []
     dem = edited(_source(arguments), steps, remarks)
     for line in remarks:
         warn(line)
-    write_dem(dem, arguments.output, source, _options(arguments))
+    write_dem(dem, arguments.output, sources, _options(arguments))
     known = np.count_nonzero(~np.isnan(dem.z))
     print(
         f"{dem.grid.nx} x {dem.grid.ny} cells of {dem.grid.cell:g} m, {known:,} with an elevation"
@@ -43,23 +44,28 @@ def dem_command(arguments: argparse.Namespace) -> int:
 
 
 def _source(arguments: argparse.Namespace) -> Dem:
-    """Read a raster, or the points of a CSV file, with their properties."""
+    """Read a raster, or the points of files, with their properties."""
     given = {key: getattr(arguments, key) for key in OF_POINTS}
     given = {key: value for key, value in given.items() if value is not None}
-    if arguments.input.suffix.lower() not in (".csv", ".txt"):
+    path, *others = arguments.input
+    if not is_cloud(path) and path.suffix.lower() not in (".csv", ".txt"):
         crs = given.pop("crs", None)
         for key in given:
-            raise RockfallError(f"--{key}: is for points (.csv), {arguments.input} is a raster")
+            raise RockfallError(f"--{key}: is for points (.csv, .las ...), {path} is a raster")
+        if others:
+            raise RockfallError(f"{path}: is a raster, of which there can be only one")
         if not arguments.steps and crs is None:
-            raise RockfallError(f"{arguments.input}: no edit; see rockfall dem --help")
-        return read_source(arguments.input, crs)
-    dem, survey = dem_of_points(arguments.input, **given)
+            raise RockfallError(f"{path}: no edit; see rockfall dem --help")
+        return read_source(path, crs)
+    dem, survey = dem_of_points(*arguments.input, **given)
     print(f"{survey.points:,} points, {survey.spacing:.3g} m apart")
+    few = len(survey.errors) < survey.points
+    of = f" of {len(survey.errors):,}" if few else ""
     if np.isnan(survey.errors).all():
         print("standard error: not known, no point has another that is near enough")
     else:
         print(
-            f"standard error, each point left out: {survey.standard_error:.3g} m "
+            f"standard error, each point{of} left out: {survey.standard_error:.3g} m "
             f"(bias {np.nanmean(survey.errors):+.3g} m, max {np.nanmax(abs(survey.errors)):.3g} m)"
         )
     return dem
@@ -69,6 +75,6 @@ def _options(arguments: argparse.Namespace) -> Iterator[str]:
     """Options of the command line, for the history of the file."""
     for key in OF_POINTS:
         if (value := getattr(arguments, key)) is not None:
-            yield from (f"--{key}", str(value))
+            yield from (f"--{key}", *map(str, value if isinstance(value, list) else [value]))
     for name, value in arguments.steps or ():
         yield from (f"--{name}", str(value))

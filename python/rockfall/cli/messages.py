@@ -27,7 +27,7 @@ def warnings_told() -> Iterator[None]:
     """Print the warnings of products within the block, and none of libraries."""
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("ignore")  # from libraries
-        warnings.filterwarnings("always", module=r"rockfall\.products")
+        warnings.filterwarnings("always", module=r"rockfall\.(products|result\.export)")
         yield
     for warning in said:
         warn(str(warning.message))

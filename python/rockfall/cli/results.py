@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rockfall.analysis.compare import compare, write_comparison
+from rockfall.analysis.hazard.files import DRAWINGS, export_hazard, is_hazard
 from rockfall.analysis.observations import read_observed
 from rockfall.analysis.ranks import rank_results
 from rockfall.analysis.variants import compare_variants, difference_maps, write_variants
@@ -38,7 +39,20 @@ REPORTED = (*IMPRINT, "dem_date", "hazard", "models")  # in a report
 
 
 def export_command(arguments: argparse.Namespace) -> int:
-    print(*export(_path(arguments), arguments.folder), sep="\n")
+    path, folder, formats = _path(arguments), arguments.folder, arguments.formats
+    keys = ("formats", "tolerance", "geoid")
+    given = {key: getattr(arguments, key) for key in keys}
+    given = {key: value for key, value in given.items() if value is not None}
+    if "geoid" in given and "czml" not in (formats or ()):
+        raise RockfallError("--geoid: needs --formats czml")
+    with warnings_told():
+        if not is_hazard(path):
+            files = export(path, folder, **given)
+        elif "tolerance" in given:
+            raise RockfallError("--tolerance: is for trajectories, a hazard has none")
+        else:
+            files = export_hazard(path, folder, formats or DRAWINGS)
+    print(*files, sep="\n")
     return DONE
 
 

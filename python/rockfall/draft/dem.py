@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,6 +19,7 @@ from rockfall.io.crs import check_metres, crs_name
 from rockfall.io.grid import Grid
 from rockfall.io.layers import read_features
 from rockfall.io.output_files import check_output
+from rockfall.io.point_clouds import is_cloud, read_clouds
 from rockfall.io.raster import read_dem, write_geotiff
 from rockfall.io.raster_file import open_raster, raster_files
 from rockfall.io.tables import read_table
@@ -32,6 +33,7 @@ from rockfall.terrain.repairs import lowered, smoothed, without_holes, without_p
 from rockfall.version import __version__
 
 MAX_CELLS = 400_000_000
+MAX_LEFT_OUT = 1_000_000  # points of which the leave-one-out error is taken, at most about
 FAR = 3.0  # point spacings beyond which elevations are unknown
 NICE = (1.0, 2.0, 5.0, 10.0)  # leading digits of cell sides
 NODATA = -9999.0
@@ -51,7 +53,7 @@ class Survey(NamedTuple):
 
     points: int
     spacing: float  # [m]
-    errors: np.ndarray  # leave-one-out errors [m]; NaN: no other point is near
+    errors: np.ndarray  # leave-one-out errors of evenly chosen points [m]; NaN: no other is near
 
     @property
     def standard_error(self) -> float:
@@ -60,20 +62,30 @@ class Survey(NamedTuple):
 
 
 def dem_of_points(
-    path: str | Path,
-    *,
+    *paths: str | Path,
     cell: float | None = None,
     power: float = 2.0,
     neighbours: int = 12,
     within: float | None = None,
     crs: str | None = None,
+    classes: Sequence[int] | None = None,
+    thin: float | None = None,
 ) -> tuple[Dem, Survey]:
-    """Make a DEM from the points of a CSV file (columns x, y, z [m]) by inverse distance to a
-    power, from the nearest points within `within` [m] (default: three spacings of the points).
+    """Make a DEM from the points of a CSV file (columns x, y, z [m]) or of point clouds (LAS, LAZ,
+    XYZ; `classes`, `thin`: see `read_clouds`) by inverse distance to a power, from the nearest
+    points within `within` [m] (default: three spacings of the points).
 
     The default of `cell` [m] is 1, 2 or 5 times a power of ten, at most the mean spacing.
     """
-    points = _read_points(path)
+    path, system = paths[0], _crs(crs)
+    if all(map(is_cloud, paths)):
+        points, system = read_clouds(paths, classes, thin, system)
+    elif len(paths) > 1:
+        raise RockfallError(f"{path}: several files: must all be .las, .laz or .xyz")
+    elif classes is not None or thin is not None:
+        raise RockfallError(f"{path}: --classes and --thin are for .las, .laz and .xyz")
+    else:
+        points = _read_points(path)
     low, high = points.min(axis=0), points.max(axis=0)
     spacing = math.sqrt(np.prod((high - low)[:2]) / len(points))
     if not spacing and (cell is None or within is None):
@@ -91,11 +103,12 @@ def dem_of_points(
         raise RockfallError(
             f"--cell {cell:g}: {nx:,.0f} x {ny:,.0f} cells: must be at most {MAX_CELLS:,}"
         )
-    grid = Grid(west, north, cell, max(2, int(nx)), max(2, int(ny)), _crs(crs))
+    grid = Grid(west, north, cell, max(2, int(nx)), max(2, int(ny)), system)
     check_metres(grid, str(path))
     z = interpolated(points, grid, weights).astype(np.float32)
     check_elevations(str(path), z)
-    return Dem(z, grid, NODATA), Survey(len(points), spacing, left_out(points, weights))
+    errors = left_out(points, weights, math.ceil(len(points) / MAX_LEFT_OUT))
+    return Dem(z, grid, NODATA), Survey(len(points), spacing, errors)
 
 
 def read_source(path: str | Path, crs: str | None = None) -> Dem:
@@ -120,25 +133,28 @@ def edited(dem: Dem, steps: Iterable[tuple[str, Any]], remarks: list[str]) -> De
 
 
 def write_dem(
-    dem: Dem, path: str | Path, made_from: str | Path, options: Iterable[str] = ()
+    dem: Dem, path: str | Path, made_from: Sequence[str | Path], options: Iterable[str] = ()
 ) -> None:
     """Write a DEM as GeoTIFF, atomically, with its provenance."""
-    made = shlex.join(["dem", str(made_from), *options])
+    made = shlex.join(["dem", *map(str, made_from), *options])
     tags = {
         "TIFFTAG_SOFTWARE": "rockfall", "units": "m", "long_name": "elevation",
         "history": f"rockfall {__version__}: {made}",
-        "source_sha256": file_checksum(Path(made_from)),
+        "source_sha256": " ".join(file_checksum(Path(one)) for one in made_from),
     }  # fmt: skip
     z = dem.z if math.isnan(dem.nodata) else np.where(np.isnan(dem.z), dem.nodata, dem.z)
     write_geotiff(Path(path), z.astype(dem.z.dtype), dem.grid, nodata=dem.nodata, **tags)
 
 
-def check_place(path: str | Path, source: str | Path, steps: Iterable[tuple[str, Any]]) -> None:
+def check_place(
+    path: str | Path, sources: Iterable[str | Path], steps: Iterable[tuple[str, Any]]
+) -> None:
     """Refuse an output path for a DEM before the work starts."""
     if Path(path).suffix.lower() not in (".tif", ".tiff"):
         raise RockfallError(f"{path}: is no name for a GeoTIFF; it must end in .tif")
     layers = [given for _, given in steps if isinstance(given, Path)]
-    check_output(path, [*raster_files(source), *layers])
+    files = (file for source in sources for file in raster_files(source))
+    check_output(path, [*files, *layers])
 
 
 def _read_points(path: str | Path) -> np.ndarray:

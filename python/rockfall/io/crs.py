@@ -46,20 +46,51 @@ class Transformation(NamedTuple):
 
 def transformation(crs: CRS, grid: Grid) -> Transformation:
     """Transformation from a system to that of a raster, in plan."""
+    assert grid.crs is not None
+    return _best_way(_pyproj(_in_plan(crs)), _pyproj(_in_plan(grid.crs)), grid.crs, grid)
+
+
+def degrees_way(crs: CRS, bounds: Bounds) -> Transformation:
+    """Transformation from a system to longitude and latitude (WGS 84), best within `bounds`."""
     import pyproj
 
-    assert grid.crs is not None
-    one, other = _pyproj(_in_plan(crs)), _pyproj(_in_plan(grid.crs))
-    corners = _degrees(grid.crs, [grid.west, grid.east], [grid.south, grid.north])
+    return _best_way(_pyproj(_in_plan(crs)), pyproj.CRS.from_user_input("OGC:CRS84"), crs, bounds)
+
+
+def vertical_datum(crs: CRS) -> str:
+    """Name of the system of heights; "not stated" if the system has none."""
+    about = _pyproj(crs)
+    names = [part.name for part in about.sub_crs_list if part.is_vertical]
+    if not names and len(about.axis_info) == 3:
+        names = ["ellipsoid"]
+    return names[0] if names else "not stated"
+
+
+class Bounds(NamedTuple):
+    """Extent in plan [m]."""
+
+    west: float
+    south: float
+    east: float
+    north: float
+
+
+def _best_way(
+    source: pyproj.CRS, target: pyproj.CRS, crs: CRS, bounds: Bounds | Grid
+) -> Transformation:
+    """Best transformation between systems within bounds, which are in `crs`."""
+    import pyproj
+
+    corners = _degrees(crs, [bounds.west, bounds.east], [bounds.south, bounds.north])
     area = None
     if np.isfinite(corners).all():
         (west, east), (south, north) = corners
         area = pyproj.transformer.AreaOfInterest(west, south, east, north)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # PROJ's warning about a missing grid
-        ways = pyproj.transformer.TransformerGroup(one, other, True, area)
+        ways = pyproj.transformer.TransformerGroup(source, target, True, area)
     if not ways.transformers:
-        raise RockfallError(f"no way is known from {crs_name(crs)} to {crs_name(grid.crs)}")
+        raise RockfallError(f"no way is known from {source.name} to {target.name}")
     return Transformation(ways.transformers[0].transform, ways.best_available)
 
 

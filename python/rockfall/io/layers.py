@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Vector layers (GeoPackage, GeoJSON, shapefile, FlatGeobuf): features, and polygons rasterised on
-the terrain's grid.
+"""Vector layers (GeoPackage, GeoJSON, shapefile, FlatGeobuf, drawings): features, and polygons
+rasterised on the terrain's grid.
 
 Files are checked before GDAL opens them. Shapefile and FlatGeobuf hold only shapes. A GeoPackage is
 a database, whose views may be endless; GeoJSON is text that could be anything else, so it is
@@ -14,6 +14,7 @@ import os
 import re
 import shlex
 import sqlite3
+from collections.abc import Iterable
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -23,6 +24,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError, need
 from rockfall.io.crs import crs_name, same_crs, transformation
+from rockfall.io.drawing import is_drawing, left_out, read_drawing
 from rockfall.io.files import check_text_file, start_of
 from rockfall.io.gdal_files import plain_file
 from rockfall.io.grid import NO_ID, Grid
@@ -75,6 +77,8 @@ def layer_names(path: str | Path) -> list[str]:
     need("layers need", "vector", "pyogrio", "shapely")
     import pyogrio
 
+    if is_drawing(path):
+        return read_drawing(path).layers
     try:
         layers = pyogrio.list_layers(_plain_layer(str(path)))
     except (RuntimeError, UnicodeDecodeError) as error:  # from GDAL
@@ -217,9 +221,12 @@ def _on_terrain(
 
     Coordinates in another CRS than the terrain's are reprojected, vertex by vertex, with a note in
     `remarks`; a layer without a CRS is refused. On a terrain without a CRS they are used unchanged,
-    whatever the CRS of the layer.
+    whatever the CRS of the layer. Those of a drawing are the terrain's, with a note.
     """
     path = str(path)
+    if is_drawing(path):
+        shapes = _drawn(path, columns, kinds, what, grid, remarks, layer, key)
+        return _Found(path, shapes, {}, _check_shapes(path, shapes, kinds, what))
     about, shapes, values = _read(path, columns, what, layer, key)
     bounds = _check_shapes(path, shapes, kinds, what)
     if grid.crs is None:
@@ -229,6 +236,56 @@ def _on_terrain(
         return _Found(path, shapes, values, bounds)
     shapes = _reprojected(name_of(path, layer), shapes, crs, grid, remarks)
     return _Found(path, shapes, values, _bounds(shapes))
+
+
+def _drawn(
+    path: str,
+    columns: list[str] | None,
+    kinds: set[str],
+    what: str,
+    grid: Grid,
+    remarks: list[str],
+    layer: str | None,
+    key: str,
+) -> np.ndarray:
+    """Shapes of a layer of a drawing, which has no attributes and no CRS. Closed lines are polygons
+    where these are allowed; what cannot be a shape of the given kinds, such as a text, is left out,
+    with a remark, but not a line in place of a polygon."""
+    need(f"{what} need", "vector", "pyogrio", "shapely")
+    import shapely
+
+    for name in columns or ():
+        raise RockfallError(f"{path}: no attribute {name}; a drawing has none")
+    drawing = read_drawing(path)
+    known = {name.casefold(): name for name in drawing.layers}
+    asked = layer if layer is None else known.get(layer.casefold(), layer)
+    name = _layer(path, [(one, "Unknown") for one in drawing.layers], what, asked, key)
+    where, parts = name_of(path, name), [one for one in drawing.parts if one.layer == name]
+    lines, points = kinds != _POINTS, bool(kinds & _POINTS)
+    usable = [one for one in parts if (lines, points)[len(one.xy) == 1] and len(one.xy)]
+    if not usable:
+        raise RockfallError(f"{where}: the layer has no {what}")
+    shapes = np.empty(len(usable), object)
+    for k, part in enumerate(usable):
+        if len(part.xy) == 1:
+            shapes[k] = shapely.Point(part.xy[0])
+        elif part.closed and _POLYGONS & kinds:
+            shapes[k] = shapely.Polygon(part.xy)
+        elif kinds == _POLYGONS:
+            raise RockfallError(
+                f"{where}: a {part.kind} from x {part.xy[0, 0]:.2f}, y {part.xy[0, 1]:.2f} is not "
+                "closed: polygons are needed"
+            )
+        else:
+            shapes[k] = shapely.LineString(part.xy)
+    used = set(map(id, usable))
+    if others := [one for one in parts if id(one) not in used]:
+        remarks.append(f"{where}: left out, as no {what}: {left_out(others)}")
+    if grid.crs is not None or drawing.unit:
+        unit = f"; it says {drawing.unit}, taken as metres" if drawing.unit else ""
+        remark = f"{where}: a drawing names no CRS: coordinates taken as those of the DEM{unit}"
+        remarks += [remark] * (remark not in remarks)
+    return shapes
 
 
 def name_of(path: str | Path, layer: str | None) -> str:
@@ -292,7 +349,7 @@ def _read(
     return about, shapes, dict(zip(about_read["fields"], values, strict=True))
 
 
-def _layer(path: str, layers: np.ndarray, what: str, asked: str | None, key: str) -> str:
+def _layer(path: str, layers: Iterable[Any], what: str, asked: str | None, key: str) -> str:
     """Name of the requested layer, or of the only one with shapes (GeoPackages keep styles in
     tables without shapes)."""
     names = [name for name, shape in layers if shape is not None]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Export of a result to a GIS and a spreadsheet: GeoTIFF, GeoPackage, CSV."""
+"""Export of a result: GeoTIFF, GeoPackage and CSV for a GIS and a spreadsheet; CZML, KML, DXF."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import csv
 import re
 import sqlite3
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, nullcontext
 from itertools import chain
 from pathlib import Path
@@ -24,8 +24,19 @@ from rockfall.io.raster import write_geotiff
 from rockfall.io.tables import spreadsheet_text
 from rockfall.quantities import SHOWN
 from rockfall.result.classes import classes_of, shown_as
+from rockfall.result.czml import write_czml
 from rockfall.result.dataset import NO_COUNT, open_result
+from rockfall.result.drawing import write_drawing
 from rockfall.result.flat_maps import PLAN, flat_maps
+from rockfall.result.flights import (
+    TOLERANCE,
+    Flights,
+    flight_features,
+    flights_of,
+    trajectory_features,
+)
+from rockfall.result.geographic import geographic
+from rockfall.result.kml import write_kml
 from rockfall.result.qgis_style import write_classes
 from rockfall.result.trajectories import flags_of
 from rockfall.result.validate import check_dimensions
@@ -39,25 +50,42 @@ if TYPE_CHECKING:
     #: Name of a layer -> its type of geometry, and its features in parts.
     Layers = dict[str, tuple[str, Iterable[Features]]]
 
+USUAL = ("tif", "gpkg", "csv")
+FORMATS = (*USUAL, "czml", "kml", "dxf")
+DRAWN = ("sources", "stops", "lines", "trajectories")  # layers of KML and DXF
+MAX_GEOID = 200.0  # [m]; the geoid of the Earth is within 110 m of the ellipsoid
+MEASURED = {"LineString ZM": "Measured 3D LineString"}  # by its name in pyogrio
 _ROWS = 100_000  # boulders in memory at a time
 UNIT_NAMES = {"m s-1": "m_s", "rad s-1": "rad_s", "degree": "deg"}  # in names of files and fields
 
 
-def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
+def export(
+    result: xr.Dataset | str | Path,
+    folder: str | Path,
+    *,
+    formats: Sequence[str] = USUAL,
+    tolerance: float = TOLERANCE,
+    geoid: float | None = None,
+) -> list[Path]:
     """Write a result (a Dataset, or its netCDF file) to `folder`; returns the files written.
 
-    <map>_<unit>.tif for each variable on (y, x), energies in kJ, nodata where no boulder passed,
-    with a QGIS style (.qml) for each; rockfall.gpkg with the layers sources, stops, lines,
-    crossings and trajectories, as far as the result has them, energies in kJ, and their styles; in
-    SI boulders.csv, and line_<name>.csv for each line. Writes all of them or, with a RockfallError,
-    none.
+    `formats` are some of tif (<map>_<unit>.tif for each variable on (y, x), energies in kJ, nodata
+    where no boulder passed, with a QGIS style .qml for each), gpkg (rockfall.gpkg with the layers
+    sources, stops, lines, crossings, trajectories and flights, as far as the result has them,
+    energies in kJ, and their styles), csv (in SI boulders.csv, and line_<name>.csv for each line),
+    czml (boulders in motion, for Cesium), kml and dxf (sources, stops, lines, trajectories).
+    Parabolas are drawn to `tolerance` [m]; `geoid` is the height [m] of the DEM's vertical datum
+    above the ellipsoid, which czml needs. Writes all of them or, with a RockfallError, none.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
     >>> sorted(path.name for path in rockfall.export(result, "gis"))[0]
     'boulders.csv'
+    >>> rockfall.export(result, "cad", formats=["dxf"])
+    [PosixPath('cad/rockfall.dxf')]
     """
     folder = Path(folder)
+    chosen = check_formats(formats, FORMATS)
     files = [result] if isinstance(result, str | Path) else []
     with open_result(result) if isinstance(result, str | Path) else nullcontext(result) as data:
         for file in files:
@@ -66,22 +94,84 @@ def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
         inputs = chain(files, files_behind(data))
         with atomic_folder(folder, inputs) as part:
             try:
-                return [folder / path.name for path in _export(data, _layers(data), part)]
+                written = _export(data, part, chosen, tolerance, geoid)
+                return [folder / path.name for path in written]
             except RuntimeError as error:  # from netCDF4: values are read while they are written
                 raise RockfallError(f"{result}: cannot be read: {error}") from error
             except KeyError as error:
                 raise RockfallError(f"the result lacks what goes with it: {error}") from error
 
 
-def _export(data: xr.Dataset, layers: Layers, folder: Path) -> Iterator[Path]:
-    for name, variable in data.data_vars.items():
-        if variable.dims == PLAN:
-            yield from _put_map(folder, data, str(name))
-    if data.sizes.get("boulder"):
+def check_formats(formats: Sequence[str], allowed: Sequence[str]) -> list[str]:
+    """The given formats in the order of `allowed`; a RockfallError refuses others and none."""
+    for name in formats:
+        if name not in allowed:
+            raise RockfallError(f"--formats {name}: must be {', '.join(allowed)}")
+    if not formats:
+        raise RockfallError(f"--formats: must be some of {', '.join(allowed)}")
+    return [name for name in allowed if name in formats]
+
+
+def _export(
+    data: xr.Dataset, folder: Path, formats: list[str], tolerance: float, geoid: float | None
+) -> Iterator[Path]:
+    flights = None
+    if {"gpkg", "czml", "kml", "dxf"} & {*formats} and data.sizes.get("trajectory_vertex"):
+        flights = flights_of(data, tolerance)
+    layers = _layers(data, flights) if "gpkg" in formats else {}
+    if "tif" in formats:
+        for name, variable in data.data_vars.items():
+            if variable.dims == PLAN:
+                yield from _put_map(folder, data, str(name))
+    if "csv" in formats and data.sizes.get("boulder"):
         yield _write_table(folder / "boulders.csv", map(_columns, _boulders(data)))
         yield from _write_lines(folder, data)
     if layers:
         yield write_geopackage(folder / "rockfall.gpkg", layers, crs_wkt(data), STYLES)
+    if "czml" in formats:
+        yield _put_czml(folder / "rockfall.czml", data, flights, geoid)
+    if "kml" in formats:
+        yield put_kml(folder / "rockfall.kml", _drawn(data, flights, "KML"), data, STYLES)
+    if "dxf" in formats:
+        yield write_drawing(folder / "rockfall.dxf", _drawn(data, flights, "DXF"), STYLES)
+
+
+def _drawn(data: xr.Dataset, flights: Flights | None, what: str) -> Layers:
+    """Layers of a drawing: each feature once."""
+    layers = _layers(data, flights, what)
+    if not (found := {name: layers[name] for name in DRAWN if name in layers}):
+        raise RockfallError(f"{what}: the result has nothing that could be drawn")
+    return found
+
+
+def put_kml(path: Path, layers: Layers, data: xr.Dataset, styles: Mapping[str, Style]) -> Path:
+    """Write layers of a result or hazard as KML, with a warning where places are not exact."""
+    way = geographic(data, crs_wkt(data), "KML")
+    for remark in way.remarks:
+        warnings.warn(remark, stacklevel=2)
+    return write_kml(path, layers, _title(data), way, styles)
+
+
+def _put_czml(path: Path, data: xr.Dataset, flights: Flights | None, geoid: float | None) -> Path:
+    """Write trajectories as CZML, with a warning where places or heights are not exact."""
+    if flights is None:
+        raise RockfallError("CZML needs trajectories: the result has none (&output trajectories)")
+    if geoid is not None and not abs(geoid) <= MAX_GEOID:
+        raise RockfallError(f"--geoid {geoid:g}: must be between -{MAX_GEOID:g} and {MAX_GEOID:g}")
+    way = geographic(data, crs_wkt(data), "CZML")
+    for remark in way.remarks:
+        warnings.warn(remark, stacklevel=2)
+    if geoid is None and way.heights != "ellipsoid":
+        warnings.warn(
+            f"heights in CZML are those of the DEM (vertical datum: {way.heights}), Cesium's are "
+            "above the ellipsoid, tens of metres apart: --geoid M gives the difference",
+            stacklevel=2,
+        )
+    return write_czml(path, data, flights, _title(data), way, geoid or 0.0)
+
+
+def _title(data: xr.Dataset) -> str:
+    return str(data.attrs.get("title") or "rockfall")
 
 
 def _put_map(folder: Path, data: xr.Dataset, name: str) -> Iterator[Path]:
@@ -235,13 +325,13 @@ def _texts(column: xr.DataArray) -> list[str]:
     return texts if values.dtype.kind in "iufb" else [spreadsheet_text(text) for text in texts]
 
 
-def _layers(data: xr.Dataset) -> Layers:
-    """The layers that the result has."""
+def _layers(data: xr.Dataset, flights: Flights | None, what: str = "GeoPackages") -> Layers:
+    """The layers that the result has; `what` needs them, for a message."""
     layers: Layers = {}
     has_rows = data.sizes.get("boulder", 1) > 0
     has_crossings = has_rows and "line" in data.dims and "line_x" in data
     if "stop_x" in data or {"line_vertex", "trajectory_vertex"} & set(data.dims):
-        need("GeoPackages need", "vector", "pyogrio", "shapely")
+        need(f"{what} need" + "s" * (what != "GeoPackages"), "vector", "pyogrio", "shapely")
     if "start_x" in data and has_rows:
         layers["sources"] = "Point", [_sources(data)]
     if "stop_x" in data and has_rows:
@@ -250,8 +340,10 @@ def _layers(data: xr.Dataset) -> Layers:
         layers["lines"] = "LineString", [_lines(data)]
     if has_crossings:
         layers["crossings"] = "Point", _crossing_points(data)
-    if data.sizes.get("trajectory_vertex"):
-        layers["trajectories"] = "LineString Z", [_trajectories(data)]
+    if flights is not None:
+        layers["trajectories"] = "LineString ZM", [trajectory_features(flights)]
+        if flights.starts.size:
+            layers["flights"] = "LineString ZM", [flight_features(flights)]
     return layers
 
 
@@ -312,20 +404,6 @@ def _lines(data: xr.Dataset) -> Features:
     return shapes, {"name": np.array(names, dtype=object)}
 
 
-def _trajectories(data: xr.Dataset) -> Features:
-    """Trajectories in 3D, from release to rest, in the order of the boulders."""
-    boulder = data["trajectory_boulder"].values
-    shapes = _strings(boulder, [data[f"trajectory_{axis}"].values for axis in "xyz"])
-    numbers, vertices = np.unique(boulder, return_counts=True)
-    times = _seconds(data["trajectory_time"].values)[np.argsort(boulder, kind="stable")]
-    fields = {
-        "boulder": numbers.astype(np.int64),
-        "vertices": vertices.astype(np.int64),
-        "travel_time": times[np.cumsum(vertices) - 1].astype(np.float64),
-    }
-    return shapes, fields
-
-
 def _strings(owner: np.ndarray, coordinates: list[np.ndarray]) -> np.ndarray:
     """Line string of each owner, by increasing number, from its vertices in order.
 
@@ -358,9 +436,10 @@ def write_geopackage(
             for layer, (kind, parts) in layers.items():
                 features = 0
                 for shapes, fields in parts:
+                    wkb = shapes if kind.endswith(" ZM") else shapely.to_wkb(shapes)
                     pyogrio.raw.write(
-                        part, shapely.to_wkb(shapes), list(fields.values()), list(fields),
-                        layer=layer, geometry_type=kind, crs=crs, driver="GPKG",
+                        part, wkb, list(fields.values()), list(fields),
+                        layer=layer, geometry_type=MEASURED.get(kind, kind), crs=crs, driver="GPKG",
                         append=part.exists(),
                     )  # fmt: skip
                     features += len(shapes)

@@ -5,7 +5,7 @@ loads a layer."""
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
@@ -20,6 +20,7 @@ COLUMNS = (
     "styleName TEXT, styleQML TEXT, styleSLD TEXT, useAsDefault BOOLEAN, description TEXT, "
     "owner TEXT, ui TEXT, update_time DATETIME DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now'))"
 )
+FROM_FIELDS = "2"  # of QGIS: a feature is shown between the times in two fields
 #: Types of symbols, and of their single layer.
 KINDS = {"Point": ("marker", "SimpleMarker"), "LineString": ("line", "SimpleLine"),
          "Polygon": ("fill", "SimpleFill")}  # fmt: skip
@@ -39,11 +40,13 @@ class Symbol(NamedTuple):
 
 class Style(NamedTuple):
     """Style of a layer's features: uniform, by the values of a field, or by intervals of an
-    expression; each with a label and a symbol."""
+    expression; each with a label and a symbol. `times` are the fields between which a feature is
+    shown by the temporal controller."""
 
     of: str
     symbols: Iterable[tuple[object, str, Symbol]]
     kind: str = "categorizedSymbol"
+    times: tuple[str, str] | None = None
 
 
 def alike(symbol: Symbol) -> Style:
@@ -73,7 +76,7 @@ def thick(colour: str) -> Symbol:
 
 def plain_type(geometry: str) -> str:
     """Geometry type without its third dimension and multiplicity."""
-    return geometry.removesuffix(" Z").removeprefix("Multi")
+    return geometry.removesuffix(" Z").removesuffix(" ZM").removeprefix("Multi")
 
 
 def rgba(colour: str) -> str:
@@ -81,16 +84,22 @@ def rgba(colour: str) -> str:
     return ",".join(str(int(colour[k : k + 2], 16)) for k in (1, 3, 5)) + ",255"
 
 
-def _crossings() -> Style:
-    """Style by classes of the total energy."""
-    classes = classes_of("kJ")
+def paint(symbol: Symbol) -> tuple[int, int, int]:
+    """Red, green and blue of a symbol."""
+    colour = symbol.about.get("color") or symbol.about["line_color"]
+    red, green, blue, _ = map(int, str(colour).split(","))
+    return red, green, blue
+
+
+def _graduated(expression: str, unit: str, symbol: Callable[[str], Symbol]) -> Style:
+    """Style by classes of an expression in a unit."""
+    classes = classes_of(unit)
     ends = [0.0, *classes.limits, 1e12]
     symbols = [
-        (ends[k : k + 2], f"{label} kJ", marker(colour))
+        (ends[k : k + 2], f"{label} {unit}", symbol(colour))
         for k, (label, colour) in enumerate(zip(classes.labels, classes.colours, strict=True))
     ]
-    total = '"energy_translational_kJ" + "energy_rotational_kJ"'
-    return Style(total, symbols, "graduatedSymbol")
+    return Style(expression, symbols, "graduatedSymbol")
 
 
 #: Styles of the layers of an exported result.
@@ -99,8 +108,11 @@ STYLES = {
     "stops": Style("status", [(name, name.replace("_", " "), marker(colour, shape))
                               for name, (shape, colour) in STATUS_MARKERS.items()]),
     "lines": alike(Symbol({"line_color": rgba(INK), "line_style": "dash", "line_width": 0.5})),
-    "crossings": _crossings(),
+    "crossings": _graduated(
+        '"energy_translational_kJ" + "energy_rotational_kJ"', "kJ", marker
+    ),
     "trajectories": alike(Symbol({"line_color": rgba(BLUE), "line_width": 0.15}, 0.6)),
+    "flights": _graduated('"speed_m_s"', "m/s", thick)._replace(times=("begin", "end")),
 }  # fmt: skip
 
 
@@ -127,7 +139,12 @@ def put_styles(path: Path, layers: Mapping[str, str], styles: Mapping[str, Style
 
 def qml(style: Style, kind: str, layer: str) -> str:
     """A style in QGIS format, with symbols of a given type and layer type."""
-    root = ElementTree.Element("qgis", version="3.16", styleCategories="Symbology")
+    kinds = "Symbology|Temporal" if style.times else "Symbology"
+    root = ElementTree.Element("qgis", version="3.16", styleCategories=kinds)
+    if style.times:
+        begin, end = style.times
+        shown = {"enabled": "1", "mode": FROM_FIELDS, "startField": begin, "endField": end}
+        ElementTree.SubElement(root, "temporal", shown)
     about = {"type": style.kind, "attr": style.of} if style.of else {"type": style.kind}
     renderer = ElementTree.SubElement(root, "renderer-v2", about)
     rules = ElementTree.SubElement(renderer, "ranges" if "grad" in style.kind else "categories")

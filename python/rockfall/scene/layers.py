@@ -23,7 +23,7 @@ from rockfall.io.raster_file import raster_file
 from rockfall.scene.stages import Stages
 
 T = TypeVar("T")
-LAYERS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # file extensions of vector layers
+LAYERS = {".gpkg", ".geojson", ".json", ".shp", ".fgb", ".dxf"}  # file extensions of vector layers
 
 
 @dataclass

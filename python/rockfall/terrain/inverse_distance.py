@@ -35,20 +35,25 @@ def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray
     return z
 
 
-def left_out(points: np.ndarray, weights: Weights) -> np.ndarray:
+def left_out(points: np.ndarray, weights: Weights, every: int = 1) -> np.ndarray:
     """Leave-one-out error: height (n) [m] of the interpolation from the other points above each
-    point; NaN where no other is near enough."""
+    point, or above one of `every`; NaN where no other is near enough."""
     from scipy.spatial import cKDTree
 
+    tree, asked = cKDTree(points[:, :2]), np.arange(0, len(points), every)
     number = min(weights.neighbours, len(points) - 1) + 1
-    apart, which = cKDTree(points[:, :2]).query(
-        points[:, :2], range(1, number + 1), distance_upper_bound=_beyond(weights.within)
-    )
-    own = which == np.arange(len(points))[:, None]
-    own[~own.any(axis=1), -1] = True  # more points coincide than there are neighbours
-    others = len(points), number - 1
-    apart, which = apart[~own].reshape(others), which[~own].reshape(others)
-    return _mean(points[:, 2], apart, which, weights.power) - points[:, 2]
+    errors = np.empty(len(asked))
+    for rows in row_blocks((len(asked), number)):
+        apart, which = tree.query(
+            points[asked[rows], :2], range(1, number + 1),
+            distance_upper_bound=_beyond(weights.within),
+        )  # fmt: skip
+        own = which == asked[rows][:, None]
+        own[~own.any(axis=1), -1] = True  # more points coincide than there are neighbours
+        others = len(apart), number - 1
+        apart, which = apart[~own].reshape(others), which[~own].reshape(others)
+        errors[rows] = _mean(points[:, 2], apart, which, weights.power) - points[asked[rows], 2]
+    return errors
 
 
 def _beyond(within: float) -> float:

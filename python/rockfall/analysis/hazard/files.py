@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,11 +27,13 @@ from rockfall.analysis.hazard.zones import (
 )
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
+from rockfall.io.files import check_netcdf
 from rockfall.io.output_files import atomic_folder
 from rockfall.io.tables import write_csv
 from rockfall.result.classes import classes_of, shown_as
 from rockfall.result.dataset import put_netcdf
-from rockfall.result.export import crs_wkt, write_geopackage, write_map
+from rockfall.result.drawing import write_drawing
+from rockfall.result.export import check_formats, crs_wkt, put_kml, write_geopackage, write_map
 from rockfall.result.flat_maps import PLAN, flat_maps, shown
 from rockfall.result.qgis_style import write_classes, write_palette
 from rockfall.result.trajectories import flags_of
@@ -51,6 +53,7 @@ GEOMETRY = {
     **dict.fromkeys(("LINESTRING", "MULTILINESTRING"), "line"),
     **dict.fromkeys(("POLYGON", "MULTIPOLYGON"), "polygon"),
 }
+DRAWINGS = ("kml", "dxf")  # formats of `export_hazard`
 NO_CELL = 255  # value without data in a yes-no raster
 
 
@@ -80,6 +83,39 @@ def read_hazard(path: str | Path) -> xr.Dataset:
     if "hazard_class" not in found:
         raise RockfallError(f"{path}: is no hazard: it has no hazard_class")
     return found
+
+
+def is_hazard(path: str | Path) -> bool:
+    """Return True if a netCDF file holds a hazard; False for any other, or none."""
+    import netCDF4
+
+    try:
+        check_netcdf(path)
+        with netCDF4.Dataset(path) as file:
+            return "hazard_class" in file.variables
+    except (OSError, RockfallError):  # whoever reads it as a result says what is wrong
+        return False
+
+
+def export_hazard(path: str | Path, folder: str | Path, formats: Sequence[str]) -> list[Path]:
+    """Write zones and objects of a hazard (a file hazard.nc) to a folder as KML and DXF. Writes all
+    of them or, with a RockfallError, none."""
+    folder, chosen, found = Path(folder), check_formats(formats, DRAWINGS), read_hazard(path)
+    need("zones need", "vector", "pyogrio", "shapely")
+    with atomic_folder(folder, [path, *files_behind(found)]) as part:
+        return [folder / file.name for file in _put_drawings(found, part, chosen)]
+
+
+def _put_drawings(found: xr.Dataset, folder: Path, formats: list[str]) -> Iterator[Path]:
+    """Drawings of the generalised zones, and of objects."""
+    layers = {name: layer for name, layer in _layers(found) if name in ("zones", "objects")}
+    if not layers:
+        raise RockfallError("the hazard has no zones and no objects")
+    styles = _styles({name: kind for name, (kind, _) in layers.items()})
+    if "kml" in formats:
+        yield put_kml(folder / "hazard.kml", layers, found, styles)
+    if "dxf" in formats:
+        yield write_drawing(folder / "hazard.dxf", layers, styles)
 
 
 def put_hazard(found: xr.Dataset, folder: Path) -> Iterator[Path]:

@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""DXF drawings as layers: what is drawn is what is read, what is left out is said."""
+
+import numpy as np
+import pytest
+
+import rockfall
+import scenes
+from made import make_layer, make_raster, refused
+from rockfall.io.layers import burn_polygons, layer_names, read_features, read_lines, read_polygons
+from rockfall.scene.read import read_scene
+
+ezdxf = pytest.importorskip("ezdxf", reason="the cad extra is not installed")
+shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+
+W, N = 600000.0, 5000000.0
+GRID = scenes.grid(np.empty((80, 60)), 5.0, W, N - 400)
+NO_CRS = "a drawing names no CRS: coordinates taken as those of the DEM"
+
+
+@pytest.fixture
+def drawing():
+    """An empty drawing in metres, of which `place` is a file."""
+    made = ezdxf.new("R2010")
+    made.header["$INSUNITS"] = 6
+    return made
+
+
+def saved(drawing, folder, name="plan.dxf"):
+    drawing.saveas(folder / name)
+    return folder / name
+
+
+def on(layer, **more):
+    return {"layer": layer, **more}
+
+
+def lines_of(path, layer=None, grid=GRID):
+    remarks = []
+    lines, columns = read_lines(path, layer, grid, remarks)
+    assert columns == {}
+    return [part for (part,) in lines], remarks
+
+
+@pytest.mark.parametrize("version", ["R12", "R2000", "R2010", "R2018"])
+def test_names_with_umlauts_and_places_come_back_in_every_version(version, tmp_path):
+    drawing = ezdxf.new(version)
+    xy = [(W + 10.125, N - 100.0625), (W + 60.5, N - 103.75), (W + 200.0, N - 99.0)]
+    drawing.modelspace().add_polyline2d(xy, dxfattribs=on("Straße_Süd"))
+    drawing.modelspace().add_line((W, N), (W + 1, N - 1), dxfattribs=on("Übriges"))
+    path = saved(drawing, tmp_path, "Geländeplan.dxf")
+    assert layer_names(path) == ["Straße_Süd", "Übriges"]
+    (line,), _ = lines_of(path, "Straße_Süd")
+    np.testing.assert_array_equal(line, xy)
+
+
+def test_lines_of_every_kind_are_lines(drawing, tmp_path):
+    space = drawing.modelspace()
+    space.add_line((0, 0, 5), (3, 4, 9))
+    space.add_lwpolyline([(0, 0), (10, 0), (10, 10)], close=True)
+    space.add_polyline3d([(0, 0, 5), (10, 0, 6), (10, 10, 7)])
+    space.add_arc((50, 50), 10, 0, 90)
+    space.add_circle((50, 50), 20)
+    space.add_ellipse((0, 0), major_axis=(10, 0), ratio=0.5)
+    space.add_lwpolyline([(0, 0, 1), (10, 0, 0)], format="xyb")  # half a circle
+    lines, _ = lines_of(saved(drawing, tmp_path))
+    lengths = [shapely.LineString(line).length for line in lines]
+    wanted = [5.0, 20 + np.hypot(10, 10), 20.0, 5 * np.pi, 40 * np.pi, 48.442241, 5 * np.pi]
+    np.testing.assert_allclose(lengths, wanted, rtol=2e-3)
+    arc = lines[3]
+    np.testing.assert_allclose(np.hypot(*(arc - 50).T), 10, atol=1e-5)
+    chords = np.hypot(*((arc[1:] + arc[:-1]) / 2 - 50).T)
+    assert (chords > 10 - 0.01 - 1e-6).all()  # within a centimetre
+    assert (lines[1][0] == lines[1][-1]).all() and len(lines[1]) == 4
+
+
+def test_blocks_are_taken_apart_where_they_are_inserted(drawing, tmp_path):
+    block = drawing.blocks.new("net")
+    block.add_line((0, 0), (1, 0), dxfattribs=on("0"))
+    block.add_line((0, 1), (1, 1), dxfattribs=on("own"))
+    outer = drawing.blocks.new("outer")
+    outer.add_blockref("net", (5, 0), dxfattribs=on("0", rotation=90))
+    space = drawing.modelspace()
+    space.add_blockref("net", (100, 200), dxfattribs=on("nets", xscale=7, yscale=7))
+    space.add_blockref("outer", (300, 0), dxfattribs=on("nets"))
+    space.add_blockref("net", (0, 0), dxfattribs=on("rows", column_count=3, column_spacing=10))
+    path = saved(drawing, tmp_path)
+    assert sorted(layer_names(path)) == ["nets", "own", "rows"]
+    lines, _ = lines_of(path, "nets")
+    np.testing.assert_allclose(lines, [[(100, 200), (107, 200)], [(305, 0), (305, 1)]], atol=1e-12)
+    lines, _ = lines_of(path, "rows")
+    assert [line[0].tolist() for line in lines] == [[0, 0], [10, 0], [20, 0]]
+
+
+def test_closed_lines_are_polygons_and_others_are_refused(drawing, tmp_path):
+    space = drawing.modelspace()
+    corners = [(W + 50, N - 60), (W + 90, N - 60), (W + 90, N - 100)]
+    space.add_lwpolyline(corners, close=True, dxfattribs=on("Quelle"))
+    space.add_lwpolyline([*corners, corners[0]], dxfattribs=on("Quelle"))  # closed by hand
+    space.add_text("Fels", dxfattribs=on("Quelle"))
+    space.add_lwpolyline(corners, dxfattribs=on("offen"))
+    path, remarks = saved(drawing, tmp_path), []
+    shapes, _ = read_polygons(path, GRID, remarks, "quelle")  # DXF ignores the case
+    assert [shape.area for shape in shapes] == [800.0, 800.0]
+    assert remarks == [f"{path}, layer Quelle: left out, as no polygons: 1 TEXT"]
+    with refused(
+        f"{path}, layer offen: a LWPOLYLINE from x 600050.00, y 4999940.00 is not closed: polygons "
+        "are needed"
+    ):
+        read_polygons(path, GRID, [], "offen")
+    shapes, _ = read_features(path, GRID, [], "offen")
+    assert [shape.geom_type for shape in shapes] == ["LineString"]
+
+
+def test_what_is_left_out_and_assumed_is_said(drawing, tmp_path):
+    drawing.header["$INSUNITS"] = 4
+    space = drawing.modelspace()
+    space.add_line((0, 0), (1, 0))
+    space.add_line((5, 5), (5, 5))
+    space.add_point((1, 1))
+    space.add_mtext("hier")
+    space.add_polymesh((3, 3))
+    space.add_hatch().paths.add_polyline_path([(0, 0), (1, 0), (1, 1)])
+    drawing.layout("Layout1").add_line((0, 0), (9, 9))  # paper
+    path = saved(drawing, tmp_path)
+    grid = scenes.Grid(W, N, 5.0, 60, 80, crs=ezcrs())
+    lines, remarks = lines_of(path, grid=grid)
+    assert len(lines) == 1
+    assert remarks == [
+        f"{path}, layer 0: left out, as no lines: 1 LINE of no length, 1 POINT, 1 MTEXT, "
+        "1 POLYLINE, 1 HATCH",
+        f"{path}, layer 0: {NO_CRS}; it says mm, taken as metres",
+    ]
+
+
+def ezcrs():
+    from rasterio.crs import CRS
+
+    return CRS.from_epsg(32632)
+
+
+@pytest.mark.filterwarnings("ignore:case")
+def test_a_case_of_a_drawing_is_the_case_of_a_geopackage(drawing, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    make_raster(tmp_path / "dem.tif", scenes.rough(nx=60, ny=80))
+    road = [(W + 10, N - 200), (W + 150, N - 205), (W + 290, N - 200)]
+    net = [(W + 10, N - 150), (W + 290, N - 150)]
+    cliff = [(W + 140, N - 12), (W + 160, N - 12), (W + 160, N - 22), (W + 140, N - 22)]
+    space = drawing.modelspace()
+    space.add_lwpolyline(road, dxfattribs=on("Straße"))
+    space.add_lwpolyline(net, dxfattribs=on("Netz"))
+    space.add_lwpolyline(cliff, close=True, dxfattribs=on("Fels"))
+    saved(drawing, tmp_path)
+    for name, shape in (
+        ("Straße", shapely.LineString(road)),
+        ("Netz", shapely.LineString(net)),
+        ("Fels", shapely.Polygon(cliff)),
+    ):
+        make_layer(tmp_path / "plan.gpkg", [shape], layer=name)
+    results = []
+    for name in ("plan.dxf", "plan.gpkg"):
+        case = scenes.make_case(
+            tmp_path, *scenes.sets(), terrain={"dem": "dem.tif"}, case={"boulders": 3, "seed": 5},
+            release={"polygons": name, "polygons_layer": "Fels", "drop_height": 2.0},
+            line=[{"file": name, "layer": "Straße"}],
+        )  # fmt: skip
+        case = case.replace(
+            barrier=[{"file": name, "layer": "Netz", "height": 4.0, "capacity": 500.0}]
+        )
+        scene = read_scene(case)
+        results.append(rockfall.run(case))
+        assert [line["name"] for line in scene.case.line] == ["Straße"]
+    drawn, layers = results
+    assert NO_CRS in drawn.attrs["input_warnings"]
+    for name in ("stop_x", "stop_y", "line_time", "barrier_outcome"):
+        np.testing.assert_array_equal(drawn[name].values, layers[name].values)
+
+
+def bomb(drawing):
+    """Ten blocks, each with ten of the one before: 10^10 lines."""
+    drawing.blocks.new("b0").add_line((0, 0), (1, 1))
+    for k in range(1, 11):
+        block = drawing.blocks.new(f"b{k}")
+        for _ in range(10):
+            block.add_blockref(f"b{k - 1}", (0, 0))
+    drawing.modelspace().add_blockref("b10", (0, 0))
+
+
+def grid_bomb(drawing):
+    drawing.blocks.new("one").add_line((0, 0), (1, 1))
+    counts = on("0", column_count=30000, row_count=30000, column_spacing=1, row_spacing=1)
+    drawing.modelspace().add_blockref("one", (0, 0), dxfattribs=counts)
+
+
+def circle_of_blocks(drawing):
+    drawing.blocks.new("a").add_blockref("b", (0, 0))
+    drawing.blocks.new("b").add_blockref("a", (0, 0))
+    drawing.modelspace().add_blockref("a", (0, 0))
+
+
+def nowhere(drawing):
+    drawing.modelspace().add_line((float("nan"), 0), (1, 1))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (bomb, "its blocks have more than 1,000 entities"),
+        (grid_bomb, "its blocks have more than 1,000 entities"),
+        (circle_of_blocks, "blocks within blocks, more than 16 deep"),
+        (nowhere, "layer 0: LINE has coordinates that are not finite"),
+    ],
+)
+def test_drawings_without_an_end_are_one_line(spoil, message, drawing, tmp_path, monkeypatch):
+    monkeypatch.setattr("rockfall.io.drawing.MAX_PARTS", 1000)
+    spoil(drawing)
+    path = saved(drawing, tmp_path)
+    with refused(f"{path}: {message}"):
+        lines_of(path)
+
+
+def test_a_circle_as_large_as_the_sun_has_few_chords(drawing, tmp_path):
+    drawing.modelspace().add_circle((0, 0), 7e8)
+    (line,), _ = lines_of(saved(drawing, tmp_path))
+    assert 100 < len(line) < 5000
+
+
+def test_damaged_drawings_are_one_line(drawing, tmp_path):
+    drawing.modelspace().add_lwpolyline([(0, 0), (10, 0), (10, 10)])
+    whole = saved(drawing, tmp_path).read_bytes()
+    path = tmp_path / "cut.dxf"
+    refusals = 0
+    for size in range(0, len(whole), len(whole) // 40):
+        path.write_bytes(whole[:size])
+        try:
+            lines_of(path)
+        except rockfall.RockfallError as error:
+            refusals += 1
+            assert str(error).startswith(f"{path}: ") and error.code == 2
+    assert refusals > 20
+    path.write_bytes(b"PK\x03\x04 no drawing \xff" * 50)
+    with pytest.raises(rockfall.RockfallError, match="not a DXF drawing that can be read"):
+        lines_of(path)
+
+
+def test_layers_and_attributes_that_are_not_there_are_one_line(drawing, tmp_path):
+    for name in ("a", "b"):
+        drawing.modelspace().add_line((0, 0), (1, 0), dxfattribs=on(name))
+    drawing.modelspace().add_text("x", dxfattribs=on("texts"))
+    path = saved(drawing, tmp_path)
+    with refused(f"{path}: no layer texts; has: a, b"):
+        lines_of(path, "texts")
+    with refused(f"{path}: has 2 layers (a, b); name one with layer"):
+        lines_of(path)
+    with refused(f"{path}: no attribute zone; a drawing has none"):
+        burn_polygons(path, GRID, "zone")

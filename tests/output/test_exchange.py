@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Trajectories in time, CZML, KML and DXF: what other readers find there is what was simulated."""
+
+import json
+import sqlite3
+import struct
+from contextlib import closing
+from xml.etree import ElementTree
+
+import numpy as np
+import pyproj
+import pytest
+
+import rockfall
+from made import make_raster, refused
+from rockfall.cli import main
+from rockfall.result.dataset import write_result
+from rockfall.result.flights import flights_of
+from scenes import make_case, rough, sets
+
+pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
+shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+ezdxf = pytest.importorskip("ezdxf", reason="the cad extra is not installed")
+
+KML = "{http://www.opengis.net/kml/2.2}"
+LINE = {"name": "Straße Süd <1>", "x": [600010.0, 600290.0], "y": [4999800.0, 4999810.0]}
+G = 9.81
+
+
+def run(place, crs="EPSG:32632", **changes):
+    z = rough(nx=60, ny=80)
+    make_raster(place / "dem.tif", z, crs=crs)
+    release = {"x": [600150.0, 600160.0], "y": [4999990.0, 4999990.0], "drop_height": 5.0}
+    given = {"output": {"trajectories": 6}, "line": [LINE], "case": {"boulders": 5, "seed": 3}}
+    return make_case(
+        place, *sets(), terrain={"dem": "dem.tif"}, release=release, **(given | changes)
+    )
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    return rockfall.run(run(tmp_path_factory.mktemp("site")))
+
+
+@pytest.fixture(scope="module")
+def exported(result, tmp_path_factory):
+    """A folder with every format, drawn to 1 cm."""
+    folder = tmp_path_factory.mktemp("out")
+    formats = ["gpkg", "czml", "kml", "dxf"]
+    with pytest.warns(UserWarning, match="vertical datum: not stated"):
+        rockfall.export(result, folder, formats=formats, tolerance=0.01)
+    return folder
+
+
+def contacts(result):
+    """x, y, z, time and velocity of each contact, by boulder."""
+    names = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
+    rows = np.column_stack([result[f"trajectory_{name}"].values for name in names])
+    owner = result["trajectory_boulder"].values
+    return {number: rows[owner == number] for number in np.unique(owner).tolist()}
+
+
+def gravity(start, end):
+    """That of a flight between two contacts; none for a roll, which is straight and steady."""
+    duration = end[3] - start[3]
+    return 0.0 if abs(end[2] - start[2] - start[6] * duration) < 1e-9 else G
+
+
+def place_at(rows, time):
+    """Where a boulder is at a time since its release, by the law of free fall."""
+    k = np.searchsorted(rows[:-1, 3], time, side="right") - 1
+    t = time - rows[k, 3]
+    return rows[k, :3] + t * rows[k, 4:] - (0, 0, gravity(rows[k], rows[k + 1]) / 2 * t**2)
+
+
+def rows_of(path, layer, columns):
+    """Rows of a GeoPackage, by SQLite alone, and their strings (n, 4) as its standard has them."""
+    with closing(sqlite3.connect(path)) as database:
+        rows = database.execute(f"SELECT geom, {', '.join(columns)} FROM {layer}").fetchall()
+    for blob, *values in rows:
+        envelope = (blob[3] >> 1) & 7
+        start = 8 + (0, 32, 48, 48, 64)[envelope]
+        kind, count = struct.unpack_from("<xII", blob, start)
+        assert kind == 3002
+        yield np.frombuffer(blob, "<f8", 4 * count, start + 9).reshape(-1, 4), values
+
+
+def test_trajectories_are_parabolas_in_space_and_time(exported, result):
+    """At every vertex, and halfway between two, a boulder is where free fall has it, to 1 cm."""
+    found = dict(
+        (number, path)
+        for path, (number,) in rows_of(exported / "rockfall.gpkg", "trajectories", ["boulder"])
+    )
+    known = contacts(result)
+    assert found.keys() == known.keys()
+    for number, path in found.items():
+        rows = known[number]
+        assert (np.diff(path[:, 3]) >= 0).all() and path[-1, 3] == rows[-1, 3]
+        assert {tuple(row) for row in rows[:, :4]} <= {tuple(row) for row in path}
+        wanted = [place_at(rows, time) for time in path[:-1, 3]]
+        np.testing.assert_allclose(path[:-1, :3], wanted, rtol=0, atol=1e-6)
+        between = (path[1:] + path[:-1]) / 2
+        off = between[:, :3] - [place_at(rows, time) for time in between[:, 3]]
+        assert 0.002 < np.linalg.norm(off, axis=1).max() <= 0.01 + 1e-6
+
+
+def test_a_coarser_tolerance_needs_fewer_vertices_and_is_kept(result):
+    sizes = []
+    for tolerance in (0.001, 0.05, 1.0):
+        flights = flights_of(result, tolerance)
+        sizes.append(len(flights.samples))
+        for number, path in zip(flights.boulders, flights.paths(), strict=True):
+            rows = contacts(result)[number]
+            between = (path[1:] + path[:-1]) / 2
+            off = between[:, :3] - [place_at(rows, time) for time in between[:, 3]]
+            assert np.linalg.norm(off, axis=1).max() <= tolerance + 1e-6
+    assert sizes == sorted(sizes, reverse=True) and len(set(sizes)) == 3
+    with refused("--tolerance 0: must be > 0 [m]"):
+        flights_of(result, 0.0)
+
+
+def test_what_rolls_stays_on_the_line_between_contacts(result):
+    """A vertex whose velocity does not lead to the next one starts no parabola."""
+    slow = result.assign(trajectory_velocity_x=result["trajectory_velocity_x"] * 0.5)
+    rows = np.diff(contacts(slow)[1], axis=0)
+    moved = np.abs(contacts(slow)[1][:-1, 4] * rows[:, 3]) > 1e-5  # not straight down
+    flights = flights_of(slow)
+    first = flights.first[: len(rows) + 1]
+    assert (np.diff(first)[moved] == 1).all() and moved.sum() > 5
+
+
+def test_flights_have_begin_and_end_for_the_temporal_controller(exported, result):
+    columns = ["boulder", "contact", '"begin"', '"end"', "speed_m_s", "speed_end_m_s"]
+    rows = list(rows_of(exported / "rockfall.gpkg", "flights", columns))
+    known = contacts(result)
+    assert len(rows) == sum((np.diff(one[:, 3]) > 0).sum() for one in known.values())
+    for path, (boulder, contact, begin, end, speed, speed_end) in rows:
+        own, following = known[boulder][contact - 1], known[boulder][contact]
+        assert tuple(path[0]) == tuple(own[:4]) and tuple(path[-1]) == tuple(following[:4])
+        for stamp, time in ((begin, own[3]), (end, following[3])):
+            since = np.datetime64(stamp.rstrip("Z")) - np.datetime64("2000-01-01T00:00:00")
+            assert abs(since / np.timedelta64(1, "ms") - 1000 * time) <= 0.5
+        assert speed == pytest.approx(np.linalg.norm(own[4:]), abs=1e-12)
+        fallen = own[4:] - (0, 0, gravity(own, following) * (following[3] - own[3]))
+        assert speed_end == pytest.approx(np.linalg.norm(fallen), abs=1e-6)
+    with closing(sqlite3.connect(exported / "rockfall.gpkg")) as database:
+        query = "SELECT styleQML FROM layer_styles WHERE f_table_name = 'flights'"
+        ((style,),) = database.execute(query).fetchall()
+    temporal = ElementTree.fromstring(style).find("temporal")
+    assert temporal.attrib["startField"] == "begin" and temporal.attrib["endField"] == "end"
+
+
+def test_czml_has_each_boulder_where_it_is(exported, result):
+    packets = json.loads((exported / "rockfall.czml").read_text())
+    document, line, *boulders = packets
+    assert document["id"] == "document" and document["version"] == "1.0"
+    assert line["name"] == LINE["name"] and line["polyline"]["clampToGround"]
+    known, back = contacts(result), pyproj.Transformer.from_crs(4326, 32632, always_xy=True)
+    assert [one["id"] for one in boulders] == [f"boulder {number}" for number in known]
+    for packet, (number, rows) in zip(boulders, known.items(), strict=True):
+        position = packet["position"]
+        assert position["epoch"] == "2000-01-01T00:00:00.000Z"
+        time, longitude, latitude, height = np.reshape(position["cartographicDegrees"], (-1, 4)).T
+        assert (np.diff(time) > 0).all()
+        places = np.column_stack([*back.transform(longitude, latitude), height])
+        wanted = [place_at(rows, one) for one in time[:-1]]
+        np.testing.assert_allclose(places[:-1], wanted, rtol=0, atol=1e-3)
+        np.testing.assert_allclose(places[-1], rows[-1, :3], rtol=0, atol=1e-3)
+        (radius, *_) = packet["ellipsoid"]["radii"]["cartesian"]
+        volume = result["volume"].sel(boulder=number).item()
+        assert 4 / 3 * np.pi * radius**3 == pytest.approx(volume, rel=0.01)
+
+
+def test_czml_heights_are_above_the_ellipsoid_with_geoid(result, tmp_path, recwarn):
+    rockfall.export(result, tmp_path, formats=["czml"], geoid=48.5)
+    assert not recwarn.list
+    packet = json.loads((tmp_path / "rockfall.czml").read_text())[2]
+    assert packet["position"]["cartographicDegrees"][3] == pytest.approx(
+        result["trajectory_z"].values[0] + 48.5, abs=1e-6
+    )
+    with refused("--geoid 4000: must be between -200 and 200"):
+        rockfall.export(result, tmp_path / "new", formats=["czml"], geoid=4000.0)
+    assert not (tmp_path / "new").exists()
+
+
+def test_gdal_finds_every_layer_of_the_kml(exported, result):
+    path = exported / "rockfall.kml"
+    names = [name for name, _ in pyogrio.list_layers(path)]
+    assert names == ["sources", "stops", "lines", "trajectories"]
+    back = pyproj.Transformer.from_crs(4326, 32632, always_xy=True)
+
+    def read(layer):
+        about, _, wkb, values = pyogrio.raw.read(path, layer=layer)
+        shapes = shapely.transform(
+            shapely.from_wkb(wkb),
+            lambda xyz: np.column_stack([*back.transform(*xyz.T[:2]), *xyz.T[2:]]),
+            include_z=layer == "trajectories",
+        )
+        return shapes, dict(zip(about["fields"], values, strict=True))
+
+    stops, _ = read("stops")
+    wanted = np.column_stack([result["stop_x"].values, result["stop_y"].values])
+    np.testing.assert_allclose(shapely.get_coordinates(stops), wanted, rtol=0, atol=1e-3)
+    lines, fields = read("lines")
+    assert fields["Name"].tolist() == [LINE["name"]]
+    ends = np.column_stack([LINE["x"], LINE["y"]])
+    np.testing.assert_allclose(shapely.get_coordinates(lines), ends, rtol=0, atol=1e-3)
+    paths, _ = read("trajectories")
+    for path, rows in zip(paths, contacts(result).values(), strict=True):
+        ends = shapely.get_coordinates(path, include_z=True)[[0, -1]]
+        np.testing.assert_allclose(ends, rows[[0, -1], :3], rtol=0, atol=1e-3)
+
+
+def test_kml_says_what_its_heights_are(exported):
+    root = ElementTree.parse(exported / "rockfall.kml").getroot()
+    assert "vertical datum: not stated" in root.find(f"{KML}Document/{KML}description").text
+    folders = {one.find(f"{KML}name").text: one for one in root.iter(f"{KML}Folder")}
+    modes = {
+        name: {one.text for one in folder.iter(f"{KML}altitudeMode")}
+        for name, folder in folders.items()
+    }
+    assert modes["trajectories"] == {"absolute"}
+    assert modes["stops"] == modes["lines"] == modes["sources"] == {"clampToGround"}
+    styles = {one.attrib["id"] for one in root.iter(f"{KML}Style")}
+    used = {one.text[1:] for one in root.iter(f"{KML}styleUrl")}
+    assert used and used <= styles
+
+
+def test_a_drawing_has_trajectories_in_space_and_names(exported, result):
+    drawing = ezdxf.readfile(exported / "rockfall.dxf")
+    assert not drawing.audit().errors and drawing.header["$INSUNITS"] == 6
+    space = drawing.modelspace()
+    known = contacts(result)
+    paths = space.query('POLYLINE[layer=="trajectories"]')
+    for path, rows in zip(paths, known.values(), strict=True):
+        places = [tuple(one.dxf.location) for one in path.vertices]
+        assert {tuple(row) for row in rows[:, :3]} <= {*places}
+        assert places[0] == tuple(rows[0, :3]) and places[-1] == tuple(rows[-1, :3])
+    (line,) = space.query('LWPOLYLINE[layer=="lines"]')
+    assert [tuple(one[:2]) for one in line] == list(zip(LINE["x"], LINE["y"], strict=True))
+    (text,) = space.query('TEXT[layer=="lines"]')
+    assert text.dxf.text == LINE["name"]
+    stops = [one for one in space.query("POINT") if one.dxf.layer.startswith("stops_")]
+    places = {tuple(one.dxf.location) for one in stops}
+    axes = (result[f"stop_{axis}"].values.tolist() for axis in "xyz")
+    assert places == {*zip(*axes, strict=True)}
+
+
+def test_a_result_without_crs_is_drawn_as_dxf_only(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_result(rockfall.run(run(tmp_path, crs=None)), "out.nc")
+    assert main(["export", "out.nc", "cad", "--formats", "dxf"]) == 0
+    capsys.readouterr()
+    for name in ("kml", "czml"):
+        assert main(["export", "out.nc", "gis", "--formats", "tif", name]) == 2
+        assert capsys.readouterr().err == (
+            f"rockfall: {name.upper()} needs longitudes and latitudes, and the result has no CRS: "
+            "give the DEM one (rockfall dem DEM -o DEM.tif --crs CODE) and run again\n"
+        )
+        assert not (tmp_path / "gis").exists()
+
+
+def test_a_result_without_trajectories_has_no_czml(result, tmp_path):
+    with refused("CZML needs trajectories: the result has none (&output trajectories)"):
+        rockfall.export(result.drop_dims("trajectory_vertex"), tmp_path / "a", formats=["czml"])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--formats", "shp"], "--formats shp: must be tif, gpkg, csv, czml, kml, dxf"),
+        (["--geoid", "48"], "--geoid: needs --formats czml"),
+        (["--tolerance", "-1"], "--tolerance -1: must be > 0 [m]"),
+    ],
+)
+def test_wrong_options_are_one_line(options, message, result, tmp_path, capsys):
+    write_result(result, tmp_path / "out.nc")
+    assert main(["export", str(tmp_path / "out.nc"), str(tmp_path / "gis"), *options]) == 2
+    assert capsys.readouterr().err == f"rockfall: {message}\n"
+    assert not (tmp_path / "gis").exists()
+
+
+def test_zones_of_a_hazard_are_drawn(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    case = run(tmp_path).replace(scenario=[{"name": "blocks", "return_period": 10.0}])
+    rockfall.write_hazard(rockfall.hazard(case), "zones")
+    assert main(["export", "zones/hazard.nc", "out"]) == 0
+    capsys.readouterr()
+    about, _, wkb, values = pyogrio.raw.read("zones/hazard.gpkg", layer="zones")
+    zones = dict(zip(about["fields"], values, strict=True))
+    shapes, hazard = shapely.from_wkb(wkb), zones["hazard"]
+    drawing = ezdxf.readfile("out/hazard.dxf").modelspace()
+    drawn = [one for one in drawing if one.dxf.layer.startswith("zones_")]
+    assert {one.dxf.layer for one in drawn} == {f"zones_{name}" for name in hazard}
+    assert all(one.closed for one in drawn)
+    outlines = [shapely.Polygon([at[:2] for at in one]).area for one in drawn]
+    rings = [ring for shape in shapes for ring in (shape.exterior, *shape.interiors)]
+    assert sum(outlines) == pytest.approx(sum(shapely.Polygon(ring).area for ring in rings))
+    about, _, wkb, values = pyogrio.raw.read("out/hazard.kml", layer="zones")
+    assert dict(zip(about["fields"], values, strict=True))["Name"].tolist() == hazard.tolist()
+    assert main(["export", "zones/hazard.nc", "new", "--formats", "gpkg"]) == 2
+    assert capsys.readouterr().err == "rockfall: --formats gpkg: must be kml, dxf\n"
