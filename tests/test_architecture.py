@@ -30,7 +30,7 @@ LEVELS = [
     ["__init__"],
     ["lab"],
     ["plots", "text"],
-    ["html_report"],
+    ["html_report", "qgis_project"],
     ["products"],
     ["cli", "__main__"],
 ]

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from rockfall.analysis.hazard.files import read_hazard
+from rockfall.analysis.hazard.files import put_zones, read_hazard
 from rockfall.analysis.models import read_models
 from rockfall.analysis.observations import Observed, read_observed
 from rockfall.case_files import files_behind
@@ -16,16 +16,20 @@ from rockfall.html_report.page import check_page, write_report
 from rockfall.html_report.spread import check_models
 from rockfall.html_report.terrain_view import check_view
 from rockfall.html_report.variants_page import Given, write_variants_page
+from rockfall.io.output_files import atomic_folder
 from rockfall.io.raster_file import raster_files
 from rockfall.language import catalogue
 from rockfall.plots.cartography.basemap import read_basemap
 from rockfall.plots.extent import reached
 from rockfall.plots.figures import figures as figures_of
 from rockfall.plots.figures import write_figures
+from rockfall.plots.hazard_sheet import Imprint
 from rockfall.plots.map_figures import Look
 from rockfall.plots.terrain import terrain_of
+from rockfall.qgis_project.project import put_project
 from rockfall.result.classes import read_limits
 from rockfall.result.dataset import read_result
+from rockfall.result.export import put_export
 from rockfall.result.same_case import check_same_case
 from rockfall.scene.layers import file_checksum
 
@@ -162,6 +166,50 @@ def figures(
     drawn = _drawn(result, dem, observed, basemap, limits)
     inputs = [*_given(result, dem, observed, basemap), *files_behind(drawn.result)]
     return write_figures(figures_of(*drawn), folder, format, inputs)
+
+
+def export_project(
+    result: Result,
+    folder: str | Path,
+    *,
+    dem: Place = None,
+    hazard: Place = None,
+    language: str = "en",
+    project: str = "",
+    client: str = "",
+    author: str = "",
+) -> list[Path]:
+    """Write a result to `folder` as `export` does, and with it project.qgz, a project of QGIS: the
+    layers in groups with their styles, themes, and for each theme a layout on A3 with title,
+    legend, scale bar, north arrow, coordinate system and date; returns the files written.
+
+    `dem` is the terrain (default: the case's, if it exists), of which the part around the boulders
+    becomes elevation_m.tif, drawn as relief and contours; `hazard`, a file hazard.nc, adds its
+    zones and classes; titles and texts are in `language` (en, de, fr or it); layouts name
+    `project` (its name or number), `client` and `author`. All layers are files of `folder`, found
+    from the project, so that the folder may go elsewhere. Writes all files or, with a
+    RockfallError, none; missing terrain gives a UserWarning.
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> rockfall.export_project(result, "gis")[-1].name
+    'project.qgz'
+    """
+    folder = Path(folder)
+    catalogue(language)
+    data = read_result(result) if isinstance(result, str | Path) else result
+    zones = None if hazard is None else read_hazard(hazard)
+    if zones is not None:
+        check_same_case(data, zones, str(hazard))
+    terrain = terrain_of(data, dem, Path(result).parent if isinstance(result, str | Path) else None)
+    inputs = [*_given(result, dem, (), None), *files_behind(data)]
+    inputs += [] if hazard is None else [hazard]
+    with atomic_folder(folder, inputs) as part:
+        files = put_export(data, part, result)
+        files += [] if zones is None else put_zones(zones, part)
+        imprint = Imprint(project, client, author)
+        added = put_project(data, part, files, terrain, imprint, language)
+        return [folder / path.name for path in [*files, *added]]
 
 
 def _drawn(

@@ -237,6 +237,12 @@ def _add_results(commands: _Commands) -> None:
 
     export = result("export", "write a result as GeoTIFF, GeoPackage and CSV")
     export.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
+    about = "project.qgz, too: a project with groups, styles and layouts on A3"
+    project = export.add_argument_group("project of QGIS")
+    project.add_argument("--qgis", action="store_true", help=about)
+    project.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
+    project.add_argument("--hazard", metavar="HAZARD.nc", type=Path, help="its zones, too")
+    _add_imprint(project, "on layouts")
     about = "compare a result with observations (several: rank them), or variants with the first"
     compare = _add(commands, "results", "compare", about)
     about = "results OUT.nc and observations OBSERVED.csv, or trajectories .rts, .pts of RAMMS; "
@@ -289,7 +295,7 @@ def _add_results(commands: _Commands) -> None:
         )
 
 
-def _add_imprint(command: argparse.ArgumentParser, where: str) -> None:
+def _add_imprint(command: argparse._ActionsContainer, where: str) -> None:
     about = "en (default), de, fr or it"
     command.add_argument("--language", metavar="XX", default="en", help=about)
     for name, about in (

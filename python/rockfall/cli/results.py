@@ -21,7 +21,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.output_files import check_output
 from rockfall.io.ramms import ENDINGS, is_trajectory_file
 from rockfall.io.tables import plain_decimal
-from rockfall.products import figures, report, report_variants
+from rockfall.products import export_project, figures, report, report_variants
 from rockfall.result.dataset import read_result
 from rockfall.result.export import export
 from rockfall.result.same_case import common_lines
@@ -35,11 +35,20 @@ if TYPE_CHECKING:
     import xarray as xr
 
 IMPRINT = ("language", "project", "client", "author")  # of a page
+PROJECT = (*IMPRINT, "dem", "hazard")  # in a project of QGIS
 REPORTED = (*IMPRINT, "dem_date", "hazard", "models")  # in a report
 
 
 def export_command(arguments: argparse.Namespace) -> int:
-    print(*export(_path(arguments), arguments.folder), sep="\n")
+    path, folder = _path(arguments), arguments.folder
+    given = {key: getattr(arguments, key) for key in PROJECT if getattr(arguments, key)}
+    if arguments.qgis:
+        with _warnings_told():
+            print(*export_project(path, folder, **given), sep="\n")
+        return DONE
+    for key in given.keys() - {"language"}:
+        raise RockfallError(f"--{key} requires --qgis")
+    print(*export(path, folder), sep="\n")
     return DONE
 
 
