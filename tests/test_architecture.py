@@ -30,7 +30,7 @@ LEVELS = [
     ["__init__"],
     ["lab"],
     ["plots", "text"],
-    ["html_report", "qgis_project"],
+    ["html_report", "office", "qgis_project"],
     ["products"],
     ["cli", "__main__"],
 ]

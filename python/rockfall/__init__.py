@@ -19,6 +19,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "ensemble_table": "analysis.ensemble.study",
     "export": "result.export",
     "export_project": "products",
+    "export_tables": "products",
     "figures": "products",
     "hazard": "analysis.hazard.study",
     "import_rockyfor3d": "rockyfor3d.imported",

@@ -11,6 +11,7 @@ from rockfall.analysis.hazard.files import put_zones, read_hazard
 from rockfall.analysis.models import read_models
 from rockfall.analysis.observations import Observed, read_observed
 from rockfall.case_files import files_behind
+from rockfall.errors import need
 from rockfall.html_report.inputs import Parties
 from rockfall.html_report.page import check_page, write_report
 from rockfall.html_report.spread import check_models
@@ -19,11 +20,12 @@ from rockfall.html_report.variants_page import Given, write_variants_page
 from rockfall.io.output_files import atomic_folder
 from rockfall.io.raster_file import raster_files
 from rockfall.language import catalogue
+from rockfall.office.tables import check_tables, put_tables
 from rockfall.plots.cartography.basemap import read_basemap
 from rockfall.plots.extent import reached
 from rockfall.plots.figures import figures as figures_of
 from rockfall.plots.figures import write_figures
-from rockfall.plots.hazard_sheet import Imprint
+from rockfall.plots.hazard_sheet import NOBODY, Imprint
 from rockfall.plots.map_figures import Look
 from rockfall.plots.terrain import terrain_of
 from rockfall.qgis_project.project import put_project
@@ -44,6 +46,18 @@ if TYPE_CHECKING:
 
 
 NO_COSTS: Mapping[str, float] = {}
+
+
+class Added(NamedTuple):
+    """What is added to an export: a project of QGIS, with its DEM, hazard and imprint; tables in
+    these formats; and the language of both."""
+
+    project: bool = False
+    tables: Sequence[str] = ()
+    dem: Place = None
+    hazard: Place = None
+    language: str = "en"
+    imprint: Imprint = NOBODY
 
 
 class _Drawn(NamedTuple):
@@ -195,21 +209,61 @@ def export_project(
     >>> rockfall.export_project(result, "gis")[-1].name
     'project.qgz'
     """
-    folder = Path(folder)
-    catalogue(language)
+    added = Added(True, (), dem, hazard, language, Imprint(project, client, author))
+    return export_with(result, folder, added)
+
+
+def export_tables(
+    result: Result,
+    folder: str | Path,
+    formats: Sequence[str] = ("xlsx", "docx"),
+    *,
+    language: str = "en",
+) -> list[Path]:
+    """Write the tables of a result to `folder`: line statistics, return levels, what barriers did,
+    and what was run; returns the files written.
+
+    tables.xlsx has a sheet for each table, with the numbers of the CSV tables, units, and limits of
+    95 % confidence intervals in columns of their own; tables.docx has the tables of the report,
+    rounded, with intervals in brackets, in `language` (en, de, fr or it). They need the extra
+    `office`. Raises RockfallError for other `formats`.
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> [path.name for path in rockfall.export_tables(result, "tables", ["xlsx"])]
+    ['tables.xlsx']
+    """
+    return export_with(result, folder, Added(tables=tuple(formats), language=language), False)
+
+
+def export_with(result: Result, folder: str | Path, added: Added, files: bool = True) -> list[Path]:
+    """Write an export, unless `files` is False, and what is added to it, all or none; returns the
+    files."""
+    folder, hazard = Path(folder), added.hazard
+    if added.tables:
+        check_tables(added.tables, added.language)
+    if added.project:
+        need("a project needs", "report", "matplotlib", "babel")
+        catalogue(added.language)
+    given = Path(result) if isinstance(result, str | Path) else None
     data = read_result(result) if isinstance(result, str | Path) else result
     zones = None if hazard is None else read_hazard(hazard)
     if zones is not None:
         check_same_case(data, zones, str(hazard))
-    terrain = terrain_of(data, dem, Path(result).parent if isinstance(result, str | Path) else None)
-    inputs = [*_given(result, dem, (), None), *files_behind(data)]
+    beside = given.parent if given else None
+    terrain = terrain_of(data, added.dem, beside) if added.project else None
+    inputs = [*_given(result, added.dem, (), None), *files_behind(data)]
     inputs += [] if hazard is None else [hazard]
     with atomic_folder(folder, inputs) as part:
-        files = put_export(data, part, result)
-        files += [] if zones is None else put_zones(zones, part)
-        imprint = Imprint(project, client, author)
-        added = put_project(data, part, files, terrain, imprint, language)
-        return [folder / path.name for path in [*files, *added]]
+        made = put_export(data, part, result) if files else []
+        made += [] if zones is None else put_zones(zones, part)
+        if added.tables:
+            checksum = file_checksum(given) if given else ""
+            made += put_tables(data, part, added.tables, added.language, checksum)
+        if added.project:
+            shown = [path for path in made if path.suffix == ".tif"]
+            made += put_project(data, part, shown, terrain, added.imprint, added.language)
+        return [folder / path.name for path in made]
 
 
 def _drawn(

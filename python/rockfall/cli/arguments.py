@@ -237,12 +237,13 @@ def _add_results(commands: _Commands) -> None:
 
     export = result("export", "write a result as GeoTIFF, GeoPackage and CSV")
     export.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
+    _add_tables(export, "line statistics and return levels")
     about = "project.qgz, too: a project with groups, styles and layouts on A3"
     project = export.add_argument_group("project of QGIS")
     project.add_argument("--qgis", action="store_true", help=about)
     project.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
     project.add_argument("--hazard", metavar="HAZARD.nc", type=Path, help="its zones, too")
-    _add_imprint(project, "on layouts")
+    _add_imprint(project, "on layouts", "of the project and of tables: ")
     about = "compare a result with observations (several: rank them), or variants with the first"
     compare = _add(commands, "results", "compare", about)
     about = "results OUT.nc and observations OBSERVED.csv, or trajectories .rts, .pts of RAMMS; "
@@ -295,8 +296,13 @@ def _add_results(commands: _Commands) -> None:
         )
 
 
-def _add_imprint(command: argparse._ActionsContainer, where: str) -> None:
-    about = "en (default), de, fr or it"
+def _add_tables(command: argparse.ArgumentParser, what: str) -> None:
+    about = f"{what}, too, as a workbook (xlsx) and a document (docx)"
+    command.add_argument("--tables", metavar="FORMAT", nargs="+", default=[], help=about)
+
+
+def _add_imprint(command: argparse._ActionsContainer, where: str, what: str = "") -> None:
+    about = f"{what}en (default), de, fr or it"
     command.add_argument("--language", metavar="XX", default="en", help=about)
     for name, about in (
         ("project", "its name or number"),
@@ -311,6 +317,9 @@ def _add_design(commands: _Commands) -> None:
     sheet = _add(commands, "protection", "design", about)
     sheet.add_argument("results", metavar="OUT.nc", type=Path, nargs="*")
     sheet.add_argument("-o", "--output", metavar="DIR", type=Path, help="for tables and figures")
+    _add_tables(sheet, "the tables")
+    about = "of these tables: en (default), de, fr or it"
+    sheet.add_argument("--language", metavar="XX", default="en", help=about)
     _add_conditions(sheet)
     about = "that may pass, of the boulders that come; default: 0.01"
     sheet.add_argument("--residual", metavar="FRACTION", type=float, help=about)

@@ -21,7 +21,8 @@ from rockfall.errors import RockfallError
 from rockfall.io.output_files import check_output
 from rockfall.io.ramms import ENDINGS, is_trajectory_file
 from rockfall.io.tables import plain_decimal
-from rockfall.products import export_project, figures, report, report_variants
+from rockfall.plots.hazard_sheet import Imprint
+from rockfall.products import Added, export_with, figures, report, report_variants
 from rockfall.result.dataset import read_result
 from rockfall.result.export import export
 from rockfall.result.same_case import common_lines
@@ -35,21 +36,27 @@ if TYPE_CHECKING:
     import xarray as xr
 
 IMPRINT = ("language", "project", "client", "author")  # of a page
-PROJECT = (*IMPRINT, "dem", "hazard")  # in a project of QGIS
 REPORTED = (*IMPRINT, "dem_date", "hazard", "models")  # in a report
 
 
 def export_command(arguments: argparse.Namespace) -> int:
-    path, folder = _path(arguments), arguments.folder
-    given = {key: getattr(arguments, key) for key in PROJECT if getattr(arguments, key)}
-    if arguments.qgis:
-        with _warnings_told():
-            print(*export_project(path, folder, **given), sep="\n")
+    path, folder, imprint = _path(arguments), arguments.folder, _imprint(arguments)
+    given = {"dem": arguments.dem, "hazard": arguments.hazard, **imprint._asdict()}
+    for key, value in given.items():
+        if value and not arguments.qgis:
+            raise RockfallError(f"--{key} requires --qgis")
+    if not arguments.qgis and not arguments.tables:
+        print(*export(path, folder), sep="\n")
         return DONE
-    for key in given.keys() - {"language"}:
-        raise RockfallError(f"--{key} requires --qgis")
-    print(*export(path, folder), sep="\n")
+    with _warnings_told():
+        added = Added(arguments.qgis, arguments.tables, arguments.dem, arguments.hazard,
+                      arguments.language, imprint)  # fmt: skip
+        print(*export_with(path, folder, added), sep="\n")
     return DONE
+
+
+def _imprint(arguments: argparse.Namespace) -> Imprint:
+    return Imprint(arguments.project, arguments.client, arguments.author)
 
 
 def compare_command(arguments: argparse.Namespace) -> int:
