@@ -31,7 +31,7 @@ LEVELS = [
     ["__init__"],
     ["lab"],
     ["plots", "text"],
-    ["html_report"],
+    ["html_report", "office", "qgis_project"],
     ["products"],
     ["cli", "__main__"],
 ]

@@ -20,6 +20,8 @@ _MODULES = {  # module of each public name, and the name there if different
     "ensemble": "analysis.ensemble.study:run_ensemble",
     "ensemble_table": "analysis.ensemble.study",
     "export": "result.export",
+    "export_project": "products",
+    "export_tables": "products",
     "figures": "products",
     "hazard": "analysis.hazard.study",
     "import_rockyfor3d": "rockyfor3d.imported",

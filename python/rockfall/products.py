@@ -9,30 +9,35 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rockfall.analysis.hazard.files import read_hazard
+from rockfall.analysis.hazard.files import put_zones, read_hazard
 from rockfall.analysis.lines.drawn_line import drawn_line
 from rockfall.analysis.lines.section import Section, section_of
 from rockfall.analysis.lines.stations import SectionLine
 from rockfall.analysis.models import read_models
 from rockfall.analysis.observations import Observed, read_observed
 from rockfall.case_files import files_behind
+from rockfall.errors import need
 from rockfall.html_report.inputs import Parties
 from rockfall.html_report.page import check_page, write_report
 from rockfall.html_report.spread import check_models
 from rockfall.html_report.terrain_view import check_view
 from rockfall.html_report.variants_page import Given, write_variants_page
 from rockfall.io.grid import Grid
+from rockfall.io.output_files import atomic_folder
 from rockfall.io.raster_file import raster_files
 from rockfall.language import catalogue
+from rockfall.office.tables import check_tables, put_tables
 from rockfall.plots.cartography.basemap import read_basemap
 from rockfall.plots.extent import cell_of, reached
 from rockfall.plots.figures import figures as figures_of
 from rockfall.plots.figures import write_figures
+from rockfall.plots.hazard_sheet import NOBODY, Imprint
 from rockfall.plots.map_figures import Look
 from rockfall.plots.terrain import terrain_of
+from rockfall.qgis_project.project import put_project
 from rockfall.result.classes import read_limits
 from rockfall.result.dataset import read_result
-from rockfall.result.export import crs_wkt
+from rockfall.result.export import EXPORTED, Chosen, crs_wkt, put_export
 from rockfall.result.same_case import check_same_case
 from rockfall.scene.layers import file_checksum
 
@@ -47,6 +52,18 @@ if TYPE_CHECKING:
 
 
 NO_COSTS: Mapping[str, float] = {}
+
+
+class Added(NamedTuple):
+    """What is added to an export: a project of QGIS, with its DEM, hazard and imprint; tables in
+    these formats; and the language of both."""
+
+    project: bool = False
+    tables: Sequence[str] = ()
+    dem: Place = None
+    hazard: Place = None
+    language: str = "en"
+    imprint: Imprint = NOBODY
 
 
 class _Drawn(NamedTuple):
@@ -240,6 +257,92 @@ def _grid(result: xr.Dataset, terrain: Terrain | None) -> Grid:
     cell, wkt = cell_of(result), crs_wkt(result)
     nx, ny = (math.ceil(size / cell) for size in (east - west, north - south))
     return Grid(west, north, cell, nx, ny, CRS.from_wkt(wkt) if wkt else None)
+
+
+def export_project(
+    result: Result,
+    folder: str | Path,
+    *,
+    dem: Place = None,
+    hazard: Place = None,
+    language: str = "en",
+    project: str = "",
+    client: str = "",
+    author: str = "",
+) -> list[Path]:
+    """Write a result to `folder` as `export` does, and with it project.qgz, a project of QGIS: the
+    layers in groups with their styles, themes, and for each theme a layout on A3 with title,
+    legend, scale bar, north arrow, coordinate system and date; returns the files written.
+
+    `dem` is the terrain (default: the case's, if it exists), of which the part around the boulders
+    becomes elevation_m.tif, drawn as relief and contours; `hazard`, a file hazard.nc, adds its
+    zones and classes; titles and texts are in `language` (en, de, fr or it); layouts name
+    `project` (its name or number), `client` and `author`. All layers are files of `folder`, found
+    from the project, so that the folder may go elsewhere. Writes all files or, with a
+    RockfallError, none; missing terrain gives a UserWarning.
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> rockfall.export_project(result, "gis")[-1].name
+    'project.qgz'
+    """
+    added = Added(True, (), dem, hazard, language, Imprint(project, client, author))
+    return export_with(result, folder, added)
+
+
+def export_tables(
+    result: Result,
+    folder: str | Path,
+    formats: Sequence[str] = ("xlsx", "docx"),
+    *,
+    language: str = "en",
+) -> list[Path]:
+    """Write the tables of a result to `folder`: line statistics, return levels, what barriers did,
+    and what was run; returns the files written.
+
+    tables.xlsx has a sheet for each table, with the numbers of the CSV tables, units, and limits of
+    95 % confidence intervals in columns of their own; tables.docx has the tables of the report,
+    rounded, with intervals in brackets, in `language` (en, de, fr or it). They need the extra
+    `office`. Raises RockfallError for other `formats`.
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> [path.name for path in rockfall.export_tables(result, "tables", ["xlsx"])]
+    ['tables.xlsx']
+    """
+    return export_with(result, folder, Added(tables=tuple(formats), language=language), None)
+
+
+def export_with(
+    result: Result, folder: str | Path, added: Added, chosen: Chosen | None = EXPORTED
+) -> list[Path]:
+    """Write an export, unless `chosen` is None, and what is added to it, all or none; returns the
+    files."""
+    folder, hazard = Path(folder), added.hazard
+    if added.tables:
+        check_tables(added.tables, added.language)
+    if added.project:
+        need("a project needs", "report", "matplotlib", "babel")
+        catalogue(added.language)
+    given = Path(result) if isinstance(result, str | Path) else None
+    data = read_result(result) if isinstance(result, str | Path) else result
+    zones = None if hazard is None else read_hazard(hazard)
+    if zones is not None:
+        check_same_case(data, zones, str(hazard))
+    beside = given.parent if given else None
+    terrain = terrain_of(data, added.dem, beside) if added.project else None
+    inputs = [*_given(result, added.dem, (), None), *files_behind(data)]
+    inputs += [] if hazard is None else [hazard]
+    with atomic_folder(folder, inputs) as part:
+        made = [] if chosen is None else put_export(data, part, chosen, result)
+        made += [] if zones is None else put_zones(zones, part)
+        if added.tables:
+            checksum = file_checksum(given) if given else ""
+            made += put_tables(data, part, added.tables, added.language, checksum)
+        if added.project:
+            shown = [path for path in made if path.suffix == ".tif"]
+            made += put_project(data, part, shown, terrain, added.imprint, added.language)
+        return [folder / path.name for path in made]
 
 
 def _drawn(

@@ -37,13 +37,16 @@ def write_layer(source, path, name, context, feedback):
 def load_results(folder, context):
     """Load every map and layer in a folder into QGIS; returns their names.
 
-    Processing loads files without the styles next to them, so they are loaded here.
+    Processing loads files without the styles next to them, so they are loaded here. Sources that
+    are cells are loaded as the areas that they make together, not as thousands of points.
     """
     found = [QgsRasterLayer(str(path), path.stem) for path in sorted(Path(folder).glob("*.tif"))]
     for path in sorted(Path(folder).glob("*.gpkg")):
         metadata = QgsProviderRegistry.instance().providerMetadata("ogr")
-        for one in metadata.querySublayers(str(path)):
-            found.append(QgsVectorLayer(one.uri(), one.name(), "ogr"))
+        parts = {one.name(): one.uri() for one in metadata.querySublayers(str(path))}
+        if "source_areas" in parts:
+            parts.pop("sources", None)
+        found += [QgsVectorLayer(uri, name, "ogr") for name, uri in parts.items()]
     for layer in found:
         if not layer.isValid():
             raise QgsProcessingException(f"{layer.source()}: cannot be loaded")

@@ -97,7 +97,7 @@ def qgis(site):
 
     def run(*words, cwd=site):
         done = subprocess.run(
-            [*map(str, words)], cwd=cwd, env=env, capture_output=True, text=True, timeout=120
+            [*map(str, words)], cwd=cwd, env=env, capture_output=True, text=True, timeout=600
         )
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
@@ -138,7 +138,8 @@ def test_qgis_process_gives_the_maps_of_the_command_line(site, qgis, monkeypatch
     assert (own / "line_road.csv").read_text().count("\n") > 10
     loaded = json.loads(said[said.index("{") :])["results"]["LAYERS"]
     names = {re.sub(r".*layername=|.*/", "", one) for one in loaded}
-    assert names >= {path.name for path in maps} | {"sources", "stops", "lines", "crossings"}
+    assert names >= {path.name for path in maps} | {"source_areas", "stops", "lines", "crossings"}
+    assert "sources" not in names  # one area, not thousands of points
 
 
 @needs_qgis
@@ -149,12 +150,67 @@ def test_layers_in_memory_run_and_results_load_with_their_styles(within):
     assert "30" in " ".join(energy[1:]) and all("kJ" in label for label in energy[1:])
     assert all(len(one) > 2 for one in loaded.values() if isinstance(one, list))
     shapes = {name: one["shapes"] for name, one in loaded.items() if isinstance(one, dict)}
-    assert (shapes["sources"], shapes["stops"]) == (120, 360)
+    assert (shapes["source_areas"], shapes["stops"]) == (2, 360)  # one a feature
     styles = {name: loaded[name]["type"] for name in shapes}
-    assert styles["sources"] == styles["trajectories"] == "singleSymbol"
+    assert styles["source_areas"] == styles["trajectories"] == "singleSymbol"
     assert styles["stops"] == "categorizedSymbol"
     assert {"stopped", "left domain"} < set(loaded["stops"]["labels"])
     assert "60 x 80 cells" in within["check"]["found"]["TEXT"]
+
+
+@pytest.fixture(scope="module")
+def opened(site, qgis):
+    """What tests/qgis/opened.py has seen of a project, which was moved elsewhere."""
+    folder, before = site / "opened", Path.cwd()
+    folder.mkdir()
+    os.chdir(folder)
+    try:
+        assert main(["new", "../dem.tif", "../site.gpkg", "-o", "case.nml"]) == 0
+        assert main("run case.nml --boulders 20 --seed 7 --quiet -o result.nc".split()) == 0
+        assert main("export result.nc here --qgis --author Somebody".split()) == 0
+    finally:
+        os.chdir(before)
+    (folder / "here").rename(folder / "there")
+    script = Path(__file__).with_name("opened.py")
+    said = qgis(PYTHON, script, folder / "there/project.qgz", folder / "picture")
+    return json.loads(said.splitlines()[-1]), folder
+
+
+@needs_qgis
+def test_a_project_opens_elsewhere_with_all_its_layers(opened):
+    seen, _ = opened
+    assert seen["read"] and not seen["bad"] and not seen["missing"]
+    assert seen["crs"] == "EPSG:32632" and {*seen["layer_crs"]} == {"EPSG:32632"}
+    assert seen["groups"] == ["Trajectories", "Evaluation lines", "Sources", "Maps", "Terrain"]
+    assert seen["visible"][0] == "Trajectories" and len(seen["visible"]) == 6
+    west, south, east, north = seen["extent"]
+    assert west <= W + 100 and east >= W + 200 and south < N - 60 and north >= N - 30
+    assert seen["labelled"] == ["Evaluation lines"]
+
+
+@needs_qgis
+def test_each_map_has_a_layout_that_prints(opened):
+    seen, folder = opened
+    assert {*seen["themes"]} == {one["name"] for one in seen["layouts"]}
+    for one in seen["layouts"]:
+        assert one["printed"] == 0 and one["paper"] == [420.0, 297.0]
+        assert abs(one["scale"] / seen["layouts"][0]["scale"] - 1) < 1e-6
+        assert "Band" not in " ".join(one["legend"])
+        assert one["legend_bottom"] < one["foot_top"], one
+    digits = f"{seen['layouts'][0]['scale']:.0f}"
+    assert digits[0] in "1235" and digits.strip("0") in {"1", "2", "25", "5", "125", "15", "3"}
+    shown = {one["name"]: one["legend"] for one in seen["layouts"]}
+    (energy,) = [text for name, text in shown.items() if "kJ" in name and "95" in name]
+    assert "\u2264 10 kJ" in energy and "Sources" in energy
+
+
+@needs_qgis
+def test_what_is_drawn_is_neither_blank_nor_hidden(opened):
+    seen, _ = opened
+    ink = seen["ink"]
+    assert ink["all"] > 0.3  # of the picture
+    assert ink["Trajectories"] > 0.001  # of its colour, on top of all else
+    assert ink["Sources"] > 0.0005
 
 
 @needs_qgis

@@ -274,6 +274,13 @@ def _add_results(commands: _Commands) -> None:
     export.add_argument("--tolerance", metavar="M", type=float, help=about)
     about = "height of the DEM's vertical datum above the ellipsoid, for czml"
     export.add_argument("--geoid", metavar="M", type=float, help=about)
+    _add_tables(export, "line statistics and return levels")
+    about = "project.qgz, too: a project with groups, styles and layouts on A3"
+    project = export.add_argument_group("project of QGIS")
+    project.add_argument("--qgis", action="store_true", help=about)
+    project.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
+    project.add_argument("--hazard", metavar="HAZARD.nc", type=Path, help="its zones, too")
+    _add_imprint(project, "on layouts", "of the project and of tables: ")
     about = "compare a result with observations (several: rank them), or variants with the first"
     compare = _add(commands, "results", "compare", about)
     about = "results OUT.nc and observations OBSERVED.csv, or trajectories .rts, .pts of RAMMS; "
@@ -351,8 +358,13 @@ def _add_section(commands: _Commands) -> None:
     section.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
 
 
-def _add_imprint(command: argparse.ArgumentParser, where: str) -> None:
-    about = "en (default), de, fr or it"
+def _add_tables(command: argparse.ArgumentParser, what: str) -> None:
+    about = f"{what}, too, as a workbook (xlsx) and a document (docx)"
+    command.add_argument("--tables", metavar="FORMAT", nargs="+", default=[], help=about)
+
+
+def _add_imprint(command: argparse._ActionsContainer, where: str, what: str = "") -> None:
+    about = f"{what}en (default), de, fr or it"
     command.add_argument("--language", metavar="XX", default="en", help=about)
     for name, about in (
         ("project", "its name or number"),
@@ -367,6 +379,9 @@ def _add_design(commands: _Commands) -> None:
     sheet = _add(commands, "protection", "design", about)
     sheet.add_argument("results", metavar="OUT.nc", type=Path, nargs="*")
     sheet.add_argument("-o", "--output", metavar="DIR", type=Path, help="for tables and figures")
+    _add_tables(sheet, "the tables")
+    about = "of these tables: en (default), de, fr or it"
+    sheet.add_argument("--language", metavar="XX", default="en", help=about)
     _add_conditions(sheet)
     about = "that may pass, of the boulders that come; default: 0.01"
     sheet.add_argument("--residual", metavar="FRACTION", type=float, help=about)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import argparse
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +20,7 @@ from rockfall.cli.messages import DONE
 from rockfall.errors import RockfallError, need
 from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
 from rockfall.io.tables import write_csv
+from rockfall.office.tables import check_tables, put_design
 from rockfall.plots.along_figures import along_figure
 from rockfall.plots.siting_figure import siting_figure
 from rockfall.plots.style import save
@@ -29,6 +30,7 @@ from rockfall.protection.siting import CONDITIONS, Siting, site
 from rockfall.result.dataset import read_result, write_result
 from rockfall.result.export import crs_wkt, write_geopackage
 from rockfall.result.same_case import check_same_site
+from rockfall.scene.layers import file_checksum
 from rockfall.text.design import design_text
 from rockfall.text.siting import siting_text
 
@@ -49,6 +51,10 @@ def design_command(arguments: argparse.Namespace) -> int:
     if arguments.return_period is not None:
         return design_block.design_block_command(arguments)
     folder, paths = arguments.output, [str(path) for path in arguments.results]
+    if arguments.tables:
+        check_tables(arguments.tables, arguments.language)
+        if not folder:
+            raise RockfallError("--tables requires -o DIR")
     if folder:
         check_folder(folder)
         if arguments.along:
@@ -69,7 +75,8 @@ def design_command(arguments: argparse.Namespace) -> int:
     for path, one in found.items():
         print(*([f"{path}\n"] if len(found) > 1 else []), design_text(one), "", sep="\n")
     if folder:
-        print(*write_design(found, folder, results), sep="\n")
+        formats, language = arguments.tables, arguments.language
+        print(*write_design(found, folder, results, formats, language), sep="\n")
     return DONE
 
 
@@ -126,12 +133,13 @@ def _features(found: Siting) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     }
 
 
-def design_files(found: Mapping[str, Design]) -> list[str]:
+def design_files(found: Mapping[str, Design], formats: Sequence[str] = ()) -> list[str]:
     """Names of the files that `write_design` writes."""
     along = any(one.along is not None for one in found.values())
     files = [f"design_{name}.csv" for name in TABLES if along or name != "along"]
     figures = [f"design_along{k}.png" for k in numbered(found)]
-    return [*files, "design_factors.csv", *(figures if along else [])]
+    office = [f"design.{one}" for one in formats]
+    return [*files, "design_factors.csv", *(figures if along else []), *office]
 
 
 def numbered(found: Mapping[str, Design]) -> list[str]:
@@ -140,22 +148,29 @@ def numbered(found: Mapping[str, Design]) -> list[str]:
 
 
 def write_design(
-    found: Mapping[str, Design], folder: Path, results: Mapping[str, xr.Dataset]
+    found: Mapping[str, Design],
+    folder: Path,
+    results: Mapping[str, xr.Dataset],
+    formats: Sequence[str] = (),
+    language: str = "en",
 ) -> list[Path]:
     """Write the tables of designs, by the names of their results, and the figures along lines; all
-    of them or none."""
+    of them or none. `formats` are those of a workbook and a document, in `language`."""
     inputs = [Path(name) for name in found]
     inputs += [path for one in results.values() for path in files_behind(one)]
-    files = design_files(found)
+    files = design_files(found, formats)
     check_outputs([folder / name for name in files], inputs)
+    tables = {f"design_{name}": _joined(found, name) for name in TABLES
+              if f"design_{name}.csv" in files}  # fmt: skip
+    tables["design_factors"] = _factor_table(next(iter(found.values())))
     with atomic_folder(folder, inputs) as part:
-        for name in TABLES:
-            if f"design_{name}.csv" in files:
-                write_csv(_joined(found, name), part / f"design_{name}.csv")
-        write_csv(_factor_table(next(iter(found.values()))), part / "design_factors.csv")
+        for name, table in tables.items():
+            write_csv(table, part / f"{name}.csv")
         if "design_along.csv" in files:
             for word, one in zip(numbered(found), found.values(), strict=True):
                 save(along_figure(one), part / f"design_along{word}.png")
+        checksums = {name: file_checksum(Path(name)) for name in (found if formats else ())}
+        list(put_design(found, results, tables, part, formats, language, checksums))
     return [folder / name for name in files]
 
 

@@ -20,9 +20,10 @@ from rockfall.errors import RockfallError
 from rockfall.io.output_files import check_output
 from rockfall.io.ramms import ENDINGS, is_trajectory_file
 from rockfall.io.tables import plain_decimal
-from rockfall.products import figures, report, report_variants
+from rockfall.plots.hazard_sheet import Imprint
+from rockfall.products import Added, export_with, figures, report, report_variants
 from rockfall.result.dataset import read_result
-from rockfall.result.export import export
+from rockfall.result.export import Chosen, export
 from rockfall.result.same_case import common_lines
 from rockfall.result.samples import kept_note
 from rockfall.text.comparison import ranks_text, text
@@ -39,21 +40,53 @@ REPORTED = (*IMPRINT, "dem_date", "hazard", "models")  # in a report
 
 
 def export_command(arguments: argparse.Namespace) -> int:
-    path, folder, formats = _path(arguments), arguments.folder, arguments.formats
+    path, folder, imprint = _path(arguments), arguments.folder, _imprint(arguments)
+    chosen = _chosen(arguments)
+    added = {"dem": arguments.dem, "hazard": arguments.hazard, **imprint._asdict()}
+    for key, value in added.items():
+        if value and not arguments.qgis:
+            raise RockfallError(f"--{key} requires --qgis")
+    with warnings_told():
+        if is_hazard(path):
+            files = _export_hazard(arguments, path, folder)
+        elif arguments.qgis or arguments.tables:
+            files = export_with(
+                path,
+                folder,
+                Added(arguments.qgis, arguments.tables, arguments.dem, arguments.hazard,
+                      arguments.language, imprint),
+                chosen,
+            )  # fmt: skip
+        else:
+            files = export(path, folder, **chosen._asdict())
+    print(*files, sep="\n")
+    return DONE
+
+
+def _chosen(arguments: argparse.Namespace) -> Chosen:
+    """What an export writes, by the options given."""
     keys = ("formats", "tolerance", "geoid")
     given = {key: getattr(arguments, key) for key in keys}
     given = {key: value for key, value in given.items() if value is not None}
-    if "geoid" in given and "czml" not in (formats or ()):
+    if "geoid" in given and "czml" not in given.get("formats", ()):
         raise RockfallError("--geoid: needs --formats czml")
-    with warnings_told():
-        if not is_hazard(path):
-            files = export(path, folder, **given)
-        elif "tolerance" in given:
-            raise RockfallError("--tolerance: is for trajectories, a hazard has none")
-        else:
-            files = export_hazard(path, folder, formats or DRAWINGS)
-    print(*files, sep="\n")
-    return DONE
+    return Chosen(**given)
+
+
+def _export_hazard(arguments: argparse.Namespace, path: Path, folder: Path) -> list[Path]:
+    """Export a hazard as drawings: it has no trajectories, tables or project."""
+    for key, why in (
+        ("tolerance", "is for trajectories, a hazard has none"),
+        ("qgis", "is for results; give them the hazard by --hazard"),
+        ("tables", "is for results"),
+    ):
+        if getattr(arguments, key):
+            raise RockfallError(f"--{key}: {why}")
+    return export_hazard(path, folder, arguments.formats or DRAWINGS)
+
+
+def _imprint(arguments: argparse.Namespace) -> Imprint:
+    return Imprint(arguments.project, arguments.client, arguments.author)
 
 
 def compare_command(arguments: argparse.Namespace) -> int:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, nullcontext
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -37,7 +37,9 @@ from rockfall.result.flights import (
 )
 from rockfall.result.geographic import geographic
 from rockfall.result.kml import write_kml
+from rockfall.result.protection_lines import dam_lines, dams_in
 from rockfall.result.qgis_style import write_classes
+from rockfall.result.source_areas import SourceTable, are_cells, source_areas
 from rockfall.result.trajectories import flags_of
 from rockfall.result.validate import check_dimensions
 from rockfall.result.vector_style import STYLES, Style, put_styles
@@ -56,6 +58,18 @@ DRAWN = ("sources", "stops", "lines", "trajectories")  # layers of KML and DXF
 MAX_GEOID = 200.0  # [m]; the geoid of the Earth is within 110 m of the ellipsoid
 MEASURED = {"LineString ZM": "Measured 3D LineString"}  # by its name in pyogrio
 _ROWS = 100_000  # boulders in memory at a time
+
+
+class Chosen(NamedTuple):
+    """What an export writes: its formats, and of drawn parabolas the tolerance [m] and the height
+    of the DEM's vertical datum above the ellipsoid [m]."""
+
+    formats: Sequence[str] = USUAL
+    tolerance: float = TOLERANCE
+    geoid: float | None = None
+
+
+EXPORTED = Chosen()
 UNIT_NAMES = {"m s-1": "m_s", "rad s-1": "rad_s", "degree": "deg"}  # in names of files and fields
 
 
@@ -85,21 +99,28 @@ def export(
     [PosixPath('cad/rockfall.dxf')]
     """
     folder = Path(folder)
-    chosen = check_formats(formats, FORMATS)
+    chosen = Chosen(check_formats(formats, FORMATS), tolerance, geoid)
     files = [result] if isinstance(result, str | Path) else []
     with open_result(result) if isinstance(result, str | Path) else nullcontext(result) as data:
         for file in files:
             check_dimensions(data, file)
-        data = flat_maps(data.set_coords({"crs"} & set(data.data_vars)))
-        inputs = chain(files, files_behind(data))
-        with atomic_folder(folder, inputs) as part:
-            try:
-                written = _export(data, part, chosen, tolerance, geoid)
-                return [folder / path.name for path in written]
-            except RuntimeError as error:  # from netCDF4: values are read while they are written
-                raise RockfallError(f"{result}: cannot be read: {error}") from error
-            except KeyError as error:
-                raise RockfallError(f"the result lacks what goes with it: {error}") from error
+        with atomic_folder(folder, chain(files, files_behind(data))) as part:
+            written = put_export(data, part, chosen, result)
+            return [folder / path.name for path in written]
+
+
+def put_export(
+    data: xr.Dataset, folder: Path, chosen: Chosen = EXPORTED, result: object = "result"
+) -> list[Path]:
+    """Write the files of `export` into a new folder; `result` is for messages."""
+    data = flat_maps(data.set_coords({"crs"} & set(data.data_vars)))
+    try:
+        check_formats(chosen.formats, FORMATS)
+        return list(_export(data, folder, *chosen))
+    except RuntimeError as error:  # from netCDF4: values are read while they are written
+        raise RockfallError(f"{result}: cannot be read: {error}") from error
+    except KeyError as error:
+        raise RockfallError(f"the result lacks what goes with it: {error}") from error
 
 
 def check_formats(formats: Sequence[str], allowed: Sequence[str]) -> list[str]:
@@ -113,7 +134,7 @@ def check_formats(formats: Sequence[str], allowed: Sequence[str]) -> list[str]:
 
 
 def _export(
-    data: xr.Dataset, folder: Path, formats: list[str], tolerance: float, geoid: float | None
+    data: xr.Dataset, folder: Path, formats: Sequence[str], tolerance: float, geoid: float | None
 ) -> Iterator[Path]:
     flights = None
     if {"gpkg", "czml", "kml", "dxf"} & {*formats} and data.sizes.get("trajectory_vertex"):
@@ -333,13 +354,20 @@ def _layers(data: xr.Dataset, flights: Flights | None, what: str = "GeoPackages"
     if "stop_x" in data or {"line_vertex", "trajectory_vertex"} & set(data.dims):
         need(f"{what} need" + "s" * (what != "GeoPackages"), "vector", "pyogrio", "shapely")
     if "start_x" in data and has_rows:
-        layers["sources"] = "Point", [_sources(data)]
+        sources = _source_table(data)
+        layers["sources"] = "Point", [_sources(sources)]
+        if are_cells(data):
+            layers["source_areas"] = "MultiPolygon", [source_areas(data, sources)]
     if "stop_x" in data and has_rows:
         layers["stops"] = "Point Z", map(_stops, _boulders(data))
     if "line_vertex" in data.dims:
         layers["lines"] = "LineString", [_lines(data)]
+        if "barrier_height" in data:
+            layers["barriers"] = "LineString", [_barriers(data)]
     if has_crossings:
         layers["crossings"] = "Point", _crossing_points(data)
+    if dams := dams_in(data):
+        layers["dams"] = "LineString", [dam_lines(dams)]
     if flights is not None:
         layers["trajectories"] = "LineString ZM", [trajectory_features(flights)]
         if flights.starts.size:
@@ -357,21 +385,34 @@ def _stops(data: xr.Dataset) -> Features:
     return points, dict(_field(*column) for column in _columns(data).items())
 
 
-def _sources(data: xr.Dataset) -> Features:
-    """Start points of boulders, with the number of boulders and their maximum distance."""
-    import shapely
-
+def _source_table(data: xr.Dataset) -> SourceTable:
+    """Start points of boulders, each once, and the numbers of boulders from there."""
     places = np.column_stack([_stored(data[f"start_{axis}"])[0] for axis in "xy"])
-    places, source, boulders = np.unique(places, axis=0, return_inverse=True, return_counts=True)
-    fields: dict[str, np.ndarray] = {
-        "source": np.arange(1, len(places) + 1),
-        "boulders": boulders.astype(np.int64),
-    }
+    places, first, source, boulders = np.unique(
+        places, axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    feature, names = np.ones(len(places), np.int64), ("",)
+    if "source_feature" in data and "feature" in data.coords:
+        feature = _stored(data["source_feature"])[0][first].astype(np.int64)
+        names = tuple(map(str, data["feature"].values))
+    furthest = None
     if "plan_distance" in data:
         furthest = np.zeros(len(places))
         np.maximum.at(furthest, source, np.nan_to_num(_stored(data["plan_distance"])[0]))
-        fields["plan_distance_max_m"] = furthest
-    return shapely.points(places), fields
+    return SourceTable(places, feature, boulders.astype(np.int64), furthest, names)
+
+
+def _sources(sources: SourceTable) -> Features:
+    """Start points of boulders, with the number of boulders and their maximum distance."""
+    import shapely
+
+    fields: dict[str, np.ndarray] = {
+        "source": np.arange(1, len(sources.places) + 1),
+        "boulders": sources.boulders,
+    }
+    if sources.furthest is not None:
+        fields["plan_distance_max_m"] = sources.furthest
+    return shapely.points(sources.places), fields
 
 
 def _crossing_points(data: xr.Dataset) -> Iterator[Features]:
@@ -402,6 +443,15 @@ def _lines(data: xr.Dataset) -> Features:
         raise RockfallError("line_vertex_line: must have every line, counted from 0", code=1)
     shapes = _strings(line, [data[f"line_vertex_{axis}"].values for axis in "xy"])
     return shapes, {"name": np.array(names, dtype=object)}
+
+
+def _barriers(data: xr.Dataset) -> Features:
+    """Evaluation lines that are barriers, with their height and the energy that they can take."""
+    shapes, fields = _lines(data)
+    height, capacity = (_stored(data[f"barrier_{name}"])[0] for name in ("height", "capacity"))
+    chosen = ~np.isnan(height)
+    fields |= {"height_m": height.astype(np.float64), "capacity_kJ": 1e-3 * capacity}
+    return shapes[chosen], {name: values[chosen] for name, values in fields.items()}
 
 
 def _strings(owner: np.ndarray, coordinates: list[np.ndarray]) -> np.ndarray:

@@ -8,9 +8,11 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from rockfall.result.classes import Classes
+from rockfall.result.vector_style import Symbol, rgba, symbol_element
 
 HEAD = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 OPACITY = "0.7"
+RELIEF = "0.6"  # opacity: steep ground would be black
 
 
 def write_palette(raster: Path, words: Mapping[int, str], colours: Mapping[int, str]) -> Path:
@@ -37,13 +39,50 @@ def write_classes(raster: Path, classes: Classes, per_unit: float = 1.0) -> Path
     return _written(raster, renderer)
 
 
-def _written(raster: Path, renderer: ElementTree.Element) -> Path:
-    for name, value in {"band": "1", "alphaBand": "-1", "opacity": OPACITY}.items():
+def write_relief(raster: Path) -> Path:
+    """Write the style of elevations as shaded relief, with light from several directions."""
+    about = {"azimuth": "315", "angle": "45", "zfactor": "1", "multidirection": "1"}
+    renderer = ElementTree.Element("rasterrenderer", {"type": "hillshade", **about})
+    return _written(raster, renderer, RELIEF, smooth=True)
+
+
+def contour_style(interval: float, index: int, colour: str) -> ElementTree.Element:
+    """Style of elevations as contour lines, each at a multiple of `index` intervals [m] thicker."""
+    about = {"contour-interval": f"{interval:g}", "contour-index-interval": f"{interval * index:g}"}
+    about |= {"type": "contour", "downscale": "4"}
+    renderer = ElementTree.Element("rasterrenderer", about)
+    symbols = ElementTree.SubElement(renderer, "symbols")
+    for name, width in (("contour", 0.12), ("index", 0.3)):
+        line = Symbol({"line_color": rgba(colour), "line_width": width}, 0.6)
+        symbols.append(symbol_element(name, "line", "SimpleLine", line))
+    return _style(renderer, "1", smooth=True)
+
+
+def _written(
+    raster: Path, renderer: ElementTree.Element, opacity: str = OPACITY, smooth: bool = False
+) -> Path:
+    text = ElementTree.tostring(_style(renderer, opacity, smooth), encoding="unicode")
+    path = raster.with_suffix(".qml")
+    path.write_text(f"{HEAD}{text}\n", encoding="utf-8")
+    return path
+
+
+def _style(
+    renderer: ElementTree.Element, opacity: str, smooth: bool = False
+) -> ElementTree.Element:
+    """Style with a renderer; `smooth`: of values between the centres of cells, not of squares,
+    whose sides would be cliffs in a relief."""
+    for name, value in {"band": "1", "alphaBand": "-1", "opacity": opacity}.items():
         renderer.set(name, value)
     renderer.insert(0, ElementTree.Element("rasterTransparency"))
     root = ElementTree.Element("qgis", version="3.16", styleCategories="Symbology")
-    ElementTree.SubElement(root, "pipe").append(renderer)
+    pipe = ElementTree.SubElement(root, "pipe")
+    if smooth:
+        about = {"zoomedInResamplingMethod": "cubic", "zoomedOutResamplingMethod": "bilinear"}
+        about |= {"enabled": "true", "maxOversampling": "2"}
+        ElementTree.SubElement(ElementTree.SubElement(pipe, "provider"), "resampling", about)
+    pipe.append(renderer)
+    if smooth:
+        ElementTree.SubElement(pipe, "resamplingStage").text = "provider"
     ElementTree.indent(root)
-    path = raster.with_suffix(".qml")
-    path.write_text(f"{HEAD}{ElementTree.tostring(root, encoding='unicode')}\n", encoding="utf-8")
-    return path
+    return root

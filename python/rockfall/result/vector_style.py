@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 from rockfall.result.classes import STATUS_MARKERS, classes_of
 
 TABLE = "layer_styles"
-INK, BLUE = "#222222", "#0072b2"
+INK, BLUE, ROCK, EARTH = "#222222", "#0072b2", "#00604a", "#8c510a"
 COLUMNS = (
     "f_table_catalog TEXT, f_table_schema TEXT, f_table_name TEXT, f_geometry_column TEXT, "
     "styleName TEXT, styleQML TEXT, styleSLD TEXT, useAsDefault BOOLEAN, description TEXT, "
@@ -40,18 +40,19 @@ class Symbol(NamedTuple):
 
 class Style(NamedTuple):
     """Style of a layer's features: uniform, by the values of a field, or by intervals of an
-    expression; each with a label and a symbol. `times` are the fields between which a feature is
-    shown by the temporal controller."""
+    expression; each with a label and a symbol. Names from the field `named` are written beside
+    them; `times` are the fields between which a feature is shown by the temporal controller."""
 
     of: str
     symbols: Iterable[tuple[object, str, Symbol]]
     kind: str = "categorizedSymbol"
     times: tuple[str, str] | None = None
+    named: str = ""
 
 
-def alike(symbol: Symbol) -> Style:
-    """All features alike."""
-    return Style("", [("", "", symbol)], "singleSymbol")
+def alike(symbol: Symbol, named: str = "") -> Style:
+    """All features alike, with names from a field if given."""
+    return Style("", [("", "", symbol)], "singleSymbol", named=named)
 
 
 def marker(colour: str, shape: str = ".", size: float = 1.2) -> Symbol:
@@ -105,13 +106,18 @@ def _graduated(expression: str, unit: str, symbol: Callable[[str], Symbol]) -> S
 #: Styles of the layers of an exported result.
 STYLES = {
     "sources": alike(marker(INK, "^", 1.4)),
+    "source_areas": alike(Symbol({"color": rgba(ROCK), "style": "b_diagonal",
+                                  "outline_color": rgba(ROCK), "outline_width": 0.4})),
     "stops": Style("status", [(name, name.replace("_", " "), marker(colour, shape))
                               for name, (shape, colour) in STATUS_MARKERS.items()]),
-    "lines": alike(Symbol({"line_color": rgba(INK), "line_style": "dash", "line_width": 0.5})),
+    "lines": alike(Symbol({"line_color": rgba(INK), "line_style": "dash", "line_width": 0.5}),
+                   "name"),
+    "barriers": alike(thick(BLUE)),
+    "dams": alike(thick(EARTH)),
     "crossings": _graduated(
         '"energy_translational_kJ" + "energy_rotational_kJ"', "kJ", marker
     ),
-    "trajectories": alike(Symbol({"line_color": rgba(BLUE), "line_width": 0.15}, 0.6)),
+    "trajectories": alike(Symbol({"line_color": rgba(BLUE), "line_width": 0.2}, 0.8)),
     "flights": _graduated('"speed_m_s"', "m/s", thick)._replace(times=("begin", "end")),
 }  # fmt: skip
 
@@ -156,10 +162,38 @@ def qml(style: Style, kind: str, layer: str) -> str:
             ElementTree.SubElement(rules, "range", number | {"lower": low, "upper": high})
         elif style.of:
             ElementTree.SubElement(rules, "category", number | {"value": str(value)})
-        drawn = {"name": str(k), "type": kind, "alpha": str(symbol.opacity)}
-        one = ElementTree.SubElement(symbols, "symbol", drawn)
-        one = ElementTree.SubElement(one, "layer", {"class": layer, "enabled": "1"})
-        one = ElementTree.SubElement(one, "Option", type="Map")
-        for name, text in symbol.about.items():
-            ElementTree.SubElement(one, "Option", type="QString", name=name, value=str(text))
+        symbols.append(symbol_element(str(k), kind, layer, symbol))
+    if style.named:
+        root.set("styleCategories", "Symbology|Labeling")
+        root.set("labelsEnabled", "1")
+        root.append(_labelling(style.named))
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def symbol_element(name: str, kind: str, layer: str, symbol: Symbol) -> ElementTree.Element:
+    """A symbol of a type and layer type in QGIS format."""
+    drawn = {"name": name, "type": kind, "alpha": str(symbol.opacity)}
+    element = ElementTree.Element("symbol", drawn)
+    one = ElementTree.SubElement(element, "layer", {"class": layer, "enabled": "1"})
+    one = ElementTree.SubElement(one, "Option", type="Map")
+    for key, text in symbol.about.items():
+        ElementTree.SubElement(one, "Option", type="QString", name=key, value=str(text))
+    return element
+
+
+def _labelling(field: str) -> ElementTree.Element:
+    """Names of features from a field, on a white edge."""
+    element = ElementTree.Element("labeling", type="simple")
+    settings = ElementTree.SubElement(element, "settings", calloutType="simple")
+    text = ElementTree.SubElement(settings, "text-style", {
+        "fieldName": field, "fontFamily": "Arial", "fontSize": "8", "fontSizeUnit": "Point",
+        "fontWeight": "75", "textColor": rgba(INK), "textOpacity": "1", "isExpression": "0",
+    })  # fmt: skip
+    ElementTree.SubElement(text, "text-buffer", {
+        "bufferDraw": "1", "bufferSize": "0.8", "bufferSizeUnits": "MM", "bufferOpacity": "0.8",
+        "bufferColor": rgba("#ffffff"), "bufferNoFill": "1", "bufferJoinStyle": "128",
+    })  # fmt: skip
+    ElementTree.SubElement(settings, "placement", placement="2", placementFlags="10", dist="1",
+                           distUnits="MM", priority="5")  # fmt: skip
+    ElementTree.SubElement(settings, "rendering", drawLabels="1", obstacle="1", displayAll="0")
+    return element

@@ -124,9 +124,7 @@ def put_hazard(found: xr.Dataset, folder: Path) -> Iterator[Path]:
     put_netcdf(found, folder / "hazard.nc", folder / "hazard.nc")
     yield folder / "hazard.nc"
     yield from _put_maps(found, folder)
-    if layers := dict(_layers(found)):
-        styles = _styles({name: kind for name, (kind, _) in layers.items()})
-        yield write_geopackage(folder / "hazard.gpkg", layers, crs_wkt(found), styles)
+    yield from _put_zones(found, folder)
     if "object" in found.dims:
         write_csv(object_table(found), folder / "objects.csv")
         yield folder / "objects.csv"
@@ -136,6 +134,21 @@ def put_hazard(found: xr.Dataset, folder: Path) -> Iterator[Path]:
     if has_risk(found):
         write_csv(total_table(found), folder / "risk.csv")
         yield folder / "risk.csv"
+
+
+def put_zones(found: xr.Dataset, folder: Path) -> Iterator[Path]:
+    """Write hazard.gpkg with zones and objects, and the maps of classes with their styles, into a
+    new folder."""
+    need("zones need", "vector", "pyogrio", "shapely")
+    classes = [name for name, data in found.data_vars.items() if "flag_meanings" in data.attrs]
+    yield from _put_maps(found[[*classes, "crs"]], folder)
+    yield from _put_zones(found, folder)
+
+
+def _put_zones(found: xr.Dataset, folder: Path) -> Iterator[Path]:
+    if layers := dict(_layers(found)):
+        styles = _styles({name: kind for name, (kind, _) in layers.items()})
+        yield write_geopackage(folder / "hazard.gpkg", layers, crs_wkt(found), styles)
 
 
 def colours_of(data: xr.DataArray) -> dict[int, str]:

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Document of Word with the tables of a report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rockfall.html_report.tables import Table
+from rockfall.io.files import atomic_write
+from rockfall.office.workbook import CONTROL
+
+SMALL = 8  # size of letters in tables [pt]
+FACTS = "facts"  # kind of a table whose texts are not translated: names, checksums, dates
+MARGIN = 1.8  # [cm]
+A4 = 29.7, 21.0  # wide, high [cm]
+
+
+class Part(NamedTuple):
+    """A chapter: its heading, remarks, and tables."""
+
+    heading: str
+    notes: Sequence[str]
+    tables: Sequence[Table]
+
+
+def write_document(
+    title: str, parts: Iterable[Part], translate: Callable[[object], str], path: Path
+) -> Path:
+    """Write tables to a document on A4, landscape, atomically; texts are translated as in a
+    report."""
+    from docx import Document
+    from docx.shared import Cm
+
+    document = Document()
+    section = document.sections[0]
+    section.page_width, section.page_height = map(Cm, A4)
+    for side in ("left", "right", "top", "bottom"):
+        setattr(section, f"{side}_margin", Cm(MARGIN))
+    document.core_properties.title = _clean(title)
+    document.core_properties.author = ""
+    document.core_properties.comments = ""
+    document.add_heading(_clean(title), 0)
+    for part in parts:
+        document.add_heading(_clean(part.heading), 1)
+        for note in part.notes:
+            document.add_paragraph(_clean(translate(note)))
+        for table in part.tables:
+            if table.caption != part.heading:
+                caption = document.add_paragraph(_clean(translate(table.caption)))
+                caption.paragraph_format.keep_with_next = True
+            _add_table(document, table, translate)
+    with atomic_write(path) as where:
+        document.save(str(where))
+    return path
+
+
+def _add_table(document: Any, table: Table, translate: Callable[[object], str]) -> None:
+    """A table; its first row is repeated on each page that it reaches."""
+    said = str if table.kind == FACTS else translate
+    rows: list[list[object]] = [[*table.head], *([*row] for row in table.rows)]
+    grid = document.add_table(len(rows), len(table.head), style="Table Grid")
+    cells = iter(grid._cells)  # grid.cell(i, j) makes this list again each time
+    for number, row in enumerate(rows):
+        for value in row:
+            _write(next(cells), said(value), bold=number == 0)
+    _repeat(grid.rows[0])
+    document.add_paragraph()
+
+
+def _write(cell: Any, text: str, bold: bool) -> None:
+    from docx.shared import Pt
+
+    paragraph = cell.paragraphs[0]
+    paragraph.paragraph_format.space_after = Pt(0)
+    run = paragraph.add_run(_clean(text).strip())
+    run.bold, run.font.size = bold, Pt(SMALL)
+
+
+def _repeat(row: Any) -> None:
+    """Repeat a row on each page that its table reaches."""
+    from docx.oxml import OxmlElement
+    from docx.oxml.ns import qn
+
+    mark = OxmlElement("w:tblHeader")
+    mark.set(qn("w:val"), "true")
+    row._tr.get_or_add_trPr().append(mark)
+
+
+def _clean(text: object) -> str:
+    return CONTROL.sub(" ", str(text))

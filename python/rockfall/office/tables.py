@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which tables of a result and of designs go into workbooks and documents."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rockfall.analysis.line_statistics import line_statistics
+from rockfall.analysis.return_levels import return_levels
+from rockfall.errors import RockfallError, need
+from rockfall.html_report.inputs import words_of
+from rockfall.html_report.intervals import rows_of
+from rockfall.html_report.sentences import Speaker
+from rockfall.html_report.tables import (
+    Table,
+    barrier_table,
+    design_tables,
+    level_table,
+    line_tables,
+    provenance,
+)
+from rockfall.language import catalogue, say, speaking
+from rockfall.office.document import Part, write_document
+from rockfall.office.workbook import Sheet, write_workbook
+from rockfall.protection.barriers import barrier_statistics, barriers_of
+from rockfall.protection.design import Design
+from rockfall.result.samples import has_rows
+from rockfall.text.design import factor_lines
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+FORMATS = {"xlsx": "openpyxl", "docx": "docx"}  # endings, and the packages that write them
+
+
+def check_tables(formats: Iterable[str], language: str) -> None:
+    """Refuse unknown formats and languages, and formats whose package is missing."""
+    for one in formats:
+        if one not in FORMATS:
+            raise RockfallError(f"--tables {one}: must be {' or '.join(FORMATS)}")
+        need(f"tables as {one} need", "office", FORMATS[one])
+    need("tables need", "report", "babel", "matplotlib")
+    catalogue(language)
+
+
+def put_tables(
+    result: xr.Dataset, folder: Path, formats: Sequence[str], language: str, checksum: str = ""
+) -> Iterator[Path]:
+    """Write line statistics, return levels and what barriers did to tables.xlsx and tables.docx in
+    a new folder, with what was run; `checksum` is that of the result's file, if any."""
+    with speaking(language):
+        facts = _facts(result, checksum)
+        if "xlsx" in formats:
+            yield write_workbook(
+                [*_result_sheets(result), _fact_sheet([facts])], folder / "tables.xlsx"
+            )
+        if "docx" in formats:
+            parts = [*_result_parts(result), Part(say("tables.what_was_run"), [], [facts])]
+            translate = Speaker(language, words_of(result))
+            yield write_document(_title(result), parts, translate, folder / "tables.docx")
+
+
+def put_design(
+    designs: Mapping[str, Design],
+    results: Mapping[str, xr.Dataset],
+    tables: Mapping[str, pd.DataFrame],
+    folder: Path,
+    formats: Sequence[str],
+    language: str,
+    checksums: Mapping[str, str],
+) -> Iterator[Path]:
+    """Write designs, by the names of their results, to design.xlsx and design.docx in a new folder;
+    `tables` are those of the CSV files, by name."""
+    if not formats:
+        return
+    with speaking(language):
+        facts = {name: _facts(one, checksums[name]) for name, one in results.items()}
+        if "xlsx" in formats:
+            sheets = [Sheet(name, table) for name, table in tables.items()]
+            yield write_workbook([*sheets, _fact_sheet(facts.values())], folder / "design.xlsx")
+        if "docx" in formats:
+            parts, words = [], [word for one in results.values() for word in words_of(one)]
+            for name, found in designs.items():
+                notes = [say("office.intervals"), *found.warnings, *factor_lines(found.factors)]
+                shown = [*design_tables(found), facts[name]]
+                parts.append(Part(f"{name}", notes, shown))
+            title = _title(next(iter(results.values())))
+            translate = Speaker(language, words)
+            yield write_document(title, parts, translate, folder / "design.docx")
+
+
+def _result_sheets(result: xr.Dataset) -> Iterator[Sheet]:
+    """Tables of a result as they are in CSV files."""
+    if "line" in result:
+        yield Sheet("line_statistics", line_statistics(result))
+        yield Sheet("return_levels", return_levels(result))
+        if barriers_of(result) and has_rows(result):
+            yield Sheet("barriers", barrier_statistics(result))
+
+
+def _result_parts(result: xr.Dataset) -> Iterator[Part]:
+    """Tables of a result as they are in a report."""
+    if "line" in result:
+        shown = [*line_tables(rows_of(result)), level_table(return_levels(result))]
+        if barriers_of(result) and has_rows(result):
+            shown.append(barrier_table(result))
+        yield Part(say("office.lines"), [say("office.intervals")], shown)
+
+
+def _facts(result: xr.Dataset, checksum: str) -> Table:
+    """What was run, with the title of the case and the checksum of the result's file."""
+    table = provenance(result)["table"]
+    first = [(say("office.case"), str(result.attrs["title"]))]
+    first += [(say("office.result"), checksum)] if checksum else []
+    created = (say("sheet.computed"), str(result.attrs["date_created"]))
+    return table._replace(rows=[*first, created, *table.rows])
+
+
+def _fact_sheet(facts: Iterable[Table]) -> Sheet:
+    """Sheet that says what was run, and what units and intervals are."""
+    rows: list[Sequence[str]] = [(say("office.units"),), (say("office.intervals"),)]
+    for table in facts:
+        rows += [("",), *((str(name), str(value)) for name, value in table.rows)]
+    return Sheet("provenance", rows)
+
+
+def _title(result: xr.Dataset) -> str:
+    return str(result.attrs["title"]) or Path(str(result.attrs["case_file"])).stem

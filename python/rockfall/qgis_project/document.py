@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""XML of a project: coordinate system, tree of layers, layers, themes, extent, layouts.
+
+Elements and attributes are those that QGIS 3.22 and later read; what is left out has its default
+there. Sources of layers are relative to the project.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+from rockfall.io.files import atomic_write
+from rockfall.qgis_project.layers import Group, Layer
+from rockfall.result.qgis_style import HEAD
+
+VERSION = "3.22.0"
+LONG_AGO = (1980, 1, 1, 0, 0, 0)  # in the archive: the same project has the same bytes
+CLASS_ROWS = {"item", "paletteEntry"}  # elements of the classes of maps
+Extent = tuple[float, float, float, float]  # west, east, south, north [m]
+
+
+class Theme(NamedTuple):
+    """Layers that are shown together, by a name."""
+
+    name: str
+    layers: tuple[Layer, ...]
+
+
+class Project(NamedTuple):
+    """All that a project has."""
+
+    title: str
+    crs: str | None  # well-known text
+    extent: Extent
+    groups: Sequence[Group]
+    themes: Sequence[Theme]
+    layouts: Sequence[ElementTree.Element]
+
+
+def write_project(project: Project, path: Path) -> Path:
+    """Write a project as a .qgz, an archive with the project as XML in it."""
+    text = HEAD + ElementTree.tostring(_document(project), encoding="unicode") + "\n"
+    with atomic_write(path) as part, zipfile.ZipFile(part, "w") as archive:
+        about = zipfile.ZipInfo(path.with_suffix(".qgs").name, LONG_AGO)
+        about.compress_type, about.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+        archive.writestr(about, text)
+    return path
+
+
+def crs_element(name: str, crs: str | None) -> ElementTree.Element:
+    """Coordinate system from its well-known text; empty if there is none."""
+    element = ElementTree.Element(name)
+    system = ElementTree.SubElement(element, "spatialrefsys")
+    if crs:
+        ElementTree.SubElement(system, "wkt").text = crs
+    return element
+
+
+def tree_layer(layer: Layer, visible: bool = True, expanded: bool = True) -> ElementTree.Element:
+    """A layer in a tree, of the project or of a legend. A map has the rows of its classes, not that
+    of its band, which comes first."""
+    about = {
+        "id": layer.id, "name": layer.title, "source": layer.source,
+        "providerKey": provider(layer), "checked": _checked(visible),
+        "expanded": str(int(expanded)),
+    }  # fmt: skip
+    element = ElementTree.Element("layer-tree-layer", about)
+    rows = sum(one.tag in CLASS_ROWS for one in layer.style.iter())
+    if layer.is_raster and rows:
+        order = {"type": "QString", "name": "legend/node-order"}
+        order["value"] = ",".join(map(str, range(1, rows + 1)))
+        options = ElementTree.SubElement(element, "customproperties")
+        options = ElementTree.SubElement(options, "Option", type="Map")
+        ElementTree.SubElement(options, "Option", order)
+    return element
+
+
+def provider(layer: Layer) -> str:
+    """Provider of QGIS that reads a layer."""
+    return "gdal" if layer.is_raster else "ogr"
+
+
+def _document(project: Project) -> ElementTree.Element:
+    root = ElementTree.Element("qgis", version=VERSION, projectname=project.title)
+    ElementTree.SubElement(root, "title").text = project.title
+    root.append(crs_element("projectCrs", project.crs))
+    root.append(_tree(project.groups))
+    layers = [layer for group in project.groups for layer in group.layers]
+    root.append(_canvas(project))
+    order = ElementTree.SubElement(root, "layerorder")
+    for layer in layers:
+        ElementTree.SubElement(order, "layer", id=layer.id)
+    every = ElementTree.SubElement(root, "projectlayers")
+    every.extend(_layer(layer, project.crs) for layer in layers)
+    root.append(_properties())
+    themes = ElementTree.SubElement(root, "visibility-presets")
+    themes.extend(_themes(project))
+    ElementTree.SubElement(root, "Layouts").extend(project.layouts)
+    view = ElementTree.SubElement(root, "ProjectViewSettings", UseProjectScales="0")
+    about = corners(project.extent)
+    view.append(ElementTree.Element("DefaultViewExtent", about))
+    view[0].extend(crs_element("crs", project.crs))
+    ElementTree.indent(root)
+    return root
+
+
+def _tree(groups: Iterable[Group]) -> ElementTree.Element:
+    tree = ElementTree.Element("layer-tree-group")
+    for group in groups:
+        about = {"name": group.title, "checked": _checked(True)}
+        about |= {"expanded": str(int(group.expanded))}
+        branch = ElementTree.SubElement(tree, "layer-tree-group", about)
+        for layer in group.layers:
+            branch.append(tree_layer(layer, layer.visible, layer.visible and layer.in_legend))
+    return tree
+
+
+def _checked(yes: bool) -> str:
+    return "Qt::Checked" if yes else "Qt::Unchecked"
+
+
+def _layer(layer: Layer, crs: str | None) -> ElementTree.Element:
+    """A layer with its style: the children of the style are those of the layer."""
+    about = {"type": "raster" if layer.is_raster else "vector"}
+    if "labelsEnabled" in layer.style.attrib:
+        about["labelsEnabled"] = layer.style.attrib["labelsEnabled"]
+    element = ElementTree.Element("maplayer", about)
+    for name, text in (
+        ("id", layer.id), ("datasource", layer.source), ("layername", layer.title),
+    ):  # fmt: skip
+        ElementTree.SubElement(element, name).text = text
+    element.append(crs_element("srs", crs))
+    encoding = {} if layer.is_raster else {"encoding": "UTF-8"}
+    ElementTree.SubElement(element, "provider", encoding).text = provider(layer)
+    element.extend(layer.style)
+    return element
+
+
+def _canvas(project: Project) -> ElementTree.Element:
+    canvas = ElementTree.Element("mapcanvas", name="theMapCanvas", annotationsVisible="1")
+    ElementTree.SubElement(canvas, "units").text = "meters"
+    extent = ElementTree.SubElement(canvas, "extent")
+    for name, value in corners(project.extent).items():
+        ElementTree.SubElement(extent, name).text = value
+    ElementTree.SubElement(canvas, "rotation").text = "0"
+    canvas.append(crs_element("destinationsrs", project.crs))
+    return canvas
+
+
+def corners(extent: Extent) -> dict[str, str]:
+    """Corners of an extent by their names in QGIS."""
+    west, east, south, north = extent
+    named = {"xmin": west, "ymin": south, "xmax": east, "ymax": north}
+    return {name: repr(float(value)) for name, value in named.items()}
+
+
+def _properties() -> ElementTree.Element:
+    """Properties of the project: it has a coordinate system; sources are relative to it."""
+    properties = ElementTree.Element("properties")
+    system = ElementTree.SubElement(properties, "SpatialRefSys")
+    ElementTree.SubElement(system, "ProjectionsEnabled", type="int").text = "1"
+    paths = ElementTree.SubElement(properties, "Paths")
+    ElementTree.SubElement(paths, "Absolute", type="bool").text = "false"
+    return properties
+
+
+def _themes(project: Project) -> Iterator[ElementTree.Element]:
+    groups = [(group.title, {layer.id for layer in group.layers}) for group in project.groups]
+    for theme in project.themes:
+        about = {"name": theme.name, "has-expanded-info": "0", "has-checked-group-info": "1"}
+        element = ElementTree.Element("visibility-preset", about)
+        shown = {layer.id for layer in theme.layers}
+        for layer in theme.layers:
+            about = {"id": layer.id, "visible": "1", "style": "default"}
+            ElementTree.SubElement(element, "layer", about)
+        checked = ElementTree.SubElement(element, "checked-group-nodes")
+        for title, members in groups:
+            if members & shown:
+                ElementTree.SubElement(checked, "checked-group-node", id=title)
+        yield element

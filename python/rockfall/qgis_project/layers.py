@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Layers of a project, from the files of a folder and the styles that they have there."""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+from rockfall.result.vector_style import TABLE
+
+#: Labels of classes of maps, in `rockfall.result.classes`.
+CLASS = re.compile(r"(?:up to (\S+)|(\S+) to (\S+)|above (\S+)) (\S+)")
+LABELLED = "label"  # attribute of styles and their elements that has a text for people
+
+
+class Layer(NamedTuple):
+    """A layer: its title, its source relative to the project, its style as elements of XML, whether
+    it is shown at first and in legends on paper."""
+
+    title: str
+    source: str
+    style: ElementTree.Element
+    visible: bool = False
+    in_legend: bool = True
+
+    @property
+    def id(self) -> str:
+        """Name of the layer within the project, unique like its source and style."""
+        renderer = next((one.get("type", "") for one in self.style.iter("rasterrenderer")), "")
+        return re.sub(r"\W+", "_", f"{self.source.removeprefix('./')} {renderer}").strip("_")
+
+    @property
+    def is_raster(self) -> bool:
+        return self.source.endswith(".tif")
+
+
+class Group(NamedTuple):
+    """A group of layers, the uppermost first."""
+
+    title: str
+    layers: tuple[Layer, ...]
+    expanded: bool = True
+
+
+def raster_layer(path: Path, title: str, translate: Callable[[str], str], **about: bool) -> Layer:
+    """Layer of a GeoTIFF with the style (.qml) next to it."""
+    style = ElementTree.parse(path.with_suffix(".qml")).getroot()
+    return Layer(title, f"./{path.name}", _translated(style, translate), **about)
+
+
+def vector_styles(path: Path) -> dict[str, str]:
+    """Style of each layer of a GeoPackage that has one, as text."""
+    with closing(sqlite3.connect(path)) as database:
+        return dict(database.execute(f"SELECT f_table_name, styleQML FROM {TABLE}"))
+
+
+def vector_layer(
+    path: Path, name: str, style: str, title: str, translate: Callable[[str], str], **about: bool
+) -> Layer:
+    """Layer of a GeoPackage with a style from its table of styles."""
+    root = _translated(ElementTree.fromstring(style), translate)
+    return Layer(title, f"./{path.name}|layername={name}", root, **about)
+
+
+def _translated(style: ElementTree.Element, translate: Callable[[str], str]) -> ElementTree.Element:
+    """Style with the labels of its legend in the language of the project, classes by signs."""
+    for element in style.iter():
+        if label := element.get(LABELLED):
+            found = CLASS.fullmatch(label)
+            element.set(LABELLED, _class(found, translate) if found else translate(label))
+    return style
+
+
+def _class(found: re.Match[str], translate: Callable[[str], str]) -> str:
+    """Label of a class between limits, as <= 10 kJ, 10 - 30 kJ, > 30 kJ."""
+    most, low, high, least, unit = found.groups()
+    ends = f"\u2264 {most}" if most else f"> {least}" if least else f"{low} \u2013 {high}"
+    return f"{translate(ends)} {translate(unit)}"

@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Project of an exported result: which layers it has, in which groups, themes and layouts."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from rockfall.case import FROM_ARRAY, case_of
+from rockfall.html_report.sentences import Speaker
+from rockfall.io.raster import write_geotiff
+from rockfall.language import Number, say, speaking
+from rockfall.plots.cartography.relief import INDEX, contours_of
+from rockfall.plots.cartography.sheet import crs_text, named_crs
+from rockfall.plots.extent import reached
+from rockfall.plots.hazard_sheet import NOBODY, Imprint
+from rockfall.plots.style import capital
+from rockfall.qgis_project.document import Project, Theme, write_project
+from rockfall.qgis_project.layers import Group, Layer, raster_layer, vector_layer, vector_styles
+from rockfall.qgis_project.layout import Texts, layout
+from rockfall.quantities import with_unit
+from rockfall.result.classes import UNITS
+from rockfall.result.export import crs_wkt
+from rockfall.result.passages import PASSED
+from rockfall.result.qgis_style import contour_style, write_relief
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.plots.extent import Extent
+    from rockfall.result.trajectories import Terrain
+
+PROJECT, ELEVATION = "project.qgz", "elevation_m.tif"
+RESULT, HAZARD = "rockfall.gpkg", "hazard.gpkg"
+CONTOUR = "#5a4632"
+MAX_FILES = 8  # named on paper
+#: Titles of layers of GeoPackages, by file and name.
+TITLES = {
+    RESULT: {
+        "trajectories": "qgis.trajectories", "crossings": "qgis.crossings", "stops": "qgis.stops",
+        "lines": "map.evaluation_lines", "barriers": "label.barriers", "dams": "qgis.dams",
+        "source_areas": "qgis.sources", "sources": "qgis.starts",
+    },
+    HAZARD: {
+        "objects": "qgis.objects", "uncertain": "sheet.uncertain", "zones": "qgis.zones",
+        "zones_by_cell": "qgis.zones_by_cell",
+    },
+}  # fmt: skip
+NOT_IN_LEGEND = "lines"  # its names are on the map
+
+
+class _Layers(NamedTuple):
+    """Layers of GeoPackages by name, and of maps by the stem of their files."""
+
+    result: dict[str, Layer]
+    hazard: dict[str, Layer]
+    maps: dict[str, Layer]
+    classes: dict[str, Layer]
+    terrain: tuple[Layer, ...]
+
+
+def put_project(
+    data: xr.Dataset,
+    folder: Path,
+    files: Sequence[Path],
+    terrain: Terrain | None = None,
+    imprint: Imprint = NOBODY,
+    language: str = "en",
+) -> Iterator[Path]:
+    """Write project.qgz for the files of an export in a new folder, and elevation_m.tif with its
+    style if the terrain is known. `files` may hold those of a hazard."""
+    extent = reached(data, terrain)
+    with speaking(language):
+        translate = Speaker(language)
+        relief: list[Layer] = []
+        if terrain is not None:
+            yield from _put_terrain(terrain, folder)
+            relief = _relief(terrain, extent, folder, translate)
+        maps, classes = _maps(files, translate)
+        layers = _Layers(
+            _vectors(folder / RESULT, translate), _vectors(folder / HAZARD, translate),
+            maps, classes, tuple(relief),
+        )  # fmt: skip
+        themes = list(_themes(layers))
+        title = _title(data)
+        drawn = [
+            layout(theme.name, theme.name, extent, _in_legend(theme.layers),
+                   _texts(data, title, theme.name, imprint, relief))
+            for theme in themes
+        ]  # fmt: skip
+        project = Project(title, crs_wkt(data), extent, list(_groups(layers)), themes, drawn)
+    yield write_project(project, folder / PROJECT)
+
+
+def _put_terrain(terrain: Terrain, folder: Path) -> Iterator[Path]:
+    z, grid = terrain
+    path = folder / ELEVATION
+    write_geotiff(path, z, grid, float("nan"), units="m", long_name="elevation")
+    yield path
+    yield write_relief(path)
+
+
+def _relief(terrain: Terrain, extent: Extent, folder: Path, translate: Speaker) -> list[Layer]:
+    """Contours over shaded relief, both of the file of elevations."""
+    interval = contours_of(terrain, extent).interval
+    path = folder / ELEVATION
+    style, title = contour_style(interval, INDEX, CONTOUR), say("map.contours", interval=interval)
+    relief = raster_layer(path, say("qgis.relief"), translate, visible=True, in_legend=False)
+    return [Layer(capital(title), relief.source, style, True, in_legend=False), relief]
+
+
+def _vectors(path: Path, translate: Speaker) -> dict[str, Layer]:
+    """Layers of a GeoPackage, in the order in which they lie; none if there is no file."""
+    if not path.exists():
+        return {}
+    with closing(sqlite3.connect(path)) as database:
+        about = "SELECT table_name FROM gpkg_contents WHERE data_type = 'features'"
+        names = {name for (name,) in database.execute(about)}
+    styles, titles = vector_styles(path), TITLES[path.name]
+    ordered = [*(name for name in titles if name in names), *sorted(names - titles.keys())]
+    return {
+        name: vector_layer(
+            path, name, styles.get(name, "<qgis/>"),
+            capital(say(titles[name]) if name in titles else name.replace("_", " ")), translate,
+            in_legend=name != NOT_IN_LEGEND,
+        )
+        for name in ordered
+    }  # fmt: skip
+
+
+def _maps(files: Iterable[Path], translate: Speaker) -> tuple[dict[str, Layer], dict[str, Layer]]:
+    """Maps of numbers and maps of classes of a hazard, with the long names of their files."""
+    import rasterio
+
+    maps: dict[str, Layer] = {}
+    classes: dict[str, Layer] = {}
+    for path in files:
+        if path.suffix == ".tif":
+            with rasterio.open(path) as file:
+                tags = file.tags()
+            unit = tags.get("units", "1")
+            label = translate(tags.get("long_name", path.stem.replace("_", " ")))
+            title = capital(with_unit(label, unit if unit in UNITS else ""))
+            chosen = classes if "flag_meanings" in tags else maps
+            chosen[path.stem] = raster_layer(path, title, translate)
+    return maps, classes
+
+
+def _themes(layers: _Layers) -> Iterator[Theme]:
+    """Trajectories, zones, and each map, all over sources, lines, protection and relief."""
+    above, below = _base(layers)
+    shown = [layer for name, layer in layers.hazard.items() if name != "zones_by_cell"]
+    if "trajectories" in layers.result:
+        path = layers.result["trajectories"]
+        yield Theme(path.title, (path, *above, *below))
+    if shown:
+        yield Theme(say("qgis.hazard"), (*shown, *above, *below))
+    for layer in (*layers.maps.values(), *layers.classes.values()):
+        yield Theme(layer.title, (*above, layer, *below))
+    if not (layers.maps or layers.classes or shown or "trajectories" in layers.result):
+        yield Theme(say("map.map"), (*above, *below))
+
+
+def _base(layers: _Layers) -> tuple[tuple[Layer, ...], tuple[Layer, ...]]:
+    """Layers above and below a map that every theme has."""
+    sources = "source_areas" if "source_areas" in layers.result else "sources"
+    names = "lines", "barriers", "dams", sources
+    above = tuple(layers.result[name] for name in names if name in layers.result)
+    return above, layers.terrain
+
+
+def _groups(layers: _Layers) -> Iterator[Group]:
+    """Groups from the top of the map to its ground, what is shown at first chosen."""
+    above, _ = _base(layers)
+    first = next((name for name in PASSED if name in layers.maps), next(iter(layers.maps), ""))
+    chosen = {layer.id for layer in above} | {name for name in (_id(layers.maps, first),) if name}
+    chosen |= {_id(layers.result, "trajectories")}
+
+    def group(key: str, found: dict[str, Layer], *names: str, expanded: bool = True):
+        some = [found[name] for name in names if name in found]
+        shown = (one._replace(visible=one.visible or one.id in chosen) for one in some)
+        return Group(capital(say(key)), tuple(shown), expanded)
+
+    result, maps = layers.result, layers.maps
+    for one in (
+        group("qgis.trajectories", result, "trajectories", "crossings", "stops"),
+        group("map.evaluation_lines", result, "lines"),
+        group("qgis.protection", result, "barriers", "dams"),
+        group("qgis.sources", result, "source_areas", "sources"),
+        group("qgis.hazard", layers.hazard | layers.classes, *layers.hazard, *layers.classes,
+              expanded=False),
+        group("qgis.maps", maps, *maps),
+        Group(say("qgis.terrain"), layers.terrain, False),
+    ):  # fmt: skip
+        if one.layers:
+            yield one
+
+
+def _id(layers: dict[str, Layer], name: str) -> str:
+    return layers[name].id if name in layers else ""
+
+
+def _in_legend(layers: Iterable[Layer]) -> Iterator[Layer]:
+    return (layer for layer in layers if layer.in_legend)
+
+
+def _title(data: xr.Dataset) -> str:
+    return str(data.attrs.get("title") or Path(str(data.attrs["case_file"])).stem)
+
+
+def _texts(
+    data: xr.Dataset, title: str, theme: str, imprint: Imprint, relief: Sequence[Layer]
+) -> Texts:
+    """Texts of a layout: who and when, contours, coordinate system, data, program and seed."""
+    crs = data["crs"].attrs
+    named = (name for _, name in case_of(data).files() if name != FROM_ARRAY)
+    files = list(dict.fromkeys(Path(name).name for name in named))
+    more = [f"+ {len(files) - MAX_FILES}"] if len(files) > MAX_FILES else []
+    return Texts(
+        title,
+        theme,
+        [
+            f"{say('sheet.project')}: {imprint.project or '_' * 30}",
+            f"{say('sheet.client')}: {imprint.client or '_' * 30}",
+            f"{say('sheet.author')}: {imprint.author or '_' * 30}",
+            f"{say('sheet.computed')}: {str(data.attrs['date_created'])[:10]}",
+        ],
+        [
+            *(layer.title for layer in relief[:1]),
+            crs_text(crs) if named_crs(crs) else say("sheet.no_crs"),
+            f"{say('sheet.sources')}: {', '.join([*files[:MAX_FILES], *more])}",
+            f"{data.attrs['source']}, {say('qgis.seed', seed=Number(str(data.attrs['seed'])))}",
+        ],
+        say("qgis.scale"),
+        say("qgis.printed"),
+    )
