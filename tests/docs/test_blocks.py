@@ -33,7 +33,7 @@ from affine import Affine
 
 import rockfall
 import scenes
-from made import make_layer, make_raster, surveyed_blocks, write_ascii
+from made import make_layer, make_raster, make_rockyfor3d, surveyed_blocks
 from programs import ROOT, find_program
 from rockfall.cli import main
 from rockfall.cli.arguments import make_parser
@@ -148,14 +148,9 @@ def site(tmp_path_factory):
     fall[:, 1:4] = np.stack([np.full(9, 100.0), 580 - 50.0 * fall[:, 0], 700 + fall[:, 0]], axis=1)
     fall[:, 4], fall[:, 9], fall[:, 15], fall[:, 18] = 1.0, -50.0, 2.5e6, 690.0
     np.concatenate([np.ones(4), fall.ravel()]).tofile("rocks.rts")
-    rocky = {"dem": 1100 - 0.75 * down + 0 * ones, "soiltype": 4 * ones}
-    rocky |= dict.fromkeys(("rg70", "rg20", "rg10"), 0.1 * ones)
     source = np.zeros((NY, NX))
     source[5, 20:28] = 1
-    rocky |= {name: source for name in ("d1", "d2", "d3", "blshape")}
-    Path("DIR").mkdir()
-    for name, values in (rocky | {"rockdensity": 2700 * source}).items():
-        write_ascii(f"DIR/{name}.asc", values, scenes.grid(values, 5.0))
+    make_rockyfor3d("DIR", 1100 - 0.75 * down + 0 * ones, source)
     for copy, name in (("observed", "seen"), ("a", "seen"), ("b", "stops")):
         shutil.copy(f"{name}.csv", f"{copy}.csv")
     case = rockfall.read_case("case.nml").replace(case={"boulders": 5})
