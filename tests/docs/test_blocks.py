@@ -117,6 +117,8 @@ def site(tmp_path_factory):
     make_layer("net.gpkg", [line((0, 200), (235, 200))], layer="net", height=[5.0], capacity=[1e3])
     make_layer("nets.shp", [line((0, 200), (235, 200))], height=[4.0])
     make_layer("dam.gpkg", [line((40, 250), (200, 250))], height=[60.0])
+    make_layer("ground.gpkg", [box(-9, -9, 120, 609), box(120, -9, 249, 609)],
+               mean_radius=[0.3, np.nan], ground=[None, "meadow"])  # fmt: skip
     make_layer("drawn.gpkg", [line((0, 330), (235, 330))], name=["upper"])
     make_layer("ditch.gpkg", [box(40, 255, 200, 262)], depth=[2.0])
     make_layer("houses.gpkg", [box(90, 150, 100, 160)], name=["house"])
