@@ -11,7 +11,7 @@ import rasterio
 from affine import Affine
 
 from rockfall.errors import RockfallError
-from rockfall.io.grid import NO_ID
+from rockfall.io.grid import NO_ID, Grid
 
 UTM = "EPSG:32632"
 PLACE = Affine(5.0, 0.0, 600000.0, 0.0, -5.0, 5000000.0)
@@ -95,6 +95,19 @@ def write_ascii(path, array, grid, nodata=-9999):
     place = f"xllcorner {grid.west!r}\nyllcorner {grid.south!r}\ncellsize {grid.cell!r}\n"
     head = f"ncols {grid.nx}\nnrows {grid.ny}\n{place}NODATA_value {nodata}\n"
     Path(path).write_text(head + "".join(" ".join(map(repr, row)) + "\n" for row in rows.tolist()))
+
+
+def make_rockyfor3d(folder, elevations, sources):
+    """A folder of Rockyfor3D with these elevations, on cells of 5 m; `sources` is 1 where boulders
+    start."""
+    ones = np.ones(elevations.shape)
+    rasters = {"dem": elevations, "soiltype": 4 * ones, "rockdensity": 2700 * sources}
+    rasters |= dict.fromkeys(("rg70", "rg20", "rg10"), 0.1 * ones)
+    rasters |= dict.fromkeys(("d1", "d2", "d3", "blshape"), sources)
+    ny, nx = elevations.shape
+    Path(folder).mkdir()
+    for name, values in rasters.items():
+        write_ascii(f"{folder}/{name}.asc", values, Grid(0.0, 5.0 * ny, 5.0, nx, ny))
 
 
 @contextlib.contextmanager

@@ -18,6 +18,7 @@ LEVELS = [
         "case_files",
         "case_text",
         "case_variants",
+        "case_zones",
         "grounds",
         "impact_sets",
         "impact_tables",

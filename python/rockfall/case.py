@@ -145,16 +145,37 @@ class Case:
 
     @property
     def has_forest(self) -> bool:
-        """Return True if there are trees, listed or generated."""
+        """Return True if there are trees, listed or generated.
+
+        >>> import rockfall
+        >>> case = rockfall.read_case("case.nml")
+        >>> case.has_forest, case.replace(forest={"trees": "trees.csv"}).has_forest
+        (False, True)
+        """
         return not {"trees", "polygons", "stems", "uniform_stems"}.isdisjoint(self.forest)
 
     @property
     def lines(self) -> list[dict[str, Any]]:
-        """Lines at which crossings are recorded: the evaluation lines, then the barriers."""
+        """Lines at which crossings are recorded: the evaluation lines, then the barriers.
+
+        >>> import rockfall
+        >>> [line["name"] for line in rockfall.read_case("case.nml").lines]
+        ['L']
+        """
         return self.line + self.barrier
 
     def files(self) -> Iterator[tuple[Key, str]]:
-        """Files that the case names, with their keys."""
+        """Files that the case names, with their keys.
+
+        >>> import rockfall
+        >>> for key, name in rockfall.read_case("case.nml").files():
+        ...     print(f"&{key.group} {key.name}: {name}")
+        &terrain dem: dem.tif
+        &surface zones: zones.tif
+        &surface table: zones.csv
+        &impact table: talus
+        &impact sets: sets.nml
+        """
         for key in file_keys():
             groups = (
                 self.__dict__[key.group] if key.group in REPEATABLE else [self._groups[key.group]]
@@ -177,7 +198,14 @@ class Case:
 
     def replace(self, **groups: Any) -> Case:
         """Return a copy with other values: `case.replace(surface={"method": "A"})`; None removes a
-        key. A list replaces all groups of its name: `case.replace(line=[])`."""
+        key. A list replaces all groups of its name: `case.replace(line=[])`.
+
+        >>> import rockfall
+        >>> case = rockfall.read_case("case.nml")
+        >>> other = case.replace(boulder={"volume_mean": 2.0}, line=[])
+        >>> other.boulder["volume_mean"], other.boulder["density"], other.line
+        (2.0, 2800.0, [])
+        """
         lists = {group: groups.pop(group, None) for group in REPEATABLE}
         changed = {
             group: {**self._groups.get(group, {}), **groups.get(group, {})}
@@ -187,12 +215,25 @@ class Case:
         return Case(folder=self.folder, name=self.name, **changed)
 
     def text(self) -> str:
-        """Case as the text of a namelist file."""
+        """Case as the text of a namelist file.
+
+        >>> import rockfall
+        >>> case = rockfall.read_case("case.nml").replace(case={"seed": 8})
+        >>> print(case.text()[:19])
+        &boulder
+            block_
+        """
         lists = {group: [*map(plain_values, self.__dict__[group])] for group in REPEATABLE}
         return namelist_text(self._groups, lists)
 
     def path(self, file: str) -> Path:
-        """The path of a file that the case names."""
+        """The path of a file that the case names.
+
+        >>> import rockfall
+        >>> case = rockfall.read_case("case.nml")
+        >>> case.path(case.terrain["dem"]).name
+        'dem.tif'
+        """
         return self.folder / file
 
 

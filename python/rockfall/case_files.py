@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rockfall.case import FROM_ARRAY, REPEATABLE, Case, case_of
+from rockfall.case_zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import find_set, set_path
 from rockfall.impact_tables import find_table
 from rockfall.io.raster_file import raster_file, raster_files
-from rockfall.io.zone_table import read_zone_table
 
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
@@ -57,10 +57,8 @@ def group_files(case: Case, group: str) -> Iterator[Path]:
 def _named_grounds(case: Case) -> set[str]:
     """Names of the grounds in the case and its table of zones, some of them impact sets."""
     names = {case.surface.get("ground", "")}
-    if "table" in case.surface:
-        with suppress(RockfallError):
-            zones = read_zone_table(case.path(case.surface["table"]))
-            names |= {zone.ground for zone in zones.values()}
+    with suppress(RockfallError):
+        names |= {zone.ground for zone in case_zones(case).values()}
     return names - {""}
 
 

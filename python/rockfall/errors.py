@@ -8,6 +8,13 @@ class RockfallError(ValueError):
     """One line that names the problem, its place, and what is allowed.
 
     `code` is the exit status: 2 when the input can be corrected, 1 for an internal error.
+
+    >>> import rockfall
+    >>> try:
+    ...     rockfall.read_case("case.nml").replace(boulder={"density": -1.0})
+    ... except rockfall.RockfallError as error:
+    ...     print(error, error.code)
+    case.nml: &boulder density = -1.0: must be > 0 [kg/m3] 2
     """
 
     def __init__(self, message: str, code: int = 2) -> None:

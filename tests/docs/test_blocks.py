@@ -33,7 +33,7 @@ from affine import Affine
 
 import rockfall
 import scenes
-from made import make_layer, make_raster, surveyed_blocks, write_ascii
+from made import make_layer, make_raster, make_rockyfor3d, surveyed_blocks
 from programs import ROOT, find_program
 from rockfall.cli import main
 from rockfall.cli.arguments import make_parser
@@ -117,6 +117,8 @@ def site(tmp_path_factory):
     make_layer("net.gpkg", [line((0, 200), (235, 200))], layer="net", height=[5.0], capacity=[1e3])
     make_layer("nets.shp", [line((0, 200), (235, 200))], height=[4.0])
     make_layer("dam.gpkg", [line((40, 250), (200, 250))], height=[60.0])
+    make_layer("ground.gpkg", [box(-9, -9, 120, 609), box(120, -9, 249, 609)],
+               mean_radius=[0.3, np.nan], ground=[None, "meadow"])  # fmt: skip
     make_layer("drawn.gpkg", [line((0, 330), (235, 330))], name=["upper"])
     make_layer("ditch.gpkg", [box(40, 255, 200, 262)], depth=[2.0])
     make_layer("road.gpkg", [across], name=["Road 214"], width=[6.0])
@@ -164,14 +166,9 @@ def site(tmp_path_factory):
     fall[:, 1:4] = np.stack([np.full(9, 100.0), 580 - 50.0 * fall[:, 0], 700 + fall[:, 0]], axis=1)
     fall[:, 4], fall[:, 9], fall[:, 15], fall[:, 18] = 1.0, -50.0, 2.5e6, 690.0
     np.concatenate([np.ones(4), fall.ravel()]).tofile("rocks.rts")
-    rocky = {"dem": 1100 - 0.75 * down + 0 * ones, "soiltype": 4 * ones}
-    rocky |= dict.fromkeys(("rg70", "rg20", "rg10"), 0.1 * ones)
     source = np.zeros((NY, NX))
     source[5, 20:28] = 1
-    rocky |= {name: source for name in ("d1", "d2", "d3", "blshape")}
-    Path("DIR").mkdir()
-    for name, values in (rocky | {"rockdensity": 2700 * source}).items():
-        write_ascii(f"DIR/{name}.asc", values, scenes.grid(values, 5.0))
+    make_rockyfor3d("DIR", 1100 - 0.75 * down + 0 * ones, source)
     for copy, name in (("observed", "seen"), ("a", "seen"), ("b", "stops")):
         shutil.copy(f"{name}.csv", f"{copy}.csv")
     case = rockfall.read_case("case.nml").replace(case={"boulders": 5})

@@ -9,6 +9,7 @@ import scenes
 from made import make_layer, refused
 from rockfall.analysis.variants import compare_variants
 from rockfall.errors import RockfallError
+from rockfall.html_report.sentences import Speaker
 from rockfall.html_report.tables import stand_tables
 from rockfall.limits import EAD_ENERGY
 from rockfall.scene.forest.attributes import NAMES, matching
@@ -148,6 +149,18 @@ def test_values_that_the_layer_lacks_come_from_the_case_and_never_from_both(tmp_
         stands_of(tmp_path, [ALL], {"uniform_dbh_mean": 20.0}, **GIVEN)
     with refused("case: &forest: give one of polygons, trees and stems"):
         case_of(tmp_path, {"polygons": "stands.gpkg"} | MADE)
+
+
+@pytest.mark.parametrize("language", ["de", "fr", "it"])
+def test_remarks_on_stands_are_known_in_every_language(tmp_path, language, caplog):
+    shapes = [shapely.box(0, 0, 150.1, 400), shapely.box(150, 0, 300, 400)]
+    shapes += [shapely.box(900, 0, 990, 90)]
+    scene = stands_of(tmp_path, shapes, **columns_of(3) | {"stems": [5.0, 4.0, 3.0]})
+    remarks = [one.partition(": ")[2] for one in scene.remarks]
+    assert len(remarks) == 3 and "1 of 3 stands lie outside the terrain" in remarks
+    speaker = Speaker(language)
+    assert all(speaker(one) != one for one in remarks)
+    assert [text for text in caplog.messages if "no text for" in text] == []
 
 
 def test_slivers_belong_to_the_later_stand(tmp_path):

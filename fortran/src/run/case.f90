@@ -203,8 +203,8 @@ contains
       radius_of_reading = merge(0.5_wp, 1.0_wp, word == "diameter")
    end function radius_of_reading
 
-   !> Read the surface, given in one of three ways: zones with a table, rasters of values, or one value; in none of them
-   !> if the default ground does not need rock sizes.
+   !> Read the surface, given in one of three ways: zones with a table or attributes, rasters of values, or one value; in
+   !> none of them if the default ground does not need rock sizes.
    pure subroutine read_surface(group, this, error)
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: this
@@ -242,7 +242,6 @@ contains
                    //"rg20, rg10 (method A) rasters; uniform_mean_radius (B) or uniform_rg (A)")
       else if (zones) then
          call require_key(group, "zones", "to say where the zones of the table are", error)
-         if (.not. allocated(error)) call require_key(group, "table", "to say what the zones are made of", error)
       else if (by_raster .and. this%method == method_b) then
          call require_key(group, "mean_radius", "for method B", error)
       else if (by_raster) then

@@ -63,7 +63,8 @@ module rockfall_case_keys
       key_t("surface", "zones", "text", 1, "absent", "", "", &
             "raster of zone ids, or polygons", in_scene, "raster layer"), &
       key_t("surface", "table", "text", 1, "absent", "", "", &
-            "CSV with zone, mean_radius, rg70, rg20, rg10, ground", in_scene, "table"), &
+            "CSV with zone, mean_radius, rg70, rg20, rg10, ground; absent: these are attributes of the polygons", &
+            in_scene, "table"), &
       key_t("surface", "zone_field", "text", 1, "'zone'", "", "", "attribute of zone polygons with the id", in_scene), &
       key_t("surface", "zones_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
       key_t("surface", "default_zone", "integer", 1, "absent", "-2147483647 to 2147483647", "", &

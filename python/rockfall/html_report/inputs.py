@@ -14,13 +14,14 @@ from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.lines.values import line_names
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import FROM_ARRAY, Case, case_of
+from rockfall.case_zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.html_report.tables import Table
 from rockfall.html_report.validity import has
 from rockfall.io.arrays import corner_of
 from rockfall.io.layers import REPROJECTED
 from rockfall.io.tables import read_table
-from rockfall.io.zone_table import NAMES, read_zone_table
+from rockfall.io.zone_table import NAMES, Zone
 from rockfall.language import say, say_count
 from rockfall.plots.cartography.rasters import cropped, draw_image
 from rockfall.plots.cartography.sheet import crs_text, finish, named_crs, new_sheet
@@ -151,6 +152,11 @@ def zone_table(result: xr.Dataset) -> Iterator[Table]:
             yield _zones([name for name in columns if name], [row.cells for row in rows])
         except RockfallError:
             return
+    elif "zones" in surface and surface["zones"] != FROM_ARRAY:
+        try:
+            yield _polygon_zones(case_zones(case))
+        except RockfallError:
+            return
     elif any(key.startswith("uniform") for key in surface):
         sizes = np.ravel(surface.get("uniform_mean_radius", surface.get("uniform_rg", [])))
         heads = list(RADII.values())[slice(0, 1) if sizes.size == 1 else slice(1, 4)]
@@ -160,6 +166,17 @@ def zone_table(result: xr.Dataset) -> Iterator[Table]:
             ("", *heads),
             [(say("inputs.everywhere"), *values)],
         )
+
+
+def _polygon_zones(zones: dict[int, Zone]) -> Table:
+    """Table of zones whose polygons say what they are made of."""
+    cells = []
+    for number_, zone in zones.items():
+        sizes = {key: f"{size:g}" for key, size in zip(RADII, zone.sizes, strict=True)}
+        sizes = {key: size for key, size in sizes.items() if size != "nan"}
+        cells.append({"zone": f"{number_}", "ground": zone.ground, "name": zone.name} | sizes)
+    shown = ("name", "zone", *RADII, "ground")
+    return _zones([one for one in shown if any(row.get(one) for row in cells)], cells)
 
 
 def _zones(columns: list[str], cells: list[dict[str, str]]) -> Table:
@@ -206,10 +223,9 @@ def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
 
 def _zone_labels(case: Case) -> list[str]:
     """Labels of the rows of the zone table: name or number, and ground."""
-    zones = read_zone_table(case.path(case.surface["table"]))
     return [
         f"{zone.name or f'zone {number}'}{f' ({zone.ground})' if zone.ground else ''}"
-        for number, zone in zones.items()
+        for number, zone in case_zones(case).items()
     ]
 
 

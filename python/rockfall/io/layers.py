@@ -32,6 +32,8 @@ from rockfall.io.grid import NO_ID, Grid
 if TYPE_CHECKING:
     from rasterio.crs import CRS
 
+#: File extensions of vector layers.
+EXTENSIONS = frozenset({".gpkg", ".geojson", ".json", ".shp", ".fgb", ".dxf"})
 _DRIVERS = {"GPKG", "GeoJSON", "ESRI Shapefile", "FlatGeobuf"}
 _SHAPES = (b"\0\0\x27\x0a", b"fgb\x03fgb")  # of shapefiles and FlatGeobuf
 _GEOPACKAGE = (b"GPKG", b"GP10", b"GP11")  # application id of a database, from byte 68
@@ -57,12 +59,15 @@ def burn_polygons(
     *,
     layer: str | None = None,
     key: str = "",
+    numbers: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Integer `field` of the polygon that holds the centre of each cell (int32, `NO_ID` outside);
-    the last one where they overlap. Everything else is as in `_on_terrain`."""
-    remarks = [] if remarks is None else remarks
-    found = _on_terrain(path, [field], _POLYGONS, "polygons", grid, remarks, layer, key)
-    numbers = _integers(str(path), field, found.values[field])
+    """Integer `field` of the polygon that holds the centre of each cell (int32, `NO_ID` outside),
+    or its own of `numbers`; the last one where they overlap. Everything else is as in
+    `_on_terrain`."""
+    remarks, read = [] if remarks is None else remarks, [field] if numbers is None else []
+    found = _on_terrain(path, read, _POLYGONS, "polygons", grid, remarks, layer, key)
+    if numbers is None:
+        numbers = _integers(str(path), field, found.values[field])
     cells = _burnt(found, grid, numbers, NO_ID)
     if twice := np.count_nonzero(cells != _burnt(found, grid, numbers, NO_ID, -1)):
         remarks.append(
@@ -70,6 +75,13 @@ def burn_polygons(
             "counts there"
         )
     return cells
+
+
+def read_attributes(
+    path: str | Path, what: str, layer: str | None = None, key: str = ""
+) -> dict[str, np.ndarray]:
+    """Attributes of all features of a layer, by name; `what` and `key` are for messages."""
+    return _read(str(path), None, what, layer, key)[2]
 
 
 def layer_names(path: str | Path) -> list[str]:

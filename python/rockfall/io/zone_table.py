@@ -8,12 +8,13 @@ import re
 from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.grid import NO_ID
+from rockfall.io.layers import attribute, plain
 from rockfall.io.tables import Row, check_columns, read_table
 
 #: Columns of lengths in metres, in the order of the values in a row.
@@ -50,10 +51,69 @@ def read_zone_table(path: str | Path) -> dict[int, Zone]:
         zone = _zone(row)
         if zone in zones:
             raise RockfallError(f"{row.where}: zone {zone}: is in the table twice")
-        sizes = tuple(_radius(row, name) if name in columns else math.nan for name in RADII)
-        name = next((row.cells[one] for one in NAMES if row.cells.get(one)), "")
-        zones[zone] = Zone(sizes, row.cells.get("ground", ""), row.where, name)
+        zones[zone] = _made(row)
     return zones
+
+
+def zones_of_polygons(
+    columns: dict[str, np.ndarray], path: str, field: str
+) -> tuple[np.ndarray, dict[int, Zone], bool]:
+    """Id of each polygon (int32), the zones by id, and whether ids are those of the layer, for
+    polygons whose attributes are the columns of a table of zones.
+
+    Polygons that say the same are one zone. Its id is that of an integer attribute `field` if this
+    tells zones apart, else its number in the order of the file, from 1.
+    """
+    known = {name: attribute(columns, name) for name in (*RADII, "ground", *NAMES)}
+    given = {name: [_text(one) for one in of] for name, of in known.items() if of is not None}
+    if not {*RADII, "ground"} & given.keys():
+        raise RockfallError(
+            f"{path}: no attribute {', '.join(RADII)} or ground; give polygons one, or a &surface "
+            "table"
+        )
+    size = len(next(iter(given.values())))
+    rows = [
+        Row(f"{path}: feature {k + 1}", {name: of[k] for name, of in given.items()})
+        for k in range(size)
+    ]
+    kinds = [tuple(row.cells.values()) for row in rows]
+    number = {kind: k for k, kind in enumerate(dict.fromkeys(kinds), start=1)}
+    own = _own_ids(attribute(columns, field), kinds)
+    ids = own or [number[kind] for kind in kinds]
+    zones: dict[int, Zone] = {}
+    for one, row in zip(ids, rows, strict=True):
+        if one not in zones:
+            zones[one] = _polygon_zone(row)
+    return np.array(ids, np.int32), zones, own is not None
+
+
+def _own_ids(values: np.ndarray | None, kinds: list[tuple[str, ...]]) -> list[int] | None:
+    """Ids of polygons, if none stands for different kinds."""
+    if values is None or values.dtype.kind not in "iu":
+        return None
+    ids = [int(one) for one in values]
+    fits = max(map(abs, ids)) <= np.iinfo(np.int32).max
+    return ids if fits and len({*zip(ids, kinds, strict=True)}) == len({*ids}) else None
+
+
+def _text(value: Any) -> str:
+    """Attribute as the text of a cell; "" if empty."""
+    value = plain(value)
+    return "" if value is None else str(value).strip()
+
+
+def _polygon_zone(row: Row) -> Zone:
+    if not any(row.cells.get(name) for name in (*RADII, "ground")):
+        raise RockfallError(f"{row.where}: must have one of {', '.join((*RADII, 'ground'))}")
+    return _made(row, optional=True)
+
+
+def _made(row: Row, optional: bool = False) -> Zone:
+    """Zone of a row; `optional`: a size may be missing, and is refused where it is needed."""
+    given = {one for one in RADII if row.cells.get(one) or (one in row.cells and not optional)}
+    sizes = tuple(_radius(row, name) if name in given else math.nan for name in RADII)
+    name = next((row.cells[one] for one in NAMES if row.cells.get(one)), "")
+    return Zone(sizes, row.cells.get("ground", ""), row.where, name)
 
 
 def index_blocks(

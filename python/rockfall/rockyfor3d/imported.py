@@ -64,7 +64,13 @@ def import_rockyfor3d(
 ) -> list[str]:
     """Write to the folder `out` a case that runs a folder of Rockyfor3D; returns one line for each
     input that could not be imported. `crs` (such as EPSG:2056) is the coordinate system of its
-    rasters, which contain none: the case then has a DEM with a CRS."""
+    rasters, which contain none: the case then has a DEM with a CRS.
+
+    >>> import rockfall
+    >>> left_out = rockfall.import_rockyfor3d("folder", "imported", crs="EPSG:2056")
+    >>> rockfall.read_case("imported/case.nml").boulder["volume"]
+    'source'
+    """
     folder, out = Folder(directory), Path(out)
     folder.rasters = {name: path.resolve() for name, path in folder.rasters.items()}
     inputs = [*folder.rasters.values(), *filter(None, [folder.trees])]

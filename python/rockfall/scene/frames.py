@@ -14,6 +14,7 @@ import numpy as np
 
 from rockfall.case import FROM_ARRAY, Case, key_table
 from rockfall.errors import RockfallError, need
+from rockfall.io.zone_table import RADII
 from rockfall.scene.scene import Scene
 
 GROUPS = {"lines": "line", "barriers": "barrier", "dams": "dam"}  # group of features of each
@@ -22,6 +23,7 @@ KEYS = {
     "clearings": ("forest", "clearings"),
 }  # fmt: skip
 PLACES = {"x", "y", "cells", "polygons", "polygons_layer", "points", "points_layer"}
+SIZES = {"uniform_mean_radius", "uniform_rg", "mean_radius", "rg70", "rg20", "rg10"}
 SOURCES = {"Polygon": ("release", "polygons"), "Point": ("release", "points")}
 
 
@@ -87,6 +89,8 @@ def with_frames(
     """Read the scene of a case with the layers of frames, by name: those of GROUPS in addition to
     its own, the others (zones, trees, stands, clearings, sources) in place of its own."""
     keys = {name: _key(name, frame) for name, frame in frames.items() if name not in GROUPS}
+    if "zones" in frames and _says_ground(frames["zones"], case.surface["zone_field"]):
+        case = case.replace(surface={"table": None})
     with frame_files(frames, store) as files:
         scene = read(_naming(case, files, keys))
     changes: dict[str, dict[str, Any]] = {}
@@ -147,12 +151,20 @@ def _key(name: str, frame: Any) -> tuple[str, str]:
     return found
 
 
+def _says_ground(frame: Any, field: str) -> bool:
+    """Return True if zones say what they are made of, and have no id that a table would need."""
+    columns = {str(one).lower() for one in frame.columns}
+    return field.lower() not in columns and not columns.isdisjoint((*RADII, "ground"))
+
+
 def _naming(case: Case, files: Mapping[str, Path], keys: Mapping[str, tuple[str, str]]) -> Case:
     """Case that names files in place of frames; keys that select a layer of the replaced file are
     removed."""
     groups: dict[str, Any] = {}
     if "sources" in files:
         groups["release"] = dict.fromkeys(PLACES & case.release.keys())
+    if "zones" in files:
+        groups["surface"] = dict.fromkeys(SIZES & case.surface.keys())
     for name, file in files.items():
         if name in GROUPS:
             groups[GROUPS[name]] = [*getattr(case, GROUPS[name]), {"file": str(file)}]

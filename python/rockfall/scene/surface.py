@@ -7,12 +7,13 @@ import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
+from rockfall.case_zones import case_zones, polygon_zones
 from rockfall.errors import RockfallError
 from rockfall.grounds import GroundTable, check_number, find_ground, table_path, usual_ground
 from rockfall.io.grid import NO_ID, Box, row_blocks
 from rockfall.io.layers import burn_polygons
 from rockfall.io.raster import read_elevations
-from rockfall.io.zone_table import RADII, Zone, index_blocks, read_zone_table
+from rockfall.io.zone_table import RADII, Zone, index_blocks
 from rockfall.scene.layers import LAYERS, Inputs, file_checksum
 from rockfall.scene.parts import Rasters
 
@@ -52,7 +53,7 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
     """Read grounds, where they differ from the case's impact sets, and the ground of each material.
     Returns the zones by id, and the names of grounds by id in a raster."""
     case, surface = inputs.case, inputs.case.surface
-    zones = read_zone_table(case.path(surface["table"])) if "zones" in surface else {}
+    zones = case_zones(case)
     named = [zone for zone in zones.values() if zone.ground]
     if case.impact["form"] == "matrix" and not named:
         if {"ground", "ground_map"}.isdisjoint(surface):
@@ -103,12 +104,17 @@ def _read_zones(
 ) -> None:
     """Read zones as indices into the table of sizes."""
     case, surface = inputs.case, inputs.case.surface
-    path, table_path_ = case.path(surface["zones"]), case.path(surface["table"])
-    inputs.checksums.setdefault("table", file_checksum(table_path_))
+    path = case.path(surface["zones"])
+    table_path_, numbers = path, None  # polygons say themselves what they are made of
+    if "table" in surface:
+        table_path_ = case.path(surface["table"])
+        inputs.checksums.setdefault("table", file_checksum(table_path_))
+    else:
+        numbers = polygon_zones(case)[0]
     if "zones" not in inputs.arrays and path.suffix.lower() in LAYERS:
         ids = burn_polygons(
             path, inputs.grid, surface["zone_field"], inputs.remarks,
-            layer=surface.get("zones_layer"), key="zones_layer",
+            layer=surface.get("zones_layer"), key="zones_layer", numbers=numbers,
         )  # fmt: skip
         blocks = ((rows, ids[rows]) for rows in row_blocks(ids.shape))
         inputs.note_layer("zones", path, surface.get("zones_layer"))

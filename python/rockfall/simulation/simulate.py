@@ -46,7 +46,15 @@ LEFT_WINDOW = int(_core.constant("left_window"))  # status: to be repeated in a 
 
 
 class Interrupted(KeyboardInterrupt):
-    """Raised on Ctrl-C; `result` holds the completed boulders."""
+    """Raised on Ctrl-C; `result` holds the completed boulders.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> try:
+    ...     result = rockfall.run(case)
+    ... except rockfall.Interrupted as stop:
+    ...     result = stop.result  # a valid result of fewer boulders
+    """
 
     def __init__(self, contents: Contents) -> None:
         super().__init__(f"interrupted after {simulated(contents)} boulders")

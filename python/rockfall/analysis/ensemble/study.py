@@ -277,7 +277,15 @@ def is_ensemble(result: xr.Dataset) -> bool:
 
 def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
     """One row for each line and result: its numbers, then the fractions of each input with 95 %
-    intervals, NaN where they are undecided. `help(rockfall.ensemble)` has an example."""
+    intervals, NaN where they are undecided.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> case = case.replace(ensemble={"runs": 8, "radius_factor": 1.2})
+    >>> table = rockfall.ensemble_table(rockfall.ensemble(case))
+    >>> table[["line", "units"]].iloc[0].tolist()
+    ['L', '1']
+    """
     import pandas as pd
 
     names = ("case_value", "mean", "q05", "q95", "monte_carlo_std", "epistemic_std")

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.planes.plane_bounce import mixed_rebound, neutral_slope, set_rebound
-from rockfall.io.zone_table import read_zone_table
+from rockfall.case import FROM_ARRAY
+from rockfall.case_zones import case_zones
 from rockfall.scene.coefficients import set_weights, size_weights
 from rockfall.scene.surface import radius_over_rg
 
@@ -54,12 +55,20 @@ def rocks_of(scene: Scene) -> Iterator[Rocks]:
         return
     names = [""]
     if "zones" in surface:
-        names = [f"zone {zone}" for zone in read_zone_table(scene.case.path(surface["table"]))]
+        names = _zone_names(scene)
     material = np.concatenate(ground.materials)[usual]
     for k in sorted(ground.used):
         if not usual.all() and not (material == k).any():
             continue
         yield Rocks(names[k], scale * ground.sizes[k], tangents[material == k])
+
+
+def _zone_names(scene: Scene) -> list[str]:
+    """Names of the zones in the order of their rows; numbered if a GeoDataFrame gave them."""
+    surface = scene.case.surface
+    if "table" not in surface and surface["zones"] == FROM_ARRAY:
+        return [f"zone {k}" for k in range(1, len(scene.ground.sizes) + 1)]
+    return [f"zone {zone}" for zone in case_zones(scene.case)]
 
 
 def _follows_sets(scene: Scene) -> np.ndarray:

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Zones of the surface of a case: the rows of their table, or what their polygons say of
+themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rockfall.case import FROM_ARRAY, Case
+from rockfall.errors import RockfallError
+from rockfall.io.layers import EXTENSIONS, read_attributes
+from rockfall.io.zone_table import Zone, read_zone_table, zones_of_polygons
+
+
+def case_zones(case: Case) -> dict[int, Zone]:
+    """Zones by id, in the order of the table or of the polygons; none for a surface without
+    zones."""
+    if "zones" not in case.surface:
+        return {}
+    if "table" in case.surface:
+        return read_zone_table(case.path(case.surface["table"]))
+    return polygon_zones(case)[1]
+
+
+def polygon_zones(case: Case) -> tuple[np.ndarray, dict[int, Zone]]:
+    """Id of each polygon (int32), and the zones by id, for a case without a table of zones."""
+    surface = case.surface
+    path = case.path(surface["zones"])
+    if surface["zones"] == FROM_ARRAY or path.suffix.lower() not in EXTENSIONS:
+        raise RockfallError(
+            f"{case.name}: &surface table is missing: needed to say what the zones are made of"
+        )
+    columns = read_attributes(path, "polygons", surface.get("zones_layer"), "zones_layer")
+    ids, zones, own = zones_of_polygons(columns, str(path), surface["zone_field"])
+    if "default_zone" in surface and not own:
+        raise RockfallError(
+            f"{case.name}: &surface default_zone = {surface['default_zone']}: needs an integer "
+            f"attribute {surface['zone_field']} that tells zones apart, or a table"
+        )
+    return ids, zones
