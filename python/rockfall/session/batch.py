@@ -71,8 +71,13 @@ class Batch:
 
     @property
     def seconds(self) -> float:
-        """Time in the kernel so far [s]."""
+        """Time of the kernel so far [s]."""
         return self._tally.wall
+
+    @property
+    def cpu_seconds(self) -> float:
+        """CPU time of the kernel so far, over all threads [s]."""
+        return self._tally.cpu
 
     @cached_property
     def until_met(self) -> bool:

@@ -50,7 +50,7 @@ class Session:
     leaves a run in progress on the case that it was started with."""
 
     def __init__(self, case: Case, threads: int | None, arrays: dict[str, Any]) -> None:
-        self._threads, self._lock = threads, RLock()
+        self._threads, self._lock, self._memory = threads, RLock(), machine_memory()
         self._stages, self._frames = KeptStages(), FrameFiles()
         self._boulders: int | None = None  # of the runs, in place of the case's; None: the case's
         self._case, self._arrays = case, arrays
@@ -161,7 +161,7 @@ class Session:
         stages = self._stages.copy()
         scene = read_scene(
             case if boulders is None else case.replace(case=total),
-            memory=machine_memory(), stages=stages, frame_store=self._frames, **arrays,
+            memory=self._memory, stages=stages, frame_store=self._frames, **arrays,
         )  # fmt: skip
         if scene.windows:
             raise RockfallError(
