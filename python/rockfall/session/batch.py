@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import QUANTITIES, line_statistics
+from rockfall.analysis.line_statistics import line_statistics
 from rockfall.analysis.run_until import Rule, evaluate
 from rockfall.case import Case
 from rockfall.errors import RockfallError
@@ -90,7 +90,7 @@ class Batch:
         self,
         by: str | None = None,
         classes: Sequence[float] | None = None,
-        quantities: Sequence[str] = QUANTITIES,
+        quantities: Sequence[str] | None = None,
     ) -> pd.DataFrame:
         """Statistics at the lines: `rockfall.line_statistics` of the boulders done."""
         return line_statistics(self._result or self._rows, by, classes, quantities)

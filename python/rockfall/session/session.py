@@ -41,7 +41,7 @@ def open_session(case: Case, *, threads: int | None = None, **arrays: Any) -> Se
     (True, 40)
     """
     session = Session(case, threads, arrays)
-    session.warn_of_new(set())
+    session._warn(set())
     return session
 
 
@@ -111,7 +111,7 @@ class Session:
             self._read(
                 self._case.replace(**groups) if groups else self._case, arrays, self._boulders
             )
-            self.warn_of_new(before)
+            self._warn(before)
 
     def run(
         self,
@@ -174,7 +174,7 @@ class Session:
         self._case, self._arrays, self._boulders = case, arrays, boulders
         self._stages, self._scene = stages, scene
 
-    def warn_of_new(self, before: set[str]) -> None:
+    def _warn(self, before: set[str]) -> None:
         """Issue warnings that were not there before, attributed to the caller's caller."""
         for line in self.warnings:
             if line not in before:
