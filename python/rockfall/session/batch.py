@@ -35,6 +35,16 @@ class Batch:
 
     Statistics and trajectories may be asked for at any time; a Dataset, which has the maps, only
     until the run goes on.
+
+    >>> import rockfall
+    >>> session = rockfall.open(rockfall.read_case("case.nml"))
+    >>> *_, batch = session.run(30)
+    >>> batch
+    <rockfall batch: 30 of 30 boulders>
+    >>> batch.line_statistics(quantities=["speed"]).line[0]
+    'L'
+    >>> len(batch.trajectories(5))
+    5
     """
 
     def __init__(self, run: Batches, until: str, criteria: Sequence[Rule] = ()) -> None:

@@ -47,7 +47,14 @@ def open_session(case: Case, *, threads: int | None = None, **arrays: Any) -> Se
 
 class Session:
     """An open case, from `rockfall.open`. Its methods may be called from any thread: a change
-    leaves a run in progress on the case that it was started with."""
+    leaves a run in progress on the case that it was started with.
+
+    >>> import rockfall
+    >>> session = rockfall.open(rockfall.read_case("case.nml"))
+    >>> session.change(boulder={"density": 2600.0})
+    >>> session.case.boulder["density"], session.warnings
+    (2600.0, [])
+    """
 
     def __init__(self, case: Case, threads: int | None, arrays: dict[str, Any]) -> None:
         self._threads, self._lock, self._memory = threads, RLock(), machine_memory()
