@@ -96,6 +96,9 @@ def signature(name: str) -> str:
     return text.replace(f"({arguments})", "(\n" + "".join(f"    {one},\n" for one in every) + ")")
 
 
+WITH_MEMBERS = {"Batch", "Session"}  # classes that others make, whose methods are listed
+
+
 def api_page() -> str:
     page = API
     for name, module in sorted(rockfall._MODULES.items(), key=lambda one: one[0].lower()):
@@ -105,7 +108,10 @@ def api_page() -> str:
         if own and own in rockfall.__all__:
             page += f"## {name}\n\nAnother name of [{own}](#{own}).\n\n"
             continue
-        page += f"## {name}\n\n```text\n{signature(name)}\n```\n\n"
+        page += f"## {name}\n\n"
+        if name not in WITH_MEMBERS:
+            page += f"```text\n{signature(name)}\n```\n\n"
         page += f"::: rockfall.{module}.{own or name}\n"
-        page += "    options: { show_root_heading: false, show_root_toc_entry: false }\n\n"
+        more = ", members: true" if name in WITH_MEMBERS else ""
+        page += f"    options: {{ show_root_heading: false, show_root_toc_entry: false{more} }}\n\n"
     return page.rstrip() + "\n"

@@ -30,6 +30,7 @@ from rockfall.result.validate import ALWAYS, known_variables
 from rockfall.scene.prepare import LAYOUT as SCENE_LAYOUT
 from rockfall.simulation.part_file import LAYOUT as PART_LAYOUT
 
+MADE = rockfall.Batch, rockfall.Session  # by functions and methods: nobody else makes one
 LIST = Path(__file__).resolve().parents[1] / "tests/interface.txt"
 
 
@@ -149,11 +150,14 @@ def _grounds() -> Iterator[str]:
 def _names() -> Iterator[str]:
     for name in sorted(rockfall.__all__):
         thing = getattr(rockfall, name)
-        yield f"rockfall.{name}{inspect.signature(thing) if callable(thing) else ''}"
-    for name, method in inspect.getmembers(rockfall.Case):
-        if not name.startswith("_"):
-            is_method = inspect.isfunction(method)
-            yield f"rockfall.Case.{name}{inspect.signature(method) if is_method else ''}"
+        made = callable(thing) and thing not in MADE
+        yield f"rockfall.{name}{inspect.signature(thing) if made else ''}"
+    for of in rockfall.Case, *MADE:
+        for name, method in inspect.getmembers(of):
+            if not name.startswith("_"):
+                is_method = inspect.isfunction(method)
+                signature = inspect.signature(method) if is_method else ""
+                yield f"rockfall.{of.__name__}.{name}{signature}"
 
 
 def main() -> int:

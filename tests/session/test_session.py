@@ -10,6 +10,7 @@ import warnings
 import numpy as np
 import pandas as pd
 import pytest
+from rasterio.crs import CRS
 
 import rockfall
 import scenes
@@ -297,6 +298,47 @@ def test_arrays_and_frames_may_be_given_and_changed(case):
         same(last_of(session).dataset(), rockfall.run(session.case, **given))
         session.change(release={"x": [W + 150.0], "y": [N - 40.0], "cells": None}, cells=None)
         same(last_of(session).dataset(), fresh)
+
+
+class Frame(pd.DataFrame):
+    """What rockfall wants of a GeoDataFrame."""
+
+    crs = CRS.from_user_input("EPSG:32632")
+
+    @property
+    def geometry(self):
+        return pd.Series(list(self["geom"]), name="geom")
+
+
+def test_frames_may_be_given_and_changed(case, monkeypatch):
+    shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+    pytest.importorskip("pyogrio", reason="the vector extra is not installed")
+    roads = [
+        Frame({"geom": [shapely.LineString([(W, y), (W + 300, y)])], "name": [name]})
+        for name, y in (("upper", N - 150), ("lower", N - 300))
+    ]
+    with rockfall.open(case, lines=roads[0]) as session:
+        same(last_of(session).dataset(), rockfall.run(case, lines=roads[0]))
+        with refused("lines: the GeoDataFrame is empty"):
+            session.change(lines=Frame({"geom": [], "name": []}))
+        session.change(lines=roads[1], release={"drop_height": 3.0})
+        fresh = rockfall.run(session.case, lines=roads[1])
+        same(last_of(session).dataset(), fresh)
+        monkeypatch.setattr("rockfall.scene.frames._write", None)  # not called again
+        monkeypatch.setattr("rockfall.scene.lines.read_layer", None)
+        session.change(release={"drop_height": 4.0})
+        session.change(release={"drop_height": 3.0})
+        same(last_of(session).dataset(), fresh)
+        session.change(lines=None)
+        same(last_of(session).dataset(), rockfall.run(session.case))
+
+
+def test_a_run_may_be_left(case):
+    with rockfall.open(case) as session:
+        for batch in session.run(10**7, batch_seconds=0.002):
+            assert batch.boulders < 10**7
+            break
+        same(last_of(session).dataset(), rockfall.run(case))
 
 
 def test_a_layer_of_lines_is_read_once(case, monkeypatch):

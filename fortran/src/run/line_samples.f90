@@ -36,6 +36,13 @@ module rockfall_line_samples
                          impacts = findloc(boulder_counts, "impacts", dim=1), &
                          source = findloc(boulder_counts, "source", dim=1)
 
+   integer, parameter :: speed_row = findloc(line_fields, "speed", dim=1), &
+                         jump_row = findloc(line_fields, "jump_height", dim=1), &
+                         passing_row = findloc(line_fields, "passing_height", dim=1), &
+                         omega_row = findloc(line_fields, "omega", dim=1), &
+                         forward_row = findloc(line_fields, "energy_translational", dim=1), &
+                         turning_row = findloc(line_fields, "energy_rotational", dim=1)
+
    !> Part and group of each source; a group belongs to one part.
    type :: layout_t
       integer(i4), allocatable :: part(:), group(:)  !! per source
@@ -142,12 +149,8 @@ contains
       real(wp) :: radius, rotational_fraction, normal
 
       radius = cube_root(3*boulder_volume/(4*pi))
-      associate (speed => row(findloc(line_fields, "speed", dim=1)), &
-                 jump => row(findloc(line_fields, "jump_height", dim=1)), &
-                 passing => row(findloc(line_fields, "passing_height", dim=1)), &
-                 omega => row(findloc(line_fields, "omega", dim=1)), &
-                 forward => row(findloc(line_fields, "energy_translational", dim=1)), &
-                 turning => row(findloc(line_fields, "energy_rotational", dim=1)))
+      associate (speed => row(speed_row), jump => row(jump_row), passing => row(passing_row), omega => row(omega_row), &
+                 forward => row(forward_row), turning => row(turning_row))
          rotational_fraction = turning
          if (forward + turning > 0) rotational_fraction = turning/(forward + turning)
          normal = jump*min(1.0_wp, radius/(passing - jump)) + radius

@@ -428,7 +428,7 @@ contains
 
    !> Run n boulders of the run, every `step`-th from the first on, on a scene, which may be a window of that of the
    !> run: boulders that leave it are not counted, and must be rerun. With a step above 1, which maps of sources do not
-   !> allow, `done` is left as it is.
+   !> allow, `done` does not change.
    subroutine advance(run, scene, first, step, n, error)
       type(run_t), intent(inout), target :: run
       type(scene_t), intent(in) :: scene

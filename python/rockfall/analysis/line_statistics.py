@@ -45,15 +45,15 @@ def line_statistics(
     result: Held,
     by: str | None = None,
     classes: Sequence[float] | None = None,
-    quantities: Sequence[str] = QUANTITIES,
+    quantities: Sequence[str] | None = None,
 ) -> pd.DataFrame:
-    """One row for each line and quantity, of those chosen: n and fraction of the boulders that
-    crossed, then mean, standard deviation (n - 1), quantiles and maximum, in the units of the
-    result; NaN where none crossed. `NAME_low` and `NAME_high` are the limits of the 95 % confidence
-    interval of fraction (Wilson 1927), mean, std (Hall 1992) and quantiles (order statistics). The
-    maximum has none: it grows with n. Too few boulders give no valid interval: below 10 that of the
-    mean is NaN, below 100 that of std, and limits of quantiles beyond the values of the sample are
-    NaN. `withheld` names the numbers without an interval.
+    """One row for each line and quantity (or each of the `quantities` chosen): n and fraction of
+    the boulders that crossed, then mean, standard deviation (n - 1), quantiles and maximum, in the
+    units of the result; NaN where none crossed. `NAME_low` and `NAME_high` are the limits of the 95
+    % confidence interval of fraction (Wilson 1927), mean, std (Hall 1992) and quantiles (order
+    statistics). The maximum has none: it grows with n. Too few boulders give no valid interval:
+    below 10 that of the mean is NaN, below 100 that of std, and limits of quantiles beyond the
+    values of the sample are NaN. `withheld` names the numbers without an interval.
 
     by = 'source' or 'volume' gives these rows for each group of boulders, named in a column of that
     name, with the number released in `boulders`, to which `fraction` then refers; `classes` are the
@@ -77,15 +77,17 @@ def line_statistics(
     """
     import pandas as pd
 
-    if unknown := [one for one in quantities if one not in QUANTITIES]:
-        known_ones = ", ".join(QUANTITIES)
-        raise RockfallError(f"quantities: no quantity '{unknown[0]}'; there are {known_ones}")
+    chosen_quantities = QUANTITIES if quantities is None else quantities
+    for one in chosen_quantities:
+        if one not in QUANTITIES:
+            all_ = ", ".join(QUANTITIES)
+            raise RockfallError(f"quantities: no quantity '{one}'; there are {all_}")
     known = LineSamples(result)
     parts = known.groups(by, classes) if by else [("", None)]
     rows = []
     for k, line in enumerate(result["line"].values if "line" in result else []):
         for name, chosen in parts:
-            for quantity in quantities:
+            for quantity in chosen_quantities:
                 sample = known.sample(k, quantity, chosen)
                 about = {"line": line} | ({by: name, "boulders": sample.released} if by else {})
                 row = numbers(sample, quantity)

@@ -24,50 +24,70 @@ from rockfall.io.raster_file import GdalCells, RasterFile, open_raster
 _TILE = 256  # cells
 
 
-def read_dem(path: str | Path) -> tuple[np.ndarray, Grid]:
-    """Elevations [m], NaN where missing, and their grid.
+def read_dem(path: str | Path, remarks: list[str] | None = None) -> tuple[np.ndarray, Grid]:
+    """Elevations [m], NaN where missing, and their grid; `remarks` gets a `packing_note`.
 
     float32 stays float32; integers of 8 and 16 bits become float32, which represents them exactly;
     all other types, and every ESRI ASCII grid, become float64. `path` may be `file.nc:variable`.
     """
-    grid, _ = dem_header(path)
-    z = read_elevations(path, grid.box)
+    with open_raster(path) as raster:
+        _check_dem(raster)
+        z = _elevations(raster, raster.grid.box)
+        _remark(raster, remarks)
     check_elevations(str(path), z)
-    return z, grid
+    return z, raster.grid
 
 
 def dem_header(path: str | Path) -> tuple[Grid, np.dtype]:
     """Grid of a DEM, and the type of its elevations in memory."""
     with open_raster(path) as raster:
-        check_metres(raster.grid, raster.path, raster.warp)
-        raster.check_cells()
-        _check_unit(raster, "elevations")
+        _check_dem(raster)
         return raster.grid, raster.dtype
 
 
 def packing_note(path: str | Path) -> list[str]:
     """A remark if stored numbers are not the values because of a companion file, which a look at
     the raster alone would not reveal. Packing in netCDF files is explicit."""
+    remarks: list[str] = []
     with open_raster(path) as raster:
-        if not isinstance(raster.cells, GdalCells) or raster.cells.packing == (1.0, 0.0):
-            return []
-        scale, offset = raster.cells.packing
-        beside = Path(f"{path}.aux.xml")
-        said_by = f" ({beside.name})" if beside.exists() else ""
-        return [
-            f"{path}{said_by}: its numbers are multiplied by {scale:g}, then {offset:g} is added, "
-            "as its metadata have it: is that so?"
-        ]
+        _remark(raster, remarks)
+    return remarks
 
 
 def read_elevations(path: str | Path, box: Box) -> np.ndarray:
     """Elevations of some cells [m], NaN where missing."""
     with open_raster(path) as raster:
-        z = np.empty(box.shape, raster.dtype)
-        for rows, block, valid in raster.blocks(box):
-            z[rows] = block
-            z[rows][~valid] = np.nan
+        return _elevations(raster, box)
+
+
+def _elevations(raster: RasterFile, box: Box) -> np.ndarray:
+    z = np.empty(box.shape, raster.dtype)
+    for rows, block, valid in raster.blocks(box):
+        z[rows] = block
+        z[rows][~valid] = np.nan
     return z
+
+
+def _check_dem(raster: RasterFile) -> None:
+    """Refuse a raster that cannot be a terrain."""
+    check_metres(raster.grid, raster.path, raster.warp)
+    raster.check_cells()
+    _check_unit(raster, "elevations")
+
+
+def _remark(raster: RasterFile, remarks: list[str] | None) -> None:
+    """Add the remark of `packing_note` to some, unless these are not wanted."""
+    if remarks is None or not isinstance(raster.cells, GdalCells):
+        return
+    scale, offset = raster.cells.packing
+    if (scale, offset) == (1.0, 0.0):
+        return
+    beside = Path(f"{raster.path}.aux.xml")
+    said_by = f" ({beside.name})" if beside.exists() else ""
+    remarks.append(
+        f"{raster.path}{said_by}: its numbers are multiplied by {scale:g}, then {offset:g} is "
+        "added, as its metadata have it: is that so?"
+    )
 
 
 def aligned_blocks(
@@ -77,16 +97,19 @@ def aligned_blocks(
     dtype: Any,
     box: Box | None = None,
     smooth: bool = True,
+    remarks: list[str] | None = None,
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """Read a raster of `what` (a plural, for messages), aligned with the cells of `grid`, in blocks
     of rows: (rows, values valid until the next block). With a box, its rows count from 0. `smooth`:
-    values may be interpolated between cells, unless they are integers.
+    values may be interpolated between cells, unless they are integers. `remarks` gets a
+    `packing_note`.
 
     Cells without data are NaN, or `NO_ID` when `dtype` is an integer (of 32 bits or more).
     """
     dtype = np.dtype(dtype)
     store = np.empty((0, 0), dtype)
     with open_raster(path) as raster:
+        _remark(raster, remarks)
         _check_aligned(
             raster, grid, what, "bilinear" if smooth and dtype.kind == "f" else "nearest"
         )

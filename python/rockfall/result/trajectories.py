@@ -49,10 +49,10 @@ def trajectories(result: Held, number: int | None = None) -> list[Trajectory]:
     number.
 
     >>> import rockfall
-    >>> result = rockfall.run(rockfall.read_case("case.nml"))
-    >>> path = rockfall.trajectories(result, 5)[0]
-    >>> path.x.shape == path.speed.shape
-    True
+    >>> case = rockfall.read_case("case.nml").replace(output={"trajectories": 3})
+    >>> path, *others = rockfall.trajectories(rockfall.run(case))
+    >>> path.x.shape == path.speed.shape, len(others)
+    (True, 2)
     """
     names = ("boulder", "x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
     return [_curve(*vertices) for vertices in spread(vertices_of(result, *names), number)]

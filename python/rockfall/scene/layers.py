@@ -18,7 +18,7 @@ from rockfall.io.crs import crs_name, same_crs
 from rockfall.io.files import check_regular
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.io.layers import EXTENSIONS, REPROJECTED, name_of
-from rockfall.io.raster import aligned_blocks, packing_note
+from rockfall.io.raster import aligned_blocks
 from rockfall.io.raster_file import raster_file
 from rockfall.scene.stages import Stages
 
@@ -45,10 +45,10 @@ class Inputs:
         if given is None:
             group = next(one.group for one in file_keys() if one.name == key)
             path = self.case.path(getattr(self.case, group)[key])
+            remarks = None if key in self.checksums else self.remarks  # once
             if key not in self.checksums:
                 self.checksums[key] = file_checksum(path)
-                self.remarks += packing_note(path)
-            yield from aligned_blocks(path, self.grid, what, dtype, box, smooth)
+            yield from aligned_blocks(path, self.grid, what, dtype, box, smooth, remarks)
             return
         given = _on_cells(self.grid, key, given)
         self.checksums[key] = array_checksum(given)

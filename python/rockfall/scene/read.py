@@ -105,8 +105,9 @@ def _elevations(case: Case, dem: Any, transform: Any) -> tuple[np.ndarray, Grid,
     if dem is not None:
         return *from_array(dem, transform), "", []
     file = _dem_path(case)
-    z, grid = read_dem(file)
-    return z, grid, file_checksum(file), packing_note(file)
+    remarks: list[str] = []
+    z, grid = read_dem(file, remarks)
+    return z, grid, file_checksum(file), remarks
 
 
 def _dem_path(case: Case) -> Path:

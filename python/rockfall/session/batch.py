@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import QUANTITIES, line_statistics
+from rockfall.analysis.line_statistics import line_statistics
 from rockfall.analysis.run_until import Rule, evaluate
 from rockfall.case import Case
 from rockfall.errors import RockfallError
@@ -35,6 +35,16 @@ class Batch:
 
     Statistics and trajectories may be asked for at any time; a Dataset, which has the maps, only
     until the run goes on.
+
+    >>> import rockfall
+    >>> session = rockfall.open(rockfall.read_case("case.nml"))
+    >>> *_, batch = session.run(30)
+    >>> batch
+    <rockfall batch: 30 of 30 boulders>
+    >>> batch.line_statistics(quantities=["speed"]).line[0]
+    'L'
+    >>> len(batch.trajectories(5))
+    5
     """
 
     def __init__(self, run: Batches, until: str, criteria: Sequence[Rule] = ()) -> None:
@@ -71,8 +81,13 @@ class Batch:
 
     @property
     def seconds(self) -> float:
-        """Time in the kernel so far [s]."""
+        """Time of the kernel so far [s]."""
         return self._tally.wall
+
+    @property
+    def cpu_seconds(self) -> float:
+        """CPU time of the kernel so far, over all threads [s]."""
+        return self._tally.cpu
 
     @cached_property
     def until_met(self) -> bool:
@@ -85,7 +100,7 @@ class Batch:
         self,
         by: str | None = None,
         classes: Sequence[float] | None = None,
-        quantities: Sequence[str] = QUANTITIES,
+        quantities: Sequence[str] | None = None,
     ) -> pd.DataFrame:
         """Statistics at the lines: `rockfall.line_statistics` of the boulders done."""
         return line_statistics(self._result or self._rows, by, classes, quantities)

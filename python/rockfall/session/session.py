@@ -41,16 +41,23 @@ def open_session(case: Case, *, threads: int | None = None, **arrays: Any) -> Se
     (True, 40)
     """
     session = Session(case, threads, arrays)
-    session.warn_of_new(set())
+    session._warn(set())
     return session
 
 
 class Session:
     """An open case, from `rockfall.open`. Its methods may be called from any thread: a change
-    leaves a run in progress on the case that it was started with."""
+    leaves a run in progress on the case that it was started with.
+
+    >>> import rockfall
+    >>> session = rockfall.open(rockfall.read_case("case.nml"))
+    >>> session.change(boulder={"density": 2600.0})
+    >>> session.case.boulder["density"], session.warnings
+    (2600.0, [])
+    """
 
     def __init__(self, case: Case, threads: int | None, arrays: dict[str, Any]) -> None:
-        self._threads, self._lock = threads, RLock()
+        self._threads, self._lock, self._memory = threads, RLock(), machine_memory()
         self._stages, self._frames = KeptStages(), FrameFiles()
         self._boulders: int | None = None  # of the runs, in place of the case's; None: the case's
         self._case, self._arrays = case, arrays
@@ -111,7 +118,7 @@ class Session:
             self._read(
                 self._case.replace(**groups) if groups else self._case, arrays, self._boulders
             )
-            self.warn_of_new(before)
+            self._warn(before)
 
     def run(
         self,
@@ -161,7 +168,7 @@ class Session:
         stages = self._stages.copy()
         scene = read_scene(
             case if boulders is None else case.replace(case=total),
-            memory=machine_memory(), stages=stages, frame_store=self._frames, **arrays,
+            memory=self._memory, stages=stages, frame_store=self._frames, **arrays,
         )  # fmt: skip
         if scene.windows:
             raise RockfallError(
@@ -174,7 +181,7 @@ class Session:
         self._case, self._arrays, self._boulders = case, arrays, boulders
         self._stages, self._scene = stages, scene
 
-    def warn_of_new(self, before: set[str]) -> None:
+    def _warn(self, before: set[str]) -> None:
         """Issue warnings that were not there before, attributed to the caller's caller."""
         for line in self.warnings:
             if line not in before:

@@ -248,8 +248,9 @@ def sources(result: Held) -> Sources:
     merged: the place was chosen, whatever volumes it releases."""
     of, sampled = result["source"].values, are_sampled(result)
     if sampled:
-        of = result["start_x"].values + 1j * result["start_y"].values
-    return Sources.of(np.unique(of, return_inverse=True)[1], sampled)
+        place = result["start_x"].values + 1j * result["start_y"].values
+        return Sources.of(np.unique(place, return_inverse=True)[1], sampled)
+    return Sources.of((np.cumsum(np.bincount(of) > 0) - 1)[of], sampled)  # numbers without gaps
 
 
 def are_sampled(result: Held) -> bool:
