@@ -23,8 +23,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
 from rockfall.io.layers import read_features
 from rockfall.result.samples import check_all_rows
-from rockfall.result.variables import LINE
-from rockfall.simulation.memory import machine_memory
+from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,8 +31,6 @@ if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
 VULNERABILITY = "vulnerability"  # an attribute for all intensities, or with _1, _2, ... for each
-BYTES = 8 * len(LINE)  # of a boulder at a line
-ROOM = 0.5  # fraction of the memory
 MAX_NAMED = 5  # of objects in a remark
 
 
@@ -106,7 +103,7 @@ def beyond_elevations(objects: Objects, scene: Scene) -> list[str]:
 
 def check_room(objects: Objects, boulders: int) -> None:
     """Refuse more lines than fit in memory with their boulders."""
-    need = BYTES * len(objects.lines) * boulders
+    need = BYTES_AT_LINE * len(objects.lines) * boulders
     if need > ROOM * machine_memory():
         raise RockfallError(
             f"{objects.path}: {len(objects.lines):,} lines and outlines, of {boulders:,} boulders "
