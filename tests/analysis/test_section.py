@@ -17,11 +17,13 @@ from rockfall.analysis.lines.stations import SectionLine
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.cli import main
 from rockfall.html_report.sentences import Speaker
+from rockfall.io.grid import Grid
 from rockfall.language import speaking
 from rockfall.limits import MIN_FOR_MEAN
 from rockfall.plots.figures import section_entry
 from rockfall.plots.section_figure import section_figure
 from rockfall.terrain.polyline import intersections
+from rockfall.text.section import section_notes
 from scenes import grid, make_case, rough, sets
 
 Z = rough()
@@ -207,6 +209,8 @@ def test_without_rows_maps_are_what_is_known(tmp_path):
     run = rockfall.run(case, dem=Z, transform=TERRAIN[1])
     found = section_of(run, SectionLine(DOWN, 150.0), TERRAIN)
     assert (found.recorded, found.boulders) == (0, 50)
+    some = rockfall.run(case.replace(output={"kept": 20}), dem=Z, transform=TERRAIN[1])
+    assert section_of(some, SectionLine(DOWN, 150.0), TERRAIN).lines["n"].isna().all()
     assert found.lines["name"].tolist() == ["road"] and found.lines["n"].isna().all()
     assert found.table["corridor_speed_max"].notna().any()
 
@@ -285,6 +289,19 @@ def test_without_terrain_heights_are_unknown(result):
     assert table["recorded_passing_height_max"].isna().all() and table["elevation"].isna().all()
     assert table["recorded_energy_total_max"].notna().any()
     assert table["cell_passing_height_q95"].notna().any()
+
+
+def test_thinned_terrain_has_a_profile_but_no_heights(result, wide):
+    """As large terrain is read, with every second cell: a bump between cells would be missed."""
+    thin = Z[::2, ::2], Grid(0.0, 400.0, 10.0, 30, 40)
+    found = section_of(result, wide.line, thin)
+    assert found.table["recorded_passing_height_max"].isna().all()
+    assert found.table["elevation"].notna().sum() > 10
+    np.testing.assert_array_equal(
+        found.table["recorded_speed_max"], wide.table["recorded_speed_max"]
+    )
+    assert any(note.startswith("heights of recorded trajec") for note in section_notes(found))
+    assert not any(note.startswith("heights of recorded") for note in section_notes(wide))
 
 
 def test_maps_alone_make_a_section(result):

@@ -3,7 +3,9 @@
 what the table says."""
 
 import csv
+import gc
 import math
+import weakref
 
 import numpy as np
 import pytest
@@ -13,7 +15,17 @@ from made import make_layer, refused
 from rockfall.analysis.line_statistics import line_statistics
 from rockfall.cli import main
 from rockfall.limits import EAD_ENERGY
-from rockfall.protection.siting import BEST, COLUMNS, NO, NOT_TOLD_APART, UNDECIDED, YES, choose
+from rockfall.protection.siting import (
+    BEST,
+    COLUMNS,
+    NO,
+    NOT_TOLD_APART,
+    UNDECIDED,
+    YES,
+    choose,
+    under_doubt,
+)
+from rockfall.simulation.simulate import run_scene
 from rockfall.text.siting import siting_text
 from scenes import grid, make_case, rough, sets
 
@@ -156,6 +168,69 @@ def test_cost_is_that_of_the_cheapest_that_suffices(case, found, tmp_path):
                       f"{k + 1},{high + 9},80\n{k - 1},{high + 9},5\n")  # fmt: skip
     priced = rockfall.site(case, "road", every=160.0, to=160.0, costs=prices, **TERRAIN)
     assert at(priced, "road +160 m")["cost"] == 80 * 300.0
+
+
+def test_runs_in_turn_find_the_same(case, found):
+    """900 boulders with 3 rows of 96 bytes: the line, and two alignments at a time."""
+    memory = 2 * 96 * 900 * 3
+    turns = rockfall.site(
+        case, "road", every=40.0, to=220.0, max_height=8.0, memory=memory, **TERRAIN
+    )  # fmt: skip
+    assert turns.table.equals(found.table) and turns.come == found.come
+    best = found.table["alignment"][found.table["choice"] == BEST].tolist()
+    assert turns.result["line"].values.tolist() == list(dict.fromkeys(["road", *best]))
+    about = "900 boulders at 6 alignments take 0.00052 GB, more than half of the memory"
+    assert turns.notes[0].startswith(f"{about}: 3 runs") and turns.notes[1:] == found.notes
+    for given in ({"memory": 2 * 96 * 900}, {"memory": 1.0}):
+        with refused("site: 900 boulders at 2 lines take 0.00017 GB: more than half of the memory; "
+                     "give fewer boulders"):  # fmt: skip
+            rockfall.site(case, "road", every=40.0, to=220.0, **given, **TERRAIN)
+
+
+def test_lines_are_let_go_between_runs(case, monkeypatch):
+    """At any time there is one result."""
+    alive = []
+
+    def counted(scene, **how):
+        gc.collect()
+        assert not [one for one in alive if one() is not None]
+        result = run_scene(scene, **how)
+        alive.append(weakref.ref(result))
+        return result
+
+    monkeypatch.setattr("rockfall.protection.siting.run_scene", counted)
+    rockfall.site(case, "road", every=100.0, to=200.0, memory=2 * 96 * 900 * 2, **TERRAIN)
+    assert len(alive) == 4  # three alignments, and the best
+
+
+def test_the_table_says_what_is_printed(case):
+    """Where rebounds are unconfirmed nothing is proven; the choice is that under them."""
+    ground = case.replace(surface={"uniform_mean_radius": 0.25, "ground": "soil_6"})
+    about = {"every": 100.0, "to": 200.0, "max_height": 40.0}
+    found = rockfall.site(ground, "road", max_bypass=1.0, **about, **TERRAIN)
+    assert (found.table["unconfirmed"] == "rebounds").all()
+    assert YES not in {*found.table["fits"]} and UNDECIDED in {*found.table["fits"]}
+    assert (found.table["choice"] == BEST).sum() == 1
+    said = siting_text(found)
+    for row in found.table.to_dict("records"):
+        (printed,) = (one for one in said.splitlines() if one.startswith(f"  {row['alignment']}  "))
+        assert f"{row['fits']}: {row['fails']}" in printed
+    best = found.table[found.table["choice"] == BEST].iloc[0]
+    assert best["fails"] == "unconfirmed: rebounds"
+    assert "not certain to be within the limits (unconfirmed: rebounds)" in said
+
+
+def test_a_doubt_never_turns_a_refusal():
+    row = {"fits": YES, "fails": ""}
+    assert under_doubt(row, "") == {"unconfirmed": "", **row}
+    forest = {"unconfirmed": "forest"}
+    assert under_doubt(row, "forest") == forest | {
+        "fits": UNDECIDED, "fails": "unconfirmed: forest"
+    }  # fmt: skip
+    open_one = {"fits": UNDECIDED, "fails": "height"}
+    assert under_doubt(open_one, "forest")["fails"] == "height; unconfirmed: forest"
+    refused_one = {"fits": NO, "fails": "class"}
+    assert under_doubt(refused_one, "forest") == forest | refused_one
 
 
 def test_directions(case):

@@ -424,6 +424,8 @@ def _add_site(commands: _Commands) -> None:
     site.add_argument("--max-class", metavar="CLASS", type=int, help="EAD 340059 class, 0 to 7")
     about = "of the boulders that come to the line, around an alignment; default: 0.01"
     site.add_argument("--max-bypass", metavar="FRACTION", type=float, help=about)
+    about = "boulders at more alignments than half of it holds take several runs; default: all"
+    site.add_argument("--memory", metavar="SIZE", help=about)
     _add_conditions(site)
     _add_overrides(site)
 

@@ -31,6 +31,7 @@ from rockfall.result.dataset import read_result, write_result
 from rockfall.result.export import crs_wkt, write_geopackage
 from rockfall.result.same_case import check_same_site
 from rockfall.scene.layers import file_checksum
+from rockfall.simulation.memory import read_memory
 from rockfall.text.design import design_text
 from rockfall.text.siting import siting_text
 
@@ -97,6 +98,8 @@ def site_command(arguments: argparse.Namespace) -> int:
     folder = arguments.output or Path(f"{stem_of(arguments)}_siting")
     given = {key: getattr(arguments, key) for key in SITING}
     given = {key: value for key, value in given.items() if value is not None}
+    if arguments.memory is not None:
+        given["memory"] = read_memory(arguments.memory)
     files = [given[key] for key in ("candidates", "factors", "costs") if key in given]
     inputs = [*input_files(case), *files]
     need("site needs", "report", "matplotlib")

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.line_statistics import with_limits
-from rockfall.plots.map_figures import MAX_TRAJECTORIES
 from rockfall.plots.profile_figures import draw_curves, true_scale
 from rockfall.plots.style import (
     BARRIER,
@@ -24,7 +23,6 @@ from rockfall.plots.style import (
     styled,
 )
 from rockfall.quantities import DESIGN, Quantity, with_unit
-from rockfall.result.trajectories import spread
 from rockfall.terrain.polyline import lengths
 
 if TYPE_CHECKING:
@@ -52,12 +50,11 @@ def section_figure(found: Section) -> Figure:
     speed: of recorded trajectories, of the cells of the maps, and at the lines that the section
     crosses. Barriers have their height and capacity. Nothing is drawn where too few boulders give
     a number."""
-    paths = spread([*found.paths], MAX_TRAJECTORIES)
     length = float(lengths(found.line.vertices)[-1])
-    high, furthest = true_scale(_relief(found, paths), length, TALLEST)
+    high, furthest = true_scale(_relief(found), length, TALLEST)
     figure = new_figure(WIDE, high + sum(HEIGHTS) + 1.3)
     panels = figure.subplots(1 + len(HEIGHTS), 1, sharex=True, height_ratios=[high, *HEIGHTS])
-    _draw_profile(panels[0], found, paths)
+    _draw_profile(panels[0], found)
     _draw_boulders(panels[1], found)
     for axes, quantity in zip(panels[2:], SHOWN, strict=True):
         _draw_envelopes(axes, found, quantity, DESIGN[quantity])
@@ -71,16 +68,16 @@ def section_figure(found: Section) -> Figure:
     return figure
 
 
-def _relief(found: Section, paths: list[np.ndarray]) -> float:
+def _relief(found: Section) -> float:
     """Difference of the elevations that a profile shows [m]."""
-    shown = [found.table["elevation"].to_numpy(float), *(z for _, z in paths)]
+    shown = [found.table["elevation"].to_numpy(float), *(z for _, z in found.paths)]
     values = np.concatenate(shown)
     return float(np.ptp(known)) if (known := values[np.isfinite(values)]).size else 0.0
 
 
-def _draw_profile(axes: Axes, found: Section, paths: list[np.ndarray]) -> None:
+def _draw_profile(axes: Axes, found: Section) -> None:
     """Draw the ground, barriers as high as they are, and trajectories, at true scale."""
-    draw_curves(axes, [(along, z) for along, z in paths])
+    draw_curves(axes, [(along, z) for along, z in found.paths])
     distance, ground = (found.table[name].to_numpy(float) for name in ("distance", "elevation"))
     axes.plot(distance, ground, color=INK, lw=1.0)
     for row in found.lines[found.lines["height"].notna()].itertuples():

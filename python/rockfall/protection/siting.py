@@ -6,7 +6,7 @@ from one run with all of them as evaluation lines, so that every alignment meets
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,12 +28,15 @@ from rockfall.protection.factors import Conditions, Factors, read_factors
 from rockfall.protection.selection import Costs, cost_of, read_costs, residual_of
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.read import read_scene
+from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import run_scene
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+
+    from rockfall.scene.scene import Scene
 
 YES, NO, UNDECIDED = "yes", "no", "undecided"
 BEST, NOT_TOLD_APART = "best", "not told apart"
@@ -66,7 +69,8 @@ class Siting:
     asks for. Of those that come to the protected line: `bypass`, the fraction that does not cross
     the alignment before, and `remaining`, the fraction that still comes if a barrier of that height
     and class stands there. `cost` is that of its length. `fits` tells whether it is within the
-    limits, `fails` which are exceeded or undecided, `choice` which alignment is best.
+    limits, `fails` which are exceeded or undecided, and which assumptions are unconfirmed;
+    `choice` tells which alignment is best under these assumptions.
     """
 
     line: str
@@ -77,7 +81,7 @@ class Siting:
     priced: bool  # costs are from prices
     table: pd.DataFrame
     alignments: tuple[Alignment, ...]
-    result: xr.Dataset  # the run, with the alignments as evaluation lines
+    result: xr.Dataset  # the run, with the alignments, or the best, as evaluation lines
     notes: tuple[str, ...]
 
 
@@ -97,14 +101,17 @@ def site(
     factors: str | Path | None = None,
     costs: str | Path | None = None,
     progress: bool = False,
+    memory: float | None = None,
     **given: Any,
 ) -> Siting:
     """Compare alignments of a barrier above `line`, an evaluation line of a case.
 
     Candidates are the line itself and copies of it, shifted every `every` metres `to` a distance,
     perpendicular to the line on the side of the sources, or in a `direction` [degree from north];
-    or the lines of a layer `candidates` (a file, or a GeoDataFrame). The case is run once with all
-    of them as evaluation lines. `max_height` [m] and `max_class` (0 to 7) limit the barrier,
+    or the lines of a layer `candidates` (a file, or a GeoDataFrame). The case is run with all of
+    them as evaluation lines; if its boulders at all of these need more than half of `memory`
+    [bytes] (default: that of the machine), again and again with some of them, by the same
+    boulders. `max_height` [m] and `max_class` (0 to 7) limit the barrier,
     `max_bypass` the fraction of the boulders that may pass around its ends. `volume`, `factors`,
     `costs` and the conditions of the standard are as in `rockfall.design`; all else `given` are
     arrays and layers as in `rockfall.run`.
@@ -128,15 +135,26 @@ def site(
         scene, alignments = shifted_scene(scene, line, Shift(every, to, direction))
     else:
         scene, alignments = drawn_scene(case, scene, line, candidates, candidates_layer, given)
-    with progress_bar(scene.boulders, shown=progress) as advance:
-        result = run_scene(scene)
-        advance(scene.boulders)
+    batches = in_batches(scene, line, alignments, machine_memory() if memory is None else memory)
     design_of = known, case.boulder["density"], volume
-    doubts = {"unconfirmed": unconfirmed_of(result, scene.case, known)}
-    rows = [_row(result, line, one, design_of, prices, limits) | doubts for one in alignments]
+    rows: list[dict[str, Any]] = []
+    with progress_bar(scene.boulders * len(batches), shown=progress) as advance:
+        for some in batches:
+            result = run_scene(_scene_with(scene, line, alignments, some))
+            rows += [_row(result, line, one, design_of, prices, limits) for one in some]
+            advance(scene.boulders)
+            if len(batches) > 1:
+                del result  # before another takes its place
     choose(rows)
+    if len(batches) > 1:
+        chosen = [one for one, row in zip(alignments, rows, strict=True) if row["choice"] == BEST]
+        result = run_scene(_scene_with(scene, line, alignments, chosen))
+    unconfirmed = unconfirmed_of(result, scene.case, known)
+    rows = [row | under_doubt(row, unconfirmed) for row in rows]
     come = int(np.count_nonzero(_crossed(result, line)))
     notes = (*_notes(scene.case, line, come, alignments, rows), *_remarks(result, scene.case))
+    if len(batches) > 1:
+        notes = (_memory_note(scene, alignments, batches), *notes)
     if candidates is None and alignments[-1].distance + every <= to * (1 + 1e-9):
         beyond = f"alignments beyond {alignments[-1].distance:g} m are outside the terrain"
         notes = (f"{beyond}: left out", *notes)
@@ -144,6 +162,46 @@ def site(
         line, result.sizes["boulder"], come, limits, known, prices is not None, _table(rows),
         tuple(alignments), result, notes,
     )  # fmt: skip
+
+
+def in_batches(
+    scene: Scene, line: str, alignments: Sequence[Alignment], memory: float
+) -> list[list[Alignment]]:
+    """Alignments in batches whose boulders, at these and the other lines of the case, need at most
+    half of the memory [bytes]; a RockfallError if those at a single one need more."""
+    others = len(scene.case.lines) - sum(one.name != line for one in alignments)
+    each = BYTES_AT_LINE * scene.boulders
+    most = int(ROOM * memory / each) - others
+    if most < 1:
+        raise RockfallError(
+            f"site: {scene.boulders:,} boulders at {others + 1} lines take "
+            f"{each * (others + 1) / 1e9:.2g} GB: more than half of the memory; give fewer boulders"
+        )
+    number = -(-len(alignments) // most)
+    parts = np.array_split(np.arange(len(alignments)), number)
+    return [[alignments[k] for k in part] for part in parts]
+
+
+def _scene_with(
+    scene: Scene, line: str, alignments: Sequence[Alignment], some: Sequence[Alignment]
+) -> Scene:
+    """A scene with only some of the alignments, besides the lines of the case."""
+    left_out = {one.name for one in alignments} - {one.name for one in some} - {line}
+    if not left_out:
+        return scene
+    lines = [one for one in scene.case.line if one["name"] not in left_out]
+    return scene.replace(case=scene.case.replace(line=lines))
+
+
+def _memory_note(
+    scene: Scene, alignments: Sequence[Alignment], batches: Sequence[Sequence[Alignment]]
+) -> str:
+    need = BYTES_AT_LINE * scene.boulders * len(alignments) / 1e9
+    return (
+        f"{scene.boulders:,} boulders at {len(alignments)} alignments take {need:.2g} GB, more "
+        f"than half of the memory: {len(batches)} runs by the same boulders, and the result has "
+        "the best alignment only"
+    )
 
 
 def _limits(height: float | None, ead_class: int | None, bypass: float) -> Limits:
@@ -234,6 +292,17 @@ def _verdicts(row: Mapping[str, Any], limits: Limits) -> dict[str, str]:
         found[name] = NO if value > limit and low > limit else UNDECIDED
     verdict = NO if NO in found.values() else UNDECIDED if found else YES
     return {"fits": verdict, "fails": ", ".join(k for k, of in found.items() if of == verdict)}
+
+
+def under_doubt(row: Mapping[str, Any], unconfirmed: str) -> dict[str, str]:
+    """Verdict of an alignment whose loads rest on unconfirmed assumptions, for the table and for
+    all texts: one that is within the limits under them is not proven, one that exceeds a limit
+    stays refused."""
+    fits, fails = row["fits"], row["fails"]
+    if unconfirmed and fits != NO:
+        fails = "; ".join(filter(None, [fails, f"unconfirmed: {unconfirmed}"]))
+        fits = UNDECIDED
+    return {"unconfirmed": unconfirmed, "fits": fits, "fails": fails}
 
 
 def choose(rows: list[dict[str, Any]]) -> None:

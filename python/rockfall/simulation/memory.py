@@ -10,7 +10,10 @@ from pathlib import Path
 
 from rockfall.errors import RockfallError
 from rockfall.limits import MACHINE_MEMORY
+from rockfall.result.variables import LINE
 
+BYTES_AT_LINE = 8 * len(LINE)  # of a boulder at an evaluation line
+ROOM = 0.5  # fraction of the memory for boulders at lines
 UNITS = {"": 1, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12}
 
 

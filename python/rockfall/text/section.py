@@ -69,7 +69,8 @@ def section_text(found: Section) -> str:
     first = f"{number(length, 4)} m, {found.line.within:g} m to either side"
     parts = [ABOUT, *(f"Warning: {note}" for note in section_notes(found)), "", first]
     if len(found.lines):
-        parts += ["", "All boulders at the lines that it crosses", aligned(_lines(found.lines))]
+        head = "Lines, barriers and dams that it crosses, with all boulders in the corridor"
+        parts += ["", head, aligned(_lines(found.lines))]
     if found.recorded:
         names = tuple(f"{RECORDED}{name}" for name in AT_LINE)
         parts += ["", "Recorded trajectories", aligned(_stations(found, f"{RECORDED}n", names))]
@@ -95,8 +96,15 @@ def section_notes(found: Section) -> Iterator[str]:
             "boulders; &output maps = 'passages', 'energy_q95', 'energy_max', 'passing_height_q95' "
             "and so on"
         )
-    if found.recorded and found.table["elevation"].isna().any():
-        yield "the terrain is not known along all of the section: elevations and heights are blank"
+    table = found.table
+    blank = table[f"{RECORDED}passing_height_max"].isna() & (table[f"{RECORDED}n"] > 0)
+    if blank.any():
+        yield (
+            "heights of recorded trajectories are blank where the terrain of the run is not known, "
+            "or read with fewer cells (--dem)"
+        )
+    elif table["elevation"].isna().any():
+        yield "the terrain is not known along all of the section"
     if unknown := int(found.table["unknown_energy"].sum()):
         yield (
             f"energies of {unknown:,} passages are left out: the masses of their boulders are not "

@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from rockfall.protection.siting import BEST, NOT_TOLD_APART, UNDECIDED, YES
+from rockfall.protection.siting import BEST, NOT_TOLD_APART, YES
 from rockfall.quantities import number
-from rockfall.text.design import class_name, factor_lines, needed, shown, unconfirmed
+from rockfall.text.design import class_name, factor_lines, needed, shown
 from rockfall.text.table import table as aligned
 
 if TYPE_CHECKING:
@@ -51,11 +51,8 @@ def _rows(found: Siting) -> Iterator[list[str]]:
 
 
 def _fits(row: Mapping[str, Any]) -> str:
-    """Verdict and its reasons; one that rests on unconfirmed assumptions is not proven."""
-    doubt = unconfirmed(row)
-    if row["fits"] == YES:
-        return (UNDECIDED if doubt else YES) + doubt
-    return f"{row['fits']}: {row['fails']}"
+    """Verdict and its reasons."""
+    return ": ".join(filter(None, [row["fits"], row["fails"]]))
 
 
 def _choice(found: Siting) -> Iterator[str]:

@@ -24,8 +24,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
 from rockfall.io.layers import read_features
 from rockfall.result.samples import check_all_rows
-from rockfall.result.variables import LINE
-from rockfall.simulation.memory import machine_memory
+from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,8 +32,6 @@ if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
 VULNERABILITY = "vulnerability"  # an attribute for all intensities, or with _1, _2, ... for each
-BYTES = 8 * len(LINE)  # of a boulder at a line
-ROOM = 0.5  # fraction of the memory
 MAX_NAMED = 5  # of objects in a remark
 
 
@@ -166,7 +163,7 @@ def check_kept(case: Case, lines: int) -> None:
 
 def check_room(paths: Sequence[str], lines: int, boulders: int) -> None:
     """Refuse more lines than fit in memory with their boulders."""
-    need = BYTES * lines * boulders
+    need = BYTES_AT_LINE * lines * boulders
     if need > ROOM * machine_memory():
         raise RockfallError(
             f"{', '.join(paths)}: {lines:,} lines and outlines, of {boulders:,} boulders each, "

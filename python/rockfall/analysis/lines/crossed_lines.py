@@ -13,7 +13,7 @@ from rockfall.analysis.lines.envelopes import QUANTITIES, envelope_names, envelo
 from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import sources
 from rockfall.case import case_of
-from rockfall.result.samples import has_rows
+from rockfall.result.samples import simulated
 from rockfall.result.trajectories import lines
 from rockfall.terrain.polyline import intersections
 
@@ -28,8 +28,8 @@ COLUMNS = ["name", "kind", "distance", "height", "capacity", "n", *envelope_name
 def crossed_lines(result: xr.Dataset, vertices: np.ndarray, within: float) -> pd.DataFrame:
     """One row for each place where a section (vertices x + iy) crosses a line, a barrier or a dam
     of a result, in order: COLUMNS, with the barrier's height [m] and capacity [J]. The numbers are
-    of the boulders with rows, which are all unless `&output kept` says otherwise, that cross the
-    line within a distance [m] along it to either side."""
+    of all boulders that cross the line within a distance [m] along it to either side; NaN unless
+    the rows of all are kept."""
     import pandas as pd
 
     rows = [*_lines(result, vertices, within), *_dams(result, vertices)]
@@ -37,8 +37,8 @@ def crossed_lines(result: xr.Dataset, vertices: np.ndarray, within: float) -> pd
 
 
 def _lines(result: xr.Dataset, vertices: np.ndarray, within: float) -> Iterator[dict[str, Any]]:
-    """Rows of evaluation lines and barriers; without rows of boulders their numbers are NaN."""
-    known = has_rows(result)
+    """Rows of evaluation lines and barriers."""
+    known = result.sizes["boulder"] == simulated(result)
     source = sources(result) if known else None
     for k, (name, x, y) in enumerate(lines(result)):
         row: dict[str, Any] = {"name": name, "kind": LINE}

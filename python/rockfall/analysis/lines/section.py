@@ -21,6 +21,7 @@ from rockfall.analysis.lines.stations import SectionLine, stations_of
 from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
+from rockfall.io.arrays import corner_of
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import trajectories, vertices_of
 from rockfall.scene.rebound import INERTIA_FACTOR, sphere_radius
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
     from rockfall.result.trajectories import Terrain
 
+PATHS = 200  # trajectories kept, at most
 RECORDED = "recorded_"  # before numbers of recorded trajectories
 COLUMNS = ["distance", "x", "y", "elevation", "crossed", "recorded_n", "unknown_energy"]
 COLUMNS += [*envelope_names(RECORDED), *section_maps.COLUMNS]
@@ -48,8 +50,8 @@ class Section:
     crossed since the station before. `lines` has a row for each place where the section crosses a
     line, a barrier or a dam, with the numbers of all boulders that cross the line in the corridor.
     `passages` has a row for each recorded boulder at each station: distance along the section,
-    boulder, elevation of its point, and QUANTITIES. `paths` are the recorded trajectories within
-    the corridor: distance along the section and elevation (2, n), NaN outside. `recorded`
+    boulder, elevation of its point, and QUANTITIES. `paths` are up to 200 of the trajectories
+    within the corridor: distance along the section and elevation (2, n), NaN outside. `recorded`
     trajectories are behind it, of `boulders`; `has_maps` tells whether the result has maps of these
     quantities.
     """
@@ -90,9 +92,10 @@ class _Known(NamedTuple):
 
 def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = None) -> Section:
     """Section of a result along a line. Without terrain, or beyond it, elevations and heights of
-    trajectories are unknown (NaN); their energies are where neither the case nor a crossing of a
-    line tells the mass. A RockfallError refuses a result that has neither trajectories of boulders
-    that moved nor maps of speeds, energies or heights."""
+    trajectories are unknown (NaN), heights also above terrain that is coarser than that of the
+    run; energies are unknown where neither the case nor a crossing of a line tells the mass. A
+    RockfallError refuses a result that has neither trajectories of boulders that moved nor maps
+    of speeds, energies or heights."""
     import pandas as pd
 
     stations = stations_of(line)
@@ -107,7 +110,8 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
     own = sources(result)
     among = Sources.of(np.unique(own.number[rows], return_inverse=True)[1], own.sampled)
     lines = crossed_lines(result, line.vertices, line.within)
-    known = _Known(_masses(result), sphere_radius(result["volume"].values), terrain)
+    radius = sphere_radius(result["volume"].values)
+    known = _Known(_masses(result), radius, terrain if _is_fine(result, terrain) else None)
     table, passages = [], []
     for at, place, direction in zip(*stations[:3], strict=True):
         k, part = _first_crossings(flights, place, direction, line.within)
@@ -124,7 +128,7 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
     }
     return Section(
         line, pd.DataFrame(table, columns=COLUMNS).assign(**about), lines, pd.DataFrame(columns),
-        _paths(result, line), rows.size, simulated(result), mapped,
+        _paths(result, line, columns["boulder"]), rows.size, simulated(result), mapped,
     )  # fmt: skip
 
 
@@ -136,10 +140,18 @@ def _crossed(lines: pd.DataFrame, distance: np.ndarray) -> list[str]:
     return ["; ".join(names) for names in found]
 
 
-def _paths(result: xr.Dataset, line: SectionLine) -> tuple[np.ndarray, ...]:
-    """Recorded trajectories beside a section, not beyond its ends."""
+def _is_fine(result: xr.Dataset, terrain: Terrain | None) -> bool:
+    """Return True if terrain has the cells of the run: large ones are read with fewer."""
+    return terrain is not None and terrain[1].cell <= 1.001 * corner_of(result["crs"].attrs)[2]
+
+
+def _paths(result: xr.Dataset, line: SectionLine, boulders: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Trajectories of some of these boulders beside a section, not beyond its ends."""
+    if not boulders.size:
+        return ()
     paths, length = [], lengths(line.vertices)[-1]
-    for one in trajectories(result):
+    some = np.isin(result["trajectory_boulder"].values, boulders)
+    for one in trajectories(result.isel(trajectory_vertex=some), PATHS):
         apart, along = beside(one.x + 1j * one.y, line.vertices)
         here = (apart <= line.within) & (along > 0) & (along < length)
         if here.any():
