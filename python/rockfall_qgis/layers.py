@@ -44,6 +44,7 @@ def load_results(folder, context):
         metadata = QgsProviderRegistry.instance().providerMetadata("ogr")
         for one in metadata.querySublayers(str(path)):
             found.append(QgsVectorLayer(one.uri(), one.name(), "ogr"))
+            found[-1].loadDefaultStyle()  # once more: QGIS has switched its times off
     for layer in found:
         if not layer.isValid():
             raise QgsProcessingException(f"{layer.source()}: cannot be loaded")
