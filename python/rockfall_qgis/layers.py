@@ -46,7 +46,9 @@ def load_results(folder, context):
         parts = {one.name(): one.uri() for one in metadata.querySublayers(str(path))}
         if "source_areas" in parts:
             parts.pop("sources", None)
-        found += [QgsVectorLayer(uri, name, "ogr") for name, uri in parts.items()]
+        for name, uri in parts.items():
+            found.append(QgsVectorLayer(uri, name, "ogr"))
+            found[-1].loadDefaultStyle()  # once more: QGIS has switched its times off
     for layer in found:
         if not layer.isValid():
             raise QgsProcessingException(f"{layer.source()}: cannot be loaded")

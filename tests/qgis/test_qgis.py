@@ -155,6 +155,8 @@ def test_layers_in_memory_run_and_results_load_with_their_styles(within):
     assert styles["source_areas"] == styles["trajectories"] == "singleSymbol"
     assert styles["stops"] == "categorizedSymbol"
     assert {"stopped", "left domain"} < set(loaded["stops"]["labels"])
+    assert loaded["flights"]["plays"] == ["begin", "end"] and not loaded["stops"]["plays"]
+    assert loaded["flights"]["kind"] == loaded["trajectories"]["kind"] == "LineStringZM"
     assert "60 x 80 cells" in within["check"]["found"]["TEXT"]
 
 

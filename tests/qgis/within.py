@@ -18,6 +18,7 @@ from qgis.core import (
     QgsRasterLayer,
     QgsRectangle,
     QgsVectorLayer,
+    QgsWkbTypes,
 )
 
 QgsApplication.setPrefixPath("/usr", True)
@@ -67,7 +68,14 @@ def looks(layer):
     if not isinstance(layer, QgsRasterLayer):
         renderer = layer.renderer()
         labels = [item.label() for item in renderer.legendSymbolItems()]
-        return {"shapes": layer.featureCount(), "type": renderer.type(), "labels": labels}
+        times = layer.temporalProperties()
+        return {
+            "shapes": layer.featureCount(),
+            "type": renderer.type(),
+            "labels": labels,
+            "kind": QgsWkbTypes.displayString(layer.wkbType()),
+            "plays": times.isActive() and [times.startField(), times.endField()],
+        }
     renderer = layer.renderer()
     return [renderer.type(), *(label for label, _ in renderer.legendSymbologyItems())]
 
