@@ -30,6 +30,7 @@ from rockfall.io.grid import NO_ID, Grid
 if TYPE_CHECKING:
     from rasterio.crs import CRS
 
+LAYERS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # file extensions of vector layers
 _DRIVERS = {"GPKG", "GeoJSON", "ESRI Shapefile", "FlatGeobuf"}
 _SHAPES = (b"\0\0\x27\x0a", b"fgb\x03fgb")  # of shapefiles and FlatGeobuf
 _GEOPACKAGE = (b"GPKG", b"GP10", b"GP11")  # application id of a database, from byte 68

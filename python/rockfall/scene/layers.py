@@ -17,11 +17,10 @@ from rockfall.io.arrays import as_plan, grid_of
 from rockfall.io.crs import crs_name, same_crs
 from rockfall.io.files import check_regular
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
+from rockfall.io.layers import LAYERS as LAYERS
 from rockfall.io.layers import REPROJECTED, name_of
 from rockfall.io.raster import aligned_blocks, packing_note
 from rockfall.io.raster_file import raster_file
-
-LAYERS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # file extensions of vector layers
 
 
 @dataclass
