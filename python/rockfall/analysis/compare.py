@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.contacts import REACH, contacts_table, stops_table
+from rockfall.analysis.deposits import MIN_COMPARED, agreement, at_rest, grid_for, witnesses
 from rockfall.analysis.line_statistics import SIGNED, line_numbers, sample_numbers
 from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.observations import UNITS, Observed, read_observed
@@ -22,6 +23,8 @@ from rockfall.analysis.precision.intervals import (
     sources,
 )
 from rockfall.analysis.run_out import (
+    DIFFERS,
+    UNDECIDED,
     compared,
     kolmogorov_smirnov,
     run_out,
@@ -40,7 +43,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-TABLES = ("errors", "ks", "passing", "run_out", "stops", "contacts")
+TABLES = ("errors", "ks", "passing", "run_out", "at_rest", "stops", "contacts")
 STATISTICS = ("mean", "std", "max")
 MIN_OBSERVED = {"mean": MIN_FOR_MEAN, "std": MIN_FOR_STD}  # boulders, for a verdict
 STOPPING = "stopping_distance"
@@ -62,6 +65,7 @@ class Comparison:
     ks: pd.DataFrame  # Kolmogorov-Smirnov of two samples; printed_p: from a paper
     passing: pd.DataFrame  # fraction of boulders that travel at least so far [m] from their release
     run_out: pd.DataFrame  # stopping distances and lateral spread, as in `run_out`
+    at_rest: pd.DataFrame  # density of simulated boulders at blocks without a known release [m-2]
     stops: pd.DataFrame  # fraction of boulders that pass the cell of an observed one
     contacts: pd.DataFrame  # fraction at impacts, with their speeds and heights
     notes: tuple[str, ...]  # notes for readers of the tables
@@ -89,7 +93,8 @@ def compare(
     >>> found.errors["statistic"].tolist()
     ['mean', 'std', 'max']
     """
-    seen = read_observed(*observed, lines=lines(result), energy_unit=energy_unit)
+    grid = grid_for(result, observed)
+    seen = read_observed(*observed, lines=lines(result), energy_unit=energy_unit, grid=grid)
     names = line_names(result)
     for line, where in seen.lines.items():
         if line not in names:
@@ -109,6 +114,7 @@ def compare(
         ks=_ks(result, seen, method, distances, names, ours["plan_distance"].values, share),
         passing=_passing(ours, seen, distances, sources(ours)),
         run_out=run_out(result, seen),
+        at_rest=_at_rest(result, seen),
         stops=stops_table(result, seen),
         contacts=contacts_table(result, seen),
         notes=(*([said] if said else []), *notes, *_notes(result, seen, source)),
@@ -287,6 +293,21 @@ def _passing(
     return table.astype(_VERDICTS)
 
 
+def _at_rest(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
+    """Geometric mean of the density of simulated boulders at blocks at rest, and that of as many of
+    these boulders."""
+    import pandas as pd
+
+    rows = [
+        [one.source or "all", one.blocks, one.boulders, one.outside,
+         *np.exp([one.observed, one.own, one.own_low]),
+         DIFFERS if one.observed < one.own_low else UNDECIDED]
+        for one in agreement(result, seen)
+    ]  # fmt: skip
+    columns = ["source", "n_observed", "n_simulated", "outside", "density", "own_density"]
+    return pd.DataFrame(rows, columns=[*columns, "own_density_low", "verdict"])
+
+
 def _notes(result: xr.Dataset, seen: Observed, source: Sources) -> Iterator[str]:
     """Notes that complete the tables."""
     yield from seen.notes
@@ -296,6 +317,13 @@ def _notes(result: xr.Dataset, seen: Observed, source: Sources) -> Iterator[str]
         for where, places in (("stopping places", seen.stops), ("impacts", seen.contacts)):
             if places is not None:
                 yield f"Reach at {where} needs a map: &output maps = 'passages'."
+    for blocks in witnesses(result, seen):
+        if len(at_rest(result, blocks.source).place) < MIN_COMPARED:
+            of = f" of source {blocks.source}" if blocks.source else ""
+            yield (
+                f"Blocks at rest{of} are not compared: fewer than {MIN_COMPARED} boulders from "
+                "there come to rest."
+            )
     names = sorted({str(name) for one in seen.kept.values() for name in one.columns})
     if names:
         yield f"Columns that are kept, not read: {', '.join(names)}."

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.observations import Observed
+from rockfall.analysis.observations import CONTACT, Observed
 from rockfall.io.arrays import grid_of
 from rockfall.result.samples import simulated
 
@@ -49,6 +49,10 @@ def stops_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
         return pd.DataFrame(columns=["x", "y", REACH[1]])
     x, y = seen.stops.T
     table = pd.DataFrame({"x": x, "y": y, REACH[1]: reach_at(result, x, y)})
+    if any(seen.sources):
+        table["source"] = list(seen.sources)
+    if seen.volumes is not None:
+        table["volume"] = seen.volumes
     return _with_kept(table, seen, "stops")
 
 
@@ -65,6 +69,9 @@ def contacts_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
         if seen.contacts[name].notna().any():
             columns[name] = seen.contacts[name].to_numpy(float)
             columns |= {one: at_places(result, one, x, y) for one in maps if one in result}
+    for name in CONTACT[4:]:
+        if seen.contacts[name].notna().any():
+            columns[name] = seen.contacts[name].to_numpy(float)
     return _with_kept(pd.DataFrame(columns), seen, "contacts")
 
 

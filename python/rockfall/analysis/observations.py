@@ -15,6 +15,8 @@ import numpy as np
 
 from rockfall.analysis.recorded import Line, recorded_numbers
 from rockfall.errors import RockfallError
+from rockfall.io.grid import Grid
+from rockfall.io.point_rows import is_point_layer, read_point_rows
 from rockfall.io.ramms import is_trajectory_file
 from rockfall.io.tables import Row, check_columns, read_table
 
@@ -33,8 +35,10 @@ UNITS = {  # quantity -> unit -> its value in SI units
     "energy_total": _ENERGY,
     "rotational_share": {"-": 1.0},
 }
-CONTACT = ("x", "y", "speed", "height")  # of an impact [m, m/s]
+CONTACT = ("x", "y", "speed", "height", "dbh", "side", "hits")  # of an impact [m, m/s, cm, degree]
 START = ("start_x", "start_y")  # release of a boulder that was found [m]
+SOURCE, VOLUME = "source", "volume"  # polygon that a block came from; its volume [m3]
+MAX_DBH = 500.0  # [cm]
 PASSING = {"fraction": 1.0, "percent": 100.0, "share": 1.0}  # columns, old one last: of all
 
 
@@ -50,20 +54,25 @@ class Observed:
     passing: pd.DataFrame | None  # distance [m], fraction of boulders that travel at least so far
     lines: dict[str, str]  # name of each line -> file and row that first name it
     starts: np.ndarray | None = None  # (n, 2): x, y [m] where those of `stops` were released
-    contacts: pd.DataFrame | None = None  # x, y, and where known speed, height: impacts
+    contacts: pd.DataFrame | None = None  # CONTACT, NaN where not known: impacts
     kept: dict[str, pd.DataFrame] = field(default_factory=dict)  # other columns of each kind
     passing_n: float = np.nan  # boulders behind `passing`
     notes: tuple[str, ...] = ()  # for readers of tables made of them
+    sources: tuple[str, ...] = ()  # source of each of `stops` by name, "" if not known; or none
+    volumes: np.ndarray | None = None  # of each of `stops` [m3], NaN if not known
+    where: dict[str, tuple[str, ...]] = field(default_factory=dict)  # stops, contacts: their rows
 
 
 def read_observed(
     *given: str | Path | Observed,
     lines: Sequence[Line] | None = None,
     energy_unit: str | None = None,
+    grid: Grid | None = None,
 ) -> Observed:
     """Read observations from CSV files, each of a kind that its header identifies; `Observed`
     arguments are used directly.
 
+    With the `grid` of the terrain also from layers of points, whose attributes are the columns.
     With evaluation `lines` also from trajectory files (.rts, .pts), whose energies are in
     `energy_unit`, J or kJ; without a unit they are left out, which a note says. A RockfallError
     names file, line, column, value and what is allowed.
@@ -89,7 +98,7 @@ def read_observed(
     for path in paths:
         if path in recorded:
             continue
-        kind, rows = _read(str(path))
+        kind, rows = _read(str(path), grid, notes)
         for row in rows:
             found[kind.name].append({"where": row.where, **kind.record(row)})
             kept[kind.name].append(
@@ -118,6 +127,7 @@ def read_observed(
     if counts.size > 1:
         raise RockfallError(f"{found['passing'][0]['where']}: n: must be one number in all rows")
     distances = frame("distances", "distance")["distance"].to_numpy(float)
+    volumes = frame("stops", VOLUME)[VOLUME].to_numpy(float)
     passing = frame("passing", "distance", "fraction").sort_values("distance", ignore_index=True)
     return Observed(
         summaries=frame("summaries", "line", "method", "quantity", "mean", "std", "max", "n"),
@@ -132,6 +142,9 @@ def read_observed(
         kept={name: pd.DataFrame(rows) for name, rows in kept.items() if any(rows)},
         passing_n=float(counts[0]) if counts.size else np.nan,
         notes=tuple(notes),
+        sources=tuple(one.get(SOURCE, "") for one in found["stops"]),
+        volumes=volumes if volumes.size and not np.isnan(volumes).all() else None,
+        where={name: tuple(one["where"] for one in found[name]) for name in ("stops", "contacts")},
     )
 
 
@@ -183,12 +196,20 @@ def _stop(row: Row) -> dict:
     if len(given) == 1:
         row.refuse(given[0], f"needs {' and '.join(START)} together")
     places = {name: row.maybe(name) for name in START}
-    return {"x": row.number("x"), "y": row.number("y"), **places}
+    volume = row.maybe(VOLUME, 0.0)
+    if volume == 0:
+        row.refuse(VOLUME, "must be > 0 [m3], or empty")
+    about = {SOURCE: row.cells.get(SOURCE, ""), VOLUME: volume}
+    return {"x": row.number("x"), "y": row.number("y"), **places, **about}
 
 
 def _contact(row: Row) -> dict:
     place = {name: row.number(name) for name in ("x", "y")}
-    return place | {name: row.maybe(name, 0.0) for name in CONTACT[2:]}
+    limits = {"dbh": (0.0, MAX_DBH), "side": (0.0, 360.0), "hits": (1.0, inf)}
+    found = {name: row.maybe(name, *limits.get(name, (0.0, inf))) for name in CONTACT[2:]}
+    if found["hits"] % 1 > 0:
+        row.refuse("hits", "must be an integer")
+    return place | found
 
 
 class _Kind(NamedTuple):
@@ -213,14 +234,19 @@ KINDS = (  # those with more columns come first: a header may hold the columns o
     _Kind("tests", ("line", "method", "quantity", "p"), (), _test),
     _Kind("contacts", ("impact", "x", "y"), CONTACT[2:], _contact),
     *(_Kind("passing", ("distance", name), ("n",), _passing) for name in PASSING),
-    _Kind("stops", ("x", "y"), START, _stop),
+    _Kind("stops", ("x", "y"), (*START, SOURCE, VOLUME), _stop),
     _Kind("distances", ("distance",), (), lambda row: {"distance": row.number("distance", 0.0)}),
 )
 
 
-def _read(path: str) -> tuple[_Kind, Iterator[Row]]:
+def _read(path: str, grid: Grid | None, notes: list[str]) -> tuple[_Kind, Iterator[Row]]:
     """The kind of a file, and its rows."""
-    where, columns, rows = read_table(path)
+    if is_point_layer(path):
+        if grid is None:
+            raise RockfallError(f"{path}: layers are read by compare, back and validate only")
+        where, columns, rows = read_point_rows(path, grid, notes)
+    else:
+        where, columns, rows = read_table(path)
     kind = next((kind for kind in KINDS if set(kind.needed) <= set(columns)), None)
     if kind is None:
         kinds = " | ".join(", ".join(kind.needed) for kind in KINDS)

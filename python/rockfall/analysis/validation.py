@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.deposits import agreement
 from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.models import variants
 from rockfall.analysis.observations import Observed
@@ -39,7 +40,8 @@ FEWEST = 2  # seeds for an error, boulders for a distribution
 BOUNDS = {"mean": 0.10, "std": 0.25}  # of an error relative to the observation
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
 APART = "ks", "p", "wasserstein"  # distances of both distributions
-RUN_OUT = "stopping_distance"
+RUN_OUT, AT_REST = "stopping_distance", "at_rest"
+LOG_DENSITY = "log_density"  # of simulated boulders at blocks at rest, mean; in m-2
 COLUMNS = ["law", "line", "quantity", "statistic", "n_observed", "observed", "observed_error",
            "simulated", "simulated_error", "verdict"]  # fmt: skip
 WITHIN, BEYOND, UNDECIDED = "within", "beyond", "undecided"
@@ -63,8 +65,10 @@ class Validation:
 
     `table` has COLUMNS: a row for each model, place (a line, or "" for the run-out), quantity and
     statistic: mean, std, q05, q50, q95, for run-outs lateral_std (perpendicular to the line to the
-    mean of the observed places), ks and its p, wasserstein. Errors are standard errors: of
-    observations from resampled boulders, of simulations over seeds. The verdict is on `BOUNDS`.
+    mean of the observed places), ks and its p, wasserstein; for blocks at rest without a known
+    release log_density, the mean logarithm of the density of simulated boulders there [m-2]. Errors
+    are standard errors: of observations from resampled boulders, of simulations over seeds. The
+    verdict is on `BOUNDS`.
     """
 
     title: str
@@ -144,6 +148,8 @@ def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Nu
     if stopped is not None:
         numbers = run_out_numbers(*stopped, one_frame=len(pairs) > 1)
         found |= {("", RUN_OUT, name): one for name, one in numbers.items()}
+    if (rest := _at_rest(pairs)) is not None:
+        found["", AT_REST, LOG_DENSITY] = rest
     for line, quantity in dict.fromkeys(key for _, seen in pairs for key in seen.samples):
         values = [
             (seen.samples[line, quantity], crossed)
@@ -166,6 +172,17 @@ def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Nu
                 printed = _of_printed(row, np.concatenate(crossed))
                 found |= {(*key, name): one for name, one in printed}
     return found
+
+
+def _at_rest(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> Number | None:
+    """Mean logarithm of the density of simulated boulders [m-2] at blocks at rest without a known
+    release; None without such blocks, or where too few boulders come to rest."""
+    found = [one for pair in pairs for one in agreement(*pair)]
+    if not found:
+        return None
+    n = sum(one.blocks for one in found)
+    density = sum(one.blocks * one.observed for one in found) / n
+    return Number(n, np.nan, np.nan, density)
 
 
 def run_out_numbers(
@@ -237,7 +254,7 @@ def over_runs(runs: Sequence[dict[Key, Number]]) -> Iterator[dict[str, Any]]:
     """Rows of a table (COLUMNS without the model): means over runs, which differ by their seed or
     their terrain, their standard errors, and verdicts."""
     for key, one in runs[0].items():
-        values = np.array([run[key].simulated for run in runs])
+        values = np.array([run[key].simulated if key in run else np.nan for run in runs])
         mean, error = float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
         numbers = [one.n, one.observed, one.error, mean, error]
         yield dict(zip(COLUMNS[1:], [*key, *numbers, _verdict(key[2], one, mean, error)],

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rockfall.analysis.compare import compare, write_comparison
+from rockfall.analysis.deposits import grid_for
 from rockfall.analysis.hazard.files import DRAWINGS, export_hazard, is_hazard
 from rockfall.analysis.observations import read_observed
 from rockfall.analysis.ranks import rank_results
@@ -106,7 +107,8 @@ def compare_command(arguments: argparse.Namespace) -> int:
         if getattr(arguments, option):
             raise RockfallError(f"--{option} requires variants: results without observations")
     lines = common_lines(results) if recorded else []
-    seen = read_observed(*sources, lines=lines, energy_unit=unit)
+    grid = grid_for(next(iter(results.values())), sources)
+    seen = read_observed(*sources, lines=lines, energy_unit=unit, grid=grid)
     if len(results) == 1:
         (result,) = results.values()
         found = compare(result, seen)

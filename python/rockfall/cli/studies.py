@@ -15,12 +15,16 @@ from rockfall.analysis.ensemble.study import check_place, run_ensemble, write_en
 from rockfall.analysis.models import run_models, write_models
 from rockfall.analysis.observations import read_observed
 from rockfall.analysis.validation import validate
+from rockfall.case import Case
 from rockfall.case_files import input_files
 from rockfall.cli.given import given_case, overridden, stem_of, warn_of_inputs
 from rockfall.cli.messages import DONE, say
 from rockfall.errors import RockfallError, need
 from rockfall.interrupts import exit_status
+from rockfall.io.grid import Grid
 from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
+from rockfall.io.point_rows import is_point_layer
+from rockfall.io.raster import dem_header
 from rockfall.io.tables import write_csv
 from rockfall.plots.convergence import figure
 from rockfall.plots.ensemble_figures import posterior_figure
@@ -63,7 +67,7 @@ def back_command(arguments: argparse.Namespace) -> int:
     case = overridden(arguments)
     folder = arguments.output or Path(f"{stem_of(arguments)}_back")
     need("back needs", "report", "matplotlib")
-    seen = read_observed(*arguments.observed)
+    seen = read_observed(*arguments.observed, grid=_grid(case, arguments.observed))
     check_back(folder, [*input_files(case), *arguments.observed])
     warn_of_inputs(case)
     how = {"members": arguments.members, "enough": arguments.effective}
@@ -79,6 +83,13 @@ def back_command(arguments: argparse.Namespace) -> int:
         print(back_text(found))
         print(*paths, sep="\n")
     return DONE
+
+
+def _grid(case: Case, observed: Iterable[Path]) -> Grid | None:
+    """Grid of the terrain, if there are layers to be read on it."""
+    if "dem" not in case.terrain or not any(map(is_point_layer, observed)):
+        return None
+    return dem_header(case.path(case.terrain["dem"]))[0]
 
 
 def _draw_posterior(found: Back, path: Path) -> None:
@@ -122,7 +133,7 @@ def validate_command(arguments: argparse.Namespace) -> int:
     inputs = [*input_files(case), *arguments.observed]
     if arguments.output is not None:
         check_outputs([arguments.output], inputs)
-    seen = read_observed(*arguments.observed)
+    seen = read_observed(*arguments.observed, grid=_grid(case, arguments.observed))
     tables = arguments.table or None
     found = validate(case, seen, tables, arguments.seeds, progress=not arguments.quiet)
     warn_of_inputs(case)

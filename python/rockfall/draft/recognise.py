@@ -12,10 +12,9 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
-from rockfall.io.layers import layer_names, read_features
+from rockfall.io.layers import EXTENSIONS, layer_names, read_features
 from rockfall.io.zone_table import RADII
 from rockfall.scene.forest.attributes import matching
-from rockfall.scene.layers import LAYERS
 
 ZONES, SOURCES, LINES = "zones", "sources", "lines"
 BARRIERS, DAMS, TREES, OBJECTS = "barriers", "dams", "trees", "objects"
@@ -77,8 +76,8 @@ class Layer:
 
 def read_layers(path: Path, grid: Grid, remarks: list[str]) -> Iterator[Layer]:
     """All layers of a file, on the terrain."""
-    if path.suffix.lower() not in LAYERS:
-        raise RockfallError(f"{path}: is no layer: must end in {', '.join(sorted(LAYERS))}")
+    if path.suffix.lower() not in EXTENSIONS:
+        raise RockfallError(f"{path}: is no layer: must end in {', '.join(sorted(EXTENSIONS))}")
     names = layer_names(path)
     for name in names:
         shapes, columns = read_features(path, grid, remarks, name)

@@ -17,13 +17,12 @@ from rockfall.io.arrays import as_plan, grid_of
 from rockfall.io.crs import crs_name, same_crs
 from rockfall.io.files import check_regular
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
-from rockfall.io.layers import EXTENSIONS, REPROJECTED, name_of
+from rockfall.io.layers import REPROJECTED, name_of
 from rockfall.io.raster import aligned_blocks
 from rockfall.io.raster_file import raster_file
 from rockfall.scene.stages import Stages
 
 T = TypeVar("T")
-LAYERS = EXTENSIONS  # of vector layers
 
 
 @dataclass

@@ -18,6 +18,7 @@ from rockfall.grounds import other_tables
 from rockfall.impact_sets import set_path
 from rockfall.io.arrays import check_known, from_array
 from rockfall.io.grid import Box, Grid
+from rockfall.io.layers import EXTENSIONS
 from rockfall.io.raster import dem_header, packing_note, read_dem
 from rockfall.io.raster_file import raster_file
 from rockfall.io.zone_table import RADII
@@ -26,7 +27,7 @@ from rockfall.scene.digest import Digest
 from rockfall.scene.forest.planted import read_forest
 from rockfall.scene.frames import FrameFiles, is_frame, with_frames
 from rockfall.scene.ground import Ground
-from rockfall.scene.layers import LAYERS, Inputs, array_checksum, file_checksum, take_inputs
+from rockfall.scene.layers import Inputs, array_checksum, file_checksum, take_inputs
 from rockfall.scene.lines import read_lines
 from rockfall.scene.parts import Rasters
 from rockfall.scene.reach import Survey
@@ -161,7 +162,7 @@ def _windowed(inputs: Inputs, dtype: np.dtype, cells: int) -> Scene:
             "raise --memory"
         )
     for key, file in case.files():
-        if key.file == "layer" or ("layer" in key.file and Path(file).suffix.lower() in LAYERS):
+        if key.file == "layer" or ("layer" in key.file and Path(file).suffix.lower() in EXTENSIONS):
             raise RockfallError(
                 f"{case.name}: &{key.group} {key.name} = '{file}': polygons need the whole terrain "
                 "in memory, and it does not fit; make a raster of them, or raise --memory"

@@ -14,11 +14,11 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
-from rockfall.io.layers import numbered_polygons, read_points
+from rockfall.io.layers import EXTENSIONS, numbered_polygons, read_points
 from rockfall.io.tables import read_columns
 from rockfall.limits import MAX_REAL
 from rockfall.scene.kernel_scene import area_ratios, terrain_of
-from rockfall.scene.layers import LAYERS, Inputs
+from rockfall.scene.layers import Inputs
 from rockfall.scene.parts import Lowest, Rasters, SourceBoulders, Sources
 from rockfall.scene.source_attributes import Table, read_attributes
 
@@ -105,7 +105,7 @@ def _find_points(inputs: Inputs) -> Sources:
     """Read sources at the points of a layer or a table."""
     case, release = inputs.case, inputs.case.release
     path = case.path(release["points"])
-    if path.suffix.lower() in LAYERS:
+    if path.suffix.lower() in EXTENSIONS:
         layer = release.get("points_layer")
         x, y, columns, feature = read_points(
             path, inputs.grid, inputs.remarks, layer, "points_layer"

@@ -11,10 +11,10 @@ from rockfall.case_zones import case_zones, polygon_zones
 from rockfall.errors import RockfallError
 from rockfall.grounds import GroundTable, check_number, find_ground, table_path, usual_ground
 from rockfall.io.grid import NO_ID, Box, row_blocks
-from rockfall.io.layers import burn_polygons
+from rockfall.io.layers import EXTENSIONS, burn_polygons
 from rockfall.io.raster import read_elevations
 from rockfall.io.zone_table import RADII, Zone, index_blocks
-from rockfall.scene.layers import LAYERS, Inputs, file_checksum
+from rockfall.scene.layers import Inputs, file_checksum
 from rockfall.scene.parts import Rasters
 
 
@@ -111,7 +111,7 @@ def _read_zones(
         inputs.checksums.setdefault("table", file_checksum(table_path_))
     else:
         numbers = polygon_zones(case)[0]
-    if "zones" not in inputs.arrays and path.suffix.lower() in LAYERS:
+    if "zones" not in inputs.arrays and path.suffix.lower() in EXTENSIONS:
         ids = burn_polygons(
             path, inputs.grid, surface["zone_field"], inputs.remarks,
             layer=surface.get("zones_layer"), key="zones_layer", numbers=numbers,

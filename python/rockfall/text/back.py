@@ -4,13 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.back.posterior import posterior_table, warnings
+from rockfall.analysis.back.posterior import alone_table, posterior_table, warnings
 from rockfall.analysis.back.study import Back
 from rockfall.quantities import count, number
 from rockfall.text.table import table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def back_text(found: Back) -> str:
@@ -22,6 +26,7 @@ def back_text(found: Back) -> str:
         f"worth {found.effective:.0f} of the posterior",
         table(_parameters(found)),
         table(_data(found)),
+        *([table(_alone(found))] if len(found.data) > 1 else []),
     ]
     return "\n".join([*text, *(f"  {one}" for one in (*warnings(found), *found.notes))])
 
@@ -45,7 +50,25 @@ def _parameters(found: Back) -> Iterator[list[str]]:
 
 
 def _data(found: Back) -> Iterator[list[str]]:
-    yield ["  observed", "boulders", "counts", "as far off or farther, of samples"]
+    yield ["  observed", "n", "counts", "as far off or farther, of samples", "lost to the others",
+           ""]  # fmt: skip
     for row in found.data.to_dict("records"):
-        p = row["predictive_p"]
-        yield [f"  {row['data']}", f"{row['n']:,}", f"{row['counts']:.2f}", f"{100 * p:.1f} %"]
+        p, loss = row["predictive_p"], f"{row['loss']:.1f} +- {row['loss_error']:.1f}"
+        off = "-" if np.isnan(p) else f"{100 * p:.1f} %"
+        lost = [loss, row["agreement"]] if row["agreement"] else ["-", ""]
+        yield [f"  {row['data']}", f"{row['n']:,}", f"{row['counts']:.2f}", off, *lost]
+
+
+def _alone(found: Back) -> Iterator[list[str]]:
+    """Median and range of each parameter by each set of data alone."""
+    rows = alone_table(found)
+    rows = rows[np.isfinite(rows["median"])]
+    names = [*dict.fromkeys(rows["parameter"])]
+    yield ["  alone: median (5 to 95 %)", *names]
+    for data, of in rows.groupby("data", sort=False):
+        by_name = of.set_index("parameter")
+        yield [f"  {data}", *(_range(by_name.loc[name]) for name in names)]
+
+
+def _range(row: pd.Series) -> str:
+    return f"{number(row['median'])} ({number(row['q05'])} to {number(row['q95'])})"

@@ -37,6 +37,7 @@ def tables(comparison: Comparison) -> Iterator[tuple[str, list[list[str]]]]:
         ("Samples at the lines", comparison.ks, _ks),
         ("Boulders that pass a distance", comparison.passing, _passing),
         ("Run-out", comparison.run_out, _run_out),
+        ("Blocks at rest", comparison.at_rest, _at_rest),
         ("Stopping places", comparison.stops, _stops),
         ("Impacts", comparison.contacts, _contacts),
     ):
@@ -155,6 +156,19 @@ def _run_out(table: pd.DataFrame) -> Iterable[list[str]]:
         if np.isfinite(row["by_chance"]):
             verdict += f" (up to {row['by_chance']:.1f} by chance)"
         yield [name, *sizes, *three, verdict]
+
+
+def _at_rest(table: pd.DataFrame) -> Iterable[list[str]]:
+    """Density of simulated boulders at the blocks."""
+    yield ["blocks at rest", "n observed", "n this run", "outside of all deposits",
+           "density of this run there [1/ha]", "at its own boulders", "verdict"]  # fmt: skip
+    for row in table.to_dict("records"):
+        name = "all sources" if row["source"] == "all" else f"source {row['source']}"
+        here, own, low = (number(1e4 * row[of]) for of in
+                          ("density", "own_density", "own_density_low"))  # fmt: skip
+        verdict = f"{row['verdict']} (down to {low} by chance)"
+        yield [name, *(f"{row[of]:,}" for of in ("n_observed", "n_simulated", "outside")), here,
+               own, verdict]  # fmt: skip
 
 
 def _within(row: Mapping[str, Any], name: str) -> str:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from rockfall.analysis.models import QUANTITIES as AT_LINES
 from rockfall.analysis.models import RUN_OUT, Models
-from rockfall.analysis.validation import BOUNDS, Validation
-from rockfall.quantities import QUANTITIES, TOO_FEW, percent
+from rockfall.analysis.validation import AT_REST, BOUNDS, Validation
+from rockfall.quantities import QUANTITIES, TOO_FEW, Quantity, percent
 from rockfall.text.table import table
 
 if TYPE_CHECKING:
@@ -18,8 +18,11 @@ if TYPE_CHECKING:
 TITLES = {
     "mean": "mean", "std": "std", "q05": "5 %", "q50": "50 %", "q95": "95 %",
     "lateral_std": "lateral std", "ks": "KS", "p": "p", "wasserstein": "Wasserstein",
+    "log_density": "mean logarithm",
 }  # fmt: skip
-BARE = ("ks", "p")  # without a unit
+BARE = ("ks", "p", "log_density")  # without a unit
+ABOUT = QUANTITIES | {AT_REST: Quantity("density at blocks at rest", "m-2", 1)}
+PLACES = {"stopping_distance": "run-out in plan", AT_REST: "density at blocks at rest"}
 
 
 def models_text(found: Models) -> str:
@@ -85,10 +88,10 @@ def validation_text(found: Validation) -> str:
 
 
 def _at_place(rows: pd.DataFrame) -> Iterator[list[str]]:
-    line, about = rows["line"].iloc[0], QUANTITIES[rows["quantity"].iloc[0]]
+    line, about = rows["line"].iloc[0], ABOUT[rows["quantity"].iloc[0]]
     names = [name for name in TITLES if name in set(rows["statistic"])]
     n = f"{rows['n_observed'].iloc[0]:,.0f} observed" if rows["n_observed"].notna().any() else ""
-    place = f"{line}, {about.label}" if line else "run-out in plan"
+    place = f"{line}, {about.label}" if line else PLACES[rows["quantity"].iloc[0]]
     yield [f"  {place} [{about.unit}]", *(TITLES[name] for name in names)]
     observed = rows.drop_duplicates("statistic").set_index("statistic")
     yield [f"  {n or 'observed'}", *(

@@ -17,6 +17,7 @@ count as 1/(2/S' - 1/S) boulders.
 
 Dependent sets of data, such as speed and energy, are down-weighted: each with the inverse of the
 sum of its squared rank correlations with all, itself included, among the simulated boulders.
+Blocks at rest without a known release, and marks, are of other boulders, and count in full.
 """
 
 from __future__ import annotations
@@ -27,7 +28,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.analysis.back.deposited import Deposited
+from rockfall.analysis.back.marked import Marked
+from rockfall.analysis.deposits import MIN_FITTED, at_rest, cell_of, witnesses
 from rockfall.analysis.lines.values import line_names, line_values
+from rockfall.analysis.marks import Mark
 from rockfall.analysis.observations import Observed
 from rockfall.analysis.run_out import Frame, compared, frames, observed_boulders, way_of
 from rockfall.errors import RockfallError
@@ -49,8 +54,9 @@ MIN_PRINTED = 2  # boulders behind a printed mean
 class Counted:
     """Observed values of boulders, as counts in bins.
 
-    Methods: `counted` is the data kept of the values of a run, `log_likelihood` that of each run
-    (runs, numbers kept), `discrepancy` the distance of the data, and of an equal number of boulders
+    Methods: `kept` is the data kept of a run, `counted` that of its values, `log_likelihood` that
+    of each run (runs, numbers kept), `remarks` says what a reader must know of the data beside the
+    weighted runs, `discrepancy` the distance of the data, and of an equal number of boulders
     from selected runs, from the weighted prediction of all runs.
     """
 
@@ -76,6 +82,12 @@ class Counted:
         sides = [np.searchsorted(self.edges, values, side) for side in ("left", "right")]
         both = [np.bincount(one, minlength=self.edges.size + 1) for one in sides]
         return (both[0] + both[1]) / 2
+
+    def kept(self, result: xr.Dataset) -> np.ndarray:
+        return self.counted(self.take(result))
+
+    def remarks(self, runs: np.ndarray, weight: np.ndarray) -> list[str]:
+        return []
 
     def counted(self, values: np.ndarray) -> np.ndarray:
         return self._in_bins(values[~np.isnan(values)])
@@ -133,6 +145,12 @@ class Printed:
     take: Take
     worth: float = 1.0
 
+    def kept(self, result: xr.Dataset) -> np.ndarray:
+        return self.counted(self.take(result))
+
+    def remarks(self, runs: np.ndarray, weight: np.ndarray) -> list[str]:
+        return []
+
     def counted(self, values: np.ndarray) -> np.ndarray:
         values = values[~np.isnan(values)]
         if values.size < MIN_CROSSED or not np.ptp(values):
@@ -182,16 +200,28 @@ class Printed:
         return far[0], far[1:]
 
 
-Evidence = Counted | Printed
+Evidence = Counted | Printed | Deposited | Marked
 
 
-def evidence(result: xr.Dataset, seen: Observed) -> tuple[list[Evidence], list[str]]:
+def evidence(
+    result: xr.Dataset, seen: Observed, marks: list[Mark]
+) -> tuple[list[Evidence], list[str]]:
     """Sets of data that a back-analysis can use, and notes on those that it cannot; `result` is a
-    run of the case."""
+    run of the case, which has a line at each of the marks."""
     notes: list[str] = []
-    found = [*_of_stops(result, seen, notes), *_of_lines(result, seen, notes)]
-    if seen.contacts is not None:
-        notes.append("Impacts are not used: what was left unseen is not known.")
+    found = [
+        *_of_stops(result, seen, notes),
+        *_of_witnesses(result, seen, notes),
+        *_of_lines(result, seen, notes),
+    ]
+    if marks:
+        found.append(Marked.of_run(marks, result))
+    if seen.contacts is not None and len(marks) < len(seen.contacts):
+        which = f"{len(seen.contacts) - len(marks)} of {len(seen.contacts)} impacts are"
+        notes.append(
+            f"{which if marks else 'Impacts are'} not used: without a height above the ground, and "
+            "what was left unseen is not known."
+        )
     if not found:
         raise RockfallError(" ".join(["nothing observed that a back-analysis can use.", *notes]))
     return found, notes
@@ -209,8 +239,6 @@ def _of_stops(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[
             name = f", source {frame.name}" if several else ""
             for column, label in enumerate(("stopping distance", "lateral offset")):
                 yield Counted(f"{label}{name}", mine[:, column], _way(frame, source, column))
-    elif seen.stops is not None:
-        notes.append("Stopping places are not used: start_x, start_y would say where from.")
     if seen.passing is not None and known is None:
         if np.isnan(seen.passing_n):
             notes.append("Fractions that come so far are not used: column n, of how many?")
@@ -218,6 +246,23 @@ def _of_stops(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[
             table = seen.passing[seen.passing["distance"] > 0]
             distance, fraction = (table[name].to_numpy(float) for name in ("distance", "fraction"))
             yield Passing("run-out", distance, fraction, int(seen.passing_n), _distance)
+
+
+def _of_witnesses(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[Evidence]:
+    """Blocks at rest without a known release."""
+    sets = witnesses(result, seen)
+    for blocks in sets:
+        if (n := len(at_rest(result, blocks.source).place)) < MIN_FITTED:
+            of = f" of source {blocks.source}" if blocks.source else ""
+            raise RockfallError(
+                f"{n} boulders{of} of a run come to rest on the terrain: at least {MIN_FITTED} are "
+                "needed beside blocks at rest: more --boulders, or a terrain that reaches farther"
+            )
+    if sets:
+        found = Deposited.of_run(sets, result, cell_of(result))
+        if seen.volumes is not None and all(np.isinf(one.of_volume) for one in found.kernels):
+            notes.append("Volumes of the blocks are not used: all boulders of the case have one.")
+        yield found
 
 
 def _distance(result: xr.Dataset) -> np.ndarray:
@@ -255,10 +300,12 @@ def shares(data: list[Evidence], result: xr.Dataset) -> np.ndarray:
     """Weight of each set of data."""
     from scipy.stats import spearmanr
 
-    values = [one.take(result) for one in data]
+    values = [one.take(result) if isinstance(one, Counted | Printed) else None for one in data]
     squares = np.eye(len(data))
     for i, a in enumerate(values):
         for j, b in enumerate(values[:i]):
+            if a is None or b is None:
+                continue
             both = ~(np.isnan(a) | np.isnan(b))
             if both.sum() >= MIN_CROSSED and np.ptp(a[both]) and np.ptp(b[both]):
                 squares[i, j] = squares[j, i] = spearmanr(a[both], b[both]).statistic ** 2
@@ -272,6 +319,8 @@ def predictive_p(
     from its prediction as much as the observed ones (Gelman, Meng and Stern 1996)."""
     picked = random.choice(weight.size, REPLICATES, p=weight)
     observed, again = one.discrepancy(runs, picked, weight, random)
+    if np.array_equal(observed, again):  # nothing to compare
+        return np.nan
     return (1 + int(np.count_nonzero(again >= observed))) / (1 + REPLICATES)
 
 

@@ -6,11 +6,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.back.contributions import CONFLICT
 from rockfall.analysis.back.sampling import effective
 from rockfall.analysis.back.study import Back
 from rockfall.analysis.precision.weighted import value_at
@@ -34,6 +36,7 @@ EDGE = 0.5  # fraction of the posterior beyond the prior's 5 or 95 % quantile
 NOISY = 1.0  # variance of the log-likelihood, above which boulders help more than members
 DRAWS = 256  # rows of the file of draws
 TABLE, DRAWN, ALL, CASE = "posterior.csv", "draws.csv", "members.nc", "case.nml"
+ALONE = "by_data.csv"  # the posterior by each set of data alone
 DRAWING = "posterior.png"
 MARK = "! Made by `rockfall back`"
 CONTRADICTED = 0.05  # of all sets of data together
@@ -98,6 +101,20 @@ def posterior_table(found: Back) -> pd.DataFrame:
     columns = ["parameter", "units", "case", *(f"{of}{name}" for of in ("prior_", "")
                for name in ("q05", "median", "q95")), "ratio", "moved", "verdict"]  # fmt: skip
     return pd.DataFrame(rows, columns=[*columns, "set_best"])
+
+
+def alone_table(found: Back) -> pd.DataFrame:
+    """Rows of `posterior_table` by each set of data alone (column data)."""
+    import pandas as pd
+
+    tables = []
+    for name, weight in zip(found.data["data"], found.alone, strict=True):
+        if weight.any():
+            of = replace(found, members=found.members.assign(weight=weight))
+            table = posterior_table(of)
+            table.insert(0, "data", name)
+            tables.append(table)
+    return pd.concat(tables, ignore_index=True)
 
 
 def _row(found: Back, one: Parameter) -> dict[str, Any]:
@@ -187,6 +204,12 @@ def warnings(found: Back) -> Iterator[str]:
                 f"the model does not explain the {row['data']}: of its posterior only "
                 f"{row['predictive_p']:.1%} of samples are as far off as what was observed"
             )
+    for row in found.data.to_dict("records"):
+        if row["agreement"] == CONFLICT:
+            yield (
+                f"conflict: {row['data']}: less likely beside the other data than alone, by "
+                f"exp({row['loss']:.1f} +- {row['loss_error']:.1f}); {ALONE} has each alone"
+            )
     edge = [row["parameter"] for row in posterior_table(found).to_dict("records")
             if row["verdict"].startswith("at the edge")]  # fmt: skip
     if edge:
@@ -211,25 +234,26 @@ def draws_table(found: Back) -> pd.DataFrame:
 def write_back(
     found: Back, folder: str | Path, inputs: Iterable[str | Path] = (), draw: Draw | None = None
 ) -> list[Path]:
-    """Write TABLE, DRAWN, ALL and CASE to a folder, and DRAWING if `draw` is given, all of them or
-    none."""
+    """Write TABLE, DRAWN, ALONE, ALL and CASE to a folder, and DRAWING if `draw` is given: all of
+    them or none."""
     folder = Path(folder)
     inputs = [*inputs, *input_files(found.case)]
     check_back(folder, inputs)
     with atomic_folder(folder, inputs, last=CASE) as part:
         write_csv(posterior_table(found), part / TABLE)
         write_csv(draws_table(found), part / DRAWN)
+        write_csv(alone_table(found), part / ALONE)
         put_netcdf(_contents(found), part / ALL, folder / ALL)
         if draw:
             draw(found, part / DRAWING)
         (part / CASE).write_text(_case_text(found, folder), encoding="utf-8")
-    return [folder / name for name in (TABLE, DRAWN, ALL, *[DRAWING] * bool(draw), CASE)]
+    return [folder / name for name in (TABLE, DRAWN, ALONE, ALL, *[DRAWING] * bool(draw), CASE)]
 
 
 def check_back(folder: Path, inputs: Iterable[str | Path]) -> None:
     """Refuse a folder whose files may not be overwritten, before the work starts."""
     check_folder(folder)
-    check_outputs([folder / name for name in (TABLE, DRAWN, ALL, DRAWING, CASE)], inputs)
+    check_outputs([folder / name for name in (TABLE, DRAWN, ALONE, ALL, DRAWING, CASE)], inputs)
 
 
 def _contents(found: Back) -> Contents:
@@ -244,9 +268,13 @@ def _contents(found: Back) -> Contents:
     }  # fmt: skip
     variables["data"] = ("data", data["data"].to_numpy(object), {"long_name": "set of data"})
     for name, what in (("n", "boulders"), ("counts", "what it counts, since data hang together"),
-                       ("predictive_p", "posterior predictive probability")):  # fmt: skip
+                       ("predictive_p", "posterior predictive probability"),
+                       ("loss", "log-likelihood lost beside the other data"),
+                       ("loss_error", "its standard error")):  # fmt: skip
         one = {"units": "1", "long_name": what}
         variables[f"data_{name}"] = ("data", data[name].to_numpy(float), one)
+    about_alone = {"units": "1", "long_name": "weight of the member by each set of data alone"}
+    variables["data_weight"] = ("data", "member"), found.alone, about_alone
     attrs = {
         "title": found.case.case["title"], "source": f"rockfall {__version__}",
         "case": found.case.text(), "case_file": found.case.name, "back_layout": 1,

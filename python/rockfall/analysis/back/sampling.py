@@ -40,9 +40,13 @@ class Sampler:
         self.smooth = smoothed(self.points, self.levels, self.log_likelihood)
 
     def log_weights(self) -> np.ndarray:
+        return self.log_prior_weights() + self.smooth
+
+    def log_prior_weights(self) -> np.ndarray:
+        """Logarithms of the prior over the density of all mixtures."""
         shares = np.log(np.array(self.sizes) / sum(self.sizes))[:, None]
         mixed = np.logaddexp.reduce(np.array(self.densities) + shares, axis=0)
-        return _log_prior(self.points) + self.smooth - mixed
+        return _log_prior(self.points) - mixed
 
     def weights(self) -> np.ndarray:
         """Weights that add up to 1; all 0 if no likelihood is finite."""

@@ -10,10 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.analysis.back.contributions import contributions
 from rockfall.analysis.back.evidence import Evidence, as_record, evidence, predictive_p, shares
+from rockfall.analysis.back.places import check_on_terrain
 from rockfall.analysis.back.sampling import Sampler, effective
+from rockfall.analysis.deposits import witnesses
 from rockfall.analysis.ensemble.study import lean
 from rockfall.analysis.ensemble.uncertain_inputs import INPUTS, Uncertain, drawn_scene, has_rocks
+from rockfall.analysis.marks import Mark, read_marks, with_lines_at
 from rockfall.analysis.observations import Observed, read_observed
 from rockfall.case import Case
 from rockfall.errors import RockfallError
@@ -41,8 +45,8 @@ class Back:
 
     `members` has a row for each run: the numbers drawn, in the order of `inputs.kept_names`, its
     `log_likelihood`, the one `smooth` over members, and `weight`; `data` one for each set of data:
-    n, its weight, and the posterior predictive p. `effective`: the number of equally weighted
-    members with the same information.
+    n, its weight, the posterior predictive p, and its `contributions`. `effective`: the number of
+    equally weighted members with the same information.
     """
 
     case: Case
@@ -55,6 +59,7 @@ class Back:
     asked: int  # requested effective members
     noise: float  # variance of the log-likelihood due to the boulders of a member
     boulders: int
+    alone: np.ndarray  # (data, members): weights by each set of data alone
 
     @property
     def weight(self) -> np.ndarray:
@@ -105,9 +110,16 @@ def back_analysis(
     warn_of(read)
     scene = lean(read, "a back-analysis", ["passages"])
     inputs = Uncertain(scene)
+    seen = read_observed(*observed, grid=scene.grid)
+    marks = read_marks(seen)
+    check_on_terrain(scene, *_places(marks))
+    scene, marks = with_lines_at(scene, marks)
     base = run_scene(scene)
     scene = replace(scene, case=scene.case.replace(output={"maps": None}))
-    data, notes = evidence(base, read_observed(*observed))
+    if witnesses(base, seen):
+        check_on_terrain(scene, seen.where["stops"], *np.array(seen.stops).T)
+    data, notes = evidence(base, seen, marks)
+    notes = [*seen.notes, *notes]
     counts = shares(data, base)
     if "dem" in inputs.names:
         _learn_noise(scene, inputs, data)
@@ -118,6 +130,7 @@ def back_analysis(
     random = np.random.default_rng((case.case["seed"], STREAM))
     kept: list[dict[str, float]] = []
     runs: list[list[np.ndarray]] = [[] for _ in data]
+    by_data = np.empty((len(data), 0))
     stopped = False
     with interrupts(), progress_bar(members, progress, "members") as advance:
         while True:
@@ -134,11 +147,14 @@ def back_analysis(
             if stopped:
                 break
             new = slice(sampler.log_likelihood.size, None)
-            known = [one.log_likelihood(np.array(of)[new])
-                     for one, of in zip(data, runs, strict=True)]  # fmt: skip
+            known = counts[:, None] * np.array([
+                one.log_likelihood(np.array(of)[new]) for one, of in zip(data, runs, strict=True)
+            ])  # fmt: skip
             off = np.array([row.get("source_redrawn", 0) > 0 for row in kept[new]])
-            sampler.learn(np.where(off, -np.inf, counts @ np.array(known)))
-            weight = sampler.weights()
+            known[:, off] = -np.inf
+            by_data = np.concatenate([by_data, known], axis=1)
+            sampler.learn(known.sum(axis=0))
+            weight, ahead = sampler.weights(), sampler.log_prior_weights()
             if effective(weight) >= enough or len(cube) + ROUND > members:
                 break
             points = np.random.default_rng((case.case["seed"], STREAM, len(cube))).random(
@@ -160,16 +176,24 @@ def back_analysis(
     table = pd.DataFrame(kept).assign(
         log_likelihood=sampler.log_likelihood, smooth=sampler.smooth, weight=weight
     )
+    each = contributions(sampler.points[:done], levels, ahead, weight, by_data)
     found = [
-        as_record(one, count, predictive_p(one, np.array(of), weight, random))
-        for one, count, of in zip(data, counts, runs, strict=True)
+        as_record(one, count, predictive_p(one, np.array(of), weight, random)) | part.record()
+        for one, count, of, part in zip(data, counts, runs, each, strict=True)
     ]
+    for one, of in zip(data, runs, strict=True):
+        notes += one.remarks(np.array(of), weight)
     noise = sum(c * one.noise(scene.boulders) for c, one in zip(counts, data, strict=True))
     back = Back(case, inputs, sought, cube, table, pd.DataFrame(found), tuple(notes), enough,
-                float(noise), scene.boulders)  # fmt: skip
+                float(noise), scene.boulders, np.array([part.alone for part in each]))  # fmt: skip
     if stopped:
         raise StudyInterrupted(back, done)
     return back
+
+
+def _places(marks: list[Mark]) -> tuple[list[str], np.ndarray, np.ndarray]:
+    x, y = (np.array([getattr(mark, axis) for mark in marks]) for axis in "xy")
+    return [mark.where for mark in marks], x, y
 
 
 def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:
@@ -179,7 +203,7 @@ def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:
         draw = inputs.at("dem", inputs.design[0, 0], NOT_MEMBERS + k)
         results.append(run_scene(drawn_scene(scene, [draw], inputs.boulders_seed(NOT_MEMBERS + k))))
     for one in data:
-        one.learn_noise(np.array([one.counted(one.take(result)) for result in results]))
+        one.learn_noise(np.array([one.kept(result) for result in results]))
 
 
 def _member(
@@ -195,7 +219,7 @@ def _member(
                 row |= {f"radius_{i + 1}": float(one) for i, one in enumerate(value)}
             else:
                 row[name] = float(value)
-    return row, [one.counted(one.take(result)) for one in data]
+    return row, [one.kept(result) for one in data]
 
 
 def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:

@@ -12,14 +12,14 @@ import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
-from rockfall.io.layers import attribute, extent, named_attribute, read_points
+from rockfall.io.layers import EXTENSIONS, attribute, extent, named_attribute, read_points
 from rockfall.io.tables import read_table
 from rockfall.limits import MAX_REAL
 from rockfall.scene.forest.made import Cells, conifer_shares
 from rockfall.scene.forest.species import BROADLEAF, CONIFER, Species, read_species
 from rockfall.scene.forest.thinning import numbers_of_list
 from rockfall.scene.forest.trees import MAX_DBH, Planted, Trees
-from rockfall.scene.layers import LAYERS, Inputs
+from rockfall.scene.layers import Inputs
 
 SPECIES_NUMBER = 3  # index of the random number of a stem that selects its species
 
@@ -36,7 +36,7 @@ class Listed(NamedTuple):
 def listed_trees(inputs: Inputs) -> Planted:
     """Trees of the case's list that lie on the terrain."""
     path, grid = inputs.case.path(inputs.case.forest["trees"]), inputs.grid
-    if path.suffix.lower() in LAYERS:
+    if path.suffix.lower() in EXTENSIONS:
         found = _from_layer(path, inputs)
     elif "trees_layer" in inputs.case.forest:
         raise RockfallError(f"{inputs.case.name}: &forest trees_layer: is not valid for a table")

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Does a back-analysis of silent witnesses find what made them? Calibration by made truths.
+
+    python -m benchmarks.accuracy.witnesses truths.csv [--truths 24] [--members 384]
+
+So many truths are drawn from the prior: the size of the rocks, a factor on the drop height. Under a
+slope with two cliffs, of whose blocks it is not known where they came from, or only from which
+cliff, 40 blocks lie; on a line across it 20 trees have scars; or both. Boulders of the truths have
+other seeds than those of the analyses. Where the posterior is right, its 5-95 % range holds the
+truth in 90 % of the cases. `narrower` is the mean length of that range beside that of the prior.
+What is in the file is not made again.
+"""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pandas as pd
+
+import rockfall
+from benchmarks.machine import machine
+from rockfall.analysis.back.posterior import parameters, posterior_table, warnings
+from rockfall.analysis.back.study import back_analysis
+from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
+from rockfall.analysis.observations import CONTACT, Observed, read_observed
+from rockfall.io.grid import Grid
+from rockfall.result.trajectories import left_terrain
+from rockfall.scene.read import read_scene
+from rockfall.simulation.simulate import run_scene
+
+NY, NX, CELL = 100, 60, 5.0
+KINDS = ("at rest", "at rest, of a source", "marks", "at rest and marks")
+SEED = 30_000  # of the truths
+BLOCKS, SCARS = 40, 20
+
+
+def terrain() -> np.ndarray:
+    """Southwards: a slope of 0.8 with bumps over one that runs out."""
+    y, x = np.mgrid[NY - 1 : -1 : -1, 0:NX] * CELL
+    bumps = 2 * np.sin(x / 25) + 2 * np.sin(y / 20)
+    rough = np.random.default_rng(1).normal(0, 0.2, x.shape)
+    return 1000 + np.interp(y, [0, 200, 500], [0, 10, 250]) + bumps + rough
+
+
+def case_of(folder: Path, boulders: int, seed: int) -> rockfall.Case:
+    return rockfall.Case(
+        folder=folder,
+        case={"boulders": boulders, "seed": seed, "threads": 1},
+        surface={"uniform_mean_radius": 0.2},
+        impact={"sets": "rocky-slope"},
+        boulder={"volume": "normal", "volume_mean": 0.8, "volume_std": 0.15},
+        release={"x": [100.0, 200.0], "y": [480.0, 480.0], "drop_height": 5.0},
+        line=[{"name": "trees", "x": [0.0, 300.0], "y": [330.0, 330.0]}],
+        ensemble={"radius_factor": 2.0, "drop_height_factor": 2.0},
+    )
+
+
+def observe(inputs: Uncertain, k: int) -> tuple[Observed, dict[str, float]]:
+    """Witnesses of a truth, and what it is."""
+    random = np.random.default_rng((SEED, k))
+    draws = [inputs.at(name, random.random(inputs.ends[-1]), k) for name in inputs.names]
+    result = run_scene(drawn_scene(inputs.scene, draws, inputs.boulders_seed(k)))
+    seen, kind = read_observed(), KINDS[k % len(KINDS)]
+    where = {}
+    if kind != "marks":
+        some = random.permutation(np.flatnonzero(~left_terrain(result)))[:BLOCKS]
+        stops = np.column_stack([result["stop_x"], result["stop_y"]])[some]
+        of = tuple(result["source"].values[some].astype(str)) if "source" in kind else ()
+        where["stops"] = tuple(f"block {one}" for one in some)
+        seen = replace(seen, stops=stops, sources=of, volumes=result["volume"].values[some])
+    if "marks" in kind:
+        crossed = np.flatnonzero(np.isfinite(result["line_x"].values[0]))
+        some = random.permutation(crossed)[:SCARS]
+        names = {"x": "line_x", "y": "line_y", "height": "line_passing_height"}
+        rows = pd.DataFrame({name: result[of].values[0][some] for name, of in names.items()})
+        where["contacts"] = tuple(f"tree {one}" for one in some)
+        seen = replace(seen, contacts=rows.reindex(columns=list(CONTACT)).assign(dbh=40.0))
+    kept = {key: value for draw in draws for key, value in draw.kept.items()}
+    return replace(seen, where=where), kept | {"radius_1": float(kept["radius"][0])}
+
+
+def truth(folder: Path, k: int, told: argparse.Namespace) -> pd.DataFrame:
+    """A row for each parameter: what the posterior says, and the truth."""
+    how = {"dem": terrain(), "transform": Grid(0.0, NY * CELL, CELL, NX, NY)}
+    seen, made = observe(Uncertain(read_scene(case_of(folder, 100, SEED), **how)), k)
+    found = back_analysis(case_of(folder, told.boulders, k), seen, members=told.members, **how)
+    table = posterior_table(found)[["parameter", "q05", "median", "q95", "ratio"]]
+    table["truth"] = [made[one.column] * (one.scale or 1.0) for one in parameters(found)]
+    said = any("does not explain" in one for one in warnings(found))
+    apart = (found.data["agreement"] == "conflict").any()
+    return table.assign(k=k, kind=KINDS[k % len(KINDS)], effective=found.effective,
+                        noise=found.noise, unexplained=said, conflict=apart)  # fmt: skip
+
+
+def report(rows: pd.DataFrame) -> None:
+    """Errors are those of truths, since the parameters of one hang together."""
+    rows = rows.assign(held=(rows["q05"] < rows["truth"]) & (rows["truth"] < rows["q95"]))
+    rows["all"] = "all"
+    for by in ("all", "kind", "parameter"):
+        for name, some in rows.groupby(by, observed=True):
+            held = some.groupby("k")["held"].mean()
+            print(
+                f"{name!s:22} {len(held):3} truths: 5-95 % holds {held.mean():.0%} "
+                f"+- {held.sem():.0%}, narrower {some['ratio'].mean():.2f}, "
+                f"effective {some['effective'].median():.0f}, noise {some['noise'].median():.1f}, "
+                f"unexplained {some['unexplained'].mean():.0%}, "
+                f"conflict {some['conflict'].mean():.0%}"
+            )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("file", type=Path)
+    for name, value in (("truths", 24), ("members", 384), ("boulders", 300)):
+        parser.add_argument(f"--{name}", type=int, default=value)
+    told = parser.parse_args()
+    print(machine())
+    done = {*pd.read_csv(told.file)["k"]} if told.file.exists() else set()
+    with TemporaryDirectory() as folder:
+        for k in range(told.truths):
+            if k not in done:
+                rows = truth(Path(folder), k, told)
+                rows.to_csv(told.file, mode="a", header=not told.file.exists(), index=False)
+    report(pd.read_csv(told.file))
+
+
+if __name__ == "__main__":
+    main()

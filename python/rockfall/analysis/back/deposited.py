@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Likelihood of blocks mapped at rest, given the boulders at rest of a run.
+
+Each block has the predictive density of `rockfall.analysis.deposits` at its place. With the urn
+behind it, whose mean that is, the blocks drawn before it would count as much as simulated boulders
+do; they may come in any order, so that half of the others count. With bins in place of kernels the
+product over the blocks is then the Dirichlet-multinomial probability of
+`rockfall.analysis.back.evidence`, by the midpoint rule: it knows that few boulders leave the
+density open, and that blocks side by side are one surprise rather than many.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.analysis.deposits import (
+    ANYWHERE,
+    Blocks,
+    Kernel,
+    Rest,
+    at_rest,
+    fitted_kernel,
+    kernel_sums,
+    kernel_values,
+    kernel_widths,
+    log_densities_again,
+    outside,
+)
+from rockfall.analysis.run_out import Starts, starts
+from rockfall.quantities import count, number
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+AGAIN = 4  # samples of as many boulders from each run, for predictive probabilities
+HALF = 0.5  # of the other blocks
+
+
+@dataclass
+class Deposited:
+    """Blocks at rest, by their source; see `evidence.Counted` for the methods. The data kept of a
+    run are, for each block, sums over boulders, and the log-densities of as many of its own."""
+
+    sets: list[Blocks]
+    kernels: list[Kernel]
+    widths: list[np.ndarray]  # of kernels at the blocks [m]
+    noise_alone: float  # variance of the log-likelihood by the boulders of a run
+    name: str = "blocks at rest"
+    worth: float = 1.0
+    own: list[tuple[np.ndarray, np.ndarray]] = field(init=False)  # sums over half of the others
+
+    def __post_init__(self) -> None:
+        found = zip(self.kernels, self.sets, self.widths, strict=True)
+        self.own = [_others(*one) for one in found]
+
+    @classmethod
+    def of_run(cls, sets: list[Blocks], base: xr.Dataset, cell: float) -> Deposited:
+        """Blocks with the kernels that the boulders of a run give."""
+        known = _starts(base, sets)
+        rests = [at_rest(base, one.source, known) for one in sets]
+        kernels = [fitted_kernel(*pair, cell) for pair in zip(sets, rests, strict=True)]
+        widths = [_widths_at(*one) for one in zip(kernels, sets, rests, strict=True)]
+        noise = sum(map(_noise, kernels, sets, rests, widths))
+        return cls(sets, kernels, widths, noise)
+
+    @property
+    def n(self) -> int:
+        return sum(len(one.place) for one in self.sets)
+
+    def kept(self, result: xr.Dataset) -> np.ndarray:
+        known, random = _starts(result, self.sets), np.random.default_rng(0)
+        sums, again = [], np.zeros(AGAIN)
+        for kernel, blocks in zip(self.kernels, self.sets, strict=True):
+            rest = at_rest(result, blocks.source, known)
+            sums.append(np.array(kernel_sums(kernel, blocks, rest)))
+            again += log_densities_again(kernel, blocks, rest, AGAIN, random)
+        return np.concatenate([np.concatenate(sums, axis=1).ravel(), again])
+
+    def _sums(self, runs: np.ndarray) -> np.ndarray:
+        """Sums over boulders (near, squares, boulders) of runs and blocks."""
+        return np.moveaxis(runs[:, :-AGAIN].reshape(len(runs), 3, self.n), 1, 0)
+
+    def log_likelihood(self, runs: np.ndarray) -> np.ndarray:
+        near, _, boulders = self._sums(runs)
+        others = np.concatenate([np.array(one) for one in self.own], axis=1)
+        known = self.worth * np.array([near, boulders]) + others[:, None]
+        return np.log((known[0] + self._floor) / (known[1] + ANYWHERE)).sum(axis=1)
+
+    @property
+    def _floor(self) -> np.ndarray:
+        pairs = zip(self.kernels, self.sets, strict=True)
+        return np.concatenate([np.full(len(one.place), kernel.floor) for kernel, one in pairs])
+
+    def learn_noise(self, runs: np.ndarray) -> None:
+        """Set the worth of a simulated boulder, from runs of the same inputs."""
+        near, squares, boulders = self._sums(runs)
+        part = near / np.maximum(boulders, 1)
+        expected = (squares / np.maximum(boulders, 1) - part**2) / np.maximum(boulders, 1)
+        scale = np.maximum(part.mean(axis=0), self._floor / np.maximum(boulders.mean(axis=0), 1))
+        found = (part.var(axis=0, ddof=1) / scale**2).sum()
+        times = found / max((expected.mean(axis=0) / scale**2).sum(), 1e-12)
+        self.worth = 1 / (2 * max(times, 1.0) - 1)
+
+    def noise(self, boulders: float) -> float:
+        """Variance of the log-likelihood due to the boulders of a run, to first order."""
+        return self.noise_alone / self.worth
+
+    def discrepancy(
+        self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Log-density of the blocks below that of as many boulders of the same run (a discrepancy
+        that depends on the parameters, Gelman, Meng and Stern 1996)."""
+        near, _, boulders = self._sums(runs[picked])
+        densities = np.log((near + self._floor) / (boulders + ANYWHERE)).sum(axis=1)
+        which = random.integers(AGAIN, size=picked.size)
+        return -densities, -runs[picked, runs.shape[1] - AGAIN + which]
+
+    def remarks(self, runs: np.ndarray, weight: np.ndarray) -> list[str]:
+        """Blocks outside of all deposits of the weighted runs, and the widths of the kernels."""
+        near = weight @ self._sums(runs)[0]
+        first, notes = 0, []
+        for kernel, blocks, widths in zip(self.kernels, self.sets, self.widths, strict=True):
+            last = first + len(blocks.place)
+            far = np.flatnonzero(outside(kernel, near[first:last]))
+            of = f" of source {blocks.source}" if blocks.source else ""
+            about = (
+                f"{count(last - first, 'block')} at rest{of}, kernels as wide as the "
+                f"{number(kernel.neighbours)} nearest of {kernel.boulders:,} boulders lie, "
+                f"{number(np.median(widths))} m there"
+            )
+            lost = f": {far.size} outside of all deposits" if far.size else ""
+            where = ", ".join(f"{x:.0f} {y:.0f}" for x, y in blocks.place[far[:5]])
+            notes.append(f"{about}{lost}{f' (x y: {where})' if where else ''}.")
+            first = last
+        return notes
+
+
+def _starts(result: xr.Dataset, sets: list[Blocks]) -> Starts | None:
+    """Starts of the boulders of a result, if some blocks are of a known source."""
+    return starts(result) if any(one.source for one in sets) else None
+
+
+def _widths_at(kernel: Kernel, blocks: Blocks, rest: Rest) -> np.ndarray:
+    """Width of the kernel of the boulder nearest to each block [m]."""
+    from scipy.spatial import KDTree
+
+    return kernel_widths(kernel, rest)[0][KDTree(rest.place).query(blocks.place)[1]]
+
+
+def _others(kernel: Kernel, blocks: Blocks, widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of kernels and weights over half of the other blocks, for each block."""
+    both = kernel_values(kernel, blocks, Rest(blocks.place, blocks.volume), widths)
+    for one in both:
+        np.fill_diagonal(one, 0.0)
+    return HALF * both[1].sum(axis=1), HALF * both[0].sum(axis=1)
+
+
+def _noise(kernel: Kernel, blocks: Blocks, rest: Rest, widths: np.ndarray) -> float:
+    """Variance of the log-likelihood over samples of boulders, to first order (delta method)."""
+    own_near, own_count = _others(kernel, blocks, widths)
+    alike, near = kernel_values(kernel, blocks, rest, kernel_widths(kernel, rest)[0])
+    influence = near / (near.sum(axis=1) + own_near + kernel.floor)[:, None]
+    influence -= alike / (alike.sum(axis=1) + own_count + ANYWHERE)[:, None]
+    return float(len(rest.place) * influence.sum(axis=0).var())

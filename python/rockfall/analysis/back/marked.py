@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Likelihood of marks at known heights, given the boulders of a run that pass there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.analysis.deposits import ANYWHERE
+from rockfall.analysis.marks import (
+    Heights,
+    Mark,
+    fitted_heights,
+    height_sums,
+    log_density,
+    log_reach,
+    passing_at,
+)
+from rockfall.quantities import count
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+AGAIN = 8  # samples of as many hits from each run, for predictive probabilities
+COLUMNS = 4  # of the data kept: sums of kernels, squares and distribution functions; boulders
+FEW = 20  # boulders at a mark, below which it is reported
+
+
+@dataclass
+class Marked:
+    """Marks with their lines in the case; see `evidence.Counted` for the methods. The data kept of
+    a run are, for each mark, sums over boulders; and log-densities of hits by its own boulders,
+    beside those of the marks there."""
+
+    marks: list[Mark]
+    kernels: list[Heights]
+    boulders: int  # of a run
+    noise_alone: float  # variance of the log-likelihood by the boulders of a run
+    name: str = "marks"
+    worth: float = 1.0
+
+    @classmethod
+    def of_run(cls, marks: list[Mark], base: xr.Dataset) -> Marked:
+        """Marks with the kernels that the boulders of a run give."""
+        passing = [passing_at(base, mark) for mark in marks]
+        every = [mark.height for mark in marks]
+        greatest = max([*every, *(one.heights.max(initial=0.0) for one in passing)])
+        kernels = [fitted_heights(*pair, greatest) for pair in zip(marks, passing, strict=True)]
+        found = cls(marks, kernels, base.sizes["boulder"], 0.0)
+        near, squares, _, crossed = found._sums(found.kept(base)[None])[:, 0]
+        n = np.maximum(crossed, 1)
+        scale = (near + ANYWHERE / kernels[0].top) / n
+        found.noise_alone = float(((squares / n - (near / n) ** 2) / (n * scale**2)).clip(0).sum())
+        return found
+
+    @property
+    def n(self) -> int:
+        return len(self.marks)
+
+    def kept(self, result: xr.Dataset) -> np.ndarray:
+        random, sums, again = np.random.default_rng(0), [], np.zeros((2, AGAIN))
+        for mark, kernel in zip(self.marks, self.kernels, strict=True):
+            heights = passing_at(result, mark).heights
+            near, squares, below = height_sums(kernel, mark.height, heights)
+            sums.append([near, squares, below, heights.size])
+            again += _again(mark, kernel, heights, near, below, random)
+        return np.concatenate([np.array(sums).T.ravel(), again.ravel()])
+
+    def _sums(self, runs: np.ndarray) -> np.ndarray:
+        """Sums (COLUMNS) of runs and marks."""
+        return np.moveaxis(runs[:, : -2 * AGAIN].reshape(len(runs), COLUMNS, self.n), 1, 0)
+
+    def log_likelihood(self, runs: np.ndarray) -> np.ndarray:
+        near, _, below, crossed = self._sums(runs)
+        found = np.zeros(len(runs))
+        for k, (mark, kernel) in enumerate(zip(self.marks, self.kernels, strict=True)):
+            a, b, n = (self.worth * one[:, k] for one in (near, below, crossed))
+            found += log_density(a, b, n, mark, kernel.top)
+            found += log_reach(crossed[:, k], self.boulders)
+        return found
+
+    def learn_noise(self, runs: np.ndarray) -> None:
+        """Set the worth of a simulated boulder, from runs of the same inputs."""
+        near, squares, _, crossed = self._sums(runs)
+        n = np.maximum(crossed, 1)
+        part = near / n
+        expected = ((squares / n - part**2) / n).mean(axis=0)
+        some = (expected > 0) & (part.mean(axis=0) > 0)
+        if some.any():
+            scale = part.mean(axis=0)[some] ** 2
+            times = (part.var(axis=0, ddof=1)[some] / scale).sum() / (expected[some] / scale).sum()
+            self.worth = 1 / (2 * max(times, 1.0) - 1)
+
+    def noise(self, boulders: float) -> float:
+        """Variance of the log-likelihood due to the boulders of a run, to first order."""
+        return self.noise_alone / self.worth
+
+    def discrepancy(
+        self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Log-density of the marks below that of as many hits by the same run, where at least two
+        of its boulders pass."""
+        which = random.integers(AGAIN, size=picked.size)
+        both = runs[:, -2 * AGAIN :].reshape(len(runs), 2, AGAIN)[picked, :, which]
+        return -both[:, 0], -both[:, 1]
+
+    def remarks(self, runs: np.ndarray, weight: np.ndarray) -> list[str]:
+        """Marks where few boulders of the weighted runs pass."""
+        crossed = weight @ self._sums(runs)[3]
+        notes = [f"{count(self.n, 'mark')}, {crossed.min():,.0f} to {crossed.max():,.0f} boulders "
+                 "of a run pass there."]  # fmt: skip
+        few = np.flatnonzero(crossed < FEW)
+        if few.size:
+            where = ", ".join(self.marks[k].where for k in few[:5].tolist())
+            notes.append(
+                f"{few.size} of {count(self.n, 'mark')}: fewer than {FEW} boulders of a run pass "
+                f"there, and say little of the height: {where}."
+            )
+        return notes
+
+
+def _again(
+    mark: Mark,
+    kernel: Heights,
+    heights: np.ndarray,
+    near: float,
+    below: float,
+    random: np.random.Generator,
+) -> np.ndarray:
+    """Log-density of a mark, and of hits by boulders of the run (2, AGAIN), each given the others;
+    0 where fewer than two pass."""
+    n = heights.size
+    uniform = random.random((AGAIN, mark.hits))
+    if n < 2:
+        return np.zeros((2, AGAIN))
+    chosen = (uniform * n).astype(int)
+    highest = heights[chosen].max(axis=1)
+    found = np.empty((2, AGAIN))
+    found[0] = log_density(np.array(near), np.array(below), np.array(n), mark, kernel.top)
+    for k, height in enumerate(highest.tolist()):
+        mine = height_sums(kernel, height, np.delete(heights, int(np.argmax(heights == height))))
+        hit = Mark("", mark.x, mark.y, height, hits=mark.hits)
+        found[1, k] = log_density(
+            np.array(mine[0]), np.array(mine[2]), np.array(n - 1.0), hit, kernel.top
+        )
+    return found

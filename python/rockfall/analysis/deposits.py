@@ -1,0 +1,357 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Blocks mapped at rest, whose release is not known, and the density of simulated boulders at rest.
+
+Of N simulated boulders that came to rest, boulder j lies at x_j. The predictive density of a block
+at y is
+
+    p(y) = (sum_j K_j(y - x_j) + a/A) / (N + a)
+
+with the weight a = 1 of one boulder that may lie anywhere in the area A of the deposits: the mean
+of a Dirichlet process (Ferguson 1973), smoothed. So where no boulder was simulated the density is
+not zero, but less than that of a single boulder: as low as the run can tell. A block is *outside of
+all deposits* where the kernels give less than a/A.
+
+K_j is normal, as wide as the k boulders nearest to x_j lie: half the distance of the k-th, so that
+it covers about k boulders, where they lie close and where they lie far apart (Breiman et al. 1977);
+never less than a cell. The k is that which makes the simulated boulders of the case most likely,
+each predicted from the others by the same formula (leave-one-out, Habbema et al. 1974): no one
+chooses it. Of runs with other numbers of boulders it goes as N^(2/3), for which a width goes as
+N^(-1/6) (Silverman 1986). Of a block whose volume is known the boulders count by a normal kernel of
+the logarithm of their volume, of Silverman's width: so that the place is judged, given the size;
+that such sizes were mapped says nothing.
+
+Breiman, L., Meisel, W., Purcell, E. (1977): Variable kernel estimates of multivariate densities.
+Technometrics 19, 135-144. Ferguson, T. S. (1973): A Bayesian analysis of some nonparametric
+problems. Annals of Statistics 1, 209-230. Habbema, J. D. F., Hermans, J., van den Broek, K. (1974):
+A stepwise discriminant analysis program using density estimation. Compstat 1974, 101-110.
+Silverman, B. W. (1986): Density Estimation for Statistics and Data Analysis. Chapman and Hall.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.observations import Observed
+from rockfall.analysis.run_out import RESAMPLES, Starts, starts
+from rockfall.errors import RockfallError
+from rockfall.io.arrays import corner_of
+from rockfall.io.grid import Grid
+from rockfall.io.point_rows import is_point_layer
+from rockfall.result.trajectories import ends, left_terrain
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+ANYWHERE = 1.0  # boulders that may lie anywhere in the area of the deposits: a
+MAX_FITTED = 1000  # boulders to which the kernels are fitted
+MIN_FITTED = 20  # boulders at rest, below which there is no density
+MIN_COMPARED = 2 * MIN_FITTED  # of which half make it
+PIECE = 2_000_000  # distances at a time
+ROUNDING = 1e-9  # of squared distances
+LOW = 0.05  # below this quantile of as many boulders of a run, blocks differ from it
+ALL = ""  # source of blocks of which it is not known
+
+
+class Blocks(NamedTuple):
+    """Blocks mapped at rest, of which one source, or any, is known: places (n, 2) [m] and volumes
+    [m3], NaN where not known."""
+
+    source: str
+    place: np.ndarray
+    volume: np.ndarray
+
+
+class Rest(NamedTuple):
+    """Simulated boulders at rest: places (n, 2) [m], volumes [m3]."""
+
+    place: np.ndarray
+    volume: np.ndarray
+
+    def of(self, chosen: np.ndarray) -> Rest:
+        """Some of the boulders."""
+        return Rest(self.place[chosen], self.volume[chosen])
+
+
+class Kernel(NamedTuple):
+    """Rule of the kernels: the neighbours that one is as wide as, of how many boulders at rest; its
+    width of the logarithm of the volume (infinite where volumes do not count); the area of the
+    deposits [m2], and the side of a cell [m]."""
+
+    neighbours: float
+    boulders: int
+    of_volume: float
+    area: float
+    cell: float
+
+    @property
+    def floor(self) -> float:
+        """Density of the boulder that may lie anywhere [m-2]."""
+        return ANYWHERE / self.area
+
+
+class Sums(NamedTuple):
+    """Sums over boulders, for each block: of the kernels [m-2], of their squares, and of the
+    boulders of such a volume."""
+
+    near: np.ndarray
+    squares: np.ndarray
+    boulders: np.ndarray
+
+
+def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
+    """Blocks at rest without a known release, by their source; those of which it is not known come
+    last. None where the release of all is known: that of the columns, or the only one.
+
+    Raises a RockfallError for a source that the result does not have.
+    """
+    if seen.stops is None or seen.starts is not None:
+        return []
+    volume = np.full(len(seen.stops), np.nan) if seen.volumes is None else seen.volumes
+    of = np.array(seen.sources or [ALL] * len(seen.stops), object)
+    found = starts(result)
+    if len(found.places) == 1:
+        return []
+    for k in np.flatnonzero(~np.isin(of, [ALL, *found.names]))[:1].tolist():
+        raise RockfallError(
+            f"{seen.where['stops'][k]}: source = {of[k]}: no boulder starts from a source of this "
+            f"name; has: {_some(found.names)}"
+        )
+    names = [*dict.fromkeys(name for name in of if name != ALL), *[ALL] * bool((of == ALL).any())]
+    return [Blocks(name, seen.stops[of == name], volume[of == name]) for name in names]
+
+
+def _some(names: list[str]) -> str:
+    shown = [*dict.fromkeys(names)]
+    return ", ".join([*shown[:10], *["..."][: len(shown) > 10]])
+
+
+def at_rest(result: xr.Dataset, source: str, known: Starts | None = None) -> Rest:
+    """Boulders of a result, from a source or all, that came to rest on the terrain."""
+    done = ~(left_terrain(result) | ends(result)["impact_limit"])
+    if source != ALL:
+        known = starts(result) if known is None else known
+        mine = [k for k, one in enumerate(known.names) if one == source]
+        done = done & np.isin(known.group, mine)
+    place = np.column_stack([result["stop_x"].values, result["stop_y"].values])
+    return Rest(place[done], result["volume"].values[done])
+
+
+def fitted_kernel(blocks: Blocks, rest: Rest, cell: float) -> Kernel:
+    """Kernels for blocks, from the boulders of a run; `cell` is the side of a cell [m], below which
+    no width goes."""
+    both = np.concatenate([blocks.place, rest.place])
+    area = float(np.prod(np.maximum(np.ptp(both, axis=0), cell)))
+    spread = np.inf
+    if not np.isnan(blocks.volume).all():
+        spread = silverman(np.log(rest.volume))
+    n = len(rest.place)
+    some = rest.of(np.linspace(0, max(n - 1, 0), min(n, MAX_FITTED)).astype(int))
+    kernel = Kernel(1.0, len(some.place), spread, area, cell)
+    if n <= MIN_FITTED:
+        return kernel
+    kernel = kernel._replace(neighbours=_likeliest_neighbours(kernel, some))
+    return kernel._replace(neighbours=_neighbours(kernel, n), boulders=n)
+
+
+def silverman(values: np.ndarray) -> float:
+    """Width of a normal kernel by the rule of Silverman (1986, equation 3.31); infinite where all
+    values are equal.
+
+    >>> float(round(silverman(np.arange(1.0, 33.0)), 2))
+    4.22
+    """
+    if values.size < 2 or not np.ptp(values) > 1e-9 * np.abs(values).max():
+        return np.inf
+    low, high = np.quantile(values, (0.25, 0.75))
+    scale = min(one for one in (values.std(ddof=1), (high - low) / 1.34) if one > 0)
+    return float(0.9 * scale * values.size**-0.2)
+
+
+def _likeliest_neighbours(kernel: Kernel, rest: Rest) -> float:
+    """Number of neighbours for which boulders are most likely, each given the others."""
+    n = len(rest.place)
+    every = np.arange(n)
+    trials = np.unique(np.geomspace(2, n / 2, 12).round())
+    found = [
+        log_densities_of_own(kernel._replace(neighbours=k, boulders=n), rest, every).mean()
+        for k in trials
+    ]
+    return float(trials[int(np.argmax(found))])
+
+
+def _neighbours(kernel: Kernel, n: int) -> float:
+    """Neighbours of the kernels of another number of boulders."""
+    return max(kernel.neighbours * (max(n, 1) / max(kernel.boulders, 1)) ** (2 / 3), 1.0)
+
+
+def kernel_widths(kernel: Kernel, rest: Rest) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Widths [m] of the kernels of boulders, those without the nearest boulder, and the squared
+    distance [m2] of a boulder that makes the difference: (boulders,)."""
+    from scipy.spatial import KDTree
+
+    n = len(rest.place)
+    if n < 2:
+        alone = np.full(n, np.sqrt(kernel.area) / 4)
+        return alone, alone, np.zeros(n)
+    k = min(round(_neighbours(kernel, n)), n - 1)
+    far = KDTree(rest.place).query(rest.place, [k + 1, min(k + 2, n)])[0]  # the first is itself
+    widths = np.maximum(far / 2, kernel.cell)
+    return widths[:, 0], widths[:, 1], far[:, 0] ** 2 * (1 + ROUNDING)
+
+
+def kernel_sums(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> Sums:
+    """Sums over boulders at rest, for each block."""
+    found, widths = np.empty((3, len(blocks.place))), kernel_widths(kernel, rest)[0]
+    for some in _pieces(len(blocks.place), len(rest.place)):
+        place, volume = blocks.place[some], blocks.volume[some]
+        alike = volume_weights(kernel, volume, rest)
+        near = alike * _normal(_squares(place, rest), widths)
+        found[:, some] = near.sum(axis=1), (near**2).sum(axis=1), alike.sum(axis=1)
+    return Sums(*found)
+
+
+def log_densities_of_own(kernel: Kernel, rest: Rest, chosen: np.ndarray) -> np.ndarray:
+    """Log-density of some of the simulated boulders, by number, each given the others."""
+    widths, without, far = kernel_widths(kernel, rest)
+    found = np.empty(chosen.size)
+    for some in _pieces(chosen.size, len(rest.place)):
+        mine = chosen[some]
+        squares = _squares(rest.place[mine], rest)
+        near = _normal(squares, np.where(squares <= far, without, widths))
+        alike = volume_weights(kernel, rest.volume[mine], rest)
+        alike[np.arange(mine.size), mine] = 0.0
+        found[some] = log_density(kernel, (alike * near).sum(axis=1), alike.sum(axis=1))
+    return found
+
+
+def log_densities_again(
+    kernel: Kernel, blocks: Blocks, rest: Rest, times: int, random: np.random.Generator
+) -> np.ndarray:
+    """Sums of log-densities (times,) of as many boulders of a run as there are blocks, of like
+    volumes, each given the others."""
+    if not len(rest.place):
+        return np.full(times, np.log(kernel.floor) * len(blocks.place))
+    chosen = _like(kernel, blocks, rest, times, random)
+    which, place = np.unique(chosen, return_inverse=True)
+    return log_densities_of_own(kernel, rest, which)[place].reshape(chosen.shape).sum(axis=1)
+
+
+def _like(
+    kernel: Kernel, blocks: Blocks, rest: Rest, times: int, random: np.random.Generator
+) -> np.ndarray:
+    """Numbers (times, blocks) of random boulders of like volumes, one for each block."""
+    n, uniform = len(rest.place), random.random((times, len(blocks.place)))
+    if np.isinf(kernel.of_volume):
+        return (uniform * n).astype(int)
+    below = np.cumsum(volume_weights(kernel, blocks.volume, rest), axis=1)
+    rows = zip(below, uniform.T, strict=True)
+    return np.array([np.searchsorted(row, u * row[-1]).clip(max=n - 1) for row, u in rows]).T
+
+
+def _pieces(n: int, boulders: int) -> Iterator[slice]:
+    step = max(1, PIECE // max(boulders, 1))
+    return (slice(first, first + step) for first in range(0, n, step))
+
+
+def _squares(place: np.ndarray, rest: Rest) -> np.ndarray:
+    """Squared distances [m2] of places and boulders (places, boulders)."""
+    from scipy.spatial.distance import cdist
+
+    return cdist(place, rest.place, "sqeuclidean")
+
+
+def _normal(squares: np.ndarray, widths: np.ndarray) -> np.ndarray:
+    """Normal densities in plan [m-2]."""
+    return np.exp(-squares / (2 * widths**2)) / (2 * np.pi * widths**2)
+
+
+def volume_weights(kernel: Kernel, volume: np.ndarray, rest: Rest) -> np.ndarray:
+    """Weights of boulders by their volume, 0 to 1 (volumes, boulders); 1 where one is not known."""
+    if np.isinf(kernel.of_volume):
+        return np.ones((volume.size, len(rest.place)))
+    apart = (np.log(volume)[:, None] - np.log(rest.volume)) / kernel.of_volume
+    return np.exp(-(np.nan_to_num(apart) ** 2) / 2)
+
+
+def kernel_values(
+    kernel: Kernel, blocks: Blocks, rest: Rest, widths: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of boulders by volume, and their kernels of these widths [m] times these [m-2]:
+    (blocks, boulders)."""
+    alike = volume_weights(kernel, blocks.volume, rest)
+    return alike, alike * _normal(_squares(blocks.place, rest), widths)
+
+
+def log_density(kernel: Kernel, near: np.ndarray, boulders: np.ndarray) -> np.ndarray:
+    """Logarithm of the predictive density [m-2] from sums over boulders."""
+    return np.log((near + kernel.floor) / (boulders + ANYWHERE))
+
+
+def outside(kernel: Kernel, near: np.ndarray) -> np.ndarray:
+    """Mark blocks outside of all deposits."""
+    return near < kernel.floor
+
+
+class Agreement(NamedTuple):
+    """Blocks at rest of a source beside a result: mean log-density at the blocks and that of as
+    many boulders of the result, its 5 % quantile, and the blocks outside of all deposits."""
+
+    source: str
+    blocks: int
+    boulders: int
+    outside: int
+    observed: float
+    own: float
+    own_low: float
+
+
+def agreement(result: xr.Dataset, seen: Observed) -> list[Agreement]:
+    """Blocks at rest without a known release beside the boulders of a result, by source; empty
+    where too few of these came to rest. Every other boulder makes the density, those between stand
+    for what the result itself would leave: neither they nor the blocks had a part in it."""
+    random, found = np.random.default_rng(0), []
+    for blocks in witnesses(result, seen):
+        rest = at_rest(result, blocks.source)
+        every = np.arange(len(rest.place))
+        half, other = rest.of(every % 2 == 0), rest.of(every % 2 == 1)
+        if every.size < MIN_COMPARED:
+            continue
+        kernel = fitted_kernel(blocks, half, cell_of(result))
+        observed, sums = _densities(kernel, blocks, half)
+        own = _densities(kernel, Blocks(blocks.source, *other), half)[0]
+        chosen = _like(kernel, blocks, other, RESAMPLES, random)
+        again = own[chosen].mean(axis=1)
+        beyond = int(outside(kernel, sums.near).sum())
+        numbers = float(observed.mean()), float(again.mean()), float(np.quantile(again, LOW))
+        found.append(Agreement(blocks.source, len(blocks.place), every.size, beyond, *numbers))
+    return found
+
+
+def _densities(kernel: Kernel, blocks: Blocks, rest: Rest) -> tuple[np.ndarray, Sums]:
+    """Log-densities of boulders at blocks, and the sums behind them."""
+    sums = kernel_sums(kernel, blocks, rest)
+    return log_density(kernel, sums.near, sums.boulders), sums
+
+
+def cell_of(result: xr.Dataset) -> float:
+    """Side of a cell of the terrain of a result [m]."""
+    return corner_of(result["crs"].attrs)[2]
+
+
+def grid_for(result: xr.Dataset, given: Iterable[str | Path | Observed]) -> Grid | None:
+    """Cells of the terrain of a result, in its CRS, from its north-western corner as far as its
+    boulders came: enough to read layers in; None if none of the observations given is a layer."""
+    if not any(is_point_layer(one) for one in given if not isinstance(one, Observed)):
+        return None
+    from rasterio.crs import CRS
+
+    west, north, cell = corner_of(result["crs"].attrs)
+    east = max((float(result[f"{end}_x"].max()) for end in ("start", "stop")), default=west)
+    south = min((float(result[f"{end}_y"].min()) for end in ("start", "stop")), default=north)
+    nx, ny = (max(int(side // cell) + 1, 1) for side in (east - west, north - south))
+    wkt = result["crs"].attrs.get("crs_wkt")
+    return Grid(west, north, cell, nx, ny, CRS.from_user_input(wkt) if wkt else None)
