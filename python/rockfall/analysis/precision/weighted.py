@@ -24,14 +24,16 @@ def quantile_interval(
     `between_ranks` has them for equal weights. NaN without values; a limit is NaN where the values
     end before it.
 
-    The number of independent values is that of equal weights with the same information (Kish 1965),
-    of which `per_cluster` count as one. Values of given sources vary less (stratification), so the
-    limits are never too narrow for them.
+    All values count as if each weighed as much as the heaviest, which bounds the variance of the
+    fraction below the quantile, w_max p (1 - p)/sum(w), whichever values lie beyond it; limits by
+    the mean weight (Kish 1965) would be too narrow where the heavy ones do. `per_cluster` values
+    count as one. Values of given sources vary less (stratification), so the limits are never too
+    narrow for them.
     """
     if not values.size:
         return math.nan, math.nan, math.nan
     ordered, middles = _steps(values, weights)
-    effective = weights.sum() ** 2 / (weights**2).sum() / per_cluster
+    effective = weights.sum() / weights.max() / per_cluster
     half = Z * math.sqrt(level * (1 - level) / effective)
     value = float(np.interp(level, middles, ordered))
     low, high = np.interp([level - half, level + half], middles, ordered, np.nan, np.nan)
