@@ -2,13 +2,20 @@
 """Boulders that break: the same bits however they are run, energy and blocks that add up, and
 nothing changed where none breaks."""
 
+import re
+
 import numpy as np
 import pytest
 
 import rockfall
 import scenes
 from programs import make_prepared, refuses, same_results
+from rockfall.analysis.lines.values import line_values
+from rockfall.analysis.model_limits import model_remarks
+from rockfall.case import case_of
+from rockfall.cli import main
 from rockfall.result import variables
+from rockfall.scene.breakage import breaking_speed, split_blocks
 from same import same, same_numbers
 
 LINES = [
@@ -182,3 +189,57 @@ def test_limits_are_refused(tmp_path, monkeypatch, capsys):
     (tmp_path / "case.nml").write_text(f"{text}&breakage at = 'impact' /\n&output kept = 'none' /")
     said = "case.nml: &output kept = 'none': must be 'all' where boulders break .*"
     refuses(["run", "case.nml", "-o", "r.nc"], said, capsys)
+
+
+def test_what_statistics_count_is_said(folder, bare):
+    """The remarks name the validity of the rule, the fragments at lines, and the cap."""
+    texts = [one.text for one in model_remarks(bare, case_of(bare)) if one.is_warning]
+    assert any(text.startswith("Breakage follows a rule") for text in texts)
+    (counted,) = (text for text in texts if " broke, into " in text)
+    crossed = bare["line_fragments"].values[0]
+    assert f"low: {crossed[crossed > 0].mean():.3g} fragments of each" in counted
+    assert any("reached &breakage max_fragments = 60" in text for text in texts)
+    whole = run(case(folder))
+    assert not any("reak" in one.text for one in model_remarks(whole, case_of(whole)))
+
+
+def test_heights_at_a_line_use_the_fragment(bare):
+    """The upper edge is a radius of the fragment above its centre."""
+    upper = line_values(bare, "upper_edge", 0) - bare["line_passing_height"].values[0]
+    radius = np.cbrt(0.75 / np.pi * bare["line_volume"].values[0])
+    np.testing.assert_allclose(upper, radius, rtol=1e-9)
+
+
+def test_splits_are_the_published_rule(folder):
+    """The kernel's fragments of a block against the rule, written down once more."""
+    keys = {"at": "impact", "min_area_ratio": 0.25, "min_volume": 1e-4, "max_fragments": 10000}
+    made = case(folder, obstacles=False, breakage=keys)
+    volume, energy = 2.0, 1.2e4  # A_r = 0.26: one series
+    split = split_blocks(made, np.array([volume]), np.array([energy]))
+    area = 0.0031 * energy**0.7562
+    ratio = area / (area + 6 * volume ** (2 / 3))
+    assert split.area_ratio[0] == pytest.approx(ratio, rel=1e-12)
+    q, b = 1 - 0.5125 * ratio, 2.4875 - 1.6125 * ratio
+    dimension = 3 + np.log(1 - q) / np.log(b)
+    series = q * volume * np.arange(1, 7) ** (-1 / dimension)
+    np.testing.assert_allclose(split.volumes[0, : (series > 1e-4).sum()], series[series > 1e-4])
+    assert split.volumes.sum() + split.fines[0] == pytest.approx(volume, rel=1e-14)
+
+
+def test_a_block_breaks_above_its_breaking_speed(folder):
+    made = case(folder, obstacles=False, breakage={"at": "impact"})
+    speed = breaking_speed(made, 1.0, 2800.0)
+    near = 1400.0 * (speed + np.array([-1e-5, 1e-5])) ** 2
+    split = split_blocks(made, np.ones(2), near)
+    assert split.volumes[0, 0] == 1.0 > split.volumes[1, 0]
+    assert breaking_speed(made, 0.001, 2800.0) == np.inf  # smaller than two fragments
+
+
+def test_check_says_into_what_blocks_break(monkeypatch, capsys, place):
+    more = "&breakage at = 'both', release_fall = 10.0 /\n"
+    text = (place / "case.nml").read_text()
+    (place / "case.nml").write_text(text + more)
+    assert main(["check", "case.nml"]) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"breakage +at release by a fall of 10 m, a block of .* m3 breaks into", said)
+    assert re.search(r"\n +at impacts above .* m/s normal to the ground, a block", said)

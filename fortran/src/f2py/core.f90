@@ -66,7 +66,7 @@ module rockfall_f2py
    public :: stand_counts, stand_numbers, stand_thinning, shape_numbers
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, boulders_in_parts, fraction_limits
    public :: sample_edges, sample_units, line_quantities, places_along
-   public :: check_numbers, ground_model, barriers, barrier_outcomes, ead_energies, split_block
+   public :: check_numbers, ground_model, barriers, barrier_outcomes, ead_energies, split_blocks
 
    !> Scene behind a handle.
    type :: open_scene_t
@@ -446,30 +446,33 @@ contains
       end do
    end subroutine places_along
 
-   !> Split a block by the breakage of a valid case: its area ratio; the volumes of its fragments, 0 beyond them; its
-   !> fines [m3]; and 1 if the number of fragments limited it. A block that does not break is its only fragment.
-   subroutine split_block(text, volume, energy, ratio, fragments, fines, capped, room)
-      integer(c_int), intent(in) :: room
+   !> Split blocks by the breakage of a valid case: their area ratios; the volumes of their fragments, 0 beyond them;
+   !> their fines [m3]; and 1 if the number of fragments limited them. A block that does not break is its only fragment.
+   subroutine split_blocks(text, volume, energy, ratio, fragments, fines, capped, n, room)
+      integer(c_int), intent(in) :: n, room
       character(len=*), intent(in) :: text
-      real(c_double), intent(in) :: volume, energy  !! of the motion normal to the ground [J]
-      real(c_double), intent(out) :: ratio
-      real(c_double), intent(inout) :: fragments(room)
-      real(c_double), intent(out) :: fines
-      integer(c_int), intent(out) :: capped
+      real(c_double), intent(in) :: volume(n), energy(n)  !! of the motion normal to the ground [J]
+      real(c_double), intent(out) :: ratio(n)
+      real(c_double), intent(inout) :: fragments(room, n)
+      real(c_double), intent(out) :: fines(n)
+      integer(c_int), intent(out) :: capped(n)
       type(case_t) :: case
       type(error_t), allocatable :: error
       type(split_t) :: split
+      integer :: k
 
       call read_case(text, "", case, error)
       ratio = area_ratio(energy, volume)
-      split%volume = [volume]
-      if (ratio > case%breakage%min_ratio) &
-         call split_volume(volume, ratio, case%breakage%min_volume, case%breakage%max_fragments, split)
       fragments = 0
-      fragments(:size(split%volume)) = split%volume
-      fines = split%fines
-      capped = merge(1, 0, split%capped)
-   end subroutine split_block
+      do k = 1, n
+         split = split_t([volume(k)])
+         if (ratio(k) > case%breakage%min_ratio) &
+            call split_volume(volume(k), ratio(k), case%breakage%min_volume, case%breakage%max_fragments, split)
+         fragments(:size(split%volume), k) = split%volume
+         fines(k) = split%fines
+         capped(k) = merge(1, 0, split%capped)
+      end do
+   end subroutine split_blocks
 
    !> Run one boulder and keep up to `room` of the `recorded` vertices of its trajectory; nothing is tallied.
    subroutine trajectory(handle, number, vertex, recorded, boulder, counts, max_vertices)

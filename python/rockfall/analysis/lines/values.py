@@ -36,8 +36,16 @@ def line_values(result: Held, quantity: str, line: int) -> np.ndarray:
     rows = np.full((len(fields(3)), result.sizes["boulder"]), np.nan, order="F")
     for name in needed:
         rows[fields(3).index(name)] = result[f"line_{name}"].values[line]
-    volume = result["volume"].values if quantity in HEIGHTS else rows[0]
+    volume = volumes_at_line(result, line) if quantity in HEIGHTS else rows[0]
     return line_quantities(rows, volume)[QUANTITIES.index(quantity)]
+
+
+def volumes_at_line(result: Held, line: int) -> np.ndarray:
+    """Volume [m3] of each boulder at a line; where boulders may break, of the fragment whose
+    crossing is given (NaN where none crossed)."""
+    if "line_volume" in result:
+        return result["line_volume"].values[line]
+    return result["volume"].values
 
 
 def _along(result: Held, line: int) -> np.ndarray:
