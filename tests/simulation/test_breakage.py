@@ -9,13 +9,16 @@ import pytest
 
 import rockfall
 import scenes
-from programs import make_prepared, refuses, same_results
+from programs import Killed, killed_after, make_prepared, refuses, same_results
 from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.case import case_of
 from rockfall.cli import main
 from rockfall.result import variables
 from rockfall.scene.breakage import breaking_speed, split_blocks
+from rockfall.scene.read import read_scene
+from rockfall.simulation import checkpoint
+from rockfall.simulation.simulate import run_scene
 from same import same, same_numbers
 
 LINES = [
@@ -87,6 +90,19 @@ def test_both_programs_have_the_same_bits(sampling, batch, tmp_path):
     result = rockfall.run(prepared)
     assert int(result["breakages"].sum()) > 100
     same_results(rockfall.merge([tmp_path / "case.part2of2", tmp_path / "case.part1of2"]), result)
+
+
+def test_either_program_goes_on_from_a_checkpoint(batch, tmp_path, monkeypatch):
+    made = make_prepared(tmp_path, breakage=BOTH, case={"boulders": 15})
+    monkeypatch.setattr(checkpoint, "REST", 0.0)
+    with monkeypatch.context() as patch, pytest.raises(Killed):
+        killed_after(patch, 3)
+        saved = checkpoint.Checkpoint(tmp_path / "part.nc.checkpoint", 0.0)
+        run_scene(read_scene(made), chunk=10, checkpoint=saved)
+    done = batch("ready/case.nml", "--output", "part.nc", "--resume", "--quiet", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "boulders reached &breakage max_fragments = 60: what would" in done.stderr
+    same_numbers(rockfall.merge([tmp_path / "part.nc"]), rockfall.run(made))
 
 
 def test_energy_adds_up(broken):
