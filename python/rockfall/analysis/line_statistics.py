@@ -38,6 +38,8 @@ QUANTITIES = (
     "position",
 )
 
+FRAGMENTS = "fragments"  # a further quantity, where boulders may break
+
 SIGNED = ("omega", "position")  # signed quantities: neither end is bounded
 
 
@@ -61,6 +63,8 @@ def line_statistics(
     along the line, from its first vertex, at which a boulder crossed [m]: its std is the lateral
     spread. jump_height is that of the boulder's point, passing_height of its centre, upper_edge of
     its highest point, all vertical; normal_height and normal_upper_edge are normal to the slope.
+    Where boulders may break, fragments is how many of a boulder that crossed did; the rest is of
+    the most energetic of them (docs/breakage.md).
 
     With &case sampling = 'sobol' boulders are spread more evenly than random ones, which the
     intervals ignore: they are those of the same number of random boulders, and too wide
@@ -76,10 +80,11 @@ def line_statistics(
 
     known = LineSamples(result)
     parts = known.groups(by, classes) if by else [("", None)]
+    quantities = QUANTITIES + ((FRAGMENTS,) if f"line_{FRAGMENTS}" in result else ())
     rows = []
     for k, line in enumerate(result["line"].values if "line" in result else []):
         for name, chosen in parts:
-            for quantity in QUANTITIES:
+            for quantity in quantities:
                 sample = known.sample(k, quantity, chosen)
                 about = {"line": line} | ({by: name, "boulders": sample.released} if by else {})
                 row = numbers(sample, quantity)

@@ -30,6 +30,9 @@ def line_values(result: Held, quantity: str, line: int) -> np.ndarray:
     check_rows(result, "a quantity of each boulder at a line")
     if quantity == "position":
         return _along(result, line)
+    if quantity == "fragments":
+        counts = result["line_fragments"].values[line]
+        return np.where(counts > 0, counts, np.nan)
     if f"line_{quantity}" in result:
         return result[f"line_{quantity}"].values[line]
     needed = HEIGHT_NEEDS if quantity in HEIGHTS else ENERGY_NEEDS
