@@ -172,9 +172,17 @@ rows of their own runs.
 KINDS = {
     "Boulders: dimension `boulder`": ("", variables.BOULDER),
     "Trees, where the case has some: dimension `boulder`": ("", variables.TREE),
+    "Breakage, where boulders may break (breakage.md): dimension `boulder`": (
+        "",
+        variables.BREAKAGE,
+    ),
     "Evaluation lines: dimensions `line`, `boulder`; fill value where the boulder did not cross": (
         "line_",
         variables.LINE,
+    ),
+    "Fragments at lines, where boulders may break: dimensions `line`, `boulder`": (
+        "line_",
+        variables.FRAGMENT,
     ),
     "Maps: dimensions `y`, `x`": ("", variables.MAP),
     "Counts over all boulders": ("", variables.COUNT),

@@ -39,7 +39,7 @@ program rockfall_batch
    use rockfall_run_loop, only: run_case
    use rockfall_samples, only: sample_size, sample_sum
    use rockfall_line_samples, only: line_quantity, units_of
-   use rockfall_variables, only: statuses, line_fields
+   use rockfall_variables, only: statuses, line_fields, row_integers
    use warnings, only: warn
    implicit none
 
@@ -121,6 +121,7 @@ contains
       if (.not. allocated(error)) call write_part(output, temporary_name(output), case, text, inputs, state, error)
       if (allocated(error)) return
       call remove_checkpoint(checkpoint)
+      call warn_of_breakage(case, state)
       if (arguments%quiet) return
       call summary(case, state)
       if (allocated(inputs%scene%grounds)) call ground_summary(inputs%scene%grounds, state%by_ground)
@@ -217,6 +218,20 @@ contains
       write (output_unit, "(4a,i0,a)") decimal(state%wall, 2), " s (", decimal(state%cpu, 2), &
          " s of CPU, ", state%threads, " threads)"
    end subroutine summary
+
+   !> Warn of boulders whose fragments were limited.
+   subroutine warn_of_breakage(case, state)
+      type(case_t), intent(in) :: case
+      type(run_t), intent(in) :: state
+      integer, parameter :: capped = findloc(row_integers, "breakages_capped", dim=1)
+      integer :: n
+
+      if (.not. allocated(case%breakage)) return
+      n = count(state%integers(:, findloc(state%integer_columns, capped, dim=1)) > 0)
+      if (n > 0) call warn(integer_text(n)//" of "//integer_text(state%boulders)//" boulders reached &breakage " &
+                           //"max_fragments = "//integer_text(case%breakage%max_fragments) &
+                           //": what would have broken further stayed whole")
+   end subroutine warn_of_breakage
 
    !> Print the ground types and their rebounds.
    subroutine ground_summary(grounds, rebounds)

@@ -65,6 +65,7 @@ QUANTITIES = {
     "upper_edge": Quantity("height of the upper edge, vertical", "m", 2, "upper edge"),
     "normal_height": Quantity("height of the centre, normal", "m", 2, "centre, normal"),
     "normal_upper_edge": Quantity("height of the upper edge, normal", "m", 2, "edge, normal"),
+    "fragments": Quantity("fragments of a boulder that cross", "", 1, "fragments"),
     "position": Quantity("position along the line", "m", 1, "along the line"),
     "stopping_distance": Quantity("stopping distance", "m", 1),
 }

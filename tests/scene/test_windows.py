@@ -107,6 +107,16 @@ def test_windows_of_other_files(tmp_path, kind):
     same(run_scene(scene), rockfall.run(case))
 
 
+def test_windows_of_boulders_that_break(tmp_path):
+    """A boulder is counted when all of its fragments stayed within the window, and only then."""
+    breakage = {"at": "both", "release_fall": 8.0, "max_fragments": 20}
+    case = case_in(tmp_path, case={"boulders": 2}, breakage=breakage)
+    scene = read_scene(case, memory=3_000)
+    whole = rockfall.run(case)
+    assert scene.windows and int(whole["breakages"].min()) > 0
+    same(run_scene(scene), whole)
+
+
 def test_windows_follow_the_sources_and_learn_how_far_boulders_go(tmp_path):
     case = case_in(tmp_path)
     scene = read_scene(case, memory=30_000)

@@ -8,17 +8,19 @@ module rockfall_random
    private
    public :: random_key_t, random_key, philox4x32, philox, set_counter, random_words, uniform, side_of
    public :: normal_table_t, normal_table, normal, normal_quantile
-   public :: for_release, for_impact, for_scramble, for_ground, for_forest, for_tree, purpose_bit
+   public :: for_release, for_impact, for_scramble, for_ground, for_forest, for_tree, for_breakage, purpose_bit
+   public :: fragment_number, boulder_number
    public :: words_per_block
    public :: volume_word, rebound_words, turn_word, obstacle_word, ratio_word, roughness_word
    public :: normal_restitution_word, tangential_restitution_word, obstacle_spread_word
-   public :: tree_class_word, tree_within_word
+   public :: tree_class_word, tree_within_word, cone_word, around_word
 
    !> Purposes, one stream each. Those from 65 on belong to the laboratory.
    integer(i8), parameter :: for_release = 1, for_impact = 2, for_scramble = 3
    integer(i8), parameter :: for_ground = 5   !! properties of the ground at an impact
    integer(i8), parameter :: for_forest = 11  !! counter: cell, stem; stem 0 gives the number of stems
    integer(i8), parameter :: for_tree = 12    !! counter: boulder, number of this tree among those hit
+   integer(i8), parameter :: for_breakage = 13  !! counter: fragment
    integer, parameter :: purpose_bit = 24  !! of the purpose in the counter's last word; lower bits count its blocks
 
    !> Index of the word used for each quantity within a draw. Changing them changes results.
@@ -33,6 +35,8 @@ module rockfall_random
    integer, parameter :: roughness_word = 3     !! of for_ground: tilt of the ground in a classical rebound
    integer, parameter :: tree_class_word = 1    !! of for_tree: class of the turn
    integer, parameter :: tree_within_word = 2   !! of for_tree: position within the class; its last bit selects the side
+   integer, parameter :: cone_word = 1          !! of for_breakage: angle to the velocity of the boulder
+   integer, parameter :: around_word = 2        !! of for_breakage: direction around it
 
    integer, parameter :: words_per_block = 4
    integer, parameter :: rounds = 10  !! recommended number for Philox; the minimum that passes all tests is 7
@@ -122,6 +126,21 @@ contains
       c2 = iand(impact, low32)
       c3 = ior(shiftl(purpose, purpose_bit), draw)
    end subroutine set_counter
+
+   !> Number of a fragment among boulders: its random numbers are its own. Boulders have numbers below 2**32, and
+   !> fragment 0 is the boulder itself.
+   elemental integer(i8) function fragment_number(boulder, fragment)
+      integer(i8), intent(in) :: boulder, fragment
+
+      fragment_number = ior(boulder, shiftl(fragment, 32))
+   end function fragment_number
+
+   !> Number of the boulder that a fragment is of.
+   elemental integer(i8) function boulder_number(number)
+      integer(i8), intent(in) :: number
+
+      boulder_number = iand(number, low32)
+   end function boulder_number
 
    !> A random side from the last bit of a word: 1 or -1.
    elemental real(wp) function side_of(word)

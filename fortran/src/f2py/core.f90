@@ -16,12 +16,13 @@ module rockfall_f2py
    use rockfall_shape, only: shape_volume, shape_inertia, shapes
    use rockfall_surface, only: size_weights
    use rockfall_barrier, only: barrier_outcome, ead_energy
+   use rockfall_breakage, only: split_t, area_ratio, split_volume
    use rockfall_impact, only: ratio_weights, find_nearest_set, is_admissible, limit_rebound, max_draws, min_normal
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, left_window
    use rockfall_scratch, only: scratch_t
    use rockfall_scene, only: scene_arrays_t, build_scene_of_case, check_sources, boulder_count, max_volumes, &
-                             object_reach
+                             object_reach, max_tree_hits
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model
    use rockfall_reach, only: block_side, update_block_minima, reach_box
    use rockfall_stand, only: stems_in_cell, stem_numbers, thinning_numbers
@@ -65,7 +66,7 @@ module rockfall_f2py
    public :: stand_counts, stand_numbers, stand_thinning, shape_numbers
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, boulders_in_parts, fraction_limits
    public :: sample_edges, sample_units, line_quantities, places_along
-   public :: check_numbers, ground_model, barriers, barrier_outcomes, ead_energies
+   public :: check_numbers, ground_model, barriers, barrier_outcomes, ead_energies, split_blocks
 
    !> Scene behind a handle.
    type :: open_scene_t
@@ -445,6 +446,34 @@ contains
       end do
    end subroutine places_along
 
+   !> Split blocks by the breakage of a valid case: their area ratios; the volumes of their fragments, 0 beyond them;
+   !> their fines [m3]; and 1 if the number of fragments limited them. A block that does not break is its only fragment.
+   subroutine split_blocks(text, volume, energy, ratio, fragments, fines, capped, n, room)
+      integer(c_int), intent(in) :: n, room
+      character(len=*), intent(in) :: text
+      real(c_double), intent(in) :: volume(n), energy(n)  !! of the motion normal to the ground [J]
+      real(c_double), intent(out) :: ratio(n)
+      real(c_double), intent(inout) :: fragments(room, n)
+      real(c_double), intent(out) :: fines(n)
+      integer(c_int), intent(out) :: capped(n)
+      type(case_t) :: case
+      type(error_t), allocatable :: error
+      type(split_t) :: split
+      integer :: k
+
+      call read_case(text, "", case, error)
+      ratio = area_ratio(energy, volume)
+      fragments = 0
+      do k = 1, n
+         split = split_t([volume(k)])
+         if (ratio(k) > case%breakage%min_ratio) &
+            call split_volume(volume(k), ratio(k), case%breakage%min_volume, case%breakage%max_fragments, split)
+         fragments(:size(split%volume), k) = split%volume
+         fines(k) = split%fines
+         capped(k) = merge(1, 0, split%capped)
+      end do
+   end subroutine split_blocks
+
    !> Run one boulder and keep up to `room` of the `recorded` vertices of its trajectory; nothing is tallied.
    subroutine trajectory(handle, number, vertex, recorded, boulder, counts, max_vertices)
       !f2py threadsafe
@@ -571,7 +600,7 @@ contains
       associate (scene => opened%scene)
          call check_tallies(plan_maps(pack(map_names, opened%case%map), size(opened%case%thresholds)), &
                             max_volumes(scene), scene%gravity, fall, boulder_count(scene), &
-                            scene%max_impacts, error)
+                            max_tree_hits(scene), error)
       end associate
       call give_error(error, code, message)
    end subroutine check_maps

@@ -474,7 +474,7 @@ contains
             good = all(ieee_is_finite(f4_values))
          case ("f8")
             call c_f_pointer(row%at, f8_values, shape)
-            if (row%about%group == "line") then
+            if (any(row%about%group == ["line    ", "fragment"])) then
                associate (crossed => .not. ieee_is_nan(run%line(:n, :, time)))
                   good = all(ieee_is_finite(f8_values(:n, :)) .eqv. crossed) &
                          .and. all(ieee_is_nan(f8_values(:n, :)) .neqv. crossed)

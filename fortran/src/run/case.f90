@@ -14,6 +14,8 @@ module rockfall_case
    use rockfall_direction, only: past_aspect, to_aspect, by_lab
    use rockfall_forest, only: tree_model_t
    use rockfall_sobol, only: max_points
+   use rockfall_breakage, only: breakage_t
+   use rockfall_math, only: degree
    use rockfall_barrier, only: ead_energy, log_capacity
    implicit none
    private
@@ -57,6 +59,7 @@ module rockfall_case
       logical :: at_points = .false.             !! sources are points, not cells
       logical :: forest = .false.                !! the scene has trees
       type(tree_model_t) :: tree_model
+      type(breakage_t), allocatable :: breakage  !! if boulders may break
       logical :: steep_cells = .false., by_area = .false.
       real(wp), allocatable :: slope_threshold   !! [degree]
       type(case_line_t), allocatable :: lines(:)  !! given inline: evaluation lines, then barriers
@@ -94,6 +97,7 @@ contains
       if (.not. allocated(error)) call read_lines(list, this, error)
       if (.not. allocated(error)) call read_output(group_of(list, "output"), group_of(list, "release"), &
                                                       this, error)
+      if (.not. allocated(error)) call read_breakage(group_of(list, "breakage"), group_of(list, "output"), this, error)
       if (.not. allocated(error)) call check_ensemble(group_of(list, "ensemble"), group_of(list, "release"), &
                                                          this, error)
       if (.not. allocated(error)) call read_hazard(group_of(list, "hazard"), list, this, error)
@@ -371,6 +375,36 @@ contains
       this%drop_height = real_of(group, "drop_height")
       this%velocity = reals_of(group, "velocity")
    end subroutine read_release
+
+   !> Read when boulders break, and into what.
+   pure subroutine read_breakage(group, output, this, error)
+      type(group_t), intent(in) :: group, output
+      type(case_t), intent(inout) :: this
+      type(error_t), allocatable, intent(out) :: error
+      character(len=:), allocatable :: at
+      type(breakage_t) :: breakage
+
+      at = text_of(group, "at")
+      breakage%at_release = at == "release" .or. at == "both"
+      breakage%at_impact = at == "impact" .or. at == "both"
+      if (breakage%at_release) then
+         call require_key(group, "release_fall", "for at = '"//at//"'", error)
+      else if (has_key(group, "release_fall")) then
+         call refuse(group, "release_fall", "is only valid with at = 'release' or 'both'", error)
+      end if
+      if (allocated(error) .or. at == "none") return
+      if (this%kept /= keeps_all) then
+         call refuse(output, "kept", "must be 'all' where boulders break (&breakage at): counts of fragments are in " &
+                     //"the rows of boulders", error)
+         return
+      end if
+      breakage%min_ratio = real_of(group, "min_area_ratio")
+      breakage%release_fall = real_of(group, "release_fall")
+      breakage%min_volume = real_of(group, "min_volume")
+      breakage%max_fragments = int(integer_of(group, "max_fragments"))
+      breakage%half_angle = 0.5_wp*degree*real_of(group, "cone")
+      this%breakage = breakage
+   end subroutine read_breakage
 
    !> Read the forest: trees are listed, or generated from the data of stands, in polygons or rasters; other keys
    !> concern hits.

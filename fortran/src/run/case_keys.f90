@@ -147,6 +147,18 @@ module rockfall_case_keys
             "what confidence intervals take the sources for: all there are, or a sample of others like them"), &
       key_t("release", "drop_height", "real", 1, "0.0", ">= 0", "m", "above the surface"), &
       key_t("release", "velocity", "real", 3, "3*0.0", "", "m/s", "east, north, up"), &
+      key_t("breakage", "at", "text", 1, "'none'", "none, release, impact, both", "", &
+            "when boulders break into fragments: breakage.md"), &
+      key_t("breakage", "min_area_ratio", "real", 1, "0.7", "0.25 to 0.99", "", &
+            "a boulder breaks where new surface / (new surface + its own) is larger; published: 0.25 to 0.7"), &
+      key_t("breakage", "release_fall", "real", 1, "absent", "0.01 to 1000", "m", &
+            "free fall whose energy breaks the block in place into fallen blocks, for at = 'release'"), &
+      key_t("breakage", "min_volume", "real", 1, "0.001", "1e-6 to 1000", "m3", &
+            "of a fragment; what is in smaller pieces is counted as fines_volume and not traced"), &
+      key_t("breakage", "max_fragments", "integer", 1, "100", "2 to 10000", "", &
+            "of a released boulder; from there on the rest stays one block, and is counted"), &
+      key_t("breakage", "cone", "real", 1, "50.0", "0 to 90", "degree", &
+            "opening angle, from side to side, of the cone of directions about the velocity of the boulder"), &
       key_t("forest", "trees", "text", 1, "absent", "", "", &
             "CSV with x, y, dbh [cm], species; or a layer of points", in_scene, "points"), &
       key_t("forest", "trees_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &

@@ -4,7 +4,7 @@ module rockfall_result
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, i8
    use rockfall_terrain, only: terrain_t
-   use rockfall_boulder, only: release_t, feature_of, kinetic_energy
+   use rockfall_boulder, only: boulder_t, release_t, feature_of, kinetic_energy
    use rockfall_outcome, only: boulder_result_t
    use rockfall_crossings, only: crossing_t
    use rockfall_scratch, only: contact_t
@@ -44,7 +44,7 @@ contains
       real(wp) :: row(size(row_reals))
 
       associate (e => outcome%energy)
-         row = [boulder_row(dem, outcome), e%released, e%ground, e%trees, e%barriers, e%left]
+         row = [boulder_row(dem, outcome), e%released, e%ground, e%trees, e%barriers, e%left, outcome%fines, e%breakage]
       end associate
    end function real_row
 
@@ -54,7 +54,8 @@ contains
       type(boulder_result_t), intent(in) :: outcome
       integer :: row(size(row_integers))
 
-      row = [outcome%impacts, outcome%source, feature_of(release, int(outcome%source, i8)), outcome%trees_hit]
+      row = [outcome%impacts, outcome%source, feature_of(release, int(outcome%source, i8)), outcome%trees_hit, &
+             outcome%fragments, outcome%breakages, outcome%capped]
    end function integer_row
 
    !> Values of `line_fields`; NaN if the boulder did not cross. Energies: Bourrier et al. 2009, eqs 1-3.
@@ -63,13 +64,16 @@ contains
       type(boulder_result_t), intent(in) :: outcome
       type(crossing_t), intent(in) :: crossing
       real(wp) :: row(size(line_fields))
+      type(boulder_t) :: boulder
 
       row = ieee_value(0.0_wp, ieee_quiet_nan)
       if (.not. crossing%crossed) return
+      boulder = outcome%boulder
+      if (crossing%fragments > 0) boulder = crossing%fragment
       row = [crossing%x + dem%x0, crossing%y + dem%y0, crossing%time, &
              sqrt(crossing%v(1)**2 + crossing%v(2)**2 + crossing%v(3)**2), crossing%v, crossing%omega, &
              crossing%jump_height, crossing%passing_height, &
-             kinetic_energy(outcome%boulder, crossing%v, crossing%omega)]
+             kinetic_energy(boulder, crossing%v, crossing%omega)]
    end function line_row
 
    !> Values of `vertex_fields`.

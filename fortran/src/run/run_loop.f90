@@ -20,7 +20,7 @@ module rockfall_run_loop
    use rockfall_terrain, only: set_window
    use rockfall_reach, only: block_side, update_block_minima, reach_box
    use rockfall_run_state, only: run_t, open_run, advance
-   use rockfall_scene, only: check_sources, boulder_count, max_volumes, object_reach
+   use rockfall_scene, only: check_sources, boulder_count, max_volumes, object_reach, max_tree_hits
    implicit none
    private
    public :: run_observer_t, run_case
@@ -105,7 +105,7 @@ contains
          allocate (minima((dem%nx - 1)/side + 1, (dem%ny - 1)/side + 1), source=huge(1.0_wp))
          call update_block_minima(dem, 1, dem%ny, minima)
          call check_tallies(map_plan(pack(map_names, case%map), size(case%thresholds)), max_volumes(scene), &
-                            case%gravity, max_head - minval(minima), boulder_count(scene), case%impact_limit, error)
+                            case%gravity, max_head - minval(minima), boulder_count(scene), max_tree_hits(scene), error)
          if (allocated(error) .or. case%full_maps) return
          box = reach_box(dem, minima, max_head, release%x, release%y, object_reach(scene, case))
          window = [box(:2), box(3:) - box(:2) + 1]

@@ -49,6 +49,8 @@ module rockfall_run_state
       integer(i4), allocatable :: integers(:, :)
       real(wp), allocatable :: line(:, :, :)              !! (rows, lines, line_fields)
       integer(i1), allocatable :: outcome(:, :)           !! (rows, barriers), as in crossing_t
+      real(wp), allocatable :: line_volume(:, :)          !! (rows, lines), if boulders may break: of the fragment [m3]
+      integer(i4), allocatable :: line_fragments(:, :)    !! (rows, lines), if they may: those that crossed
       ! Sums over the boulders done:
       integer(i8) :: count(n_totals) = 0                  !! the last of boulder_counts
       integer(i8) :: histogram(bins, quantities) = 0
@@ -223,6 +225,8 @@ contains
          run%integers(row + 1:row + n, :) = other%integers(:n, :)
          run%line(row + 1:row + n, :, :) = other%line(:n, :, :)
          run%outcome(row + 1:row + n, :) = other%outcome(:n, :)
+         run%line_volume(row + 1:row + n, :) = other%line_volume(:n, :)
+         run%line_fragments(row + 1:row + n, :) = other%line_fragments(:n, :)
       end associate
    end subroutine copy_rows
 
@@ -306,17 +310,22 @@ contains
       integer(i8) :: n
       integer :: k, status
 
-      run%real_columns = pack([(k, k=1, size(row_reals))], real_groups == "boulder" .or. case%energy_balance)
+      run%real_columns = pack([(k, k=1, size(row_reals))], real_groups == "boulder" &
+                              .or. (real_groups == "energy" .and. case%energy_balance) &
+                              .or. (real_groups == "breakage" .and. allocated(case%breakage)))
       run%integer_columns = pack([(k, k=1, size(row_integers))], integer_groups == "boulder" &
                                  .or. (integer_groups == "feature" .and. features) &
-                                 .or. (integer_groups == "tree" .and. case%forest))
+                                 .or. (integer_groups == "tree" .and. case%forest) &
+                                 .or. (integer_groups == "breakage" .and. allocated(case%breakage)))
       run%histograms_requested = case%rebounds
       allocate (run%by_ground(grounds), source=0_i8)
       n = run%boulders
       if (allocated(run%number)) n = size(run%number, kind=i8)
       allocate (run%reals(n, size(run%real_columns)), run%status(n), run%integers(n, size(run%integer_columns)), &
                 run%line(n, size(case%lines), size(line_fields)), &
-                run%outcome(n, count(case%lines%height > 0)), stat=status)
+                run%outcome(n, count(case%lines%height > 0)), &
+                run%line_volume(n, merge(size(case%lines), 0, allocated(case%breakage))), &
+                run%line_fragments(n, merge(size(case%lines), 0, allocated(case%breakage))), stat=status)
       if (status /= 0) call report_memory(run, error)
    end subroutine allocate_rows
 
@@ -498,6 +507,10 @@ contains
       do k = 1, size(crossings)
          run%line(row, k, :) = line_row(scene%dem, result, crossings(k))
       end do
+      if (allocated(scene%breakage)) then
+         run%line_volume(row, :) = merge(crossings%fragment%volume, run%line(row, :, 1), crossings%crossed)
+         run%line_fragments(row, :) = crossings%fragments
+      end if
       if (allocated(scene%barriers)) run%outcome(row, :) = crossings(scene%barriers%line)%outcome
    end subroutine store_row
 
@@ -574,6 +587,10 @@ contains
          do k = 1, size(line_fields)
             call table%add("line", line_fields(k), [character(len=7) :: "boulder", "line"], run%line(:, :, k))
          end do
+      end if
+      if (size(run%line_volume, 2) > 0) then
+         call table%add("fragment", "volume", [character(len=7) :: "boulder", "line"], run%line_volume)
+         call table%add("fragment", "fragments", [character(len=7) :: "boulder", "line"], run%line_fragments)
       end if
       if (size(run%outcome, 2) > 0) &
          call table%add("barrier", "outcome", [character(len=7) :: "boulder", "barrier"], run%outcome)

@@ -24,7 +24,8 @@ module rockfall_scene
    use rockfall_grounds, only: read_ground, read_stochastic, rest_angle_of_rocks
    implicit none
    private
-   public :: scene_arrays_t, is_borrowed, build_scene_of_case, check_sources, boulder_count, max_volumes, object_reach
+   public :: scene_arrays_t, is_borrowed, build_scene_of_case, check_sources, boulder_count, max_volumes, &
+             object_reach, max_tree_hits
 
    !> Ground type as passed to the kernel.
    type :: ground_text_t
@@ -90,6 +91,7 @@ contains
       scene%energies_requested = case%energy_balance
       scene%object_width = case%object_width
       scene%volumes = case%volumes
+      if (allocated(case%breakage)) scene%breakage = case%breakage
       call set_ground(case, arrays, scene)
       call set_release(case, arrays, scene)
       call set_boulders(case, arrays, scene)
@@ -344,14 +346,29 @@ contains
       integer(i8) :: sources
 
       sources = size(scene%release%x)
-      if (sources == 0 .or. case%boulders_total > 0) return
-      if (case%boulders <= huge(1_i4)/sources) then
-         if (last_of(scene%release, sources) <= huge(1_i4)) return
+      if (sources == 0) return
+      if (case%boulders_total > 0 .or. case%boulders <= huge(1_i4)/sources) then
+         if (boulder_count(scene) <= huge(1_i4)) then
+            if (allocated(case%breakage)) call check_fragments(case, scene, error)
+            return
+         end if
       end if
       call fail(error, case%file//": &case boulders = "//integer_text(case%boulders)//" from each of " &
                 //integer_text(sources)//" sources: must be at most "//integer_text(huge(1_i4))//" together; " &
                 //"boulders_total shares a number over all")
    end subroutine check_number
+
+   !> Check that the fragments of all boulders can be counted in 32 bits, as maps do.
+   pure subroutine check_fragments(case, scene, error)
+      type(case_t), intent(in) :: case
+      type(scene_t), intent(in) :: scene
+      type(error_t), allocatable, intent(out) :: error
+
+      if (boulder_count(scene) <= huge(1_i4)/case%breakage%max_fragments) return
+      call fail(error, case%file//": &breakage max_fragments = "//integer_text(case%breakage%max_fragments)//" of " &
+                //integer_text(boulder_count(scene))//" boulders: must be at most "//integer_text(huge(1_i4)) &
+                //" together")
+   end subroutine check_fragments
 
    !> Set the factored impact sets, and the rule of turning.
    subroutine set_impacts(case, arrays, scene, error)
@@ -441,6 +458,16 @@ contains
       if (any(case%map .and. index(map_names, "hits") == 1)) &
          object_reach = ceiling((0.5_wp*scene%object_width + max_radius(scene))*scene%dem%per_cell)
    end function object_reach
+
+   !> Maximum number of hits of trees by a boulder and its fragments.
+   pure integer function max_tree_hits(scene)
+      type(scene_t), intent(in) :: scene
+      integer :: fragments
+
+      fragments = 1
+      if (allocated(scene%breakage)) fragments = 2*scene%breakage%max_fragments  ! these, and pieces that broke
+      max_tree_hits = int(min(int(huge(1), i8), int(fragments, i8)*scene%max_impacts))
+   end function max_tree_hits
 
    !> Number of boulders of the whole run.
    pure integer(i8) function boulder_count(scene)

@@ -17,7 +17,8 @@ module rockfall_variables
    !> Variable of a result.
    type :: variable_t
       !> boulder, count (over all boulders), ground (per ground type), energy (per boulder, on request), tree (per
-      !> boulder, if there are trees), line (first crossing), line_vertex, barrier, map, histogram, vertex (of a
+      !> boulder, if there are trees), breakage (per boulder, if they may break), line (first crossing), fragment (at
+      !> lines, if boulders may break), line_vertex, barrier, map, histogram, vertex (of a
       !> trajectory), tally (per cell, in part files), kept and sample (if not all rows are kept); or status and
       !> outcome: values of the status of a boulder and of the outcome at a barrier.
       character(len=11) :: group
@@ -92,6 +93,14 @@ module rockfall_variables
       variable_t("feature", "source_feature", "integer", "1", "number of the feature that the source is of", &
                  "counts from 1", "i4"), &
       variable_t("tree", "trees_hit", "integer", "1", "hits of trees", "each counts", "i4"), &
+      variable_t("breakage", "fines_volume", "real", "m3", "volume that broke into pieces below min_volume"), &
+      variable_t("breakage", "energy_breakage", "real", "J", "energy that breaking took, with that of fines"), &
+      variable_t("breakage", "fragments", "integer", "1", "blocks into which the boulder broke", &
+                 "1: it did not break", "i4"), &
+      variable_t("breakage", "breakages", "integer", "1", "times that the boulder or a fragment of it broke", &
+                 stored="i4"), &
+      variable_t("breakage", "breakages_capped", "integer", "1", &
+                 "times that max_fragments left too little room for fragments", stored="i4"), &
       variable_t("line", "x", "real", "m", "easting of the first crossing"), &
       variable_t("line", "y", "real", "m", "northing of the first crossing"), &
       variable_t("line", "time", "real", "s", "time from release to the first crossing"), &
@@ -107,6 +116,9 @@ module rockfall_variables
                  "height of the boulder's centre above the surface, vertical"), &
       variable_t("line", "energy_translational", "real", "J", "translational energy"//at_crossing), &
       variable_t("line", "energy_rotational", "real", "J", "rotational energy"//at_crossing), &
+      variable_t("fragment", "volume", "real", "m3", "volume of the fragment whose crossing is given", &
+                 "that of the most energy; heights are those of no fragment exceeded"), &
+      variable_t("fragment", "fragments", "integer", "1", "fragments that crossed", stored="i4"), &
       variable_t("line_vertex", "line", "integer", "1", &
                  "index of the evaluation line", "counts from 0"), &
       variable_t("line_vertex", "x", "real", "m", "easting"), &
@@ -251,12 +263,14 @@ module rockfall_variables
    character(len=27), parameter :: energy_fields(*) = pack(variable_table%name, &
       variable_table%group == "energy")
    !> Columns of rows, each with its group; the group of the first is present in every run.
-   character(len=27), parameter :: row_reals(*) = [boulder_fields, energy_fields]
-   character(len=11), parameter :: real_groups(*) = [spread("boulder    ", 1, size(boulder_fields)), &
-                                                     spread("energy     ", 1, size(energy_fields))]
+   logical, parameter :: is_row_real(*) = variable_table%kind == "real" &
+      .and. (variable_table%group == "boulder" .or. variable_table%group == "energy" &
+             .or. variable_table%group == "breakage")
+   character(len=27), parameter :: row_reals(*) = pack(variable_table%name, is_row_real)
+   character(len=11), parameter :: real_groups(*) = pack(variable_table%group, is_row_real)
    logical, parameter :: is_row_integer(*) = variable_table%kind == "integer" .and. variable_table%name /= "status" &
       .and. (variable_table%group == "boulder" .or. variable_table%group == "feature" &
-             .or. variable_table%group == "tree")
+             .or. variable_table%group == "tree" .or. variable_table%group == "breakage")
    character(len=27), parameter :: row_integers(*) = pack(variable_table%name, is_row_integer)
    character(len=11), parameter :: integer_groups(*) = pack(variable_table%group, is_row_integer)
    character(len=27), parameter :: line_fields(*) = pack(variable_table%name, &
@@ -299,6 +313,7 @@ contains
       name = trim(row%name)
       select case (row%group)
       case ("line", "barrier", "tally", "sample"); name = trim(row%group)//"_"//name
+      case ("fragment"); name = "line_"//name
       case ("vertex"); name = "trajectory_"//name
       case ("histogram"); name = name//"_histogram"
       end select

@@ -14,6 +14,7 @@ module rockfall_maps
    private
    public :: maps_t, layer_t, per_unit, visits_t, needs_visits, needs_heights, start_visits, visit_path, visit_cell
    public :: enter_cell, enter_other_cell, raise_values, first_cell, leaving_time
+   public :: merge_visits, untimed
    public :: add_visits, add_deposit, add_value, count_bin, count_exceeded, is_requested, lacks_slots, raise_maximum
    public :: square_base, init_locks, free_locks, lock_band, unlock_band
 
@@ -21,6 +22,7 @@ module rockfall_maps
    integer(i8), parameter :: square_base = 2_i8**31  !! base of the two digits of sums of squares
    integer, parameter :: band_rows = 16  !! per band
    integer, parameter :: first_entries = 1024  !! initial size of a table of visits; a power of two
+   real(wp), parameter :: untimed = huge(1.0_wp)  !! time of a visit of unknown time [s]: 1/time is 0
    !> Factor of the row in the hash of a cell: neighbours get different entries.
    integer, parameter :: row_factor = 33
 
@@ -344,6 +346,30 @@ contains
       call move_alloc(larger%visit, visits%visit)
       visits%entries = entries
    end subroutine resize_table
+
+   !> Add the visits of a fragment to those of its boulder, whose energies are no longer per mass: with these, a boulder
+   !> of unit mass counts once per cell, with the maxima over its fragments.
+   pure subroutine merge_visits(visits, fragment, mass)
+      type(visits_t), intent(inout) :: visits
+      type(visits_t), intent(in) :: fragment
+      real(wp), intent(in) :: mass  !! of the fragment [kg]
+      integer :: k, known
+
+      do k = 1, fragment%n
+         known = visits%n
+         call enter_cell(visits, fragment%visit(k)%cell)
+         associate (at => visits%visit(visits%last), more => fragment%visit(k))
+            at%max(1) = max(at%max(1), more%max(1))
+            at%max(2) = max(at%max(2), mass*more%max(2))
+            at%max(3) = max(at%max(3), more%max(3))
+         end associate
+         if (.not. allocated(visits%time)) cycle
+         if (visits%n > size(visits%time)) visits%time = [visits%time, spread(0.0_wp, 1, size(visits%visit))]
+         if (visits%n > known) visits%time(visits%n) = untimed
+         if (k <= fragment%timed) visits%time(visits%last) = min(visits%time(visits%last), fragment%time(k))
+         visits%timed = visits%n
+      end do
+   end subroutine merge_visits
 
    !> Add a boulder's visits to the maps; thread-safe.
    subroutine add_visits(maps, visits, mass)

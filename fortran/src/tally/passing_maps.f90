@@ -7,10 +7,11 @@ module rockfall_passing_maps
    use rockfall_terrain, only: terrain_t
    use rockfall_sources, only: surface_ratios
    use rockfall_bins, only: passing_height
-   use rockfall_maps, only: maps_t, visits_t, per_unit, add_value, count_bin, is_requested, lock_band, unlock_band
+   use rockfall_maps, only: maps_t, visits_t, visit_cell, per_unit, add_value, count_bin, is_requested, lock_band, &
+                            unlock_band
    implicit none
    private
-   public :: needs_passing, add_passing, max_steepness
+   public :: needs_passing, add_passing, merge_passing, max_steepness
 
    real(wp), parameter :: max_steepness = 1.0e3_wp  !! maximum 1/cos(slope) of a cell [-]; larger is clamped
 
@@ -23,20 +24,47 @@ contains
       needs_passing = is_requested(maps%layer(passing_height))
    end function needs_passing
 
+   !> Add the maximum heights of a fragment's centre in the cells that it visited to those of its boulder, which
+   !> `add_passing` takes with a radius of zero.
+   pure subroutine merge_passing(passing, visits, dem, radius)
+      type(visits_t), intent(inout) :: passing
+      type(visits_t), intent(in) :: visits
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: radius  !! of the fragment [m]
+      integer :: k
+
+      do k = 1, visits%n
+         call visit_cell(passing, visits%visit(k)%cell, 0.0_wp, 0.0_wp, centre_height(visits, k, dem, radius))
+      end do
+   end subroutine merge_passing
+
+   !> Height of the centre [m] in the k-th cell visited.
+   pure real(wp) function centre_height(visits, k, dem, radius) result(height)
+      type(visits_t), intent(in) :: visits
+      integer, intent(in) :: k
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: radius  !! [m]
+      real(wp) :: ratio(1)
+
+      associate (visit => visits%visit(k))
+         ratio = surface_ratios(dem, [(visit%cell(1) - 1)*dem%cell], [(dem%ny - visit%cell(2))*dem%cell])
+         height = visit%max(3) + radius*min(max_steepness, ratio(1))
+      end associate
+   end function centre_height
+
    !> Add the maximum heights of a boulder's centre in the cells that it visited; thread-safe.
    subroutine add_passing(maps, visits, dem, radius)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: visits
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: radius  !! of the boulder [m]
-      real(wp) :: ratio(1), height
+      real(wp) :: height
       integer :: k, held
 
       held = -1
       do k = 1, visits%n
          associate (visit => visits%visit(k))
-            ratio = surface_ratios(dem, [(visit%cell(1) - 1)*dem%cell], [(dem%ny - visit%cell(2))*dem%cell])
-            height = visit%max(3) + radius*min(max_steepness, ratio(1))
+            height = centre_height(visits, k, dem, radius)
             call lock_band(maps, visit%cell(2), held)
             call add_value(maps%layer(passing_height), visit%cell(1), visit%cell(2), height, per_unit(passing_height))
             call count_bin(maps, passing_height, visit%cell(1), visit%cell(2), height)

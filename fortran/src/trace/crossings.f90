@@ -4,6 +4,7 @@ module rockfall_crossings
    use rockfall_kinds, only: wp, i1
    use rockfall_terrain, only: patch_t, locate, height, gradient, steepness_of
    use rockfall_flight, only: flight_t, landing_t
+   use rockfall_boulder, only: boulder_t
    use rockfall_line, only: first_meeting
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t
@@ -19,6 +20,8 @@ module rockfall_crossings
       real(wp) :: v(3) = 0, omega = 0  !! [m/s], [rad/s]
       real(wp) :: jump_height = 0      !! lowest point above the surface [m]
       real(wp) :: passing_height = 0   !! centre of the sphere above the surface, vertical [m]
+      integer :: fragments = 0         !! of a boulder that may break: those that crossed, and
+      type(boulder_t) :: fragment      !! the one that the rest is of
    end type crossing_t
 
 contains

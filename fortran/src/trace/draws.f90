@@ -3,7 +3,8 @@
 !> its first rebound are a scrambled Sobol' point.
 module rockfall_draws
    use rockfall_kinds, only: wp, i8
-   use rockfall_random, only: random_words, uniform, for_impact, for_ground, words_per_block, obstacle_word
+   use rockfall_random, only: random_words, uniform, for_impact, for_ground, words_per_block, obstacle_word, &
+                              boulder_number
    use rockfall_sobol, only: sobol_word, scrambled, volume_dimension, obstacle_dimension
    use rockfall_boulder, only: boulder_t, volume_distribution_t, draw_boulder, source_of, first_of
    use rockfall_scene_type, only: scene_t
@@ -35,7 +36,9 @@ contains
       integer(i8) :: word(words_per_block)
 
       word = random_words(scene%key, for_impact, number, int(impact, i8), 0_i8)
-      if (impact == 1 .and. scene%sobol%dimensions > 1) word = scrambled_words(scene, number)
+      if (impact == 1 .and. scene%sobol%dimensions > 1) then
+         if (number == boulder_number(number)) word = scrambled_words(scene, number)  ! a fragment has no point
+      end if
    end function impact_words
 
    !> Scrambled words of the first rebound. All at once: a variable index would keep the usual words in memory.
@@ -59,8 +62,9 @@ contains
       real(wp) :: u(words_per_block)
 
       word = random_words(scene%key, for_ground, number, int(impact, i8), 0_i8)
-      if (impact == 1 .and. scene%sobol%dimensions > 1) &
-         word(obstacle_word) = scrambled_word(scene, number, obstacle_dimension)
+      if (impact == 1 .and. scene%sobol%dimensions > 1) then
+         if (number == boulder_number(number)) word(obstacle_word) = scrambled_word(scene, number, obstacle_dimension)
+      end if
       u = uniform(word)
    end function ground_uniforms
 

@@ -11,6 +11,7 @@ module rockfall_ensemble
    use rockfall_crossings, only: crossing_t
    use rockfall_scratch, only: scratch_t
    use rockfall_trajectory, only: trace_full, choose_tracer
+   use rockfall_fragments, only: trace_fragments
    use rockfall_sources, only: proportional_part
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
    use rockfall_tallies, only: totals_t, prepare_scratch, add_boulder
@@ -96,6 +97,7 @@ contains
       else
          allocate (worker%spans(merge(scene%dem%nx + scene%dem%ny, 0, needs_heights(maps) .or. has_obstacles(scene))))
          call choose_tracer(scene, needs_visits(maps), worker%trace)
+         if (allocated(scene%breakage)) worker%trace => trace_fragments
          call prepare_scratch(scene, maps, worker%scratch)
          if (counts_sources(maps)) then
             call run_by_source(scene, first, threads, results, crossings, maps, worker)
@@ -206,7 +208,11 @@ contains
       allocate (spans(merge(scene%dem%nx + scene%dem%ny, 0, has_obstacles(scene))))
       call prepare_scratch(scene, no_maps, scratch)
       allocate (scratch%record(max_vertices))
-      call trace_full(scene, number, result, scratch, spans)
+      if (allocated(scene%breakage)) then
+         call trace_fragments(scene, number, result, scratch, spans)
+      else
+         call trace_full(scene, number, result, scratch, spans)
+      end if
    end subroutine trace_boulder
 
    !> Numbers of the boulders in first..last whose trajectories are recorded: `requested` in total, from each source in

@@ -8,18 +8,21 @@ module rockfall_outcome
    implicit none
    private
    public :: boulder_result_t, at_rest, departure_status, add_flight, count_outcome, close_energy_balance
-   public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier, left_window
+   public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier
+   public :: left_window, broken
 
    !> Status codes, in the order of the table of rockfall_variables; 0 while a boulder moves.
    integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4, hit_nodata = 5, &
                          stopped_by_tree = 6, stopped_by_barrier = 7
+   integer, parameter :: broken = -2       !! broke into fragments, which go on; never in results
    integer, parameter :: left_window = -1  !! reached the edge of the loaded window: traced again; never in results
 
-   !> Energy balance of a boulder: released = ground + trees + barriers + left [J].
+   !> Energy balance of a boulder: released = ground + trees + barriers + left + breakage [J].
    type :: energy_balance_t
       real(wp) :: released = 0.0_wp  !! kinetic energy at the release, plus potential energy from there to the end
       real(wp) :: ground = 0.0_wp, trees = 0.0_wp, barriers = 0.0_wp  !! absorbed energy
       real(wp) :: left = 0.0_wp      !! kinetic energy at the end
+      real(wp) :: breakage = 0.0_wp  !! kinetic energy that breaking took, with that of fines
    end type energy_balance_t
 
    !> Result of a boulder (theory, chapter 10).
@@ -37,6 +40,9 @@ module rockfall_outcome
       integer :: rebounds = 0, redrawn = 0, forced = 0
       integer :: out_of_range = 0, out_of_speed = 0, out_of_angle = 0  !! rebounds outside the fitted ranges
       integer :: trees_hit = 0             !! repeated hits of a tree count
+      integer :: fragments = 1             !! into which it broke; 1: it did not
+      integer :: breakages = 0, capped = 0 !! number of times, and of those limited by the maximum number of fragments
+      real(wp) :: fines = 0.0_wp           !! volume that became fines [m3]
       type(energy_balance_t) :: energy     !! if the scene has trees or barriers, or on request
    end type boulder_result_t
 
@@ -99,7 +105,7 @@ contains
          energy%released = energy%released - result%boulder%mass*gravity*z
          if (result%status == absorbed) then
             energy%ground = energy%ground + kinetic
-         else
+         else if (result%status /= broken) then
             energy%left = kinetic
          end if
       end associate

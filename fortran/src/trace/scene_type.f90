@@ -2,7 +2,7 @@
 !> The scene, i.e. all input of a boulder's simulation, constant during a run; built by rockfall_scene.
 module rockfall_scene_type
    use rockfall_kinds, only: wp, i8
-   use rockfall_random, only: random_key_t, normal_table_t
+   use rockfall_random, only: random_key_t, normal_table_t, boulder_number
    use rockfall_sobol, only: sobol_t
    use rockfall_terrain, only: terrain_t
    use rockfall_surface, only: surface_t
@@ -13,6 +13,7 @@ module rockfall_scene_type
    use rockfall_line, only: line_t
    use rockfall_barrier, only: barrier_t
    use rockfall_forest, only: forest_t
+   use rockfall_breakage, only: breakage_t
    implicit none
    private
    public :: scene_t, goes_in_lanes, has_obstacles, inertia_of, is_slow
@@ -41,6 +42,7 @@ module rockfall_scene_type
       type(line_t), allocatable :: lines(:)        !! evaluation lines, then barriers
       type(barrier_t), allocatable :: barriers(:)
       type(forest_t), allocatable :: forest
+      type(breakage_t), allocatable :: breakage    !! if boulders may break
       real(wp) :: gravity = 9.81_wp        !! [m/s2]
       real(wp) :: stop_speed = 0.5_wp      !! speed after a rebound below which a boulder rests or rolls [m/s]
       real(wp) :: rest_slope = 1.0e30_wp   !! tangent of the rest angle of `sets`: rolls where steeper [-]
@@ -53,11 +55,12 @@ module rockfall_scene_type
 
 contains
 
-   !> Return whether boulders may run in lanes: no obstacles, and turning by the rule past_aspect.
+   !> Return whether boulders may run in lanes: no obstacles, no breakage, and turning by the rule past_aspect.
    pure logical function goes_in_lanes(scene)
       type(scene_t), intent(in) :: scene
 
-      goes_in_lanes = .not. (has_obstacles(scene) .or. scene%energies_requested) .and. scene%turning == past_aspect
+      goes_in_lanes = .not. (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%breakage)) &
+                      .and. scene%turning == past_aspect
    end function goes_in_lanes
 
    !> Return whether there are trees or barriers.
@@ -70,10 +73,11 @@ contains
    !> Moment of inertia of a boulder, I/(m R_b**2) [-].
    pure real(wp) function inertia_of(scene, number)
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: number
+      integer(i8), intent(in) :: number  !! of a boulder or a fragment
 
       inertia_of = inertia_factor
-      if (allocated(scene%of_source)) inertia_of = scene%of_source(source_of(scene%release, number))%inertia
+      if (allocated(scene%of_source)) &
+         inertia_of = scene%of_source(source_of(scene%release, boulder_number(number)))%inertia
    end function inertia_of
 
    !> Return whether a boulder is too slow to fly.

@@ -11,10 +11,12 @@ module rockfall_scratch
    use rockfall_tree_maps, only: tree_hits_t
    use rockfall_histogram, only: histograms_t
    use rockfall_scene_type, only: scene_t
+   use rockfall_breakage, only: split_t
+   use rockfall_outcome, only: boulder_result_t
    use rockfall_crossings, only: crossing_t
    implicit none
    private
-   public :: scratch_t, contact_t, basic, with_lines, with_maps, with_all
+   public :: scratch_t, contact_t, piece_t, gathered_t, basic, with_lines, with_maps, with_all
    public :: clear_scratch, visit_cells, count_ground, record_vertex, replace_velocity
 
    !> Level of recording, in addition to the boulder's result: nothing; lines and histograms; also visits of raster
@@ -29,11 +31,30 @@ module rockfall_scratch
       real(wp) :: ratio = 0            !! R_b/R_m; 0 without a rebound
    end type contact_t
 
+   !> Boulder at its release, or fragment where its boulder broke: start of a path.
+   type :: piece_t
+      integer(i8) :: number = 0            !! as of fragment_number
+      type(boulder_result_t) :: result     !! so far
+      type(flight_t) :: flight             !! the first
+      real(wp) :: omega_r = 0.0_wp         !! W [m/s]
+      integer :: recorded = 0              !! vertices of the path that led here
+      type(contact_t), allocatable :: path(:)  !! these, as far as they are kept
+   end type piece_t
+
+   !> What a boulder that may break leaves in addition to what others leave: `visits` and `hits` are then with energies,
+   !> as of `merge_visits`.
+   type :: gathered_t
+      type(visits_t) :: passing            !! as of merge_passing
+      integer :: stops = 0                 !! fragments that came to rest
+      integer, allocatable :: stop_cell(:, :)  !! where: column, row
+   end type gathered_t
+
    !> Work space of a boulder; components not needed by the scene are not allocated.
    type :: scratch_t
       logical :: cells_requested = .false.       !! maps need visits of cells
       logical :: heights_requested = .false.     !! maps need heights in these cells
       logical :: hits_requested = .false.        !! maps need the objects that it would hit
+      logical :: passing_requested = .false.     !! maps need passing heights
       type(visits_t) :: visits, hits
       type(histograms_t) :: histograms
       integer(i8), allocatable :: by_ground(:)   !! rebounds on each of the scene's grounds
@@ -44,6 +65,12 @@ module rockfall_scratch
       type(contact_t), allocatable :: record(:)  !! allocated by the caller if it needs the trajectory
       integer :: recorded = 0                    !! number of vertices, possibly above size(record)
       type(touch_t) :: touch                     !! state on the ground of a table
+      ! Only where boulders may break:
+      type(piece_t), allocatable :: start        !! the piece to be traced,
+      integer :: room = 1                        !! the fragments that it may become,
+      type(piece_t), allocatable :: broken       !! and its last state, if it broke, with its fragments
+      type(split_t) :: split
+      type(gathered_t), allocatable :: gathered
    end type scratch_t
 
 contains

@@ -4,16 +4,16 @@ module rockfall_start
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: squared_length
    use rockfall_terrain, only: locate, height, cell_of
-   use rockfall_boulder, only: boulder_of, source_of
+   use rockfall_boulder, only: boulder_t, boulder_of, source_of, kinetic_energy
    use rockfall_flight, only: flight_t, landing_t, launch_rate
    use rockfall_maps, only: visit_cell
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, at_rest, left_window
-   use rockfall_scratch, only: scratch_t, with_maps, with_all
+   use rockfall_scratch, only: scratch_t, contact_t, with_maps, with_all, clear_scratch, record_vertex
    use rockfall_draws, only: drawn_boulder
    implicit none
    private
-   public :: start_boulder, end_boulder
+   public :: start_boulder, start_piece, energy_head, end_boulder
 
 contains
 
@@ -40,6 +40,35 @@ contains
       result%status = left_window
       result%stop = result%start
    end subroutine start_boulder
+
+   !> Start the first flight of the piece in the work space, and clear that but for the path that led there.
+   pure subroutine start_piece(scene, level, result, flight, omega_r, scratch)
+      type(scene_t), intent(in) :: scene
+      integer, value :: level  !! basic, ..., with_all
+      type(boulder_result_t), intent(out) :: result
+      type(flight_t), intent(out) :: flight
+      real(wp), intent(out) :: omega_r  !! W [m/s]
+      type(scratch_t), intent(inout) :: scratch
+
+      call clear_scratch(scene, level, scratch)
+      result = scratch%start%result
+      flight = scratch%start%flight
+      omega_r = scratch%start%omega_r
+      if (.not. allocated(scratch%record)) return
+      scratch%recorded = scratch%start%recorded
+      if (allocated(scratch%start%path)) scratch%record(:size(scratch%start%path)) = scratch%start%path
+      if (scratch%recorded == 0) &
+         call record_vertex(scratch, contact_t(flight%x, flight%y, flight%z, result%time, flight%v))
+   end subroutine start_piece
+
+   !> Kinetic and potential energy of a boulder without spin [J].
+   pure real(wp) function energy_head(gravity, boulder, flight)
+      real(wp), intent(in) :: gravity       !! [m/s2]
+      type(boulder_t), intent(in) :: boulder
+      type(flight_t), intent(in) :: flight  !! its first
+
+      energy_head = sum(kinetic_energy(boulder, flight%v, 0.0_wp)) + boulder%mass*gravity*flight%z
+   end function energy_head
 
    !> Start of the first flight: above the source, at rest or with the release velocity.
    pure subroutine set_first_flight(scene, source, flight)

@@ -2,7 +2,7 @@
 !> Contribution of a finished boulder to the tallies of a run. A boulder that left the window of the terrain is not
 !> counted: it is traced again.
 module rockfall_tallies
-   use rockfall_kinds, only: i8
+   use rockfall_kinds, only: wp, i8
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, at_rest, left_window
    use rockfall_scratch, only: scratch_t
@@ -34,6 +34,8 @@ contains
       scratch%heights_requested = needs_heights(maps)
       scratch%hits_requested = needs_hits(maps)
       if (needs_times(maps)) allocate (scratch%visits%time(0))
+      if (allocated(scene%breakage)) allocate (scratch%gathered)
+      scratch%passing_requested = needs_passing(maps)
       scratch%tree_hits_requested = allocated(scene%forest) .and. needs_tree_hits(maps)
       if (allocated(scene%lines)) allocate (scratch%crossings(size(scene%lines)))
       if (scene%histograms_requested) scratch%histograms = empty_histograms()
@@ -47,15 +49,27 @@ contains
       type(boulder_result_t), intent(in) :: result
       type(scratch_t), intent(in) :: scratch
       type(totals_t), intent(inout) :: totals
+      real(wp) :: mass
+      integer :: k
 
       if (result%status == left_window) return
+      mass = result%boulder%mass
+      if (allocated(scratch%gathered)) mass = 1  ! visits then have energies
       if (scene%histograms_requested) totals%histogram = totals%histogram + scratch%histograms%count
       if (allocated(scratch%by_ground)) totals%by_ground = totals%by_ground + scratch%by_ground
-      if (scratch%cells_requested) call add_visits(maps, scratch%visits, result%boulder%mass)
-      if (scratch%hits_requested) call add_hits(maps, scratch%hits, result%boulder%mass)
-      if (needs_passing(maps)) call add_passing(maps, scratch%visits, scene%dem, result%boulder%radius)
+      if (scratch%cells_requested) call add_visits(maps, scratch%visits, mass)
+      if (scratch%hits_requested) call add_hits(maps, scratch%hits, mass)
+      if (needs_passing(maps) .and. .not. allocated(scratch%gathered)) &
+         call add_passing(maps, scratch%visits, scene%dem, result%boulder%radius)
       if (needs_travel(maps)) call add_travel(maps, scratch%visits, scene%dem, result%start)
       if (scratch%tree_hits_requested) call add_tree_hits(maps, scratch%tree_hits)
-      if (at_rest(result%status)) call add_deposit(maps, result%stop_cell)
+      if (.not. allocated(scratch%gathered)) then
+         if (at_rest(result%status)) call add_deposit(maps, result%stop_cell)
+         return
+      end if
+      if (needs_passing(maps)) call add_passing(maps, scratch%gathered%passing, scene%dem, 0.0_wp)
+      do k = 1, scratch%gathered%stops
+         call add_deposit(maps, scratch%gathered%stop_cell(:, k))
+      end do
    end subroutine add_boulder
 end module rockfall_tallies

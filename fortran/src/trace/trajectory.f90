@@ -4,7 +4,6 @@
 module rockfall_trajectory
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: squared_length
-   use rockfall_boulder, only: kinetic_energy
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, arc_length
    use rockfall_rolling, only: roll_t
    use rockfall_scene_type, only: scene_t, has_obstacles
@@ -13,7 +12,8 @@ module rockfall_trajectory
    use rockfall_crossings, only: record_crossings
    use rockfall_scratch, only: scratch_t, contact_t, basic, with_lines, with_maps, with_all, clear_scratch, &
                                record_vertex
-   use rockfall_start, only: start_boulder, end_boulder
+   use rockfall_start, only: start_boulder, start_piece, energy_head, end_boulder
+   use rockfall_breaking, only: break_at_impact
    use rockfall_contact, only: handle_impact
    use rockfall_obstacles, only: obstacle_t, hit_obstacle, record_passed_over, none
    use rockfall_paths, only: fly_over_cells, fly_to_obstacle, follow_roll
@@ -98,16 +98,19 @@ contains
       type(roll_t) :: roll
       logical :: obstacles
 
-      call start_boulder(scene, number, level, result, flight)
-      if (result%status /= 0) return
       omega_r = 0
-      call clear_scratch(scene, level, scratch)
       obstacles = .false.
-      if (level >= with_all) then
-         call record_vertex(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
-         obstacles = has_obstacles(scene)
-         result%energy%released = sum(kinetic_energy(result%boulder, flight%v, 0.0_wp)) &
-                                  + result%boulder%mass*scene%gravity*flight%z
+      if (level >= with_all) obstacles = has_obstacles(scene)
+      if (level >= with_all .and. allocated(scratch%start)) then
+         call start_piece(scene, level, result, flight, omega_r, scratch)
+      else
+         call start_boulder(scene, number, level, result, flight)
+         if (result%status /= 0) return
+         call clear_scratch(scene, level, scratch)
+         if (level >= with_all) then
+            call record_vertex(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
+            result%energy%released = energy_head(scene%gravity, result%boulder, flight)
+         end if
       end if
       do
          if (roll%rolls) then
@@ -136,6 +139,8 @@ contains
          else
             result%impacts = result%impacts + 1
             call handle_impact(scene, number, landing, v_in, omega_r, level, result, flight, roll, scratch)
+            if (level >= with_all .and. allocated(scratch%start)) &
+               call break_at_impact(scene, landing, v_in, omega_r, roll, result, flight, scratch)
          end if
          if (result%status /= 0) exit
       end do

@@ -38,6 +38,8 @@ QUANTITIES = (
     "position",
 )
 
+FRAGMENTS = "fragments"  # a further quantity, where boulders may break
+
 SIGNED = ("omega", "position")  # signed quantities: neither end is bounded
 
 
@@ -64,6 +66,8 @@ def line_statistics(
     along the line, from its first vertex, at which a boulder crossed [m]: its std is the lateral
     spread. jump_height is that of the boulder's point, passing_height of its centre, upper_edge of
     its highest point, all vertical; normal_height and normal_upper_edge are normal to the slope.
+    Where boulders may break, fragments is how many of a boulder that crossed did; the rest is of
+    the most energetic of them (docs/breakage.md).
 
     With &case sampling = 'sobol' boulders are spread more evenly than random ones, which the
     intervals ignore: they are those of the same number of random boulders, and too wide
@@ -77,10 +81,11 @@ def line_statistics(
     """
     import pandas as pd
 
-    chosen_quantities = QUANTITIES if quantities is None else quantities
+    known_quantities = QUANTITIES + ((FRAGMENTS,) if f"line_{FRAGMENTS}" in result else ())
+    chosen_quantities = known_quantities if quantities is None else quantities
     for one in chosen_quantities:
-        if one not in QUANTITIES:
-            all_ = ", ".join(QUANTITIES)
+        if one not in known_quantities:
+            all_ = ", ".join(known_quantities)
             raise RockfallError(f"quantities: no quantity '{one}'; there are {all_}")
     known = LineSamples(result)
     parts = known.groups(by, classes) if by else [("", None)]

@@ -67,6 +67,13 @@ TABLES_IN_THE_FIELD = (
     "(docs/validation/field)"
 )
 
+BREAKAGE = (
+    "Breakage follows a rule fitted to limestone in a quarry, as quoted and not confirmed, and is "
+    "not validated here; fragments have less energy than the boulder: look at the same run without "
+    "it (&breakage at = 'none'), too"
+)
+MAX_FINES = 0.01  # fraction of the volume from which it is a warning
+
 LOGS = (
     "What lying logs take is unconfirmed: as much as standing stems of their diameter, less when "
     "decayed; logs decay and move, so look at the same run without logs, too"
@@ -88,6 +95,7 @@ def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     yield from table_remarks(values)
     yield from forest_remarks(case)
     yield from log_remarks(case)
+    yield from breakage_remarks(values, case)
     yield from roll_remarks(values, case)
     yield from (Remark(one.text, one.is_warning) for one in extrapolations(values))
 
@@ -146,6 +154,52 @@ def log_remarks(case: Case) -> Iterator[Remark]:
         yield Remark(LOGS, True, is_counted=False)
 
 
+def breakage_remarks(values: Variables, case: Case) -> Iterator[Remark]:
+    """Remarks on breakage: that its rule is not validated, what statistics count, and boulders
+    whose fragments were limited or lost as fines; none where boulders do not break."""
+    if case.breakage["at"] == "none":
+        return
+    yield Remark(BREAKAGE, True, is_counted=False)
+    if "fragments" not in values:
+        return
+    names = ("fragments", "breakages", "breakages_capped", "fines_volume", "volume")
+    fragments, breakages, capped, fines, volume = (np.asarray(values[name]) for name in names)
+    broke = breakages > 0
+    if broke.any():
+        yield Remark(
+            f"{part_of(int(broke.sum()), broke.size, 'boulder')} broke, into "
+            f"{fragments[broke].mean():.3g} fragments on average, {fragments.max()} at most: maps, "
+            "lines and hits count a boulder once, with the largest values of its fragments, so "
+            "that risk and the load of a barrier count one hit of several; deposits count fragments"
+            + "".join(_fragments_at_lines(values)),
+            True,
+        )
+    if (reached := int((capped > 0).sum())) > 0:
+        yield Remark(
+            f"{part_of(reached, capped.size, 'boulder')} reached &breakage max_fragments = "
+            f"{case.breakage['max_fragments']}: what would have broken further stayed whole, so "
+            "that blocks are too large and too few",
+            True,
+        )
+    if (fraction := float(fines.sum() / volume.sum())) > MAX_FINES:
+        yield Remark(
+            f"{percent(fraction)} of the volume is in pieces below &breakage min_volume = "
+            f"{case.breakage['min_volume']:g} m3, which are not traced",
+            True,
+        )
+
+
+def _fragments_at_lines(values: Variables) -> Iterator[str]:
+    """Mean number of fragments at each line, of the boulders that cross it."""
+    if "line_fragments" not in values:
+        return
+    for name, counts in zip(
+        np.asarray(values["line"]), np.asarray(values["line_fragments"]), strict=True
+    ):
+        if (counts > 0).any():
+            yield f"; {name}: {counts[counts > 0].mean():.3g} fragments of each that crosses"
+
+
 def forest_text() -> str:
     """Comparison with the forest experiment (cases/vaujany-forest), and its consequences."""
     known = forest_experiment()
@@ -181,7 +235,8 @@ def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     A boulder rolls where the ground is steeper than the rest angle. The passing height of a boulder
     on the ground is R_b/cos(slope), which gives the slope there.
     """
-    names = ("line", "line_speed", "line_passing_height", "line_jump_height", "volume")
+    volumes = "line_volume" if "line_volume" in values else "volume"
+    names = ("line", "line_speed", "line_passing_height", "line_jump_height", volumes)
     if not all(name in values for name in names):
         return
     lines, speeds, passing, jump, volume = (np.asarray(values[name]) for name in names)

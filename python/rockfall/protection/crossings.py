@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.lines.values import line_values
+from rockfall.analysis.lines.values import line_values, volumes_at_line
 from rockfall.analysis.precision.intervals import Sources, between_ranks, effective_number, sources
 from rockfall.limits import barrier_outcomes
 from rockfall.result.variables import OUTCOME
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Crossings(NamedTuple):
-    """Values of each boulder that crossed a line: source and volume [m3], position along the line
+    """Values of each boulder that crossed a line: source and volume [m3] there, position along it
     [m], speed [m/s], energies [J], heights above the ground [m]."""
 
     source: Sources
@@ -48,7 +48,7 @@ def crossings(result: xr.Dataset, line: int) -> Crossings:
         return line_values(result, quantity, line)[came]
 
     numbers = (at_line(name) for name in Crossings._fields[2:])
-    return Crossings(sources(result)[came], result["volume"].values[came], *numbers)
+    return Crossings(sources(result)[came], volumes_at_line(result, line)[came], *numbers)
 
 
 def quantile(values: np.ndarray, level: float, source: Sources) -> tuple[float, float, float]:

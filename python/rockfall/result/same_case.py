@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 #: Groups that define the case of a slope; seeds, numbers of boulders, their volumes, lines and
 #: outputs may differ.
-GROUPS = ("terrain", "surface", "impact", "release", "flight", "forest", "barrier", "dam")
+GROUPS = (
+    "terrain", "surface", "impact", "release", "breakage", "flight", "forest", "barrier", "dam",
+)  # fmt: skip
 DECODED = {"dem": "terrain", "surface": "ground", "trees": "trees"}  # checksums of decoded inputs
 FILES = {  # checksums of files
     "sets": "impact sets", "cells": "sources", "polygons": "sources", "points": "sources",

@@ -36,9 +36,11 @@ TEXTS = ("line", "feature", "ground", "ground_model")  # text variables
 FIXED = ("place", "line", "quantity", "word", "tail", "rank", "status")  # dimensions of samples
 #: Ranges of values of boulders and their crossings that no run exceeds.
 POSITIVE = {"volume"}
+COUNT_AT_LINES = "fragments"  # not missing but 0 where a boulder did not cross
 NOT_NEGATIVE = {
     "path_length", "plan_distance", "travel_time", "speed_max", "jump_height_max", "impacts",
-    "time", "speed", "energy_translational", "energy_rotational", "trees_hit",
+    "time", "speed", "energy_translational", "energy_rotational", "trees_hit", "fines_volume",
+    "breakages", "breakages_capped",
 }  # fmt: skip
 PLACES = {"start_x", "start_y", "stop_x", "stop_y", "x", "y"}
 #: Dimensions without missing values; at lines NaN means that a boulder did not cross.
@@ -104,6 +106,8 @@ def _groups() -> Iterator[_Group]:
     yield {name: ("ground",) for name in on_grounds}
     yield {name: ("boulder",) for name in variables.ENERGY}
     yield {name: ("boulder",) for name in variables.TREE}
+    yield {name: ("boulder",) for name in variables.BREAKAGE}
+    yield {f"line_{name}": ("line", "boulder") for name in variables.FRAGMENT}
     of_boulders: _Group = {name: ("boulder",) for name in variables.FEATURE}
     yield of_boulders | {"feature": ("feature",)}
     yield {
@@ -144,6 +148,10 @@ def check_values(data: xr.Dataset, path: str | Path) -> None:
         if (along in FINITE or along.endswith("_bin")) and not np.isfinite(values).all():
             raise RockfallError(f"{path}: {name}: must be a number for every {along}")
         at_line = dims == ("line", "boulder") and name.startswith("line_")
+        if name == f"line_{COUNT_AT_LINES}":
+            at_line = False
+            if not are_counts(values, data["line_time"].values):
+                raise RockfallError(f"{path}: {name}: must be > 0 where a boulder crossed a line")
         if at_line and not are_crossings(values, data["line_time"].values):
             raise RockfallError(f"{path}: {name}: must be a number where a boulder crossed a line")
         if fault := out_of_range(name, values) if "boulder" in dims else "":
@@ -193,6 +201,15 @@ def are_crossings(values: np.ndarray, times: np.ndarray) -> bool:
     if values.dtype.kind != "f" or times.dtype.kind != "f" or np.isinf(values).any():
         return False
     return np.array_equal(np.isnan(values), np.isnan(times))
+
+
+def are_counts(values: np.ndarray, times: np.ndarray) -> bool:
+    """Check that counts (line, boulder) are > 0 where times are finite, and 0 elsewhere."""
+    return (
+        values.dtype.kind == "i"
+        and np.array_equal(values > 0, ~np.isnan(times))
+        and (not values.size or int(values.min()) >= 0)
+    )
 
 
 def _are_edges(bounds: np.ndarray) -> bool:

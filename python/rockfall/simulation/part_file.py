@@ -27,7 +27,7 @@ from rockfall.result import variables
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import DAMAGED, georeference
 from rockfall.result.samples import lengths, possible, sample_dims
-from rockfall.result.validate import are_crossings, out_of_range
+from rockfall.result.validate import COUNT_AT_LINES, are_counts, are_crossings, out_of_range
 from rockfall.scene.forest.trees import Stand
 from rockfall.scene.parts import Features
 from rockfall.scene.scene import InputWarning
@@ -50,8 +50,8 @@ LAYOUT = int(_core.constant("part_layout"))  # layout version of the file
 STACKS = ("counts", "sums", "maxima")  # of maps, by layer
 BEFORE = "tally_"  # prefix of the names of tallies
 GROUPS = (  # of the table of variables
-    "kept", "boulder", "energy", "feature", "tree", "line", "barrier", "count", "ground",
-    "histogram",
+    "kept", "boulder", "energy", "feature", "tree", "breakage", "line", "fragment", "barrier",
+    "count", "ground", "histogram",
 )  # fmt: skip
 CLOCKS = ("wall_seconds", "cpu_seconds")
 NUMBERS = ("boulders_requested", "boulder_first", "boulder_last", "threads")
@@ -453,6 +453,9 @@ def are_numbers(numbers: np.ndarray, first: int, last: int) -> bool:
 
 
 def _possible(name: str, values: np.ndarray, times: np.ndarray | None, cells: int) -> bool:
+    if name == f"line_{COUNT_AT_LINES}":
+        assert times is not None
+        return are_counts(values, times)
     if name.startswith("line_"):
         assert times is not None
         return are_crossings(values, times)

@@ -30,7 +30,7 @@ MAXIMA = {
 def make_result(tally: Tally, maps: bool = True) -> Contents:
     """Complete results of a run, named as in `variables`; with or without its maps, whose tallies
     are used up (`settle` comes before) unless the run goes on."""
-    data = table_variables(tally, "boulder", "count", "energy", "feature", "tree")
+    data = table_variables(tally, "boulder", "count", "energy", "feature", "tree", "breakage")
     data["boulder"] = ("boulder", tally.numbers(), variables.KEPT["boulder"])
     data |= sample_variables(tally)
     data |= _grounds_themselves(tally) | table_variables(tally, "ground")
@@ -38,7 +38,7 @@ def make_result(tally: Tally, maps: bool = True) -> Contents:
         names = np.array(tally.scene.features.names, dtype=object)
         data["feature"] = ("feature", names, {"long_name": "polygon or point of sources"})
     if tally.scene.case.lines:
-        data |= _line_itself(tally) | table_variables(tally, "line")
+        data |= _line_itself(tally) | table_variables(tally, "line", "fragment")
     if tally.scene.case.barrier:
         data |= _barrier_variables(tally)
     data["crs"] = ((), np.int32(0), tally.georeference())

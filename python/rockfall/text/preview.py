@@ -27,6 +27,7 @@ from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.simulate import check_team, run_chunks, start
 from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import MAXIMA
+from rockfall.text.breakage import breakage_lines
 from rockfall.text.dams import dam_lines
 from rockfall.text.stands import stand_lines
 
@@ -66,6 +67,7 @@ def preview(scene: Scene) -> str:
             "ground_model": [one.model for one in scene.grounds],
             "rebounds_by_ground": pilot.tally.array("rebounds_by_ground"),
         }
+    values |= {array.name: array.values for array in pilot.tally.arrays("breakage")}
     rows = [
         ("terrain", _terrain(scene)),
         ("elevations", _elevations(scene.ground)),
@@ -77,6 +79,7 @@ def preview(scene: Scene) -> str:
         ("impact sets", _sets(scene, values)),
         ("rebounds", _rebounds(values)),
         *_forest(scene),
+        *breakage_lines(case, values["volume"], pilot.density),
         *dam_lines(scene.dams),
         ("boulders", _boulders(scene)),
         *_attributes(scene),

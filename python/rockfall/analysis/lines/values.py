@@ -30,6 +30,9 @@ def line_values(result: Held, quantity: str, line: int) -> np.ndarray:
     check_rows(result, "a quantity of each boulder at a line")
     if quantity == "position":
         return _along(result, line)
+    if quantity == "fragments":
+        counts = result["line_fragments"].values[line]
+        return np.where(counts > 0, counts, np.nan)
     if not is_derived(result, quantity):
         return result[f"line_{quantity}"].values[line]
     return derived_values(result, line)[QUANTITIES.index(quantity)]
@@ -47,7 +50,16 @@ def derived_values(result: Held, line: int) -> np.ndarray:
     for name in HEIGHT_NEEDS + ENERGY_NEEDS:
         if f"line_{name}" in result:
             rows[fields(3).index(name)] = result[f"line_{name}"].values[line]
-    return line_quantities(rows, result["volume"].values if "volume" in result else rows[0])
+    known = "volume" in result or "line_volume" in result
+    return line_quantities(rows, volumes_at_line(result, line) if known else rows[0])
+
+
+def volumes_at_line(result: Held, line: int) -> np.ndarray:
+    """Volume [m3] of each boulder at a line; where boulders may break, of the fragment whose
+    crossing is given (NaN where none crossed)."""
+    if "line_volume" in result:
+        return result["line_volume"].values[line]
+    return result["volume"].values
 
 
 def _along(result: Held, line: int) -> np.ndarray:

@@ -1,0 +1,342 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Boulders that may break: the paths of a boulder and of its fragments, one after the other, and what all of them
+!> together leave. Each fragment is a boulder of its own, with random numbers of its own; tallies count what came of the
+!> boulder that was released (theory, chapter 3):
+!>
+!> - a cell, a line or an object is reached once, with the maxima over the fragments that reached it;
+!> - a deposit is counted for each fragment;
+!> - the numbers of the boulder's end, and its recorded trajectory, are those of the fragment that came farthest.
+module rockfall_fragments
+   use rockfall_kinds, only: wp, i1, i8
+   use rockfall_random, only: fragment_number
+   use rockfall_boulder, only: kinetic_energy
+   use rockfall_barrier, only: stopped_there, passed_over, broken_through
+   use rockfall_flight, only: span_t
+   use rockfall_maps, only: visits_t, start_visits, merge_visits
+   use rockfall_passing_maps, only: merge_passing
+   use rockfall_tree_maps, only: tree_hits_t, add_tree_hit
+   use rockfall_histogram, only: bins, quantities
+   use rockfall_scene_type, only: scene_t
+   use rockfall_outcome, only: boulder_result_t, at_rest, broken, left_window
+   use rockfall_crossings, only: crossing_t
+   use rockfall_scratch, only: scratch_t, contact_t, piece_t, gathered_t, with_all, clear_scratch
+   use rockfall_start, only: start_boulder, energy_head
+   use rockfall_breaking, only: break_at_release, fragment_piece
+   use rockfall_trajectory, only: trace_full
+   implicit none
+   private
+   public :: trace_fragments
+
+   !> Outcomes at a barrier, from the one that counts least among those of several fragments.
+   integer(i1), parameter :: rising_outcomes(*) = int([0, stopped_there, passed_over, broken_through], i1)
+
+   !> Pieces that wait for their turn.
+   type :: pending_t
+      integer :: n = 0
+      type(piece_t), allocatable :: piece(:)
+      integer(i8) :: born = 0        !! number of the last fragment
+   end type pending_t
+
+   !> Sums and maxima over the pieces traced.
+   type :: all_pieces_t
+      type(boulder_result_t) :: result
+      integer :: ended = 0           !! pieces that did not break
+      real(wp) :: distance2 = -1     !! squared plan distance of the farthest [m2]
+      type(visits_t) :: visits, hits
+      type(gathered_t) :: gathered
+      type(tree_hits_t) :: tree_hits
+      integer(i8) :: histogram(bins, quantities) = 0
+      integer(i8), allocatable :: by_ground(:)
+      type(crossing_t), allocatable :: crossings(:)
+      real(wp), allocatable :: raised(:, :)  !! (3, lines): highest jump, centre and upper edge of those there [m]
+      real(wp), allocatable :: energy(:)     !! largest of those that crossed, per line [J]
+      type(contact_t), allocatable :: record(:)
+      integer :: recorded = 0
+   end type all_pieces_t
+
+contains
+
+   !> Trace boulder `number` and its fragments, like `trace_full`.
+   pure subroutine trace_fragments(scene, number, result, scratch, spans)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      type(boulder_result_t), intent(out) :: result
+      type(scratch_t), intent(inout) :: scratch
+      type(span_t), intent(inout), contiguous :: spans(:)
+      type(pending_t) :: pending
+      type(all_pieces_t) :: all
+
+      call clear_scratch(scene, with_all, scratch)
+      call prepare(scratch, all)
+      call release(scene, number, scratch, all, pending)
+      if (all%result%status == left_window) pending%n = 0
+      do while (pending%n > 0)
+         scratch%start = pending%piece(pending%n)
+         pending%n = pending%n - 1
+         scratch%room = scene%breakage%max_fragments - all%ended - pending%n
+         call trace_full(scene, scratch%start%number, result, scratch, spans)
+         if (result%status == left_window) return
+         if (result%status == broken) call add_fragments(scene, number, scratch, all, pending)
+         call add_piece(scene, result, scratch, all)
+      end do
+      result = all%result
+      if (result%status /= left_window) call hand_over(all, scratch)
+   end subroutine trace_fragments
+
+   !> Allocate what the run needs of the pieces together.
+   pure subroutine prepare(scratch, all)
+      type(scratch_t), intent(in) :: scratch
+      type(all_pieces_t), intent(inout) :: all
+
+      if (allocated(scratch%visits%time)) allocate (all%visits%time(0))
+      if (scratch%cells_requested) call start_visits(all%visits)
+      if (scratch%hits_requested) call start_visits(all%hits)
+      if (scratch%passing_requested) call start_visits(all%gathered%passing)
+      allocate (all%gathered%stop_cell(2, 1))
+      if (allocated(scratch%by_ground)) allocate (all%by_ground(size(scratch%by_ground)), source=0_i8)
+      if (allocated(scratch%record)) allocate (all%record(0))
+      if (.not. allocated(scratch%crossings)) return
+      allocate (all%crossings(size(scratch%crossings)))
+      allocate (all%raised(3, size(scratch%crossings)), all%energy(size(scratch%crossings)), source=-1.0_wp)
+   end subroutine prepare
+
+   !> Release a boulder, as a block or as its fragments.
+   pure subroutine release(scene, number, scratch, all, pending)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      type(scratch_t), intent(inout) :: scratch
+      type(all_pieces_t), intent(inout) :: all
+      type(pending_t), intent(inout) :: pending
+      type(piece_t) :: whole
+
+      whole%number = number
+      call start_boulder(scene, number, with_all, whole%result, whole%flight)
+      all%result = whole%result
+      if (whole%result%status /= 0) return
+      all%result%speed_max = 0
+      whole%result%energy%released = energy_head(scene%gravity, whole%result%boulder, whole%flight)
+      scratch%room = scene%breakage%max_fragments
+      if (scene%breakage%at_release) call break_at_release(scene, whole%result, scratch)
+      if (whole%result%status == broken) then
+         scratch%broken = whole
+         scratch%broken%result%speed_max = sqrt(whole%result%speed_max)
+         scratch%broken%result%energy%released = whole%result%energy%released &
+                                                 - whole%result%boulder%mass*scene%gravity*whole%flight%z
+         call add_fragments(scene, number, scratch, all, pending)
+         call add_counts(scratch%broken%result, all%result)
+      else
+         all%result%capped = whole%result%capped
+         whole%result%capped = 0
+         pending%piece = [whole]
+         pending%n = 1
+      end if
+   end subroutine release
+
+   !> Let the fragments of the broken piece wait for their turn, and add what breaking took.
+   pure subroutine add_fragments(scene, boulder, scratch, all, pending)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: boulder  !! its number
+      type(scratch_t), intent(in) :: scratch
+      type(all_pieces_t), intent(inout) :: all
+      type(pending_t), intent(inout) :: pending
+      type(piece_t) :: fragment
+      real(wp) :: kinetic
+      integer :: k
+
+      associate (from => scratch%broken)
+         kinetic = kinetic_of(from)
+         do k = 1, size(scratch%split%volume)
+            pending%born = pending%born + 1
+            fragment = fragment_piece(scene, scratch, k, fragment_number(boulder, pending%born))
+            kinetic = kinetic - kinetic_of(fragment)
+            call add_pending(pending, fragment)
+         end do
+      end associate
+      all%result%fines = all%result%fines + scratch%split%fines
+      all%result%energy%breakage = all%result%energy%breakage + kinetic
+   end subroutine add_fragments
+
+   pure real(wp) function kinetic_of(piece)
+      type(piece_t), intent(in) :: piece
+
+      associate (boulder => piece%result%boulder)
+         kinetic_of = sum(kinetic_energy(boulder, piece%flight%v, piece%omega_r/boulder%radius))
+      end associate
+   end function kinetic_of
+
+   pure subroutine add_pending(pending, piece)
+      type(pending_t), intent(inout) :: pending
+      type(piece_t), intent(in) :: piece
+      type(piece_t), allocatable :: longer(:)
+
+      if (.not. allocated(pending%piece)) allocate (pending%piece(16))
+      if (pending%n == size(pending%piece)) then
+         allocate (longer(2*pending%n + 16))
+         longer(:pending%n) = pending%piece
+         call move_alloc(longer, pending%piece)
+      end if
+      pending%n = pending%n + 1
+      pending%piece(pending%n) = piece
+   end subroutine add_pending
+
+   !> Add a piece that was traced to its end or until it broke.
+   pure subroutine add_piece(scene, result, scratch, all)
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: result
+      type(scratch_t), intent(in) :: scratch
+      type(all_pieces_t), intent(inout) :: all
+      integer :: k
+
+      associate (mass => result%boulder%mass)
+         if (scratch%cells_requested) call merge_visits(all%visits, scratch%visits, mass)
+         if (scratch%hits_requested) call merge_visits(all%hits, scratch%hits, mass)
+      end associate
+      if (scratch%passing_requested) &
+         call merge_passing(all%gathered%passing, scratch%visits, scene%dem, result%boulder%radius)
+      do k = 1, scratch%tree_hits%n
+         associate (hit => scratch%tree_hits%hit(k))
+            call add_tree_hit(all%tree_hits, hit%cell, hit%height, hit%absorbed)
+         end associate
+      end do
+      if (scene%histograms_requested) all%histogram = all%histogram + scratch%histograms%count
+      if (allocated(all%by_ground)) all%by_ground = all%by_ground + scratch%by_ground
+      if (allocated(all%crossings)) then
+         do k = 1, size(all%crossings)
+            call add_crossing(result, scratch%crossings(k), all%crossings(k), all%energy(k), all%raised(:, k))
+         end do
+      end if
+      call add_counts(result, all%result)
+      if (result%status /= broken) call add_end(result, scratch, all)
+   end subroutine add_piece
+
+   !> Add the counts, maxima and energies of a piece.
+   pure subroutine add_counts(piece, all)
+      type(boulder_result_t), intent(in) :: piece
+      type(boulder_result_t), intent(inout) :: all
+
+      all%speed_max = max(all%speed_max, piece%speed_max)
+      all%jump_height_max = max(all%jump_height_max, piece%jump_height_max)
+      all%rebounds = all%rebounds + piece%rebounds
+      all%redrawn = all%redrawn + piece%redrawn
+      all%forced = all%forced + piece%forced
+      all%out_of_range = all%out_of_range + piece%out_of_range
+      all%out_of_speed = all%out_of_speed + piece%out_of_speed
+      all%out_of_angle = all%out_of_angle + piece%out_of_angle
+      all%trees_hit = all%trees_hit + piece%trees_hit
+      all%breakages = all%breakages + piece%breakages
+      all%capped = all%capped + piece%capped
+      all%energy%released = all%energy%released + piece%energy%released
+      all%energy%ground = all%energy%ground + piece%energy%ground
+      all%energy%trees = all%energy%trees + piece%energy%trees
+      all%energy%barriers = all%energy%barriers + piece%energy%barriers
+      all%energy%left = all%energy%left + piece%energy%left
+   end subroutine add_counts
+
+   !> Add the end of a piece, which may be the one that came farthest.
+   pure subroutine add_end(result, scratch, all)
+      type(boulder_result_t), intent(in) :: result
+      type(scratch_t), intent(in) :: scratch
+      type(all_pieces_t), intent(inout) :: all
+      real(wp) :: distance2
+
+      all%ended = all%ended + 1
+      all%result%fragments = all%ended
+      if (at_rest(result%status)) call add_stop(all%gathered, result%stop_cell)
+      distance2 = sum((result%stop(:2) - result%start(:2))**2)
+      if (distance2 <= all%distance2) return
+      all%distance2 = distance2
+      all%result%status = result%status
+      all%result%impacts = result%impacts
+      all%result%stop = result%stop
+      all%result%stop_cell = result%stop_cell
+      all%result%path_length = result%path_length
+      all%result%time = result%time
+      if (.not. allocated(scratch%record)) return
+      all%record = scratch%record(:min(scratch%recorded, size(scratch%record)))
+      all%recorded = scratch%recorded
+   end subroutine add_end
+
+   pure subroutine add_stop(gathered, cell)
+      type(gathered_t), intent(inout) :: gathered
+      integer, intent(in) :: cell(2)  !! column, row
+      integer, allocatable :: longer(:, :)
+
+      if (gathered%stops == size(gathered%stop_cell, 2)) then
+         allocate (longer(2, 2*gathered%stops))
+         longer(:, :gathered%stops) = gathered%stop_cell
+         call move_alloc(longer, gathered%stop_cell)
+      end if
+      gathered%stops = gathered%stops + 1
+      gathered%stop_cell(:, gathered%stops) = cell
+   end subroutine add_stop
+
+   !> Add the crossing of a line by a piece: the most energetic one is kept.
+   pure subroutine add_crossing(result, piece, all, energy, raised)
+      type(boulder_result_t), intent(in) :: result
+      type(crossing_t), intent(in) :: piece
+      type(crossing_t), intent(inout) :: all
+      real(wp), intent(inout) :: energy     !! largest so far [J]
+      real(wp), intent(inout) :: raised(3)  !! highest jump, centre, upper edge so far [m]
+      real(wp) :: energy_here
+      integer :: fragments
+      integer(i1) :: outcome
+
+      outcome = more_severe(all%outcome, piece%outcome)
+      fragments = all%fragments
+      if (piece%crossed) then
+         fragments = fragments + 1
+         energy_here = sum(kinetic_energy(result%boulder, piece%v, piece%omega))
+         raised = max(raised, [piece%jump_height, piece%passing_height, piece%passing_height + result%boulder%radius])
+         if (energy_here > energy) then
+            energy = energy_here
+            all = piece
+            all%fragment = result%boulder
+         end if
+      end if
+      all%outcome = outcome
+      all%fragments = fragments
+   end subroutine add_crossing
+
+   !> The outcome of two at a barrier that says more of what lies below it.
+   pure integer(i1) function more_severe(a, b)
+      integer(i1), intent(in) :: a, b
+
+      more_severe = rising_outcomes(max(findloc(rising_outcomes, a, dim=1), findloc(rising_outcomes, b, dim=1)))
+   end function more_severe
+
+   !> Hand what all pieces left to the work space, as if one boulder had left it. At a line its heights are raised until
+   !> no fragment that crossed had its lowest point, its centre or its upper edge higher.
+   pure subroutine hand_over(all, scratch)
+      type(all_pieces_t), intent(inout) :: all
+      type(scratch_t), intent(inout) :: scratch
+      integer :: k
+
+      if (scratch%cells_requested) scratch%visits = all%visits
+      if (scratch%hits_requested) scratch%hits = all%hits
+      scratch%gathered = all%gathered
+      scratch%tree_hits = all%tree_hits
+      scratch%histograms%count = all%histogram
+      if (allocated(all%by_ground)) scratch%by_ground = all%by_ground
+      if (allocated(all%crossings)) then
+         do k = 1, size(all%crossings)
+            associate (at => all%crossings(k))
+               if (.not. at%crossed) cycle
+               call raise(maxval(all%raised(:, k) - [at%jump_height, at%passing_height, &
+                                                     at%passing_height + at%fragment%radius]), at)
+            end associate
+         end do
+         scratch%crossings = all%crossings
+      end if
+      if (.not. allocated(scratch%record)) return
+      scratch%record(:size(all%record)) = all%record
+      scratch%recorded = all%recorded
+   end subroutine hand_over
+
+   pure subroutine raise(by, crossing)
+      real(wp), intent(in) :: by  !! >= 0 [m]
+      type(crossing_t), intent(inout) :: crossing
+
+      crossing%jump_height = crossing%jump_height + by
+      crossing%passing_height = crossing%passing_height + by
+   end subroutine raise
+end module rockfall_fragments

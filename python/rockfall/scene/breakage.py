@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Breakage of blocks by the kernel's rule: their fragments, and the impact from which one
+breaks."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.case import Case
+
+MAX_SPEED = 1000.0  # [m/s], above that of any boulder
+SPEEDS = 1001  # tried at a time
+
+
+class Splits(NamedTuple):
+    """Fragments of blocks: area ratios (n,); volumes [m3] of their fragments (n, max_fragments),
+    0 beyond them, and of fines (n,); whether `&breakage max_fragments` limited them (n,). A block
+    that does not break is its only fragment."""
+
+    area_ratio: np.ndarray
+    volumes: np.ndarray
+    fines: np.ndarray
+    is_capped: np.ndarray
+
+
+def split_blocks(case: Case, volume: np.ndarray, energy: np.ndarray) -> Splits:
+    """Split blocks of these volumes [m3] by energies [J] normal to the ground, (n,), by the
+    `&breakage` of a case whose boulders break."""
+    volumes = np.zeros((case.breakage["max_fragments"], len(volume)), order="F")
+    ratio, fines, capped = _core.split_blocks(case.text().encode(), volume, energy, volumes)
+    return Splits(ratio, volumes.T, fines, capped.astype(bool))
+
+
+def breaking_speed(case: Case, volume: float, density: float) -> float:
+    """Speed [m/s] normal to the ground above which a block breaks at an impact, within 1e-6; inf if
+    it is too small to break."""
+    low, high = 0.0, MAX_SPEED
+    while high - low > 1e-6:
+        speeds = np.linspace(low, high, SPEEDS)
+        split = split_blocks(case, np.full(SPEEDS, volume), 0.5 * density * volume * speeds**2)
+        breaks = split.is_capped | (split.volumes[:, 0] < volume)
+        if not breaks[-1]:
+            return np.inf
+        first = int(np.argmax(breaks))
+        low, high = speeds[max(0, first - 1)], speeds[first]
+    return float(high)
