@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Time and memory in which `rockfall dem` makes a DEM of a point cloud.
+"""CPU time and memory in which point clouds of LAZ are read for `rockfall dem`.
 
-    python -m benchmarks.speed.point_cloud [--million 100] [--tiles 10] [--thin 1.0] [--folder DIR]
+    python -m benchmarks.speed.point_cloud [--million 10] [--tiles 5] [--times 2] [--thin 2.0]
+                                           [--folder DIR]
 
-Tiles of LAZ (point format 6, hundredths of a metre) lie side by side; their points are drawn evenly
-over a slope, ten to the square metre, all ground. Memory is the peak of the process that reads
-them, beyond what it takes for a cloud of 1,000 points.
+Tiles of so many million points (point format 6, hundredths of a metre) lie side by side; their
+points are drawn evenly over a slope, ten to the square metre, all ground, in strips as a scanner
+flies. All are read `--times` times, as one cloud. Memory is the peak of the process that reads
+them, beyond what it takes for 1,000 points. Tiles that --folder holds already are not made again.
 """
 
 from __future__ import annotations
@@ -14,50 +16,53 @@ import argparse
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import laspy
 import numpy as np
 
 DENSITY = 10.0  # [1/m2]
-MADE_OF = """
-import resource, sys
-from rockfall.cli import main
-status = main(sys.argv[1:])
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr)
-sys.exit(status)
+READER = """
+import resource, sys, time
+from rockfall.io.point_clouds import read_clouds
+begin = time.process_time()
+points, _ = read_clouds(sys.argv[2:], thin=float(sys.argv[1]) or None)
+peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(len(points), time.process_time() - begin, peak)
 """
 
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--million", type=float, default=100.0, help="points")
-    parser.add_argument("--tiles", type=int, default=10)
-    parser.add_argument("--thin", type=float, default=1.0, help="0: all points are kept")
-    parser.add_argument("--folder", type=Path, help="for the tiles; default: a temporary one")
+    parser.add_argument("--million", type=float, default=10.0, help="points of a tile")
+    parser.add_argument("--tiles", type=int, default=5)
+    parser.add_argument("--times", type=int, default=2)
+    parser.add_argument("--thin", type=float, default=2.0, help="0: all points are kept")
+    parser.add_argument("--folder", type=Path, help="default: a temporary one")
     given = parser.parse_args()
-    with tempfile.TemporaryDirectory(dir=given.folder) as folder:
-        few = [_tile(Path(folder) / "few.laz", 0, 1000)]
-        _, base = _measured(few, 0.0, Path(folder))
-        each = round(given.million * 1e6 / given.tiles)
-        tiles = [_tile(Path(folder) / f"{k}.laz", k, each) for k in range(given.tiles)]
-        seconds, memory = _measured(tiles, given.thin, Path(folder))
-        size = sum(tile.stat().st_size for tile in tiles)
-    points = each * given.tiles
-    print(f"{points:,} points, {size / 1e6:,.0f} MB of LAZ, --thin {given.thin:g}")
-    print(f"{seconds:.0f} s, {(memory - base) / 1e6:,.0f} MB beyond {base / 1e6:,.0f} MB")
+    each = round(given.million * 1e6)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = given.folder or Path(temporary)
+        _, _, base = _measured([_tile(folder / "few.laz", 0, 1000)], 0.0)
+        tiles = [_tile(folder / f"{k}.laz", k, each) for k in range(given.tiles)]
+        kept, seconds, peak = _measured(tiles * given.times, given.thin)
+        size = given.times * sum(tile.stat().st_size for tile in tiles)
+    print(f"{each * given.tiles * given.times:,} points, {size / 1e6:,.0f} MB of LAZ")
+    print(f"--thin {given.thin:g}: {kept:,.0f} points kept")
+    print(f"{seconds:.0f} s of CPU, {(peak - base) / 1e6:,.0f} MB beyond {base / 1e6:,.0f} MB")
 
 
 def _tile(path: Path, number: int, points: int) -> Path:
-    """Write the tile of a number, east of those before it."""
+    """Write the tile of a number, east of those before it, unless it exists."""
+    if path.exists():
+        return path
     random = np.random.default_rng(number)
     side = (points / DENSITY) ** 0.5
     header = laspy.LasHeader(point_format=6, version="1.4")
     header.scales, header.offsets = [0.01] * 3, [2600000.0, 1200000.0, 0.0]
     las = laspy.LasData(header)
     x, y = random.uniform(0, side, (2, points))
-    order = np.lexsort((x, y // 10))  # in strips, as a scanner flies
+    order = np.lexsort((x, y // 10))
     x, y = x[order], y[order]
     las.x, las.y = 2600000.0 + number * side + x, 1200000.0 + y
     las.z = 500 + 0.7 * y + random.normal(0, 0.05, points)
@@ -66,17 +71,14 @@ def _tile(path: Path, number: int, points: int) -> Path:
     return path
 
 
-def _measured(tiles: list[Path], thin: float, folder: Path) -> tuple[float, float]:
-    """Seconds, and bytes at the peak."""
-    options = ["--thin", str(thin)] if thin else []
-    words = ["dem", *map(str, tiles), "-o", str(folder / "dem.tif"), "--overwrite", *options]
-    begin = time.perf_counter()
-    done = subprocess.run(
-        [sys.executable, "-c", MADE_OF, *words], capture_output=True, text=True, check=False
-    )
+def _measured(tiles: list[Path], thin: float) -> tuple[float, float, float]:
+    """Points kept, seconds of CPU, and bytes at the peak."""
+    words = [sys.executable, "-c", READER, str(thin), *map(str, tiles)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
     if done.returncode:
         raise SystemExit(done.stderr)
-    return time.perf_counter() - begin, 1024.0 * int(done.stderr.split()[-1])
+    kept, seconds, peak = map(float, done.stdout.split())
+    return kept, seconds, peak
 
 
 if __name__ == "__main__":

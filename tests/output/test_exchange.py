@@ -4,6 +4,7 @@
 import json
 import sqlite3
 import struct
+import sys
 from contextlib import closing
 from xml.etree import ElementTree
 
@@ -12,7 +13,7 @@ import pyproj
 import pytest
 
 import rockfall
-from made import make_raster, refused
+from made import make_layer, make_raster, refused
 from rockfall.cli import main
 from rockfall.result.dataset import write_result
 from rockfall.result.flights import flights_of
@@ -265,6 +266,13 @@ def test_a_result_without_trajectories_has_no_czml(result, tmp_path):
         rockfall.export(result.drop_dims("trajectory_vertex"), tmp_path / "a", formats=["czml"])
 
 
+def test_without_the_cad_extra_one_line_and_nothing_written(result, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ezdxf", None)
+    with refused("DXF needs the cad extra: pip install 'rockfall[cad]'"):
+        rockfall.export(result, tmp_path / "out", formats=["csv", "dxf"])
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -283,7 +291,9 @@ def test_wrong_options_are_one_line(options, message, result, tmp_path, capsys):
 def test_zones_of_a_hazard_are_drawn(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     case = run(tmp_path).replace(scenario=[{"name": "blocks", "return_period": 10.0}])
-    rockfall.write_hazard(rockfall.hazard(case), "zones")
+    place = shapely.box(600150, 4999900, 600160, 4999910)
+    objects = make_layer(tmp_path / "objects.gpkg", [place], name=["Haus Müller & <Söhne>"])
+    rockfall.write_hazard(rockfall.hazard(case, objects=objects), "zones")
     assert main(["export", "zones/hazard.nc", "out"]) == 0
     capsys.readouterr()
     about, _, wkb, values = pyogrio.raw.read("zones/hazard.gpkg", layer="zones")
@@ -298,5 +308,8 @@ def test_zones_of_a_hazard_are_drawn(tmp_path, capsys, monkeypatch):
     assert sum(outlines) == pytest.approx(sum(shapely.Polygon(ring).area for ring in rings))
     about, _, wkb, values = pyogrio.raw.read("out/hazard.kml", layer="zones")
     assert dict(zip(about["fields"], values, strict=True))["Name"].tolist() == hazard.tolist()
+    about, _, _, values = pyogrio.raw.read("out/hazard.kml", layer="objects")
+    names = dict(zip(about["fields"], values, strict=True))["Name"].tolist()
+    assert names == [one.dxf.text for one in drawing.query("TEXT")] == ["Haus Müller & <Söhne>"]
     assert main(["export", "zones/hazard.nc", "new", "--formats", "gpkg"]) == 2
     assert capsys.readouterr().err == "rockfall: --formats gpkg: must be kml, dxf\n"

@@ -13,13 +13,15 @@ from rockfall.errors import need
 from rockfall.io.files import atomic_write
 from rockfall.result.vector_style import Style, paint
 
+NAMING = ("name", "object")  # attributes of lines and objects that are written beside them
 TEXT_HEIGHT = 5.0  # [m]
+DARK = 64  # of 255
 METRES = 6  # $INSUNITS
 
 
 def write_drawing(path: Path, layers: Mapping[str, tuple], styles: Mapping[str, Style]) -> Path:
     """Write layers to one drawing, atomically: trajectories as polylines in 3-D, other lines and
-    polygons as polylines in plan, points with their height; names of lines as text.
+    polygons as polylines in plan, points with their height; names of lines and objects as text.
 
     A layer that a style divides by the values of a field becomes one layer of the drawing for each
     value, such as `zones_high`: DXF has no attributes.
@@ -38,13 +40,14 @@ def write_drawing(path: Path, layers: Mapping[str, tuple], styles: Mapping[str, 
         for shapes, fields in parts:
             shapes = shapely.from_wkb(shapes) if kind.endswith(" ZM") else shapes
             values = fields[field].tolist() if field in fields else [""] * len(shapes)
-            texts = fields["name"].tolist() if "name" in fields else [""] * len(shapes)
+            named = next((key for key in NAMING if key in fields), "")
+            texts = fields[named].tolist() if named else [""] * len(shapes)
             for shape, value, text in zip(shapes, values, texts, strict=True):
                 if shape is None or shape.is_empty:
                     continue
                 layer = f"{name}_{value}" if field in fields else name
                 if layer not in drawing.layers:
-                    drawing.layers.add(layer).rgb = colours.get(str(value), (0, 0, 0))
+                    _colour(drawing.layers.add(layer), colours.get(str(value), (0, 0, 0)))
                 for part in getattr(shape, "geoms", [shape]):
                     _DRAWN[part.geom_type](space, part, layer)
                 if text:
@@ -52,6 +55,12 @@ def write_drawing(path: Path, layers: Mapping[str, tuple], styles: Mapping[str, 
     with atomic_write(path) as part:
         drawing.saveas(part)
     return path
+
+
+def _colour(layer: Any, colour: tuple[int, int, int]) -> None:
+    """Give a layer a colour; near black stays DXF's own 7, which is white on a dark ground."""
+    if max(colour) > DARK:
+        layer.rgb = colour
 
 
 def _colours(style: Style | None) -> dict[str, tuple[int, int, int]]:

@@ -16,6 +16,7 @@ from rockfall.result.vector_style import Style, Symbol, paint
 
 #: Kinds of geometry whose heights are drawn; others lie on the viewer's own ground.
 IN_THE_AIR = ("LineString ZM",)
+NAMING = ("name", "object", "hazard")  # attributes that name a feature, the first that it has
 DOT = "http://maps.google.com/mapfiles/kml/shapes/shaded_dot.png"
 HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2">\n'
 
@@ -73,7 +74,8 @@ def _write_folder(
 def _title(row: Mapping[str, Any]) -> str:
     """Name of a feature: its own, its class, or the number in its first column."""
     first = next(iter(row), "")
-    return str(row.get("name") or row.get("hazard") or f"{first} {row.get(first, '')}")
+    own = (row.get(key) for key in NAMING)
+    return str(next((name for name in own if name), f"{first} {row.get(first, '')}"))
 
 
 def _attributes(row: Mapping[str, Any]) -> str:
