@@ -348,7 +348,7 @@ def test_marks_of_a_case_with_lines_and_barriers_have_lines_of_their_own(tmp_pat
     and nothing that stops a boulder is lost."""
     line = [{"name": "mark 1", "x": [0.0, 300.0], "y": [330.0, 330.0]}]
     barrier = [{"name": "net", "x": [0.0, 300.0], "y": [300.0, 300.0], "height": 4.0, "class": 3}]
-    read = read_scene(case(tmp_path, 200, 3, line=line, barrier=barrier), **HOW)
+    read = read_scene(case(tmp_path, 200, 3, line=line).replace(barrier=barrier), **HOW)
     marks = [Mark("near", 100.0, 470.0, 1.0, 0.4), Mark("far", 290.0, 200.0, 1.0, 0.4)]
     scene, named = with_lines_at(read, marks)
     assert [one.line for one in named] == ["mark 1'", "mark 2"]

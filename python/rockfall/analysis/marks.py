@@ -111,7 +111,7 @@ def with_lines_at(scene: Scene, marks: list[Mark]) -> tuple[Scene, list[Mark]]:
     trial = _with_lines(scene, objects)
     result = run_scene(trial)
     order = [str(name) for name in result["line"].values]
-    first, lines, named = order.index(objects[0]["name"]), [], []
+    first, lines, named = order.index(str(objects[0]["name"])), [], []
     for mark, name in zip(marks, names, strict=True):
         widths = _widths(mark)
         rows = slice(first, first + len(widths))
