@@ -21,6 +21,7 @@ from rockfall.analysis.deposits import (
     Blocks,
     Kernel,
     Rest,
+    at_rest,
     fitted_kernel,
     kernel_sums,
     kernel_widths,
@@ -447,6 +448,33 @@ def test_compare_and_validate_set_blocks_beside_the_density_of_a_run(truth, caps
     assert (
         in_good[key].n == len(seen.stops) and in_good[key].simulated > in_bad[key].simulated + 0.5
     )
+
+
+def test_only_boulders_in_the_area_that_was_walked_count(truth, tmp_path, monkeypatch):
+    """A meadow that is cleared is no evidence that no block came there."""
+    shapely = pytest.importorskip("shapely")
+    monkeypatch.chdir(tmp_path)
+    _, result = truth
+    make_layer("walked.gpkg", [shapely.box(0, 150, 300, 500)])
+    walked = read_observed("walked.gpkg", grid=grid(TERRAIN))
+    assert "walked.gpkg: the area in which blocks at rest were mapped." in walked.notes
+    all_seen = witnessed(result)
+    with pytest.raises(RockfallError, match=r"block \d+: .*: lies outside of the area in which"):
+        witnesses(result, replace(all_seen, area=walked.area))
+    inside = all_seen.stops[:, 1] >= 150
+    seen = replace(
+        all_seen, stops=all_seen.stops[inside], sources=("",) * inside.sum(), area=walked.area,
+        volumes=None,
+    )  # fmt: skip
+    (blocks,) = witnesses(result, seen)
+    rest = at_rest(result, blocks)
+    assert rest.place[:, 1].min() >= 150 and len(rest.place) == inside.sum() < inside.size
+    make_layer("away.gpkg", [shapely.box(900, 150, 950, 500)])
+    with pytest.raises(RockfallError, match=r"^away.gpkg: lies outside the terrain$"):
+        read_observed("away.gpkg", grid=grid(TERRAIN))
+    with pytest.raises(RockfallError, match=r"^o.gpkg: is a second layer of polygons"):
+        make_layer("o.gpkg", [shapely.box(0, 150, 300, 500)])
+        read_observed("walked.gpkg", "o.gpkg", grid=grid(TERRAIN))
 
 
 def test_blocks_of_a_source_are_set_beside_its_boulders_only(truth):
