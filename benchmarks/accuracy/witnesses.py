@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Does a back-analysis of silent witnesses find what made them? Calibration by made truths.
 
-    python -m benchmarks.accuracy.witnesses truths.csv [--truths 24] [--members 384]
+    python -m benchmarks.accuracy.witnesses truths.csv [--truths 24] [--members 384] [--show 3]
 
 So many truths are drawn from the prior: the size of the rocks, a factor on the drop height. Under a
 slope with two cliffs, of whose blocks it is not known where they came from, or only from which
 cliff, 40 blocks lie; on a line across it 20 trees have scars; or both. Boulders of the truths have
 other seeds than those of the analyses. Where the posterior is right, its 5-95 % range holds the
 truth in 90 % of the cases. `narrower` is the mean length of that range beside that of the prior.
-What is in the file is not made again.
+What is in the file is not made again. --show prints what `rockfall back` prints of one truth.
 """
 
 import argparse
@@ -22,13 +22,14 @@ import pandas as pd
 import rockfall
 from benchmarks.machine import machine
 from rockfall.analysis.back.posterior import parameters, posterior_table, warnings
-from rockfall.analysis.back.study import back_analysis
+from rockfall.analysis.back.study import Back, back_analysis
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from rockfall.analysis.observations import CONTACT, Observed, read_observed
 from rockfall.io.grid import Grid
 from rockfall.result.trajectories import left_terrain
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
+from rockfall.text.back import back_text
 
 NY, NX, CELL = 100, 60, 5.0
 KINDS = ("at rest", "at rest, of a source", "marks", "at rest and marks")
@@ -81,11 +82,16 @@ def observe(inputs: Uncertain, k: int) -> tuple[Observed, dict[str, float]]:
     return replace(seen, where=where), kept | {"radius_1": float(kept["radius"][0])}
 
 
-def truth(folder: Path, k: int, told: argparse.Namespace) -> pd.DataFrame:
-    """A row for each parameter: what the posterior says, and the truth."""
+def truth(folder: Path, k: int, told: argparse.Namespace) -> tuple[Back, dict[str, float]]:
+    """The posterior of the witnesses of a truth, and what it is."""
     how = {"dem": terrain(), "transform": Grid(0.0, NY * CELL, CELL, NX, NY)}
     seen, made = observe(Uncertain(read_scene(case_of(folder, 100, SEED), **how)), k)
-    found = back_analysis(case_of(folder, told.boulders, k), seen, members=told.members, **how)
+    case = case_of(folder, told.boulders, k)
+    return back_analysis(case, seen, members=told.members, **how), made
+
+
+def rows_of(k: int, found: Back, made: dict[str, float]) -> pd.DataFrame:
+    """A row for each parameter: what the posterior says, and the truth."""
     table = posterior_table(found)[["parameter", "q05", "median", "q95", "ratio"]]
     table["truth"] = [made[one.column] * (one.scale or 1.0) for one in parameters(found)]
     said = any("does not explain" in one for one in warnings(found))
@@ -115,13 +121,19 @@ def main() -> None:
     parser.add_argument("file", type=Path)
     for name, value in (("truths", 24), ("members", 384), ("boulders", 300)):
         parser.add_argument(f"--{name}", type=int, default=value)
+    parser.add_argument("--show", type=int)
     told = parser.parse_args()
     print(machine())
+    if told.show is not None:
+        with TemporaryDirectory() as folder:
+            found, made = truth(Path(folder), told.show, told)
+        print(back_text(found), made, sep="\n")
+        return
     done = {*pd.read_csv(told.file)["k"]} if told.file.exists() else set()
     with TemporaryDirectory() as folder:
         for k in range(told.truths):
             if k not in done:
-                rows = truth(Path(folder), k, told)
+                rows = rows_of(k, *truth(Path(folder), k, told))
                 rows.to_csv(told.file, mode="a", header=not told.file.exists(), index=False)
     report(pd.read_csv(told.file))
 

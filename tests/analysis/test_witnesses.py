@@ -21,6 +21,7 @@ from rockfall.analysis.deposits import (
     Blocks,
     Kernel,
     Rest,
+    at_rest,
     fitted_kernel,
     kernel_sums,
     kernel_widths,
@@ -28,13 +29,22 @@ from rockfall.analysis.deposits import (
     log_density,
     witnesses,
 )
-from rockfall.analysis.marks import Heights, Mark, height_sums, log_reach, passing_at
+from rockfall.analysis.marks import (
+    Heights,
+    Mark,
+    height_sums,
+    log_reach,
+    passing_at,
+    with_lines_at,
+)
 from rockfall.analysis.marks import log_density as log_height
 from rockfall.analysis.observations import CONTACT, read_observed
 from rockfall.analysis.validation import numbers_beside
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.result.trajectories import left_terrain
+from rockfall.scene.read import read_scene
+from rockfall.simulation.simulate import run_scene
 from rockfall.text.back import back_text
 from rockfall.text.comparison import text as as_text
 from scenes import grid, make_case, sets
@@ -334,6 +344,27 @@ def test_a_layer_of_blocks_in_another_crs_goes_through_the_commands(place, capsy
 # ---- truths
 
 
+def test_marks_of_a_case_with_lines_and_barriers_have_lines_of_their_own(tmp_path):
+    """As long as trunk and boulder are wide where many pass, longer where few do; across the slope;
+    and nothing that stops a boulder is lost."""
+    line = [{"name": "mark 1", "x": [0.0, 300.0], "y": [330.0, 330.0]}]
+    barrier = [{"name": "net", "x": [0.0, 300.0], "y": [300.0, 300.0], "height": 4.0, "class": 3}]
+    read = read_scene(case(tmp_path, 200, 3, line=line).replace(barrier=barrier), **HOW)
+    marks = [Mark("near", 100.0, 470.0, 1.0, 0.4), Mark("far", 290.0, 200.0, 1.0, 0.4)]
+    scene, named = with_lines_at(read, marks)
+    assert [one.line for one in named] == ["mark 1'", "mark 2"]
+    assert [one["name"] for one in scene.case.lines] == ["mark 1", "mark 1'", "mark 2", "net"]
+    wide = 2 * np.cbrt(0.75 / np.pi * 0.8)
+    for one, extra, centre in zip(scene.case.line[1:], (0.4, 10.0), ([100, 470], [290, 200]),
+                                  strict=True):  # fmt: skip
+        x, y = np.array(one["x"]), np.array(one["y"])
+        assert np.hypot(np.ptp(x), np.ptp(y)) == pytest.approx(wide + extra, rel=0.02)
+        assert [x.mean(), y.mean()] == pytest.approx(centre)
+    assert abs(np.diff(scene.case.line[1]["y"])[0]) < 0.3 * wide
+    passed = [passing_at(run_scene(scene), one).heights.size for one in named]
+    assert passed[0] >= 50 > passed[1]
+
+
 def case(folder, boulders, seed, **groups):
     run = {"boulders": boulders, "threads": 1, "seed": seed}
     usual = {"boulder": {"volume": "normal", "volume_std": 0.2}, "impact": {"sets": "rocky-slope"}}
@@ -375,8 +406,8 @@ def found(truth):
     prior = {"surface": {"uniform_mean_radius": 0.1}, "ensemble": {"radius_factor": 2.0}}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "ROUND", 32)
-        of = case(folder, 150, 5, **prior)
-        return study.back_analysis(of, witnessed(result), members=128, enough=30, **HOW)
+        of = case(folder, 120, 5, **prior)
+        return study.back_analysis(of, witnessed(result), members=96, enough=30, **HOW)
 
 
 def test_the_rocks_are_found_by_blocks_whose_release_is_not_known(found):
@@ -417,6 +448,33 @@ def test_compare_and_validate_set_blocks_beside_the_density_of_a_run(truth, caps
     assert (
         in_good[key].n == len(seen.stops) and in_good[key].simulated > in_bad[key].simulated + 0.5
     )
+
+
+def test_only_boulders_in_the_area_that_was_walked_count(truth, tmp_path, monkeypatch):
+    """A meadow that is cleared is no evidence that no block came there."""
+    shapely = pytest.importorskip("shapely")
+    monkeypatch.chdir(tmp_path)
+    _, result = truth
+    make_layer("walked.gpkg", [shapely.box(0, 150, 300, 500)])
+    walked = read_observed("walked.gpkg", grid=grid(TERRAIN))
+    assert "walked.gpkg: the area in which blocks at rest were mapped." in walked.notes
+    all_seen = witnessed(result)
+    with pytest.raises(RockfallError, match=r"block \d+: .*: lies outside of the area in which"):
+        witnesses(result, replace(all_seen, area=walked.area))
+    inside = all_seen.stops[:, 1] >= 150
+    seen = replace(
+        all_seen, stops=all_seen.stops[inside], sources=("",) * inside.sum(), area=walked.area,
+        volumes=None,
+    )  # fmt: skip
+    (blocks,) = witnesses(result, seen)
+    rest = at_rest(result, blocks)
+    assert rest.place[:, 1].min() >= 150 and len(rest.place) == inside.sum() < inside.size
+    make_layer("away.gpkg", [shapely.box(900, 150, 950, 500)])
+    with pytest.raises(RockfallError, match=r"^away.gpkg: lies outside the terrain$"):
+        read_observed("away.gpkg", grid=grid(TERRAIN))
+    with pytest.raises(RockfallError, match=r"^o.gpkg: is a second layer of polygons"):
+        make_layer("o.gpkg", [shapely.box(0, 150, 300, 500)])
+        read_observed("walked.gpkg", "o.gpkg", grid=grid(TERRAIN))
 
 
 def test_blocks_of_a_source_are_set_beside_its_boulders_only(truth):

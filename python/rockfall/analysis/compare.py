@@ -318,7 +318,7 @@ def _notes(result: xr.Dataset, seen: Observed, source: Sources) -> Iterator[str]
             if places is not None:
                 yield f"Reach at {where} needs a map: &output maps = 'passages'."
     for blocks in witnesses(result, seen):
-        if len(at_rest(result, blocks.source).place) < MIN_COMPARED:
+        if len(at_rest(result, blocks).place) < MIN_COMPARED:
             of = f" of source {blocks.source}" if blocks.source else ""
             yield (
                 f"Blocks at rest{of} are not compared: fewer than {MIN_COMPARED} boulders from "

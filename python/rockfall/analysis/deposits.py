@@ -31,7 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -58,11 +58,12 @@ ALL = ""  # source of blocks of which it is not known
 
 class Blocks(NamedTuple):
     """Blocks mapped at rest, of which one source, or any, is known: places (n, 2) [m] and volumes
-    [m3], NaN where not known."""
+    [m3], NaN where not known; the area in which all were mapped (shapely), None: everywhere."""
 
     source: str
     place: np.ndarray
     volume: np.ndarray
+    area: Any = None
 
 
 class Rest(NamedTuple):
@@ -121,7 +122,22 @@ def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
             f"name; has: {_some(found.names)}"
         )
     names = [*dict.fromkeys(name for name in of if name != ALL), *[ALL] * bool((of == ALL).any())]
-    return [Blocks(name, seen.stops[of == name], volume[of == name]) for name in names]
+    if seen.area is not None:
+        for k in np.flatnonzero(~_within(seen.area, seen.stops))[:1].tolist():
+            x, y = seen.stops[k]
+            raise RockfallError(
+                f"{seen.where['stops'][k]}: x = {x:.12g}, y = {y:.12g}: lies outside of the area "
+                "in which blocks were mapped"
+            )
+    return [Blocks(name, seen.stops[of == name], volume[of == name], seen.area) for name in names]
+
+
+def _within(area: Any, place: np.ndarray) -> np.ndarray:
+    """Mark places (n, 2) in an area or on its edge."""
+    import shapely
+
+    shapely.prepare(area)
+    return shapely.intersects_xy(area, *place.T)
 
 
 def _some(names: list[str]) -> str:
@@ -129,14 +145,18 @@ def _some(names: list[str]) -> str:
     return ", ".join([*shown[:10], *["..."][: len(shown) > 10]])
 
 
-def at_rest(result: xr.Dataset, source: str, known: Starts | None = None) -> Rest:
-    """Boulders of a result, from a source or all, that came to rest on the terrain."""
+def at_rest(result: xr.Dataset, blocks: Blocks, known: Starts | None = None) -> Rest:
+    """Boulders of a result, from the source of blocks or all, that came to rest on the terrain, in
+    the area in which blocks were mapped."""
+    source = blocks.source
     done = ~(left_terrain(result) | ends(result)["impact_limit"])
     if source != ALL:
         known = starts(result) if known is None else known
         mine = [k for k, one in enumerate(known.names) if one == source]
         done = done & np.isin(known.group, mine)
     place = np.column_stack([result["stop_x"].values, result["stop_y"].values])
+    if blocks.area is not None:
+        done = done & _within(blocks.area, place)
     return Rest(place[done], result["volume"].values[done])
 
 
@@ -315,7 +335,7 @@ def agreement(result: xr.Dataset, seen: Observed) -> list[Agreement]:
     for what the result itself would leave: neither they nor the blocks had a part in it."""
     random, found = np.random.default_rng(0), []
     for blocks in witnesses(result, seen):
-        rest = at_rest(result, blocks.source)
+        rest = at_rest(result, blocks)
         every = np.arange(len(rest.place))
         half, other = rest.of(every % 2 == 0), rest.of(every % 2 == 1)
         if every.size < MIN_COMPARED:

@@ -97,8 +97,8 @@ def with_lines_at(scene: Scene, marks: list[Mark]) -> tuple[Scene, list[Mark]]:
     once, to see how wide the lines must be and where boulders come from."""
     if not marks:
         return scene, marks
-    given = list(scene.case.lines)
-    taken = {one["name"] for one in given}
+    given = list(scene.case.line)
+    taken = {one["name"] for one in scene.case.lines}  # barriers too
     objects, names = [], []
     for k, mark in enumerate(marks):
         name = f"{PREFIX} {k + 1}"
@@ -110,7 +110,8 @@ def with_lines_at(scene: Scene, marks: list[Mark]) -> tuple[Scene, list[Mark]]:
             objects.append({"name": f"{name}: {width:g}", "object_width": width, **place})
     trial = _with_lines(scene, objects)
     result = run_scene(trial)
-    first, lines, named = 0, [], []
+    order = [str(name) for name in result["line"].values]
+    first, lines, named = order.index(str(objects[0]["name"])), [], []
     for mark, name in zip(marks, names, strict=True):
         widths = _widths(mark)
         rows = slice(first, first + len(widths))

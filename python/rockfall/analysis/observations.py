@@ -9,14 +9,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
 from rockfall.analysis.recorded import Line, recorded_numbers
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
-from rockfall.io.point_rows import is_point_layer, read_point_rows
+from rockfall.io.point_rows import is_point_layer, read_area, read_point_rows
 from rockfall.io.ramms import is_trajectory_file
 from rockfall.io.tables import Row, check_columns, read_table
 
@@ -61,6 +61,7 @@ class Observed:
     sources: tuple[str, ...] = ()  # source of each of `stops` by name, "" if not known; or none
     volumes: np.ndarray | None = None  # of each of `stops` [m3], NaN if not known
     where: dict[str, tuple[str, ...]] = field(default_factory=dict)  # stops, contacts: their rows
+    area: Any = None  # polygons (shapely) in which all blocks at rest were mapped; None: everywhere
 
 
 def read_observed(
@@ -72,10 +73,11 @@ def read_observed(
     """Read observations from CSV files, each of a kind that its header identifies; `Observed`
     arguments are used directly.
 
-    With the `grid` of the terrain also from layers of points, whose attributes are the columns.
-    With evaluation `lines` also from trajectory files (.rts, .pts), whose energies are in
-    `energy_unit`, J or kJ; without a unit they are left out, which a note says. A RockfallError
-    names file, line, column, value and what is allowed.
+    With the `grid` of the terrain also from layers of points, whose attributes are the columns, and
+    of polygons: the area in which stopping places were mapped. With evaluation `lines` also from
+    trajectory files (.rts, .pts), whose energies are in `energy_unit`, J or kJ; without a unit they
+    are left out, which a note says. A RockfallError names file, line, column, value and what is
+    allowed.
     """
     import pandas as pd
 
@@ -95,9 +97,18 @@ def read_observed(
     found["samples"] += samples
     found["stops"] += stops
     kept["stops"] += [{} for _ in stops]
+    area = None
     for path in paths:
         if path in recorded:
             continue
+        if is_point_layer(path) and grid is not None:
+            if (polygons := read_area(path, grid, [])) is not None:
+                if area is not None:
+                    raise RockfallError(f"{path}: is a second layer of polygons: one is the area")
+                area = polygons
+                _refuse_beyond(str(path), area, grid)
+                notes.append(f"{path}: the area in which blocks at rest were mapped.")
+                continue
         kind, rows = _read(str(path), grid, notes)
         for row in rows:
             found[kind.name].append({"where": row.where, **kind.record(row)})
@@ -144,6 +155,7 @@ def read_observed(
         notes=tuple(notes),
         sources=tuple(one.get(SOURCE, "") for one in found["stops"]),
         volumes=volumes if volumes.size and not np.isnan(volumes).all() else None,
+        area=area,
         where={name: tuple(one["where"] for one in found[name]) for name in ("stops", "contacts")},
     )
 
@@ -253,6 +265,13 @@ def _read(path: str, grid: Grid | None, notes: list[str]) -> tuple[_Kind, Iterat
         raise RockfallError(f"{where}: columns {', '.join(columns)}: must have those of: {kinds}")
     check_columns(where, columns, columns)
     return kind, rows
+
+
+def _refuse_beyond(path: str, area: Any, grid: Grid) -> None:
+    """Refuse an area that lies outside the terrain."""
+    west, south, east, north = area.bounds
+    if west > grid.east or east < grid.west or south > grid.north or north < grid.south:
+        raise RockfallError(f"{path}: lies outside the terrain")
 
 
 def _refuse_twice(records: list[dict], keys: tuple[str, ...]) -> None:

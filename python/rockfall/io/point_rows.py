@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Points of a vector layer as rows of a table, with their attributes as cells."""
+"""Points of a vector layer as rows of a table, with their attributes as cells; and polygons as one
+area."""
 
 from __future__ import annotations
 
@@ -11,10 +12,11 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
-from rockfall.io.layers import EXTENSIONS, plain, read_points
+from rockfall.io.layers import EXTENSIONS, plain, read_features, read_points
 from rockfall.io.tables import Row
 
 PLACE = ("x", "y")  # columns of the coordinates [m]
+POLYGONS = {3, 6}  # numbers of types, also of several parts
 
 
 def is_point_layer(path: str | Path) -> bool:
@@ -48,6 +50,17 @@ def read_point_rows(
             yield Row(f"{path}: feature {feature}", place | cells)
 
     return str(path), names, rows()
+
+
+def read_area(path: str | Path, grid: Grid, remarks: list[str]) -> Any:
+    """Union of the polygons of a layer in the CRS of the grid (shapely); None if it has points or
+    lines."""
+    import shapely
+
+    shapes = read_features(path, grid, remarks)[0]
+    if not set(shapely.get_type_id(shapes)) <= POLYGONS:
+        return None
+    return shapely.union_all(shapes)
 
 
 def _text(value: Any) -> str:

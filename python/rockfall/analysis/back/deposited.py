@@ -60,7 +60,7 @@ class Deposited:
     def of_run(cls, sets: list[Blocks], base: xr.Dataset, cell: float) -> Deposited:
         """Blocks with the kernels that the boulders of a run give."""
         known = _starts(base, sets)
-        rests = [at_rest(base, one.source, known) for one in sets]
+        rests = [at_rest(base, one, known) for one in sets]
         kernels = [fitted_kernel(*pair, cell) for pair in zip(sets, rests, strict=True)]
         widths = [_widths_at(*one) for one in zip(kernels, sets, rests, strict=True)]
         noise = sum(map(_noise, kernels, sets, rests, widths))
@@ -74,7 +74,7 @@ class Deposited:
         known, random = _starts(result, self.sets), np.random.default_rng(0)
         sums, again = [], np.zeros(AGAIN)
         for kernel, blocks in zip(self.kernels, self.sets, strict=True):
-            rest = at_rest(result, blocks.source, known)
+            rest = at_rest(result, blocks, known)
             sums.append(np.array(kernel_sums(kernel, blocks, rest)))
             again += log_densities_again(kernel, blocks, rest, AGAIN, random)
         return np.concatenate([np.concatenate(sums, axis=1).ravel(), again])

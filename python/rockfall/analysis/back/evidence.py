@@ -252,7 +252,7 @@ def _of_witnesses(result: xr.Dataset, seen: Observed, notes: list[str]) -> Itera
     """Blocks at rest without a known release."""
     sets = witnesses(result, seen)
     for blocks in sets:
-        if (n := len(at_rest(result, blocks.source).place)) < MIN_FITTED:
+        if (n := len(at_rest(result, blocks).place)) < MIN_FITTED:
             of = f" of source {blocks.source}" if blocks.source else ""
             raise RockfallError(
                 f"{n} boulders{of} of a run come to rest on the terrain: at least {MIN_FITTED} are "
