@@ -222,12 +222,49 @@ def test_what_is_drawn_is_neither_blank_nor_hidden(opened):
         ("both", "Unable to execute algorithm\nGive either a case, or elevations .*"),
         ("neither", "Unable to execute algorithm\nGive either a case, or elevations .*"),
         ("not zones", r".*layer zones: left out \(.*mean_radius.*\)"),
+        ("not a dam", r".*for a dam they need an attribute height \[m\].*"),
         ("again", r".*case\.nml: already exists; not overwritten.*"),
     ],
 )
 def test_what_is_wrong_is_one_line_and_leaves_nothing(within, what, line):
     assert re.fullmatch(line, within[what]["refused"]), within[what]
     assert within[what]["left"] == []
+
+
+@needs_qgis
+def test_layers_of_a_project_become_a_case_with_dams_nets_and_a_forest(within):
+    assert within["new"]["found"]["CASE"] == "drawn/case.nml"
+    groups = re.findall(r"^&(\w+)", within["case"], re.MULTILINE)
+    assert {"barrier", "dam", "forest", "line", "release"} <= {*groups}
+    assert "layer dams: dams" in within["new"]["found"]["TEXT"]
+    assert "layer forest: stands" in within["new"]["found"]["TEXT"]
+    assert "dams" in within["protected"]["loaded"] and "barriers" in within["protected"]["loaded"]
+
+
+@needs_qgis
+@pytest.mark.parametrize(
+    "what, files",
+    [
+        ("ensemble", ["varied.csv"]),
+        ("hazard", ["zones/hazard.nc", "zones/hazard.gpkg", "zones/objects.csv"]),
+        ("back", ["back/posterior.csv"]),
+        ("observed", ["seen_table.csv"]),
+        ("compare", ["variants.csv", "variants.html", "differences/variants.csv"]),
+        ("export", ["whole/project.qgz", "whole/passages.tif"]),
+    ],
+)
+def test_studies_write_what_the_program_writes(within, what, files):
+    assert "refused" not in within[what], within[what]
+    assert {*files} <= {*within["written"]}, within[what]
+    assert within[what]["found"]["TEXT"]
+
+
+@needs_qgis
+def test_zones_and_differences_are_loaded(within):
+    zones = within["hazard"]["loaded"]["zones"]
+    assert zones["type"] == "categorizedSymbol" and "high" in zones["labels"]
+    assert within["hazard"]["loaded"]["objects"]["shapes"] == 1
+    assert any("passages" in name for name in within["compare"]["loaded"])
 
 
 @needs_qgis
