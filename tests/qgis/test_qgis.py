@@ -196,7 +196,7 @@ def test_each_map_has_a_layout_that_prints(opened):
         assert one["printed"] == 0 and one["paper"] == [420.0, 297.0]
         assert abs(one["scale"] / seen["layouts"][0]["scale"] - 1) < 1e-6
         assert "Band" not in " ".join(one["legend"])
-        assert one["legend_bottom"] < one["foot_top"], one
+        assert one["legend_bottom"] < one["foot_top"] and one["legend_right"] < 410, one
     digits = f"{seen['layouts'][0]['scale']:.0f}"
     assert digits[0] in "1235" and digits.strip("0") in {"1", "2", "25", "5", "125", "15", "3"}
     shown = {one["name"]: one["legend"] for one in seen["layouts"]}

@@ -117,7 +117,6 @@ for group, lines in {
 }.items():
     Path(f"drawn/{group}.nml").write_text(f"{text}\n{lines}")
 few = {"BOULDERS": 3, "SEED": 7, "THREADS": 1}
-answers["bare"] = run("run", CASE="project/case.nml", **few, FOLDER="bare")
 answers["protected"] = run("run", CASE="drawn/case.nml", **few, FOLDER="protected")
 answers["ensemble"] = run("ensemble", CASE="drawn/varied.nml", RUNS=4, **few, OUT="varied.csv")
 answers["hazard"] = run("hazard", CASE="drawn/zoned.nml", **few, FOLDER="zones",
@@ -128,7 +127,7 @@ answers["back"] = run("back", CASE="drawn/varied.nml", OBSERVED=["seen.csv"], ME
 answers["observed"] = run("compare", RESULTS=["protected/result.nc"], OBSERVED=["seen.csv"],
                           TABLE="seen_table.csv")  # fmt: skip
 os.rename("protected/result.nc", "protected/net.nc")
-results = ["bare/result.nc", "protected/net.nc"]
+results = ["project/result.nc", "protected/net.nc"]
 answers["compare"] = run("compare", RESULTS=results, TABLE="variants.csv", MAPS="differences",
                          PAGE="variants.html")  # fmt: skip
 answers["export"] = run("export", RESULT="protected/net.nc", FOLDER="whole", QGIS=True)
