@@ -97,7 +97,7 @@ def qgis(site):
 
     def run(*words, cwd=site):
         done = subprocess.run(
-            [*map(str, words)], cwd=cwd, env=env, capture_output=True, text=True, timeout=600
+            [*map(str, words)], cwd=cwd, env=env, capture_output=True, text=True, timeout=1200
         )
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
@@ -249,7 +249,7 @@ def test_layers_of_a_project_become_a_case_with_dams_nets_and_a_forest(within):
         ("hazard", ["zones/hazard.nc", "zones/hazard.gpkg", "zones/objects.csv"]),
         ("back", ["back/posterior.csv"]),
         ("observed", ["seen_table.csv"]),
-        ("compare", ["variants.csv", "variants.html", "differences/variants.csv"]),
+        ("compare", ["variants.csv", "variants.html", "differences/differences.csv"]),
         ("export", ["whole/project.qgz", "whole/passages.tif"]),
     ],
 )
@@ -264,7 +264,7 @@ def test_zones_and_differences_are_loaded(within):
     zones = within["hazard"]["loaded"]["zones"]
     assert zones["type"] == "categorizedSymbol" and "high" in zones["labels"]
     assert within["hazard"]["loaded"]["objects"]["shapes"] == 1
-    assert any("passages" in name for name in within["compare"]["loaded"])
+    assert any("passing" in name for name in within["compare"]["loaded"])
 
 
 @needs_qgis

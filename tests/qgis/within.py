@@ -112,18 +112,18 @@ flat = memory_layer("flat dam", [crest], kind="LineString")
 answers["not a dam"] = run("new", DEM=dem, DAMS=flat, FOLDER="refused")
 text = Path("drawn/case.nml").read_text()
 for group, lines in {
-    "varied": "&ensemble runs = 4, radius_factor = 1.2 /\n",
+    "varied": "&ensemble runs = 8, radius_factor = 1.2 /\n",
     "zoned": "&scenario name = 'all', return_period = 10.0 /\n",
 }.items():
     Path(f"drawn/{group}.nml").write_text(f"{text}\n{lines}")
 few = {"BOULDERS": 3, "SEED": 7, "THREADS": 1}
 answers["protected"] = run("run", CASE="drawn/case.nml", **few, FOLDER="protected")
-answers["ensemble"] = run("ensemble", CASE="drawn/varied.nml", RUNS=4, **few, OUT="varied.csv")
+answers["ensemble"] = run("ensemble", CASE="drawn/varied.nml", RUNS=8, **few, OUT="varied.csv")
 answers["hazard"] = run("hazard", CASE="drawn/zoned.nml", **few, FOLDER="zones",
                         OBJECTS=drafts["LINES"])  # fmt: skip
 Path("seen.csv").write_text("distance\n" + "".join(f"{40 + 5 * k}\n" for k in range(12)))
-answers["back"] = run("back", CASE="drawn/varied.nml", OBSERVED=["seen.csv"], MEMBERS=64,
-                      EFFECTIVE=2, **few, FOLDER="back")  # fmt: skip
+answers["back"] = run("back", CASE="drawn/varied.nml", OBSERVED=["seen.csv"], MEMBERS=256,
+                      EFFECTIVE=2, BOULDERS=1, THREADS=1, FOLDER="back")  # fmt: skip
 answers["observed"] = run("compare", RESULTS=["protected/result.nc"], OBSERVED=["seen.csv"],
                           TABLE="seen_table.csv")  # fmt: skip
 os.rename("protected/result.nc", "protected/net.nc")
