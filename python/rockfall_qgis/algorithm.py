@@ -8,6 +8,7 @@ from qgis.core import (
     QgsProcessing,
     QgsProcessingAlgorithm,
     QgsProcessingException,
+    QgsProcessingOutputFile,
     QgsProcessingOutputMultipleLayers,
     QgsProcessingOutputString,
     QgsProcessingParameterBoolean,
@@ -17,13 +18,14 @@ from qgis.core import (
     QgsProcessingParameterFile,
     QgsProcessingParameterFileDestination,
     QgsProcessingParameterFolderDestination,
+    QgsProcessingParameterMultipleLayers,
     QgsProcessingParameterNumber,
     QgsProcessingParameterRasterLayer,
     QgsProcessingParameterString,
     QgsProcessingUtils,
 )
 
-from rockfall_qgis.commands import DRAFTS, LINE, POINT, POLYGON
+from rockfall_qgis.commands import DRAFTS, KINDS, LINE, POINT, POLYGON
 from rockfall_qgis.layers import load_results, write_layer
 from rockfall_qgis.program import Interrupted, Refused, call
 
@@ -56,6 +58,15 @@ def _layer(one):
     return QgsProcessingParameterFeatureSource(one.name, one.label, shapes, optional=one.optional)
 
 
+def _new_file(filter_):
+    """A file that is written; one that may be left out is not written by default."""
+    return lambda one: QgsProcessingParameterFileDestination(
+        one.name, one.label, filter_, optional=one.optional, createByDefault=not one.optional
+    )
+
+
+#: Kinds of parameters that are written.
+WRITTEN = {"folder", "maps", "page", "table", "runs"}
 #: Constructors of parameters, by the kind of the option.
 MAKERS = {
     "count": _number(QgsProcessingParameterNumber.Integer, 1),
@@ -70,8 +81,14 @@ MAKERS = {
         one.name, one.label, optional=one.optional
     ),
     "folder": lambda one: QgsProcessingParameterFolderDestination(one.name, one.label),
-    "page": lambda one: QgsProcessingParameterFileDestination(
-        one.name, one.label, "HTML (*.html);;PDF (*.pdf)"
+    "maps": lambda one: QgsProcessingParameterFolderDestination(
+        one.name, one.label, optional=True, createByDefault=False
+    ),
+    "page": _new_file("HTML (*.html);;PDF (*.pdf)"),
+    "table": _new_file("CSV (*.csv)"),
+    "runs": _new_file("netCDF (*.nc);;CSV (*.csv)"),
+    "files": lambda one: QgsProcessingParameterMultipleLayers(
+        one.name, one.label, QgsProcessing.TypeFile, optional=one.optional
     ),
 }
 
@@ -124,25 +141,26 @@ class CommandAlgorithm(QgsProcessingAlgorithm):
         except Interrupted as error:
             feedback.pushWarning(str(error))
             return results
-        if self._is_loaded():
-            results["LAYERS"] = load_results(self._maps(parameters, context), context)
+        maps = self._maps(parameters, context) if self._is_loaded() else ""
+        if maps:
+            results["LAYERS"] = load_results(maps, context)
         return results
 
     def _is_loaded(self):
-        return self.command.name in ("run", "export", "hazard")
+        return self.command.name in ("run", "export", "hazard", "compare")
 
     def _places(self, parameters, context):
         """Output paths of files and folders."""
-        kinds = {"folder", "page"}
         return {
             one.name: self.parameterAsString(parameters, one.name, context)
             for one in self.command.options
-            if one.kind in kinds
+            if one.kind in WRITTEN
         }
 
     def _maps(self, parameters, context):
-        """Folder of the results to load."""
-        return self.parameterAsString(parameters, "FOLDER", context)
+        """Folder of the results to load; "" if there are none."""
+        name = "MAPS" if self.command.name == "compare" else "FOLDER"
+        return self.parameterAsString(parameters, name, context)
 
     def _called(self, parameters, context, feedback):
         """Call the program and return its output."""
@@ -157,12 +175,15 @@ class CommandAlgorithm(QgsProcessingAlgorithm):
         for one in options:
             if parameters.get(one.name) in (None, ""):
                 continue
+            if one.kind == "files":
+                yield from self.parameterAsFileList(parameters, one.name, context)
+                continue
             value = self._value(one, parameters, context, feedback)
             if one.kind == "yes":
                 yield from [one.flag] if value else []
                 continue
             yield from [one.flag, value] if one.flag else [value]
-            if one.kind == "page" and value.lower().endswith(".pdf"):
+            if one.flag == "-o" and one.kind == "page" and value.lower().endswith(".pdf"):
                 yield "--pdf"
 
     def _value(self, one, parameters, context, feedback):
@@ -191,38 +212,17 @@ def _raster_file(layer):
     return layer.source()
 
 
-class RunAlgorithm(CommandAlgorithm):
-    """Algorithm of `rockfall run`, for a case or for layers from which `rockfall new` makes one;
-    loads the maps."""
+class DraftAlgorithm(CommandAlgorithm):
+    """Algorithm that drafts a case from layers of the project."""
 
-    def checkParameterValues(self, parameters, context):
-        given = {name for name, value in parameters.items() if value not in (None, "")}
-        drafts = {one.name for one in DRAFTS}
-        if len(given & {"CASE", "DEM"}) != 1:
-            return False, "Give either a case, or elevations (and layers that go with them)"
-        if "CASE" in given and given & drafts:
-            return False, "A case names its own layers: sources, zones and lines go with elevations"
-        return super().checkParameterValues(parameters, context)
-
-    def _maps(self, parameters, context):
-        return str(Path(super()._maps(parameters, context)) / "maps")
-
-    def _called(self, parameters, context, feedback):
+    def _folder(self, parameters, context):
+        """Folder of the case, which is made if it is missing."""
         folder = Path(self.parameterAsString(parameters, "FOLDER", context))
         folder.mkdir(parents=True, exist_ok=True)
-        case = self.parameterAsString(parameters, "CASE", context)
-        case = case or self._draft(folder, parameters, context, feedback)
-        result = str(folder / "result.nc")
-        options = [one for one in self.command.options if one.flag and one.name != "FOLDER"]
-        words = self._words(options, parameters, context, feedback)
-        said = self._program(feedback, "run", case, "-o", result, *words)
-        export = ["export", result, self._maps(parameters, context)]
-        replace = self.parameterAsBool(parameters, "OVERWRITE", context)
-        self._program(feedback, *export, *(["--overwrite"] if replace else []))
-        return said
+        return folder
 
     def _draft(self, folder, parameters, context, feedback):
-        """Draft of a case from elevations and layers, in the folder."""
+        """Draft a case from elevations and layers, in the folder; returns what the program says."""
         case, layers, before = folder / "case.nml", folder / "layers.gpkg", {*folder.iterdir()}
         for path in case, layers:
             if path in before:
@@ -237,12 +237,60 @@ class RunAlgorithm(CommandAlgorithm):
             for one in given:
                 source = self.parameterAsSource(parameters, one.name, context)
                 write_layer(source, layers, one.name.lower(), context, feedback)
-            _check_taken(given, self._program(feedback, *words))
+            said = self._program(feedback, *words)
+            _check_taken(given, said)
         except (Refused, Interrupted, QgsProcessingException):
             for path in {*folder.iterdir()} - before:
                 path.unlink()
             raise
-        return str(case)
+        return said
+
+
+class NewAlgorithm(DraftAlgorithm):
+    """Algorithm of `rockfall new`: a case of layers of the project."""
+
+    def initAlgorithm(self, configuration=None):
+        super().initAlgorithm(configuration)
+        self.addOutput(QgsProcessingOutputFile("CASE", "Case"))
+
+    def _places(self, parameters, context):
+        folder = Path(self.parameterAsString(parameters, "FOLDER", context))
+        return {**super()._places(parameters, context), "CASE": str(folder / "case.nml")}
+
+    def _called(self, parameters, context, feedback):
+        return self._draft(self._folder(parameters, context), parameters, context, feedback)
+
+
+class RunAlgorithm(DraftAlgorithm):
+    """Algorithm of `rockfall run`, for a case or for layers from which `rockfall new` makes one;
+    loads the maps."""
+
+    def checkParameterValues(self, parameters, context):
+        given = {name for name, value in parameters.items() if value not in (None, "")}
+        drafts = {one.name for one in DRAFTS}
+        if len(given & {"CASE", "DEM"}) != 1:
+            return False, "Give either a case, or elevations (and layers that go with them)"
+        if "CASE" in given and given & drafts:
+            return False, "A case names its own layers: those given here go with elevations"
+        return super().checkParameterValues(parameters, context)
+
+    def _maps(self, parameters, context):
+        return str(Path(super()._maps(parameters, context)) / "maps")
+
+    def _called(self, parameters, context, feedback):
+        folder = self._folder(parameters, context)
+        case = self.parameterAsString(parameters, "CASE", context)
+        if not case:
+            self._draft(folder, parameters, context, feedback)
+            case = str(folder / "case.nml")
+        result = str(folder / "result.nc")
+        options = [one for one in self.command.options if one.flag and one.name != "FOLDER"]
+        words = self._words(options, parameters, context, feedback)
+        said = self._program(feedback, "run", case, "-o", result, *words)
+        export = ["export", result, self._maps(parameters, context)]
+        replace = self.parameterAsBool(parameters, "OVERWRITE", context)
+        self._program(feedback, *export, *(["--overwrite"] if replace else []))
+        return said
 
 
 def _check_taken(given, said):
@@ -251,6 +299,5 @@ def _check_taken(given, said):
         name = one.name.lower()
         for line in said:
             found = re.search(rf"(?:, layer {name}|layers\.gpkg): (\w+)", line)
-            kinds = {name, "barriers", "dams"} if name == "lines" else {name}
-            if found and found[1] not in kinds:
+            if found and found[1] not in KINDS.get(name, {name}):
                 raise QgsProcessingException(line)

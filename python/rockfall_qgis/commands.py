@@ -34,24 +34,44 @@ CASE = Option("CASE", "Case", "file", optional=False, choices=("nml",))
 RESULT = Option("RESULT", "Result of a run", "file", optional=False, choices=("nc",))
 FOLDER = Option("FOLDER", "Folder of the results", "folder", "-o", optional=False)
 OVERWRITE = Option("OVERWRITE", "Replace earlier results", "yes", "--overwrite")
-RUNS = (
+OVERRIDES = (
     Option("BOULDERS", "Boulders from each source (empty: the case's)", "count", "--boulders"),
     Option("BOULDERS_TOTAL", "or: boulders from all sources together", "count",
            "--boulders-total"),
     Option("SEED", "Seed of the random numbers (empty: the case's)", "number", "--seed"),
     Option("THREADS", "Threads (0: all cores; empty: the case's)", "number", "--threads",
            advanced=True),
-    Option("RESUME", "Go on with a run that was stopped", "yes", "--resume", advanced=True),
 )  # fmt: skip
+RESUME = Option("RESUME", "Go on with a run that was stopped", "yes", "--resume", advanced=True)
+RUNS = (*OVERRIDES, RESUME)
 #: Layers of a project from which `rockfall new` makes a case, by their names in files.
 DRAFTS = (
     Option("SOURCES", "Sources (default: steep cells)", "layer", choices=(POINT, POLYGON)),
     Option("ZONES", "Zones with mean_radius, rg70 to rg10 or ground", "layer", choices=(POLYGON,)),
     Option("LINES", "Lines: where crossings are recorded, or barriers with height and capacity",
            "layer", choices=(LINE,)),
+    Option("BARRIERS", "Barriers with height [m], and capacity [kJ] or class", "layer",
+           choices=(LINE,)),
+    Option("DAMS", "Dams with height [m]", "layer", choices=(LINE,)),
+    Option("FOREST", "Forest: trees with dbh [cm], or stands with stems a hectare", "layer",
+           choices=(POINT, POLYGON)),
 )  # fmt: skip
+#: What `rockfall new` may take such a layer for, if not for its own name.
+KINDS = {"lines": {"lines", "barriers", "dams"}, "forest": {"trees", "stands"}}
 
 COMMANDS = (
+    Command(
+        "new",
+        "Make a case of layers of the project",
+        "Writes case.nml, with comments that say what to choose, and layers.gpkg into the folder, "
+        "from a DEM and layers of the project. Nothing is run: edit the case there, check it, and "
+        "run it.",
+        (
+            Option("DEM", "Elevations (DEM)", "raster", optional=False),
+            *DRAFTS,
+            Option("FOLDER", "Folder of the case", "folder", "-o", optional=False),
+        ),
+    ),
     Command(
         "check",
         "Check a case",
@@ -81,7 +101,14 @@ COMMANDS = (
         "export",
         "Load a result",
         "Writes a result as GeoTIFF, GeoPackage and CSV, and loads them with their styles.",
-        (RESULT, Option("FOLDER", "Folder of the maps", "folder", optional=False), OVERWRITE),
+        (
+            RESULT,
+            Option("FOLDER", "Folder of the maps", "folder", optional=False),
+            Option("QGIS", "With a project of QGIS (project.qgz), and layouts", "yes", "--qgis"),
+            Option("HAZARD", "Zones in this project (hazard.nc)", "file", "--hazard",
+                   choices=("nc",)),
+            OVERWRITE,
+        ),
     ),
     Command(
         "report",
@@ -106,6 +133,49 @@ COMMANDS = (
                    choices=(POINT, LINE, POLYGON)),
             *RUNS,
             FOLDER,
+            OVERWRITE,
+        ),
+    ),
+    Command(
+        "ensemble",
+        "Vary the uncertain inputs",
+        "Runs a case over the uncertain inputs that it names, and says which of them matter.",
+        (
+            CASE,
+            Option("RUNS", "Draws of the uncertain inputs (empty: the case's)", "count", "--runs"),
+            *OVERRIDES,
+            Option("OUT", "Result (.nc), or a table (.csv)", "runs", "-o", optional=False),
+            OVERWRITE,
+        ),
+    ),
+    Command(
+        "back",
+        "Back-analysis",
+        "Seeks the uncertain inputs of a case that make observations likely.",
+        (
+            CASE,
+            Option("OBSERVED", "Observations (CSV)", "files", optional=False),
+            Option("MEMBERS", "Runs at most", "count", "--members"),
+            Option("EFFECTIVE", "Members that the posterior must be worth", "count", "--effective",
+                   advanced=True),
+            *OVERRIDES,
+            FOLDER,
+            OVERWRITE,
+        ),
+    ),
+    Command(
+        "compare",
+        "Compare results",
+        "Compares results with observations; or variants with the first of them, without "
+        "observations, with maps of the differences and a page.",
+        (
+            Option("RESULTS", "Results; of variants the bare one first", "files", optional=False),
+            Option("OBSERVED", "Observations (CSV), or trajectories of RAMMS", "files"),
+            Option("ENERGY_UNIT", "Unit of the energies of trajectories", "choice",
+                   "--energy-unit", advanced=True, choices=("J", "kJ")),
+            Option("TABLE", "Table (CSV)", "table", "-o"),
+            Option("MAPS", "Folder of the maps of differences", "maps", "--maps"),
+            Option("PAGE", "Page on the variants", "page", "--report"),
             OVERWRITE,
         ),
     ),

@@ -6,10 +6,12 @@ import shutil
 from processing.core.ProcessingConfig import ProcessingConfig, Setting
 from qgis.core import QgsApplication, QgsProcessingProvider
 
-from rockfall_qgis.algorithm import CommandAlgorithm, RunAlgorithm
+from rockfall_qgis.algorithm import CommandAlgorithm, NewAlgorithm, RunAlgorithm
 from rockfall_qgis.commands import COMMANDS
 
 PROGRAM = "ROCKFALL_PROGRAM"
+#: Algorithms that do more than call one command.
+KINDS = {"new": NewAlgorithm, "run": RunAlgorithm}
 
 
 def program_path():
@@ -40,7 +42,7 @@ class Provider(QgsProcessingProvider):
 
     def loadAlgorithms(self):
         for command in COMMANDS:
-            kind = RunAlgorithm if command.name == "run" else CommandAlgorithm
+            kind = KINDS.get(command.name, CommandAlgorithm)
             self.addAlgorithm(kind(command, program_path))
 
 

@@ -166,7 +166,7 @@ def test_legends_are_in_the_language_and_without_rows_of_bands(project):
     for one in root.iter("layer-tree-layer"):
         layer = layers_of(root)[one.get("id")]
         rows = len(list(layer.iter("item"))) + len(list(layer.iter("paletteEntry")))
-        order = one.find("customproperties/Option/Option")
+        order = one.find("customproperties/Option/Option[@name='legend/node-order']")
         assert (order is None) == (rows == 0)
         if rows:
             assert order.get("value") == ",".join(map(str, range(1, rows + 1)))

@@ -92,6 +92,7 @@ for k, layout in enumerate(project.layoutManager().printLayouts()):
         "name": layout.name(), "printed": printed, "scale": chart.scale(),
         "paper": [page.width(), page.height()],
         "legend": [one.name() for one in rows] + texts,
+        "legend_right": legend.pos().x() + legend.rect().width(),
         "legend_bottom": legend.pos().y() + legend.rect().height(),
         "foot_top": layout.itemById("scale").pos().y(),
     })  # fmt: skip

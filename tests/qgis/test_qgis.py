@@ -97,7 +97,7 @@ def qgis(site):
 
     def run(*words, cwd=site):
         done = subprocess.run(
-            [*map(str, words)], cwd=cwd, env=env, capture_output=True, text=True, timeout=600
+            [*map(str, words)], cwd=cwd, env=env, capture_output=True, text=True, timeout=1200
         )
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
@@ -198,7 +198,7 @@ def test_each_map_has_a_layout_that_prints(opened):
         assert one["printed"] == 0 and one["paper"] == [420.0, 297.0]
         assert abs(one["scale"] / seen["layouts"][0]["scale"] - 1) < 1e-6
         assert "Band" not in " ".join(one["legend"])
-        assert one["legend_bottom"] < one["foot_top"], one
+        assert one["legend_bottom"] < one["foot_top"] and one["legend_right"] < 410, one
     digits = f"{seen['layouts'][0]['scale']:.0f}"
     assert digits[0] in "1235" and digits.strip("0") in {"1", "2", "25", "5", "125", "15", "3"}
     shown = {one["name"]: one["legend"] for one in seen["layouts"]}
@@ -224,12 +224,49 @@ def test_what_is_drawn_is_neither_blank_nor_hidden(opened):
         ("both", "Unable to execute algorithm\nGive either a case, or elevations .*"),
         ("neither", "Unable to execute algorithm\nGive either a case, or elevations .*"),
         ("not zones", r".*layer zones: left out \(.*mean_radius.*\)"),
+        ("not a dam", r".*for a dam they need an attribute height \[m\].*"),
         ("again", r".*case\.nml: already exists; not overwritten.*"),
     ],
 )
 def test_what_is_wrong_is_one_line_and_leaves_nothing(within, what, line):
     assert re.fullmatch(line, within[what]["refused"]), within[what]
     assert within[what]["left"] == []
+
+
+@needs_qgis
+def test_layers_of_a_project_become_a_case_with_dams_nets_and_a_forest(within):
+    assert within["new"]["found"]["CASE"] == "drawn/case.nml"
+    groups = re.findall(r"^&(\w+)", within["case"], re.MULTILINE)
+    assert {"barrier", "dam", "forest", "line", "release"} <= {*groups}
+    assert "layer dams: dams" in within["new"]["found"]["TEXT"]
+    assert "layer forest: stands" in within["new"]["found"]["TEXT"]
+    assert "dams" in within["protected"]["loaded"] and "barriers" in within["protected"]["loaded"]
+
+
+@needs_qgis
+@pytest.mark.parametrize(
+    "what, files",
+    [
+        ("ensemble", ["varied.csv"]),
+        ("hazard", ["zones/hazard.nc", "zones/hazard.gpkg", "zones/objects.csv"]),
+        ("back", ["back/posterior.csv"]),
+        ("observed", ["seen_table.csv"]),
+        ("compare", ["variants.csv", "variants.html", "differences/differences.csv"]),
+        ("export", ["whole/project.qgz", "whole/passages.tif"]),
+    ],
+)
+def test_studies_write_what_the_program_writes(within, what, files):
+    assert "refused" not in within[what], within[what]
+    assert {*files} <= {*within["written"]}, within[what]
+    assert within[what]["found"]["TEXT"]
+
+
+@needs_qgis
+def test_zones_and_differences_are_loaded(within):
+    zones = within["hazard"]["loaded"]["zones"]
+    assert zones["type"] == "categorizedSymbol" and "high" in zones["labels"]
+    assert within["hazard"]["loaded"]["objects"]["shapes"] == 1
+    assert any("passing" in name for name in within["compare"]["loaded"])
 
 
 @needs_qgis

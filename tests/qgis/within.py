@@ -39,13 +39,15 @@ QgsApplication.processingRegistry().addProvider(provider)
 project = QgsProject.instance()
 
 
-def memory_layer(name, rings, field="", value=None):
-    """A layer of the project, of boxes (x, y, x, y), that is in no file."""
-    layer = QgsVectorLayer(f"Polygon?crs=EPSG:32632&field=fid:integer{field}", name, "memory")
-    for ring in rings:
+def memory_layer(name, shapes, fields="", *values, kind="Polygon"):
+    """A layer of the project, of texts of geometries, or of boxes (x, y, x, y), in no file."""
+    layer = QgsVectorLayer(f"{kind}?crs=EPSG:32632&field=fid:integer{fields}", name, "memory")
+    for shape in shapes:
         feature = QgsFeature(layer.fields())
-        feature.setAttributes([1] if value is None else [1, value])  # fid 1 for each: not unique
-        feature.setGeometry(QgsGeometry.fromRect(QgsRectangle(*ring)))
+        feature.setAttributes([1, *values])  # fid 1 for each: not unique
+        box = isinstance(shape, tuple)
+        geometry = QgsGeometry.fromRect(QgsRectangle(*shape)) if box else None
+        feature.setGeometry(geometry or QgsGeometry.fromWkt(shape))
         layer.dataProvider().addFeatures([feature])
     project.addMapLayer(layer)
     return layer.name()
@@ -99,5 +101,45 @@ how = {"DEM": dem, "SOURCES": cliff, "BOULDERS": 3, "SEED": 7, "THREADS": 1}
 answers["run"] = run("run", **how, FOLDER="project")
 answers["again"] = run("run", **how, FOLDER="project")
 answers["check"] = run("check", CASE="project/case.nml")
+
+line = f"LineString ({W} {N - 45}, {W + 300} {N - 45})"
+crest = f"LineString ({W + 50} {N - 150}, {W + 250} {N - 150})"
+net = f"LineString ({W + 50} {N - 100}, {W + 250} {N - 100})"
+strong = "&field=height:double&field=capacity:double"
+drafts = {
+    "SOURCES": cliff,
+    "LINES": memory_layer("track", [line], "&field=name:string", "road", kind="LineString"),
+    "BARRIERS": memory_layer("mesh", [net], strong, 3.0, 500.0, kind="LineString"),
+    "DAMS": memory_layer("bank", [crest], "&field=height:double", 25.0, kind="LineString"),
+    "FOREST": memory_layer("beeches", [(W, N - 380, W + 300, N - 200)],
+                           "&field=stems:double&field=dbh_mean:double&field=dbh_std:double", 400.0,
+                           30.0, 8.0),
+}  # fmt: skip
+answers["new"] = run("new", DEM=dem, FOLDER="drawn", **drafts)
+flat = memory_layer("flat dam", [crest], kind="LineString")
+answers["not a dam"] = run("new", DEM=dem, DAMS=flat, FOLDER="refused")
+text = Path("drawn/case.nml").read_text()
+for group, lines in {
+    "varied": "&ensemble runs = 8, radius_factor = 1.2 /\n",
+    "zoned": "&scenario name = 'all', return_period = 10.0 /\n",
+}.items():
+    Path(f"drawn/{group}.nml").write_text(f"{text}\n{lines}")
+few = {"BOULDERS": 3, "SEED": 7, "THREADS": 1}
+answers["protected"] = run("run", CASE="drawn/case.nml", **few, FOLDER="protected")
+answers["ensemble"] = run("ensemble", CASE="drawn/varied.nml", RUNS=8, **few, OUT="varied.csv")
+answers["hazard"] = run("hazard", CASE="drawn/zoned.nml", **few, FOLDER="zones",
+                        OBJECTS=drafts["LINES"])  # fmt: skip
+Path("seen.csv").write_text("distance\n" + "".join(f"{40 + 5 * k}\n" for k in range(12)))
+answers["back"] = run("back", CASE="drawn/varied.nml", OBSERVED=["seen.csv"], MEMBERS=256,
+                      EFFECTIVE=2, BOULDERS=1, THREADS=1, FOLDER="back")  # fmt: skip
+answers["observed"] = run("compare", RESULTS=["protected/result.nc"], OBSERVED=["seen.csv"],
+                          TABLE="seen_table.csv")  # fmt: skip
+os.rename("protected/result.nc", "protected/net.nc")
+results = ["project/result.nc", "protected/net.nc"]
+answers["compare"] = run("compare", RESULTS=results, TABLE="variants.csv", MAPS="differences",
+                         PAGE="variants.html")  # fmt: skip
+answers["export"] = run("export", RESULT="protected/net.nc", FOLDER="whole", QGIS=True)
+answers["written"] = sorted(str(path) for path in Path().rglob("*") if path.is_file())
+answers["case"] = text
 print(json.dumps(answers), flush=True)
 os._exit(0)  # PyQGIS may crash while it is taken down

@@ -60,9 +60,11 @@ def crs_element(name: str, crs: str | None) -> ElementTree.Element:
     return element
 
 
-def tree_layer(layer: Layer, visible: bool = True, expanded: bool = True) -> ElementTree.Element:
-    """A layer in a tree, of the project or of a legend. A map has the rows of its classes, not that
-    of its band, which comes first."""
+def tree_layer(
+    layer: Layer, visible: bool = True, expanded: bool = True, title: str = ""
+) -> ElementTree.Element:
+    """A layer in a tree, of the project or of a legend, there with a title of its own. A map has
+    the rows of its classes, not that of its band, which comes first."""
     about = {
         "id": layer.id, "name": layer.title, "source": layer.source,
         "providerKey": provider(layer), "checked": _checked(visible),
@@ -70,12 +72,14 @@ def tree_layer(layer: Layer, visible: bool = True, expanded: bool = True) -> Ele
     }  # fmt: skip
     element = ElementTree.Element("layer-tree-layer", about)
     rows = sum(one.tag in CLASS_ROWS for one in layer.style.iter())
+    own = {"legend/title-label": title} if title else {}
     if layer.is_raster and rows:
-        order = {"type": "QString", "name": "legend/node-order"}
-        order["value"] = ",".join(map(str, range(1, rows + 1)))
+        own["legend/node-order"] = ",".join(map(str, range(1, rows + 1)))
+    if own:
         options = ElementTree.SubElement(element, "customproperties")
         options = ElementTree.SubElement(options, "Option", type="Map")
-        ElementTree.SubElement(options, "Option", order)
+        for name, value in own.items():
+            ElementTree.SubElement(options, "Option", type="QString", name=name, value=value)
     return element
 
 

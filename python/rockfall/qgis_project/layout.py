@@ -8,6 +8,7 @@ All positions are in millimetres, from the upper left corner of the paper.
 from __future__ import annotations
 
 import base64
+import textwrap
 import uuid
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -26,6 +27,7 @@ SMALL, NORMAL, LARGE, TITLE = 7, 8, 10, 15  # sizes of letters [pt]
 LETTER = 0.5  # width of a letter on average, of its size
 LINE = 1.45  # height of a line, of its size
 POINT = 25.4 / 72  # [mm]
+LETTERS = 44  # of a bold title in the legend, in the widest fonts
 BAR = 35.0  # length of the scale bar, at most
 FOOT = 66.0  # height of what stands below the legend
 #: Numbers of QGIS for the kinds of items.
@@ -171,9 +173,9 @@ def _legend(name: str, chart: str, y: float, layers: Iterable[Layer]) -> Element
     """Legend of these layers only."""
     place = LEFT + PAD, y + PAD, BLOCK - 2 * PAD, HIGH - MARGIN - FOOT - y - PAD
     about = {
-        "map_uuid": chart, "title": "", "resizeToContents": "1", "wrapChar": "", "columnCount": "1",
-        "symbolWidth": "6", "symbolHeight": "3.5", "lineSpacing": "1", "boxSpace": "0",
-        "legendFilterByAtlas": "0", "splitLayer": "0", "rasterBorder": "1",
+        "map_uuid": chart, "title": "", "resizeToContents": "1", "wrapChar": "\n",
+        "columnCount": "1", "symbolWidth": "6", "symbolHeight": "3.5", "lineSpacing": "1",
+        "boxSpace": "0", "legendFilterByAtlas": "0", "splitLayer": "0", "rasterBorder": "1",
     }  # fmt: skip
     item = _item(name, LEGEND, "legend", place, **about)
     styles = ElementTree.SubElement(item, "styles")
@@ -188,7 +190,8 @@ def _legend(name: str, chart: str, y: float, layers: Iterable[Layer]) -> Element
         bold = style in ("title", "subgroup")
         ElementTree.SubElement(element, "styleFont", description=_font(size, bold), style="")
     tree = ElementTree.SubElement(item, "layer-tree-group")
-    tree.extend(tree_layer(layer) for layer in layers)
+    for layer in layers:
+        tree.append(tree_layer(layer, title="\n".join(textwrap.wrap(layer.title, LETTERS))))
     return item
 
 
