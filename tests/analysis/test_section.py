@@ -183,6 +183,7 @@ def test_all_boulders_count_at_a_line(result):
     assert marked[["distance", "crossed"]].values.tolist() == [[220.0, "road"]]
 
 
+@pytest.mark.filterwarnings("ignore:case. def test_barriers_and_dams_are_markeddam")
 def test_barriers_and_dams_are_marked(tmp_path):
     net = {"name": "net", "x": [0.0, 300.0], "y": [300.0, 300.0], "height": 4.0, "class": 3}
     dam = {"x": [100.0, 200.0], "y": [100.0, 120.0], "height": 20.0, "crest_width": 10.0}
@@ -265,15 +266,29 @@ def test_where_lines_meet():
     assert not intersections(vertices, np.array([0 + 1j, 8 + 1j]))[0].size
 
 
-def test_mass_is_that_of_the_case_where_no_line_is_crossed(result, wide):
-    bare = result.drop_vars([name for name in result.data_vars if name.startswith("line_")])
+def test_masses_of_sources_with_densities_of_their_own(result, wide):
+    """They are those of a boulder of the same feature that crossed a line; else unknown, and the
+    energies with them."""
     line, name = wide.line, "recorded_energy_total_max"
+    feature = ("boulder", result["source"].values.astype("i4"))
+    named = result.assign(source_feature=feature)
     np.testing.assert_allclose(
-        wide.table[name], section_of(bare, line, TERRAIN).table[name], rtol=1e-10
+        wide.table[name], section_of(named, line, TERRAIN).table[name], rtol=1e-10
     )
-    named = bare.assign(source_feature=("boulder", np.zeros(bare.sizes["boulder"], int)))
-    table = section_of(named, line, TERRAIN).table
-    assert (table["unknown_energy"] == table["recorded_n"]).all() and table[name].isna().all()
+    denser = np.where(feature[1] == 2, 1.5, 1.0)
+    energies = {
+        f"line_energy_{of}": result[f"line_energy_{of}"] * denser
+        for of in ("translational", "rotational")
+    }
+    found = section_of(named.assign(energies), line, TERRAIN).passages
+    ratio = found["energy_total"] / wide.passages["energy_total"]
+    source = result["source"].values[np.searchsorted(result["boulder"], found["boulder"])]
+    np.testing.assert_allclose(ratio, np.where(source == 2, 1.5, 1.0), rtol=1e-10)
+    bare = named.drop_vars([name for name in named.data_vars if name.startswith("line_")])
+    unknown = section_of(bare, line, TERRAIN)
+    assert (unknown.table["unknown_energy"] == unknown.table["recorded_n"]).all()
+    assert unknown.table[name].isna().all()
+    assert any("masses of their boulders are not known" in one for one in section_notes(unknown))
 
 
 def test_only_near_trajectories_count(result, wide):

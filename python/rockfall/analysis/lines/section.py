@@ -65,6 +65,17 @@ class Section:
     boulders: int
     has_maps: bool
 
+    @property
+    def lacks_heights(self) -> bool:
+        """True if heights of recorded trajectories are unknown at some stations."""
+        return bool(self.passages["passing_height"].isna().any())
+
+    @property
+    def unknown_energies(self) -> int:
+        """Number of recorded passages without an energy: the masses of their boulders are
+        unknown."""
+        return int(self.passages["energy_total"].isna().sum())
+
 
 class _Flights(NamedTuple):
     """Flights between contacts, in order of time for each boulder: ends as x + iy [m]; elevation,
@@ -182,19 +193,21 @@ def _flights(result: xr.Dataset) -> _Flights:
 
 
 def _masses(result: xr.Dataset) -> np.ndarray:
-    """Mass of each boulder [kg], NaN if unknown: from its energy at any line that it crossed, else
-    from the density of the case, unless sources may have others."""
-    case = case_of(result)
-    known = "rock_density" not in case.boulder and "source_feature" not in result
-    masses = result["volume"].values * (case.boulder["density"] if known else np.nan)
+    """Mass of each boulder [kg], NaN if unknown: by the density of the case, or, where the layer or
+    a raster of sources may have others, by that of a boulder of the same feature or source which
+    crossed a line with a known energy."""
+    case, volume = case_of(result), result["volume"].values
+    own = "rock_density" in case.boulder
+    if not own and "source_feature" not in result:
+        return volume * case.boulder["density"]
+    names, of = np.unique(result["source" if own else "source_feature"].values, return_inverse=True)
+    density = np.full(names.size, np.nan)
     if "line_energy_translational" in result:
-        energies, speeds = (
-            result[f"line_{name}"].values for name in ("energy_translational", "speed")
-        )
-        for energy, speed in zip(energies, speeds, strict=True):
-            crossed = speed > 0  # False for NaN
-            masses[crossed] = 2 * energy[crossed] / speed[crossed] ** 2
-    return masses
+        energy, speed = (result[f"line_{one}"].values for one in ("energy_translational", "speed"))
+        _, moved = np.nonzero(speed > 0)  # False for NaN
+        mass = 2 * energy[speed > 0] / speed[speed > 0] ** 2
+        density[of[moved]] = mass / volume[moved]
+    return volume * density[of]
 
 
 def _first_crossings(
