@@ -17,13 +17,14 @@ import numpy as np
 from rockfall.analysis.lines import section_maps
 from rockfall.analysis.lines.crossed_lines import crossed_lines
 from rockfall.analysis.lines.envelopes import QUANTITIES, envelope_names, envelopes
+from rockfall.analysis.lines.flights import Flights, flights_of
 from rockfall.analysis.lines.stations import SectionLine, stations_of
 from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import corner_of
 from rockfall.result.samples import simulated
-from rockfall.result.trajectories import trajectories, vertices_of
+from rockfall.result.trajectories import trajectories
 from rockfall.scene.rebound import INERTIA_FACTOR, sphere_radius
 from rockfall.terrain.height import height, inside, steepness
 from rockfall.terrain.polyline import beside, lengths
@@ -77,22 +78,6 @@ class Section:
         return int(self.passages["energy_total"].isna().sum())
 
 
-class _Flights(NamedTuple):
-    """Flights between contacts, in order of time for each boulder: ends as x + iy [m]; elevation,
-    vertical velocity and plan speed at the start, duration, acceleration; W = R_b omega [m/s]; row
-    of the boulder."""
-
-    start: np.ndarray
-    end: np.ndarray
-    z: np.ndarray
-    velocity_z: np.ndarray
-    plan_speed: np.ndarray
-    duration: np.ndarray
-    fall: np.ndarray
-    spin: np.ndarray
-    row: np.ndarray
-
-
 class _Known(NamedTuple):
     """Masses [kg] and radii [m] of all boulders, and the terrain."""
 
@@ -111,7 +96,7 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
 
     stations = stations_of(line)
     mapped = section_maps.has_maps(result)
-    flights = _flights(result)
+    flights = flights_of(result)
     if not flights.row.size and not mapped:
         raise RockfallError(
             "section: the result has neither trajectories of boulders that moved (&output "
@@ -170,28 +155,6 @@ def _paths(result: xr.Dataset, line: SectionLine, boulders: np.ndarray) -> tuple
     return tuple(paths)
 
 
-def _flights(result: xr.Dataset) -> _Flights:
-    """Flights of the recorded boulders that have rows; empty if none moved."""
-    names = ("boulder", "x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z", "out_w")
-    known = result["boulder"].values
-    parts = []
-    for recorded in vertices_of(result, *names):
-        boulder, x, y, z, time, velocity_x, velocity_y, velocity_z, spin = recorded
-        if boulder[0] not in known:
-            continue
-        place, duration = x + 1j * y, np.diff(time)
-        below = np.diff(z) - velocity_z[:-1] * duration  # -g t^2/2 at the end of a flight
-        with np.errstate(divide="ignore", invalid="ignore"):
-            fall = np.where(duration > 0, 2 * below / duration**2, 0.0)
-        row = np.searchsorted(known, boulder[:-1])
-        plan_speed = np.hypot(velocity_x, velocity_y)[:-1]
-        parts.append((place[:-1], place[1:], z[:-1], velocity_z[:-1], plan_speed, duration, fall,
-                      spin[:-1], row))  # fmt: skip
-    if not parts:
-        return _Flights(*(np.empty(0) for _ in _Flights._fields))._replace(row=np.empty(0, int))
-    return _Flights(*map(np.concatenate, zip(*parts, strict=True)))
-
-
 def _masses(result: xr.Dataset) -> np.ndarray:
     """Mass of each boulder [kg], NaN if unknown: by the density of the case, or, where the layer or
     a raster of sources may have others, by that of a boulder of the same feature or source which
@@ -211,7 +174,7 @@ def _masses(result: xr.Dataset) -> np.ndarray:
 
 
 def _first_crossings(
-    flights: _Flights, place: complex, direction: complex, within: float
+    flights: Flights, place: complex, direction: complex, within: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Flights with which boulders first cross a station, and the parts flown by then (0 to 1)."""
     before = ((flights.start - place) * np.conj(direction)).real
@@ -226,10 +189,10 @@ def _first_crossings(
 
 
 def _values(
-    flights: _Flights, k: np.ndarray, part: np.ndarray, known: _Known
+    flights: Flights, k: np.ndarray, part: np.ndarray, known: _Known
 ) -> dict[str, np.ndarray]:
     """QUANTITIES of boulders within these flights, and the elevation of their point."""
-    of = _Flights(*(values[k] for values in flights))
+    of = Flights(*(values[k] for values in flights))
     time, here = part * of.duration, of.start + part * (of.end - of.start)
     z = of.z + of.velocity_z * time + of.fall * time**2 / 2
     squared = of.plan_speed**2 + (of.velocity_z + of.fall * time) ** 2
