@@ -11,6 +11,7 @@ import rockfall
 from made import UTM, make_layer, refused
 from rockfall.analysis.line_statistics import sample_numbers
 from rockfall.analysis.lines.envelopes import envelopes, fewest_for
+from rockfall.analysis.lines.flights import curve_of, flights_of
 from rockfall.analysis.lines.section import COLUMNS, section_of
 from rockfall.analysis.lines.section_maps import places_in_cells
 from rockfall.analysis.lines.stations import SectionLine
@@ -23,6 +24,7 @@ from rockfall.language import speaking
 from rockfall.limits import MIN_FOR_MEAN
 from rockfall.plots.figures import section_entry
 from rockfall.plots.section_figure import section_figure
+from rockfall.terrain.height import height
 from rockfall.terrain.polyline import intersections
 from rockfall.text.section import section_notes
 from scenes import grid, make_case, rough, sets
@@ -280,6 +282,10 @@ def test_recorded_boulders_have_the_kernels_numbers(meeting, tmp_path):
             np.testing.assert_allclose(here[name], wanted, rtol=near, atol=near)
         compared += crossed.sum()
     assert compared > 100
+    flights, below = flights_of(run), 1.0 if meeting == "table" else 0.05  # rolls are chords
+    for row in range(60):
+        place, z = curve_of(flights, row)
+        assert (z >= height(*TERRAIN, place.real, place.imag) - below).all()
     radius = 0.6 * STEEPEST
     for name in QUANTITIES:
         recorded, most = (found.table[f"{of}_{name}_max"] for of in ("recorded", "corridor"))

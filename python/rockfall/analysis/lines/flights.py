@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.case import case_of
-from rockfall.result.trajectories import vertices_of
+from rockfall.result.trajectories import POINTS, vertices_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -52,6 +52,16 @@ def flights_of(result: xr.Dataset) -> Flights:
     if not parts:
         return Flights(*(np.empty(0) for _ in Flights._fields))._replace(row=np.empty(0, int))
     return Flights(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def curve_of(flights: Flights, row: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points x + iy [m] of the path of the boulder of a row, and their elevations [m]."""
+    of = Flights(*(values[flights.row == row] for values in flights))
+    part = np.linspace(0, 1, POINTS)
+    time = of.duration[:, None] * part
+    place = of.start[:, None] + (of.end - of.start)[:, None] * part
+    z = of.z[:, None] + of.velocity_z[:, None] * time + of.fall[:, None] * time**2 / 2
+    return place.ravel(), z.ravel()
 
 
 def _of_boulder(vertices: list[np.ndarray], gravity: float, row: int) -> Flights:

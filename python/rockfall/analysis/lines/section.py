@@ -17,14 +17,14 @@ import numpy as np
 from rockfall.analysis.lines import section_maps
 from rockfall.analysis.lines.crossed_lines import crossed_lines
 from rockfall.analysis.lines.envelopes import QUANTITIES, envelope_names, envelopes
-from rockfall.analysis.lines.flights import Flights, flights_of
+from rockfall.analysis.lines.flights import Flights, curve_of, flights_of
 from rockfall.analysis.lines.stations import SectionLine, stations_of
 from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import corner_of
 from rockfall.result.samples import simulated
-from rockfall.result.trajectories import trajectories
+from rockfall.result.trajectories import spread
 from rockfall.scene.rebound import INERTIA_FACTOR, sphere_radius
 from rockfall.terrain.height import height, inside, steepness
 from rockfall.terrain.polyline import beside, lengths
@@ -108,10 +108,11 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
     lines = crossed_lines(result, line.vertices, line.within)
     radius = sphere_radius(result["volume"].values)
     known = _Known(_masses(result), radius, terrain if _is_fine(result, terrain) else None)
-    table, passages = [], []
+    table, passages, crossing = [], [], []
     for at, place, direction in zip(*stations[:3], strict=True):
         k, part = _first_crossings(flights, place, direction, line.within)
         values = _values(flights, k, part, known)
+        crossing.append(flights.row[k])
         boulder = result["boulder"].values[flights.row[k]]
         passages.append({"distance": np.full(k.size, at), "boulder": boulder} | values)
         row = {"distance": at, "x": place.real, "y": place.imag, f"{RECORDED}n": k.size}
@@ -124,7 +125,7 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
     }
     return Section(
         line, pd.DataFrame(table, columns=COLUMNS).assign(**about), lines, pd.DataFrame(columns),
-        _paths(result, line, columns["boulder"]), rows.size, simulated(result), mapped,
+        _paths(flights, line, np.concatenate(crossing)), rows.size, simulated(result), mapped,
     )  # fmt: skip
 
 
@@ -141,17 +142,15 @@ def _is_fine(result: xr.Dataset, terrain: Terrain | None) -> bool:
     return terrain is not None and terrain[1].cell <= 1.001 * corner_of(result["crs"].attrs)[2]
 
 
-def _paths(result: xr.Dataset, line: SectionLine, boulders: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Trajectories of some of these boulders beside a section, not beyond its ends."""
-    if not boulders.size:
-        return ()
+def _paths(flights: Flights, line: SectionLine, rows: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Paths of some of these boulders beside a section, not beyond its ends."""
     paths, length = [], lengths(line.vertices)[-1]
-    some = np.isin(result["trajectory_boulder"].values, boulders)
-    for one in trajectories(result.isel(trajectory_vertex=some), PATHS):
-        apart, along = beside(one.x + 1j * one.y, line.vertices)
+    for row in spread(np.unique(rows).tolist(), PATHS):
+        place, z = curve_of(flights, row)
+        apart, along = beside(place, line.vertices)
         here = (apart <= line.within) & (along > 0) & (along < length)
         if here.any():
-            paths.append(np.where(here, [along, one.z], np.nan))
+            paths.append(np.where(here, [along, z], np.nan))
     return tuple(paths)
 
 
