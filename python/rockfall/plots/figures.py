@@ -223,6 +223,7 @@ def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[F
 
 def section_entry(found: Section) -> Figure:
     """Figure of a section along a drawn line, which says what each of its curves is of."""
+    unknown = found.unknown_energies
     said = [
         say_count(
             "figures.section", found.recorded, total=found.boulders, within=found.line.within
@@ -230,6 +231,8 @@ def section_entry(found: Section) -> Figure:
         say("figures.section_maps" if found.has_maps else "figures.section_without_maps"),
         *([say("figures.section_lines")] if len(found.lines) else []),
         say("figures.section_blank", mean=MIN_FOR_MEAN, quantile=fewest_for(0.95)),
+        *([say("figures.section_heights")] if found.lacks_heights else []),
+        *([say_count("figures.section_unknown", unknown)] if unknown else []),
     ]
     return Figure(
         "section", say("figures.section_title"), Text(" ".join(said)),

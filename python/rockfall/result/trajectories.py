@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     Terrain = tuple[np.ndarray, Grid]  # elevations (ny, nx) [m], and their grid
 
 POINTS = 25  # of a drawn parabola
+_Kept = TypeVar("_Kept")
 
 
 class Trajectory(NamedTuple):
@@ -58,7 +59,7 @@ def trajectories(result: Held, number: int | None = None) -> list[Trajectory]:
     return [_curve(*vertices) for vertices in spread(vertices_of(result, *names), number)]
 
 
-def spread(recorded: list[np.ndarray], number: int | None) -> list[np.ndarray]:
+def spread(recorded: list[_Kept], number: int | None) -> list[_Kept]:
     """Evenly select at most `number` of the recorded trajectories, which are ordered by source."""
     if number is None or len(recorded) <= number:
         return recorded

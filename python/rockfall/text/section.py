@@ -96,19 +96,17 @@ def section_notes(found: Section) -> Iterator[str]:
             "boulders; &output maps = 'passages', 'energy_q95', 'energy_max', 'passing_height_q95' "
             "and so on"
         )
-    table = found.table
-    blank = table[f"{RECORDED}passing_height_max"].isna() & (table[f"{RECORDED}n"] > 0)
-    if blank.any():
+    if found.lacks_heights:
         yield (
             "heights of recorded trajectories are blank where the terrain of the run is not known, "
             "or read with fewer cells (--dem)"
         )
-    elif table["elevation"].isna().any():
+    elif found.table["elevation"].isna().any():
         yield "the terrain is not known along all of the section"
-    if unknown := int(found.table["unknown_energy"].sum()):
+    if unknown := found.unknown_energies:
         yield (
-            f"energies of {unknown:,} passages are left out: the masses of their boulders are not "
-            "known"
+            f"energies of {unknown:,} recorded passages are left out: the masses of their boulders "
+            "are not known"
         )
 
 

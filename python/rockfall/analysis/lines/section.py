@@ -17,13 +17,14 @@ import numpy as np
 from rockfall.analysis.lines import section_maps
 from rockfall.analysis.lines.crossed_lines import crossed_lines
 from rockfall.analysis.lines.envelopes import QUANTITIES, envelope_names, envelopes
+from rockfall.analysis.lines.flights import Flights, curve_of, flights_of
 from rockfall.analysis.lines.stations import SectionLine, stations_of
 from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import corner_of
 from rockfall.result.samples import simulated
-from rockfall.result.trajectories import trajectories, vertices_of
+from rockfall.result.trajectories import spread
 from rockfall.scene.rebound import INERTIA_FACTOR, sphere_radius
 from rockfall.terrain.height import height, inside, steepness
 from rockfall.terrain.polyline import beside, lengths
@@ -65,21 +66,16 @@ class Section:
     boulders: int
     has_maps: bool
 
+    @property
+    def lacks_heights(self) -> bool:
+        """True if heights of recorded trajectories are unknown at some stations."""
+        return bool(self.passages["passing_height"].isna().any())
 
-class _Flights(NamedTuple):
-    """Flights between contacts, in order of time for each boulder: ends as x + iy [m]; elevation,
-    vertical velocity and plan speed at the start, duration, acceleration; W = R_b omega [m/s]; row
-    of the boulder."""
-
-    start: np.ndarray
-    end: np.ndarray
-    z: np.ndarray
-    velocity_z: np.ndarray
-    plan_speed: np.ndarray
-    duration: np.ndarray
-    fall: np.ndarray
-    spin: np.ndarray
-    row: np.ndarray
+    @property
+    def unknown_energies(self) -> int:
+        """Number of recorded passages without an energy: the masses of their boulders are
+        unknown."""
+        return int(self.passages["energy_total"].isna().sum())
 
 
 class _Known(NamedTuple):
@@ -100,7 +96,7 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
 
     stations = stations_of(line)
     mapped = section_maps.has_maps(result)
-    flights = _flights(result)
+    flights = flights_of(result)
     if not flights.row.size and not mapped:
         raise RockfallError(
             "section: the result has neither trajectories of boulders that moved (&output "
@@ -112,10 +108,11 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
     lines = crossed_lines(result, line.vertices, line.within)
     radius = sphere_radius(result["volume"].values)
     known = _Known(_masses(result), radius, terrain if _is_fine(result, terrain) else None)
-    table, passages = [], []
+    table, passages, crossing = [], [], []
     for at, place, direction in zip(*stations[:3], strict=True):
         k, part = _first_crossings(flights, place, direction, line.within)
         values = _values(flights, k, part, known)
+        crossing.append(flights.row[k])
         boulder = result["boulder"].values[flights.row[k]]
         passages.append({"distance": np.full(k.size, at), "boulder": boulder} | values)
         row = {"distance": at, "x": place.real, "y": place.imag, f"{RECORDED}n": k.size}
@@ -128,7 +125,7 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
     }
     return Section(
         line, pd.DataFrame(table, columns=COLUMNS).assign(**about), lines, pd.DataFrame(columns),
-        _paths(result, line, columns["boulder"]), rows.size, simulated(result), mapped,
+        _paths(flights, line, np.concatenate(crossing)), rows.size, simulated(result), mapped,
     )  # fmt: skip
 
 
@@ -145,60 +142,38 @@ def _is_fine(result: xr.Dataset, terrain: Terrain | None) -> bool:
     return terrain is not None and terrain[1].cell <= 1.001 * corner_of(result["crs"].attrs)[2]
 
 
-def _paths(result: xr.Dataset, line: SectionLine, boulders: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Trajectories of some of these boulders beside a section, not beyond its ends."""
-    if not boulders.size:
-        return ()
+def _paths(flights: Flights, line: SectionLine, rows: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Paths of some of these boulders beside a section, not beyond its ends."""
     paths, length = [], lengths(line.vertices)[-1]
-    some = np.isin(result["trajectory_boulder"].values, boulders)
-    for one in trajectories(result.isel(trajectory_vertex=some), PATHS):
-        apart, along = beside(one.x + 1j * one.y, line.vertices)
+    for row in spread(np.unique(rows).tolist(), PATHS):
+        place, z = curve_of(flights, row)
+        apart, along = beside(place, line.vertices)
         here = (apart <= line.within) & (along > 0) & (along < length)
         if here.any():
-            paths.append(np.where(here, [along, one.z], np.nan))
+            paths.append(np.where(here, [along, z], np.nan))
     return tuple(paths)
 
 
-def _flights(result: xr.Dataset) -> _Flights:
-    """Flights of the recorded boulders that have rows; empty if none moved."""
-    names = ("boulder", "x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z", "out_w")
-    known = result["boulder"].values
-    parts = []
-    for recorded in vertices_of(result, *names):
-        boulder, x, y, z, time, velocity_x, velocity_y, velocity_z, spin = recorded
-        if boulder[0] not in known:
-            continue
-        place, duration = x + 1j * y, np.diff(time)
-        below = np.diff(z) - velocity_z[:-1] * duration  # -g t^2/2 at the end of a flight
-        with np.errstate(divide="ignore", invalid="ignore"):
-            fall = np.where(duration > 0, 2 * below / duration**2, 0.0)
-        row = np.searchsorted(known, boulder[:-1])
-        plan_speed = np.hypot(velocity_x, velocity_y)[:-1]
-        parts.append((place[:-1], place[1:], z[:-1], velocity_z[:-1], plan_speed, duration, fall,
-                      spin[:-1], row))  # fmt: skip
-    if not parts:
-        return _Flights(*(np.empty(0) for _ in _Flights._fields))._replace(row=np.empty(0, int))
-    return _Flights(*map(np.concatenate, zip(*parts, strict=True)))
-
-
 def _masses(result: xr.Dataset) -> np.ndarray:
-    """Mass of each boulder [kg], NaN if unknown: from its energy at any line that it crossed, else
-    from the density of the case, unless sources may have others."""
-    case = case_of(result)
-    known = "rock_density" not in case.boulder and "source_feature" not in result
-    masses = result["volume"].values * (case.boulder["density"] if known else np.nan)
+    """Mass of each boulder [kg], NaN if unknown: by the density of the case, or, where the layer or
+    a raster of sources may have others, by that of a boulder of the same feature or source which
+    crossed a line with a known energy."""
+    case, volume = case_of(result), result["volume"].values
+    own = "rock_density" in case.boulder
+    if not own and "source_feature" not in result:
+        return volume * case.boulder["density"]
+    names, of = np.unique(result["source" if own else "source_feature"].values, return_inverse=True)
+    density = np.full(names.size, np.nan)
     if "line_energy_translational" in result:
-        energies, speeds = (
-            result[f"line_{name}"].values for name in ("energy_translational", "speed")
-        )
-        for energy, speed in zip(energies, speeds, strict=True):
-            crossed = speed > 0  # False for NaN
-            masses[crossed] = 2 * energy[crossed] / speed[crossed] ** 2
-    return masses
+        energy, speed = (result[f"line_{one}"].values for one in ("energy_translational", "speed"))
+        _, moved = np.nonzero(speed > 0)  # False for NaN
+        mass = 2 * energy[speed > 0] / speed[speed > 0] ** 2
+        density[of[moved]] = mass / volume[moved]
+    return volume * density[of]
 
 
 def _first_crossings(
-    flights: _Flights, place: complex, direction: complex, within: float
+    flights: Flights, place: complex, direction: complex, within: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Flights with which boulders first cross a station, and the parts flown by then (0 to 1)."""
     before = ((flights.start - place) * np.conj(direction)).real
@@ -213,10 +188,10 @@ def _first_crossings(
 
 
 def _values(
-    flights: _Flights, k: np.ndarray, part: np.ndarray, known: _Known
+    flights: Flights, k: np.ndarray, part: np.ndarray, known: _Known
 ) -> dict[str, np.ndarray]:
     """QUANTITIES of boulders within these flights, and the elevation of their point."""
-    of = _Flights(*(values[k] for values in flights))
+    of = Flights(*(values[k] for values in flights))
     time, here = part * of.duration, of.start + part * (of.end - of.start)
     z = of.z + of.velocity_z * time + of.fall * time**2 / 2
     squared = of.plan_speed**2 + (of.velocity_z + of.fall * time) ** 2
