@@ -15,6 +15,7 @@ from rasterio.crs import CRS
 import rockfall
 import scenes
 from made import PLACE, make_layer, make_raster
+from rockfall.analysis.model_limits import model_remarks
 from rockfall.result import variables
 from rockfall.scene import read, stages
 from rockfall.simulation import batches, run_state
@@ -172,6 +173,15 @@ def test_statistics_are_those_of_the_function(case):
     )
     with refused("quantities: no quantity 'weight'; there are speed"):
         batch.line_statistics(quantities=["weight"])
+
+
+def test_limits_of_the_model_are_those_of_the_result(case):
+    ground = case.replace(surface={"ground": "meadow"})
+    with rockfall.open(ground) as session:
+        batch = last_of(session)
+    result = rockfall.run(ground)
+    remarks = [one.text for one in model_remarks(result, ground) if one.is_warning]
+    assert batch.warnings == remarks and any("classical" in one for one in remarks)
 
 
 def test_trajectories_of_a_batch_are_those_of_the_result(case):

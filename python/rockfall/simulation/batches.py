@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from threading import Lock
+from threading import RLock
 
 import numpy as np
 
@@ -26,7 +26,7 @@ class Batches:
     """The boulders of a tally that is empty, in an order in which those done are spread evenly."""
 
     def __init__(self, tally: Tally) -> None:
-        self.tally, self.lock = tally, Lock()
+        self.tally, self.lock = tally, RLock()
         self.begun = 0  # pieces
         self._threads = int(_core.team(tally.threads))
         self._rate = 0.0  # boulders in a second: the slowest of late; 0: not known
