@@ -122,8 +122,9 @@ def test_a_session_gives_the_bits_of_fresh_runs_after_any_changes(case, seed):
     assert compared == 12
 
 
-def test_boulders_of_a_run_are_those_of_a_total(case):
-    with rockfall.open(case) as session:
+@pytest.mark.parametrize("threads", [1, 3])
+def test_boulders_of_a_run_are_those_of_a_total(case, threads):
+    with rockfall.open(case, threads=threads) as session:
         for boulders in 50, 120, None:
             fresh = case if boulders is None else case.replace(case={"boulders_total": boulders})
             same(last_of(session, boulders).dataset(), rockfall.run(fresh))
