@@ -15,6 +15,7 @@ from rasterio.crs import CRS
 import rockfall
 import scenes
 from made import PLACE, make_layer, make_raster
+from rockfall.analysis.model_limits import model_remarks
 from rockfall.result import variables
 from rockfall.scene import read, stages
 from rockfall.simulation import batches, run_state
@@ -121,8 +122,9 @@ def test_a_session_gives_the_bits_of_fresh_runs_after_any_changes(case, seed):
     assert compared == 12
 
 
-def test_boulders_of_a_run_are_those_of_a_total(case):
-    with rockfall.open(case) as session:
+@pytest.mark.parametrize("threads", [1, 3])
+def test_boulders_of_a_run_are_those_of_a_total(case, threads):
+    with rockfall.open(case, threads=threads) as session:
         for boulders in 50, 120, None:
             fresh = case if boulders is None else case.replace(case={"boulders_total": boulders})
             same(last_of(session, boulders).dataset(), rockfall.run(fresh))
@@ -172,6 +174,15 @@ def test_statistics_are_those_of_the_function(case):
     )
     with refused("quantities: no quantity 'weight'; there are speed"):
         batch.line_statistics(quantities=["weight"])
+
+
+def test_limits_of_the_model_are_those_of_the_result(case):
+    ground = case.replace(surface={"ground": "meadow"})
+    with rockfall.open(ground) as session:
+        batch = last_of(session)
+    result = rockfall.run(ground)
+    remarks = [one.text for one in model_remarks(result, ground) if one.is_warning]
+    assert batch.warnings == remarks and any("classical" in one for one in remarks)
 
 
 def test_trajectories_of_a_batch_are_those_of_the_result(case):

@@ -4,10 +4,12 @@ are written to temporary files while a scene is read, so that they are treated l
 
 from __future__ import annotations
 
+import shutil
+import weakref
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
@@ -33,26 +35,37 @@ def is_frame(given: Any) -> bool:
 
 
 class FrameFiles:
-    """Files of frames in a temporary folder; a frame given again keeps its file."""
+    """Files of frames in a temporary folder, until they are removed or their owner is gone; a frame
+    given again keeps its file."""
 
     def __init__(self) -> None:
-        self._folder = TemporaryDirectory()
+        self._folder: Path | None = None
         self._known: dict[str, tuple[Any, Path]] = {}
-        self._number = 0
+        self._written = 0
 
     def write(self, frames: Mapping[str, Any]) -> dict[str, Path]:
         """Files of these frames, by name."""
         for name, frame in frames.items():
             if name not in self._known or self._known[name][0] is not frame:
-                self._number += 1
-                folder = Path(self._folder.name) / str(self._number)
-                folder.mkdir()
-                self._known[name] = frame, _write(frame, name, folder)
+                self._known[name] = frame, _write(frame, name, self._next_folder())
         return {name: self._known[name][1] for name in frames}
 
     def remove(self) -> None:
         """Remove the files."""
-        self._folder.cleanup()
+        if self._folder is not None:
+            self._remove()
+            self._folder = None
+        self._known.clear()
+
+    def _next_folder(self) -> Path:
+        """An empty folder for a file, which has the name of its frame."""
+        if self._folder is None:
+            self._folder = Path(mkdtemp())
+            self._remove = weakref.finalize(self, shutil.rmtree, self._folder, True)
+        self._written += 1
+        folder = self._folder / str(self._written)
+        folder.mkdir()
+        return folder
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.line_statistics import line_statistics
+from rockfall.analysis.model_limits import model_remarks
 from rockfall.analysis.run_until import Rule, evaluate
 from rockfall.case import Case
 from rockfall.errors import RockfallError
@@ -95,6 +96,12 @@ class Batch:
         return bool(self._criteria) and all(
             one.met for one in evaluate([*self._criteria], self._rows)
         )
+
+    @cached_property
+    def warnings(self) -> list[str]:
+        """Limits of the model that matter for the boulders done, as in the report."""
+        remarks = model_remarks(self._rows, self.case)
+        return [one.text for one in remarks if one.is_warning]
 
     def line_statistics(
         self,

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from threading import Lock
+from threading import RLock
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from rockfall.simulation.maps import tells_sources
 from rockfall.simulation.tally import Tally
 
 PIECE_SECONDS = 0.012  # between looks at a cancel, which is to be answered within 0.05 s
-FIRST_PIECE = 64  # boulders
+FIRST_PIECE = 16  # boulders, which may be slow ones
 LANES = 128  # boulders of a thread in one call of the kernel, below which lanes run empty
 RECOVERY = 1.5  # growth of the rate that is expected, after a slow piece
 
@@ -26,7 +26,7 @@ class Batches:
     """The boulders of a tally that is empty, in an order in which those done are spread evenly."""
 
     def __init__(self, tally: Tally) -> None:
-        self.tally, self.lock = tally, Lock()
+        self.tally, self.lock = tally, RLock()
         self.begun = 0  # pieces
         self._threads = int(_core.team(tally.threads))
         self._rate = 0.0  # boulders in a second: the slowest of late; 0: not known

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 TARGETS = (0.05, 0.02, 0.01)  # relative half-widths of an interval to plan for
 SIMPSON = np.r_[1, np.tile([4, 2], 199), 4, 1] / 1200.0  # weights of 401 values
 STEPS = np.arange(SIMPSON.size, dtype=float)
+DENSE = 1_000_000  # numbers of sources below which a table of them is short
 CROSSED = 500  # boulders past the line from which intervals of anything but a fraction are used
 #: Skewness over the coefficient of variation: exact for gamma distributions. Few values seldom show
 #: the tail of their distribution, so that upper limits assume it.
@@ -248,9 +249,15 @@ def sources(result: Held) -> Sources:
     merged: the place was chosen, whatever volumes it releases."""
     of, sampled = result["source"].values, are_sampled(result)
     if sampled:
-        place = result["start_x"].values + 1j * result["start_y"].values
-        return Sources.of(np.unique(place, return_inverse=True)[1], sampled)
-    return Sources.of((np.cumsum(np.bincount(of) > 0) - 1)[of], sampled)  # numbers without gaps
+        of = result["start_x"].values + 1j * result["start_y"].values
+    return Sources.of(_ranks(of), sampled)
+
+
+def _ranks(values: np.ndarray) -> np.ndarray:
+    """Rank of each value, from 0, among those that differ; of small integers without sorting."""
+    if values.dtype.kind == "i" and values.size and 0 <= values.min() <= values.max() < DENSE:
+        return (np.cumsum(np.bincount(values) > 0) - 1)[values]
+    return np.unique(values, return_inverse=True)[1]
 
 
 def are_sampled(result: Held) -> bool:
