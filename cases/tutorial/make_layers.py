@@ -7,7 +7,8 @@
     site.gpkg    cliff and ground (polygons), road (line), houses (polygons)
     net.gpkg     a net that is planned (line)
     forest.gpkg  trees (points)
-    exposed.gpkg buildings (polygons) and traffic (line): who and what is there, for a risk
+    houses.gpkg  houses (polygons): what they are worth, and who lives there
+    traffic.gpkg the road (line): vehicles a day
 
 It needs what rockfall needs, and nothing of rockfall. The valley is made up; it has coordinates of
 EPSG:25832 so that a GIS can show it, and lies at no real place.
@@ -84,7 +85,7 @@ def write_layer(path: Path, layer: str, shapes: list, **columns: list) -> None:
 
 def make(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    for name in ("site.gpkg", "net.gpkg", "forest.gpkg", "exposed.gpkg"):
+    for name in ("site.gpkg", "net.gpkg", "forest.gpkg", "houses.gpkg", "traffic.gpkg"):
         (folder / name).unlink(missing_ok=True)
     random = np.random.RandomState(20260301)  # its numbers are the same in every version of NumPy
     profile = {"driver": "GTiff", "width": NX, "height": NY, "count": 1, "dtype": "float32"}
@@ -111,14 +112,13 @@ def make(folder: Path) -> None:
         value=[600_000.0] * 3,
     )  # fmt: skip
 
-    exposed = folder / "exposed.gpkg"
     write_layer(
-        exposed, "buildings", houses, name=["house 1", "house 2", "house 3"],
+        folder / "houses.gpkg", "houses", houses, name=["house 1", "house 2", "house 3"],
         kind=["building"] * 3, value=[600_000.0] * 3, persons=[4.0, 4.0, 2.0], presence=[0.6] * 3,
         lethality_1=[0.01] * 3, lethality_2=[0.1] * 3, lethality_3=[0.3] * 3,
     )  # fmt: skip
     write_layer(
-        exposed, "traffic", [line((0, ROAD), (360, ROAD))], name=["valley road"], width=[6.0],
+        folder / "traffic.gpkg", "traffic", [line((0, ROAD), (360, ROAD))], name=["valley road"], width=[6.0],
         aadt=[1200.0], speed=[60.0], persons_per_vehicle=[1.5],
     )  # fmt: skip
 
