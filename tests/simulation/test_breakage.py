@@ -219,6 +219,16 @@ def test_what_statistics_count_is_said(folder, bare):
     assert not any("reak" in one.text for one in model_remarks(whole, case_of(whole)))
 
 
+def test_observations_are_not_those_of_fragments(folder, bare, tmp_path):
+    """Blocks at rest are not the fragments that came farthest: refused, or said."""
+    observed = tmp_path / "stops.csv"
+    observed.write_text("x,y\n150.0,100.0\n160.0,110.0\n")
+    with pytest.raises(rockfall.RockfallError, match="&breakage at = 'both': must be 'none': the"):
+        rockfall.back_analysis(case(folder, breakage=BOTH), observed)
+    notes = rockfall.compare(bare, observed).notes
+    assert any(note.startswith("Boulders may break: numbers are") for note in notes)
+
+
 def test_heights_at_a_line_use_the_fragment(bare):
     """The upper edge is a radius of the fragment above its centre."""
     upper = line_values(bare, "upper_edge", 0) - bare["line_passing_height"].values[0]

@@ -313,6 +313,11 @@ def _notes(result: xr.Dataset, seen: Observed, source: Sources) -> Iterator[str]
     yield from seen.notes
     if note := kept_note(result):
         yield note
+    if "fragments" in result:
+        yield (
+            "Boulders may break: numbers are of the fragment that came farthest, at lines of the "
+            "most energetic one; observed blocks are others, too."
+        )
     if not {*REACH} & set(result):
         for where, places in (("stopping places", seen.stops), ("impacts", seen.contacts)):
             if places is not None:

@@ -106,6 +106,11 @@ def back_analysis(
     case = case.replace(ensemble={"runs": ROUND})
     if "draws" in case.ensemble:
         raise RockfallError(f"{case.name}: &ensemble draws: must be absent: they have no density")
+    if case.breakage["at"] != "none":
+        raise RockfallError(
+            f"{case.name}: &breakage at = '{case.breakage['at']}': must be 'none': the end of a "
+            "boulder is that of the fragment that came farthest, and no block that was found"
+        )
     read = read_scene(case, **arrays)
     warn_of(read)
     scene = lean(read, "a back-analysis", ["passages"])
