@@ -118,8 +118,8 @@ def make(folder: Path) -> None:
         lethality_1=[0.01] * 3, lethality_2=[0.1] * 3, lethality_3=[0.3] * 3,
     )  # fmt: skip
     write_layer(
-        folder / "traffic.gpkg", "traffic", [line((0, ROAD), (360, ROAD))], name=["valley road"], width=[6.0],
-        aadt=[1200.0], speed=[60.0], persons_per_vehicle=[1.5],
+        folder / "traffic.gpkg", "traffic", [line((0, ROAD), (360, ROAD))], name=["valley road"],
+        width=[6.0], aadt=[1200.0], speed=[60.0], persons_per_vehicle=[1.5],
     )  # fmt: skip
 
     net = line((20, 310), (330, 310))

@@ -5,7 +5,7 @@ barriers."""
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,7 +44,7 @@ _DEMAND = ["n", "volume", "m_d", *_WITH_LIMITS, "f_min", *with_limits("ead_class
 _CHECKS = [
     "line", "n", "height", "capacity", "height_needed", "height_holds", "height_certain", "E_d",
     "energy_allowed", "energy_holds", "energy_certain", "holds", "over", "through",
-    *with_limits("residual"), "unconfirmed",
+    *with_limits("residual"), "unconfirmed", "verdict",
 ]  # fmt: skip
 _CHOICES = ["line", "n", "ead_class", "capacity", "height", *with_limits("residual")]
 _CHOICES += ["cost", "cheapest", "unconfirmed"]
@@ -105,6 +105,7 @@ def design(
     came = {str(name): crossings(result, k) for k, name in enumerate(result["line"].values)}
     asked = [{"line": name, **demand(one, *how), **doubts} for name, one in came.items()]
     barriers = [_check_of(result, k, asked[k], known) | doubts for k in barriers_of(result)]
+    barriers = [row | {"verdict": verdict_of(row)} for row in barriers]
     chosen = [
         {"line": name, "n": one.n} | row | doubts
         for name, one in came.items()
@@ -211,6 +212,24 @@ def _check_of(
         "holds": high and strong, "over": int(over.sum()), "through": int(through.sum()),
         **dict(left),
     }  # fmt: skip
+
+
+def verdict_of(row: Mapping[str, Any]) -> str:
+    """Verdict on a barrier, for the table and for all texts: "no" where a requirement certainly
+    fails, "undecided" where the interval of one straddles its limit, or where the loads rest on
+    unconfirmed assumptions, else "yes"; with the requirements that decide. A barrier that no
+    boulder reaches has none ("")."""
+    if not row["n"]:
+        return ""
+    unsure = [what for what in ("height", "energy") if not row[f"{what}_certain"]]
+    failed = [
+        what for what in ("height", "energy") if not row[f"{what}_holds"] and what not in unsure
+    ]
+    parts = [f"no: {', '.join(failed)}"] if failed else []
+    parts += [f"undecided: {', '.join(unsure)}"] if unsure else []
+    doubt = "" if failed else row.get("unconfirmed", "")
+    said = "; ".join(parts) or ("undecided" if doubt else "yes")
+    return f"{said}; unconfirmed: {doubt}" if doubt else said
 
 
 def _verdict(

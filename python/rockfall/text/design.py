@@ -93,19 +93,11 @@ def check_row(row: Mapping[str, Any]) -> list[str]:
     """A barrier and the requirements for it."""
     if not row["n"]:
         return [f"  {row['line']}", number(row["height"]), "-", "-", "-", "-", "no boulder comes"]
-    unsure = [what for what in ("height", "energy") if not row[f"{what}_certain"]]
-    failed = [
-        what for what in ("height", "energy") if not row[f"{what}_holds"] and what not in unsure
-    ]
-    verdict = [f"no: {', '.join(failed)}"] if failed else []
-    verdict += [f"undecided: {', '.join(unsure)}"] if unsure else []
-    doubt = "" if failed else unconfirmed(row)
-    said = "; ".join(verdict) or ("undecided" if doubt else "yes")
     return [
         f"  {row['line']}", number(row["height"]), number(row["height_needed"], up=True),
         number(row["energy_allowed"] / 1000), number(row["E_d"] / 1000, up=True),
         shown(row, "residual", 100.0),
-        said + doubt,
+        row["verdict"],
     ]  # fmt: skip
 
 
