@@ -27,6 +27,9 @@ def segment_lines(found: xr.Dataset) -> Iterator[str]:
     yield table(segment_rows(found))
     if (more := found.sizes["segment"] - MAX_SEGMENTS) > 0:
         yield f"  and {count(more, 'more segment')}, in segments.csv"
+    limits = [found[f"segment_{name}_q95_high"].values for name in ("energy", "upper_edge")]
+    if np.isnan(limits).any():
+        yield "  -: too few boulders touch the segment to know this limit"
 
 
 def segment_rows(found: xr.Dataset) -> Iterator[list[str]]:
