@@ -82,20 +82,24 @@ def energy(case: Case, wanted: int) -> None:
 
 def effect(case: Case) -> None:
     case = case.replace(case={"boulders": 2000}, output={"maps": None})
-    head = "breakage", "pass", "mean energy", "95 % quantile", "passing height, 95 %", "fragments"
+    head = "breakage", "pass", "mean energy", "95 % quantile", "height, 95 %", "fragments", ""
     print("\n| " + " | ".join(head) + " |")
-    print("|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|")
     for at, fall in (("none", None), ("release", 10.0), ("impact", None), ("both", 10.0)):
         result = rockfall.run(case.replace(breakage={"at": at, "release_fall": fall}))
         table = rockfall.line_statistics(result).set_index(["line", "quantity"])
         energy, height = table.loc["EL1", "energy_total"], table.loc["EL1", "passing_height"]
-        number = 1.0
+        number, limits = 1.0, ""
         if "line_fragments" in result:
+            capped = 100 * float((result["breakages_capped"] > 0).mean())
+            fines = 100 * float(result["fines_volume"].sum() / result["volume"].sum())
+            outside = 100 * float(result["rebounds_out_of_range"] / result["rebounds"])
+            limits = f"{capped:.0f} % capped, {fines:.1f} % fines, {outside:.0f} % out of range"
             counts = result["line_fragments"].values[list(result["line"].values).index("EL1")]
             number = counts[counts > 0].mean()
         print(
             f"| {at} | {100 * energy['fraction']:.0f} % | {energy['mean'] / 1000:.0f} kJ "
-            f"| {energy['q95'] / 1000:.0f} kJ | {height['q95']:.1f} m | {number:.1f} |"
+            f"| {energy['q95'] / 1000:.0f} kJ | {height['q95']:.1f} m | {number:.1f} | {limits} |"
         )
 
 
