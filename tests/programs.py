@@ -131,12 +131,12 @@ def everything(folder):
     return {path: path.is_file() and path.read_bytes() for path in sorted(folder.rglob("*"))}
 
 
-def wait_until_busy(pid):
-    """Return when a process has spent a second of CPU: it has read its case and runs."""
+def wait_until_busy(pid, seconds=1.5):
+    """Return when a process has spent so much CPU: it has read its case and runs."""
     ticks = os.sysconf("SC_CLK_TCK")
     for _ in range(600):
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-        if (int(fields[11]) + int(fields[12])) / ticks > 1.5:
+        if (int(fields[11]) + int(fields[12])) / ticks > seconds:
             return
         time.sleep(0.05)
     raise TimeoutError("the program does not run")

@@ -138,7 +138,9 @@ def test_what_is_told_does_not_depend_on_windows(zoned):
         rows = slice(max(0, first - 3), min(80, last + 3))
         z, zone = whole.rasters.z[rows], whole.rasters.zone[rows]
         band = replace(whole.rasters, z=z, zone=zone, at=(rows.start, 0))
-        parts.take(band, Box(first, 0, last, whole.grid.nx), whole.x, whole.y)
+        box = Box(first, 0, last, whole.grid.nx)
+        parts.take(band, box)
+        parts = parts.with_sources(band, box, whole.x, whole.y)
     told = lines(whole)
     whole.__dict__["ground"] = parts
     assert lines(whole) == told

@@ -409,7 +409,7 @@ def test_ctrl_c_keeps_what_is_done_and_writes_nothing_else(hazard_case):
     child = subprocess.Popen(
         [sys.executable, "-m", "rockfall", *words], stderr=subprocess.PIPE, text=True
     )
-    wait_until_busy(child.pid)
+    wait_until_busy(child.pid, 4.0)  # pyogrio imports geopandas where that is installed
     child.send_signal(signal.SIGINT)
     said = child.communicate(timeout=60)[1]
     assert child.returncode == 130

@@ -152,7 +152,12 @@ def test_no_terrain_no_ground(full):
 def test_flights_are_those_of_a_falling_stone():
     """From 100 m at rest for 1 s, a bounce of 0.5 s: elevations and speeds at every moment."""
     g, t = 9.81, np.linspace(0, 1, trajectories.POINTS)
-    vertex = {"x": [0.0, 0.0, 1.5], "y": [0.0, 0.0, 0.0], "z": [100.0, 100 - g / 2, 90.0]}
+    vertex = {
+        "boulder": [1, 1, 1],
+        "x": [0.0, 0.0, 1.5],
+        "y": [0.0, 0.0, 0.0],
+        "z": [100.0, 100 - g / 2, 90.0],
+    }
     vertical = (90.0 - (100 - g / 2) + g / 8) / 0.5
     about = {"time": [0.0, 1.0, 1.5], "velocity_x": [0.0, 3.0, 0.0], "velocity_y": [0.0] * 3}
     about["velocity_z"] = [0.0, vertical, 0.0]

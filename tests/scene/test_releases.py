@@ -412,7 +412,7 @@ def test_observed_boulders_are_set_beside_those_of_their_polygon(case, tmp_path)
         assert found.passing["simulated"].to_numpy() == pytest.approx(
             [(distances >= d).mean() for d in found.passing["distance"]]
         )
-        data, notes = evidence(one, seen)
+        data, notes = evidence(one, seen, [])
         assert [part.n for part in data] == [10, 10] and notes[0] == found.notes[0]
         assert (~np.isnan(data[0].take(one))).sum() == n
     (far := rows[:2].copy())[:, 2:] += 1000.0

@@ -62,44 +62,100 @@ class Batch:
 
     @property
     def case(self) -> Case:
-        """Case of the run: `rockfall.run` of it gives the same result."""
+        """Case of the run: `rockfall.run` of it gives the same result.
+
+        >>> import rockfall
+        >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
+        ...     *_, batch = session.run(40)
+        >>> batch.case.case["boulders_total"]
+        40
+        """
         return self._tally.scene.case
 
     @property
     def boulders(self) -> int:
-        """Number of boulders done."""
+        """Number of boulders done.
+
+        >>> import rockfall
+        >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
+        ...     *_, batch = session.run(40)
+        >>> batch.boulders
+        40
+        """
         return self._tally.done
 
     @property
     def total(self) -> int:
-        """Number of boulders of the complete run."""
+        """Number of boulders of the complete run.
+
+        >>> import rockfall
+        >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
+        ...     *_, batch = session.run(40)
+        >>> batch.total
+        40
+        """
         return self._tally.boulders
 
     @property
     def complete(self) -> bool:
-        """True if all boulders are done."""
+        """True if all boulders are done.
+
+        >>> import rockfall
+        >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
+        ...     *_, batch = session.run(40)
+        >>> batch.complete
+        True
+        """
         return self.boulders == self.total
 
     @property
     def seconds(self) -> float:
-        """Time of the kernel so far [s]."""
+        """Time of the kernel so far [s].
+
+        >>> import rockfall
+        >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
+        ...     *_, batch = session.run(40)
+        >>> batch.seconds > 0
+        True
+        """
         return self._tally.wall
 
     @property
     def cpu_seconds(self) -> float:
-        """CPU time of the kernel so far, over all threads [s]."""
+        """CPU time of the kernel so far, over all threads [s].
+
+        >>> import rockfall
+        >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
+        ...     *_, batch = session.run(40)
+        >>> batch.cpu_seconds > 0
+        True
+        """
         return self._tally.cpu
 
     @cached_property
     def until_met(self) -> bool:
-        """True if all rules of `until` are met; False without any."""
+        """True if all rules of `until` are met; False without any.
+
+        >>> import rockfall
+        >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
+        ...     *_, batch = session.run(40)
+        >>> batch.until_met  # no rules were given
+        False
+        """
         return bool(self._criteria) and all(
             one.met for one in evaluate([*self._criteria], self._rows)
         )
 
     @cached_property
     def warnings(self) -> list[str]:
-        """Limits of the model that matter for the boulders done, as in the report."""
+        """Limits of the model that matter for the boulders done, as in the report.
+
+        >>> import rockfall
+        >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
+        ...     *_, batch = session.run(40)
+        >>> isinstance(batch.warnings, list)
+        True
+        """
         remarks = model_remarks(self._rows, self.case)
         return [one.text for one in remarks if one.is_warning]
 
@@ -109,17 +165,38 @@ class Batch:
         classes: Sequence[float] | None = None,
         quantities: Sequence[str] | None = None,
     ) -> pd.DataFrame:
-        """Statistics at the lines: `rockfall.line_statistics` of the boulders done."""
+        """Statistics at the lines: `rockfall.line_statistics` of the boulders done.
+
+        >>> import rockfall
+        >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
+        ...     *_, batch = session.run(40)
+        >>> set(batch.line_statistics(quantities=["speed"])["quantity"])
+        {'speed'}
+        """
         return line_statistics(self._result or self._rows, by, classes, quantities)
 
     def trajectories(self, number: int = RECORDED) -> list[Trajectory]:
         """Trajectories of at most this number of the boulders done, evenly spread over all of the
-        run, as in `rockfall.trajectories`. Each is computed once in a run."""
+        run, as in `rockfall.trajectories`. Each is computed once in a run.
+
+        >>> import rockfall
+        >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
+        ...     *_, batch = session.run(40)
+        >>> len(batch.trajectories(5))
+        5
+        """
         return trajectories(Contents(trajectory_variables(self._recorded(number)), {}))
 
     def dataset(self) -> xr.Dataset:
         """Result so far, with maps, as of `rockfall.run`; `complete` in its attributes is 0 until
-        the last batch. A RockfallError once the run has gone on, which changes the maps."""
+        the last batch. A RockfallError once the run has gone on, which changes the maps.
+
+        >>> import rockfall
+        >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
+        ...     *_, batch = session.run(40)
+        >>> batch.dataset().sizes["boulder"]
+        40
+        """
         with self._lock:
             if self._result is None:
                 self._result = self._make()

@@ -78,19 +78,39 @@ class Session:
         self.close()
 
     def close(self) -> None:
-        """Free the memory of the session. Runs in progress and their batches remain usable."""
+        """Free the memory of the session. Runs in progress and their batches remain usable.
+
+        >>> import rockfall
+        >>> session = rockfall.open(rockfall.read_case("case.nml"))
+        >>> session.close()
+        >>> session.change()
+        Traceback (most recent call last):
+        rockfall.errors.RockfallError: the session is closed
+        """
         with self._lock:
             self._stages, self._scene = KeptStages(), None
             self._frames.remove()
 
     @property
     def case(self) -> Case:
-        """The case as changed."""
+        """The case as changed.
+
+        >>> import rockfall
+        >>> session = rockfall.open(rockfall.read_case("case.nml"))
+        >>> session.case.boulder["density"] > 0
+        True
+        """
         return self._case
 
     @property
     def warnings(self) -> list[str]:
-        """Likely mistakes in the case, one line each."""
+        """Likely mistakes in the case, one line each.
+
+        >>> import rockfall
+        >>> session = rockfall.open(rockfall.read_case("case.nml"))
+        >>> all(isinstance(line, str) for line in session.warnings)
+        True
+        """
         return implausible(self._opened())
 
     def change(self, **changes: Any) -> None:
