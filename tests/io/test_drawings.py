@@ -98,17 +98,17 @@ def test_closed_lines_are_polygons_and_others_are_refused(drawing, tmp_path):
     space.add_lwpolyline(corners, close=True, dxfattribs=on("Quelle"))
     space.add_lwpolyline([*corners, corners[0]], dxfattribs=on("Quelle"))  # closed by hand
     space.add_text("Fels", dxfattribs=on("Quelle"))
-    space.add_lwpolyline(corners, dxfattribs=on("offen"))
+    space.add_lwpolyline(corners, dxfattribs=on("Kante"))
     path, remarks = saved(drawing, tmp_path), []
     shapes, _ = read_polygons(path, GRID, remarks, "quelle")  # DXF ignores the case
     assert [shape.area for shape in shapes] == [800.0, 800.0]
     assert remarks == [f"{path}, layer Quelle: left out, as no polygons: 1 TEXT"]
     with refused(
-        f"{path}, layer offen: a LWPOLYLINE from x 600050.00, y 4999940.00 is not closed: polygons "
+        f"{path}, layer Kante: a LWPOLYLINE from x 600050.00, y 4999940.00 is not closed: polygons "
         "are needed"
     ):
-        read_polygons(path, GRID, [], "offen")
-    shapes, _ = read_features(path, GRID, [], "offen")
+        read_polygons(path, GRID, [], "Kante")
+    shapes, _ = read_features(path, GRID, [], "Kante")
     assert [shape.geom_type for shape in shapes] == ["LineString"]
 
 
