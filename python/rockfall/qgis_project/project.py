@@ -113,7 +113,9 @@ def _relief(terrain: Terrain, extent: Extent, folder: Path, translate: Speaker) 
 
 
 def _vectors(path: Path, translate: Speaker) -> dict[str, Layer]:
-    """Layers of a GeoPackage, in the order in which they lie; none if there is no file."""
+    """Layers of a GeoPackage that have a style, in the order in which they lie; none if there is no
+    file. Objects of several kinds of shapes have none: QGIS would give them a colour by chance, and
+    their layers of risk lie there."""
     if not path.exists():
         return {}
     with closing(sqlite3.connect(path)) as database:
@@ -123,11 +125,12 @@ def _vectors(path: Path, translate: Speaker) -> dict[str, Layer]:
     ordered = [*(name for name in titles if name in names), *sorted(names - titles.keys())]
     return {
         name: vector_layer(
-            path, name, styles.get(name, "<qgis/>"),
+            path, name, styles[name],
             capital(say(titles[name]) if name in titles else name.replace("_", " ")), translate,
             in_legend=name != NOT_IN_LEGEND,
         )
         for name in ordered
+        if name in styles
     }  # fmt: skip
 
 
