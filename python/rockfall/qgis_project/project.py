@@ -122,7 +122,10 @@ def _vectors(path: Path, translate: Speaker) -> dict[str, Layer]:
         about = "SELECT table_name FROM gpkg_contents WHERE data_type = 'features'"
         names = {name for (name,) in database.execute(about)}
     styles, titles = vector_styles(path), TITLES[path.name]
-    ordered = [*(name for name in titles if name in names), *sorted(names - titles.keys())]
+    others = sorted(names - titles.keys())
+    risk = [name for name in others if name.startswith("risk")]  # small: above the zones
+    ordered = [*risk, *(name for name in titles if name in names)]
+    ordered += [name for name in others if name not in risk]
     return {
         name: vector_layer(
             path, name, styles[name],
