@@ -207,8 +207,8 @@ contains
       radius_of_reading = merge(0.5_wp, 1.0_wp, word == "diameter")
    end function radius_of_reading
 
-   !> Read the surface, given in one of three ways: zones with a table or attributes, rasters of values, or one value; in
-   !> none of them if the default ground does not need rock sizes.
+   !> Read the surface, given in one of three ways: zones with a table or attributes, rasters of values, or one value;
+   !> in none of them if the default ground does not need rock sizes.
    pure subroutine read_surface(group, this, error)
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: this
