@@ -5,8 +5,8 @@ module rockfall_math
    use rockfall_kinds, only: wp, i8
    implicit none
    private
-   public :: pi, degree, real_of, squared_length, logarithm, exponential, cube_root, sine_cosine, squared_sine, tangent
-   public :: arcsine
+   public :: pi, degree, real_of, squared_length, logarithm, exponential, cube_root, power, sine_cosine, squared_sine
+   public :: tangent, arcsine
 
    real(wp), parameter :: pi = 3.14159265358979323846_wp
    real(wp), parameter :: degree = pi/180.0_wp  !! [rad]
@@ -75,6 +75,14 @@ contains
       end do
       exponential = scale(exponential, k)
    end function exponential
+
+   !> Power of a positive number.
+   elemental real(wp) function power(base, exponent)
+      real(wp), intent(in) :: base      !! > 0, any [unit]
+      real(wp), intent(in) :: exponent  !! [-]
+
+      power = exponential(exponent*logarithm(base))
+   end function power
 
    !> Cube root of a positive number.
    elemental real(wp) function cube_root(x)

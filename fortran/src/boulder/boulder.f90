@@ -3,7 +3,7 @@
 !> (Bourrier et al. 2009, sections 2 and 3.4).
 module rockfall_boulder
    use rockfall_kinds, only: wp, i8
-   use rockfall_math, only: pi, logarithm, exponential, cube_root
+   use rockfall_math, only: pi, logarithm, exponential, cube_root, power
    use rockfall_random, only: random_key_t, random_words, uniform, normal, normal_table_t, for_release, &
                               words_per_block, volume_word
    implicit none
@@ -257,11 +257,4 @@ contains
          volume = volume*b*integral/(1 - power(range, -b))
       end associate
    end function mean_of_pareto
-
-   pure real(wp) function power(base, exponent)
-      real(wp), intent(in) :: base  !! > 0
-      real(wp), intent(in) :: exponent
-
-      power = exponential(exponent*logarithm(base))
-   end function power
 end module rockfall_boulder

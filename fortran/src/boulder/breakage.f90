@@ -3,7 +3,7 @@
 !> chapter 3): whether it breaks, the volumes of its fragments, which sum to its own, and their directions.
 module rockfall_breakage
    use rockfall_kinds, only: wp
-   use rockfall_math, only: pi, logarithm, exponential, cube_root, sine_cosine
+   use rockfall_math, only: pi, logarithm, cube_root, power, sine_cosine
    use rockfall_boulder, only: boulder_t
    use rockfall_direction, only: random_heading
    implicit none
@@ -143,11 +143,4 @@ contains
       normal = [-g(1), -g(2), 1.0_wp]
       away = v - min(0.0_wp, dot_product(v, normal))*(2/dot_product(normal, normal))*normal
    end function away_from_ground
-
-   elemental real(wp) function power(base, exponent)
-      real(wp), intent(in) :: base  !! > 0
-      real(wp), intent(in) :: exponent
-
-      power = exponential(exponent*logarithm(base))
-   end function power
 end module rockfall_breakage
