@@ -1,0 +1,5 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Entry of the page: sets up its parts and passes messages between them.
+import './style.css';
+
+document.getElementById('app')!.textContent = 'rockfall';
