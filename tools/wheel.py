@@ -30,6 +30,7 @@ def main(words: list[str]) -> str | None:
     pythons = [word for word in words if word != "--once"] or [sys.executable]
     if changed := output("git", "status", "--porcelain", "--untracked-files=no"):
         print(f"wheel: made of the last commit, without changes in\n{changed}", file=sys.stderr)
+    subprocess.run(["./run", "page"], cwd=ROOT, check=True)
     os.environ["SOURCE_DATE_EPOCH"] = output("git", "log", "-1", "--format=%ct")
     os.umask(0o022)  # a wheel keeps the modes of its files
     DIST.mkdir(exist_ok=True)
