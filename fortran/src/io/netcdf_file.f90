@@ -17,7 +17,7 @@ module rockfall_netcdf_file
    implicit none
    private
    public :: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf
-   public :: keep, sound, mark_damaged, fail_damaged, check_shape, pass
+   public :: record_status, is_ok, mark_damaged, fail_damaged, check_shape, transfer
    public :: length_of, kind_of, text_of, integers_of, real_of
 
    character(len=*), parameter :: head = char(137)//"HDF"
@@ -115,41 +115,41 @@ contains
       file%writes = .true.
       removed = remove_file(name)
       file%status = nf90_create(name, ior(nf90_netcdf4, nf90_noclobber), file%id)
-      call keep(file, nf90_set_fill(file%id, nf90_nofill, before))
+      call record_status(file, nf90_set_fill(file%id, nf90_nofill, before))
    end subroutine create_netcdf
 
    subroutine close_netcdf(file)
       type(netcdf_file_t), intent(inout) :: file
 
       if (file%id < 0) return
-      call keep(file, nf90_close(file%id))
+      call record_status(file, nf90_close(file%id))
       call end_reading()
       file%id = -1
    end subroutine close_netcdf
 
    !> Record the first failure, and the variable at which it occurred.
-   subroutine keep(file, status)
+   subroutine record_status(file, status)
       type(netcdf_file_t), intent(inout) :: file
       integer, intent(in) :: status
 
-      if (.not. sound(file) .or. status == nf90_noerr) return
+      if (.not. is_ok(file) .or. status == nf90_noerr) return
       file%status = status
       file%damaged = "the file"
       if (allocated(file%at)) file%damaged = file%at
-   end subroutine keep
+   end subroutine record_status
 
-   pure logical function sound(file)
+   pure logical function is_ok(file)
       type(netcdf_file_t), intent(in) :: file
 
-      sound = file%status == nf90_noerr .and. .not. allocated(file%damaged)
-   end function sound
+      is_ok = file%status == nf90_noerr .and. .not. allocated(file%damaged)
+   end function is_ok
 
    !> Record an invalid value.
    subroutine mark_damaged(file, what)
       type(netcdf_file_t), intent(inout) :: file
       character(len=*), intent(in) :: what
 
-      if (sound(file)) file%damaged = what
+      if (is_ok(file)) file%damaged = what
    end subroutine mark_damaged
 
    !> Set the error of a damaged file.
@@ -164,7 +164,7 @@ contains
 
    !> Write a variable, or read one, which must exist with its type and with axes of these lengths (the first varies
    !> fastest), in a file large enough to hold it. The complete variable, or one layer along the last axis.
-   subroutine pass(file, about, axes, values, layer)
+   subroutine transfer(file, about, axes, values, layer)
       type(netcdf_file_t), intent(inout) :: file
       type(about_t), intent(in) :: about
       type(axis_t), intent(in) :: axes(:)
@@ -181,19 +181,19 @@ contains
          start(1) = layer - 1
          count(1) = 1
       end if
-      if (.not. sound(file)) return
+      if (.not. is_ok(file)) return
       if (.not. file%writes) then
          call check_shape(file, about, axes)
-         if (sound(file)) call keep(file, nf90_inq_varid(file%id, trim(about%name), id))
-         if (sound(file)) call keep(file, c_get_values(file%id, id - 1, start, count, values))
+         if (is_ok(file)) call record_status(file, nf90_inq_varid(file%id, trim(about%name), id))
+         if (is_ok(file)) call record_status(file, c_get_values(file%id, id - 1, start, count, values))
       else if (all(start == 0)) then
          id = variable(file, about, axes)
-         call keep(file, c_put_values(file%id, id - 1, start, count, values))
+         call record_status(file, c_put_values(file%id, id - 1, start, count, values))
       else
-         call keep(file, nf90_inq_varid(file%id, trim(about%name), id))
-         call keep(file, c_put_values(file%id, id - 1, start, count, values))
+         call record_status(file, nf90_inq_varid(file%id, trim(about%name), id))
+         call record_status(file, c_put_values(file%id, id - 1, start, count, values))
       end if
-   end subroutine pass
+   end subroutine transfer
 
    !> Mark the file as damaged if a variable does not have this type and these axes.
    subroutine check_shape(file, about, axes)
@@ -203,14 +203,14 @@ contains
       integer :: id, kind, dims, dim(8), k, length
 
       file%at = trim(about%name)
-      if (sound(file)) call keep(file, nf90_inq_varid(file%id, trim(about%name), id))
-      if (sound(file)) call keep(file, nf90_inquire_variable(file%id, id, xtype=kind, ndims=dims))
-      if (.not. sound(file)) return
+      if (is_ok(file)) call record_status(file, nf90_inq_varid(file%id, trim(about%name), id))
+      if (is_ok(file)) call record_status(file, nf90_inquire_variable(file%id, id, xtype=kind, ndims=dims))
+      if (.not. is_ok(file)) return
       if (dims /= size(axes) .or. kind /= about%kind) call mark_damaged(file, trim(about%name))
-      if (sound(file)) call keep(file, nf90_inquire_variable(file%id, id, dimids=dim(:dims)))
+      if (is_ok(file)) call record_status(file, nf90_inquire_variable(file%id, id, dimids=dim(:dims)))
       do k = 1, size(axes)
-         if (.not. sound(file)) return
-         call keep(file, nf90_inquire_dimension(file%id, dim(k), len=length))
+         if (.not. is_ok(file)) return
+         call record_status(file, nf90_inquire_dimension(file%id, dim(k), len=length))
          if (length /= axes(k)%length) call mark_damaged(file, trim(about%name))
       end do
       if (product(axes%length) > max_packing*file%bytes) call mark_damaged(file, trim(about%name))
@@ -232,21 +232,21 @@ contains
          room = room/pieces(k)
       end do
       if (size(axes) == 0) then
-         call keep(file, nf90_def_var(file%id, trim(about%name), about%kind, id))
+         call record_status(file, nf90_def_var(file%id, trim(about%name), about%kind, id))
       else
-         call keep(file, nf90_def_var(file%id, trim(about%name), about%kind, dims, id, chunksizes=pieces, &
+         call record_status(file, nf90_def_var(file%id, trim(about%name), about%kind, dims, id, chunksizes=pieces, &
                                       fletcher32=.true.))
       end if
-      call keep(file, nf90_put_att(file%id, id, "units", trim(about%units)))
-      call keep(file, nf90_put_att(file%id, id, "long_name", trim(about%long_name)))
-      if (about%comment /= "") call keep(file, nf90_put_att(file%id, id, "comment", trim(about%comment)))
+      call record_status(file, nf90_put_att(file%id, id, "units", trim(about%units)))
+      call record_status(file, nf90_put_att(file%id, id, "long_name", trim(about%long_name)))
+      if (about%comment /= "") call record_status(file, nf90_put_att(file%id, id, "comment", trim(about%comment)))
       nan = ieee_value(nan, ieee_quiet_nan)
       select case (about%kind)
-      case (nf90_byte); call keep(file, nf90_put_att(file%id, id, "_FillValue", -1_i1))
-      case (nf90_int); call keep(file, nf90_put_att(file%id, id, "_FillValue", -1_i4))
-      case (nf90_int64); call keep(file, nf90_put_att(file%id, id, "_FillValue", -1_i8))
-      case (nf90_float); call keep(file, nf90_put_att(file%id, id, "_FillValue", real(nan, sp)))
-      case (nf90_double); call keep(file, nf90_put_att(file%id, id, "_FillValue", nan))
+      case (nf90_byte); call record_status(file, nf90_put_att(file%id, id, "_FillValue", -1_i1))
+      case (nf90_int); call record_status(file, nf90_put_att(file%id, id, "_FillValue", -1_i4))
+      case (nf90_int64); call record_status(file, nf90_put_att(file%id, id, "_FillValue", -1_i8))
+      case (nf90_float); call record_status(file, nf90_put_att(file%id, id, "_FillValue", real(nan, sp)))
+      case (nf90_double); call record_status(file, nf90_put_att(file%id, id, "_FillValue", nan))
       end select
    end function variable
 
@@ -257,9 +257,9 @@ contains
 
       id = 0
       if (axis%length > huge(1)) then
-         call keep(file, nf90_edimsize)
+         call record_status(file, nf90_edimsize)
       else if (nf90_inq_dimid(file%id, trim(axis%name), id) /= nf90_noerr) then
-         call keep(file, nf90_def_dim(file%id, trim(axis%name), int(axis%length), id))
+         call record_status(file, nf90_def_dim(file%id, trim(axis%name), int(axis%length), id))
       end if
    end function dimension
 

@@ -12,8 +12,9 @@ module rockfall_part_file
    use rockfall_version, only: version
    use rockfall_grid, only: grid_t
    use rockfall_system, only: replace_file, remove_file
-   use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf, keep, &
-                                   sound, mark_damaged, fail_damaged, pass, length_of, text_of, integers_of, real_of
+   use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf, &
+                                   record_status, is_ok, mark_damaged, fail_damaged, transfer, length_of, text_of, &
+                                   integers_of, real_of
    use rockfall_variables, only: variable_of, stored_as, name_in_files, layout => part_layout, line_fields, &
                                  statuses
    use rockfall_barrier, only: passed_over
@@ -47,7 +48,7 @@ contains
       logical :: done
 
       call create_netcdf(part, file)
-      if (sound(file)) then
+      if (is_ok(file)) then
          call describe(file, case, text, inputs, run)
          call settle_partial_sources(run, inputs%scene%release, 1)
          cell = reached_cells(run)
@@ -55,11 +56,11 @@ contains
          call settle_partial_sources(run, inputs%scene%release, -1)
       end if
       call close_netcdf(file)
-      done = sound(file)
+      done = is_ok(file)
       if (done) done = replace_file(part, name)
       if (done) return
       done = remove_file(part)
-      if (sound(file)) then
+      if (is_ok(file)) then
          call fail(error, name//": cannot be written: its name cannot be taken")
       else
          call fail(error, name//": cannot be written: "//trim(nf90_strerror(file%status))//" (the disk may be full)")
@@ -78,45 +79,46 @@ contains
       integer :: crs(1), id, k, n
 
       crs = 0
-      call pass(file, about_t("crs", nf90_int, "1", "coordinate reference system"), [axis_t ::], crs)
+      call transfer(file, about_t("crs", nf90_int, "1", "coordinate reference system"), [axis_t ::], crs)
       n = 0
-      call keep(file, nf90_inq_varid(file%id, "crs", id))
-      call keep(file, nf90_inquire_variable(inputs%file%id, inputs%crs, natts=n))
+      call record_status(file, nf90_inq_varid(file%id, "crs", id))
+      call record_status(file, nf90_inquire_variable(inputs%file%id, inputs%crs, natts=n))
       do k = 1, n
-         call keep(file, nf90_inq_attname(inputs%file%id, inputs%crs, k, name))
-         if (name /= "_FillValue") call keep(file, nf90_copy_att(inputs%file%id, inputs%crs, trim(name), file%id, id))
+         call record_status(file, nf90_inq_attname(inputs%file%id, inputs%crs, k, name))
+         if (name == "_FillValue") cycle
+         call record_status(file, nf90_copy_att(inputs%file%id, inputs%crs, trim(name), file%id, id))
       end do
       whole = merge(1, 0, run%done == run%total)
       associate (grid => inputs%arrays%grid, last => run%before + run%done)
-         call keep(file, nf90_put_att(file%id, nf90_global, "Conventions", "CF-1.11"))
-         call keep(file, nf90_put_att(file%id, nf90_global, "part_layout", layout))
-         call keep(file, nf90_put_att(file%id, nf90_global, "title", case%title))
-         call keep(file, nf90_put_att(file%id, nf90_global, "source", "rockfall "//version &
+         call record_status(file, nf90_put_att(file%id, nf90_global, "Conventions", "CF-1.11"))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "part_layout", layout))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "title", case%title))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "source", "rockfall "//version &
                                       //", stochastic impact model of Bourrier et al. (2009)"))
-         call keep(file, nf90_put_att(file%id, nf90_global, "version", version))
-         call keep(file, nf90_put_att(file%id, nf90_global, "case", text))
-         call keep(file, nf90_put_att(file%id, nf90_global, "case_file", inputs%case_file))
-         call keep(file, nf90_put_att(file%id, nf90_global, "impact_set", case%sets))
-         call keep(file, nf90_put_att(file%id, nf90_global, "impact_set_checksum", inputs%impact_set_checksum))
-         call keep(file, nf90_put_att(file%id, nf90_global, "input_checksums", inputs%input_checksums))
-         call keep(file, nf90_put_att(file%id, nf90_global, "decoded_checksums", inputs%decoded_checksums))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "version", version))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "case", text))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "case_file", inputs%case_file))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "impact_set", case%sets))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "impact_set_checksum", inputs%impact_set_checksum))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "input_checksums", inputs%input_checksums))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "decoded_checksums", inputs%decoded_checksums))
          if (inputs%input_warnings /= "") &
-            call keep(file, nf90_put_att(file%id, nf90_global, "input_warnings", inputs%input_warnings))
-         if (inputs%dams /= "") call keep(file, nf90_put_att(file%id, nf90_global, "dams", inputs%dams))
-         if (inputs%stands /= "") call keep(file, nf90_put_att(file%id, nf90_global, "stands", inputs%stands))
-         call keep(file, nf90_put_att(file%id, nf90_global, "seed", case%seed))
-         call keep(file, nf90_put_att(file%id, nf90_global, "boulder_first", run%before + 1))
-         call keep(file, nf90_put_att(file%id, nf90_global, "boulder_last", last))
-         call keep(file, nf90_put_att(file%id, nf90_global, "boulders_requested", run%total))
-         call keep(file, nf90_put_att(file%id, nf90_global, "complete", whole))
-         call keep(file, nf90_put_att(file%id, nf90_global, "threads", int(run%threads, i8)))
-         call keep(file, nf90_put_att(file%id, nf90_global, "date_created", local_time()))
-         call keep(file, nf90_put_att(file%id, nf90_global, "wall_seconds", run%wall))
-         call keep(file, nf90_put_att(file%id, nf90_global, "cpu_seconds", run%cpu))
-         call keep(file, nf90_put_att(file%id, nf90_global, "terrain_cells", [grid%nx, grid%ny]))
-         call keep(file, nf90_put_att(file%id, nf90_global, "map_window", window_of(run)))
+            call record_status(file, nf90_put_att(file%id, nf90_global, "input_warnings", inputs%input_warnings))
+         if (inputs%dams /= "") call record_status(file, nf90_put_att(file%id, nf90_global, "dams", inputs%dams))
+         if (inputs%stands /= "") call record_status(file, nf90_put_att(file%id, nf90_global, "stands", inputs%stands))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "seed", case%seed))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "boulder_first", run%before + 1))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "boulder_last", last))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "boulders_requested", run%total))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "complete", whole))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "threads", int(run%threads, i8)))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "date_created", local_time()))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "wall_seconds", run%wall))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "cpu_seconds", run%cpu))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "terrain_cells", [grid%nx, grid%ny]))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "map_window", window_of(run)))
          if (inputs%feature_names /= "") &
-            call keep(file, nf90_put_att(file%id, nf90_global, "source_features", inputs%feature_names))
+            call record_status(file, nf90_put_att(file%id, nf90_global, "source_features", inputs%feature_names))
          if (allocated(inputs%scene%grounds)) call describe_grounds(file, inputs%scene%grounds)
       end associate
    end subroutine describe
@@ -146,8 +148,8 @@ contains
          names = names//new_line(names)//grounds(k)%name
          models = models//new_line(names)//trim(model_names(grounds(k)%classical%model))
       end do
-      call keep(file, nf90_put_att(file%id, nf90_global, "grounds", names))
-      call keep(file, nf90_put_att(file%id, nf90_global, "ground_models", models))
+      call record_status(file, nf90_put_att(file%id, nf90_global, "grounds", names))
+      call record_status(file, nf90_put_att(file%id, nf90_global, "ground_models", models))
    end subroutine describe_grounds
 
    !> 0-based first column and row, and numbers of columns and rows of the maps.
@@ -197,8 +199,8 @@ contains
 
       table = arrays_of(run)
       cells = axis_t("tally", size(cell, kind=i8))
-      call pass(file, described("tally", "cell"), [cells], cell)
-      if (.not. sound(file) .or. .not. in_order(file, cell, run)) return
+      call transfer(file, described("tally", "cell"), [cells], cell)
+      if (.not. is_ok(file) .or. .not. in_order(file, cell, run)) return
       do k = 1, size(table%row)
          associate (row => table%row(k))
             if (row%about%group == "work") then
@@ -236,15 +238,15 @@ contains
       if (row%axis(1) == "boulder") axes%length = [rows, row%length(2:row%rank)]
       if (row%axis(1) == "boulder" .and. row%rank == 2) then  ! more rows are allocated than used
          do k = 1, int(row%length(2))
-            call pass(file, about, axes, bytes((k - 1)*step + 1:), k)
+            call transfer(file, about, axes, bytes((k - 1)*step + 1:), k)
          end do
       else
-         call pass(file, about, axes, bytes)
+         call transfer(file, about, axes, bytes)
       end if
-      if (row%about%name /= "status" .or. .not. file%writes .or. .not. sound(file)) return
-      call keep(file, nf90_inq_varid(file%id, "status", id))
-      call keep(file, nf90_put_att(file%id, id, "flag_values", [(int(k, i1), k=1, size(statuses))]))
-      call keep(file, nf90_put_att(file%id, id, "flag_meanings", joined(statuses, " ")))
+      if (row%about%name /= "status" .or. .not. file%writes .or. .not. is_ok(file)) return
+      call record_status(file, nf90_inq_varid(file%id, "status", id))
+      call record_status(file, nf90_put_att(file%id, id, "flag_values", [(int(k, i1), k=1, size(statuses))]))
+      call record_status(file, nf90_put_att(file%id, id, "flag_meanings", joined(statuses, " ")))
    end subroutine pass_array
 
    pure integer function bytes_of(row)
@@ -266,7 +268,7 @@ contains
       call c_f_pointer(row%at, value, [int(bytes_of(row)/4, i8), product(row%length(:2)), row%length(3)])
       do k = 1, size(value, 3)
          some = value(:, cell + 1, k)
-         call pass(file, described("tally", row%about%name), [cells, axis_t(row%axis(3), row%length(3))], some, k)
+         call transfer(file, described("tally", row%about%name), [cells, axis_t(row%axis(3), row%length(3))], some, k)
          value(:, cell + 1, k) = some
       end do
    end subroutine pass_stack
@@ -290,8 +292,9 @@ contains
       do k = 1, size(cell)
          if (column(cell(k) + 1) > 0) counts(:, k) = run%bin_counts(:, column(cell(k) + 1))
       end do
-      call pass(file, described("tally", "bin_counts"), [axis_t("tally_bin", int(run%plan%rows, i8)), cells], counts)
-      if (file%writes .or. .not. sound(file)) return
+      call transfer(file, described("tally", "bin_counts"), [axis_t("tally_bin", int(run%plan%rows, i8)), cells], &
+                    counts)
+      if (file%writes .or. .not. is_ok(file)) return
       run%bin_counts(:, :size(cell)) = counts
       column(cell + 1) = [(int(k, i4), k=1, size(cell))]
       run%columns = size(cell)
@@ -314,17 +317,17 @@ contains
       status = merge(1, 0, entry%length < 0 .or. entry%length > n)
       if (status == 0) allocate (bin(entry%length), counts(entry%length), stat=status)
       if (status /= 0) call mark_damaged(file, "sample_"//before//"bin")
-      if (.not. sound(file)) return
+      if (.not. is_ok(file)) return
       if (file%writes) then
          bin = pack([(k, k=0, n - 1)], flat /= 0)
          counts = flat(bin + 1)
       end if
-      call pass(file, described("sample", before//"bin"), [entry], bin)
-      call pass(file, described("sample", before//"count"), [entry], counts)
-      if (file%writes .or. .not. sound(file)) return
+      call transfer(file, described("sample", before//"bin"), [entry], bin)
+      call transfer(file, described("sample", before//"count"), [entry], counts)
+      if (file%writes .or. .not. is_ok(file)) return
       if (any(bin < 0 .or. bin >= n) .or. any(counts < 1) .or. any(bin(2:) <= bin(:size(bin) - 1))) &
          call mark_damaged(file, "sample_"//before//"bin")
-      if (sound(file)) flat(bin + 1) = counts
+      if (is_ok(file)) flat(bin + 1) = counts
    end subroutine pass_bins
 
    ! ---- read ---------------------------------------------------------------------------------
@@ -369,19 +372,19 @@ contains
       if (allocated(run%number)) number = run%number
       layout = run%layout
       call make_room(file, run, cell)
-      if (sound(file)) call pass_arrays(file, run, cell)
-      if (sound(file) .and. allocated(number)) then
+      if (is_ok(file)) call pass_arrays(file, run, cell)
+      if (is_ok(file) .and. allocated(number)) then
          if (any(number /= run%number)) call mark_damaged(file, "boulder")
          if (any(layout%part_last /= run%layout%part_last)) call mark_damaged(file, "sample_part_last")
          if (any(layout%group_part /= run%layout%group_part)) call mark_damaged(file, "sample_group_part")
          call check_samples(file, run)
       end if
-      if (sound(file)) call check_arrays(file, inputs%arrays%grid, run)
-      if (sound(file) .and. allocated(run%shared%cell)) then
+      if (is_ok(file)) call check_arrays(file, inputs%arrays%grid, run)
+      if (is_ok(file) .and. allocated(run%shared%cell)) then
          call restore_sources(run, inputs%scene%release, good)
          if (.not. good) call mark_damaged(file, "tally_shared_cell")
       end if
-      if (.not. sound(file)) then
+      if (.not. is_ok(file)) then
          call fail_damaged(file, error)
          error%message = error%message//"; remove it to begin anew"
       end if
@@ -540,7 +543,7 @@ contains
       shared = merge(length_of(file, "tally_shared"), 0, size(run%last_source) > 0)
       if (n < 0 .or. n > cells) call mark_damaged(file, "tally_cell")
       if (shared < 0 .or. shared > 2*cells) call mark_damaged(file, "tally_shared_cell")
-      if (.not. sound(file)) return
+      if (.not. is_ok(file)) return
       allocate (cell(n), stat=status)
       if (status == 0 .and. size(run%last_source) > 0) &
          allocate (run%shared%cell(shared), run%shared%source(shared), run%shared%boulders(shared), stat=status)

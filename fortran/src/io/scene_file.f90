@@ -9,8 +9,8 @@ module rockfall_scene_file
    use rockfall_kinds, only: wp, i1, i2, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, max_text
-   use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, keep, sound, mark_damaged, &
-                                   fail_damaged, check_shape, pass, length_of, kind_of, text_of, integers_of
+   use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, record_status, is_ok, mark_damaged, &
+                                   fail_damaged, check_shape, transfer, length_of, kind_of, text_of, integers_of
    use rockfall_system, only: end_reading
    use rockfall_terrain, only: max_elevation
    use rockfall_surface, only: method_a
@@ -58,7 +58,7 @@ contains
       if (case%forest) call read_trees(inputs)
       call read_sets(inputs)
       call end_reading()
-      if (.not. sound(inputs%file)) then
+      if (.not. is_ok(inputs%file)) then
          call fail_damaged(inputs%file, error)
          error%message = error%message//" is missing, or not as a scene file has it"
          return
@@ -150,7 +150,7 @@ contains
 
       associate (file => inputs%file, ny => inputs%arrays%grid%ny)
          call take(inputs, "elevation", merge("f4", "f8", kind_of(file, "elevation") == nf90_float), inputs%cells)
-         if (.not. sound(file)) return
+         if (.not. is_ok(file)) return
          known = .false.
          good = .true.
          do j = 1, ny
@@ -180,13 +180,13 @@ contains
       k = findloc(["i1", "i2", "i4", "f4", "f8"], kind, dim=1)
       about = about_t(name, kinds(k))
       call check_shape(inputs%file, about, axes)
-      if (.not. sound(inputs%file)) return
+      if (.not. is_ok(inputs%file)) return
       length = 1
       length(:size(axes)) = axes%length
       allocate (block(width(k)*product(length)), stat=status)
       if (status /= 0) call mark_damaged(inputs%file, "(no memory) "//name)
-      call pass(inputs%file, about, axes, block)
-      if (.not. sound(inputs%file)) return
+      call transfer(inputs%file, about, axes, block)
+      if (.not. is_ok(inputs%file)) return
       if (present(positive)) then
          call c_f_pointer(c_loc(block), values, length(:1))
          if (.not. all(is_place(values) .and. above_zero(values))) call mark_damaged(inputs%file, name)
@@ -229,19 +229,19 @@ contains
          ground = [axis_t("ground", int(n, i8))]
          material = [axis_t("material", int(max(1, length_of(file, "material")), i8))]
          if (n < 1 .or. n > huge(1_i1)) call mark_damaged(file, "its number of grounds")
-         if (.not. sound(file)) return
+         if (.not. is_ok(file)) return
          allocate (length(n), source=0)
-         call pass(file, about_t("ground_length", nf90_int), ground, length)
+         call transfer(file, about_t("ground_length", nf90_int), ground, length)
          call take_texts(inputs, length)
-         if (kind_of(file, "material_ground") /= 0 .and. sound(file)) then
+         if (kind_of(file, "material_ground") /= 0 .and. is_ok(file)) then
             call take(inputs, "material_ground", "i1", material)
-            if (.not. sound(file)) return
+            if (.not. is_ok(file)) return
             if (any(arrays%material_ground < 1 .or. arrays%material_ground > n)) call mark_damaged(file, &
                "material_ground")
          end if
-         if (kind_of(file, "cell_ground") == 0 .or. .not. sound(file)) return
+         if (kind_of(file, "cell_ground") == 0 .or. .not. is_ok(file)) return
          call take(inputs, "cell_ground", "i1", inputs%cells)
-         if (.not. sound(file)) return
+         if (.not. is_ok(file)) return
          do j = 1, arrays%grid%ny
             index = arrays%cell_ground(:, j)
             if (any(is_known(inputs, j) .and. (index < 1 .or. index > n))) call mark_damaged(file, "cell_ground")
@@ -256,10 +256,10 @@ contains
 
       associate (file => inputs%file, arrays => inputs%arrays)
          call read_letters(file, "ground_text", arrays%ground_text, arrays%ground_names, "names")
-         if (.not. sound(file)) return
+         if (.not. is_ok(file)) return
          if (any(length < 0) .or. sum(int(length, i8)) /= len(arrays%ground_text)) &
             call mark_damaged(file, "ground_length")
-         if (sound(file)) arrays%ground_length = length
+         if (is_ok(file)) arrays%ground_length = length
       end associate
    end subroutine take_texts
 
@@ -276,14 +276,14 @@ contains
       associate (file => inputs%file, arrays => inputs%arrays)
          materials = max(1, length_of(file, "material"))
          if (materials > huge(1_i2)) call mark_damaged(file, "its number of materials")
-         if (.not. sound(file)) return
+         if (.not. is_ok(file)) return
          if (kind_of(file, "cell_size") /= 0) then
             allocate (arrays%sizes(n, materials), source=0.0_wp)
             call take(inputs, "cell_size", "f4", [inputs%cells, size_axis])
-            if (sound(file)) call check_values(inputs, n)
+            if (is_ok(file)) call check_values(inputs, n)
          else
             call take(inputs, "material_size", "f8", [size_axis, axis_t("material", int(materials, i8))])
-            if (.not. sound(file)) return
+            if (.not. is_ok(file)) return
             if (kind_of(file, "zone") /= 0) then
                call read_zones(inputs, materials)
             else if (materials /= 1 .or. .not. all(is_size(inputs, arrays%sizes))) then
@@ -319,7 +319,7 @@ contains
 
       associate (file => inputs%file, arrays => inputs%arrays)
          call take(inputs, "zone", merge("i2", "i1", materials > huge(1_i1)), inputs%cells)
-         if (.not. sound(file)) return
+         if (.not. is_ok(file)) return
          good(0) = .false.
          good(1:) = [(all(is_size(inputs, arrays%sizes(:, j))), j=1, materials)]
          do j = 1, arrays%grid%ny
@@ -327,7 +327,7 @@ contains
             if (associated(arrays%zone2)) zone = arrays%zone2(:, j)
             here = is_known(inputs, j)
             if (any(zone < 0 .or. zone > materials)) call mark_damaged(file, "zone")
-            if (.not. sound(file)) return
+            if (.not. is_ok(file)) return
             if (any(here .and. .not. good(zone))) call mark_damaged(file, "zone, or the material_size of one,")
          end do
       end associate
@@ -356,7 +356,7 @@ contains
          if (source(1)%length < 1) call mark_damaged(file, "its number of sources")
          call take(inputs, "source_x", "f8", source)
          call take(inputs, "source_y", "f8", source)
-         if (.not. sound(file)) return
+         if (.not. is_ok(file)) return
          if (.not. all(is_place(arrays%source_x) .and. is_place(arrays%source_y))) &
             call mark_damaged(file, "source_x, or source_y,")
          if (case%by_source) call take(inputs, "source_volume", "f8", source, positive=.true.)
@@ -377,20 +377,20 @@ contains
       integer :: n
 
       associate (file => inputs%file, arrays => inputs%arrays)
-         if (.not. sound(file)) return
+         if (.not. is_ok(file)) return
          inputs%feature_names = text_of(file, nf90_global, "source_features")
          n = length_of(file, "feature")
          feature = [axis_t("feature", int(n, i8))]
          if (kind_of(file, "feature_law") == 0) n = huge(1)
          if (n < 1) call mark_damaged(file, "its number of features")
-         if (.not. sound(file)) return
+         if (.not. is_ok(file)) return
          call take(inputs, "source_feature", "i4", source)
-         if (.not. sound(file)) return
+         if (.not. is_ok(file)) return
          if (any(arrays%source_feature < 1 .or. arrays%source_feature > n)) call mark_damaged(file, "source_feature")
-         if (kind_of(file, "feature_law") == 0 .or. .not. sound(file)) return
+         if (kind_of(file, "feature_law") == 0 .or. .not. is_ok(file)) return
          call take(inputs, "feature_law", "i4", feature)
          call take(inputs, "feature_value", "f8", [axis_t("feature_field", 9_i8), feature])
-         if (.not. sound(file)) return
+         if (.not. is_ok(file)) return
          if (any(arrays%feature_distribution < 0 &
                  .or. arrays%feature_distribution > list_volume)) call mark_damaged(file, "feature_law")
          associate (value => arrays%feature_value)
@@ -412,7 +412,7 @@ contains
          call take(inputs, "tree_y", "f8", tree)
          call take(inputs, "tree_dbh", "f8", tree, positive=.true.)
          call take(inputs, "tree_factor", "f8", tree, positive=.true.)
-         if (.not. sound(file)) return
+         if (.not. is_ok(file)) return
          if (.not. all(is_place(arrays%tree_x) .and. is_place(arrays%tree_y))) &
             call mark_damaged(file, "tree_x, or tree_y,")
       end associate
@@ -435,16 +435,16 @@ contains
       integer :: id, n, k
 
       n = max(0, length_of(file, name//"_length"))
-      if (.not. sound(file)) return
+      if (.not. is_ok(file)) return
       if (n > max_text) call mark_damaged(file, name)
-      if (.not. sound(file)) return
+      if (.not. is_ok(file)) return
       allocate (letter(n))
-      call pass(file, about_t(name, nf90_char), [axis_t(name//"_length", int(n, i8))], letter)
+      call transfer(file, about_t(name, nf90_char), [axis_t(name//"_length", int(n, i8))], letter)
       allocate (character(len=n) :: text)
       do k = 1, n
          text(k:k) = letter(k)
       end do
-      call keep(file, nf90_inq_varid(file%id, name, id))
+      call record_status(file, nf90_inq_varid(file%id, name, id))
       attribute = text_of(file, id, about)
    end subroutine read_letters
 
