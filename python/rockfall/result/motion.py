@@ -86,11 +86,6 @@ def _between(columns: np.ndarray, boulder: np.ndarray, vertex: np.ndarray, g: fl
     # A slide that an obstacle ends is shorter, and ends on the ground, above or below its path.
     cut = (duration - steady <= EXACT) & (np.abs(lift) > EXACT)
     straight = rebounds & (np.hypot(*off[:2]) <= EXACT) & (cut | (np.abs(off[2]) <= np.abs(lift)))
-    # The vertex where a boulder breaks has its velocity, not that of the fragment that flies on.
-    breaks = np.hypot(*(step[:2] - velocity[:2] * duration)) > EXACT
-    breaks &= rebounds & ~straight
-    velocity[:, breaks] = step[:3, breaks] / duration[breaks]
-    velocity[2, breaks] += 0.5 * g * duration[breaks]
     lifted = ~begins & ~rebounds & ~ends & np.roll(straight, 1)
     start[2, lifted] += lift[lifted]
     waits = np.flatnonzero(straight & (duration - steady > EXACT))
