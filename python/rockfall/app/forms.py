@@ -56,20 +56,22 @@ class Field(NamedTuple):
 Form = dict[str, Field]
 
 
-def settings_forms(case: Case) -> dict[str, Form]:
-    """Fields of the groups of a case that are edited as settings."""
+def settings_forms(grounds: tuple[str, ...] | None) -> dict[str, Form]:
+    """Fields of the groups of a case that are edited as settings; `grounds` are the names that its
+    keys may have, None: any."""
     forms: dict[str, Form] = {}
     for key in key_table():
         if key.group not in REPEATABLE and key.name not in DRAWN.get(key.group, ()):
             field = _field(key)
             if (key.group, key.name) in GROUND_KEYS:
-                field = field._replace(choices=ground_names(case))
+                field = field._replace(choices=grounds)
             forms.setdefault(key.group, {})[key.name] = field
     return forms
 
 
-def layer_forms(case: Case, zones: bool) -> dict[str, Form]:
-    """Fields of the features of each layer; `zones`: whether zones are drawn."""
+def layer_forms(case: Case, zones: bool, grounds: tuple[str, ...] | None) -> dict[str, Form]:
+    """Fields of the features of each layer; `zones`: whether zones are drawn; `grounds` as in
+    `settings_forms`."""
     keys = {(key.group, key.name): key for key in key_table()}
     text = Key("", "name", "text", 1, "absent", "", "", "", "")
     names = ("density", "drop_height")
@@ -87,11 +89,16 @@ def layer_forms(case: Case, zones: bool) -> dict[str, Form]:
         named = {} if group == "dam" else {"name": _field(keys[group, "name"])}
         forms[layer] = named | {key.name: _field(key) for key in own}
     if zones:
-        forms["zones"] = _zone_form(case, keys, _field(text))
+        forms["zones"] = _zone_form(case, keys, _field(text), grounds)
     return forms
 
 
-def _zone_form(case: Case, keys: dict[tuple[str, str], Key], name: Field) -> Form:
+def _zone_form(
+    case: Case,
+    keys: dict[tuple[str, str], Key],
+    name: Field,
+    grounds: tuple[str, ...] | None,
+) -> Form:
     """Fields of zones: their number in a table, or what they are made of."""
     number = _field(Key("", "zone", "integer", 1, "absent", "", "", "", ""))
     if "table" in case.surface:
@@ -99,7 +106,7 @@ def _zone_form(case: Case, keys: dict[tuple[str, str], Key], name: Field) -> For
     radius = _attribute(keys["surface", "uniform_mean_radius"])
     rg = _attribute(keys["surface", "uniform_rg"])
     form = {"name": name, "ground": _field(keys["surface", "ground"])}
-    form["ground"] = form["ground"]._replace(choices=ground_names(case))
+    form["ground"] = form["ground"]._replace(choices=grounds)
     form["mean_radius"] = radius._replace(name="mean_radius")
     form |= {one: rg._replace(name=one) for one in ("rg70", "rg20", "rg10")}
     return form | ({"zone": number} if "default_zone" in case.surface else {})

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from threading import Condition, Event, Thread
 from typing import Any
 
@@ -15,35 +15,31 @@ from rockfall.app.document import Document, Runnable, Site, runnable, with_outpu
 from rockfall.app.features import Frame
 from rockfall.app.messages import Message, Refused, text_message
 from rockfall.app.pictures import (
+    BY_SOURCE,
     Ground,
+    View,
+    background_message,
     batch_message,
     masses,
-    statistics_of,
     trajectory_message,
 )
 from rockfall.app.places import entry_of, without_files
 from rockfall.case import REPEATABLE, Case, key_table
+from rockfall.case_zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.io.raster import read_dem
 from rockfall.language import speaking
+from rockfall.result.variables import EXCEEDED, MAP
 from rockfall.session.batch import Batch
-from rockfall.session.session import Session, open_session
+from rockfall.session.session import Session, open_session, scene_of
 
 STEP = 0.05  # seconds of the kernel between looks at what to do
+FIRST_MAP = "passages"
 FIRST, SECOND = 0.0, 0.1  # seconds of the kernel before the first results, and between the next
 PATIENCE = 3.0  # seconds of the kernel for each that statistics and pictures take
-MAX_TRAJECTORIES = 1000
 
 #: Sends a message of a kind, in place of earlier ones that it makes pointless (see `Outbox`).
 Send = Callable[[str, Message], None]
-
-
-@dataclass
-class View:
-    """What is shown besides statistics."""
-
-    map: str = ""
-    trajectories: int = 100
 
 
 @dataclass
@@ -54,17 +50,17 @@ class _Pending:
     revision: int = 0
     error: Refused | None = None  # of the last edit
     view: View | None = None
-    call: list[Callable[[], None]] = field(default_factory=list)
 
 
 class Live:
     """A document that is run whenever it changes. Its methods may be called from any thread."""
 
-    def __init__(
-        self, site: Site, document: Document, view: View, send: Send, language: str = "en"
-    ) -> None:
-        self.site, self.document, self.revision, self.view = site, document, 0, view
+    def __init__(self, site: Site, document: Document, send: Send, language: str = "en") -> None:
+        self.site, self.document, self.revision = site, document, 0
         self.language, self.running = language, True
+        maps = document.settings.get("output", {}).get("maps", [])
+        self.view = View(next((one for one in maps if one in self.maps), FIRST_MAP))
+        self.error: Refused | None = None  # of the last edit
         self._send, self._wake, self._cancel = send, Condition(), Event()
         self._pending = _Pending(document=document)
         self._closed = False
@@ -72,8 +68,18 @@ class Live:
         self._frames: dict[str, Frame] = {}
         self._layers: dict[str, Any] = {}
         self._ground: Ground | None = None
+        self._seen: tuple[Any, Any, Any] = (None, None, None)  # in the background
         self._progress: _Progress | None = None
         self._thread = Thread(target=self._work, name="live", daemon=True)
+
+    @property
+    def maps(self) -> list[str]:
+        """Maps that can be shown; runs in the order of the sources would be no samples."""
+        forest = "forest" in self.site.opened
+        return [
+            name for name in MAP
+            if name not in (*BY_SOURCE, *EXCEEDED) and (forest or not name.startswith("tree_"))
+        ]  # fmt: skip
 
     def start(self) -> None:
         """Begin to work."""
@@ -92,15 +98,21 @@ class Live:
         document as it was, and nothing runs until the next."""
         with self._wake:
             try:
-                with speaking(self.language):
-                    self.document = self.site.edited(self.document, layers, settings)
-                self._pending.error = None
+                self.document, self.error = self.site.edited(self.document, layers, settings), None
             except Refused as error:
-                self._pending.error = error
+                self.error = error
+            self._pending.error = self.error
             self.revision = revision
             self._pending.document, self._pending.revision = self.document, revision
             self._cancel.set()
             self._wake.notify()
+
+    def latest(self) -> tuple[Document, int]:
+        """Document and its revision; Refused if the last edit was."""
+        with self._wake:
+            if self.error is not None:
+                raise self.error
+            return self.document, self.revision
 
     def look(self, view: View) -> None:
         """Change what is shown; another map is another run."""
@@ -119,17 +131,18 @@ class Live:
             self._wake.notify()
 
     def _work(self) -> None:
-        with speaking(self.language):
-            try:
-                self._show_terrain()
-                while self._step():
-                    pass
-            except Exception as error:  # the page is to know of it, and the server to live
-                self._send("fault", text_message("fault", text=f"{type(error).__name__}: {error}"))
-                raise
-            finally:
-                if self._session is not None:
-                    self._session.close()
+        try:
+            self._show_terrain()
+            while self._step():
+                pass
+        except RockfallError as error:  # files have changed since they were opened
+            self._send("fault", text_message("fault", text=str(error)))
+        except Exception as error:  # the page is to know of it, and the server to live
+            self._send("fault", text_message("fault", text=f"{type(error).__name__}: {error}"))
+            raise
+        finally:
+            if self._session is not None:
+                self._session.close()
 
     def _show_terrain(self) -> None:
         dem = self.site.folder / self.site.opened["terrain"]["dem"]
@@ -150,7 +163,8 @@ class Live:
             if pending.document is not None:
                 self._cancel.clear()
         if pending.document is not None:
-            self._take(pending.document, pending.revision, pending.error)
+            with speaking(self.language):
+                self._take(pending.document, pending.revision, pending.error)
         elif pending.view is not None and self._progress is not None:
             self._progress.look(pending.view)
         elif self._progress is not None and not self._progress.step(self.running):
@@ -183,10 +197,25 @@ class Live:
         self._send("state", state)
         if not errors:
             assert self._session is not None and self._ground is not None
+            self._show_background(made)
             batches = self._session.run(cancel=self._cancel, batch_seconds=STEP)
             self._progress = _Progress(
                 batches, revision, self.view, self._ground, _densities(made), self._send
             )
+
+    def _show_background(self, made: Runnable) -> None:
+        """Send what of the case is no feature, if it has changed."""
+        assert self._session is not None and self._ground is not None
+        scene, drawn = scene_of(self._session), made.layers
+        zones = None if "zones" in drawn else scene.rasters.zone
+        sources = None if "sources" in drawn else scene.x
+        seen = zones, sources, scene.trees
+        if all(one is other for one, other in zip(seen, self._seen, strict=True)):
+            return
+        self._seen = seen
+        rows = {} if zones is None else case_zones(made.case)
+        message = background_message(scene, rows, sources is not None, self._ground)
+        self._send("background", message)
 
     def _change(self, made: Runnable) -> None:
         """Open the session, or change it; a layer that is as before keeps its frame."""
@@ -268,10 +297,10 @@ class _Progress:
         if batch.seconds and batch.boulders:
             left = batch.seconds / batch.boulders * (batch.total - batch.boulders)
         message = batch_message(
-            result, statistics_of(result), self._view.map, self._ground,
+            result, batch.case, self._view.map, self._ground,
             revision=self._revision, boulders=batch.boulders, total=batch.total,
             complete=batch.complete, running=running and not batch.complete,
-            seconds=batch.seconds, seconds_left=left, warnings=batch.warnings,
+            seconds=batch.seconds, seconds_left=left,
         )  # fmt: skip
         self._send("batch", message)
         self._tell_trajectories(batch)
@@ -279,7 +308,7 @@ class _Progress:
         self._due = now + max(SECOND, PATIENCE * (now - begun))
 
     def _tell_trajectories(self, batch: Batch) -> None:
-        number = min(self._view.trajectories, MAX_TRAJECTORIES)
+        number = self._view.trajectories
         new = [one for one in batch.trajectories(number) if one.boulder not in self._sent]
         if not new and self._sent:
             return

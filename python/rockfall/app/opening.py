@@ -11,11 +11,12 @@ import numpy as np
 
 from rockfall.app.document import OTHER_SOURCES, Document, Settings, Site
 from rockfall.app.features import MAX_FEATURES, MAX_VERTICES, Feature
-from rockfall.app.forms import DRAWN, REST, Form, layer_forms, settings_forms
+from rockfall.app.forms import DRAWN, REST, Form, ground_names, layer_forms, settings_forms
 from rockfall.case import FROM_ARRAY, REPEATABLE, Case, default_values, given_groups, read_case
 from rockfall.case_variants import check_single
 from rockfall.draft.groups import RADIUS, VOLUME
 from rockfall.errors import RockfallError
+from rockfall.io.files import NETCDF, check_netcdf, start_of
 from rockfall.io.layers import (
     EXTENSIONS,
     attribute,
@@ -44,6 +45,20 @@ FIRST: Settings = {
 }
 
 
+def is_result(path: Path) -> bool:
+    """Return True for a netCDF file that is a result, and no DEM."""
+    import netCDF4
+
+    if not start_of(path).startswith(NETCDF):
+        return False
+    check_netcdf(path)
+    try:
+        with netCDF4.Dataset(path) as file:
+            return {"case", "case_file"} <= set(file.ncattrs())
+    except (OSError, RuntimeError):
+        return False
+
+
 def open_site(path: Path) -> tuple[Site, Document]:
     """Site and document of a case or a DEM; a RockfallError if it cannot be read."""
     return _open_case(path) if path.suffix.lower() == ".nml" else _open_dem(path)
@@ -59,7 +74,8 @@ def _open_dem(path: Path) -> tuple[Site, Document]:
     whole = {group: dict(values) for group, values in settings.items()}
     whole["release"]["points"] = FROM_ARRAY
     case = Case(folder=path.parent, name=str(name), **whole)
-    forms = settings_forms(case), layer_forms(case, zones=True)
+    grounds = ground_names(case)
+    forms = settings_forms(grounds), layer_forms(case, True, grounds)
     return Site(path, str(name), grid, *forms, opened=settings), Document(settings)
 
 
@@ -74,11 +90,12 @@ def _open_case(path: Path) -> tuple[Site, Document]:
     inputs = Inputs(case, grid)
     polygons = _has_polygon_zones(case)
     uniform = not {"zones", *RADII} & case.surface.keys()
-    forms = settings_forms(case), layer_forms(case, zones=polygons or uniform)
+    grounds = ground_names(case)
+    forms = settings_forms(grounds), layer_forms(case, polygons or uniform, grounds)
     layers = dict(document.layers)
     lines = read_lines(inputs)
     for name, group in GROUPS.items():
-        found = list(_lines(name, getattr(lines, group), forms[1][name]))
+        found = list(line_features(name, getattr(lines, group), forms[1][name]))
         if _fits(found):
             layers[name], kept[group] = found, []
     release = settings.get("release", {})
@@ -113,7 +130,7 @@ def _has_polygon_zones(case: Case) -> bool:
     return case.path(named).suffix.lower() in EXTENSIONS
 
 
-def _lines(layer: str, groups: list[dict[str, Any]], form: Form) -> Iterator[Feature]:
+def line_features(layer: str, groups: list[dict[str, Any]], form: Form) -> Iterator[Feature]:
     """Features of line groups, with the keys that differ from their default."""
     usual = default_values().get(GROUPS[layer], {})
     for k, one in enumerate(groups, start=1):

@@ -4,13 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from rockfall.analysis.line_statistics import line_statistics
 from rockfall.analysis.lines.values import line_names, line_values
+from rockfall.analysis.model_limits import model_remarks
 from rockfall.app.messages import binary_message
+from rockfall.case import Case
 from rockfall.io.arrays import grid_of
 from rockfall.io.crs import crs_name
 from rockfall.io.grid import Grid
@@ -27,15 +29,26 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from rockfall.io.zone_table import Zone
+    from rockfall.scene.scene import Scene
+
 SHOWN = ("speed", "energy_total", "passing_height")  # quantities at lines
 NUMBERS = ("mean", "q50", "q95")
 MAX_HEIGHTS, MAX_SHADE = 1001, 2001  # cells along a side, for the view in 3-D and the map
 MAX_OVERLAY = 1001
-MAX_STOPS = 5000
+MAX_TRAJECTORIES = 1000
+MAX_STOPS, MAX_SOURCES, MAX_TREES = 5000, 20_000, 20_000
 BINS = 20
 THINNED = 4  # a drawn trajectory has every fourth point of its parabolas
 WIDE = 100.0  # ratio of the largest value of a map to its smallest, from which its scale is log
 BY_SOURCE = ("sources", "reach_probability_by_source")  # maps for which runs go source by source
+
+
+class View(NamedTuple):
+    """What is shown besides statistics."""
+
+    map: str = ""
+    trajectories: int = 100
 
 
 class Ground:
@@ -47,6 +60,11 @@ class Ground:
         self.heights, self.grid = cropped(z, grid, False, extent, np.add, MAX_HEIGHTS)
         z, self.shade_grid = cropped(z, grid, False, extent, np.add, MAX_SHADE)
         self.shade = np.where(np.isnan(z), 0, 1 + 254 * shade(z, self.shade_grid.cell))
+
+    @property
+    def step(self) -> int:
+        """Number of cells along the side of one of the hillshade."""
+        return round(self.shade_grid.cell / self.full.cell)
 
     def message(self) -> bytes:
         """Message `terrain`."""
@@ -64,6 +82,39 @@ class Ground:
     def relative(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Places (n, 2) from the south-western corner of the heights [m]."""
         return np.column_stack([x - self.grid.west, y - self.grid.south])
+
+
+def background_message(
+    scene: Scene, zones: dict[int, Zone], sources: bool, ground: Ground
+) -> bytes:
+    """Message `background`: what of a case is no feature of its document. `zones` are the rows of
+    its raster of zones; `sources`: whether it has others than drawn ones."""
+    arrays: dict[str, np.ndarray] = {}
+    known, rows = [], scene.rasters.zone
+    if zones and rows is not None and len(zones) < 256:
+        row, column = (
+            (np.arange(n) * ground.step + ground.step // 2).clip(max=size - 1)
+            for n, size in zip(ground.shade.shape, rows.shape, strict=True)
+        )
+        arrays["zones"] = rows[np.ix_(row, column)].astype("u1")
+        known = [
+            {"value": k, "name": zone.name or str(id)}
+            for k, (id, zone) in enumerate(zones.items(), start=1)
+        ]
+    if sources:
+        arrays["sources"] = _sample(MAX_SOURCES, scene.x, scene.y)
+    if scene.trees is not None:
+        arrays["trees"] = _sample(MAX_TREES, scene.trees.x, scene.trees.y, scene.trees.dbh)
+    number = {"sources": scene.x.size if sources else 0, "trees": 0}
+    if scene.trees is not None:
+        number["trees"] = len(scene.trees.x)
+    return binary_message("background", arrays, zones=known, **number)
+
+
+def _sample(most: int, *columns: np.ndarray) -> np.ndarray:
+    """At most this number of rows of columns, evenly selected."""
+    step = max(1, -(-len(columns[0]) // most))
+    return np.column_stack([one[::step] for one in columns]).astype("f8")
 
 
 def map_choices(names: Sequence[str]) -> list[dict[str, str]]:
@@ -85,22 +136,19 @@ def _counts(name: str) -> bool:
 
 
 def batch_message(
-    result: xr.Dataset, statistics: pd.DataFrame, shown: str, ground: Ground, **about: Any
+    result: xr.Dataset, case: Case, shown: str, ground: Ground, **about: Any
 ) -> bytes:
     """Message `batch` of the results so far, with the map of a name if there is one."""
+    warnings = [one.text for one in model_remarks(result, case) if one.is_warning]
+    statistics = line_statistics(result, quantities=SHOWN)
     arrays = _stops(result, ground)
     overlay = None
     if shown and shown in result:
         overlay, arrays["overlay"] = _overlay(result, shown)
     return binary_message(
-        "batch", arrays, **about, ended=ended(result), statuses=STATUS,
+        "batch", arrays, **about, warnings=warnings, ended=ended(result), statuses=STATUS,
         lines=_lines(result, statistics), overlay=overlay,
     )  # fmt: skip
-
-
-def statistics_of(result: Any) -> pd.DataFrame:
-    """Statistics at lines that are shown."""
-    return line_statistics(result, quantities=SHOWN)
 
 
 def _stops(result: xr.Dataset, ground: Ground) -> dict[str, np.ndarray]:

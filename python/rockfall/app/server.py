@@ -51,6 +51,12 @@ def bind(port: int) -> socket.socket:
     return found
 
 
+def check_page(page: Path) -> None:
+    """Refuse to go on without the page, which is built and not stored."""
+    if not (page / "app.js").is_file():
+        raise RockfallError("the page of the window has not been built: `./run page` builds it")
+
+
 class Server:
     """Server of one room, on a bound socket, until the last page has closed."""
 
@@ -60,8 +66,7 @@ class Server:
     ) -> None:  # fmt: skip
         import uvicorn
 
-        if not (page / "app.js").is_file():
-            raise RockfallError(f"{page}: the page has not been built: `./run page` builds it")
+        check_page(page)
         self._room, self._bound, self._keep, self._grace = room, bound, keep, grace
         self.port, self.key = bound.getsockname()[1], secrets.token_urlsafe(24)
         self._left: asyncio.TimerHandle | None = None
