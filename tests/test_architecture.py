@@ -34,6 +34,7 @@ LEVELS = [
     ["plots", "text"],
     ["html_report", "office", "qgis_project"],
     ["products"],
+    ["app"],
     ["cli", "__main__"],
 ]
 LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}

@@ -40,6 +40,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "run_until": "analysis.run_until",
     "run_variants": "analysis.variant_runs",
     "section": "products",
+    "show": "app.show",
     "site": "protection.siting",
     "trajectories": "result.trajectories",
     "variants": "case_variants",

@@ -131,7 +131,7 @@ class Case:
             groups["terrain"] = {**groups["terrain"], "dem": FROM_ARRAY}
         self._groups = {group: plain_values(values) for group, values in groups.items()}
         _checked(self.text().encode(), name)
-        defaults = _defaults()
+        defaults = default_values()
         for group, values in self._groups.items():
             self._groups[group] = _typed(group, defaults.get(group, {}) | values)
         for group, several in lists.items():
@@ -237,9 +237,20 @@ class Case:
         return self.folder / file
 
 
+def given_groups(case: Case) -> dict[str, dict[str, Any]]:
+    """Groups of a case that may not be repeated, without keys that have their default."""
+    found: dict[str, dict[str, Any]] = {}
+    for group, values in case._groups.items():
+        usual = _typed(group, default_values().get(group, {}))
+        given = {key: value for key, value in values.items() if value != usual.get(key)}
+        if given:
+            found[group] = given
+    return found
+
+
 def given_text(case: Case) -> str:
     """Text of a case without the groups in which every key has its default."""
-    defaults, groups = _defaults(), case._groups
+    defaults, groups = default_values(), case._groups
     given = {
         group: values
         for group, values in groups.items()
@@ -322,8 +333,8 @@ def _checked(text: bytes, name: str) -> None:
 
 
 @cache
-def _defaults() -> dict[str, dict[str, Any]]:
-    """Default values of each group."""
+def default_values() -> dict[str, dict[str, Any]]:
+    """Default values of each group, which are not to be changed."""
     texts: dict[str, str] = {}
     for key in key_table():
         if key.default not in ("required", "absent"):
@@ -334,7 +345,7 @@ def _defaults() -> dict[str, dict[str, Any]]:
 
 def _completed(group: str, values: Mapping[str, Any]) -> dict[str, Any]:
     """A repeated group with its defaults, except for values that a layer may supply."""
-    defaults = {} if "file" in values else _defaults().get(group, {})
+    defaults = {} if "file" in values else default_values().get(group, {})
     return _typed(group, defaults | dict(values))
 
 

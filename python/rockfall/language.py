@@ -53,16 +53,29 @@ def speaking(language: str) -> Iterator[None]:
 def catalogue(language: str) -> gettext.GNUTranslations:
     """Texts of a language; a RockfallError for unknown languages."""
     from babel.messages.mofile import write_mo
+
+    compiled = io.BytesIO()
+    write_mo(compiled, _messages(language))
+    compiled.seek(0)
+    return gettext.GNUTranslations(compiled)
+
+
+@cache
+def _messages(language: str) -> Any:
+    """Messages of a language, as babel reads them."""
     from babel.messages.pofile import read_po
 
     if language not in LANGUAGES:
         raise RockfallError(f"language = '{language}': must be one of {', '.join(LANGUAGES)}")
     path = importlib.resources.files("rockfall") / "locale" / f"{language}.po"
-    compiled = io.BytesIO()
     with path.open("rb") as source:
-        write_mo(compiled, read_po(source, locale=language))
-    compiled.seek(0)
-    return gettext.GNUTranslations(compiled)
+        return read_po(source, locale=language)
+
+
+def texts_of(language: str, room: str) -> dict[str, str]:
+    """All texts, unfilled, of the messages of a room (the first part of their ids)."""
+    singular = (one for one in _messages(language) if isinstance(one.id, str))
+    return {one.id: one.string for one in singular if one.id.startswith(f"{room}.")}
 
 
 def say(key: str, /, **values: object) -> Text:

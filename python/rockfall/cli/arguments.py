@@ -79,6 +79,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_draft(commands)
+    _add_app(commands)
     _add_runs(commands)
     _add_studies(commands)
     _add_results(commands)
@@ -126,6 +127,21 @@ def _add_draft(commands: _Commands) -> None:
         edits.add_argument(
             f"--{name}", metavar=metavar, type=kind, action=_Step, dest="steps", help=does
         )
+
+
+def _add_app(commands: _Commands) -> None:
+    about = "open a window in the browser, to draw a case on a map and see it run"
+    app = _add(commands, "app", "app", about, writes=False)
+    about = "case, DEM or result; default: a list of those opened before"
+    app.add_argument("path", metavar="PATH", type=Path, nargs="?", help=about)
+    about = "de, en, fr or it; default: that of the browser"
+    app.add_argument("--language", metavar="XX", default="", help=about)
+    about = "port on this machine; default: any that is free"
+    app.add_argument("--port", metavar="N", type=int, default=0, help=about)
+    about = "go on when the last page has closed, until Ctrl-C"
+    app.add_argument("--keep", action="store_true", help=about)
+    about = "print the address only"
+    app.add_argument("--no-browser", action="store_true", help=about)
 
 
 def _add_runs(commands: _Commands) -> None:

@@ -208,6 +208,11 @@ class Session:
                 warnings.warn(line, stacklevel=3)
 
 
+def scene_of(session: Session) -> Scene:
+    """Scene that an open session has read, which is not to be changed."""
+    return session._opened()
+
+
 def _groups() -> set[str]:
     """Names of the groups of a case."""
     return {key.group for key in key_table()}

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The edited document, its site (what stays as opened), and the one way in which both make a case
+with layers, for a live run and for files alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rockfall.app.features import LAYERS, Feature, Layer, check_features, check_size
+from rockfall.app.forms import REST, Form, check_value
+from rockfall.app.messages import Refused
+from rockfall.case import FROM_ARRAY, Case
+from rockfall.io.grid import Grid
+from rockfall.io.zone_table import RADII
+from rockfall.language import say
+from rockfall.scene.frames import GROUPS
+
+Settings = dict[str, dict[str, Any]]
+#: Keys of &release that say where boulders come from if no sources are drawn.
+OTHER_SOURCES = ("x", "y", "points", "points_layer", "cells", "polygons", "polygons_layer")
+OF_CELLS = ("steep_cells", "slope_threshold", "by_area")  # not valid for points
+SIZES = ("uniform_mean_radius", "uniform_rg")
+
+
+@dataclass(frozen=True)
+class Document:
+    """What is edited: keys of the case by group, without defaults, and features by layer."""
+
+    settings: Settings = field(default_factory=dict)
+    layers: dict[str, list[Feature]] = field(default_factory=lambda: {name: [] for name in LAYERS})
+
+    def content(self) -> dict[str, Any]:
+        """Document as the page gets it."""
+        layers = {name: [one._asdict() for one in some] for name, some in self.layers.items()}
+        return {"settings": self.settings, "layers": layers}
+
+
+@dataclass(frozen=True)
+class Site:
+    """What an opened file determines, and no edit changes."""
+
+    file: Path  # as opened
+    case_name: str  # for messages
+    grid: Grid
+    settings_forms: dict[str, Form]
+    layer_forms: dict[str, Form]
+    opened: Settings  # as opened; values of keys that name files stay these
+    kept: dict[str, Any] = field(default_factory=dict)  # groups and keys that the page never sees
+    mode: str = "case"
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the opened file, in which files are saved."""
+        return self.file.absolute().parent
+
+    def edited(
+        self, document: Document, layers: Mapping[str, Any], settings: Mapping[str, Any]
+    ) -> Document:
+        """Document in which some layers and groups are replaced by what the page sends; Refused if
+        one of them is not valid."""
+        new_layers, new_settings = dict(document.layers), dict(document.settings)
+        for name, given in layers.items():
+            if name not in self.layer_forms:
+                raise Refused(say("app.server_no_layer", name=str(name)[:40]))
+            new_layers[name] = check_features(name, given, self.layer_forms[name])
+        for group, values in settings.items():
+            new_settings[group] = self._group(group, values)
+        check_size(new_layers.values())
+        return Document(new_settings, new_layers)
+
+    def _group(self, group: str, values: Any) -> dict[str, Any]:
+        """Keys of a group, checked."""
+        form = self.settings_forms.get(group)
+        if form is None or not isinstance(values, dict):
+            raise Refused(say("app.server_unknown", name=f"&{group}"[:40]))
+        found = {}
+        for key, value in values.items():
+            place = {"group": group, "key": str(key)[:40]}
+            if key not in form:
+                raise Refused(say("app.server_unknown", name=str(key)[:40]), **place)
+            if value is None or value == "" or value == []:
+                continue
+            if form[key].read_only:
+                if value != self.opened.get(group, {}).get(key):
+                    raise Refused(say("app.server_names_file", name=key), **place)
+                found[key] = value
+            else:
+                found[key] = check_value(form[key], value, **place)
+        return found
+
+
+class Runnable(NamedTuple):
+    """A case with layers: `sources` and `zones` have `FROM_ARRAY` as their file."""
+
+    case: Case
+    layers: dict[str, Layer]
+
+    def named(self, file: str) -> Case:
+        """Case that reads its layers from a file of these names."""
+        groups: dict[str, Any] = {}
+        for name, layer in self.layers.items():
+            if name in GROUPS:
+                group = GROUPS[name]
+                groups[group] = [*getattr(self.case, group), {"file": file, "layer": name}]
+            elif name == "zones":
+                groups["surface"] = {"zones": file, "zones_layer": name}
+            else:
+                key = "points" if layer.geometry == "Point" else "polygons"
+                groups["release"] = {key: file, f"{key}_layer": name}
+        return self.case.replace(**groups) if groups else self.case
+
+
+def runnable(site: Site, document: Document) -> Runnable:
+    """Case and layers of a document; Refused without sources, a RockfallError if the case is not
+    valid."""
+    groups = {group: dict(values) for group, values in document.settings.items()}
+    for group, kept in site.kept.items():
+        groups[group] = kept if isinstance(kept, list) else {**kept, **groups.get(group, {})}  # type: ignore[assignment]
+    features = {name: [*some] for name, some in document.layers.items() if some}
+    if "sources" in features:
+        _release_from(features["sources"], groups.setdefault("release", {}))
+    elif not {*OTHER_SOURCES, "steep_cells"} & groups.get("release", {}).keys():
+        raise Refused(say("app.server_no_sources"), layer="sources")
+    if "zones" in features:
+        features["zones"] = _zones_of(features["zones"], groups.setdefault("surface", {}), site)
+    layers = {
+        name: Layer.of(some, site.layer_forms[name]) for name, some in features.items()
+    }  # fmt: skip
+    case = Case(folder=site.folder, name=site.case_name, **groups)
+    return Runnable(case, layers)
+
+
+def _release_from(sources: list[Feature], release: dict[str, Any]) -> None:
+    """Release boulders from drawn sources, in place of any others."""
+    points = sources[0].type == "Point"
+    for key in (*OTHER_SOURCES, *(OF_CELLS if points else ())):
+        release.pop(key, None)
+    release["points" if points else "polygons"] = FROM_ARRAY
+
+
+def _zones_of(zones: list[Feature], surface: dict[str, Any], site: Site) -> list[Feature]:
+    """Zones that are drawn, and those that fill the rest of the terrain with the uniform ground of
+    the case; each has a number where there is a default zone."""
+    sizes = {key: surface.pop(key) for key in SIZES if key in surface}
+    surface["zones"] = FROM_ARRAY
+    if "table" in surface:
+        return zones
+    if "default_zone" in surface:
+        return _numbered(zones)
+    return zones + _rest(zones, sizes, surface, site.grid)
+
+
+def _numbered(zones: list[Feature]) -> list[Feature]:
+    """Zones of which each has a number: those without one get new ones."""
+    new = max((one.properties.get("zone", 0) for one in zones), default=0)
+    found = []
+    for one in zones:
+        if "zone" not in one.properties:
+            new += 1
+            one = one._replace(properties={**one.properties, "zone": new})
+        found.append(one)
+    return found
+
+
+def _rest(
+    zones: list[Feature], sizes: dict[str, Any], surface: dict[str, Any], grid: Grid
+) -> list[Feature]:
+    """Polygons of the terrain outside zones, which the reader refuses where they are not valid."""
+    import shapely
+
+    known = sizes.get("uniform_mean_radius"), sizes.get("uniform_rg")
+    values = [*np.ravel(known[0] or []), *np.ravel(known[1] or [])]
+    names = RADII[:1] if known[0] is not None else RADII[1:]
+    properties: dict[str, Any] = dict(zip(names, map(float, values), strict=False))
+    if not properties and "ground" in surface:
+        properties = {"ground": surface["ground"]}
+    shapes = [one.shape() for one in zones]
+    if not properties or not shapely.is_valid(shapes).all():
+        return []
+    box = shapely.box(grid.west, grid.south, grid.east, grid.north)
+    rest = shapely.get_parts(shapely.difference(box, shapely.union_all(shapes)))
+    rings = [[one.exterior, *one.interiors] for one in rest if one.geom_type == "Polygon"]
+    return [
+        Feature("rest", "Polygon", [[[*at] for at in ring.coords] for ring in several],
+                {**properties, REST: True})
+        for several in rings
+    ]  # fmt: skip
+
+
+def with_output(case: Case, shown: str, available: bool = True) -> Case:
+    """Case of a live run, which makes what is shown and no more: the bits of all else are the
+    same."""
+    maps = [shown] if shown and available else None
+    output = {"maps": maps, "trajectories": None, "rebounds": None, "energy_balance": None}
+    return case.replace(output=output)
+
+
+def without_layer(document: Document, name: str) -> Document:
+    """Document with an empty layer."""
+    return replace(document, layers={**document.layers, name: []})

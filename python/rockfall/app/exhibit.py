@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A result to look at, in place of a live run."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.app.document import Document, Site
+from rockfall.app.features import LAYERS
+from rockfall.app.forms import Form, layer_forms, settings_forms
+from rockfall.app.messages import Message, binary_message, text_message
+from rockfall.app.opening import line_features
+from rockfall.app.pictures import (
+    MAX_SOURCES,
+    Ground,
+    View,
+    batch_message,
+    masses,
+    trajectory_message,
+)
+from rockfall.case import case_of, given_groups
+from rockfall.io.grid import Grid
+from rockfall.language import LANGUAGES
+from rockfall.plots.extent import cell_of, reached
+from rockfall.plots.terrain import terrain_of
+from rockfall.result.samples import simulated
+from rockfall.result.trajectories import trajectories
+from rockfall.result.variables import EXCEEDED, MAP
+from rockfall.scene.frames import GROUPS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.app.live import Send
+
+
+class Exhibit:
+    """A result as the page gets it: nothing in it can be edited."""
+
+    language = LANGUAGES[0]
+    revision = 0
+
+    def __init__(self, result: xr.Dataset, file: Path | None, send: Send | None = None) -> None:
+        self.result, self.case, self._send = result, case_of(result), send
+        self.view = View(next(iter(self.maps), ""))
+        self._ground = Ground(*_terrain(result, file))
+        forms = settings_forms(None), layer_forms(self.case, False, None)
+        settings_form, layer_form = ({k: _fixed(one) for k, one in some.items()} for some in forms)
+        settings, document = given_groups(self.case), Document()
+        layers = {
+            name: [*line_features(name, getattr(self.case, GROUPS[name]), layer_form[name])]
+            if name in GROUPS else []
+            for name in LAYERS
+        }  # fmt: skip
+        self.document = Document(settings, document.layers | layers)
+        self.site = Site(
+            file or Path(self.case.name), self.case.name, self._ground.full, settings_form,
+            layer_form, opened=settings, mode="result",
+        )  # fmt: skip
+
+    @property
+    def maps(self) -> list[str]:
+        """Names of the maps that can be shown."""
+        return [name for name in MAP if name in self.result and name not in EXCEEDED]
+
+    def start(self) -> None:
+        """Send all that is shown."""
+        for kind, message in self.messages():
+            self._tell(kind, message)
+
+    def close(self) -> None:
+        """End nothing: nothing goes on."""
+
+    def look(self, view: View) -> None:
+        """Change what is shown."""
+        self.view = view
+        for kind, message in self._pictures():
+            self._tell(kind, message)
+
+    def _tell(self, kind: str, message: Message) -> None:
+        assert self._send is not None
+        self._send(kind, message)
+
+    def messages(self) -> Iterator[tuple[str, Message]]:
+        """Messages after the welcome, with their kinds."""
+        yield "terrain", self._ground.message()
+        yield "background", self._background()
+        yield "state", text_message("state", revision=0, errors=[], warnings=[])
+        yield from self._pictures()
+
+    def _pictures(self) -> Iterator[tuple[str, Message]]:
+        """Messages that depend on what is shown."""
+        result, attrs, view = self.result, self.result.attrs, self.view
+        about: dict[str, Any] = {
+            "revision": 0, "boulders": simulated(result), "running": False, "seconds_left": None,
+            "total": int(attrs["boulders_requested"]), "complete": bool(attrs["complete"]),
+            "seconds": float(attrs["wall_seconds"]),
+        }  # fmt: skip
+        yield "batch", batch_message(result, self.case, view.map, self._ground, **about)
+        some = trajectories(result, view.trajectories) if view.trajectories else []
+        density = np.array([self.case.boulder["density"]])
+        mass = masses(result, [one.boulder for one in some], density)
+        message = trajectory_message(some, mass, self._ground, revision=0, append=False)
+        yield "trajectories", message
+
+    def _background(self) -> bytes:
+        """Message with the places from which boulders started."""
+        places = np.column_stack([self.result[f"start_{axis}"].values for axis in "xy"])
+        places = np.unique(places, axis=0)
+        step = max(1, -(-len(places) // MAX_SOURCES))
+        arrays = {"sources": places[::step].astype("f8")}
+        return binary_message("background", arrays, zones=[], sources=len(places), trees=0)
+
+
+def _fixed(form: Form) -> Form:
+    return {name: field._replace(read_only=True) for name, field in form.items()}
+
+
+def _terrain(result: xr.Dataset, file: Path | None) -> tuple[np.ndarray, Grid]:
+    """Terrain of a result; one without elevations if it cannot be found."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the page shows that there is no relief
+        found = terrain_of(result, beside=None if file is None else file.parent)
+    if found is not None:
+        return found
+    west, east, south, north = reached(result)
+    cell = max(cell_of(result), max(east - west, north - south) / 100)
+    nx, ny = (max(2, int(np.ceil(side / cell))) for side in (east - west, north - south))
+    return np.full((ny, nx), np.nan, "f4"), Grid(west, north, cell, nx, ny)

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Features drawn on the map: checks of what the page sends, and layers of them, which are the same
+in a live run and in a saved file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rockfall.app.forms import REST, Form, check_value
+from rockfall.app.messages import Refused
+from rockfall.language import say
+
+LAYERS = ("sources", "lines", "barriers", "dams", "zones")
+SHAPES = {"sources": ("Point", "Polygon"), "zones": ("Polygon",)}  # the others: LineString
+MAX_FEATURES = 10_000
+MAX_VERTICES = 200_000
+MAX_PLACE = 1e9  # [m]
+_ID = re.compile("[a-z0-9]{1,16}")
+
+
+class Feature(NamedTuple):
+    """A shape with its attributes; coordinates are nested as in GeoJSON, in the CRS of the DEM."""
+
+    id: str
+    type: str  # Point, LineString or Polygon
+    coordinates: Any
+    properties: dict[str, Any]
+
+    def vertices(self) -> int:
+        """Number of vertices."""
+        if self.type == "Point":
+            return 1
+        return len(self.coordinates) if self.type == "LineString" else sum(map(len, self.rings))
+
+    @property
+    def rings(self) -> Any:
+        """Rings of a polygon."""
+        return self.coordinates
+
+    def shape(self) -> Any:
+        """Shape for GEOS."""
+        import shapely
+
+        if self.type == "Point":
+            return shapely.Point(self.coordinates)
+        if self.type == "LineString":
+            return shapely.LineString(self.coordinates)
+        return shapely.Polygon(self.rings[0], self.rings[1:])
+
+
+def check_features(layer: str, given: Any, form: Form) -> list[Feature]:
+    """Features of a layer as the page sends them; Refused if they cannot be such."""
+    if not isinstance(given, list):
+        raise Refused(say("app.server_wrong_type", name=layer), layer=layer)
+    if len(given) > MAX_FEATURES:
+        raise Refused(say("app.server_too_many", name=layer), layer=layer)
+    found = [_feature(layer, one, form) for one in given]
+    if len({one.id for one in found}) < len(found):
+        raise Refused(say("app.server_same_id"), layer=layer)
+    if len({one.type for one in found}) > 1:
+        raise Refused(say("app.server_mixed_shapes"), layer=layer)
+    return found
+
+
+def _feature(layer: str, given: Any, form: Form) -> Feature:
+    if not isinstance(given, dict):
+        raise Refused(say("app.server_wrong_type", name=layer), layer=layer)
+    id = given.get("id")
+    if not isinstance(id, str) or not _ID.fullmatch(id):
+        raise Refused(say("app.server_wrong_type", name="id"), layer=layer)
+    place = {"layer": layer, "id": id}
+    kind, properties = given.get("type"), given.get("properties", {})
+    if kind not in SHAPES.get(layer, ("LineString",)):
+        raise Refused(say("app.server_wrong_shape"), **place)
+    if not isinstance(properties, dict):
+        raise Refused(say("app.server_wrong_type", name="properties"), **place)
+    values = {}
+    for name, value in properties.items():
+        if name not in form:
+            raise Refused(say("app.server_unknown", name=str(name)[:40]), **place)
+        if value is not None and value != "":
+            values[name] = check_value(form[name], value, **place, key=name)
+    return Feature(id, kind, _coordinates(kind, given.get("coordinates"), place), values)
+
+
+def _coordinates(kind: str, given: Any, place: dict[str, str]) -> Any:
+    if kind == "Point":
+        return _position(given, place)
+    if kind == "LineString":
+        return _positions(given, 2, place)
+    if not isinstance(given, list) or not 0 < len(given) <= MAX_VERTICES:
+        raise Refused(say("app.server_wrong_shape"), **place)
+    rings = [_positions(one, 4, place) for one in given]
+    if any(one[0] != one[-1] for one in rings):
+        raise Refused(say("app.server_wrong_shape"), **place)
+    return rings
+
+
+def _positions(given: Any, least: int, place: dict[str, str]) -> list[list[float]]:
+    if not isinstance(given, list) or not least <= len(given) <= MAX_VERTICES:
+        raise Refused(say("app.server_wrong_shape"), **place)
+    return [_position(one, place) for one in given]
+
+
+def _position(given: Any, place: dict[str, str]) -> list[float]:
+    good = isinstance(given, list) and len(given) == 2
+    for one in given if good else ():
+        number = isinstance(one, int | float) and not isinstance(one, bool)
+        good = good and number and abs(one) <= MAX_PLACE
+    if not good:
+        raise Refused(say("app.server_wrong_shape"), **place)
+    return [float(one) for one in given]
+
+
+def check_size(layers: Iterable[Sequence[Feature]]) -> None:
+    """Refuse more features or vertices than a page can edit."""
+    some = [one for layer in layers for one in layer]
+    if len(some) > MAX_FEATURES or sum(one.vertices() for one in some) > MAX_VERTICES:
+        raise Refused(say("app.server_too_large", features=MAX_FEATURES, vertices=MAX_VERTICES))
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Features of a layer in order, with the kinds of their attributes."""
+
+    features: tuple[Feature, ...]
+    kinds: tuple[tuple[str, str], ...]  # name and kind of each attribute, in their order
+
+    @classmethod
+    def of(cls, features: Iterable[Feature], form: Form) -> Layer:
+        """Layer of features of a form."""
+        kinds = {name: field.kind for name, field in form.items()} | {REST: "logical"}
+        return cls(tuple(features), tuple(kinds.items()))
+
+    @property
+    def geometry(self) -> str:
+        """Type of its shapes."""
+        return self.features[0].type
+
+    def shapes(self) -> np.ndarray:
+        """Shapes for GEOS."""
+        found = np.empty(len(self.features), object)
+        found[:] = [one.shape() for one in self.features]
+        return found
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """Attributes that any feature has: reals, integers (reals if one is missing) and texts."""
+        found = {}
+        for name, kind in self.kinds:
+            values = [one.properties.get(name) for one in self.features]
+            if any(one is not None for one in values):
+                found[name] = _column(kind, values)
+        return found
+
+    def frame(self, crs: Any) -> Frame:
+        """Layer as `rockfall.open` takes it."""
+        return Frame(self, crs)
+
+
+def _column(kind: str, values: list[Any]) -> np.ndarray:
+    missing = any(one is None for one in values)
+    if kind == "integer" and not missing:
+        return np.array(values, np.int64)
+    if kind in ("real", "integer"):
+        return np.array([np.nan if one is None else one for one in values], np.float64)
+    column = np.empty(len(values), object)
+    column[:] = [None if one is None else str(one) for one in values]
+    return column
+
+
+class Frame:
+    """A layer like a GeoDataFrame: all that `rockfall.scene.frames` looks at."""
+
+    def __init__(self, layer: Layer, crs: Any) -> None:
+        import pandas as pd
+
+        shapes = pd.Series(layer.shapes(), dtype=object)
+        table = pd.DataFrame({**layer.columns(), "geometry": shapes})
+        self.crs, self.columns, self.iloc = crs, table.columns, table.iloc
+        self.geometry = table["geometry"]

@@ -1,0 +1,320 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Live runs of a document: one thread owns the session, and the latest edit wins."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from threading import Condition, Event, Thread
+from typing import Any
+
+import numpy as np
+
+from rockfall.app.document import Document, Runnable, Site, runnable, with_output
+from rockfall.app.features import Frame
+from rockfall.app.messages import Message, Refused, text_message
+from rockfall.app.pictures import (
+    BY_SOURCE,
+    Ground,
+    View,
+    background_message,
+    batch_message,
+    masses,
+    trajectory_message,
+)
+from rockfall.app.places import entry_of, without_files
+from rockfall.case import REPEATABLE, Case, key_table
+from rockfall.case_zones import case_zones
+from rockfall.errors import RockfallError
+from rockfall.io.raster import read_dem
+from rockfall.language import speaking
+from rockfall.result.variables import EXCEEDED, MAP
+from rockfall.session.batch import Batch
+from rockfall.session.session import Session, open_session, scene_of
+
+STEP = 0.05  # seconds of the kernel between looks at what to do
+FIRST_MAP = "passages"
+FIRST, SECOND = 0.0, 0.1  # seconds of the kernel before the first results, and between the next
+PATIENCE = 3.0  # seconds of the kernel for each that statistics and pictures take
+
+#: Sends a message of a kind, in place of earlier ones that it makes pointless (see `Outbox`).
+Send = Callable[[str, Message], None]
+
+
+@dataclass
+class _Pending:
+    """What has been asked for since the last look."""
+
+    document: Document | None = None
+    revision: int = 0
+    error: Refused | None = None  # of the last edit
+    view: View | None = None
+
+
+class Live:
+    """A document that is run whenever it changes. Its methods may be called from any thread."""
+
+    def __init__(self, site: Site, document: Document, send: Send, language: str = "en") -> None:
+        self.site, self.document, self.revision = site, document, 0
+        self.language, self.running = language, True
+        maps = document.settings.get("output", {}).get("maps", [])
+        self.view = View(next((one for one in maps if one in self.maps), FIRST_MAP))
+        self.error: Refused | None = None  # of the last edit
+        self._send, self._wake, self._cancel = send, Condition(), Event()
+        self._pending = _Pending(document=document)
+        self._closed = False
+        self._session: Session | None = None
+        self._frames: dict[str, Frame] = {}
+        self._layers: dict[str, Any] = {}
+        self._ground: Ground | None = None
+        self._seen: tuple[Any, Any, Any] = (None, None, None)  # in the background
+        self._progress: _Progress | None = None
+        self._thread = Thread(target=self._work, name="live", daemon=True)
+
+    @property
+    def maps(self) -> list[str]:
+        """Maps that can be shown; runs in the order of the sources would be no samples."""
+        forest = "forest" in self.site.opened
+        return [
+            name for name in MAP
+            if name not in (*BY_SOURCE, *EXCEEDED) and (forest or not name.startswith("tree_"))
+        ]  # fmt: skip
+
+    def start(self) -> None:
+        """Begin to work."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Cancel the run, and wait for the thread to end."""
+        with self._wake:
+            self._closed = True
+            self._cancel.set()
+            self._wake.notify()
+        self._thread.join()
+
+    def edit(self, revision: int, layers: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
+        """Replace layers and groups of the document, and run it; an edit that is refused leaves the
+        document as it was, and nothing runs until the next."""
+        with self._wake:
+            try:
+                self.document, self.error = self.site.edited(self.document, layers, settings), None
+            except Refused as error:
+                self.error = error
+            self._pending.error = self.error
+            self.revision = revision
+            self._pending.document, self._pending.revision = self.document, revision
+            self._cancel.set()
+            self._wake.notify()
+
+    def latest(self) -> tuple[Document, int]:
+        """Document and its revision; Refused if the last edit was."""
+        with self._wake:
+            if self.error is not None:
+                raise self.error
+            return self.document, self.revision
+
+    def look(self, view: View) -> None:
+        """Change what is shown; another map is another run."""
+        with self._wake:
+            if view.map != self.view.map:
+                self._pending.document = self._pending.document or self.document
+                self._pending.revision = self.revision
+                self._cancel.set()
+            self.view = self._pending.view = view
+            self._wake.notify()
+
+    def run(self, running: bool) -> None:
+        """Go on, or pause."""
+        with self._wake:
+            self.running = running
+            self._wake.notify()
+
+    def _work(self) -> None:
+        try:
+            self._show_terrain()
+            while self._step():
+                pass
+        except RockfallError as error:  # files have changed since they were opened
+            self._send("fault", text_message("fault", text=str(error)))
+        except Exception as error:  # the page is to know of it, and the server to live
+            self._send("fault", text_message("fault", text=f"{type(error).__name__}: {error}"))
+            raise
+        finally:
+            if self._session is not None:
+                self._session.close()
+
+    def _show_terrain(self) -> None:
+        dem = self.site.folder / self.site.opened["terrain"]["dem"]
+        z, grid = read_dem(dem)
+        self._ground = Ground(z, grid)
+        self._send("terrain", self._ground.message())
+
+    def _step(self) -> bool:
+        """Take what is pending, or go on with the run; False once closed."""
+        with self._wake:
+            while not self._closed and not self._has_work():
+                if self._progress is not None and self._progress.told_running != self.running:
+                    break
+                self._wake.wait()
+            if self._closed:
+                return False
+            pending, self._pending = self._pending, _Pending()
+            if pending.document is not None:
+                self._cancel.clear()
+        if pending.document is not None:
+            with speaking(self.language):
+                self._take(pending.document, pending.revision, pending.error)
+        elif pending.view is not None and self._progress is not None:
+            self._progress.look(pending.view)
+        elif self._progress is not None and not self._progress.step(self.running):
+            self._progress.over = True
+        return True
+
+    def _has_work(self) -> bool:
+        pending, progress = self._pending, self._progress
+        goes_on = progress is not None and not progress.over and self.running
+        return goes_on or pending.document is not None or pending.view is not None
+
+    def _take(self, document: Document, revision: int, error: Refused | None) -> None:
+        """Take over a document, tell its errors, and begin its run if there are none."""
+        self._progress = None
+        errors: list[dict[str, str]] = []
+        warnings: list[str] = []
+        if error is not None:
+            errors = [error.entry()]
+        else:
+            try:
+                made = runnable(self.site, document)
+                self._change(made)
+                assert self._session is not None
+                warnings = [without_files(one, self.site) for one in self._session.warnings]
+            except Refused as refused:
+                errors = [refused.entry()]
+            except RockfallError as refusal:
+                errors = [entry_of(str(refusal), self.site, document)]
+        state = text_message("state", revision=revision, errors=errors, warnings=warnings)
+        self._send("state", state)
+        if not errors:
+            assert self._session is not None and self._ground is not None
+            self._show_background(made)
+            batches = self._session.run(cancel=self._cancel, batch_seconds=STEP)
+            self._progress = _Progress(
+                batches, revision, self.view, self._ground, _densities(made), self._send
+            )
+
+    def _show_background(self, made: Runnable) -> None:
+        """Send what of the case is no feature, if it has changed."""
+        assert self._session is not None and self._ground is not None
+        scene, drawn = scene_of(self._session), made.layers
+        zones = None if "zones" in drawn else scene.rasters.zone
+        sources = None if "sources" in drawn else scene.x
+        seen = zones, sources, scene.trees
+        if all(one is other for one, other in zip(seen, self._seen, strict=True)):
+            return
+        self._seen = seen
+        rows = {} if zones is None else case_zones(made.case)
+        message = background_message(scene, rows, sources is not None, self._ground)
+        self._send("background", message)
+
+    def _change(self, made: Runnable) -> None:
+        """Open the session, or change it; a layer that is as before keeps its frame."""
+        case = with_output(made.case, self.view.map)
+        frames: dict[str, Any] = {}
+        for name, layer in made.layers.items():
+            if self._layers.get(name) != layer:
+                self._layers[name] = layer
+                self._frames[name] = layer.frame(self.site.grid.crs)
+            frames[name] = self._frames[name]
+        if self._session is None:
+            self._session = open_session(case, **frames)
+            return
+        groups = _changes(self._session.case, case)
+        none = dict.fromkeys(self._frames.keys() - frames.keys())
+        self._session.change(**groups, **frames, **none)
+
+
+def _changes(before: Case, after: Case) -> dict[str, Any]:
+    """Changes of a session that make one case of another."""
+    changes: dict[str, Any] = {name: getattr(after, name) for name in REPEATABLE}
+    for group in {key.group for key in key_table()} - {*REPEATABLE}:
+        changes[group] = dict.fromkeys(getattr(before, group)) | getattr(after, group)
+    return changes
+
+
+def _densities(made: Runnable) -> np.ndarray:
+    """Density of the case, and that of each source."""
+    usual = made.case.boulder["density"]
+    sources = made.layers["sources"].features if "sources" in made.layers else ()
+    return np.array([usual, *(one.properties.get("density", usual) for one in sources)])
+
+
+class _Progress:
+    """A run, and what of it has been sent."""
+
+    def __init__(
+        self, batches: Iterator[Batch], revision: int, view: View, ground: Ground,
+        density: np.ndarray, send: Send,
+    ) -> None:  # fmt: skip
+        self.over, self.told_running = False, True
+        self._batches, self._revision, self._view = batches, revision, view
+        self._ground, self._density, self._send = ground, density, send
+        self._sent: set[int] = set()  # numbers of the boulders whose trajectories were sent
+        self._begun = time.perf_counter()
+        self._due = self._begun + FIRST  # of the next message
+        self._batch: Batch | None = None
+
+    def step(self, running: bool) -> bool:
+        """Advance the run, and send results if they are due; False at its end."""
+        if not running:
+            self._tell(running)
+            return True
+        if self._batch is None or not self._batch.complete:
+            batch = next(self._batches, None)
+            if batch is None:  # cancelled
+                return False
+            self._batch = batch
+        if self._batch.complete or time.perf_counter() >= self._due or not self.told_running:
+            self._tell(running)
+        return not self._batch.complete
+
+    def look(self, view: View) -> None:
+        """Show another number of trajectories."""
+        self._view, self._sent = view, set()
+        if self._batch is not None:
+            self._tell_trajectories(self._batch)
+
+    def _tell(self, running: bool) -> None:
+        """Send what is known, and plan the next message, so that the kernel gets most of the
+        time."""
+        self.told_running = running
+        batch = self._batch
+        if batch is None:
+            return
+        begun = time.perf_counter()
+        result = batch.dataset()
+        left = None
+        if batch.seconds and batch.boulders:
+            left = batch.seconds / batch.boulders * (batch.total - batch.boulders)
+        message = batch_message(
+            result, batch.case, self._view.map, self._ground,
+            revision=self._revision, boulders=batch.boulders, total=batch.total,
+            complete=batch.complete, running=running and not batch.complete,
+            seconds=batch.seconds, seconds_left=left,
+        )  # fmt: skip
+        self._send("batch", message)
+        self._tell_trajectories(batch)
+        now = time.perf_counter()
+        self._due = now + max(SECOND, PATIENCE * (now - begun))
+
+    def _tell_trajectories(self, batch: Batch) -> None:
+        number = self._view.trajectories
+        new = [one for one in batch.trajectories(number) if one.boulder not in self._sent]
+        if not new and self._sent:
+            return
+        append = bool(self._sent)
+        self._sent |= {one.boulder for one in new}
+        mass = masses(batch.dataset(), [one.boulder for one in new], self._density)
+        about = {"revision": self._revision, "append": append}
+        message = trajectory_message(new, mass, self._ground, **about)
+        self._send("more" if append else "trajectories", message)

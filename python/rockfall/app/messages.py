@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Messages between server and page: JSON, or a JSON header followed by arrays.
+
+A binary message is the length of its header (uint32, little-endian), the header, padded with spaces
+so that what follows begins at a multiple of 8 bytes, and the arrays in C order, little-endian, each
+at a multiple of 8 bytes. The header lists their names, types, shapes and offsets.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from collections.abc import Mapping
+from typing import Any, TypeAlias
+
+import numpy as np
+
+MAX_BYTES = 4_000_000  # of a message from the page
+_TYPES = {"f4": "<f4", "f8": "<f8", "u1": "<u1", "u4": "<u4", "i4": "<i4"}
+_WORD = 8  # bytes to which arrays are aligned
+
+Message: TypeAlias = "str | bytes"
+
+
+class Refused(Exception):
+    """A request of the page that is refused, with the place of the problem in its document."""
+
+    def __init__(
+        self, text: str, *, layer: str = "", id: str = "", group: str = "", key: str = ""
+    ) -> None:
+        super().__init__(text)
+        self.text = text
+        self.place = {"layer": layer, "id": id, "group": group, "key": key}
+
+    def entry(self) -> dict[str, str]:
+        """Entry in the errors of a document."""
+        return {"text": self.text} | {name: one for name, one in self.place.items() if one}
+
+
+def text_message(type: str, /, **content: Any) -> str:
+    """Text message of a type. Numbers that are not finite become null."""
+    return _json({"type": type, **content})
+
+
+def binary_message(type: str, /, arrays: Mapping[str, np.ndarray], **content: Any) -> bytes:
+    """Binary message of a type, with arrays by name."""
+    known, parts, offset = [], [], 0
+    for name, array in arrays.items():
+        kind = f"{array.dtype.kind}{array.dtype.itemsize}"
+        data = np.ascontiguousarray(array, _TYPES[kind]).tobytes()
+        known.append({"name": name, "dtype": kind, "shape": [*array.shape], "offset": offset})
+        parts.append(data + bytes(-len(data) % _WORD))
+        offset += len(parts[-1])
+    header = _json({"type": type, **content, "arrays": known}).encode()
+    header += b" " * (-(len(header) + 4) % _WORD)
+    return b"".join([struct.pack("<I", len(header)), header, *parts])
+
+
+def read_message(text: str) -> dict[str, Any]:
+    """Message of a page; Refused for anything but an object with a type and plain numbers."""
+    try:
+        found = json.loads(text, parse_constant=_no_number, parse_float=_finite)
+    except (ValueError, RecursionError):
+        raise Refused("not JSON") from None
+    if not isinstance(found, dict) or not isinstance(found.get("type"), str):
+        raise Refused("not a message with a type")
+    return found
+
+
+def _no_number(token: str) -> float:
+    raise ValueError(f"{token} is no number of JSON")
+
+
+def _finite(token: str) -> float:
+    """Number of a token, unless it is too large for one."""
+    value = float(token)
+    if not math.isfinite(value):
+        raise ValueError(f"{token} is too large")
+    return value
+
+
+def _json(content: Any) -> str:
+    return json.dumps(_plain(content), allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+
+
+def _plain(value: Any) -> Any:
+    """Content in types of JSON; None for numbers that are not finite."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

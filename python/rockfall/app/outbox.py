@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Messages that wait for a page: a slow one gets the latest results, not a queue of old ones."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+
+from rockfall.app.messages import Message
+
+#: Kinds of messages that make waiting ones of some kinds pointless.
+REPLACED = {
+    "batch": ("batch",), "state": ("state", "batch", "trajectories"),
+    "trajectories": ("trajectories",), "terrain": ("terrain",), "progress": ("progress",),
+}  # fmt: skip
+
+
+class Outbox:
+    """A queue that is filled from any thread, and emptied in an event loop."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop, self._waiting = loop, deque[tuple[str, Message]]()
+        self._filled = asyncio.Event()
+
+    def put(self, kind: str, message: Message) -> None:
+        """Add a message. Further trajectories of a run (kind "more") replace none."""
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._put, kind, message)
+
+    def _put(self, kind: str, message: Message) -> None:
+        stale = REPLACED.get(kind, ())
+        if "trajectories" in stale:
+            stale = (*stale, "more")
+        self._waiting = deque(one for one in self._waiting if one[0] not in stale)
+        self._waiting.append((kind, message))
+        self._filled.set()
+
+    async def get(self) -> Message:
+        """Next message, once there is one."""
+        while not self._waiting:
+            self._filled.clear()
+            await self._filled.wait()
+        return self._waiting.popleft()[1]

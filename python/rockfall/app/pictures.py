@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Terrain and results as messages for the page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import line_statistics
+from rockfall.analysis.lines.values import line_names, line_values
+from rockfall.analysis.model_limits import model_remarks
+from rockfall.app.messages import binary_message
+from rockfall.case import Case
+from rockfall.io.arrays import grid_of
+from rockfall.io.crs import crs_name
+from rockfall.io.grid import Grid
+from rockfall.plots.cartography.rasters import cropped, merged
+from rockfall.plots.cartography.relief import shade
+from rockfall.plots.extent import of_none
+from rockfall.quantities import QUANTITIES
+from rockfall.result.classes import shown_as
+from rockfall.result.samples import has_rows, simulated
+from rockfall.result.trajectories import POINTS, Trajectory, ended
+from rockfall.result.variables import EXCEEDED, MAP, STATUS
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from rockfall.io.zone_table import Zone
+    from rockfall.scene.scene import Scene
+
+SHOWN = ("speed", "energy_total", "passing_height")  # quantities at lines
+NUMBERS = ("mean", "q50", "q95")
+MAX_HEIGHTS, MAX_SHADE = 1001, 2001  # cells along a side, for the view in 3-D and the map
+MAX_OVERLAY = 1001
+MAX_TRAJECTORIES = 1000
+MAX_STOPS, MAX_SOURCES, MAX_TREES = 5000, 20_000, 20_000
+BINS = 20
+THINNED = 4  # a drawn trajectory has every fourth point of its parabolas
+WIDE = 100.0  # ratio of the largest value of a map to its smallest, from which its scale is log
+BY_SOURCE = ("sources", "reach_probability_by_source")  # maps for which runs go source by source
+
+
+class View(NamedTuple):
+    """What is shown besides statistics."""
+
+    map: str = ""
+    trajectories: int = 100
+
+
+class Ground:
+    """Terrain as the page has it: heights and hillshade, both thinned."""
+
+    def __init__(self, z: np.ndarray, grid: Grid) -> None:
+        extent = grid.west, grid.east, grid.south, grid.north
+        self.full = grid
+        self.heights, self.grid = cropped(z, grid, False, extent, np.add, MAX_HEIGHTS)
+        z, self.shade_grid = cropped(z, grid, False, extent, np.add, MAX_SHADE)
+        self.shade = np.where(np.isnan(z), 0, 1 + 254 * shade(z, self.shade_grid.cell))
+
+    @property
+    def step(self) -> int:
+        """Number of cells along the side of one of the hillshade."""
+        return round(self.shade_grid.cell / self.full.cell)
+
+    def message(self) -> bytes:
+        """Message `terrain`."""
+        grid, known = self.grid, self.heights[np.isfinite(self.heights)]
+        low, high = (known.min(), known.max()) if known.size else (np.nan, np.nan)
+        return binary_message(
+            "terrain",
+            {"heights": self.heights.astype("f4"), "shade": self.shade.astype("u1")},
+            west=grid.west, north=grid.north, cell=grid.cell, nx=grid.nx, ny=grid.ny,
+            crs=crs_name(self.full.crs) if self.full.crs else "", z_min=float(low),
+            z_max=float(high), full_cell=self.full.cell, full_nx=self.full.nx,
+            full_ny=self.full.ny, shade_cell=self.shade_grid.cell,
+        )  # fmt: skip
+
+    def relative(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Places (n, 2) from the south-western corner of the heights [m]."""
+        return np.column_stack([x - self.grid.west, y - self.grid.south])
+
+
+def background_message(
+    scene: Scene, zones: dict[int, Zone], sources: bool, ground: Ground
+) -> bytes:
+    """Message `background`: what of a case is no feature of its document. `zones` are the rows of
+    its raster of zones; `sources`: whether it has others than drawn ones."""
+    arrays: dict[str, np.ndarray] = {}
+    known, rows = [], scene.rasters.zone
+    if zones and rows is not None and len(zones) < 256:
+        row, column = (
+            (np.arange(n) * ground.step + ground.step // 2).clip(max=size - 1)
+            for n, size in zip(ground.shade.shape, rows.shape, strict=True)
+        )
+        arrays["zones"] = rows[np.ix_(row, column)].astype("u1")
+        known = [
+            {"value": k, "name": zone.name or str(id)}
+            for k, (id, zone) in enumerate(zones.items(), start=1)
+        ]
+    if sources:
+        arrays["sources"] = _sample(MAX_SOURCES, scene.x, scene.y)
+    if scene.trees is not None:
+        arrays["trees"] = _sample(MAX_TREES, scene.trees.x, scene.trees.y, scene.trees.dbh)
+    number = {"sources": scene.x.size if sources else 0, "trees": 0}
+    if scene.trees is not None:
+        number["trees"] = len(scene.trees.x)
+    return binary_message("background", arrays, zones=known, **number)
+
+
+def _sample(most: int, *columns: np.ndarray) -> np.ndarray:
+    """At most this number of rows of columns, evenly selected."""
+    step = max(1, -(-len(columns[0]) // most))
+    return np.column_stack([one[::step] for one in columns]).astype("f8")
+
+
+def map_choices(names: Sequence[str]) -> list[dict[str, str]]:
+    """Maps that can be shown, of these."""
+    import xarray as xr
+
+    found = []
+    for name in names:
+        if name not in EXCEEDED:
+            values = np.zeros(0, "i4" if MAP[name]["units"] == "1" and _counts(name) else "f4")
+            unit, _ = shown_as(xr.DataArray(values, attrs=MAP[name], name=name))
+            found.append({"name": name, "label": MAP[name]["long_name"], "unit": unit})
+    return found
+
+
+def _counts(name: str) -> bool:
+    """Return True for a map of numbers of boulders, sources or hits."""
+    return name in ("passages", "deposits", "sources", "tree_impacts", "hits")
+
+
+def batch_message(
+    result: xr.Dataset, case: Case, shown: str, ground: Ground, **about: Any
+) -> bytes:
+    """Message `batch` of the results so far, with the map of a name if there is one."""
+    warnings = [one.text for one in model_remarks(result, case) if one.is_warning]
+    statistics = line_statistics(result, quantities=SHOWN)
+    arrays = _stops(result, ground)
+    overlay = None
+    if shown and shown in result:
+        overlay, arrays["overlay"] = _overlay(result, shown)
+    return binary_message(
+        "batch", arrays, **about, warnings=warnings, ended=ended(result), statuses=STATUS,
+        lines=_lines(result, statistics), overlay=overlay,
+    )  # fmt: skip
+
+
+def _stops(result: xr.Dataset, ground: Ground) -> dict[str, np.ndarray]:
+    """Places and statuses of the ends of a sample of boulders, evenly selected."""
+    if not has_rows(result):
+        return {"stops": np.zeros((0, 2), "f4"), "stop_status": np.zeros(0, "u1")}
+    step = -(-result.sizes["boulder"] // MAX_STOPS)
+    x, y, status = (result[name].values[::step] for name in ("stop_x", "stop_y", "status"))
+    places = ground.relative(x, y).astype("f4")
+    return {"stops": places, "stop_status": status.astype("u1")}
+
+
+def _overlay(result: xr.Dataset, shown: str) -> tuple[dict[str, Any], np.ndarray]:
+    """A map in its shown unit, thinned by maxima; NaN where no boulder passed."""
+    data = result[shown]
+    (unit, factor), (grid, flipped) = shown_as(data), grid_of(data)
+    values = data.values[::-1] if flipped else data.values
+    values = np.where(values > of_none(result, shown), values * factor, np.nan).astype("f4")
+    step = int(max(values.shape) / MAX_OVERLAY) + 1
+    values = merged(values, step, np.fmax)
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    about = {
+        "name": shown, "label": MAP[shown]["long_name"], "unit": unit, "west": grid.west,
+        "north": grid.north, "cell": grid.cell * step, "low": low, "high": high,
+        "scale": "log" if low > 0 and high > WIDE * low else "linear",
+    }  # fmt: skip
+    return about, values
+
+
+def _lines(result: xr.Dataset, statistics: pd.DataFrame) -> list[dict[str, Any]]:
+    """Statistics of each line, in shown units; null where the package withholds them."""
+    found = []
+    names = line_names(result)
+    height = result["barrier_height"].values if "barrier_height" in result else None
+    for k, name in enumerate(names):
+        rows = statistics.iloc[k * len(SHOWN) : (k + 1) * len(SHOWN)].to_dict("records")
+        barrier = height is not None and np.isfinite(height[k])
+        first = rows[0]
+        found.append({
+            "name": name, "kind": "barrier" if barrier else "line", "n": int(first["n"]),
+            "fraction": [first[f"fraction{end}"] for end in ("", "_low", "_high")],
+            "quantities": {row["quantity"]: _numbers(result, k, row) for row in rows},
+        })  # fmt: skip
+    return found
+
+
+def _numbers(result: xr.Dataset, line: int, row: dict[str, Any]) -> dict[str, Any]:
+    """Numbers of a quantity at a line, and its histogram."""
+    about = QUANTITIES[row["quantity"]]
+    withheld, factor = str(row["withheld"]).split(", "), about.factor
+    found: dict[str, Any] = {
+        "label": about.label, "unit": about.unit, "factor": factor, "decimals": about.decimals,
+        "max": factor * row["max"],
+    }  # fmt: skip
+    for name in NUMBERS:
+        shown = name not in withheld
+        limits = [factor * row[f"{name}{end}"] if shown else None for end in ("", "_low", "_high")]
+        found[name] = limits
+    counts, edges = _histogram(result, line, row["quantity"])
+    return found | {"counts": counts, "edges": factor * edges}
+
+
+def _histogram(result: xr.Dataset, line: int, quantity: str) -> tuple[np.ndarray, np.ndarray]:
+    """Counts in equal bins from 0, or the minimum if negative, to the maximum; none without rows
+    of the boulders that passed."""
+    if result.sizes["boulder"] < simulated(result):
+        return np.zeros(0, int), np.zeros(0)
+    values = line_values(result, quantity, line)
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return np.zeros(0, int), np.zeros(0)
+    low, high = min(0.0, float(values.min())), float(values.max())
+    return np.histogram(values, BINS, (low, high if high > low else low + 1.0))
+
+
+def trajectory_message(
+    some: Sequence[Trajectory], mass: np.ndarray, ground: Ground, **about: Any
+) -> bytes:
+    """Message `trajectories`; `mass` is that of each boulder [kg]."""
+    points = [_points(one, ground) for one in some]
+    first = np.cumsum([0, *map(len, points)])
+    arrays = {
+        "points": np.concatenate([np.zeros((0, 5)), *points]).astype("f4"),
+        "first": first.astype("u4"),
+        "boulder": np.array([one.boulder for one in some], "u4"),
+        "mass": mass.astype("f4"),
+    }
+    return binary_message("trajectories", arrays, **about, count=len(some))
+
+
+def _points(path: Trajectory, ground: Ground) -> np.ndarray:
+    """Points (n, 5) of a trajectory: x, y, z, time and speed."""
+    number = np.arange(path.x.size)
+    chosen = (number % POINTS % THINNED == 0) & (number % POINTS < POINTS - 1)
+    chosen[-1] = True
+    plan = ground.relative(path.x[chosen], path.y[chosen])
+    return np.column_stack([plan, path.z[chosen], path.time[chosen], path.speed[chosen]])
+
+
+def masses(result: xr.Dataset, boulders: Sequence[int], density: np.ndarray) -> np.ndarray:
+    """Mass of boulders by their numbers [kg]; NaN without rows. `density` is that of the case, and
+    of each feature of its sources, if these have one."""
+    known = result["boulder"].values
+    order = np.argsort(known)
+    place = np.searchsorted(known, boulders, sorter=order).clip(max=max(known.size - 1, 0))
+    if not known.size:
+        return np.full(len(boulders), np.nan)
+    row = order[place]
+    feature = np.zeros(row.size, int)
+    if density.size > 1 and "source_feature" in result:
+        feature = result["source_feature"].values[row]
+    mass = result["volume"].values[row] * density[feature]
+    return np.where(known[row] == boulders, mass, np.nan)

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Place of an error or a warning in the document."""
+
+from __future__ import annotations
+
+import re
+
+from rockfall.app.document import Document, Site
+from rockfall.app.forms import Form
+from rockfall.scene.frames import GROUPS
+
+_LAYER = re.compile(r"(lines|barriers|dams|zones|sources)(?: = \(GeoDataFrame\))?(?:: )?")
+_FEATURE = re.compile(r"feature (\d+)(?:: )?")
+_GROUP = re.compile(r"&(\w+)")
+_KEY = re.compile(r"\s*,?\s*(\w+)(?= = | is | must|:)")
+_LAYERS = {group: layer for layer, group in GROUPS.items()}
+
+
+def entry_of(text: str, site: Site, document: Document) -> dict[str, str]:
+    """Entry for the page of an error: its text without names of files, and its layer and feature,
+    or its group and key."""
+    text = without_files(text, site)
+    found: dict[str, str] = {}
+    rest = text
+    if match := _LAYER.match(rest):
+        found["layer"], rest = match[1], rest[match.end() :]
+        if number := _FEATURE.match(rest):
+            rest = rest[number.end() :]
+            features = document.layers.get(match[1], [])
+            if 0 < int(number[1]) <= len(features):
+                found["id"] = features[int(number[1]) - 1].id
+        text = rest or text
+        rest = _GROUP.sub("", rest, count=1)
+        form = site.layer_forms.get(match[1], {})
+    elif match := _GROUP.match(rest):
+        group, rest = match[1], rest[match.end() :]
+        if group in _LAYERS:
+            found["layer"] = _LAYERS[group]
+            found |= _named(rest, document, found["layer"])
+            form = site.layer_forms.get(found["layer"], {})
+        else:
+            found["group"] = group
+            form = site.settings_forms.get(group, {})
+    else:
+        return {"text": text}
+    return {"text": text, **found, **_key(rest, form)}
+
+
+def _key(text: str, form: Form) -> dict[str, str]:
+    """First key or attribute of a form that a text names."""
+    match = _KEY.match(text)
+    return {"key": match[1]} if match and match[1] in form else {}
+
+
+def _named(text: str, document: Document, layer: str) -> dict[str, str]:
+    """Feature of the name that a text begins with."""
+    match = re.match(r" name = '([^']*)'", text)
+    for one in document.layers.get(layer, []):
+        if match and one.properties.get("name") == match[1]:
+            return {"id": one.id}
+    return {}
+
+
+def without_files(text: str, site: Site) -> str:
+    """Text without the name of the case, and without the folder of files."""
+    text = text.removeprefix(f"{site.case_name}: ")
+    return text.replace(f"{site.folder}/", "").replace(f"{site.file.parent}/", "")

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files opened before, in the user's folder for states of programs."""
+
+from __future__ import annotations
+
+import json
+import os
+from contextlib import suppress
+from pathlib import Path
+
+from rockfall.errors import RockfallError
+from rockfall.io.files import atomic_write
+
+MOST = 10
+
+
+def recent_files() -> list[Path]:
+    """Files opened before that still exist, the latest first."""
+    try:
+        found = json.loads(_file().read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return []
+    known = found if isinstance(found, list) else []
+    return [Path(one) for one in known if isinstance(one, str) and os.path.isfile(one)][:MOST]
+
+
+def note_recent(path: Path) -> None:
+    """Put a file first in the list. The list is a convenience: where it cannot be written, as in a
+    home that is read-only, there is none, and nothing else is amiss."""
+    path = path.absolute()
+    files = [path, *(one for one in recent_files() if one != path)][:MOST]
+    with suppress(OSError, RockfallError):
+        _file().parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(_file()) as part:
+            part.write_text(json.dumps([str(one) for one in files]), encoding="utf-8")
+
+
+def _file() -> Path:
+    home = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
+    return Path(home) / "rockfall" / "recent.json"

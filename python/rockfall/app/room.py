@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The opened file and the pages that look at it: the first of them writes, the others read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from threading import RLock
+from typing import Any, TypeAlias
+
+from rockfall.app.document import Document
+from rockfall.app.exhibit import Exhibit
+from rockfall.app.features import MAX_FEATURES, MAX_VERTICES
+from rockfall.app.forms import Form
+from rockfall.app.live import Live
+from rockfall.app.messages import MAX_BYTES, Message, Refused, read_message, text_message
+from rockfall.app.opening import is_result, open_site
+from rockfall.app.pictures import MAX_TRAJECTORIES, View, map_choices
+from rockfall.app.places import without_files
+from rockfall.app.recent import note_recent, recent_files
+from rockfall.app.saving import Exists, check_free, check_name, save
+from rockfall.app.tasks import EXPORT, REPORT, Task, outputs
+from rockfall.errors import RockfallError
+from rockfall.language import LANGUAGES, say, speaking, texts_of
+from rockfall.result.dataset import read_result
+from rockfall.version import __version__
+
+MAX_REVISION = 2**53  # up to which numbers of JSON are exact in a browser
+KEPT = ("terrain", "background", "state", "batch", "trajectories")  # sent to a page that enters
+
+Shown: TypeAlias = "Live | Exhibit"
+
+
+class Client:
+    """A page: where messages to it go."""
+
+    def __init__(self, send: Callable[[str, Message], None]) -> None:
+        self.send, self.language = send, LANGUAGES[0]
+
+
+class Room:
+    """An opened file, its live run, and the pages. Methods may be called from any thread."""
+
+    def __init__(self, path: Path | None, language: str = "") -> None:
+        if language and language not in LANGUAGES:
+            raise RockfallError(f"--language {language}: must be one of {', '.join(LANGUAGES)}")
+        self._language, self._lock = language, RLock()
+        self._clients: list[Client] = []
+        self._writer: Client | None = None
+        self._last: dict[str, list[Message]] = {}  # messages of the kinds KEPT
+        self._shown: Shown | None = None
+        self._task: Task | None = None
+        if path is not None:
+            self._open(path)
+
+    @property
+    def is_empty(self) -> bool:
+        """Return True if no page is there."""
+        return not self._clients
+
+    def close(self) -> None:
+        """End the live run, and what else goes on."""
+        if self._task is not None:
+            self._task.cancel()
+            self._task.wait()
+        if self._shown is not None:
+            self._shown.close()
+
+    def enter(self, client: Client, hello: dict[str, Any]) -> None:
+        """Welcome a page, and send it what the others have."""
+        with self._lock:
+            wish = hello.get("language")
+            client.language = self._language or (wish if wish in LANGUAGES else LANGUAGES[0])
+            self._clients.append(client)
+            if self._writer is None:
+                self._writer = client
+            if self._shown is not None and self._writer is client:
+                self._shown.language = client.language
+            self._welcome(client)
+
+    def leave(self, client: Client) -> None:
+        """Forget a page; the next one may write."""
+        with self._lock:
+            if client in self._clients:
+                self._clients.remove(client)
+            if self._writer is client:
+                self._writer = None
+                if self._clients:
+                    self._set_writer(self._clients[0])
+
+    def take(self, client: Client, text: str) -> None:
+        """Do what a page asks for, or tell it why not."""
+        with speaking(client.language):
+            task = ""
+            try:
+                message = read_message(text)
+                task = message["type"][:40]
+                self._take(client, message)
+            except (Refused, RockfallError) as error:
+                about = error.entry() if isinstance(error, Refused) else self._entry(error)
+                about |= {"task": task, "exists": isinstance(error, Exists)}  # type: ignore[dict-item]
+                client.send("refused", text_message("refused", **about))
+
+    def _entry(self, error: RockfallError) -> dict[str, str]:
+        text = str(error)
+        return {"text": without_files(text, self._shown.site) if self._shown else text}
+
+    def _take(self, client: Client, message: dict[str, Any]) -> None:
+        kind = message["type"]
+        if kind == "take_over":
+            with self._lock:
+                self._set_writer(client)
+            return
+        if kind not in _ACTIONS:
+            raise Refused(say("app.server_unknown", name=kind[:40]))
+        if client is not self._writer:
+            raise Refused(say("app.server_reader"))
+        _ACTIONS[kind](self, message)
+
+    def _set_writer(self, client: Client) -> None:
+        """Let a page write, which gets the document as the one before left it."""
+        before, self._writer = self._writer, client
+        if before is not None and before is not client:
+            before.send("role", text_message("role", writer=False))
+        if self._shown is not None:
+            self._shown.language = client.language
+            content = self._shown.document.content()
+            about = {"document": content, "revision": self._shown.revision}
+            client.send("document", text_message("document", **about))
+        client.send("role", text_message("role", writer=True))
+
+    def _open(self, path: Path) -> None:
+        """Open a file, in place of the one before."""
+        if not path.is_file():
+            raise RockfallError(f"{path}: no such file")
+        language = self._writer.language if self._writer else self._language or LANGUAGES[0]
+        shown: Shown
+        if is_result(path):
+            shown = Exhibit(read_result(path), path, self._send)
+        else:
+            shown = Live(*open_site(path), self._send, language)
+        note_recent(path)
+        before = self._shown
+        if before is not None:
+            before.close()
+        with self._lock:
+            self._last.clear()
+            self._shown = shown
+            for client in self._clients:
+                self._welcome(client)
+        shown.start()
+
+    def _send(self, kind: str, message: Message) -> None:
+        """Send to all pages, and keep for those that come later."""
+        with self._lock:
+            if kind == "more":
+                self._last.setdefault("trajectories", []).append(message)
+            elif kind in KEPT:
+                self._last[kind] = [message]
+            if kind == "state":
+                self._last.pop("batch", None)
+                self._last.pop("trajectories", None)
+            for client in self._clients:
+                client.send(kind, message)
+
+    def _welcome(self, client: Client) -> None:
+        """Send a page all that it needs to know."""
+        recent = [{"name": one.name, "folder": str(one.parent)} for one in recent_files()]
+        limits = {
+            "features": MAX_FEATURES, "vertices": MAX_VERTICES, "bytes": MAX_BYTES,
+            "trajectories": MAX_TRAJECTORIES,
+        }  # fmt: skip
+        about = {
+            "writer": client is self._writer, "version": __version__, "recent": recent,
+            "language": client.language, "languages": LANGUAGES, "limits": limits,
+            "texts": texts_of(client.language, "app"),
+        }  # fmt: skip
+        client.send("welcome", text_message("welcome", **about, **about_shown(self._shown)))
+        for kind in KEPT:
+            for message in self._last.get(kind, []):
+                client.send("kept", message)
+
+    def _edit(self, message: dict[str, Any]) -> None:
+        revision = message.get("revision")
+        layers, settings = message.get("layers", {}), message.get("settings", {})
+        if type(revision) is not int or not 0 < revision <= MAX_REVISION:
+            raise Refused(say("app.server_wrong_type", name="revision"))
+        if not isinstance(layers, dict) or not isinstance(settings, dict):
+            raise Refused(say("app.server_wrong_type", name="edit"))
+        self._live().edit(revision, layers, settings)
+
+    def _view(self, message: dict[str, Any]) -> None:
+        name, number = message.get("map", ""), message.get("trajectories", 0)
+        if self._shown is None:
+            raise Refused(say("app.server_nothing_open"))
+        if not isinstance(name, str) or name not in ("", *self._shown.maps):
+            raise Refused(say("app.server_wrong_type", name="map"))
+        if type(number) is not int or not 0 <= number <= MAX_TRAJECTORIES:
+            raise Refused(say("app.server_wrong_type", name="trajectories"))
+        self._shown.look(View(name, number))
+
+    def _run(self, running: bool) -> None:
+        self._live().run(running)
+
+    def _save(self, message: dict[str, Any], others: Callable[[str], list[str]]) -> str:
+        """Save the document, and return its name; `others` are further files that are written under
+        a name, which are checked before."""
+        live, overwrite = self._live(), message.get("overwrite", False)
+        name = check_name(message.get("name"))
+        if not isinstance(overwrite, bool):
+            raise Refused(say("app.server_wrong_type", name="overwrite"))
+        document, revision = live.latest()
+        check_free(live.site.folder, others(name), overwrite)
+        files = save(live.site, document, name, overwrite)
+        note_recent(files[0])
+        names = [one.name for one in files]
+        self._send("saved", text_message("saved", files=names, document_revision=revision))
+        return name
+
+    def _start_task(self, message: dict[str, Any]) -> None:
+        kind, live = message["type"], self._live()
+        with self._lock:
+            if self._task is not None:
+                raise Refused(say("app.server_busy"))
+            name = self._save(message, lambda name: outputs(kind, name))
+            was_running, self._task = live.running, Task(
+                kind, live.site, name, message.get("overwrite", False), live.language,
+                self._send, lambda: self._end_task(live, was_running),
+            )  # fmt: skip
+            live.run(False)
+            self._task.start()
+
+    def _end_task(self, live: Live, was_running: bool) -> None:
+        with self._lock:
+            self._task = None
+        live.run(was_running)
+
+    def _cancel(self) -> None:
+        if (task := self._task) is not None:
+            task.cancel()
+
+    def _open_recent(self, message: dict[str, Any]) -> None:
+        index, files = message.get("index"), recent_files()
+        if type(index) is not int or not 0 <= index < len(files):
+            raise Refused(say("app.server_wrong_type", name="index"))
+        if self._task is not None:
+            raise Refused(say("app.server_busy"))
+        self._open(files[index])
+
+    def _live(self) -> Live:
+        if self._shown is None:
+            raise Refused(say("app.server_nothing_open"))
+        if not isinstance(self._shown, Live):
+            raise Refused(say("app.server_result"))
+        return self._shown
+
+
+def about_shown(shown: Shown | None) -> dict[str, Any]:
+    """Part of the welcome that depends on the opened file."""
+    if shown is None:
+        return {
+            "mode": "start", "title": "", "file": "", "folder": "", "revision": 0, "maps": [],
+            "document": Document().content(), "forms": {"settings": {}, "layers": {}},
+            "view": View("", 0)._asdict(),
+        }  # fmt: skip
+    site, document = shown.site, shown.document
+    return {
+        "mode": site.mode, "title": document.settings.get("case", {}).get("title", ""),
+        "file": site.file.name, "folder": str(site.folder), "revision": shown.revision,
+        "maps": map_choices(shown.maps), "document": document.content(),
+        "forms": {"settings": _forms(site.settings_forms), "layers": _forms(site.layer_forms)},
+        "view": shown.view._asdict(),
+    }  # fmt: skip
+
+
+def _forms(forms: dict[str, Form]) -> dict[str, list[dict[str, Any]]]:
+    return {name: [field.about() for field in form.values()] for name, form in forms.items()}
+
+
+_ACTIONS: dict[str, Callable[[Room, dict[str, Any]], object]] = {
+    "edit": Room._edit,
+    "view": Room._view,
+    "run": lambda room, _: room._run(True),
+    "stop": lambda room, _: room._run(False),
+    "save": lambda room, message: room._save(message, lambda _: []),
+    REPORT: Room._start_task,
+    EXPORT: Room._start_task,
+    "cancel": lambda room, _: room._cancel(),
+    "open_recent": Room._open_recent,
+}

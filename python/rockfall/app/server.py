@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Local server of the page: its files, and a websocket for everything else.
+
+Only this machine and only this page get in: the socket is bound to 127.0.0.1, Host and Origin must
+be ours, and the first message must have the key, which the URL has in its fragment. A cookie would
+be shared by all ports of 127.0.0.1. The page opens no path.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import socket
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rockfall.app.messages import MAX_BYTES, Message, Refused, read_message
+from rockfall.app.outbox import Outbox
+from rockfall.app.room import Client, Room
+from rockfall.errors import RockfallError
+
+if TYPE_CHECKING:
+    from starlette.applications import Starlette
+    from starlette.types import ASGIApp, Receive, Scope
+    from starlette.types import Send as Sends
+    from starlette.websockets import WebSocket
+
+HOST = "127.0.0.1"
+PAGE = Path(__file__).with_name("page")
+FILES = {  # of the page, by path
+    "/": ("index.html", "text/html"), "/app.js": ("app.js", "text/javascript"),
+    "/app.css": ("app.css", "text/css"), "/licences.txt": ("licences.txt", "text/plain"),
+}  # fmt: skip
+HELLO_SECONDS = 5.0  # for the first message
+GRACE_SECONDS = 10.0  # after the last page has closed, for a reload
+WRONG_KEY = 4401  # code with which a socket is closed
+
+
+def bind(port: int) -> socket.socket:
+    """Socket on this machine only; port 0: any that is free."""
+    found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        found.bind((HOST, port))
+    except (OSError, OverflowError) as error:
+        found.close()
+        reason = getattr(error, "strerror", None) or error
+        raise RockfallError(f"--port {port}: cannot be used: {reason}") from error
+    return found
+
+
+def check_page(page: Path) -> None:
+    """Refuse to go on without the page, which is built and not stored."""
+    if not (page / "app.js").is_file():
+        raise RockfallError("the page of the window has not been built: `./run page` builds it")
+
+
+class Server:
+    """Server of one room, on a bound socket, until the last page has closed."""
+
+    def __init__(
+        self, room: Room, bound: socket.socket, *, page: Path = PAGE, keep: bool = False,
+        grace: float = GRACE_SECONDS,
+    ) -> None:  # fmt: skip
+        import uvicorn
+
+        check_page(page)
+        self._room, self._bound, self._keep, self._grace = room, bound, keep, grace
+        self.port, self.key = bound.getsockname()[1], secrets.token_urlsafe(24)
+        self._left: asyncio.TimerHandle | None = None
+        app = _Guard(self._app(page), self.port)
+        config = uvicorn.Config(
+            app, log_level="error", access_log=False, lifespan="off", server_header=False,
+            date_header=False, ws="websockets-sansio", ws_max_size=MAX_BYTES,
+            ws_per_message_deflate=False, timeout_graceful_shutdown=1,
+        )  # fmt: skip
+        self._server = uvicorn.Server(config)
+
+    @property
+    def url(self) -> str:
+        """Address of the page, with the key in its fragment, which browsers send to nobody."""
+        return f"http://{HOST}:{self.port}/#key={self.key}"
+
+    def run(self, ready: Callable[[], None] = lambda: None) -> None:
+        """Serve until the last page has closed, or until stopped; `ready` is called before."""
+        self._bound.listen()
+        ready()
+        try:
+            self._server.run(sockets=[self._bound])
+        finally:
+            self._room.close()
+            self._bound.close()
+
+    def stop(self) -> None:
+        """Stop serving; may be called from any thread."""
+        self._server.should_exit = True
+
+    def _app(self, page: Path) -> Starlette:
+        from starlette.applications import Starlette
+        from starlette.requests import Request
+        from starlette.responses import Response
+        from starlette.routing import Route, WebSocketRoute
+
+        def served(file: str, kind: str) -> Callable[[Request], Response]:
+            def respond(_: Request) -> Response:
+                return Response((page / file).read_bytes(), media_type=kind)
+
+            return respond
+
+        there = {path: one for path, one in FILES.items() if (page / one[0]).is_file()}
+        routes = [Route(path, served(*one), methods=["GET"]) for path, one in there.items()]
+        return Starlette(routes=[*routes, WebSocketRoute("/live", self._live)])
+
+    async def _live(self, socket: WebSocket) -> None:
+        """Talk to a page."""
+        from starlette.websockets import WebSocketDisconnect
+
+        await socket.accept()
+        try:
+            hello = await self._hello(socket)
+            if hello is None:
+                await socket.close(WRONG_KEY)
+                return
+            await self._serve(socket, hello)
+        except WebSocketDisconnect:
+            pass
+
+    async def _hello(self, socket: WebSocket) -> dict[str, Any] | None:
+        """First message, if it has the key."""
+        try:
+            given = read_message(await asyncio.wait_for(_text(socket), HELLO_SECONDS))
+        except (TimeoutError, Refused):
+            return None
+        key = given.get("key")
+        known = isinstance(key, str) and secrets.compare_digest(key.encode(), self.key.encode())
+        return given if known and given["type"] == "hello" else None
+
+    async def _serve(self, socket: WebSocket, hello: dict[str, Any]) -> None:
+        """Pass messages both ways until the page closes."""
+        outbox = Outbox(asyncio.get_running_loop())
+        client = Client(outbox.put)
+        if self._left is not None:
+            self._left.cancel()
+            self._left = None
+        sender = asyncio.ensure_future(_send_all(socket, outbox))
+        try:
+            await asyncio.to_thread(self._room.enter, client, hello)
+            while True:
+                text = await _text(socket)
+                await asyncio.to_thread(self._room.take, client, text)
+        finally:
+            sender.cancel()
+            await asyncio.shield(asyncio.to_thread(self._room.leave, client))
+            if not self._keep and self._room.is_empty:
+                loop = asyncio.get_running_loop()
+                self._left = loop.call_later(self._grace, self.stop)
+
+
+async def _text(socket: WebSocket) -> str:
+    """Next message of a page as text; those in bytes are not JSON."""
+    from starlette.websockets import WebSocketDisconnect
+
+    message = await socket.receive()
+    if message["type"] == "websocket.disconnect":
+        raise WebSocketDisconnect(message.get("code", 1000))
+    return message.get("text") or ""
+
+
+async def _send_all(socket: WebSocket, outbox: Outbox) -> None:
+    """Send messages as fast as the page takes them."""
+    while True:
+        message: Message = await outbox.get()
+        if isinstance(message, str):
+            await socket.send_text(message)
+        else:
+            await socket.send_bytes(message)
+
+
+class _Guard:
+    """Lets in requests of this page only, and adds headers to what is sent."""
+
+    def __init__(self, app: ASGIApp, port: int) -> None:
+        self._app = app
+        self._hosts = {f"{name}:{port}".encode() for name in (HOST, "localhost")}
+        sockets = " ".join(f"ws://{one.decode()}" for one in sorted(self._hosts))
+        policy = (
+            "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+            f"connect-src {sockets}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        )
+        self._headers = [
+            (name.encode(), value.encode())
+            for name, value in {
+                "content-security-policy": policy, "x-content-type-options": "nosniff",
+                "referrer-policy": "no-referrer", "cache-control": "no-store",
+                "cross-origin-opener-policy": "same-origin",
+                "cross-origin-resource-policy": "same-origin",
+            }.items()
+        ]  # fmt: skip
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Sends) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            return
+        socket = scope["type"] == "websocket"
+        if not self._admits(scope["headers"], socket):
+            if socket:
+                await send({"type": "websocket.close", "code": 1008})  # 403 before it is accepted
+                return
+            headers = [*self._headers, (b"content-type", b"text/plain")]
+            await send({"type": "http.response.start", "status": 403, "headers": headers})
+            await send({"type": "http.response.body", "body": b"forbidden"})
+            return
+
+        async def with_headers(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message["headers"], *self._headers]
+            await send(message)
+
+        await self._app(scope, receive, with_headers)
+
+    def _admits(self, headers: list[tuple[bytes, bytes]], socket: bool) -> bool:
+        """Return True for our Host and, which a websocket must have, our Origin."""
+        hosts = [value for name, value in headers if name == b"host"]
+        origins = [value for name, value in headers if name == b"origin"]
+        if len(hosts) != 1 or hosts[0] not in self._hosts or len(origins) > 1:
+            return False
+        return origins == [b"http://" + hosts[0]] if origins or socket else True
+
+
+def open_browser(url: str) -> None:
+    """Open the page in the user's browser, if there is one."""
+    webbrowser.open(url)

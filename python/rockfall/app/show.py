@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A result as a page of its own, for Jupyter and for files."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rockfall.app.exhibit import Exhibit
+from rockfall.app.messages import Message
+from rockfall.app.room import about_shown
+from rockfall.app.server import PAGE, check_page
+from rockfall.errors import RockfallError, need
+from rockfall.io.files import atomic_write
+from rockfall.io.output_files import check_output
+from rockfall.language import texts_of
+from rockfall.result.dataset import read_result
+from rockfall.version import __version__
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+HEIGHT = 700  # [pixel] in a notebook
+_STYLE = re.compile(r'<link\b[^>]*href="\.?/?app\.css"[^>]*>')
+_SCRIPT = re.compile(r'<script\b[^>]*src="\.?/?app\.js"[^>]*></script>')
+
+
+def show(result: xr.Dataset | str | Path, language: str = "en") -> View:
+    """View of a result (a Dataset, or its netCDF file), which Jupyter shows: a map with its lines,
+    maps and stops, and trajectories in three dimensions, as `rockfall app` has them.
+
+    Needs the `[app]` extra. A RockfallError if the language is unknown, or the file no result.
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> rockfall.show(result).save("view.html").name
+    'view.html'
+    """
+    need("a view needs", "app", "babel", "shapely")
+    check_page(PAGE)
+    file = Path(result) if isinstance(result, str | Path) else None
+    data: Any = result if file is None else read_result(file)
+    exhibit = Exhibit(data, file)
+    welcome = {
+        "type": "welcome", "writer": False, "version": __version__, "language": language,
+        "languages": [language], "texts": texts_of(language, "app"), "recent": [], "limits": {},
+        **about_shown(exhibit),
+    }  # fmt: skip
+    return View([json.dumps(welcome), *(message for _, message in exhibit.messages())])
+
+
+class View:
+    """A view of a result, from `rockfall.show`."""
+
+    def __init__(self, messages: list[Message]) -> None:
+        held = [
+            json.loads(one) if isinstance(one, str) else base64.b64encode(one).decode()
+            for one in messages
+        ]
+        self._page = _page(json.dumps(held, ensure_ascii=False))
+
+    def _repr_html_(self) -> str:
+        """Frame with the page, for a notebook."""
+        style = f"width: 100%; height: {HEIGHT}px; border: 0"
+        return f'<iframe srcdoc="{html.escape(self._page)}" style="{style}"></iframe>'
+
+    def save(self, path: str | Path) -> Path:
+        """Write the page to a file, which needs nothing else; returns its path."""
+        path = Path(path)
+        check_output(path)
+        with atomic_write(path) as part:
+            part.write_text(self._page, encoding="utf-8")
+        return path
+
+
+def _page(messages: str) -> str:
+    """The page with its script, style and messages inline."""
+    text, script, style = (
+        (PAGE / name).read_text(encoding="utf-8") for name in ("index.html", "app.js", "app.css")
+    )
+    data = f'<script type="text/plain" id="messages">{_inline(messages)}</script>'
+    code = f'{data}<script type="module">{_inline(script)}</script>'
+    text, styles = _STYLE.subn(lambda _: f"<style>{_inline(style)}</style>", text)
+    text, scripts = _SCRIPT.subn("", text)
+    if not (styles and scripts and "</body>" in text):
+        raise RockfallError(f"{PAGE}/index.html: names no app.css and app.js", code=1)
+    return text.replace("</body>", f"{code}</body>")
+
+
+def _inline(text: str) -> str:
+    """Text that ends no element: in scripts and JSON, a slash may be escaped."""
+    return re.sub(r"</(?=script|style)|<!--", lambda found: _ESCAPED[found[0]], text, flags=re.I)
+
+
+_ESCAPED = {"</": "<\\/", "<!--": "<\\!--"}

@@ -1,0 +1,793 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The live window's server: what it lets in, what it runs, and that this is what it saves."""
+
+import base64
+import http.client
+import json
+import os
+import re
+import struct
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("starlette", reason="the app extra is not installed")
+pytest.importorskip("uvicorn", reason="the app extra is not installed")
+client = pytest.importorskip("websockets.sync.client", reason="the app extra is not installed")
+pytest.importorskip("shapely", reason="the vector extra is not installed")
+pytest.importorskip("babel", reason="the report extra is not installed")
+from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
+
+import rockfall  # noqa: E402
+import scenes  # noqa: E402
+from made import make_layer, make_raster  # noqa: E402
+from rockfall.app import exhibit, show  # noqa: E402
+from rockfall.app.document import runnable  # noqa: E402
+from rockfall.app.messages import binary_message  # noqa: E402
+from rockfall.app.opening import open_site  # noqa: E402
+from rockfall.app.room import Room  # noqa: E402
+from rockfall.app.saving import save  # noqa: E402
+from rockfall.app.server import FILES, Server, bind  # noqa: E402
+from rockfall.errors import RockfallError  # noqa: E402
+from same import same_bits  # noqa: E402
+
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
+
+W, N = 600000.0, 5000000.0
+SHOWN = ["speed", "energy_total", "passing_height"]
+CASE = f"""&case title = 'Ünter "dem" Fels', boulders_total = 300, seed = 7, threads = 1 /
+&terrain dem = 'dem.tif' /
+&surface uniform_mean_radius = 0.25 /
+&impact sets = 'sets.nml' /
+&boulder volume = 'normal', volume_mean = 0.8, volume_std = 0.2 /
+&release x = {W + 150}, y = {N - 40}, drop_height = 5.0 /
+&line name = 'L', x = {W}, {W + 300}, y = {N - 250}, {N - 250} /
+&output maps = 'passages', trajectories = 20 /
+"""
+NET = {"name": "Netz 'Nord'", "height": 4.0, "capacity": 2000.0}
+
+
+def point(x, y, id="p1", **properties):
+    return {"id": id, "type": "Point", "coordinates": [W + x, N - y], "properties": properties}
+
+
+def line(y, id="l1", **properties):
+    places = [[W + 20.5, N - y], [W + 280.25, N - y - 3.125]]
+    return {"id": id, "type": "LineString", "coordinates": places, "properties": properties}
+
+
+def polygon(west, south, east, north, id="z1", **properties):
+    ring = [[W + west, N - south], [W + east, N - south], [W + east, N - north],
+            [W + west, N - north], [W + west, N - south]]  # fmt: skip
+    return {"id": id, "type": "Polygon", "coordinates": [ring], "properties": properties}
+
+
+@pytest.fixture(autouse=True)
+def place(tmp_path, monkeypatch):
+    """A case on a lively slope, and a list of recent files of its own."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.chdir(tmp_path)
+    make_raster("dem.tif", scenes.rough(dtype="f4"))
+    scenes.write_sets(tmp_path / "sets.nml", *scenes.sets(2.0), scenes.usual)
+    Path("case.nml").write_text(CASE, encoding="utf-8")
+    page = tmp_path / "page"
+    page.mkdir()
+    for name, _ in FILES.values():
+        (page / name).write_text(f"<{name}>")
+    (page / "secret.txt").write_text("secret")
+    return tmp_path
+
+
+@pytest.fixture
+def serve(place):
+    """Start servers, which are stopped at the end."""
+    running = []
+
+    def start(path="case.nml", **how):
+        room = Room(None if path is None else Path(path), **how)
+        server = Server(room, bind(0), page=place / "page", keep=True)
+        thread = threading.Thread(target=server.run)
+        thread.start()
+        running.append((server, thread))
+        while not server._server.started:
+            time.sleep(0.01)
+        return server
+
+    yield start
+    for server, thread in running:
+        server.stop()
+        thread.join(10)
+        assert not thread.is_alive()
+
+
+class Page:
+    """What the page in the browser is to the server."""
+
+    def __init__(self, server, key=None, language="en", **how):
+        origin = f"http://127.0.0.1:{server.port}"
+        about = {"origin": origin, "max_size": None, "compression": None, "proxy": None} | how
+        self.socket = client.connect(f"ws://127.0.0.1:{server.port}/live", **about)
+        self.send("hello", key=server.key if key is None else key, language=language)
+
+    def send(self, type, **content):
+        self.socket.send(json.dumps({"type": type, **content}))
+
+    def get(self):
+        """Next message: its header, with arrays in place of their descriptions."""
+        return decoded(self.socket.recv(20))
+
+    def until(self, type, **content):
+        """Next message of a type with this content."""
+        return self.all_until(type, **content)[-1]
+
+    def all_until(self, type, **content):
+        found = []
+        while True:
+            found.append(self.get())
+            assert found[-1]["type"] != "fault", found[-1]
+            if found[-1]["type"] == type and content.items() <= found[-1].items():
+                return found
+
+    def edit(self, revision, **content):
+        """Edit, and the messages up to the state of it."""
+        self.send("edit", revision=revision, **content)
+        return self.until("state", revision=revision)
+
+    def close(self):
+        self.socket.close()
+
+
+def decoded(message):
+    if isinstance(message, str):
+        return json.loads(message)
+    size = struct.unpack_from("<I", message)[0]
+    header, base = json.loads(message[4 : 4 + size]), 4 + size
+    assert base % 8 == 0
+    header["arrays"] = {
+        one["name"]: np.frombuffer(
+            message, f"<{one['dtype']}", int(np.prod(one["shape"])), base + one["offset"]
+        ).reshape(one["shape"])
+        for one in header["arrays"]
+    }
+    return header
+
+
+# What comes in.
+
+
+def test_hello_without_the_key_is_refused(serve):
+    server = serve()
+    for key in "", "x", server.key[:-1], 5:
+        page = Page(server, key=key)
+        with pytest.raises(ConnectionClosed) as closed:
+            page.get()
+        assert closed.value.rcvd.code == 4401
+    page = Page(server)
+    assert page.get()["type"] == "welcome"
+
+
+@pytest.mark.parametrize("first", ["", "{", "[]", '{"type": "edit"}', '{"type": "hello"}'])
+def test_a_first_message_that_is_no_hello_is_refused(serve, first):
+    server = serve(None)
+    origin = f"http://127.0.0.1:{server.port}"
+    socket = client.connect(f"ws://127.0.0.1:{server.port}/live", origin=origin, proxy=None)
+    socket.send(first)
+    with pytest.raises(ConnectionClosed) as closed:
+        socket.recv(10)
+    assert closed.value.rcvd.code == 4401
+
+
+def test_foreign_origins_and_hosts_are_refused(serve):
+    server = serve(None)
+    ours = f"127.0.0.1:{server.port}"
+    for origin in None, "http://evil.example", "null", "http://127.0.0.1", f"https://{ours}":
+        with pytest.raises(InvalidStatus) as refused:
+            Page(server, origin=origin)
+        assert refused.value.response.status_code == 403
+    hosts = "evil.example", "127.0.0.1", f"evil.example:{server.port}", ours + ".evil.example"
+    for host in hosts:
+        assert fetched(server, "/", Host=host)[0] == 403
+    assert fetched(server, "/", Host=ours, Origin="http://evil.example")[0] == 403
+    assert fetched(server, "/", Host=f"localhost:{server.port}")[0] == 200
+
+
+def fetched(server, path, method="GET", **headers):
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
+    connection.putrequest(method, path, skip_host=True)
+    for name, value in ({"Host": f"127.0.0.1:{server.port}"} | headers).items():
+        connection.putheader(name, value)
+    connection.endheaders()
+    answer = connection.getresponse()
+    return answer.status, answer.read().decode(), answer.headers
+
+
+def test_only_the_files_of_the_page_are_served(serve):
+    server = serve(None)
+    for path, (name, kind) in FILES.items():
+        status, body, headers = fetched(server, path)
+        assert (status, body) == (200, f"<{name}>")
+        assert headers["content-type"].startswith(kind)
+        assert headers["x-content-type-options"] == "nosniff"
+        policy = headers["content-security-policy"]
+        assert policy.startswith("default-src 'none'; script-src 'self'; style-src 'self';")
+        assert f"ws://127.0.0.1:{server.port} " in policy and "unsafe" not in policy
+    others = "/secret.txt", "/page/app.js", "/../case.nml", "/%2e%2e/case.nml", "/app.js/", "/live"
+    for path in others:
+        assert fetched(server, path)[0] in (404, 307), path
+    assert fetched(server, "/app.js", method="POST")[0] == 405
+
+
+def test_the_socket_is_bound_to_this_machine_only():
+    with bind(0) as bound:
+        host, port = bound.getsockname()
+        assert host == "127.0.0.1"
+        with pytest.raises(RockfallError, match=f"^--port {port}: cannot be used: "):
+            bound.listen()
+            bind(port)
+
+
+HOSTILE = {
+    "no JSON": "{", "text": '"edit"', "list": "[1]", "no type": "{}", "type of a type": '{"type": 1}',
+    "unknown": '{"type": "rm"}', "nesting": "[" * 100_000,
+    "NaN": '{"type": "edit", "revision": NaN}',
+    "infinite": '{"type": "edit", "revision": 1e999}',
+    "long number": '{"type": "edit", "revision": ' + "9" * 5000 + "}",
+    "no revision": '{"type": "edit"}', "no map": '{"type": "view", "map": "../x"}',
+    "list as a map": '{"type": "view", "map": ["passages"], "trajectories": 5}',
+    "many": '{"type": "view", "map": "", "trajectories": 1e9}',
+    "no name": '{"type": "save"}', "index": '{"type": "open_recent", "index": -1}',
+    "layers": '{"type": "edit", "revision": 1, "layers": []}',
+}  # fmt: skip
+
+
+def test_hostile_messages_get_one_line_and_the_server_lives(serve):
+    page = Page(serve())
+    page.until("batch", complete=True)
+    for about, text in HOSTILE.items():
+        page.socket.send(text)
+        refused = page.until("refused")
+        assert "\n" not in refused["text"] and 0 < len(refused["text"]) < 200, about
+    page.socket.send(b"\0\1\2")
+    page.until("refused")
+    assert page.edit(1)["errors"] == []
+
+
+WRONG = {
+    "a layer": ({"trees": []}, {}, {}),
+    "no list": ({"lines": {}}, {}, {"layer": "lines"}),
+    "no feature": ({"lines": [5]}, {}, {"layer": "lines"}),
+    "an id": ({"lines": [line(250, id="../x")]}, {}, {"layer": "lines"}),
+    "one id twice": ({"lines": [line(250), line(260)]}, {}, {"layer": "lines"}),
+    "a shape": ({"lines": [point(9, 9)]}, {}, {"layer": "lines", "id": "p1"}),
+    "two shapes": ({"sources": [point(9, 9), polygon(1, 9, 9, 1)]}, {}, {"layer": "sources"}),
+    "a name": ({"lines": [line(250, file="x")]}, {}, {"layer": "lines", "id": "l1"}),
+    "a value": (
+        {"barriers": [line(250, height="3")]}, {}, {"layer": "barriers", "id": "l1", "key": "height"},
+    ),
+    "a truth": ({"barriers": [line(250, height=True)]}, {}, {"layer": "barriers", "key": "height"}),
+    "a ground": (
+        {"zones": [polygon(1, 9, 9, 1, ground="../sets.nml")]}, {}, {"layer": "zones", "key": "ground"},
+    ),
+    "a place": ({"sources": [point(1e300, 9)]}, {}, {"layer": "sources", "id": "p1"}),
+    "no place": (
+        {"sources": [{"id": "a", "type": "Point", "coordinates": [None, {}]}]}, {}, {"id": "a"},
+    ),
+    "a ring": (
+        {"zones": [{"id": "a", "type": "Polygon", "coordinates": [[[0, 0], [1, 1]]]}]}, {}, {"id": "a"},
+    ),
+    "a long text": ({"lines": [line(250, name="x" * 10_000)]}, {}, {"layer": "lines", "key": "name"}),
+    "a line break": ({}, {"case": {"title": "a\n&line /"}}, {"group": "case", "key": "title"}),
+    "a group": ({}, {"line": {"name": "x"}}, {}),
+    "a key": ({}, {"boulder": {"mass": 1}}, {"group": "boulder", "key": "mass"}),
+    "a type": ({}, {"boulder": {"density": "x"}}, {"group": "boulder", "key": "density"}),
+    "a fraction": ({}, {"case": {"seed": 1.5}}, {"group": "case", "key": "seed"}),
+    "a file": ({}, {"terrain": {"dem": "/etc/passwd"}}, {"group": "terrain", "key": "dem"}),
+    "sets": ({}, {"impact": {"sets": "other.nml"}}, {"group": "impact", "key": "sets"}),
+    "ground": ({}, {"surface": {"ground": "sets.nml"}}, {"group": "surface", "key": "ground"}),
+    "points": ({}, {"release": {"points": "x.csv"}}, {"group": "release", "key": "points"}),
+    "many": ({"sources": [point(9, 9)] * 10_001}, {}, {"layer": "sources"}),
+}  # fmt: skip
+
+
+def test_what_the_page_cannot_mean_is_refused_at_its_place(serve):
+    page = Page(serve())
+    for revision, (about, (layers, settings, place)) in enumerate(WRONG.items(), start=1):
+        state = page.edit(revision, layers=layers, settings=settings)
+        assert len(state["errors"]) == 1, about
+        assert place.items() <= state["errors"][0].items(), (about, state)
+    page.send("save", name="x")
+    assert page.until("refused")["task"] == "save"
+    assert page.edit(99)["errors"] == []
+    assert page.until("batch", revision=99, complete=True)["boulders"] == 300
+
+
+REFUSED = {
+    "a range": ({}, {"boulder": {"volume_mean": 1.0, "density": -5.0}}, ("boulder", "density")),
+    "a choice": ({}, {"output": {"min_passages": 0}}, ("output", "min_passages")),
+    "a height": ({"barriers": [line(200), line(210, id="b2", height=-1.0, capacity=9.0)]}, {},
+                 ("barriers", "b2", "height")),
+    "a source": ({"sources": [point(150, 40), point(90, 40, id="p2", drop_height=-1.0)]}, {},
+                 ("sources", "p2", "drop_height")),
+    "a name": ({"lines": [line(200, name="A"), line(210, id="l2", name="A")],
+                "barriers": [line(220, name="A", height=3.0, capacity=9.0)]}, {}, ("lines", "l1", "name")),
+    "a knot": ({"zones": [{"id": "z9", "type": "Polygon", "properties": {"mean_radius": 0.1},
+                "coordinates": [[[W, N], [W + 9, N - 9], [W + 9, N], [W, N - 9], [W, N]]]}]}, {},
+               ("zones", "z9")),
+    "a zone": ({"zones": [polygon(50, 200, 250, 60, id="z7", name="x")]}, {}, ("zones", "z7")),
+    "outside": ({"sources": [point(-150, 40)]}, {}, ()),
+    "no sources": ({"sources": []}, {}, ("sources",)),
+}  # fmt: skip
+
+
+def test_errors_of_the_case_land_at_their_field(serve, place):
+    page = Page(serve())
+    for revision, (about, (layers, settings, where)) in enumerate(REFUSED.items(), start=1):
+        (error,) = page.edit(revision, layers=layers, settings=settings)["errors"]
+        got = [error.get(one) for one in ("layer", "id", "group", "key") if error.get(one)]
+        assert got[: len(where)] == [*where] or about == "a name" and got[0] == "lines", (
+            about,
+            error,
+        )
+        for leaked in str(place), "GeoDataFrame", "/tmp", "case.nml:":
+            assert leaked not in error["text"], (about, error)
+        undone = {"layers": {"barriers": [], "zones": [], "lines": [], "sources": [point(150, 40)]}}
+        undone["settings"] = {"boulder": {"volume_mean": 1.0}, "output": {}}
+        assert page.edit(100 + revision, **undone)["errors"] == [], about
+
+
+# What it runs.
+
+
+def test_an_edit_is_run_and_its_statistics_are_those_of_the_saved_case(serve, place):
+    page = Page(serve())
+    welcome = page.get()
+    assert welcome["writer"] and welcome["mode"] == "case"
+    document = welcome["document"]
+    assert [one["type"] for one in document["layers"]["sources"]] == ["Point"]
+    assert document["layers"]["lines"][0]["properties"] == {"name": "L"}
+    assert "release" in document["settings"] and "x" not in document["settings"]["release"]
+    terrain = page.until("terrain")
+    assert terrain["arrays"]["heights"].shape == (terrain["ny"], terrain["nx"]) == (80, 60)
+    assert terrain["arrays"]["shade"].min() >= 1
+    page.until("batch", complete=True)
+    barriers = [line(200, **NET)]
+    page.edit(7, layers={"barriers": barriers}, settings={"release": {"drop_height": 3}})
+    batch = page.until("batch", revision=7, complete=True)
+    page.send("save", name="Hang 2")
+    assert page.until("saved")["files"] == ["Hang 2.nml", "Hang 2.gpkg"]
+    result = rockfall.run(rockfall.read_case("Hang 2.nml"))
+    assert batch["boulders"] == 300 and sum(batch["ended"].values()) == 300
+    assert [one["kind"] for one in batch["lines"]] == ["line", "barrier"]
+    table = rockfall.line_statistics(result).set_index(["line", "quantity"])
+    for one in batch["lines"]:
+        for quantity, numbers in one["quantities"].items():
+            row = table.loc[one["name"], quantity]
+            assert one["n"] == row["n"] == sum(numbers["counts"])
+            for name in "mean", "q50", "q95":
+                expected = [
+                    numbers["factor"] * row[f"{name}{end}"] for end in ("", "_low", "_high")
+                ]
+                if name in row["withheld"].split(", "):
+                    expected = [None] * 3
+                assert numbers[name] == expected
+    overlay = batch["arrays"]["overlay"]
+    passages = result["passages"].values.astype("f4")
+    assert np.array_equal(np.nan_to_num(overlay), passages)
+    assert (batch["overlay"]["west"], batch["overlay"]["cell"]) == (
+        result["x"].values[0] - 2.5, 5.0,
+    )  # fmt: skip
+
+
+DOCUMENTS = {
+    "points": (
+        {"sources": [point(150.1, 40.7, name="Fels 'A'", volume="fixed", volume_mean=0.5),
+                     point(90, 50, id="p2", frequency=0.1, drop_height=2, density=2500.5),
+                     point(91, 55, id="p3", name="Ö \"B\"", volume="uniform", volume_min=0.1,
+                           volume_max=1.1)]}, {},
+    ),
+    "with frequencies": (
+        {"sources": [point(150, 40, frequency=0.25), point(90, 50, id="p2", frequency=1)]}, {},
+    ),
+    "polygons": (
+        {"sources": [polygon(100, 60, 180, 30, name="A", velocity_x=1.5),
+                     polygon(40.2, 61.1, 71.3, 30, id="s2", volume_mean=0.3)]},
+        {"release": {"steep_cells": True, "slope_threshold": 35}},
+    ),
+    "nets": (
+        {"barriers": [line(150, **NET), line(160, id="b2", height=2, **{"class": 3}),
+                      line(180, id="b3", name="Holz", height=0.5, diameter=40.0, decay_class=2)],
+         "lines": [line(250), line(260, id="l2"), line(265, id="l3", name="é/è", object_width=4)]}, {},
+    ),
+    "a dam": ({"dams": [line(220, height=8.0, slope=40.0, crest_width=2.0, allow_coarse=True)]}, {}),
+    "zones by radius": (
+        {"zones": [polygon(50, 200, 250, 60.5, mean_radius=0.1, name="Wiese"),
+                   polygon(20, 310, 250.3, 220, id="z2", mean_radius=0.6)]}, {},
+    ),
+    "zones by ground": (
+        {"zones": [polygon(50, 200, 250, 60, ground="meadow"),
+                   polygon(50, 300, 250, 201, id="z2", ground="soil_4", mean_radius=0.05)]},
+        {"surface": {"uniform_mean_radius": 0.3}},
+    ),
+    "settings": ({}, {"boulder": {"volume": "list", "volumes": [0.1, 1, 2.5]}, "case": {
+        "title": "it's", "boulders": 40, "sampling": "sobol"}, "flight": {"gravity": 9.8}}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("about", DOCUMENTS)
+def test_what_is_run_is_what_is_saved(place, about):
+    """In every bit of every variable, and again once the saved case is opened."""
+    layers, settings = DOCUMENTS[about]
+    site, document = open_site(Path("case.nml"))
+    document = site.edited(document, layers, settings)
+    made = runnable(site, document)
+    frames = {name: layer.frame(site.grid.crs) for name, layer in made.layers.items()}
+    with rockfall.open(made.case, **frames) as session:
+        live = [*session.run()][-1].dataset()
+    names = [one.name for one in save(site, document, "Größe 1.2", False)]
+    assert names == ["Größe 1.2.nml", "Größe 1.2.gpkg"]
+    for again in range(2):
+        saved = rockfall.run(rockfall.read_case(names[0]))
+        assert {*live.variables} == {*saved.variables}
+        for name in live.variables:
+            assert same_bits(live[name].values, saved[name].values), (name, again)
+        site, reopened = open_site(Path(names[0]))
+        strip = [{k: v for k, v in one._asdict().items() if k != "id"}
+                 for some in (document, reopened) for layer in some.layers.values()
+                 for one in layer]  # fmt: skip
+        assert strip[: len(strip) // 2] == strip[len(strip) // 2 :]
+        assert reopened.settings["surface"] == document.settings["surface"]
+        save(site, reopened, "Größe 1.2", True)
+
+
+def test_a_net_drawn_and_removed_brings_the_numbers_back(serve):
+    page = Page(serve())
+    before = page.until("batch", complete=True)
+    page.edit(1, layers={"barriers": [line(150, **NET)]})
+    with_net = page.until("batch", complete=True, revision=1)
+    assert with_net["ended"]["stopped_by_barrier"] > 0 == before["ended"]["stopped_by_barrier"]
+    page.edit(2, layers={"barriers": []})
+    after = page.until("batch", complete=True, revision=2)
+    assert after["lines"] == before["lines"]
+    assert np.array_equal(after["arrays"]["stops"], before["arrays"]["stops"])
+
+
+def test_trajectories_come_once_each_and_thinned(serve):
+    page = Page(serve())
+    some = page.all_until("batch", complete=True)
+    some += page.all_until("trajectories")
+    page.send("stop")
+    sent = [one for one in some if one["type"] == "trajectories"]
+    assert [one["append"] for one in sent] == [k > 0 for k in range(len(sent))]
+    boulders = np.concatenate([one["arrays"]["boulder"] for one in sent])
+    assert np.unique(boulders).size == boulders.size == 100
+    for one in sent:
+        points, first = one["arrays"]["points"], one["arrays"]["first"]
+        assert first[0] == 0 and first[-1] == len(points) and first.size == one["count"] + 1
+        time = points[:, 3]
+        assert (time[first[:-1]] == 0).all()
+        assert all((np.diff(time[a:b]) >= 0).all() for a, b in zip(first, first[1:], strict=False))
+        assert (one["arrays"]["mass"] > 100).all()
+    page.send("view", map="", trajectories=7)
+    found = page.until("trajectories", append=False)
+    assert found["count"] == 7
+
+
+def test_another_map_is_another_run_of_the_same_revision(serve):
+    page = Page(serve())
+    page.until("batch", complete=True)
+    page.send("view", map="energy_max", trajectories=0)
+    batch = page.until("batch", complete=True)
+    assert batch["overlay"]["name"] == "energy_max" and batch["overlay"]["unit"] == "kJ"
+    page.send("view", map="", trajectories=0)
+    batch = page.until("batch", complete=True)
+    assert batch["overlay"] is None and "overlay" not in batch["arrays"]
+
+
+LONG = {"case": {"boulders_total": 3_000_000, "seed": 7, "threads": 1}}
+
+
+def test_an_edit_cancels_the_run_and_nothing_older_follows(serve):
+    page = Page(serve())
+    page.edit(1, settings=LONG)
+    assert not page.until("batch", revision=1)["complete"]
+    for revision in range(2, 8):  # in quick succession
+        page.send("edit", revision=revision, settings=LONG)
+    page.send("edit", revision=8, settings={"case": {"boulders_total": 50, "threads": 1}})
+    page.until("state", revision=8)
+    found = page.all_until("batch", complete=True)
+    assert {one["revision"] for one in found if "revision" in one} == {8}
+    assert found[-1]["boulders"] == 50
+
+
+def test_a_run_pauses_and_goes_on(serve):
+    page = Page(serve())
+    page.edit(1, settings=LONG)
+    page.until("batch", revision=1)
+    page.send("stop")
+    paused = page.until("batch", running=False)
+    page.send("run")
+    later = page.until("batch", running=True)
+    assert later["boulders"] >= paused["boulders"] and not later["complete"]
+    page.send("stop")
+    stopped = page.until("batch", running=False)
+    page.edit(2, settings={"case": {"boulders_total": 50, "threads": 1}})  # runs once it goes on
+    page.send("run")
+    assert page.until("batch", revision=2, complete=True)["boulders"] == 50
+    assert stopped["revision"] == 1
+
+
+def test_a_bare_dem_lacks_only_sources(serve):
+    page = Page(serve("dem.tif"))
+    welcome = page.get()
+    assert welcome["document"]["settings"]["case"]["boulders_total"] == 10_000
+    state = page.until("state")
+    assert [one["layer"] for one in state["errors"]] == ["sources"]
+    small = {"case": {"boulders_total": 60}}
+    assert page.edit(1, layers={"sources": [point(150, 40)]}, settings=small)["errors"] == []
+    assert page.until("batch", complete=True)["boulders"] == 60
+
+
+def test_raster_zones_steep_cells_and_trees_are_background(serve, place):
+    make_raster("zones.tif", np.tile(np.repeat([3, 8], 30), (80, 1)).astype("i4"))
+    Path("zones.csv").write_text("zone,mean_radius,name\n3,0.3,Wald\n8,0.2,\n")
+    Path("trees.csv").write_text(f"x,y,dbh,species\n{W + 50},{N - 200},40,Picea abies\n")
+    text = CASE.replace("uniform_mean_radius = 0.25", "zones = 'zones.tif', table = 'zones.csv'")
+    text = re.sub("x = [0-9.]+, y = [0-9.]+", "steep_cells = .true., slope_threshold = 43", text, 1)
+    Path("rasters.nml").write_text(text + "&forest trees = 'trees.csv' /\n", encoding="utf-8")
+    page = Page(serve("rasters.nml"))
+    welcome = page.get()
+    assert "zones" not in welcome["forms"]["layers"]
+    fields = {one["name"]: one for one in welcome["forms"]["settings"]["surface"]}
+    assert fields["zones"]["read_only"] and fields["table"]["read_only"]
+    found = page.until("background")
+    assert found["zones"] == [{"value": 1, "name": "Wald"}, {"value": 2, "name": "8"}]
+    assert np.array_equal(found["arrays"]["zones"][0], np.repeat([1, 2], 30))
+    assert found["sources"] == len(found["arrays"]["sources"]) > 1
+    assert found["arrays"]["trees"].tolist() == [[W + 50, N - 200, 40]]
+    state = page.edit(1, layers={"zones": [polygon(1, 9, 9, 1)]})
+    assert state["errors"]
+    page.edit(2, layers={"sources": [point(150, 40)]})  # in place of steep cells
+    assert page.until("background")["sources"] == 0
+    assert page.until("batch", revision=2, complete=True)["boulders"] == 300
+
+
+def test_layers_of_a_case_become_features(place):
+    """Whatever their form, and the run of the document has the bits of the case."""
+    shapely = pytest.importorskip("shapely")
+    box = shapely.box
+    make_layer(
+        "zones.gpkg", [box(W, N - 200, W + 300, N), box(W, N - 400, W + 300, N - 200)],
+        id=[5, 9], nr=[1, 2],
+    )  # fmt: skip
+    Path("zones.csv").write_text("zone,mean_radius\n5,0.3\n9,0.2\n")
+    make_layer(
+        "cliff.geojson", [box(W + 100, N - 60, W + 180, N - 30), box(W, N - 60, W + 9, N - 30)],
+        Kluft=["A", "B"], DROP_HEIGHT=[2.0, 3.0],
+    )  # fmt: skip
+    make_layer("nets.shp", [shapely.LineString([(W, N - 150), (W + 300, N - 150)])], height=[3],
+               capacity=[500.0], name=["N"])  # fmt: skip
+    surface = "zones = 'zones.gpkg', zone_field = 'id', table = 'zones.csv'"
+    text = CASE.replace("uniform_mean_radius = 0.25", surface)
+    release = "polygons = 'cliff.geojson', name_field = 'Kluft'"
+    text = re.sub("x = [0-9.]+, y = [0-9.]+", release, text, count=1)
+    text += "&barrier file = 'nets.shp' /\n"
+    Path("layers.nml").write_text(text, encoding="utf-8")
+    site, document = open_site(Path("layers.nml"))
+    sources = document.layers["sources"]
+    assert [one.properties for one in sources] == [
+        {"name": "A", "drop_height": 2.0}, {"name": "B", "drop_height": 3.0},
+    ]  # fmt: skip
+    assert document.layers["barriers"][0].properties == {
+        "name": "N", "height": 3.0, "capacity": 500.0,
+    }  # fmt: skip
+    assert [one.properties["zone"] for one in document.layers["zones"]] == [5, 9]
+    save(site, document, "again", False)
+    one, other = (rockfall.run(rockfall.read_case(f"{name}.nml")) for name in ("layers", "again"))
+    for name in one.variables:
+        assert same_bits(one[name].values, other[name].values), name
+
+
+# What goes out.
+
+
+@pytest.mark.parametrize(
+    "name", ["", ".x", "..", "../x", "a/b", "a\\b", "/tmp/x", "x ", " x", "x.", "a\0", "a\nb", "x" * 81,
+             "a:b", "~", "$HOME", None, 5, ["x"]],
+)  # fmt: skip
+def test_names_that_are_no_bare_names_are_refused(serve, place, name):
+    page = Page(serve("dem.tif"))
+    before = sorted(place.iterdir())
+    page.edit(1, layers={"sources": [point(150, 40)]}, settings={"case": {"boulders_total": 5}})
+    for kind in "save", "report", "export":
+        page.send(kind, name=name, overwrite=True)
+        assert page.until("refused")["task"] == kind
+    assert sorted(place.iterdir()) == before
+
+
+def test_files_are_replaced_on_request_only_and_inputs_never(serve, place):
+    make_layer(
+        "stand.gpkg", [__import__("shapely").box(W, N - 400, W + 300, N - 300)], stems=[300.0]
+    )
+    forest = "&forest polygons = 'stand.gpkg', uniform_dbh_mean = 30.0, uniform_dbh_std = 8.0 /\n"
+    Path("case.nml").write_text(CASE + forest, encoding="utf-8")
+    page, text = Page(serve()), Path("case.nml").read_text()
+    page.send("save", name="case")
+    refused = page.until("refused")
+    assert refused["exists"] and "case.nml" in refused["text"]
+    assert Path("case.nml").read_text() == text and not Path("case.gpkg").exists()
+    page.send("save", name="stand", overwrite=True)
+    refused = page.until("refused")
+    assert not refused["exists"] and "stand.gpkg: is an input" in refused["text"]
+    assert str(place) not in refused["text"] and not Path("stand.nml").exists()
+    page.send("save", name="case", overwrite=True)
+    assert page.until("saved")["files"] == ["case.nml", "case.gpkg"]
+    assert Path("case.nml").read_text() != text
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_that_is_read_only_serves_until_something_is_saved(serve, place):
+    folder = place / "locked"
+    folder.mkdir()
+    for name in "dem.tif", "sets.nml", "case.nml":
+        (place / name).rename(folder / name)
+    folder.chmod(0o555)
+    page = Page(serve(folder / "case.nml"))
+    page.until("batch", complete=True)
+    page.send("save", name="x")
+    assert "cannot be written" in page.until("refused")["text"]
+    folder.chmod(0o755)
+
+
+def test_layers_are_exported_from_a_fresh_run(serve):
+    page = Page(serve())
+    page.send("export", name="out")
+    done = page.until("done", task="export")
+    assert done["files"][0] == "out.nc" and Path("out_layers/rockfall.gpkg").is_file()
+    fresh = rockfall.run(rockfall.read_case("out.nml"))
+    stored = rockfall.read_result("out.nc")
+    for name in fresh.variables:
+        assert same_bits(fresh[name].values, stored[name].values), name
+    page.send("export", name="out")
+    assert page.until("refused")["exists"]
+
+
+def test_a_task_can_be_cancelled_and_leaves_no_result(serve):
+    page = Page(serve())
+    page.edit(1, settings=LONG)
+    page.send("export", name="long")
+    page.until("saved")
+    page.send("export", name="other")
+    assert page.until("refused", task="export")
+    page.send("cancel")
+    page.until("refused", task="export")
+    assert not Path("long.nc").exists() and not Path("long_layers").exists()
+
+
+def test_the_second_page_reads_until_it_takes_over(serve):
+    server = serve()
+    first, second = Page(server), Page(server, language="de")
+    welcome = second.until("welcome")
+    assert not welcome["writer"] and welcome["language"] == "de"
+    first.edit(3, layers={"lines": [line(260, name="M")]})
+    batch = second.until("batch", revision=3, complete=True)
+    assert [one["name"] for one in batch["lines"]] == ["M"]
+    for kind in "edit", "save", "stop", "view":
+        second.send(kind, revision=4)
+        assert second.until("refused", task=kind)
+    second.send("take_over")
+    document = second.until("document")
+    assert document["document"]["layers"]["lines"][0]["properties"] == {"name": "M"}
+    assert second.until("role")["writer"] and not first.until("role")["writer"]
+    second.edit(4, layers={"lines": []})
+    first.send("edit", revision=5, layers={})
+    assert first.until("refused", task="edit")
+    second.close()
+    assert first.until("role")["writer"]
+
+
+def test_a_page_that_comes_later_gets_what_is_known(serve):
+    server = serve()
+    first = Page(server)
+    first.until("batch", complete=True)
+    first.until("trajectories")
+    first.send("view", map="passages", trajectories=3)
+    first.until("trajectories", append=False)
+    second = Page(server)
+    kinds = [one["type"] for one in second.all_until("trajectories")]
+    assert kinds == ["welcome", "terrain", "state", "batch", "trajectories"]
+
+
+def test_the_server_ends_when_the_last_page_has_closed(place):
+    server = Server(Room(Path("case.nml")), bind(0), page=place / "page", grace=0.3)
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    first = Page(server)
+    first.until("state")
+    first.close()
+    second = Page(server)  # a reload
+    second.until("welcome")
+    assert thread.is_alive()
+    second.close()
+    thread.join(10)
+    assert not thread.is_alive()
+
+
+def test_files_opened_before_are_offered(serve, place):
+    serve("dem.tif")
+    serve("case.nml")
+    page = Page(serve(None))
+    welcome = page.get()
+    assert welcome["mode"] == "start"
+    assert [one["name"] for one in welcome["recent"]] == ["case.nml", "dem.tif"]
+    page.send("edit", revision=1)
+    page.until("refused")
+    page.send("open_recent", index=0)
+    assert page.until("welcome")["mode"] == "case"
+    page.until("batch", complete=True)
+
+
+# Results.
+
+
+@pytest.fixture
+def result(place):
+    case = rockfall.read_case("case.nml").replace(case={"boulders_total": 40})
+    rockfall.write_result(rockfall.run(case), "result.nc")
+    return Path("result.nc")
+
+
+def test_a_result_is_shown_and_not_edited(serve, result):
+    page = Page(serve(result))
+    welcome = page.get()
+    assert welcome["mode"] == "result" and [one["name"] for one in welcome["maps"]] == ["passages"]
+    assert np.isfinite(page.until("terrain")["arrays"]["heights"]).any()
+    assert page.until("background")["arrays"]["sources"].tolist() == [[W + 150, N - 40]]
+    batch = page.until("batch")
+    assert batch["complete"] and batch["total"] == 40 and batch["lines"][0]["name"] == "L"
+    assert page.until("trajectories")["count"] == 20
+    page.send("edit", revision=1)
+    page.until("refused", task="edit")
+    page.send("view", map="", trajectories=2)
+    assert page.until("trajectories")["count"] == 2
+
+
+def test_a_result_without_its_terrain_is_shown_all_the_same(result):
+    Path("dem.tif").unlink()
+    found = exhibit.Exhibit(rockfall.read_result(result), result)
+    kinds = [decoded(message)["type"] for _, message in found.messages()]
+    assert kinds == ["terrain", "background", "state", "batch", "trajectories"]
+
+
+def test_show_makes_one_page_that_needs_nothing_else(place, result, monkeypatch):
+    monkeypatch.setattr(show, "PAGE", place / "page")
+    (place / "page/index.html").write_text(
+        '<!doctype html><html><head><link rel="stylesheet" href="app.css"></head>'
+        '<body><div id="app"></div><script src="app.js"></script></body></html>'
+    )
+    (place / "page/app.js").write_text("const end = '</script>';")
+    shown = rockfall.show(rockfall.read_result(result))
+    path = shown.save("shown.html")
+    text = path.read_text(encoding="utf-8")
+    assert text.count("</script>") == 2 and "src=" not in text and "href=" not in text
+    held = re.search(r'<script type="text/plain" id="messages">(.*?)</script>', text, re.DOTALL)[1]
+    messages = [
+        decoded(base64.b64decode(one)) if isinstance(one, str) else one for one in json.loads(held)
+    ]
+    kinds = [one["type"] for one in messages]
+    assert kinds == ["welcome", "terrain", "background", "state", "batch", "trajectories"]
+    assert 'srcdoc="' in shown._repr_html_() and "<!doctype" not in shown._repr_html_()
+    (place / "page/app.js").unlink()
+    with pytest.raises(RockfallError, match=r"`\./run page` builds it$"):
+        rockfall.show(result)
+
+
+def test_binary_messages_are_aligned():
+    for size in range(9):
+        arrays = {"a": np.arange(size, dtype="u1"), "b": np.array([[1.5, np.nan]], "f8")}
+        found = decoded(binary_message("x", arrays, name="ä" * size, value=np.nan))
+        assert found["value"] is None and found["name"] == "ä" * size
+        assert found["arrays"]["a"].tolist() == [*range(size)]
+        assert found["arrays"]["b"][0, 0] == 1.5
