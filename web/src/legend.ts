@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Legend on the map: which result is shown, its colours with round numbers, and what else has a colour.
+import { css, placeOf, ticks, viridis, type ColourScale } from './colours';
+import { element, select } from './dom';
+import { zoneColour } from './map/rasters';
+import type { MapName, OverlayHeader } from './protocol';
+import { decimal, say } from './texts';
+
+export class Legend {
+  readonly root = element('section', { class: 'legend card', attributes: { 'aria-label': say('app.legend.title') } });
+  private readonly choice: HTMLSelectElement;
+  private readonly ramp = element('div', { class: 'ramp-box' });
+  private readonly speeds = element('div', { class: 'ramp-box' });
+  private readonly zones = element('ul', { class: 'zone-legend' });
+
+  constructor(maps: readonly MapName[], shown: string, onMap: (name: string) => void) {
+    this.choice = select([['', say('app.legend.no_map')], ...maps.map(({ name, label, unit }) => [name, withUnit(label, unit)] as const)], shown, onMap, { attributes: { 'aria-label': say('app.legend.map'), 'data-action': 'map' } });
+    this.root.append(this.choice, this.ramp, this.speeds, this.zones);
+    this.speeds.hidden = true;
+    this.zones.hidden = true;
+  }
+
+  setResult(header: OverlayHeader | null): void {
+    this.ramp.replaceChildren(...(header ? [ramp(header, header.unit)] : []));
+  }
+
+  setSpeeds(fastest: number | null): void {
+    this.speeds.hidden = fastest === null || !(fastest > 0);
+    if (fastest) this.speeds.replaceChildren(element('p', {}, withUnit(say('app.legend.speed'), 'm/s')), ramp({ low: 0, high: fastest, scale: 'linear' }, 'm/s'));
+  }
+
+  setZones(zones: readonly { name: string }[] | null): void {
+    this.zones.hidden = !zones?.length;
+    this.zones.replaceChildren(...(zones ?? []).map(({ name }, k) => {
+      const patch = element('span', { class: 'patch' });
+      patch.style.background = css(zoneColour(k), 0.55);
+      return element('li', {}, patch, name);
+    }));
+  }
+}
+
+export function withUnit(label: string, unit: string): string {
+  return unit ? `${label} [${unit}]` : label;
+}
+
+/** Bar of colours with its round numbers. */
+function ramp(scale: ColourScale, unit: string): HTMLElement {
+  const bar = element('div', { class: 'ramp' });
+  bar.style.background = `linear-gradient(to right, ${Array.from({ length: 16 }, (_, k) => css(viridis(k / 15))).join(', ')})`;
+  const numbers = element('div', { class: 'ticks' }, ...spread(scale).map(({ value, place }) => {
+    const tick = element('span', { title: unit }, decimal(Number(value.toPrecision(3))));
+    tick.style.left = `${100 * place}%`;
+    return tick;
+  }));
+  return element('div', { class: 'scale', attributes: { role: 'img', 'aria-label': `${decimal(Number(scale.low.toPrecision(3)))} – ${decimal(Number(scale.high.toPrecision(3)))} ${unit}` } }, bar, numbers);
+}
+
+/** Round numbers and their places on the bar, without those too close to the one before. */
+export function spread(scale: ColourScale): { value: number; place: number }[] {
+  const found: { value: number; place: number }[] = [];
+  for (const value of ticks(scale)) {
+    const place = Math.max(0, Math.min(1, placeOf(value, scale)));
+    const last = found.at(-1);
+    if (!last || place - last.place > 0.13) found.push({ value, place });
+  }
+  return found;
+}
