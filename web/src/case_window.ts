@@ -28,7 +28,7 @@ import { Toolbar } from './toolbar';
 import type { Snapshot } from './variants';
 import { View3d, type Line3d, type Shade, type Terrain, type Trajectories } from './view3d/view3d';
 
-const OPACITY = 0.75; // of results, at first
+const OPACITY = 0.85; // of results, at first
 
 /** Properties with which a drawn feature begins, where its layer has them. */
 const INITIAL: Readonly<Record<Layer, Readonly<Record<string, Value>>>> = {
@@ -480,6 +480,7 @@ export class CaseWindow {
   private load({ document, revision }: Welcome): void {
     this.store.load(document);
     this.sender.start(revision);
+    this.view.showDocument(this.store.document.layers);
     this.showRole();
     this.refresh();
   }

@@ -32,14 +32,13 @@ export class DocumentStore {
     this.listeners.push(listener);
   }
 
-  /** Begin with a document of the server; there is nothing to undo then. */
+  /** Begin with a document of the server: there is nothing to undo, and no listener to tell. */
   load(document: CaseDocument): void {
     const layers = { ...EMPTY.layers, ...document.layers };
     this.now = { settings: document.settings, layers };
     this.past = [];
     this.future = [];
     this.gesture = '';
-    this.tell({ layers: [...LAYERS], groups: Object.keys(document.settings) });
   }
 
   /** Take over a changed document. Changes of the same gesture, such as a drag, are one step back. */

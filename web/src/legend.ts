@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Legend on the map: which result is shown, its colours with round numbers, and what else has a colour.
 import { css, placeOf, ticks, viridis, type ColourScale } from './colours';
-import { element, select } from './dom';
+import { element } from './dom';
 import { zoneColour } from './map/rasters';
 import type { MapName, OverlayHeader } from './protocol';
-import { decimal, say } from './texts';
+import { decimal, say, sayOr } from './texts';
 
 export class Legend {
   readonly root = element('section', { class: 'legend card', attributes: { 'aria-label': say('app.legend.title') } });
@@ -14,7 +14,9 @@ export class Legend {
   private readonly zones = element('ul', { class: 'zone-legend' });
 
   constructor(maps: readonly MapName[], shown: string, onMap: (name: string) => void) {
-    this.choice = select([['', say('app.legend.no_map')], ...maps.map(({ name, label, unit }) => [name, withUnit(label, unit)] as const)], shown, onMap, { attributes: { 'aria-label': say('app.legend.map'), 'data-action': 'map' } });
+    this.choice = element('select', { attributes: { 'aria-label': say('app.legend.map'), 'data-action': 'map' } }, option('', say('app.legend.no_map')), ...choices(maps));
+    this.choice.value = shown;
+    this.choice.addEventListener('change', () => onMap(this.choice.value));
     this.root.append(this.choice, this.ramp, this.speeds, this.zones);
     this.speeds.hidden = true;
     this.zones.hidden = true;
@@ -37,6 +39,25 @@ export class Legend {
       return element('li', {}, patch, name);
     }));
   }
+}
+
+// Maps most used; they have names in every language.
+const COMMON = ['passages', 'reach_probability', 'deposits', 'energy_q95', 'energy_mean', 'energy_max', 'speed_q95', 'speed_max_map', 'passing_height_q95', 'passing_height_max', 'jump_height_q95', 'jump_height_max_map', 'energy_line_angle_max', 'travel_time_min'];
+
+function choices(maps: readonly MapName[]): HTMLElement[] {
+  const common = COMMON.flatMap((name) => maps.find((map) => map.name === name) ?? []);
+  const others = maps.filter(({ name }) => !COMMON.includes(name));
+  const options = (some: readonly MapName[]): HTMLElement[] => some.map((map) => option(map.name, withUnit(nameOfMap(map), map.unit)));
+  return [...options(common), ...(others.length ? [element('optgroup', { attributes: { label: say('app.legend.others') } }, ...options(others))] : [])];
+}
+
+function option(value: string, text: string): HTMLOptionElement {
+  return element('option', { attributes: { value } }, text);
+}
+
+/** Name of a map of results. */
+export function nameOfMap({ name, label }: { name: string; label: string }): string {
+  return sayOr(`app.result.${name}`, label);
 }
 
 export function withUnit(label: string, unit: string): string {

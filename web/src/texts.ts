@@ -44,10 +44,12 @@ export function decimal(value: number, decimals = -1): string {
   return parts.join('').replace(/^-/, '−');
 }
 
-/** Decimals that an interval supports: to the first digit of its half width; negative: tens, hundreds. */
+/** Decimals that an interval supports: to the first digit of its half width, or the second if that is 1; negative: tens, hundreds. */
 export function supportedDecimals([value, low, high]: Estimate, otherwise: number): number {
   if (value === null || low === null || high === null || !(high > low)) return otherwise;
-  return Math.min(otherwise + 2, -Math.floor(Math.log10((high - low) / 2)));
+  const half = (high - low) / 2;
+  const power = Math.floor(Math.log10(half));
+  return Math.min(otherwise + 1, half < 2 * 10 ** power ? 1 - power : -power);
 }
 
 /** A number rounded to these decimals, negative ones to tens or hundreds. */

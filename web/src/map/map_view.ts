@@ -32,7 +32,7 @@ export class MapView {
   private readonly sources = new DotLayer(14, { colour: LAYER_COLOURS.sources, radius: 2, shape: 'square' });
   private readonly stops = new DotLayer(22, { colour: LAYER_COLOURS.stops, radius: 2.2, shape: 'circle' });
   private readonly overlayCanvas = element('canvas');
-  private overlayOpacity = 0.75;
+  private overlayOpacity = 0.85;
   private preliminary = false;
   private terrain: Terrain | null = null;
   private moved = false; // the view, by the user
@@ -52,7 +52,7 @@ export class MapView {
       if (this.terrain && !this.moved) this.fitTerrain();
     });
     for (const event of ['wheel', 'pointerdown', 'keydown']) target.addEventListener(event, () => (this.moved = true), { passive: true });
-    this.zones.setOpacity(0.35);
+    this.zones.setOpacity(0.28);
     this.stops.setVisible(false);
     this.overlay.setOpacity(this.overlayOpacity);
   }

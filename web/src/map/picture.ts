@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Picture of the map: its canvases one over the other, with title, legend, scale and north.
 import { css, viridis } from '../colours';
-import { spread, withUnit } from '../legend';
+import { nameOfMap, spread, withUnit } from '../legend';
 import type { OverlayHeader } from '../protocol';
 import { decimal } from '../texts';
 import type { MapView } from './map_view';
@@ -81,7 +81,7 @@ function drawCaption(context: CanvasRenderingContext2D, { title, notes, result, 
 function drawRamp(context: CanvasRenderingContext2D, result: OverlayHeader, left: number, length: number): void {
   context.fillStyle = '#111827';
   context.textAlign = 'left';
-  context.fillText(withUnit(result.label, result.unit), left, 14, length);
+  context.fillText(withUnit(nameOfMap(result), result.unit), left, 14, length);
   const colours = context.createLinearGradient(left, 0, left + length, 0);
   for (let k = 0; k <= 15; k++) colours.addColorStop(k / 15, css(viridis(k / 15)));
   context.fillStyle = colours;
