@@ -15,6 +15,7 @@ class Side {
   readonly view: MapView;
   private readonly target = element('div', { class: 'map' });
   private readonly choice = element('div', { class: 'compare-choice' });
+  private offered = '';
 
   constructor(private readonly letter: string, terrain: Terrain, shade: Shade | null) {
     this.root.append(this.target, this.choice);
@@ -30,6 +31,9 @@ class Side {
   }
 
   offer(names: readonly string[], chosen: number, action: (index: number) => void): void {
+    const offered = JSON.stringify([names, chosen]);
+    if (offered === this.offered) return;
+    this.offered = offered;
     const box = select(names.map((name, k) => [String(k), name] as const), String(chosen), (value) => action(Number(value)), { attributes: { 'aria-label': say('app.compare.side', { side: this.letter }), 'data-side': this.letter } });
     this.choice.replaceChildren(element('b', {}, this.letter), box);
   }

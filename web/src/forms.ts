@@ -2,7 +2,7 @@
 // Forms made from the server's table of keys: a row for each field, with unit, default, range, meaning, and its error.
 import { element, uniqueId } from './dom';
 import type { Field, SettingValue, Value } from './protocol';
-import { decimal, say, sayOr } from './texts';
+import { decimal, say, sayOr, unitText } from './texts';
 
 export type Values = Readonly<Record<string, SettingValue>>;
 type Control = HTMLInputElement | HTMLSelectElement;
@@ -21,7 +21,7 @@ function describe(field: Field): string {
   const number = (value: number): string => decimal(value);
   const { min, max, unit } = field;
   const range = min !== null && max !== null ? `${number(min)} – ${number(max)}` : min !== null ? `≥ ${number(min)}` : max !== null ? `≤ ${number(max)}` : field.choices ? '' : field.allowed;
-  return [`${field.name}${unit ? ` [${unit}]` : ''}`, field.meaning, range].filter(Boolean).join('\n');
+  return [`${field.name}${unit ? ` [${unitText(unit)}]` : ''}`, field.meaning, range].filter(Boolean).join('\n');
 }
 
 function shown(value: SettingValue | null | undefined): string {
@@ -63,7 +63,7 @@ class Row {
     this.control.setAttribute('aria-description', describe(field));
     this.control.addEventListener('change', () => this.commit());
     const label = element('label', { attributes: { for: this.control.id } }, labelOf(field));
-    const unit = element('span', { class: 'unit' }, field.unit);
+    const unit = element('span', { class: 'unit' }, unitText(field.unit));
     this.root = element('div', { class: `field ${field.kind}`, title: describe(field) }, label, this.control, unit, this.message);
     this.message.hidden = true;
   }

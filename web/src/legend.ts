@@ -4,7 +4,7 @@ import { css, placeOf, ticks, viridis, type ColourScale } from './colours';
 import { element } from './dom';
 import { zoneColour } from './map/rasters';
 import type { MapName, OverlayHeader } from './protocol';
-import { decimal, say, sayOr } from './texts';
+import { decimal, say, sayOr, unitText } from './texts';
 
 export class Legend {
   readonly root = element('section', { class: 'legend card', attributes: { 'aria-label': say('app.legend.title') } });
@@ -61,7 +61,7 @@ export function nameOfMap({ name, label }: { name: string; label: string }): str
 }
 
 export function withUnit(label: string, unit: string): string {
-  return unit ? `${label} [${unit}]` : label;
+  return unit ? `${label} [${unitText(unit)}]` : label;
 }
 
 /** Bar of colours with its round numbers. */

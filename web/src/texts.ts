@@ -66,3 +66,10 @@ export function duration(seconds: number): string {
   if (seconds < 5400) return `${decimal(seconds / 60, 0)} min`;
   return `${decimal(seconds / 3600, 1)} h`;
 }
+
+/** A unit as it is printed. */
+export function unitText(unit: string): string {
+  const word = texts[`app.unit.${unit}`];
+  if (word !== undefined) return word;
+  return unit === 'degree' ? '°' : unit.replace(/\bm([23])\b/g, (_, power: string) => (power === '2' ? 'm²' : 'm³'));
+}

@@ -19,7 +19,8 @@ import { DotLayer, TrajectoryLayer } from './trajectory_layer';
 export type Shown = 'zones' | 'overlay' | 'trajectories' | 'stops' | 'trees' | 'background_sources' | 'sources' | 'lines' | 'barriers' | 'dams' | 'drawn_zones';
 
 const PADDING = 28; // pixels around what the view is fitted to
-const LEGEND = 86; // and above it on a phone, where the legend is
+const TAG = 44; // and above it, where it says preliminary
+const LEGEND = 86; // and on a phone, where the legend is
 
 export class MapView {
   readonly map: OlMap;
@@ -28,9 +29,9 @@ export class MapView {
   private readonly shade = new RasterLayer(0, true);
   private readonly zones = new RasterLayer(5, false);
   private readonly overlay = new RasterLayer(10, false);
-  private readonly trees = new DotLayer(12, { colour: LAYER_COLOURS.trees, radius: 2.5, shape: 'circle' });
-  private readonly sources = new DotLayer(14, { colour: LAYER_COLOURS.sources, radius: 2, shape: 'square' });
-  private readonly stops = new DotLayer(22, { colour: LAYER_COLOURS.stops, radius: 2.2, shape: 'circle' });
+  private readonly trees = new DotLayer(12, { colour: LAYER_COLOURS.trees, radius: 2.5, shape: 'circle', halo: true });
+  private readonly sources = new DotLayer(14, { colour: LAYER_COLOURS.sources, radius: 2, shape: 'square', halo: false });
+  private readonly stops = new DotLayer(22, { colour: LAYER_COLOURS.stops, radius: 1.3, shape: 'circle', halo: false });
   private readonly overlayCanvas = element('canvas');
   private overlayOpacity = 0.85;
   private preliminary = false;
@@ -193,7 +194,7 @@ export class MapView {
 
   private fit(extent: Extent): void {
     const size = this.map.getSize() ?? [300, 300];
-    const top = (size[0] ?? 0) < 500 ? LEGEND : PADDING;
+    const top = (size[0] ?? 0) < 500 ? LEGEND : TAG;
     this.map.getView().fit(extent, { size, padding: [top, PADDING, PADDING, PADDING] });
   }
 

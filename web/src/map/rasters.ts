@@ -21,7 +21,7 @@ function paint(width: number, height: number, colourOf: (k: number) => number, c
 /** A light hillshade, on which colours stay readable; transparent without data. */
 export function hillshade(values: Uint8Array, nx: number, ny: number): HTMLCanvasElement {
   const greys = Uint32Array.from({ length: 256 }, (_, shade) => {
-    const grey = Math.round(92 + 163 * (shade / 255) ** 0.8);
+    const grey = Math.round(124 + 131 * (shade / 255) ** 0.85);
     return shade === 0 ? 0 : pixel([grey, grey, grey], 255);
   });
   return paint(nx, ny, (k) => greys[values[k] as number] as number);

@@ -94,6 +94,7 @@ export interface DotStyle {
   colour: string;
   radius: number;
   shape: 'circle' | 'square';
+  halo: boolean;
 }
 
 /** Points in rows of some numbers, of which the first two are metres east and north of an origin. */
@@ -114,7 +115,7 @@ export class DotLayer extends PlotLayer {
   }
 
   protected override paint(context: CanvasRenderingContext2D, { scale, x0, y0, width, height, pixelRatio }: Plan): void {
-    const { colour, radius, shape } = this.style;
+    const { colour, radius, shape, halo } = this.style;
     const r = radius * pixelRatio;
     const path = new Path2D();
     for (let k = 0; k + 1 < this.rows.length; k += this.columns) {
@@ -130,7 +131,7 @@ export class DotLayer extends PlotLayer {
     context.fillStyle = colour;
     context.strokeStyle = 'rgb(255 255 255 / 0.9)';
     context.lineWidth = pixelRatio;
-    context.stroke(path);
+    if (halo) context.stroke(path);
     context.fill(path);
   }
 }

@@ -7,6 +7,7 @@ import { Form } from '../forms';
 import { icon } from '../icons';
 import { LAYERS, type CaseError, type Feature, type Forms, type Layer } from '../protocol';
 import { decimal, say } from '../texts';
+import { applies } from '../volume_keys';
 
 interface Actions {
   select(id: string): void;
@@ -21,6 +22,7 @@ export class FeaturePanel {
   private readonly hint = element('p', { class: 'hint' }, say('app.features.hint'));
   private form: { id: string; layer: Layer; form: Form; size: HTMLElement } | null = null;
   private selected = '';
+  private listed = '';
   private errors: readonly CaseError[] = [];
   private editable = false;
 
@@ -43,7 +45,12 @@ export class FeaturePanel {
     this.list.querySelector(`[data-feature="${id}"]`)?.scrollIntoView({ block: 'nearest' });
   }
 
+  /** List what is drawn; only afresh if it reads otherwise than before, so that no click is lost while a shape is dragged. */
   private showList(): void {
+    const wrong = this.errors.map(({ id }) => id);
+    const listed = JSON.stringify([this.selected, wrong, LAYERS.map((layer) => this.store.layer(layer).map(({ id, properties }) => [id, properties['name']]))]);
+    if (listed === this.listed) return;
+    this.listed = listed;
     const focused = document.activeElement instanceof HTMLElement && this.list.contains(document.activeElement) ? document.activeElement.dataset['feature'] : undefined;
     const sections = LAYERS.filter((layer) => this.store.layer(layer).length > 0).map((layer) => {
       const title = element('h3', {}, swatch(layer), say(`app.layer.${layer}`), element('span', { class: 'count' }, decimal(this.store.layer(layer).length)));
@@ -76,6 +83,7 @@ export class FeaturePanel {
     const errors = this.errors.filter((error) => error.id === feature.id);
     const fields = new Set(this.forms.layers[layer]?.map(({ name }) => name));
     this.form?.form.update(feature.properties, new Map(errors.map((error) => [error.key ?? '', error.text])), this.editable);
+    this.form?.form.filter(({ name }) => applies(name, feature.properties, String(feature.properties['volume'] ?? '')));
     if (this.form) this.form.size.textContent = sizeOf(feature);
     const others = errors.filter((error) => !error.key || !fields.has(error.key)).map(({ text }) => element('p', { class: 'alert red' }, icon('warning'), text));
     this.properties.querySelectorAll(':scope > .alert').forEach((old) => old.remove());

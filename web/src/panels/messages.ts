@@ -5,6 +5,12 @@ import { icon } from '../icons';
 import type { CaseError } from '../protocol';
 import { say } from '../texts';
 
+interface Message {
+  kind: 'error' | 'model' | 'check';
+  text: string;
+  error?: CaseError;
+}
+
 export class MessagePanel {
   readonly root = element('div', { class: 'messages', attributes: { role: 'status' } });
   private shown = '';
@@ -15,16 +21,25 @@ export class MessagePanel {
     const next = JSON.stringify([errors, model, checks]);
     if (next === this.shown) return; // a screen reader would say it again
     this.shown = next;
-    this.root.replaceChildren(
-      ...errors.map((error) => this.error(error)),
-      ...model.map((text) => element('p', { class: 'alert red', attributes: { 'data-message': 'model' } }, icon('warning'), text)),
-      ...checks.map((text) => element('p', { class: 'alert amber', attributes: { 'data-message': 'check' } }, icon('warning'), text)),
-    );
+    const open = this.root.querySelector('details[open].red') !== null;
+    const red: Message[] = [...errors.map((error): Message => ({ kind: 'error', text: error.text, error })), ...model.map((text): Message => ({ kind: 'model', text }))];
+    const amber = checks.map((text): Message => ({ kind: 'check', text }));
+    this.root.replaceChildren(...[this.strip('red', red, open), this.strip('amber', amber, false)].filter((strip) => strip !== null));
     this.root.hidden = !this.root.firstChild;
   }
 
-  private error(error: CaseError): HTMLElement {
-    const place = error.id ?? error.key;
-    return element('p', { class: 'alert red', attributes: { 'data-message': 'error' } }, icon('warning'), element('span', {}, error.text), place !== undefined && button(say('app.show_place'), () => this.onError(error), { class: 'link' }));
+  /** One line with the first message, which opens to all of them: the map keeps its size while messages come and go. */
+  private strip(colour: 'red' | 'amber', messages: readonly Message[], open: boolean): HTMLElement | null {
+    const [first, ...others] = messages;
+    if (!first) return null;
+    const head = element('summary', { title: first.text }, icon('warning'), this.line(first), others.length > 0 && element('span', { class: 'count' }, `+${others.length}`));
+    const strip = element('details', { class: `alert ${colour}` }, head, ...others.map((message) => this.line(message)));
+    strip.open = open;
+    return strip;
+  }
+
+  private line({ kind, text, error }: Message): HTMLElement {
+    const show = error && (error.id !== undefined || error.key !== undefined) && button(say('app.show_place'), () => this.onError(error), { class: 'link' });
+    return element('p', { attributes: { 'data-message': kind } }, text, ' ', show ?? null);
   }
 }

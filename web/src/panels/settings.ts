@@ -5,6 +5,7 @@ import type { DocumentStore } from '../document';
 import { Form, labelOf } from '../forms';
 import type { CaseError, Field, Forms } from '../protocol';
 import { decimal, say, sayOr } from '../texts';
+import { applies } from '../volume_keys';
 
 // Keys most used, in the order in which an engineer fills them in.
 const COMMON: readonly (readonly [group: string, keys: readonly string[]])[] = [
@@ -14,18 +15,6 @@ const COMMON: readonly (readonly [group: string, keys: readonly string[]])[] = [
   ['impact', ['sets']],
   ['case', ['boulders', 'boulders_total', 'seed']],
 ];
-
-// Keys that only some distributions of volumes have.
-const OF_VOLUME: Readonly<Record<string, readonly string[]>> = {
-  fixed: ['volume_mean'],
-  normal: ['volume_mean', 'volume_std'],
-  lognormal: ['volume_mean', 'volume_std'],
-  uniform: ['volume_min', 'volume_max'],
-  pareto: ['volume_min', 'volume_max', 'volume_exponent'],
-  list: ['volumes'],
-  source: ['volume_spread', 'd1', 'd2', 'd3', 'shape', 'rock_density'],
-};
-const CONDITIONAL = new Set(Object.values(OF_VOLUME).flat());
 
 interface Section {
   group: string;
@@ -67,17 +56,15 @@ export class SettingsPanel {
     this.hideUnused();
   }
 
-  /** Keys of other distributions of volumes are only shown where they are given. */
+  /** Hide keys that the case has no use for. */
   private hideUnused(): void {
-    const boulder = this.store.document.settings['boulder'] ?? {};
-    const used = new Set(OF_VOLUME[String(boulder['volume'] ?? 'fixed')] ?? []);
-    const given = (group: string, name: string): boolean => this.store.document.settings[group]?.[name] !== undefined;
+    const { boulder = {}, case: run = {} } = this.store.document.settings;
+    const inTotal = run['boulders_total'] !== undefined;
     for (const { group, form } of this.common) {
       form.filter(({ name }) => {
-        if (group === 'boulder') return !CONDITIONAL.has(name) || used.has(name) || given(group, name);
-        if (name === 'boulders') return given(group, name) || !given(group, 'boulders_total');
-        if (name === 'boulders_total') return given(group, name);
-        return true;
+        if (name === 'boulders') return run['boulders'] !== undefined || !inTotal;
+        if (name === 'boulders_total') return inTotal;
+        return group !== 'boulder' || applies(name, boulder, String(boulder['volume'] ?? 'fixed'));
       });
     }
   }

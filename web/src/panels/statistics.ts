@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Statistics at the lines, with 95 % intervals and small distributions.
-import { element, svg } from '../dom';
+import { button, element, svg } from '../dom';
 import type { Estimate, LineStatistics, QuantityStatistics } from '../protocol';
 import { decimal, rounded, say, sayOr, supportedDecimals } from '../texts';
 
@@ -49,58 +49,78 @@ function fractionBar([value, low, high]: Estimate): SVGSVGElement {
   return bar;
 }
 
-/** Fraction passing in per cent: 0 and 100 only where it is exactly so. */
+/** Fraction passing in per cent. */
 export function percent([value, low, high]: Estimate): Estimate {
   const of = (part: number | null): number | null => (part === null ? null : 100 * part);
   return [of(value), of(low), of(high)];
 }
 
+/** Row of a line: its head stays while numbers change, so that a click or the focus is not lost. */
+interface Row {
+  root: HTMLTableRowElement;
+  update(line: LineStatistics): void;
+}
+
 export class StatisticsPanel {
   readonly root = element('div', { class: 'statistics' });
-  private lines: readonly LineStatistics[] = [];
+  private shape = '';
   private selected = '';
+  private rows = new Map<string, Row>();
 
   constructor(private readonly onChosen: (name: string) => void) {}
 
   update(lines: readonly LineStatistics[]): void {
-    this.lines = lines;
-    this.show();
+    const shape = JSON.stringify(lines.map(({ name, kind, quantities }) => [name, kind, Object.keys(quantities)]));
+    if (shape !== this.shape) this.root.replaceChildren(lines.length ? this.table(lines) : element('p', { class: 'empty' }, say('app.statistics.none')));
+    this.shape = shape;
+    for (const line of lines) this.rows.get(line.name)?.update(line);
   }
 
   /** Mark the line of this name. */
   select(name: string): void {
+    this.rows.get(this.selected)?.root.classList.remove('selected');
     this.selected = name;
-    this.show();
+    this.rows.get(name)?.root.classList.add('selected');
   }
 
-  private show(): void {
-    this.root.replaceChildren(this.lines.length ? this.table() : element('p', { class: 'empty' }, say('app.statistics.none')));
-  }
-
-  private table(): HTMLTableElement {
-    const known = QUANTITIES.map((name) => ({ name, of: this.lines.map((line) => line.quantities[name]).find((one) => one !== undefined) })).filter(({ of }) => of !== undefined);
-    const heads = known.map(({ name, of }) => element('th', { attributes: { colspan: '3', scope: 'colgroup' } }, sayOr(`app.quantity.${name}`, of?.label ?? name), element('span', { class: 'unit' }, ` ${of?.unit ?? ''}`)));
-    const parts = known.flatMap(() => [element('th', { class: 'group-start', attributes: { scope: 'col' } }, say('app.statistics.mean')), element('th', { attributes: { scope: 'col' } }, say('app.statistics.q95')), element('th', { class: 'plot', attributes: { scope: 'col' } }, element('span', { class: 'hidden-text' }, say('app.statistics.distribution')))]);
-    const head = element('thead', {},
-      element('tr', {}, element('th', { attributes: { rowspan: '2', scope: 'col' } }, say('app.statistics.line')), element('th', { attributes: { rowspan: '2', scope: 'col' } }, say('app.statistics.fraction'), element('span', { class: 'unit' }, ' %')), ...heads),
-      element('tr', {}, ...parts));
-    return element('table', {}, element('caption', { class: 'hidden-text' }, say('app.statistics.caption')), head, element('tbody', {}, ...this.lines.map((line) => this.row(line, known.map(({ name }) => name)))));
-  }
-
-  private row(line: LineStatistics, names: readonly string[]): HTMLTableRowElement {
-    const fraction = percent(line.fraction);
-    const cells = names.flatMap((name) => {
-      const quantity = line.quantities[name];
-      const title = sayOr(`app.quantity.${name}`, quantity?.label ?? name);
-      const cell = (part: 'mean' | 'q95'): HTMLElement =>
-        element('td', { class: part === 'mean' ? 'group-start' : '', attributes: { 'data-quantity': name, 'data-part': part, 'data-label': `${title} [${quantity?.unit ?? ''}], ${say(`app.statistics.${part}`)}` } }, quantity ? estimate(quantity[part], quantity.decimals) : '–');
-      return [cell('mean'), cell('q95'), element('td', { class: 'plot' }, quantity && line.n > 1 ? histogram(quantity) : '')];
+  private table(lines: readonly LineStatistics[]): HTMLTableElement {
+    const known = QUANTITIES.flatMap((name) => {
+      const first = lines.map((line) => line.quantities[name]).find((one) => one !== undefined);
+      return first ? [{ name, title: sayOr(`app.quantity.${name}`, first.label), unit: first.unit }] : [];
     });
-    const name = element('button', { class: 'line-name', attributes: { type: 'button' } }, element('span', { class: `swatch ${line.kind}s` }), element('span', {}, line.name));
-    name.addEventListener('click', () => this.onChosen(line.name));
-    return element('tr', { class: line.name === this.selected ? 'selected' : '', attributes: { 'data-line': line.name } },
-      element('th', { attributes: { scope: 'row' } }, name, element('small', {}, say('app.statistics.n', { n: line.n }))),
-      element('td', { class: 'fraction', attributes: { 'data-part': 'fraction', 'data-label': `${say('app.statistics.fraction')} [%]` } }, estimate(fraction, 1), fractionBar(fraction)),
-      ...cells);
+    const column = (text: string, options: { class?: string } = {}): HTMLElement => element('th', { ...options, attributes: { scope: 'col' } }, text);
+    const tall = (key: string, unit: string): HTMLElement => element('th', { attributes: { rowspan: '2', scope: 'col' } }, say(key), element('span', { class: 'unit' }, unit));
+    const heads = known.map(({ title, unit }) => element('th', { attributes: { colspan: '3', scope: 'colgroup' } }, title, element('span', { class: 'unit' }, ` ${unit}`)));
+    const parts = known.flatMap(() => [column(say('app.statistics.mean'), { class: 'group-start' }), column(say('app.statistics.q95')), element('th', { class: 'plot', attributes: { scope: 'col', 'aria-label': say('app.statistics.distribution') } })]);
+    const head = element('thead', {}, element('tr', {}, tall('app.statistics.line', ''), tall('app.statistics.fraction', ' %'), ...heads), element('tr', {}, ...parts));
+    this.rows = new Map(lines.map((line) => [line.name, this.row(line, known)]));
+    const body = element('tbody', {}, ...[...this.rows.values()].map(({ root }) => root));
+    return element('table', {}, element('caption', { class: 'hidden-text' }, say('app.statistics.caption')), head, body);
+  }
+
+  private row({ name, kind }: LineStatistics, known: readonly { name: string; title: string; unit: string }[]): Row {
+    const chosen = button([element('span', { class: `swatch ${kind}s` }), element('span', {}, name)], () => this.onChosen(name), { class: 'line-name' });
+    const number = element('small');
+    const fraction = element('td', { class: 'fraction', attributes: { 'data-part': 'fraction', 'data-label': `${say('app.statistics.fraction')} [%]` } });
+    const cells = known.map((quantity) => {
+      const cell = (part: 'mean' | 'q95', style: string): HTMLElement =>
+        element('td', { class: style, attributes: { 'data-quantity': quantity.name, 'data-part': part, 'data-label': `${quantity.title} [${quantity.unit}], ${say(`app.statistics.${part}`)}` } });
+      return { name: quantity.name, mean: cell('mean', 'group-start'), q95: cell('q95', ''), plot: element('td', { class: 'plot' }) };
+    });
+    const root = element('tr', { class: name === this.selected ? 'selected' : '', attributes: { 'data-line': name } },
+      element('th', { attributes: { scope: 'row' } }, chosen, number), fraction, ...cells.flatMap(({ mean, q95, plot }) => [mean, q95, plot]));
+    const update = (line: LineStatistics): void => {
+      number.textContent = say('app.statistics.n', { n: line.n });
+      const passing = percent(line.fraction);
+      fraction.replaceChildren(estimate(passing, 1), fractionBar(passing));
+      for (const cell of cells) {
+        const quantity = line.quantities[cell.name];
+        if (!quantity) continue;
+        cell.mean.replaceChildren(estimate(quantity.mean, quantity.decimals));
+        cell.q95.replaceChildren(estimate(quantity.q95, quantity.decimals));
+        cell.plot.replaceChildren(...(line.n > 1 ? [histogram(quantity)] : []));
+      }
+    };
+    return { root, update };
   }
 }

@@ -18,6 +18,7 @@ export class VariantPanel {
   private readonly name = element('input', { attributes: { type: 'text', maxlength: '60', 'aria-label': say('app.variants.name'), 'data-field': 'variant_name' } });
   private readonly keepButton: HTMLButtonElement;
   private number = 0;
+  private listed = '';
 
   constructor(private readonly actions: Actions) {
     this.keepButton = button([icon('bookmark'), say('app.variants.keep')], () => this.keep(), { class: 'primary', attributes: { 'data-action': 'keep-variant' } });
@@ -30,6 +31,9 @@ export class VariantPanel {
 
   update(variants: readonly Snapshot[], canKeep: boolean, canRestore: boolean): void {
     this.keepButton.disabled = !canKeep;
+    const listed = JSON.stringify([variants.map(({ name }) => name), canRestore]);
+    if (listed === this.listed) return; // a click must not lose its button
+    this.listed = listed;
     this.list.replaceChildren(...variants.map((variant, k) => element('li', { attributes: { 'data-variant': variant.name } },
       element('span', { class: 'variant-name' }, variant.name),
       button(say('app.variants.compare'), () => this.actions.compare(k), { attributes: { 'data-action': 'compare' } }),
