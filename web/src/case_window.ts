@@ -16,7 +16,7 @@ import { FeaturePanel } from './panels/features';
 import { MessagePanel } from './panels/messages';
 import { SettingsPanel } from './panels/settings';
 import { StatisticsPanel } from './panels/statistics';
-import { Tabs } from './panels/tabs';
+import { Tabs, type Tab } from './panels/tabs';
 import { VariantPanel } from './panels/variants';
 import { isOf, LAYERS, type BatchMessage, type Binary, type CaseDocument, type CaseError, type Layer, type State, type Text, type TrajectoriesMessage, type Value, type Welcome } from './protocol';
 import { RunBar } from './run_bar';
@@ -101,11 +101,10 @@ export class CaseWindow {
       trajectories: (number) => this.want({ ...this.wanted, trajectories: number }), bySpeed: (on) => this.colourBySpeed(on),
     }, welcome.view.trajectories, OPACITY);
     this.variantPanel = new VariantPanel({ keep: (name) => this.keep(name), compare: (k) => this.openCompare(k + 1), restore: (k) => this.restore(k), forget: (k) => this.forget(k) });
-    this.tabs = new Tabs(say('app.panel'), [
-      ...(mode === 'case' ? [{ name: 'features', title: say('app.tab.features'), content: this.features.root }, { name: 'settings', title: say('app.tab.settings'), content: this.settings.root }] : []),
-      { name: 'display', title: say('app.tab.display'), content: this.display.root },
-      ...(mode === 'case' ? [{ name: 'variants', title: say('app.tab.variants'), content: this.variantPanel.root }] : []),
-    ]);
+    const tab = (name: string, content: HTMLElement): Tab => ({ name, title: say(`app.tab.${name}`), content });
+    const [features, display] = [tab('features', this.features.root), tab('display', this.display.root)];
+    this.tabs = new Tabs(say('app.panel'), mode === 'case' ? [features, tab('settings', this.settings.root), display, tab('variants', this.variantPanel.root)] : [display, features]);
+    this.display.offer('drawn_zones', forms.layers.zones !== undefined);
     this.output = new Output(connection, welcome.file.replace(/\.[^.]*$/, '') || 'case', welcome.folder);
     this.undoButton = this.topButton('undo', 'app.undo', 'Control+Z', () => this.store.undo());
     this.redoButton = this.topButton('redo', 'app.redo', 'Control+Shift+Z', () => this.store.redo());

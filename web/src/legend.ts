@@ -11,7 +11,7 @@ export class Legend {
   private readonly choice: HTMLSelectElement;
   private readonly ramp = element('div', { class: 'ramp-box' });
   private readonly speeds = element('div', { class: 'ramp-box' });
-  private readonly zones = element('ul', { class: 'zone-legend' });
+  private readonly zones = element('details', { class: 'zone-legend' });
 
   constructor(maps: readonly MapName[], shown: string, onMap: (name: string) => void) {
     this.choice = element('select', { attributes: { 'aria-label': say('app.legend.map'), 'data-action': 'map' } }, option('', say('app.legend.no_map')), ...choices(maps));
@@ -33,11 +33,13 @@ export class Legend {
 
   setZones(zones: readonly { name: string }[] | null): void {
     this.zones.hidden = !zones?.length;
-    this.zones.replaceChildren(...(zones ?? []).map(({ name }, k) => {
+    this.zones.open = window.innerWidth > 760;
+    const items = (zones ?? []).map(({ name }, k) => {
       const patch = element('span', { class: 'patch' });
       patch.style.background = css(zoneColour(k), 0.55);
       return element('li', {}, patch, name);
-    }));
+    });
+    this.zones.replaceChildren(element('summary', {}, say('app.layer.zones')), element('ul', {}, ...items));
   }
 }
 
@@ -68,21 +70,29 @@ export function withUnit(label: string, unit: string): string {
 function ramp(scale: ColourScale, unit: string): HTMLElement {
   const bar = element('div', { class: 'ramp' });
   bar.style.background = `linear-gradient(to right, ${Array.from({ length: 16 }, (_, k) => css(viridis(k / 15))).join(', ')})`;
-  const numbers = element('div', { class: 'ticks' }, ...spread(scale).map(({ value, place }) => {
-    const tick = element('span', { title: unit }, decimal(Number(value.toPrecision(3))));
+  const numbers = element('div', { class: 'ticks' }, ...spread(scale).map(({ text, place }) => {
+    const tick = element('span', {}, text);
     tick.style.left = `${100 * place}%`;
     return tick;
   }));
   return element('div', { class: 'scale', attributes: { role: 'img', 'aria-label': `${decimal(Number(scale.low.toPrecision(3)))} – ${decimal(Number(scale.high.toPrecision(3)))} ${unit}` } }, bar, numbers);
 }
 
-/** Round numbers and their places on the bar, without those too close to the one before. */
-export function spread(scale: ColourScale): { value: number; place: number }[] {
-  const found: { value: number; place: number }[] = [];
+interface Tick {
+  text: string;
+  place: number;
+}
+
+const LETTER = 0.033; // width of a digit, on a bar of 200 pixels
+
+/** Round numbers and their places on the bar, without those that would touch the one before. */
+export function spread(scale: ColourScale): Tick[] {
+  const found: Tick[] = [];
   for (const value of ticks(scale)) {
     const place = Math.max(0, Math.min(1, placeOf(value, scale)));
+    const text = decimal(Number(value.toPrecision(3)));
     const last = found.at(-1);
-    if (!last || place - last.place > 0.13) found.push({ value, place });
+    if (!last || place - last.place > (LETTER * (text.length + last.text.length)) / 2 + 0.02) found.push({ text, place });
   }
   return found;
 }

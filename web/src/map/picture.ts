@@ -88,10 +88,10 @@ function drawRamp(context: CanvasRenderingContext2D, result: OverlayHeader, left
   context.fillRect(left, 34, length, 12);
   context.fillStyle = '#111827';
   context.textAlign = 'center';
-  for (const { value, place } of spread(result)) {
+  for (const { text, place } of spread(result)) {
     const at = left + length * place;
     context.fillRect(at - 0.5, 46, 1, 4);
-    context.fillText(decimal(Number(value.toPrecision(3))), at, 53);
+    context.fillText(text, at, 53);
   }
 }
 
