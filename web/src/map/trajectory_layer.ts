@@ -5,6 +5,7 @@ import type { Trajectories } from '../view3d/view3d';
 import { PlotLayer, type Plan } from './plot_layer';
 
 const COLUMNS = 5; // x, y, z, time, speed
+const TOGETHER = 10; // trajectories whose pieces are drawn by one stroke
 const SHORTEST = 1; // pixel: vertices nearer to the last one drawn are left out
 
 export class TrajectoryLayer extends PlotLayer {
@@ -34,9 +35,10 @@ export class TrajectoryLayer extends PlotLayer {
 
   protected override paint(context: CanvasRenderingContext2D, plan: Plan): void {
     if (!this.shown) return;
-    context.lineWidth = 1.1 * plan.pixelRatio;
+    // Lines of one pixel are drawn many times faster than wider ones.
+    context.lineWidth = Math.max(1, Math.floor(plan.pixelRatio));
     context.lineJoin = 'round';
-    if (this.bySpeed) this.paintClasses(context, plan, this.shown);
+    if (this.bySpeed) for (let t = 0; t + 1 < this.shown.first.length; t += TOGETHER) this.paintClasses(context, plan, this.shown, t);
     else this.paintLines(context, plan, this.shown);
   }
 
@@ -62,11 +64,11 @@ export class TrajectoryLayer extends PlotLayer {
     }
   }
 
-  /** All pieces of a class of speed by one stroke. */
-  private paintClasses(context: CanvasRenderingContext2D, { scale, x0, y0 }: Plan, { points, first }: Trajectories): void {
+  /** Pieces of some trajectories, those of a class of speed by one stroke; a stroke of very many pieces is slow. */
+  private paintClasses(context: CanvasRenderingContext2D, { scale, x0, y0 }: Plan, { points, first }: Trajectories, begin: number): void {
     const paths = Array.from({ length: SPEED_CLASSES }, () => new Path2D());
     const perClass = this.fastest / SPEED_CLASSES || 1;
-    for (let t = 0; t + 1 < first.length; t++) {
+    for (let t = begin; t < Math.min(begin + TOGETHER, first.length - 1); t++) {
       const end = (first[t + 1] ?? 0) * COLUMNS;
       let lastX = NaN;
       let lastY = NaN;
