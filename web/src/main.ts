@@ -1,5 +1,72 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Entry of the page: sets up its parts and passes messages between them.
+// Entry of the page: opens the connection, and hands what comes to the window of the case.
+import 'ol/ol.css';
 import './style.css';
+import { CaseWindow } from './case_window';
+import { Connection } from './connection';
+import { button, element } from './dom';
+import type { Binary, Text, Welcome } from './protocol';
+import { startPage } from './start';
+import { say, setTexts } from './texts';
 
-document.getElementById('app')!.textContent = 'rockfall';
+const root = document.getElementById('app') as HTMLElement;
+let current: CaseWindow | null = null;
+
+const connection = new Connection({ text: receive, binary, lost });
+
+/** Read-only handles for tests. */
+export interface Handles {
+  pixelOf(place: [number, number]): [number, number] | null;
+  readonly revision: number;
+  readonly preliminary: boolean;
+  readonly batch: unknown;
+  readonly document: unknown;
+}
+declare global {
+  interface Window {
+    rockfall: Handles;
+  }
+}
+window.rockfall = Object.freeze({
+  pixelOf: (place: [number, number]) => current?.pixelOf(place) ?? null,
+  get revision() { return current?.revision ?? 0; },
+  get preliminary() { return current?.preliminary ?? true; },
+  get batch() { return current?.shownBatch ?? null; },
+  get document() { return current?.document ?? null; },
+});
+
+function receive(message: Text): void {
+  if (message.type === 'welcome') welcome(message);
+  else if (message.type === 'fault' && !current) root.replaceChildren(element('p', { class: 'alert red' }, message.text));
+  else current?.receive(message);
+}
+
+function binary(message: Binary): void {
+  current?.receiveBinary(message);
+}
+
+function welcome(message: Welcome): void {
+  setTexts(message.texts, message.language);
+  document.documentElement.lang = message.language;
+  document.title = message.title ? `${message.title} – rockfall` : 'rockfall';
+  current?.dispose();
+  current = null;
+  if (message.mode === 'start') root.replaceChildren(startPage(message, (index) => connection.send({ type: 'open_recent', index })));
+  else current = new CaseWindow(root, message, connection);
+}
+
+/** The server is gone: say so plainly, above what is shown. */
+function lost(reason: 'refused' | 'closed'): void {
+  // Before the first message the page has no texts: then it speaks English.
+  const known = say('app.lost') !== 'app.lost';
+  const text = known ? say(reason === 'refused' ? 'app.refused' : 'app.lost') : 'No connection to rockfall. Start `rockfall app` again, and open the address that it prints.';
+  const notice = element('div', { class: 'lost', attributes: { role: 'alertdialog', 'aria-label': text } },
+    element('p', {}, text), button(known ? say('app.retry') : 'Try again', () => {
+      notice.remove();
+      connection.retry();
+    }, { class: 'primary' }));
+  document.querySelectorAll('.lost').forEach((old) => old.remove());
+  document.body.append(notice);
+}
+
+connection.connect();

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Colours that colour-blind readers tell apart: Okabe and Ito (2008) for layers, viridis for rasters and speeds.
+import type { Layer } from './protocol';
+
+export type Rgb = readonly [number, number, number];
+
+export const LAYER_COLOURS: Readonly<Record<Layer | 'trees' | 'stops' | 'trajectories', string>> = {
+  sources: '#d55e00',
+  lines: '#0072b2',
+  barriers: '#cc79a7',
+  dams: '#e69f00',
+  zones: '#009e73',
+  trees: '#007a59',
+  stops: '#111827',
+  trajectories: '#1f2937',
+};
+
+/** Colours of zones: pale, for a translucent layer on grey. */
+export const ZONE_COLOURS: readonly Rgb[] = [
+  [230, 159, 0], [86, 180, 233], [0, 158, 115], [240, 228, 66], [204, 121, 167], [0, 114, 178], [213, 94, 0], [136, 136, 136],
+];
+
+// Every sixteenth colour of viridis.
+const VIRIDIS: readonly Rgb[] = [
+  [68, 1, 84], [72, 26, 108], [71, 47, 125], [65, 68, 135], [57, 86, 140], [49, 104, 142], [42, 120, 142], [35, 136, 142],
+  [31, 152, 139], [34, 168, 132], [53, 183, 121], [84, 197, 104], [122, 209, 81], [165, 219, 54], [210, 226, 27], [253, 231, 37],
+];
+
+/** Colour at a place from 0 to 1. */
+export function viridis(place: number): Rgb {
+  const at = Math.max(0, Math.min(1, place)) * (VIRIDIS.length - 1);
+  const k = Math.min(VIRIDIS.length - 2, Math.floor(at));
+  const [a, b] = [VIRIDIS[k] ?? [0, 0, 0], VIRIDIS[k + 1] ?? [0, 0, 0]] as const;
+  const mix = (i: 0 | 1 | 2): number => Math.round(a[i] + (at - k) * (b[i] - a[i]));
+  return [mix(0), mix(1), mix(2)];
+}
+
+export function css([r, g, b]: Rgb, opacity = 1): string {
+  return `rgb(${r} ${g} ${b} / ${opacity})`;
+}
+
+/** Classes of speed for trajectories, and the speed of the fastest [m/s]. */
+export const SPEED_CLASSES = 8;
+
+/** A scale from values to places between 0 and 1. */
+export interface ColourScale {
+  low: number;
+  high: number;
+  scale: 'linear' | 'log';
+}
+
+export function placeOf(value: number, { low, high, scale }: ColourScale): number {
+  if (scale === 'log') return Math.log(value / low) / Math.log(high / low || 1);
+  return high > low ? (value - low) / (high - low) : 1;
+}
+
+/** Round numbers for a legend: 1, 2, 5 times powers of ten, at most about six. */
+export function ticks({ low, high, scale }: ColourScale): number[] {
+  if (!(high > low)) return [high];
+  if (scale === 'log') {
+    const found: number[] = [];
+    const decades = Math.log10(high / low);
+    const factors = decades > 3 ? [1] : decades > 1.5 ? [1, 3] : [1, 2, 5];
+    for (let e = Math.floor(Math.log10(low)); e <= Math.log10(high); e++) for (const f of factors) found.push(f * 10 ** e);
+    return found.filter((value) => value >= low * 0.999 && value <= high * 1.001);
+  }
+  const rough = (high - low) / 5;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = power * ([1, 2, 5].find((f) => f * power >= rough) ?? 10);
+  const found: number[] = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high * (1 + 1e-9); k++) found.push(k * step);
+  return found;
+}

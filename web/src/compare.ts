@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Two states side by side: maps that move together, and a table of both and their difference.
+import type { ColourScale } from './colours';
+import { button, element, select } from './dom';
+import { Legend } from './legend';
+import { MapView } from './map/map_view';
+import { estimate, percent, QUANTITIES } from './panels/statistics';
+import type { Estimate, LineStatistics, OverlayHeader } from './protocol';
+import { decimal, rounded, say, sayOr, supportedDecimals } from './texts';
+import { difference, type Snapshot } from './variants';
+import type { Shade, Terrain } from './view3d/view3d';
+
+class Side {
+  readonly root = element('div', { class: 'compare-side' });
+  readonly view: MapView;
+  private readonly target = element('div', { class: 'map' });
+  private readonly choice = element('div', { class: 'compare-choice' });
+  private offered = '';
+
+  constructor(private readonly letter: string, terrain: Terrain, shade: Shade | null) {
+    this.root.append(this.target, this.choice);
+    this.view = new MapView(this.target);
+    this.view.setTerrain(terrain, shade);
+  }
+
+  show(snapshot: Snapshot, scale: ColourScale | null): void {
+    this.view.showDocument(snapshot.document.layers);
+    this.view.setResult(snapshot.batch.overlay, snapshot.overlay?.values ?? null, snapshot.overlay?.shape ?? []);
+    if (scale) this.view.paintResult(scale);
+    this.view.setTrajectories(snapshot.trajectories);
+  }
+
+  offer(names: readonly string[], chosen: number, action: (index: number) => void): void {
+    const offered = JSON.stringify([names, chosen]);
+    if (offered === this.offered) return;
+    this.offered = offered;
+    const box = select(names.map((name, k) => [String(k), name] as const), String(chosen), (value) => action(Number(value)), { attributes: { 'aria-label': say('app.compare.side', { side: this.letter }), 'data-side': this.letter } });
+    this.choice.replaceChildren(element('b', {}, this.letter), box);
+  }
+}
+
+export class CompareView {
+  readonly root = element('div', { class: 'compare' });
+  readonly table = element('div', { class: 'statistics compare-table' });
+  private sides: readonly [Side, Side] | null = null;
+  private states: readonly Snapshot[] = [];
+  private chosen: [number, number] = [0, 0];
+  private readonly legend = new Legend([], '', () => undefined);
+
+  constructor(private readonly onClose: () => void) {
+    this.legend.root.classList.add('small');
+  }
+
+  /** Compare a state with another; the first of all is the present one. */
+  open(terrain: Terrain, shade: Shade | null, states: readonly Snapshot[], a: number, b: number): void {
+    if (!this.sides) {
+      this.sides = [new Side('A', terrain, shade), new Side('B', terrain, shade)];
+      const [left, right] = this.sides;
+      right.view.map.setView(left.view.map.getView());
+      const close = button(say('app.compare.close'), this.onClose, { class: 'compare-close', attributes: { 'data-action': 'close-compare' } });
+      this.root.append(left.root, right.root, this.legend.root, close);
+    }
+    this.chosen = [a, b];
+    this.update(states);
+    this.sides.forEach(({ view }) => view.map.updateSize());
+    this.sides[0].view.fitResults();
+  }
+
+  /** Show the states as they are now. */
+  update(states: readonly Snapshot[]): void {
+    this.states = states;
+    const [i, j] = this.chosen;
+    const [a, b] = [states[i], states[j]];
+    if (!this.sides || !a || !b) return;
+    const scale = common(a.batch.overlay, b.batch.overlay);
+    const names = states.map(({ name }) => name);
+    this.sides.forEach((side, k) => {
+      side.show(k === 0 ? a : b, scale);
+      side.offer(names, this.chosen[k] ?? 0, (index) => {
+        this.chosen[k] = index;
+        this.update(this.states);
+      });
+    });
+    this.legend.setResult(scale);
+    this.legend.root.hidden = scale === null;
+    this.table.replaceChildren(tableOf(a, b));
+  }
+}
+
+/** One scale for two results of the same map; null if they show different ones. */
+function common(a: OverlayHeader | null, b: OverlayHeader | null): OverlayHeader | null {
+  if (!a || !b || a.name !== b.name) return a && b ? null : (a ?? b);
+  return { ...a, low: Math.min(a.low, b.low), high: Math.max(a.high, b.high), scale: a.scale === 'log' || b.scale === 'log' ? 'log' : 'linear' };
+}
+
+interface Row {
+  label: string;
+  unit: string;
+  decimals: number;
+  of: (line: LineStatistics) => Estimate;
+}
+
+function tableOf(a: Snapshot, b: Snapshot): HTMLElement {
+  const names = [...new Set([...a.batch.lines, ...b.batch.lines].map(({ name }) => name))];
+  if (!names.length) return element('p', { class: 'empty' }, say('app.statistics.none'));
+  const rows = rowsOf([...a.batch.lines, ...b.batch.lines]);
+  const head = element('thead', {}, element('tr', {}, ...['app.statistics.line', 'app.compare.quantity'].map((key) => element('th', { attributes: { scope: 'col' } }, say(key))),
+    ...[`A: ${a.name}`, `B: ${b.name}`, say('app.compare.difference')].map((text) => element('th', { attributes: { scope: 'col' } }, text))));
+  const bodies = names.map((name) => {
+    const [left, right] = [a, b].map(({ batch }) => batch.lines.find((line) => line.name === name));
+    return element('tbody', { attributes: { 'data-line': name } }, ...rows.map((row, k) => {
+      const [x, y] = [left, right].map((line): Estimate => (line ? row.of(line) : [null, null, null])) as [Estimate, Estimate];
+      return element('tr', {}, k === 0 && element('th', { attributes: { scope: 'rowgroup', rowspan: String(rows.length) } }, name),
+        element('td', {}, row.label, element('span', { class: 'unit' }, ` ${row.unit}`)),
+        element('td', {}, estimate(x, row.decimals)), element('td', {}, estimate(y, row.decimals)), element('td', { class: 'difference' }, change(difference(x, y), row.decimals)));
+    }));
+  });
+  return element('table', {}, element('caption', { class: 'hidden-text' }, say('app.compare.caption')), head, ...bodies);
+}
+
+function rowsOf(lines: readonly LineStatistics[]): Row[] {
+  const fraction: Row = { label: say('app.statistics.fraction'), unit: '%', decimals: 1, of: (line) => percent(line.fraction) };
+  const others = QUANTITIES.flatMap((name) => {
+    const first = lines.map((line) => line.quantities[name]).find((one) => one !== undefined);
+    if (!first) return [];
+    return (['mean', 'q95'] as const).map((part): Row => ({
+      label: `${sayOr(`app.quantity.${name}`, first.label)}, ${say(`app.statistics.${part}`)}`, unit: first.unit, decimals: first.decimals,
+      of: (line) => line.quantities[name]?.[part] ?? [null, null, null],
+    }));
+  });
+  return [fraction, ...others];
+}
+
+/** A difference with its sign; grey where its interval holds zero. */
+function change(value: Estimate, decimals: number): HTMLElement {
+  const [middle, low, high] = value;
+  if (middle === null) return element('span', { class: 'estimate none' }, '–');
+  const shown = supportedDecimals(value, decimals);
+  const signed = (one: number | null): string => (one === null ? '?' : `${one > 0 ? '+' : one < 0 ? '−' : ''}${rounded(Math.abs(one), shown)}`);
+  const open = low === null || high === null || (low <= 0 && high >= 0);
+  return element('span', { class: `estimate ${open ? 'open' : 'clear'}` }, element('b', {}, middle === 0 ? decimal(0) : signed(middle)), element('small', {}, `${signed(low)} … ${signed(high)}`));
+}

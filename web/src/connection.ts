@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The socket to the server, or the messages that a stand-alone page brings with it.
+import { decode, isOf, type Binary, type Request, type Text } from './protocol';
+
+export interface Receiver {
+  text(message: Text): void;
+  binary(message: Binary): void;
+  /** The server is gone; nothing is tried again until `connect`. */
+  lost(reason: 'refused' | 'closed'): void;
+}
+
+const STORED_KEY = 'rockfall-key';
+const STORED_LANGUAGE = 'rockfall-language';
+const TRIES = 3;
+const REFUSED = 4401; // close code: the key was not right
+
+export class Connection {
+  /** A page with its messages in it: there is no server, and nothing can be edited. */
+  readonly standalone = document.getElementById('messages') !== null;
+  private socket: WebSocket | null = null;
+  private tries = 0;
+  private readonly frame = new Frame((message) => this.receiver.binary(message));
+
+  constructor(private readonly receiver: Receiver) {}
+
+  connect(): void {
+    if (this.standalone) {
+      this.play();
+      return;
+    }
+    const socket = new WebSocket(`ws://${location.host}/live`);
+    socket.binaryType = 'arraybuffer';
+    socket.onopen = () => {
+      socket.send(JSON.stringify({ type: 'hello', key: takeKey(), language: chosenLanguage() } satisfies Request));
+    };
+    socket.onmessage = (event: MessageEvent<string | ArrayBuffer>) => {
+      this.tries = 0;
+      if (typeof event.data === 'string') this.receiver.text(JSON.parse(event.data) as Text);
+      else this.frame.add(decode(event.data));
+    };
+    socket.onclose = (event) => {
+      if (this.socket !== socket) return;
+      this.socket = null;
+      if (event.code === REFUSED) this.receiver.lost('refused');
+      else if (++this.tries > TRIES) this.receiver.lost('closed');
+      else setTimeout(() => this.connect(), 300 * 2 ** this.tries);
+    };
+    this.socket = socket;
+  }
+
+  /** Connect once more after `lost`. */
+  retry(): void {
+    this.tries = 0;
+    this.connect();
+  }
+
+  send(message: Request): void {
+    if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+  }
+
+  /** Speak another language from now on: the server sends everything again in it. */
+  speak(language: string): void {
+    localStorage.setItem(STORED_LANGUAGE, language);
+    location.reload();
+  }
+
+  private play(): void {
+    const text = document.getElementById('messages')?.textContent ?? '[]';
+    for (const message of JSON.parse(text) as (Text | string)[]) {
+      if (typeof message !== 'string') this.receiver.text(message);
+      else this.receiver.binary(decode(Uint8Array.from(atob(message), (letter) => letter.charCodeAt(0)).buffer));
+    }
+  }
+}
+
+/** Hands on binary messages once a frame, and of results only the newest. */
+class Frame {
+  private waiting: Binary[] = [];
+
+  constructor(private readonly handle: (message: Binary) => void) {}
+
+  add(message: Binary): void {
+    if (this.waiting.length === 0) {
+      if (document.hidden) setTimeout(() => this.flush(), 100);
+      else requestAnimationFrame(() => this.flush());
+    }
+    this.waiting = this.waiting.filter((earlier) => !replaces(message, earlier));
+    this.waiting.push(message);
+  }
+
+  private flush(): void {
+    const messages = this.waiting;
+    this.waiting = [];
+    messages.forEach(this.handle);
+  }
+}
+
+function replaces(message: Binary, earlier: Binary): boolean {
+  if (isOf(message, 'trajectories')) return !message.header.append && isOf(earlier, 'trajectories');
+  return message.header.type === earlier.header.type;
+}
+
+/** The key, from the address at first, then from the store of this tab. */
+function takeKey(): string {
+  const given = new URLSearchParams(location.hash.slice(1)).get('key');
+  if (given) {
+    sessionStorage.setItem(STORED_KEY, given);
+    history.replaceState(null, '', location.pathname);
+  }
+  return sessionStorage.getItem(STORED_KEY) ?? '';
+}
+
+/** The language chosen before; '' leaves it to the server. */
+function chosenLanguage(): string {
+  return localStorage.getItem(STORED_LANGUAGE) ?? '';
+}

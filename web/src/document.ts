@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The document that is edited: snapshots that share what did not change, with undo and redo.
+import { LAYERS, type CaseDocument, type Feature, type Group, type Layer, type SettingValue, type Value } from './protocol';
+
+const KEPT = 200; // steps back
+const EMPTY: CaseDocument = { settings: {}, layers: { sources: [], lines: [], barriers: [], dams: [], zones: [] } };
+
+/** Layers and groups in which two documents differ. */
+export interface Difference {
+  layers: Layer[];
+  groups: string[];
+}
+
+export class DocumentStore {
+  private now: CaseDocument = EMPTY;
+  private past: CaseDocument[] = [];
+  private future: CaseDocument[] = [];
+  private gesture = '';
+  private readonly listeners: ((changed: Difference) => void)[] = [];
+
+  get document(): CaseDocument {
+    return this.now;
+  }
+  get canUndo(): boolean {
+    return this.past.length > 0;
+  }
+  get canRedo(): boolean {
+    return this.future.length > 0;
+  }
+
+  onChange(listener: (changed: Difference) => void): void {
+    this.listeners.push(listener);
+  }
+
+  /** Begin with a document of the server: there is nothing to undo, and no listener to tell. */
+  load(document: CaseDocument): void {
+    const layers = { ...EMPTY.layers, ...document.layers };
+    this.now = { settings: document.settings, layers };
+    this.past = [];
+    this.future = [];
+    this.gesture = '';
+  }
+
+  /** Take over a changed document. Changes of the same gesture, such as a drag, are one step back. */
+  change(next: CaseDocument, gesture = ''): void {
+    const before = this.now;
+    if (next === before) return;
+    if (!gesture || gesture !== this.gesture) {
+      this.past.push(before);
+      if (this.past.length > KEPT) this.past.shift();
+    }
+    this.gesture = gesture;
+    this.future = [];
+    this.now = next;
+    this.tell(difference(before, next));
+  }
+
+  undo(): void {
+    this.step(this.past, this.future);
+  }
+  redo(): void {
+    this.step(this.future, this.past);
+  }
+
+  layer(layer: Layer): readonly Feature[] {
+    return this.now.layers[layer];
+  }
+  feature(id: string): { layer: Layer; feature: Feature } | null {
+    for (const layer of LAYERS) {
+      const feature = this.layer(layer).find((one) => one.id === id);
+      if (feature) return { layer, feature };
+    }
+    return null;
+  }
+
+  setLayer(layer: Layer, features: readonly Feature[], gesture = ''): void {
+    this.change({ ...this.now, layers: { ...this.now.layers, [layer]: features } }, gesture);
+  }
+  add(layer: Layer, feature: Feature): void {
+    // Sources are all points or all polygons: those of the other kind make room.
+    const kept = this.layer(layer).filter((one) => one.type === feature.type);
+    this.setLayer(layer, [...kept, feature]);
+  }
+  replace(layer: Layer, feature: Feature, gesture = ''): void {
+    this.setLayer(layer, this.layer(layer).map((one) => (one.id === feature.id ? feature : one)), gesture);
+  }
+  remove(id: string): void {
+    const found = this.feature(id);
+    if (found) this.setLayer(found.layer, this.layer(found.layer).filter((one) => one.id !== id));
+  }
+
+  /** Set a property; undefined leaves it to its default. */
+  setProperty(id: string, name: string, value: Value | undefined): void {
+    const found = this.feature(id);
+    if (found) this.replace(found.layer, { ...found.feature, properties: withValue(found.feature.properties, name, value) });
+  }
+  /** Set a key of the case; undefined leaves it to its default. */
+  setSetting(group: string, key: string, value: SettingValue | undefined): void {
+    const changed: Group = withValue(this.now.settings[group] ?? {}, key, value);
+    this.change({ ...this.now, settings: { ...this.now.settings, [group]: changed } });
+  }
+
+  /** An id that no feature has, nor had: an undone feature may come back. */
+  newId(layer: Layer): string {
+    const used = new Set([...this.past, this.now, ...this.future].flatMap((one) => LAYERS.flatMap((name) => one.layers[name].map(({ id }) => id))));
+    for (let n = 1; ; n++) {
+      const id = `${layer.slice(0, 1)}${n}`;
+      if (!used.has(id)) return id;
+    }
+  }
+
+  private step(from: CaseDocument[], to: CaseDocument[]): void {
+    const next = from.pop();
+    if (!next) return;
+    const before = this.now;
+    to.push(before);
+    this.gesture = '';
+    this.now = next;
+    this.tell(difference(before, next));
+  }
+
+  private tell(changed: Difference): void {
+    for (const listener of this.listeners) listener(changed);
+  }
+}
+
+function difference(before: CaseDocument, after: CaseDocument): Difference {
+  const groups = new Set([...Object.keys(before.settings), ...Object.keys(after.settings)]);
+  return {
+    layers: LAYERS.filter((layer) => before.layers[layer] !== after.layers[layer]),
+    groups: [...groups].filter((group) => before.settings[group] !== after.settings[group]),
+  };
+}
+
+function withValue<V>(values: Readonly<Record<string, V>>, name: string, value: V | undefined): Record<string, V> {
+  const { [name]: _, ...rest } = values;
+  return value === undefined ? rest : { ...rest, [name]: value };
+}

@@ -1,0 +1,262 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Tools of the map: select and move, draw, snap; vertices are pulled, pulled out, and deleted by Alt-click.
+import Collection from 'ol/Collection';
+import type OlFeature from 'ol/Feature';
+import { LineString, Polygon, type Geometry } from 'ol/geom';
+import { altKeyOnly, singleClick } from 'ol/events/condition';
+import Draw from 'ol/interaction/Draw';
+import Modify from 'ol/interaction/Modify';
+import Snap from 'ol/interaction/Snap';
+import Translate from 'ol/interaction/Translate';
+import type MapBrowserEvent from 'ol/MapBrowserEvent';
+import { Style } from 'ol/style';
+import type { DocumentStore } from './document';
+import { GRABBED, handles, sketchStyle } from './map/feature_style';
+import { dataOf, setData, featureOf } from './map/features';
+import type { MapView } from './map/map_view';
+import { LAYERS, type Feature, type Layer, type Value } from './protocol';
+
+export type Tool = 'select' | 'source' | 'source_area' | 'line' | 'net' | 'dam' | 'zone';
+
+interface Drawing {
+  layer: Layer;
+  type: Feature['type'];
+  letter: string;
+}
+/** What each tool draws, and its letter on the keyboard. */
+export const TOOLS: Readonly<Record<Tool, Drawing | { layer: null; letter: string }>> = {
+  select: { layer: null, letter: 'V' },
+  source: { layer: 'sources', type: 'Point', letter: 'S' },
+  source_area: { layer: 'sources', type: 'Polygon', letter: 'A' },
+  line: { layer: 'lines', type: 'LineString', letter: 'L' },
+  net: { layer: 'barriers', type: 'LineString', letter: 'N' },
+  dam: { layer: 'dams', type: 'LineString', letter: 'D' },
+  zone: { layer: 'zones', type: 'Polygon', letter: 'Z' },
+};
+
+const NEAR = 11; // pixels
+
+export interface DrawListener {
+  onTool(tool: Tool): void;
+  onSelect(id: string): void;
+  /** Properties of a new feature of a layer. */
+  propertiesOf(layer: Layer): Record<string, Value>;
+  onReplaced(count: number): void;
+}
+
+export class Drawer {
+  tool: Tool = 'select';
+  private enabled = false;
+  private draw: Draw | null = null;
+  private gesture = 0;
+  private readonly chosen = new Collection<OlFeature>();
+  private readonly modify: Modify;
+  private readonly translate: Translate;
+  private readonly snaps: Snap[];
+
+  constructor(
+    private readonly view: MapView,
+    private readonly store: DocumentStore,
+    private readonly listener: DrawListener,
+  ) {
+    const { map, features } = view;
+    this.translate = new Translate({ features: this.chosen, hitTolerance: 6, condition: (event) => !this.isNearHandle(event) });
+    this.modify = new Modify({
+      features: this.chosen, pixelTolerance: NEAR, condition: (event) => this.isNearHandle(event),
+      deleteCondition: (event) => altKeyOnly(event) && singleClick(event),
+      style: (vertex) => {
+        const [x = 0, y = 0] = (vertex.getGeometry() as Geometry).getExtent();
+        return this.distanceToHandle([x, y]) <= NEAR ? GRABBED : new Style();
+      },
+    });
+    this.follow((begin, end) => {
+      this.translate.on('translatestart', begin);
+      this.translate.on('translateend', end);
+    });
+    this.follow((begin, end) => {
+      this.modify.on('modifystart', begin);
+      this.modify.on('modifyend', end);
+    });
+    map.addInteraction(this.translate);
+    map.addInteraction(this.modify);
+    this.snaps = LAYERS.map((layer) => new Snap({ source: features.source(layer), pixelTolerance: 9 }));
+    map.on('singleclick', (event) => this.click(event));
+    map.on('pointermove', (event) => this.point(event));
+    this.activate();
+  }
+
+  /** Allow to edit; without, features can only be looked at. */
+  enable(on: boolean): void {
+    this.enabled = on;
+    this.view.features.editable = on;
+    if (!on) this.use('select');
+    this.activate();
+  }
+
+  use(tool: Tool): void {
+    if (tool !== 'select' && !this.enabled) return;
+    const { map } = this.view;
+    if (this.draw) map.removeInteraction(this.draw);
+    this.snaps.forEach((snap) => map.removeInteraction(snap));
+    this.draw = null;
+    this.tool = tool;
+    const drawing = TOOLS[tool];
+    if (drawing.layer !== null) {
+      this.select('');
+      this.draw = new Draw({ type: drawing.type, style: sketchStyle(drawing.layer), stopClick: true, minPoints: drawing.type === 'Polygon' ? 3 : 2 });
+      this.draw.on('drawend', ({ feature }) => this.finish(drawing, feature));
+      map.addInteraction(this.draw);
+    }
+    if (this.enabled) this.snaps.forEach((snap) => map.addInteraction(snap)); // last: they are asked first
+    this.view.target.dataset['tool'] = tool;
+    this.activate();
+    this.listener.onTool(tool);
+  }
+
+  select(id: string): void {
+    const found = this.view.features.find(id);
+    this.view.features.select(found ? id : '');
+    this.chosen.clear();
+    if (found) this.chosen.push(found.feature);
+    this.listener.onSelect(found ? id : '');
+  }
+
+  get selected(): string {
+    return this.view.features.selected;
+  }
+
+  /** After a change of the document: what is no longer there is not selected. */
+  refresh(): void {
+    const { selected } = this;
+    if (!selected) return;
+    const found = this.view.features.find(selected);
+    if (!found) this.select('');
+    else if (this.chosen.item(0) !== found.feature) this.select(selected);
+  }
+
+  /** Escape: give up a drawing, then the tool, then the selection. */
+  escape(): void {
+    if (this.draw && this.drawing) this.draw.abortDrawing();
+    else if (this.tool !== 'select') this.use('select');
+    else this.select('');
+  }
+
+  /** Take back the last vertex of a drawing; false if none is being drawn. */
+  undoVertex(): boolean {
+    if (!this.draw || !this.drawing) return false;
+    this.draw.removeLastPoint();
+    return true;
+  }
+
+  finishDrawing(): void {
+    if (this.drawing) this.draw?.finishDrawing();
+  }
+
+  removeSelected(): void {
+    if (this.enabled && this.selected) this.store.remove(this.selected);
+  }
+
+  /** Move the selected feature by metres; false if there is none. */
+  nudge(dx: number, dy: number): boolean {
+    const found = this.selected && this.enabled ? this.view.features.find(this.selected) : null;
+    const geometry = found?.feature.getGeometry();
+    if (!found || !geometry) return false;
+    geometry.translate(dx, dy);
+    this.write(found.feature, 'nudge');
+    return true;
+  }
+
+  private get drawing(): boolean {
+    return (this.draw?.getOverlay().getSource()?.getFeatures().length ?? 0) > 0 && this.sketching;
+  }
+  private get sketching(): boolean {
+    const sketch = this.draw?.getOverlay().getSource()?.getFeatures() ?? [];
+    return sketch.some((feature) => feature.getGeometry()?.getType() !== 'Point');
+  }
+
+  private activate(): void {
+    const editing = this.enabled && this.tool === 'select';
+    this.translate.setActive(editing);
+    this.modify.setActive(editing);
+  }
+
+  /** Write the document while a feature is moved or modified; one drag is one step back. */
+  private follow(listen: (begin: () => void, end: () => void) => void): void {
+    let stop = (): void => undefined;
+    const begin = (): void => {
+      const feature = this.chosen.item(0);
+      const geometry = feature?.getGeometry();
+      if (!feature || !geometry) return;
+      const gesture = `drag ${++this.gesture}`;
+      const write = (): void => this.write(feature, gesture);
+      geometry.on('change', write);
+      stop = () => {
+        geometry.un('change', write);
+        write();
+      };
+    };
+    listen(begin, () => stop());
+  }
+
+  private write(feature: OlFeature, gesture: string): void {
+    const before = dataOf(feature);
+    const geometry = feature.getGeometry();
+    const found = before && this.store.feature(before.id);
+    if (!before || !geometry || !found) return;
+    const after = featureOf(before.id, found.feature.properties, geometry);
+    if (JSON.stringify(after.coordinates) === JSON.stringify(found.feature.coordinates)) return;
+    setData(feature, after);
+    this.store.replace(found.layer, after, gesture);
+  }
+
+  private finish({ layer, type }: Drawing, sketch: OlFeature): void {
+    const geometry = sketch.getGeometry();
+    if (!geometry) return;
+    const feature = featureOf(this.store.newId(layer), this.listener.propertiesOf(layer), geometry);
+    const replaced = this.store.layer(layer).filter((one) => one.type !== type).length;
+    this.store.add(layer, feature);
+    // The interaction still handles its last click.
+    setTimeout(() => {
+      this.use('select');
+      this.select(feature.id);
+      if (replaced) this.listener.onReplaced(replaced);
+    });
+  }
+
+  private click(event: MapBrowserEvent): void {
+    if (this.tool !== 'select' || altKeyOnly(event)) return;
+    this.select(this.featureAt(event.pixel) ?? '');
+  }
+
+  private point(event: MapBrowserEvent): void {
+    if (event.dragging || this.tool !== 'select') return;
+    const over = this.featureAt(event.pixel);
+    const { dataset } = this.view.target;
+    dataset['over'] = over === undefined ? '' : over === this.selected && this.enabled ? 'selected' : 'feature';
+  }
+
+  private featureAt(pixel: number[]): string | undefined {
+    const { map } = this.view;
+    let best: string | undefined;
+    map.forEachFeatureAtPixel(pixel, (found) => {
+      const data = 'getId' in found ? found.getId() : undefined;
+      if (data === undefined) return false;
+      best = String(data);
+      return true;
+    }, { hitTolerance: 6, layerFilter: (layer) => Object.values<unknown>(this.view.features.layers).includes(layer) });
+    return best;
+  }
+
+  private isNearHandle(event: MapBrowserEvent): boolean {
+    return this.distanceToHandle(event.coordinate) <= NEAR;
+  }
+
+  /** Distance in pixels to the nearest vertex, or middle between two, of the selected feature. */
+  private distanceToHandle([x = 0, y = 0]: readonly number[]): number {
+    const geometry = this.chosen.item(0)?.getGeometry();
+    const resolution = this.view.map.getView().getResolution() ?? 1;
+    if (!(geometry instanceof LineString || geometry instanceof Polygon)) return Infinity;
+    const { vertices, middles } = handles(geometry);
+    return Math.min(...[...vertices, ...middles].map(([u = 0, v = 0]) => Math.hypot(u - x, v - y) / resolution));
+  }
+}

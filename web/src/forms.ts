@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Forms made from the server's table of keys: a row for each field, with unit, default, range, meaning, and its error.
+import { element, uniqueId } from './dom';
+import type { Field, SettingValue, Value } from './protocol';
+import { decimal, say, sayOr, unitText } from './texts';
+
+export type Values = Readonly<Record<string, SettingValue>>;
+type Control = HTMLInputElement | HTMLSelectElement;
+
+function numeric({ kind }: Field): boolean {
+  return kind === 'real' || kind === 'integer' || kind === 'count';
+}
+
+/** Label of a key: a common one has words of its own, others their name. */
+export function labelOf(field: Field): string {
+  return sayOr(`app.key.${field.name}`, field.name);
+}
+
+/** What is allowed, and what is meant. */
+function describe(field: Field): string {
+  const number = (value: number): string => decimal(value);
+  const { min, max, unit } = field;
+  const range = min !== null && max !== null ? `${number(min)} – ${number(max)}` : min !== null ? `≥ ${number(min)}` : max !== null ? `≤ ${number(max)}` : field.choices ? '' : field.allowed;
+  return [`${field.name}${unit ? ` [${unitText(unit)}]` : ''}`, field.meaning, range].filter(Boolean).join('\n');
+}
+
+function shown(value: SettingValue | null | undefined): string {
+  if (value === null || value === undefined) return '';
+  if (Array.isArray(value)) return value.map((one) => shown(one)).join('; ');
+  return typeof value === 'number' ? decimal(value).replace(/[\u202f,](?=\d{3}\b)/g, '') : String(value);
+}
+
+/** A number as typed, with a point or a comma; NaN if it is none. */
+function parsed(text: string, integer: boolean): number {
+  const value = Number(text.replace(/[\s\u202f']/g, '').replace(',', '.'));
+  return integer && !Number.isInteger(value) ? NaN : value;
+}
+
+/** Value of a text as typed: undefined if empty, null if it cannot be read. */
+export function read(field: Field, text: string): SettingValue | undefined | null {
+  const trimmed = text.trim();
+  if (!trimmed) return undefined;
+  const one = (part: string): Value | null => {
+    if (!numeric(field)) return part.trim();
+    const value = parsed(part, field.kind !== 'real');
+    return Number.isFinite(value) ? value : field.kind === 'count' ? part.trim() : null;
+  };
+  if (!field.list) return one(trimmed);
+  const parts = trimmed.split(numeric(field) ? /\s*;\s*|,\s+|\s+/ : /\s*[;,]\s*/).filter(Boolean).map(one);
+  return parts.some((part) => part === null) ? null : (parts as Value[]);
+}
+
+/** One field: label, control, unit, and a line for its error. */
+class Row {
+  readonly root: HTMLElement;
+  private readonly control: Control;
+  private readonly message = element('p', { class: 'field-error', id: uniqueId('error'), attributes: { role: 'alert' } });
+
+  constructor(private readonly field: Field, private readonly change: (value: SettingValue | undefined) => void) {
+    this.control = this.makeControl();
+    this.control.id = uniqueId('field');
+    this.control.dataset['field'] = field.name;
+    this.control.setAttribute('aria-description', describe(field));
+    this.control.addEventListener('change', () => this.commit());
+    const label = element('label', { attributes: { for: this.control.id } }, labelOf(field));
+    const unit = element('span', { class: 'unit' }, unitText(field.unit));
+    this.root = element('div', { class: `field ${field.kind}`, title: describe(field) }, label, this.control, unit, this.message);
+    this.message.hidden = true;
+  }
+
+  update(value: SettingValue | undefined, error: string | undefined, editable: boolean): void {
+    const { control } = this;
+    if (control instanceof HTMLInputElement && control.type === 'checkbox') control.checked = (value ?? this.field.default ?? false) === true;
+    else if (control instanceof HTMLSelectElement) {
+      const text = shown(value);
+      if (text && ![...control.options].some((option) => option.value === text)) control.append(element('option', { attributes: { value: text } }, text));
+      control.value = text;
+    } else if (control !== document.activeElement || control.dataset['committed'] !== shown(value)) {
+      control.value = shown(value);
+      control.dataset['committed'] = control.value;
+    }
+    if (control instanceof HTMLInputElement && control.type !== 'checkbox') control.readOnly = !editable || this.field.read_only;
+    else control.disabled = !editable || this.field.read_only;
+    this.root.classList.toggle('given', value !== undefined);
+    this.complain(error);
+  }
+
+  private makeControl(): Control {
+    const { field } = this;
+    if (field.kind === 'logical') return element('input', { attributes: { type: 'checkbox' } });
+    if (field.choices && !field.list) {
+      const byDefault = field.default === null ? '–' : say('app.form.default', { value: shown(field.default) });
+      return element('select', {}, ...[['', byDefault] as const, ...field.choices.map((one) => [one, one] as const)].map(([value, text]) => element('option', { attributes: { value } }, text)));
+    }
+    const input = element('input', { attributes: { type: 'text', autocomplete: 'off', spellcheck: 'false' } });
+    input.placeholder = shown(field.default);
+    if (numeric(field)) {
+      input.inputMode = 'decimal';
+      input.addEventListener('keydown', (event) => this.step(event));
+    }
+    return input;
+  }
+
+  private complain(error: string | undefined): void {
+    this.message.textContent = error ?? '';
+    this.message.hidden = !error;
+    this.control.setAttribute('aria-invalid', String(Boolean(error)));
+    if (error) this.control.setAttribute('aria-errormessage', this.message.id);
+    else this.control.removeAttribute('aria-errormessage');
+  }
+
+  private commit(): void {
+    const { control } = this;
+    if (control instanceof HTMLInputElement && control.type === 'checkbox') {
+      this.change(control.checked);
+      return;
+    }
+    const value = read(this.field, control.value);
+    if (value === null) {
+      this.complain(say(this.field.kind === 'integer' ? 'app.form.no_integer' : 'app.form.no_number'));
+      return;
+    }
+    control.dataset['committed'] = shown(value);
+    this.change(value);
+  }
+
+  /** Arrow keys step a number, by ten with Shift. */
+  private step(event: KeyboardEvent): void {
+    const direction = event.key === 'ArrowUp' ? 1 : event.key === 'ArrowDown' ? -1 : 0;
+    if (!direction || this.field.list || this.field.read_only || (this.control as HTMLInputElement).readOnly) return;
+    event.preventDefault();
+    const text = this.control.value || shown(this.field.default);
+    const now = parsed(text || '0', false);
+    if (!Number.isFinite(now)) return;
+    const size = this.field.kind === 'integer' ? 1 : 10 ** (now ? Math.floor(Math.log10(Math.abs(now)) + 1e-9) - 1 : -1);
+    const next = now + direction * size * (event.shiftKey ? 10 : 1);
+    const bounded = Math.max(this.field.min ?? -Infinity, Math.min(this.field.max ?? Infinity, next));
+    this.control.value = shown(Number(bounded.toPrecision(12)));
+    this.commit();
+  }
+}
+
+/** A form of some fields. Its rows stay while values change, so that the focus does. */
+export class Form {
+  readonly root = element('div', { class: 'form' });
+  private readonly rows = new Map<string, Row>();
+
+  constructor(readonly fields: readonly Field[], change: (name: string, value: SettingValue | undefined) => void) {
+    for (const field of fields) {
+      const row = new Row(field, (value) => change(field.name, value));
+      this.rows.set(field.name, row);
+      this.root.append(row.root);
+    }
+  }
+
+  update(values: Values, errors: ReadonlyMap<string, string>, editable: boolean): void {
+    for (const [name, row] of this.rows) row.update(values[name], errors.get(name), editable);
+  }
+
+  /** Show only the fields that a test passes; the number shown. */
+  filter(keep: (field: Field) => boolean): number {
+    let number = 0;
+    for (const field of this.fields) {
+      const row = this.rows.get(field.name);
+      if (!row) continue;
+      row.root.hidden = !keep(field);
+      if (!row.root.hidden) number++;
+    }
+    return number;
+  }
+}

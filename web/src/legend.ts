@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Legend on the map: which result is shown, its colours with round numbers, and what else has a colour.
+import { css, placeOf, ticks, viridis, type ColourScale } from './colours';
+import { element } from './dom';
+import { zoneColour } from './map/rasters';
+import type { MapName, OverlayHeader } from './protocol';
+import { decimal, say, sayOr, unitText } from './texts';
+
+export class Legend {
+  readonly root = element('section', { class: 'legend card', attributes: { 'aria-label': say('app.legend.title') } });
+  private readonly choice: HTMLSelectElement;
+  private readonly ramp = element('div', { class: 'ramp-box' });
+  private readonly speeds = element('div', { class: 'ramp-box' });
+  private readonly zones = element('details', { class: 'zone-legend' });
+
+  constructor(maps: readonly MapName[], shown: string, onMap: (name: string) => void) {
+    this.choice = element('select', { attributes: { 'aria-label': say('app.legend.map'), 'data-action': 'map' } }, option('', say('app.legend.no_map')), ...choices(maps));
+    this.choice.value = shown;
+    this.choice.addEventListener('change', () => onMap(this.choice.value));
+    this.root.append(this.choice, this.ramp, this.speeds, this.zones);
+    this.speeds.hidden = true;
+    this.zones.hidden = true;
+  }
+
+  setResult(header: OverlayHeader | null): void {
+    this.ramp.replaceChildren(...(header ? [ramp(header, header.unit)] : []));
+  }
+
+  setSpeeds(fastest: number | null): void {
+    this.speeds.hidden = fastest === null || !(fastest > 0);
+    if (fastest) this.speeds.replaceChildren(element('p', {}, withUnit(say('app.legend.speed'), 'm/s')), ramp({ low: 0, high: fastest, scale: 'linear' }, 'm/s'));
+  }
+
+  setZones(zones: readonly { name: string }[] | null): void {
+    this.zones.hidden = !zones?.length;
+    this.zones.open = window.innerWidth > 760;
+    const items = (zones ?? []).map(({ name }, k) => {
+      const patch = element('span', { class: 'patch' });
+      patch.style.background = css(zoneColour(k), 0.55);
+      return element('li', {}, patch, name);
+    });
+    this.zones.replaceChildren(element('summary', {}, say('app.layer.zones')), element('ul', {}, ...items));
+  }
+}
+
+// Maps most used; they have names in every language.
+const COMMON = ['passages', 'reach_probability', 'deposits', 'energy_q95', 'energy_mean', 'energy_max', 'speed_q95', 'speed_max_map', 'passing_height_q95', 'passing_height_max', 'jump_height_q95', 'jump_height_max_map', 'energy_line_angle_max', 'travel_time_min'];
+
+function choices(maps: readonly MapName[]): HTMLElement[] {
+  const common = COMMON.flatMap((name) => maps.find((map) => map.name === name) ?? []);
+  const others = maps.filter(({ name }) => !COMMON.includes(name));
+  const options = (some: readonly MapName[]): HTMLElement[] => some.map((map) => option(map.name, withUnit(nameOfMap(map), map.unit)));
+  return [...options(common), ...(others.length ? [element('optgroup', { attributes: { label: say('app.legend.others') } }, ...options(others))] : [])];
+}
+
+function option(value: string, text: string): HTMLOptionElement {
+  return element('option', { attributes: { value } }, text);
+}
+
+/** Name of a map of results. */
+export function nameOfMap({ name, label }: { name: string; label: string }): string {
+  return sayOr(`app.result.${name}`, label);
+}
+
+export function withUnit(label: string, unit: string): string {
+  return unit ? `${label} [${unitText(unit)}]` : label;
+}
+
+/** Bar of colours with its round numbers. */
+function ramp(scale: ColourScale, unit: string): HTMLElement {
+  const bar = element('div', { class: 'ramp' });
+  bar.style.background = `linear-gradient(to right, ${Array.from({ length: 16 }, (_, k) => css(viridis(k / 15))).join(', ')})`;
+  const numbers = element('div', { class: 'ticks' }, ...spread(scale).map(({ text, place }) => {
+    const tick = element('span', {}, text);
+    tick.style.left = `${100 * place}%`;
+    return tick;
+  }));
+  return element('div', { class: 'scale', attributes: { role: 'img', 'aria-label': `${decimal(Number(scale.low.toPrecision(3)))} – ${decimal(Number(scale.high.toPrecision(3)))} ${unit}` } }, bar, numbers);
+}
+
+interface Tick {
+  text: string;
+  place: number;
+}
+
+const LETTER = 0.033; // width of a digit, on a bar of 200 pixels
+
+/** Round numbers and their places on the bar, without those that would touch the one before. */
+export function spread(scale: ColourScale): Tick[] {
+  const found: Tick[] = [];
+  for (const value of ticks(scale)) {
+    const place = Math.max(0, Math.min(1, placeOf(value, scale)));
+    const text = decimal(Number(value.toPrecision(3)));
+    const last = found.at(-1);
+    if (!last || place - last.place > (LETTER * (text.length + last.text.length)) / 2 + 0.02) found.push({ text, place });
+  }
+  return found;
+}

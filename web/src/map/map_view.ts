@@ -1,0 +1,210 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// A map of the terrain in its own metres: hillshade, zones, results, trajectories, features.
+import OlMap from 'ol/Map';
+import View from 'ol/View';
+import { defaults as defaultInteractions } from 'ol/interaction/defaults';
+import type Geometry from 'ol/geom/Geometry';
+import type BaseLayer from 'ol/layer/Base';
+import Projection from 'ol/proj/Projection';
+import { LAYER_COLOURS, type ColourScale } from '../colours';
+import { element } from '../dom';
+import type { BackgroundMessage, Layers, OverlayHeader } from '../protocol';
+import type { Shade, Terrain, Trajectories } from '../view3d/view3d';
+import { FeatureLayers } from './features';
+import { type Extent, RasterLayer } from './plot_layer';
+import { hillshade, resultRaster, zoneRaster } from './rasters';
+import { DotLayer, TrajectoryLayer } from './trajectory_layer';
+
+/** What can be switched on and off. */
+export type Shown = 'zones' | 'overlay' | 'trajectories' | 'stops' | 'trees' | 'background_sources' | 'sources' | 'lines' | 'barriers' | 'dams' | 'drawn_zones';
+
+const PADDING = 28; // pixels around what the view is fitted to
+const TAG = 44; // and above it, where it says preliminary
+const LEGEND = 86; // and on a phone, where the legend is
+
+export class MapView {
+  readonly map: OlMap;
+  readonly features = new FeatureLayers();
+  readonly trajectories = new TrajectoryLayer(20);
+  private readonly shade = new RasterLayer(0, true);
+  private readonly zones = new RasterLayer(5, false);
+  private readonly overlay = new RasterLayer(10, false);
+  private readonly trees = new DotLayer(12, { colour: LAYER_COLOURS.trees, radius: 2.5, shape: 'circle', halo: true });
+  private readonly sources = new DotLayer(14, { colour: LAYER_COLOURS.sources, radius: 2, shape: 'square', halo: false });
+  private readonly stops = new DotLayer(22, { colour: LAYER_COLOURS.stops, radius: 1.3, shape: 'circle', halo: false });
+  private readonly overlayCanvas = element('canvas');
+  private overlayOpacity = 0.85;
+  private preliminary = false;
+  private terrain: Terrain | null = null;
+  private moved = false; // the view, by the user
+  private result: { header: OverlayHeader; values: Float32Array; shape: number[] } | null = null;
+
+  constructor(readonly target: HTMLElement) {
+    this.map = new OlMap({
+      target, controls: [],
+      interactions: defaultInteractions({ altShiftDragRotate: false, pinchRotate: false, doubleClickZoom: false }),
+      layers: [
+        this.shade, this.zones, this.overlay, this.trees, this.sources, this.trajectories, this.stops,
+        ...Object.values(this.features.layers),
+      ],
+    });
+    // Until someone moves the view, it fits the terrain: after a fold of a panel, or a turn of a phone.
+    this.map.on('change:size', () => {
+      if (this.terrain && !this.moved) this.fitTerrain();
+    });
+    for (const event of ['wheel', 'pointerdown', 'keydown']) target.addEventListener(event, () => (this.moved = true), { passive: true });
+    this.zones.setOpacity(0.28);
+    this.stops.setVisible(false);
+    this.overlay.setOpacity(this.overlayOpacity);
+  }
+
+  /** Show a terrain; a map may take its view from another one to move with it. */
+  setTerrain(terrain: Terrain, shade: Shade | null, shared?: View): void {
+    this.terrain = terrain;
+    const extent = this.terrainExtent();
+    if (shade) this.shade.display(hillshade(shade.values, shade.nx, shade.ny), [terrain.west, extent[3] - shade.ny * shade.cell, terrain.west + shade.nx * shade.cell, extent[3]]);
+    const [west, south, east, north] = extent;
+    const around = Math.max(east - west, north - south) / 2;
+    const projection = new Projection({ code: 'rockfall:terrain', units: 'm', extent });
+    this.map.setView(shared ?? new View({
+      projection, center: [(west + east) / 2, (south + north) / 2], resolution: around / 300,
+      minResolution: 0.01, maxResolution: around / 60, enableRotation: false, constrainOnlyCenter: true,
+      extent: [west - around, south - around, east + around, north + around],
+    }));
+  }
+
+  setBackground(header: BackgroundMessage, zones: { values: Uint8Array; shape: number[] } | null, shade: Shade | null, sources: Float64Array | null, trees: Float64Array | null): void {
+    const [, , , north] = this.terrainExtent();
+    const { west } = this.terrainOrThrow();
+    if (zones && shade) {
+      const [ny = 0, nx = 0] = zones.shape;
+      this.zones.display(zoneRaster(zones.values, nx, ny, header.zones), [west, north - ny * shade.cell, west + nx * shade.cell, north]);
+    }
+    this.sources.display(sources ?? new Float64Array(), 2);
+    this.trees.display(trees ?? new Float64Array(), 3);
+  }
+
+  showDocument(layers: Layers): void {
+    this.features.show(layers);
+  }
+
+  setResult(header: OverlayHeader | null, values: Float32Array | null, shape: number[]): void {
+    this.result = header && values ? { header, values, shape } : null;
+    this.paintResult(header);
+  }
+
+  /** Paint the result by another scale than its own. */
+  paintResult(scale: ColourScale | null): void {
+    if (!this.result || !scale) {
+      this.overlay.display(null, [0, 0, 1, 1]);
+      return;
+    }
+    const { header: { west, north, cell }, values, shape: [ny = 0, nx = 0] } = this.result;
+    resultRaster(values, nx, ny, scale, this.overlayCanvas);
+    this.overlay.display(this.overlayCanvas, [west, north - ny * cell, west + nx * cell, north]);
+  }
+
+  /** The result as an image, and its extent. */
+  get drape(): { image: HTMLCanvasElement; extent: Extent } | null {
+    const extent = this.overlay.area;
+    return extent && this.overlay.getVisible() ? { image: this.overlayCanvas, extent } : null;
+  }
+
+  setTrajectories(trajectories: Trajectories | null): void {
+    const { west, south } = this.terrainOrThrow();
+    this.trajectories.display(trajectories, west, south);
+  }
+
+  setStops(stops: Float32Array | null): void {
+    const { west, south } = this.terrainOrThrow();
+    this.stops.display(stops ?? new Float32Array(), 2, west, south);
+  }
+
+  setOverlayOpacity(opacity: number): void {
+    this.overlayOpacity = opacity;
+    this.dim(this.preliminary);
+  }
+
+  /** Pictures of an older state are dimmed. */
+  dim(preliminary: boolean): void {
+    this.preliminary = preliminary;
+    const factor = preliminary ? 0.45 : 1;
+    this.overlay.setOpacity(this.overlayOpacity * factor);
+    this.trajectories.setOpacity(factor);
+    this.stops.setOpacity(factor);
+  }
+
+  setVisible(name: Shown, visible: boolean): void {
+    const { sources, lines, barriers, dams, zones } = this.features.layers;
+    const layers: Record<Shown, BaseLayer> = {
+      zones: this.zones, overlay: this.overlay, trajectories: this.trajectories, stops: this.stops, trees: this.trees,
+      background_sources: this.sources, sources, lines, barriers, dams, drawn_zones: zones,
+    };
+    layers[name].setVisible(visible);
+  }
+
+  fitTerrain(): void {
+    this.fit(this.terrainExtent());
+  }
+  /** Where there are results; without any, the terrain. */
+  fitResults(): void {
+    this.moved = true;
+    this.fit(this.resultExtent() ?? this.terrainExtent());
+  }
+  fitFeature(id: string): void {
+    const geometry: Geometry | undefined = this.features.find(id)?.feature.getGeometry();
+    this.moved = true;
+    if (geometry) this.map.getView().fit(geometry.getExtent(), { padding: [90, 90, 90, 90], minResolution: (this.terrain?.cell ?? 1) / 6, duration: 250 });
+  }
+  zoom(steps: number): void {
+    this.moved = true;
+    const view = this.map.getView();
+    view.animate({ resolution: view.getConstrainedResolution((view.getResolution() ?? 1) / 1.6 ** steps) ?? 1, duration: 150 });
+  }
+
+  /** Elevation at a place, between the centres of cells; null where unknown. */
+  elevation(x: number, y: number): number | null {
+    if (!this.terrain) return null;
+    const { west, south, cell, nx, ny, heights } = this.terrain;
+    const column = Math.max(0, Math.min(nx - 1, (x - west) / cell - 0.5));
+    const row = Math.max(0, Math.min(ny - 1, (south + ny * cell - y) / cell - 0.5));
+    if (x < west || y < south || x > west + nx * cell || y > south + ny * cell) return null;
+    const [i, j] = [Math.min(nx - 2, Math.floor(column)), Math.min(ny - 2, Math.floor(row))];
+    const [u, v] = [column - i, row - j];
+    const at = (di: number, dj: number): number => heights[(j + dj) * nx + i + di] ?? NaN;
+    const value = (1 - v) * ((1 - u) * at(0, 0) + u * at(1, 0)) + v * ((1 - u) * at(0, 1) + u * at(1, 1));
+    return Number.isFinite(value) ? value : null;
+  }
+
+  private resultExtent(): Extent | null {
+    const shown = this.result;
+    if (!shown) return null;
+    const { header: { west, north, cell }, values, shape: [ny = 0, nx = 0] } = shown;
+    let [left, right, top, bottom] = [nx, -1, ny, -1];
+    for (let k = 0; k < values.length; k++) {
+      if (Number.isNaN(values[k])) continue;
+      const [i, j] = [k % nx, Math.floor(k / nx)];
+      left = Math.min(left, i);
+      right = Math.max(right, i);
+      top = Math.min(top, j);
+      bottom = Math.max(bottom, j);
+    }
+    return right < 0 ? null : [west + left * cell, north - (bottom + 1) * cell, west + (right + 1) * cell, north - top * cell];
+  }
+
+  private fit(extent: Extent): void {
+    const size = this.map.getSize() ?? [300, 300];
+    const top = (size[0] ?? 0) < 500 ? LEGEND : TAG;
+    this.map.getView().fit(extent, { size, padding: [top, PADDING, PADDING, PADDING] });
+  }
+
+  private terrainExtent(): Extent {
+    const { west, south, cell, nx, ny } = this.terrainOrThrow();
+    return [west, south, west + nx * cell, south + ny * cell];
+  }
+
+  private terrainOrThrow(): Terrain {
+    if (!this.terrain) throw new Error('the terrain has not come yet');
+    return this.terrain;
+  }
+}

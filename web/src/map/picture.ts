@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Picture of the map: its canvases one over the other, with title, legend, scale and north.
+import { css, viridis } from '../colours';
+import { nameOfMap, spread, withUnit } from '../legend';
+import type { OverlayHeader } from '../protocol';
+import { decimal } from '../texts';
+import type { MapView } from './map_view';
+import { scaleBar } from './scale';
+
+export interface Caption {
+  title: string;
+  notes: readonly string[];
+  result: OverlayHeader | null;
+  north: string;
+}
+
+const BAND = 84; // height of the caption
+const MARGIN = 16;
+const FONT = 'system-ui, sans-serif';
+
+export function drawPicture(view: MapView, caption: Caption): HTMLCanvasElement {
+  const [width = 1, height = 1] = view.map.getSize() ?? [];
+  const ratio = Math.max(1, window.devicePixelRatio);
+  const picture = document.createElement('canvas');
+  picture.width = width * ratio;
+  picture.height = (height + BAND) * ratio;
+  const context = picture.getContext('2d');
+  if (!context) return picture;
+  context.scale(ratio, ratio);
+  context.fillStyle = '#fff';
+  context.fillRect(0, 0, width, height + BAND);
+  drawLayers(context, view, ratio, width, height);
+  context.translate(0, height);
+  drawCaption(context, caption, width, view.map.getView().getResolution() ?? 1);
+  return picture;
+}
+
+function drawLayers(context: CanvasRenderingContext2D, view: MapView, ratio: number, width: number, height: number): void {
+  context.save();
+  context.beginPath();
+  context.rect(0, 0, width, height);
+  context.clip();
+  for (const canvas of view.target.querySelectorAll<HTMLCanvasElement>('.ol-layers canvas')) {
+    if (!canvas.width || canvas.hidden) continue;
+    const moved = new DOMMatrix(canvas.style.transform || `scale(${1 / ratio})`);
+    context.save();
+    context.globalAlpha = Number(canvas.parentElement?.style.opacity || canvas.style.opacity || 1);
+    context.imageSmoothingEnabled = !canvas.classList.contains('cells');
+    context.transform(moved.a, moved.b, moved.c, moved.d, moved.e, moved.f);
+    context.drawImage(canvas, 0, 0);
+    context.restore();
+  }
+  context.restore();
+}
+
+function drawCaption(context: CanvasRenderingContext2D, { title, notes, result, north }: Caption, width: number, resolution: number): void {
+  context.fillStyle = '#111827';
+  context.textBaseline = 'top';
+  context.font = `600 15px ${FONT}`;
+  context.fillText(title, MARGIN, 14, width * 0.42);
+  context.font = `12px ${FONT}`;
+  context.fillStyle = '#4b5563';
+  notes.forEach((note, k) => context.fillText(note, MARGIN, 37 + 17 * k, width * 0.42));
+  if (result) drawRamp(context, result, width * 0.47, Math.min(280, width * 0.28));
+  const bar = scaleBar(resolution, Math.min(140, width * 0.14));
+  const left = width - MARGIN - bar.pixels - 34;
+  context.fillStyle = '#111827';
+  context.fillRect(left, 46, bar.pixels, 4);
+  context.textAlign = 'center';
+  context.fillText(`${decimal(bar.metres)} m`, left + bar.pixels / 2, 27);
+  const x = width - MARGIN - 8;
+  context.beginPath();
+  context.moveTo(x, 26);
+  context.lineTo(x + 7, 50);
+  context.lineTo(x, 45);
+  context.lineTo(x - 7, 50);
+  context.fill();
+  context.fillText(north, x, 11);
+}
+
+function drawRamp(context: CanvasRenderingContext2D, result: OverlayHeader, left: number, length: number): void {
+  context.fillStyle = '#111827';
+  context.textAlign = 'left';
+  context.fillText(withUnit(nameOfMap(result), result.unit), left, 14, length);
+  const colours = context.createLinearGradient(left, 0, left + length, 0);
+  for (let k = 0; k <= 15; k++) colours.addColorStop(k / 15, css(viridis(k / 15)));
+  context.fillStyle = colours;
+  context.fillRect(left, 34, length, 12);
+  context.fillStyle = '#111827';
+  context.textAlign = 'center';
+  for (const { text, place } of spread(result)) {
+    const at = left + length * place;
+    context.fillRect(at - 0.5, 46, 1, 4);
+    context.fillText(text, at, 53);
+  }
+}
+
+/** Offer a picture as a file. */
+export function download(picture: HTMLCanvasElement, name: string): void {
+  picture.toBlob((blob) => {
+    if (!blob) return;
+    const link = document.createElement('a');
+    link.href = URL.createObjectURL(blob);
+    link.download = name;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+  }, 'image/png');
+}

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Rasters as canvases of one pixel a cell: hillshade, zones, results.
+import { placeOf, viridis, ZONE_COLOURS, type ColourScale, type Rgb } from '../colours';
+import { element } from '../dom';
+
+/** Little-endian RGBA of a pixel. */
+function pixel([r, g, b]: Rgb, alpha: number): number {
+  return ((alpha << 24) | (b << 16) | (g << 8) | r) >>> 0;
+}
+
+function paint(width: number, height: number, colourOf: (k: number) => number, canvas = element('canvas')): HTMLCanvasElement {
+  if (canvas.width !== width) canvas.width = width;
+  if (canvas.height !== height) canvas.height = height;
+  const image = new ImageData(width, height);
+  const pixels = new Uint32Array(image.data.buffer);
+  for (let k = 0; k < pixels.length; k++) pixels[k] = colourOf(k);
+  canvas.getContext('2d')?.putImageData(image, 0, 0);
+  return canvas;
+}
+
+/** A light hillshade, on which colours stay readable; transparent without data. */
+export function hillshade(values: Uint8Array, nx: number, ny: number): HTMLCanvasElement {
+  const greys = Uint32Array.from({ length: 256 }, (_, shade) => {
+    const grey = Math.round(124 + 131 * (shade / 255) ** 0.85);
+    return shade === 0 ? 0 : pixel([grey, grey, grey], 255);
+  });
+  return paint(nx, ny, (k) => greys[values[k] as number] as number);
+}
+
+export function zoneColour(index: number): Rgb {
+  return ZONE_COLOURS[index % ZONE_COLOURS.length] as Rgb;
+}
+
+/** Zones by colour; cells of no zone stay transparent. */
+export function zoneRaster(values: Uint8Array, nx: number, ny: number, zones: readonly { value: number }[]): HTMLCanvasElement {
+  const colours = new Uint32Array(256);
+  zones.forEach(({ value }, k) => (colours[value] = pixel(zoneColour(k), 255)));
+  return paint(nx, ny, (k) => colours[values[k] as number] as number);
+}
+
+const STEPS = 256;
+const RAMP = Uint32Array.from({ length: STEPS }, (_, k) => pixel(viridis(k / (STEPS - 1)), 255));
+
+/** A result by the colours of its scale; transparent where there is none. */
+export function resultRaster(values: Float32Array, nx: number, ny: number, scale: ColourScale, canvas: HTMLCanvasElement): HTMLCanvasElement {
+  return paint(nx, ny, (k) => {
+    const value = values[k] as number;
+    if (Number.isNaN(value)) return 0;
+    const place = Math.max(0, Math.min(1, placeOf(value, scale)));
+    return RAMP[Math.round(place * (STEPS - 1))] ?? 0;
+  }, canvas);
+}

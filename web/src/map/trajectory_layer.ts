@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Trajectories in plan, and points of one kind.
+import { css, LAYER_COLOURS, SPEED_CLASSES, viridis } from '../colours';
+import type { Trajectories } from '../view3d/view3d';
+import { PlotLayer, type Plan } from './plot_layer';
+
+const COLUMNS = 5; // x, y, z, time, speed
+const TOGETHER = 10; // trajectories whose pieces are drawn by one stroke
+const SHORTEST = 1; // pixel: vertices nearer to the last one drawn are left out
+
+export class TrajectoryLayer extends PlotLayer {
+  private shown: Trajectories | null = null;
+  private fastest = 0;
+  private bySpeed = false;
+
+  display(trajectories: Trajectories | null, west: number, south: number): void {
+    this.shown = trajectories;
+    this.originX = west;
+    this.originY = south;
+    this.fastest = 0;
+    const points = trajectories?.points ?? [];
+    for (let k = COLUMNS - 1; k < points.length; k += COLUMNS) this.fastest = Math.max(this.fastest, points[k] ?? 0);
+    this.redraw();
+  }
+
+  colourBySpeed(on: boolean): void {
+    this.bySpeed = on;
+    this.redraw();
+  }
+
+  /** Greatest speed of all trajectories [m/s]. */
+  get maxSpeed(): number {
+    return this.fastest;
+  }
+
+  protected override paint(context: CanvasRenderingContext2D, plan: Plan): void {
+    if (!this.shown) return;
+    // Lines of one pixel are drawn many times faster than wider ones.
+    context.lineWidth = Math.max(1, Math.floor(plan.pixelRatio));
+    context.lineJoin = 'round';
+    if (this.bySpeed) for (let t = 0; t + 1 < this.shown.first.length; t += TOGETHER) this.paintClasses(context, plan, this.shown, t);
+    else this.paintLines(context, plan, this.shown);
+  }
+
+  /** Each by a stroke of its own: where many pass it gets darker. */
+  private paintLines(context: CanvasRenderingContext2D, { scale, x0, y0 }: Plan, { points, first }: Trajectories): void {
+    const number = first.length - 1;
+    context.strokeStyle = LAYER_COLOURS.trajectories;
+    context.globalAlpha = Math.max(0.12, Math.min(0.6, 3.5 / Math.sqrt(number + 1)));
+    for (let t = 0; t < number; t++) {
+      const end = (first[t + 1] ?? 0) * COLUMNS;
+      let lastX = NaN;
+      let lastY = NaN;
+      context.beginPath();
+      for (let k = (first[t] ?? 0) * COLUMNS; k < end; k += COLUMNS) {
+        const x = x0 + (points[k] as number) * scale;
+        const y = y0 - (points[k + 1] as number) * scale;
+        if (Math.abs(x - lastX) + Math.abs(y - lastY) < SHORTEST && k + COLUMNS < end) continue;
+        context.lineTo(x, y);
+        lastX = x;
+        lastY = y;
+      }
+      context.stroke();
+    }
+  }
+
+  /** Pieces of some trajectories, those of a class of speed by one stroke; a stroke of very many pieces is slow. */
+  private paintClasses(context: CanvasRenderingContext2D, { scale, x0, y0 }: Plan, { points, first }: Trajectories, begin: number): void {
+    const paths = Array.from({ length: SPEED_CLASSES }, () => new Path2D());
+    const perClass = this.fastest / SPEED_CLASSES || 1;
+    for (let t = begin; t < Math.min(begin + TOGETHER, first.length - 1); t++) {
+      const end = (first[t + 1] ?? 0) * COLUMNS;
+      let lastX = NaN;
+      let lastY = NaN;
+      let last = -1;
+      for (let k = (first[t] ?? 0) * COLUMNS; k < end; k += COLUMNS) {
+        const x = x0 + (points[k] as number) * scale;
+        const y = y0 - (points[k + 1] as number) * scale;
+        if (Math.abs(x - lastX) + Math.abs(y - lastY) < SHORTEST && k + COLUMNS < end) continue;
+        const now = Math.min(SPEED_CLASSES - 1, Math.floor((points[k + 4] as number) / perClass));
+        const path = paths[now] as Path2D;
+        if (now !== last) path.moveTo(Number.isNaN(lastX) ? x : lastX, Number.isNaN(lastY) ? y : lastY);
+        path.lineTo(x, y);
+        [lastX, lastY, last] = [x, y, now];
+      }
+    }
+    context.globalAlpha = 0.85;
+    paths.forEach((path, k) => {
+      context.strokeStyle = css(viridis(k / (SPEED_CLASSES - 1)));
+      context.stroke(path);
+    });
+  }
+}
+
+export interface DotStyle {
+  colour: string;
+  radius: number;
+  shape: 'circle' | 'square';
+  halo: boolean;
+}
+
+/** Points in rows of some numbers, of which the first two are metres east and north of an origin. */
+export class DotLayer extends PlotLayer {
+  private rows: Float32Array | Float64Array = new Float32Array();
+  private columns = 2;
+
+  constructor(zIndex: number, private readonly style: DotStyle) {
+    super(zIndex);
+  }
+
+  display(rows: Float32Array | Float64Array, columns: number, west = 0, south = 0): void {
+    this.rows = rows;
+    this.columns = columns;
+    this.originX = west;
+    this.originY = south;
+    this.redraw();
+  }
+
+  protected override paint(context: CanvasRenderingContext2D, { scale, x0, y0, width, height, pixelRatio }: Plan): void {
+    const { colour, radius, shape, halo } = this.style;
+    const r = radius * pixelRatio;
+    const path = new Path2D();
+    for (let k = 0; k + 1 < this.rows.length; k += this.columns) {
+      const x = x0 + (this.rows[k] as number) * scale;
+      const y = y0 - (this.rows[k + 1] as number) * scale;
+      if (x < -r || y < -r || x > width + r || y > height + r) continue;
+      if (shape === 'square') path.rect(x - r, y - r, 2 * r, 2 * r);
+      else {
+        path.moveTo(x + r, y);
+        path.arc(x, y, r, 0, 2 * Math.PI);
+      }
+    }
+    context.fillStyle = colour;
+    context.strokeStyle = 'rgb(255 255 255 / 0.9)';
+    context.lineWidth = pixelRatio;
+    if (halo) context.stroke(path);
+    context.fill(path);
+  }
+}

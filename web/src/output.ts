@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Dialogs of what is written: the case, its report, its layers; with progress, and a question before a file is replaced.
+import type { Connection } from './connection';
+import { button, element, uniqueId } from './dom';
+import type { LongTask, Progress, Task } from './protocol';
+import { duration, say } from './texts';
+
+export class Output {
+  readonly dialog = element('dialog', { class: 'output' });
+  private task: Task = 'save';
+  private readonly title = element('h2', { id: uniqueId('dialog') });
+  private readonly name = element('input', { id: uniqueId('name'), attributes: { type: 'text', autocomplete: 'off', spellcheck: 'false', maxlength: '100', 'data-field': 'file_name' } });
+  private readonly files = element('p', { class: 'hint' });
+  private readonly message = element('div', { class: 'dialog-message', attributes: { role: 'status' } });
+  private readonly buttons = element('div', { class: 'actions' });
+
+  constructor(private readonly connection: Connection, name: string, private readonly folder: string) {
+    this.name.value = name;
+    const form = element('form', {}, this.title, element('div', { class: 'field wide' }, element('label', { attributes: { for: this.name.id } }, say('app.output.name')), this.name), this.files, this.message, this.buttons);
+    form.addEventListener('submit', (event) => {
+      event.preventDefault();
+      this.send(false);
+    });
+    this.name.addEventListener('input', () => this.ask());
+    this.dialog.setAttribute('aria-labelledby', this.title.id);
+    this.dialog.append(form);
+  }
+
+  open(task: Task): void {
+    this.task = task;
+    this.title.textContent = say(`app.output.title.${task}`);
+    this.name.readOnly = false;
+    this.ask();
+    if (!this.dialog.open) this.dialog.showModal();
+    this.name.select();
+  }
+
+  refused(text: string, exists: boolean): void {
+    this.name.readOnly = false;
+    this.tell(element('p', { class: `alert ${exists ? 'amber' : 'red'}` }, text));
+    this.offer(exists ? button(say('app.output.overwrite'), () => this.send(true), { class: 'danger', attributes: { 'data-action': 'overwrite' } }) : this.submit());
+  }
+
+  progress({ task, phase, done, total, seconds_left }: Progress): void {
+    if (!this.dialog.open) this.open(task);
+    this.name.readOnly = true;
+    const bar = element('progress', { attributes: { max: String(total || 1) } });
+    if (total) bar.value = done;
+    const left = seconds_left === null ? '' : say('app.run.left', { time: duration(seconds_left) });
+    this.tell(element('p', {}, phase), bar, element('p', { class: 'hint' }, left));
+    this.buttons.replaceChildren(button(say('app.cancel'), () => this.connection.send({ type: 'cancel' }), { attributes: { 'data-action': 'cancel' } }));
+  }
+
+  done(files: readonly string[]): void {
+    this.tell(element('p', { class: 'alert good' }, say('app.output.written', { folder: this.folder })), element('ul', { class: 'files' }, ...files.map((file) => element('li', {}, file))));
+    this.buttons.replaceChildren(button(say('app.close'), () => this.dialog.close(), { class: 'primary', attributes: { 'data-action': 'close-dialog' } }));
+  }
+
+  private ask(): void {
+    this.files.textContent = say(`app.output.hint.${this.task}`, { name: this.name.value || '…', folder: this.folder });
+    this.tell();
+    this.offer(this.submit());
+  }
+
+  private send(overwrite: boolean): void {
+    const name = this.name.value.trim();
+    if (!name) {
+      this.name.focus();
+      return;
+    }
+    this.name.readOnly = true;
+    this.connection.send({ type: this.task, name, overwrite });
+    this.tell(element('p', { class: 'hint' }, say('app.output.working')));
+    this.buttons.replaceChildren(this.task === 'save' ? '' : button(say('app.cancel'), () => this.connection.send({ type: 'cancel' })));
+  }
+
+  private submit(): HTMLButtonElement {
+    const made = element('button', { class: 'primary', attributes: { type: 'submit', 'data-action': 'write' } }, say(`app.output.${this.task}`));
+    return made;
+  }
+
+  private offer(action: HTMLButtonElement): void {
+    this.buttons.replaceChildren(button(say('app.cancel'), () => this.dialog.close()), action);
+  }
+
+  private tell(...children: HTMLElement[]): void {
+    this.message.replaceChildren(...children);
+  }
+}
+
+/** True for tasks that report progress. */
+export function isLong(task: string): task is LongTask {
+  return task === 'report' || task === 'export';
+}

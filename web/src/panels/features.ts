@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What is drawn: a list by layer, and the properties of what is selected.
+import { LAYER_COLOURS } from '../colours';
+import { button, element } from '../dom';
+import type { DocumentStore } from '../document';
+import { Form } from '../forms';
+import { icon } from '../icons';
+import { LAYERS, type CaseError, type Feature, type Forms, type Layer } from '../protocol';
+import { decimal, say } from '../texts';
+import { applies } from '../volume_keys';
+
+interface Actions {
+  select(id: string): void;
+  zoom(id: string): void;
+  remove(id: string): void;
+}
+
+export class FeaturePanel {
+  readonly root = element('div', { class: 'features' });
+  private readonly list = element('div', { class: 'feature-list' });
+  private readonly properties = element('section', { class: 'properties', attributes: { 'aria-live': 'off' } });
+  private readonly hint = element('p', { class: 'hint' }, say('app.features.hint'));
+  private form: { id: string; layer: Layer; form: Form; size: HTMLElement } | null = null;
+  private selected = '';
+  private listed = '';
+  private errors: readonly CaseError[] = [];
+  private editable = false;
+
+  constructor(private readonly store: DocumentStore, private readonly forms: Forms, private readonly actions: Actions) {
+    this.root.append(this.properties, element('h2', {}, say('app.features.title')), this.hint, this.list);
+  }
+
+  update(errors: readonly CaseError[], editable: boolean): void {
+    this.errors = errors;
+    this.editable = editable;
+    this.hint.hidden = !editable;
+    this.showList();
+    this.showProperties();
+  }
+
+  select(id: string): void {
+    this.selected = id;
+    this.showList();
+    this.showProperties();
+    this.list.querySelector(`[data-feature="${id}"]`)?.scrollIntoView({ block: 'nearest' });
+  }
+
+  /** List what is drawn; only afresh if it reads otherwise than before, so that no click is lost while a shape is dragged. */
+  private showList(): void {
+    const wrong = this.errors.map(({ id }) => id);
+    const listed = JSON.stringify([this.selected, wrong, LAYERS.map((layer) => this.store.layer(layer).map(({ id, properties }) => [id, properties['name']]))]);
+    if (listed === this.listed) return;
+    this.listed = listed;
+    const focused = document.activeElement instanceof HTMLElement && this.list.contains(document.activeElement) ? document.activeElement.dataset['feature'] : undefined;
+    const sections = LAYERS.filter((layer) => this.store.layer(layer).length > 0).map((layer) => {
+      const title = element('h3', {}, swatch(layer), say(`app.layer.${layer}`), element('span', { class: 'count' }, decimal(this.store.layer(layer).length)));
+      const items = this.store.layer(layer).map((feature, k) => element('li', {}, this.item(layer, feature, k)));
+      return element('section', {}, title, element('ul', {}, ...items));
+    });
+    this.list.replaceChildren(...(sections.length ? sections : [element('p', { class: 'empty' }, say('app.features.none'))]));
+    if (focused) this.list.querySelector<HTMLElement>(`[data-feature="${focused}"]`)?.focus();
+  }
+
+  private item(layer: Layer, feature: Feature, index: number): HTMLButtonElement {
+    const wrong = this.errors.some((error) => error.id === feature.id && (error.layer ?? layer) === layer);
+    const made = button([nameOf(layer, feature, index), wrong && icon('warning')], () => {
+      this.actions.select(feature.id);
+      this.actions.zoom(feature.id);
+    }, { class: wrong ? 'wrong' : '', attributes: { 'data-feature': feature.id, 'aria-pressed': String(feature.id === this.selected) } });
+    return made;
+  }
+
+  private showProperties(): void {
+    const found = this.store.feature(this.selected);
+    this.properties.hidden = !found;
+    if (!found) {
+      this.form = null;
+      this.properties.replaceChildren();
+      return;
+    }
+    const { layer, feature } = found;
+    if (this.form?.id !== feature.id || this.form.layer !== layer) this.makeForm(layer, feature);
+    const errors = this.errors.filter((error) => error.id === feature.id);
+    const fields = new Set(this.forms.layers[layer]?.map(({ name }) => name));
+    this.form?.form.update(feature.properties, new Map(errors.map((error) => [error.key ?? '', error.text])), this.editable);
+    this.form?.form.filter(({ name }) => applies(name, feature.properties, String(feature.properties['volume'] ?? '')));
+    if (this.form) this.form.size.textContent = sizeOf(feature);
+    const others = errors.filter((error) => !error.key || !fields.has(error.key)).map(({ text }) => element('p', { class: 'alert red' }, icon('warning'), text));
+    this.properties.querySelectorAll(':scope > .alert').forEach((old) => old.remove());
+    this.properties.append(...others);
+  }
+
+  private makeForm(layer: Layer, feature: Feature): void {
+    const form = new Form(this.forms.layers[layer] ?? [], (name, value) => {
+      if (!Array.isArray(value)) this.store.setProperty(feature.id, name, value);
+    });
+    const size = element('span', { class: 'size' });
+    const heading = element('h2', {}, swatch(layer), say(`app.layer.one.${layer}`), size);
+    const actions = element('div', { class: 'actions' },
+      button([icon('target'), say('app.zoom_to')], () => this.actions.zoom(feature.id)),
+      this.editable && button([icon('trash'), say('app.delete')], () => this.actions.remove(feature.id), { class: 'danger', attributes: { 'data-action': 'delete' } }),
+    );
+    this.form = { id: feature.id, layer, form, size };
+    this.properties.replaceChildren(heading, form.root, actions);
+  }
+}
+
+export function swatch(layer: keyof typeof LAYER_COLOURS): HTMLElement {
+  const made = element('span', { class: `swatch ${layer}` });
+  made.style.setProperty('--colour', LAYER_COLOURS[layer]);
+  return made;
+}
+
+export function nameOf(layer: Layer, feature: Feature, index: number): string {
+  const { name } = feature.properties;
+  return name === undefined || name === '' ? `${say(`app.layer.one.${layer}`)} ${index + 1}` : String(name);
+}
+
+/** Length or area of a shape. */
+function sizeOf(feature: Feature): string {
+  if (feature.type === 'Point') return feature.coordinates.map((value) => decimal(value, 1)).join(' / ');
+  if (feature.type === 'LineString') {
+    const length = feature.coordinates.slice(1).reduce((sum, [x, y], k) => sum + Math.hypot(x - (feature.coordinates[k]?.[0] ?? 0), y - (feature.coordinates[k]?.[1] ?? 0)), 0);
+    return `${decimal(length, length < 100 ? 1 : 0)} m`;
+  }
+  const ring = feature.coordinates[0] ?? [];
+  const doubled = ring.slice(1).reduce((sum, [x, y], k) => sum + (ring[k]?.[0] ?? 0) * y - x * (ring[k]?.[1] ?? 0), 0);
+  return `${decimal(Math.abs(doubled) / 2, 0)} m²`;
+}

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Settings of the case: the keys most used, and all others by their groups.
+import { element } from '../dom';
+import type { DocumentStore } from '../document';
+import { Form, labelOf } from '../forms';
+import type { CaseError, Field, Forms } from '../protocol';
+import { decimal, say, sayOr } from '../texts';
+import { applies } from '../volume_keys';
+
+// Keys most used, in the order in which an engineer fills them in.
+const COMMON: readonly (readonly [group: string, keys: readonly string[]])[] = [
+  ['boulder', ['volume', 'volume_mean', 'volume_std', 'volume_min', 'volume_max', 'volume_exponent', 'volumes', 'density']],
+  ['release', ['drop_height']],
+  ['surface', ['ground', 'uniform_mean_radius', 'uniform_rg', 'method']],
+  ['impact', ['sets']],
+  ['case', ['boulders', 'boulders_total', 'seed']],
+];
+
+interface Section {
+  group: string;
+  form: Form;
+  root: HTMLElement;
+}
+
+export class SettingsPanel {
+  readonly root = element('div', { class: 'settings' });
+  private readonly common: Section[];
+  private readonly others: Section[];
+  private readonly search = element('input', { attributes: { type: 'search', 'aria-label': say('app.settings.search'), placeholder: say('app.settings.search') } });
+
+  constructor(private readonly store: DocumentStore, forms: Forms) {
+    const isCommon = (group: string, field: Field): boolean => COMMON.some(([name, keys]) => name === group && keys.includes(field.name));
+    this.common = COMMON.flatMap(([group, keys]) => {
+      const fields = keys.flatMap((key) => forms.settings[group]?.find(({ name }) => name === key) ?? []);
+      return fields.length ? [this.section(group, fields, 'section')] : [];
+    });
+    this.others = Object.entries(forms.settings).flatMap(([group, fields]) => {
+      const rest = fields.filter((field) => !isCommon(group, field));
+      return rest.length ? [this.section(group, rest, 'details')] : [];
+    });
+    this.search.addEventListener('input', () => this.filter());
+    const all = element('details', { class: 'all-settings' }, element('summary', {}, say('app.settings.all')), this.search, ...this.others.map(({ root }) => root));
+    this.root.append(...this.common.map(({ root }) => root), all);
+  }
+
+  update(errors: readonly CaseError[], editable: boolean): void {
+    const { settings } = this.store.document;
+    for (const { group, form, root } of [...this.common, ...this.others]) {
+      const found = errors.filter((error) => error.group === group && error.key).map((error) => [error.key ?? '', error.text] as const);
+      form.update(settings[group] ?? {}, new Map(found), editable);
+      if (root instanceof HTMLDetailsElement && found.some(([key]) => form.fields.some(({ name }) => name === key))) {
+        root.open = true;
+        root.closest<HTMLDetailsElement>('details.all-settings')?.setAttribute('open', '');
+      }
+    }
+    this.hideUnused();
+  }
+
+  /** Hide keys that the case has no use for. */
+  private hideUnused(): void {
+    const { boulder = {}, case: run = {} } = this.store.document.settings;
+    const inTotal = run['boulders_total'] !== undefined;
+    for (const { group, form } of this.common) {
+      form.filter(({ name }) => {
+        if (name === 'boulders') return run['boulders'] !== undefined || !inTotal;
+        if (name === 'boulders_total') return inTotal;
+        return group !== 'boulder' || applies(name, boulder, String(boulder['volume'] ?? 'fixed'));
+      });
+    }
+  }
+
+  private filter(): void {
+    const words = this.search.value.toLowerCase().split(/\s+/).filter(Boolean);
+    for (const { group, form, root } of this.others) {
+      const number = form.filter((field) => words.every((word) => `${group} ${field.name} ${labelOf(field)} ${field.meaning}`.toLowerCase().includes(word)));
+      root.hidden = number === 0;
+      if (root instanceof HTMLDetailsElement) root.open = words.length > 0;
+    }
+  }
+
+  private section(group: string, fields: readonly Field[], kind: 'section' | 'details'): Section {
+    const form = new Form(fields, (name, value) => this.store.setSetting(group, name, value));
+    const title = sayOr(`app.group.${group}`, group);
+    const heading = kind === 'details' ? element('summary', {}, title, element('span', { class: 'count' }, decimal(fields.length))) : element('h2', {}, title);
+    return { group, form, root: element(kind, { attributes: { 'data-group': group } }, heading, form.root) };
+  }
+}

@@ -1,0 +1,253 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Messages between the page and the server, and how binary ones are read.
+
+export type Layer = 'sources' | 'lines' | 'barriers' | 'dams' | 'zones';
+export const LAYERS: readonly Layer[] = ['sources', 'lines', 'barriers', 'dams', 'zones'];
+
+export type Value = number | string | boolean;
+export type SettingValue = Value | Value[];
+export type Position = [number, number];
+
+interface Shaped<Type extends string, Coordinates> {
+  readonly id: string;
+  readonly type: Type;
+  readonly coordinates: Coordinates;
+  readonly properties: Readonly<Record<string, Value>>;
+}
+export type PointFeature = Shaped<'Point', Position>;
+export type LineFeature = Shaped<'LineString', Position[]>;
+export type PolygonFeature = Shaped<'Polygon', Position[][]>;
+export type Feature = PointFeature | LineFeature | PolygonFeature;
+
+export type Group = Readonly<Record<string, SettingValue>>;
+export type Settings = Readonly<Record<string, Group>>;
+export type Layers = Readonly<Record<Layer, readonly Feature[]>>;
+/** What is edited: settings as given in the case, and what is drawn. */
+export interface CaseDocument {
+  readonly settings: Settings;
+  readonly layers: Layers;
+}
+
+/** A key of the case, or a property of a feature. */
+export interface Field {
+  name: string;
+  kind: 'real' | 'integer' | 'text' | 'logical' | 'count'; // count: an integer or a word
+  list: boolean;
+  default: SettingValue | null;
+  allowed: string;
+  choices: string[] | null;
+  min: number | null;
+  max: number | null;
+  unit: string;
+  meaning: string;
+  read_only: boolean;
+}
+export interface Forms {
+  settings: Record<string, Field[]>;
+  layers: Partial<Record<Layer, Field[]>>; // a layer without is not drawn
+}
+export interface MapName {
+  name: string;
+  label: string;
+  unit: string;
+}
+
+export type Task = 'save' | 'report' | 'export';
+export type LongTask = 'report' | 'export';
+
+/** From the page to the server. */
+export type Request =
+  | { type: 'hello'; key: string; language: string }
+  | { type: 'edit'; revision: number; layers?: Partial<Record<Layer, readonly Feature[]>>; settings?: Record<string, Group> }
+  | { type: 'view'; map: string; trajectories: number }
+  | { type: 'run' | 'stop' | 'cancel' | 'take_over' }
+  | { type: Task; name: string; overwrite: boolean }
+  | { type: 'open_recent'; index: number };
+
+export interface Welcome {
+  type: 'welcome';
+  mode: 'case' | 'result' | 'start';
+  writer: boolean;
+  version: string;
+  title: string;
+  file: string;
+  folder: string;
+  language: string;
+  languages: string[];
+  texts: Record<string, string>;
+  recent: { name: string; folder: string }[];
+  document: CaseDocument;
+  revision: number;
+  forms: Forms;
+  maps: MapName[];
+  view: { map: string; trajectories: number };
+  limits: Record<string, number>;
+}
+export interface CaseError {
+  text: string;
+  layer?: Layer;
+  id?: string;
+  group?: string;
+  key?: string;
+}
+export interface State {
+  type: 'state';
+  revision: number;
+  errors: CaseError[];
+  warnings: string[];
+}
+export interface Progress {
+  type: 'progress';
+  task: LongTask;
+  phase: string;
+  done: number;
+  total: number;
+  seconds_left: number | null;
+}
+export type Text =
+  | Welcome
+  | State
+  | Progress
+  | { type: 'role'; writer: boolean }
+  | { type: 'done'; task: LongTask; files: string[] }
+  | { type: 'refused'; task: string; text: string; exists: boolean }
+  | { type: 'saved'; files: string[]; document_revision: number }
+  | { type: 'fault'; text: string };
+
+export interface TerrainMessage {
+  type: 'terrain';
+  west: number;
+  north: number;
+  cell: number;
+  nx: number;
+  ny: number;
+  crs: string;
+  z_min: number;
+  z_max: number;
+  full_cell: number;
+  full_nx: number;
+  full_ny: number;
+  shade_cell: number;
+}
+export interface BackgroundMessage {
+  type: 'background';
+  zones: { value: number; name: string }[];
+  sources: number;
+  trees: number;
+}
+/** A value with its 95 % interval; null where withheld. */
+export type Estimate = [number | null, number | null, number | null];
+export interface QuantityStatistics {
+  label: string;
+  unit: string;
+  factor: number;
+  decimals: number;
+  mean: Estimate;
+  q50: Estimate;
+  q95: Estimate;
+  max: number | null;
+  counts: number[];
+  edges: number[];
+}
+export interface LineStatistics {
+  name: string;
+  kind: 'line' | 'barrier';
+  n: number;
+  fraction: Estimate;
+  quantities: Record<string, QuantityStatistics>;
+}
+export interface OverlayHeader {
+  name: string;
+  label: string;
+  unit: string;
+  west: number;
+  north: number;
+  cell: number;
+  low: number;
+  high: number;
+  scale: 'linear' | 'log';
+}
+export interface BatchMessage {
+  type: 'batch';
+  revision: number;
+  boulders: number;
+  total: number;
+  complete: boolean;
+  running: boolean;
+  seconds: number;
+  seconds_left: number | null;
+  warnings: string[];
+  ended: Record<string, number>;
+  statuses: Record<string, number>; // numbers of `stop_status` by name
+  lines: LineStatistics[];
+  overlay: OverlayHeader | null;
+}
+export interface TrajectoriesMessage {
+  type: 'trajectories';
+  revision: number;
+  append: boolean;
+  count: number;
+}
+export type BinaryHeader = TerrainMessage | BackgroundMessage | BatchMessage | TrajectoriesMessage;
+
+const KINDS = { f4: Float32Array, f8: Float64Array, u1: Uint8Array, u4: Uint32Array, i4: Int32Array };
+type Kind = keyof typeof KINDS;
+interface ArrayHeader {
+  name: string;
+  dtype: Kind;
+  shape: number[];
+  offset: number;
+}
+export type TypedArray = Float32Array | Float64Array | Uint8Array | Uint32Array | Int32Array;
+export interface Grid<A extends TypedArray = TypedArray> {
+  values: A;
+  shape: number[];
+}
+
+/** A header with its arrays, which are views of the message. */
+export class Binary<Header extends BinaryHeader = BinaryHeader> {
+  constructor(
+    readonly header: Header,
+    private readonly arrays: ReadonlyMap<string, Grid>,
+  ) {}
+
+  f4(name: string): Grid<Float32Array> | null {
+    return this.array(name, Float32Array);
+  }
+  f8(name: string): Grid<Float64Array> | null {
+    return this.array(name, Float64Array);
+  }
+  u1(name: string): Grid<Uint8Array> | null {
+    return this.array(name, Uint8Array);
+  }
+  u4(name: string): Grid<Uint32Array> | null {
+    return this.array(name, Uint32Array);
+  }
+
+  private array<A extends TypedArray>(name: string, kind: abstract new (...args: never[]) => A): Grid<A> | null {
+    const found = this.arrays.get(name);
+    if (!found) return null;
+    if (!(found.values instanceof kind)) throw new TypeError(`${this.header.type}: array ${name} is of another type`);
+    return { values: found.values, shape: found.shape };
+  }
+}
+
+const decoder = new TextDecoder();
+
+/** Read a binary message: length of its header, header, arrays; nothing is copied. */
+export function decode(message: ArrayBuffer): Binary {
+  const length = new DataView(message).getUint32(0, true);
+  const header = JSON.parse(decoder.decode(new Uint8Array(message, 4, length))) as BinaryHeader & { arrays: ArrayHeader[] };
+  const payload = 8 * Math.ceil((4 + length) / 8);
+  const arrays = new Map<string, Grid>();
+  for (const { name, dtype, shape, offset } of header.arrays) {
+    const size = shape.reduce((product, n) => product * n, 1);
+    arrays.set(name, { values: new KINDS[dtype](message, payload + offset, size), shape });
+  }
+  return new Binary(header, arrays);
+}
+
+/** Narrow a binary message to those of a type. */
+export function isOf<Type extends BinaryHeader['type']>(message: Binary, type: Type): message is Binary<Extract<BinaryHeader, { type: Type }>> {
+  return message.header.type === type;
+}

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Frame of the window: bar on top, tools, map, statistics below it, panel beside it.
+import { button, element } from './dom';
+import { icon } from './icons';
+import { say } from './texts';
+
+export type Mode = 'map' | 'scene' | 'compare';
+
+export class Shell {
+  readonly root = element('div', { class: 'window' });
+  readonly top = element('header', { class: 'top' });
+  readonly notices = element('div', { class: 'notices' });
+  readonly tools = element('div', { class: 'tool-strip' });
+  readonly mapTarget = element('div', { class: 'map', id: 'map', attributes: { tabindex: '0', role: 'application', 'aria-label': say('app.map.label') } });
+  readonly mapPane = element('section', { class: 'pane map-pane' }, this.mapTarget);
+  readonly scenePane = element('section', { class: 'pane scene-pane', hidden: true, attributes: { 'aria-label': say('app.view.scene') } });
+  readonly comparePane = element('section', { class: 'pane compare-pane', hidden: true, attributes: { 'aria-label': say('app.view.compare') } });
+  readonly stage = element('main', { class: 'stage' }, this.mapPane, this.scenePane, this.comparePane);
+  readonly dock = element('section', { class: 'dock', attributes: { 'aria-labelledby': 'dock-title' } });
+  readonly side = element('aside', { class: 'side' });
+  readonly tag = element('p', { class: 'tag', attributes: { role: 'status' }, hidden: true });
+  readonly dockNote = element('span', { class: 'dock-note' });
+  readonly dockTag = element('span', { class: 'tag', hidden: true });
+  private readonly dockBody = element('div', { class: 'dock-body' });
+  private readonly toast = element('div', { class: 'toast', attributes: { role: 'status' } });
+  private timer = 0;
+
+  constructor(parent: HTMLElement) {
+    const fold = button(icon('down'), () => {
+      const folded = this.root.classList.toggle('dock-folded');
+      fold.replaceChildren(icon(folded ? 'up' : 'down'));
+      fold.setAttribute('aria-expanded', String(!folded));
+    }, { class: 'icon-button', title: say('app.statistics.fold'), attributes: { 'aria-label': say('app.statistics.fold'), 'aria-expanded': 'true' } });
+    this.dock.append(element('header', {}, element('h2', { id: 'dock-title' }, say('app.statistics.title')), this.dockTag, this.dockNote, fold), this.dockBody);
+    this.mapPane.append(this.tag);
+    this.root.append(this.top, this.notices, this.tools, this.stage, this.dock, this.side, this.toast);
+    parent.replaceChildren(this.root);
+  }
+
+  fillDock(...content: HTMLElement[]): void {
+    this.dockBody.replaceChildren(...content);
+  }
+
+  show(mode: Mode): void {
+    this.mapPane.hidden = mode !== 'map';
+    this.scenePane.hidden = mode !== 'scene';
+    this.comparePane.hidden = mode !== 'compare';
+    this.root.dataset['mode'] = mode;
+  }
+
+  /** Dim and label what belongs to an older state. */
+  mark(text: string): void {
+    for (const tag of [this.tag, this.dockTag]) {
+      tag.hidden = !text;
+      tag.textContent = text;
+    }
+    this.root.classList.toggle('preliminary', text !== '');
+  }
+
+  say(text: string): void {
+    this.toast.textContent = text;
+    this.toast.classList.add('shown');
+    window.clearTimeout(this.timer);
+    this.timer = window.setTimeout(() => this.toast.classList.remove('shown'), 5000);
+  }
+
+  /** A line across the window, such as one on the second tab; replaces the one of the same name. */
+  notice(name: string, kind: 'red' | 'amber', text: string, action: HTMLButtonElement | null = null): void {
+    this.clearNotice(name);
+    this.notices.append(element('div', { class: `alert ${kind}`, attributes: { role: 'alert', 'data-notice': name } }, icon('warning'), element('span', {}, text), action,
+      button(icon('close'), () => this.clearNotice(name), { class: 'icon-button', attributes: { 'aria-label': say('app.close') } })));
+  }
+
+  clearNotice(name: string): void {
+    this.notices.querySelector(`[data-notice="${name}"]`)?.remove();
+  }
+}
+
+/** A button that opens a list of actions. */
+export function menu(label: string, ...items: HTMLElement[]): HTMLDetailsElement {
+  const list = element('div', { class: 'menu-list card' }, ...items);
+  const box = element('details', { class: 'menu' }, element('summary', { title: label, attributes: { 'aria-label': label } }, icon('more')), list);
+  list.addEventListener('click', (event) => {
+    if (event.target instanceof HTMLElement && event.target.closest('button')) box.open = false;
+  });
+  box.addEventListener('keydown', (event) => {
+    if (event.key !== 'Escape' || !box.open) return;
+    event.stopPropagation();
+    box.open = false;
+    box.querySelector('summary')?.focus();
+  });
+  box.addEventListener('focusout', (event) => {
+    if (event.relatedTarget instanceof Node && !box.contains(event.relatedTarget)) box.open = false;
+  });
+  return box;
+}

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Tools of the map as buttons, with their letters.
+import { button, element } from './dom';
+import { TOOLS, type Tool } from './draw';
+import { icon } from './icons';
+import { say } from './texts';
+
+export class Toolbar {
+  readonly root = element('nav', { class: 'tools', attributes: { 'aria-label': say('app.tools') } });
+  private readonly buttons = new Map<Tool, HTMLButtonElement>();
+
+  constructor(tools: readonly Tool[], use: (tool: Tool) => void) {
+    for (const tool of tools) {
+      const { letter } = TOOLS[tool];
+      const text = say(`app.tool.${tool}`);
+      const made = button([icon(tool), element('kbd', {}, letter)], () => use(tool), { title: `${text} (${letter})`, attributes: { 'aria-label': text, 'aria-keyshortcuts': letter, 'aria-pressed': 'false', 'data-tool': tool } });
+      this.buttons.set(tool, made);
+      this.root.append(made);
+    }
+  }
+
+  show(tool: Tool, enabled: boolean): void {
+    for (const [name, made] of this.buttons) {
+      made.setAttribute('aria-pressed', String(name === tool));
+      made.disabled = !enabled && name !== 'select';
+    }
+  }
+}

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Which keys a distribution of volumes has: the others are only shown where they are given.
+import type { Values } from './forms';
+
+const OF_DISTRIBUTION: Readonly<Record<string, readonly string[]>> = {
+  fixed: ['volume_mean'],
+  normal: ['volume_mean', 'volume_std'],
+  lognormal: ['volume_mean', 'volume_std'],
+  uniform: ['volume_min', 'volume_max'],
+  pareto: ['volume_min', 'volume_max', 'volume_exponent'],
+  list: ['volumes'],
+  source: ['volume_spread'],
+};
+const ALL = new Set(Object.values(OF_DISTRIBUTION).flat());
+
+/** True if a key is of use with the distribution of these values, or given among them. */
+export function applies(name: string, values: Values, distribution: string): boolean {
+  return !ALL.has(name) || values[name] !== undefined || (OF_DISTRIBUTION[distribution] ?? []).includes(name);
+}
