@@ -5,6 +5,8 @@ import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js';
 import type { Ground } from './ground';
 
 const PLAYER = 70; // [CSS pixel] at the bottom, which the player covers
+const LEGEND = 150; // [CSS pixel] at the top, which the legend covers of a narrow picture
+const NARROW = 600; // [CSS pixel]
 const FLIGHT = 350; // [ms] of a change of view
 const MARGIN = 1.08; // around what is shown whole
 const STEEP = MathUtils.degToRad(62); // from the vertical, of the first view
@@ -151,6 +153,9 @@ export class Camera {
   }
 
   private place({ target, theta, phi, radius }: Pose): void {
+    this.controls.enableDamping = false; // lets the rest of an earlier movement, which would add to this one, run out
+    this.controls.update();
+    this.controls.enableDamping = true;
     this.controls.target.copy(target);
     this.eye.position.copy(target).addScaledVector(outward(theta, phi), radius);
     this.eye.lookAt(target);
@@ -164,9 +169,11 @@ export class Camera {
     const back = outward(theta, phi);
     const right = new Vector3(Math.cos(theta), Math.sin(theta), 0);
     const up = back.clone().cross(right);
-    const covered = Math.min(PLAYER / Math.max(this.canvas.clientHeight, 1), 0.4);
+    const { clientWidth, clientHeight } = this.canvas;
+    const bottomPart = Math.min(PLAYER / Math.max(clientHeight, 1), 0.3);
+    const topPart = clientWidth < NARROW ? Math.min(LEGEND / Math.max(clientHeight, 1), 0.3) : 0;
     const slope = Math.tan(MathUtils.degToRad(this.eye.fov / 2));
-    const slopeUp = (slope * (1 - covered)) / MARGIN;
+    const slopeUp = (slope * (1 - bottomPart - topPart)) / MARGIN;
     const slopeRight = (slope * this.eye.aspect) / MARGIN;
     const target = points.reduce((sum, point) => sum.add(point), new Vector3()).divideScalar(Math.max(points.length, 1));
     let radius = 10 * this.controls.minDistance;
@@ -183,7 +190,7 @@ export class Camera {
         radius = Math.max(radius, offset.dot(back) + Math.max(Math.abs(offset.dot(right)) / slopeRight, Math.abs(offset.dot(up)) / slopeUp));
       }
     }
-    return { target: target.addScaledVector(up, -covered * slope * radius), theta, phi, radius };
+    return { target: target.addScaledVector(up, (topPart - bottomPart) * slope * radius), theta, phi, radius };
   }
 
   private stayAbove(): void {

@@ -67,7 +67,7 @@ export class Ground {
     this.spacing = step * cell;
     const lit = shade ?? hillshade(terrain);
     const shadeTexture = new DataTexture(lit.values.map((value) => value || FLAT_SHADE), lit.nx, lit.ny, RedFormat);
-    Object.assign(shadeTexture, { magFilter: LinearFilter, minFilter: LinearMipmapLinearFilter, generateMipmaps: true, anisotropy: 8, unpackAlignment: 1, needsUpdate: true });
+    Object.assign(shadeTexture, { magFilter: LinearFilter, minFilter: LinearMipmapLinearFilter, generateMipmaps: true, anisotropy: 4, unpackAlignment: 1, needsUpdate: true });
     const material = new ShaderMaterial({
       vertexShader: VERTEX,
       fragmentShader: FRAGMENT,
@@ -91,7 +91,7 @@ export class Ground {
     const { drape, drapeBox, draped } = this.mesh.material.uniforms;
     (drape!.value as Texture | null)?.dispose();
     const texture = image && image.width > 0 && image.height > 0 ? new CanvasTexture(image) : null;
-    if (texture) Object.assign(texture, { colorSpace: NoColorSpace, premultiplyAlpha: true, anisotropy: 8 });
+    if (texture) Object.assign(texture, { colorSpace: NoColorSpace, premultiplyAlpha: true, anisotropy: 4 });
     drape!.value = texture;
     draped!.value = texture ? 1 : 0;
     const { west: x, south: y } = this.terrain;

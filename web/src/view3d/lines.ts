@@ -60,9 +60,10 @@ export class Lines {
         const middle = longest[Math.floor(longest.length / 2)];
         if (middle && line.name) this.addLabel(line.name, middle, height, ground.spacing, KINDS[kind]);
       }
-      this.addRibbons(strokes, '#ffffff', 4.5, 0.0045, 0.85);
-      this.addRibbons(strokes, KINDS[kind], 2.5, 0.005);
-      this.addRibbons(posts, KINDS[kind], 2, 0.005);
+      const order = kind === 'line' ? 2 : 5;
+      this.addRibbons(strokes, order, '#ffffff', 4.5, 0.0045, 0.85);
+      this.addRibbons(strokes, order, KINDS[kind], 2.5, 0.005);
+      this.addRibbons(posts, order, KINDS[kind], 2, 0.005);
     }
   }
 
@@ -88,10 +89,10 @@ export class Lines {
     }
   }
 
-  private addRibbons(points: number[], colour: string, width: number, closer: number, opacity = 1): void {
+  private addRibbons(points: number[], order: number, colour: string, width: number, closer: number, opacity = 1): void {
     if (points.length === 0) return;
     const ribbons = new Ribbons(Float32Array.from(points), { width, closer, colour, opacity });
-    ribbons.renderOrder = 2;
+    ribbons.renderOrder = order;
     this.ribbons.push(ribbons);
     this.group.add(ribbons);
   }
@@ -111,7 +112,7 @@ export class Lines {
       depthWrite: false,
       side: DoubleSide,
     }));
-    fence.renderOrder = 1;
+    fence.renderOrder = 4; // after the trajectories, which would hide it
     this.fences.push(fence);
     this.group.add(fence);
   }
@@ -123,7 +124,7 @@ export class Lines {
     const sprite = new Sprite(new SpriteMaterial({ map, sizeAttenuation: false, depthTest: false, depthWrite: false }));
     sprite.center.set(0.5, -0.6);
     sprite.position.set(x, y, ground + height + 0.2 * lift);
-    sprite.renderOrder = 4;
+    sprite.renderOrder = 6;
     sprite.userData = { w, h };
     this.labels.push(sprite);
     this.group.add(sprite);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Trajectories as lines, and the boulders that move along them.
 import {
-  BufferAttribute, Color, Group, IcosahedronGeometry, InstancedMesh, Matrix4, MeshLambertMaterial, Quaternion, Vector3, type PerspectiveCamera,
+  BufferAttribute, Color, DodecahedronGeometry, Group, InstancedMesh, Matrix4, MeshLambertMaterial, Quaternion, Vector3, type PerspectiveCamera,
 } from 'three';
 import { paletteColour, scaleEnd, type Quantity } from './colours';
 import type { Ground } from './ground';
@@ -13,6 +13,8 @@ const DENSITY = 2700; // [kg/m3], for the size in which a boulder is drawn
 const SAG = 0.06; // [m] between a parabola and the chords that are drawn for it
 const CHORD = Math.sqrt((8 * SAG) / GRAVITY); // [s] that such a chord lasts
 const SHORTEST = 0.1; // [s] of a hop, at most 12 mm high, that is drawn
+const COARSE = 0.45; // [s] between points drawn far away, 0.25 m above the chord
+const DETAIL = 0.2; // [m] of a pixel below which all points are drawn
 const MIN_RADIUS = 3.5; // [pixel] of a boulder far away
 const SAMPLE = 50; // points per one by which the camera sees where trajectories are
 const MOST = 0.995; // quantile of the values that the palette spans
@@ -30,7 +32,7 @@ export class Paths {
   private readonly length: Float32Array; // [m] along the path
   private readonly first: Uint32Array;
   private readonly radius: Float32Array; // [m]
-  private readonly boulders: InstancedMesh<IcosahedronGeometry, MeshLambertMaterial>;
+  private readonly boulders: InstancedMesh<DodecahedronGeometry, MeshLambertMaterial>;
   private end = 1;
 
   constructor(trajectories: Trajectories, private readonly ground: Ground) {
@@ -55,7 +57,7 @@ export class Paths {
       this.fall.addScaledVector(this.sample.at(-1)!, last ? 1 : k === first[path]! ? -1 : 0);
     }
     this.duration = duration;
-    this.ribbons = new Ribbons(points, { width: 1.8, closer: 0.002, ahead: Math.min(Math.max(6 / first.length, 0.015), 0.12) });
+    this.ribbons = new Ribbons(points, { width: 1.8, closer: 0.002, ahead: Math.min(Math.max(6 / first.length, 0.015), 0.12), coarse: COARSE });
     this.ribbons.renderOrder = 3;
     this.boulders = new InstancedMesh(rock(), new MeshLambertMaterial({ flatShading: true }), Math.max(first.length - 1, 1));
     this.boulders.count = first.length - 1;
@@ -76,10 +78,10 @@ export class Paths {
         points[at + 4] = values[k]!;
       }
     }
-    values.sort();
-    this.end = scaleEnd(values[Math.floor(MOST * (values.length - 1))] ?? 0);
-    this.ribbons.setValues(this.end);
-    return { end: this.end, exceeded: (values.at(-1) ?? 0) > this.end };
+    const sorted = values.toSorted();
+    this.end = scaleEnd(sorted[Math.floor(MOST * (values.length - 1))] ?? 0);
+    this.ribbons.setValues(values, this.end);
+    return { end: this.end, exceeded: (sorted.at(-1) ?? 0) > this.end };
   }
 
   /** Place the boulders as they are at a time [s], at least a few pixels large; null: at their ends. */
@@ -93,6 +95,7 @@ export class Paths {
     const size = new Vector3();
     const colour = new Color();
     const pixel = (2 * Math.tan((camera.fov * Math.PI) / 360)) / pictureHeight; // [m] at 1 m distance
+    this.ribbons.setDetail(DETAIL > pixel * Math.sqrt(this.sample.reduce((least, point) => Math.min(least, camera.position.distanceToSquared(point)), Infinity)));
     for (let path = 0; path + 1 < first.length; path++) {
       const last = first[path + 1]! - 1;
       const k = time === null ? last : this.pointBefore(path, time);
@@ -139,8 +142,8 @@ export class Paths {
 const WHITE = new Color('white');
 
 /** A block with facets, of radius 1. */
-function rock(): IcosahedronGeometry {
-  const geometry = new IcosahedronGeometry(1, 1);
+function rock(): DodecahedronGeometry {
+  const geometry = new DodecahedronGeometry(1, 0);
   const position = geometry.getAttribute('position') as BufferAttribute;
   for (let k = 0; k < position.count; k++) {
     const [x, y, z] = [position.getX(k), position.getY(k), position.getZ(k)];
@@ -190,7 +193,7 @@ function resampled({ points, first }: Trajectories): { points: Float32Array<Arra
       add(points[at]!, points[at + 1]!, points[at + 2]!, points[at + 3]!, points[at + 4]!);
       kept = at;
     }
-    if (begin === last) add(points[begin]!, points[begin + 1]!, points[begin + 2]!, points[begin + 3]!, points[begin + 4]!);
+    if (begin === last) add(points[begin]!, points[begin + 1]!, points[begin + 2]!, points[begin + 3]! + 1e-3, points[begin + 4]!); // later, or the next path would seem to go on from it
     firsts[path + 1] = used / STRIDE;
   }
   return { points: data.slice(0, used), speed: Float32Array.from(speeds), first: firsts };

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Lines of a width in pixels, all of a kind in one draw call: each segment is an instance of a quadrangle.
+// Lines of a width in pixels, all of a kind in one draw call. Each point is two vertices, which the shader moves to both sides of the line.
+// (An instance for each segment takes software renderers, which draw instances one by one, many times as long.)
 import {
-  BufferAttribute, DataTexture, InstancedBufferGeometry, InstancedInterleavedBuffer, InterleavedBufferAttribute, LinearFilter, Mesh,
-  ShaderMaterial, Vector2,
+  BufferAttribute, BufferGeometry, DataTexture, DoubleSide, InterleavedBuffer, InterleavedBufferAttribute, LinearFilter, Mesh, ShaderMaterial,
+  Sphere, Vector2,
 } from 'three';
 import { paletteBytes } from './colours';
 
@@ -10,33 +11,34 @@ import { paletteBytes } from './colours';
 export const STRIDE = 5;
 
 const VERTEX = /* glsl */ `
-  attribute vec3 from, to;
-  attribute vec2 fromState, toState; // time, value
+  attribute vec4 before, after; // neighbours on the line: x, y, z, time
+  attribute vec2 state;         // time, value
   uniform vec2 viewport; // [pixel]
   uniform float width;   // [pixel]
   uniform float closer;  // fraction of the distance by which lines come before the ground they lie on
   varying float time, value, edge;
+
+  /** Direction on the screen from a point to another, which may lie behind the camera. */
+  vec2 direction(vec4 from, vec4 to) {
+    float nearest = 1e-3 * from.w;
+    if (to.w < nearest) to = mix(from, to, (from.w - nearest) / (from.w - to.w));
+    vec2 way = (to.xy / to.w - from.xy / from.w) * viewport;
+    return dot(way, way) > 1e-8 ? normalize(way) : vec2(0.0);
+  }
+
   void main() {
-    gl_Position = vec4(2.0, 2.0, 2.0, 1.0); // outside
-    vec4 a = modelViewMatrix * vec4(from, 1.0);
-    vec4 b = modelViewMatrix * vec4(to, 1.0);
-    float near = projectionMatrix[3][2] / (1.0 - projectionMatrix[2][2]);
-    if (toState.x < fromState.x || (a.z > near && b.z > near)) return;
-    if (a.z > near) a = mix(a, b, (near - a.z) / (b.z - a.z));
-    if (b.z > near) b = mix(b, a, (near - b.z) / (a.z - b.z));
-    a.xyz *= 1.0 - closer;
-    b.xyz *= 1.0 - closer;
-    vec4 clipA = projectionMatrix * a;
-    vec4 clipB = projectionMatrix * b;
-    vec2 along = (clipB.xy / clipB.w - clipA.xy / clipA.w) * viewport;
-    float reach = length(along);
-    along = reach > 1e-3 ? along / reach : vec2(1.0, 0.0);
-    gl_Position = position.x > 0.5 ? clipB : clipA;
-    gl_Position.xy += vec2(-along.y, along.x) * position.y * width / viewport * gl_Position.w;
-    vec2 state = position.x > 0.5 ? toState : fromState;
     time = state.x;
     value = state.y;
-    edge = position.y;
+    edge = (gl_VertexID & 1) == 0 ? -1.0 : 1.0;
+    vec4 seen = modelViewMatrix * vec4(position, 1.0);
+    gl_Position = projectionMatrix * vec4(seen.xyz * (1.0 - closer), 1.0);
+    if (gl_Position.w <= 0.0) return;
+    mat4 matrix = projectionMatrix * modelViewMatrix;
+    vec2 along = vec2(0.0);
+    if (before.w <= time) along -= direction(gl_Position, matrix * vec4(before.xyz, 1.0));
+    if (after.w >= time) along += direction(gl_Position, matrix * vec4(after.xyz, 1.0));
+    along = dot(along, along) > 1e-4 ? normalize(along) : vec2(1.0, 0.0);
+    gl_Position.xy += vec2(-along.y, along.x) * edge * width / viewport * gl_Position.w;
   }`;
 const FRAGMENT = /* glsl */ `
   uniform float now, fading, end, opacity, ahead;
@@ -55,20 +57,23 @@ const FRAGMENT = /* glsl */ `
     #endif
   }`;
 
-/** Appearance of lines: coloured by value through the palette if no colour is given; `ahead` is the opacity of what comes later. */
-export interface RibbonStyle { width: number; closer: number; colour?: string; opacity?: number; ahead?: number }
+/** Appearance of lines: coloured by value through the palette if no colour is given; `ahead` is the opacity of what comes
+ * later, `coarse` the time [s] between points that are drawn far away. */
+export interface RibbonStyle { width: number; closer: number; colour?: string; opacity?: number; ahead?: number; coarse?: number }
 
 /** Lines through points of STRIDE numbers. */
-export class Ribbons extends Mesh<InstancedBufferGeometry, ShaderMaterial> {
-  private readonly buffer: InstancedInterleavedBuffer;
+export class Ribbons extends Mesh<BufferGeometry, ShaderMaterial> {
+  private readonly buffer: InterleavedBuffer;
+  private readonly fine: BufferAttribute;
+  private readonly coarse: BufferAttribute;
 
   constructor(points: Float32Array, private readonly style: RibbonStyle) {
-    super(new InstancedBufferGeometry(), new ShaderMaterial({
+    super(new BufferGeometry(), new ShaderMaterial({
       vertexShader: VERTEX,
       fragmentShader: FRAGMENT,
       transparent: true,
       depthWrite: false,
-      side: 2,
+      side: DoubleSide,
       defines: style.colour ? {} : { PALETTE: '' },
       uniforms: {
         viewport: { value: new Vector2(1, 1) },
@@ -88,20 +93,39 @@ export class Ribbons extends Mesh<InstancedBufferGeometry, ShaderMaterial> {
       Object.assign(palette, { magFilter: LinearFilter, minFilter: LinearFilter, needsUpdate: true });
       this.material.uniforms.palette!.value = palette;
     }
-    this.buffer = new InstancedInterleavedBuffer(points, STRIDE);
-    this.geometry.setAttribute('position', new BufferAttribute(new Float32Array([0, -1, 0, 0, 1, 0, 1, -1, 0, 1, 1, 0]), 3));
-    this.geometry.setIndex([0, 2, 1, 1, 2, 3]);
-    for (const [name, size, offset] of [['from', 3, 0], ['fromState', 2, 3], ['to', 3, STRIDE], ['toState', 2, STRIDE + 3]] as const) {
+    // Between two vertices at each end, so that those before and after each are at fixed distances.
+    const count = points.length / STRIDE;
+    const vertices = new Float32Array((2 * count + 4) * STRIDE);
+    for (let k = 0; k < count; k++) {
+      const at = k * STRIDE;
+      for (let column = 0; column < STRIDE; column++) vertices[2 * at + 2 * STRIDE + column] = vertices[2 * at + 3 * STRIDE + column] = points[at + column]!;
+    }
+    vertices[3] = vertices[STRIDE + 3] = Infinity; // time before the first point: another line
+    vertices[vertices.length - 2] = vertices[vertices.length - STRIDE - 2] = -Infinity;
+    this.buffer = new InterleavedBuffer(vertices, STRIDE);
+    for (const [name, size, offset] of [['before', 4, 0], ['position', 3, 2 * STRIDE], ['state', 2, 2 * STRIDE + 3], ['after', 4, 4 * STRIDE]] as const) {
       this.geometry.setAttribute(name, new InterleavedBufferAttribute(this.buffer, size, offset));
     }
-    this.geometry.instanceCount = Math.max(points.length / STRIDE - 1, 0);
+    this.fine = segments(points, 0);
+    this.coarse = style.coarse ? segments(points, style.coarse) : this.fine;
+    this.geometry.setIndex(this.fine);
+    this.geometry.boundingSphere = new Sphere(); // not to be computed: nothing is culled, renderOrder sorts
     this.frustumCulled = false;
   }
 
-  /** Take over values written to the points; `end` is the value of the last colour. */
-  setValues(end: number): void {
+  /** Take over the values of all points; `end` is the value of the last colour. */
+  setValues(values: Float32Array, end: number): void {
+    const { array } = this.buffer;
+    values.forEach((value, k) => {
+      array[(2 * k + 2) * STRIDE + 4] = array[(2 * k + 3) * STRIDE + 4] = value;
+    });
     this.material.uniforms.end!.value = end;
     this.buffer.needsUpdate = true;
+  }
+
+  /** Draw all points, or only those that are a time apart, which is enough far away. */
+  setDetail(fine: boolean): void {
+    this.geometry.setIndex(fine ? this.fine : this.coarse);
   }
 
   /** Show the lines at a time [s]: faint ahead of it, fading behind; whole lines if null. */
@@ -122,6 +146,22 @@ export class Ribbons extends Mesh<InstancedBufferGeometry, ShaderMaterial> {
     this.geometry.dispose();
     this.material.dispose();
   }
+}
+
+/** Triangles between points of a line that are a time [s] apart, and its ends. */
+function segments(points: Float32Array, apart: number): BufferAttribute {
+  const count = points.length / STRIDE;
+  const index = new Uint32Array(6 * count);
+  let used = 0;
+  for (let k = 1, kept = 0; k < count; k++) {
+    const time = points[k * STRIDE + 3]!;
+    const begins = time < points[(k - 1) * STRIDE + 3]!;
+    const ends = k + 1 === count || points[(k + 1) * STRIDE + 3]! < time;
+    if (!begins && !ends && time - points[kept * STRIDE + 3]! < apart) continue;
+    if (!begins) for (const vertex of [2 * kept, 2 * kept + 1, 2 * k, 2 * k, 2 * kept + 1, 2 * k + 1]) index[used++] = vertex;
+    kept = k;
+  }
+  return new BufferAttribute(index.slice(0, used), 1);
 }
 
 function rgb(colour: string): [number, number, number] {

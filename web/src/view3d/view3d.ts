@@ -72,6 +72,8 @@ export class View3d {
   }
 }
 
+type Part = 'ground' | 'drape' | 'lines' | 'paths' | 'colours';
+
 /** What a view is made of where the browser can draw it. */
 class Stage {
   private readonly renderer: WebGLRenderer;
@@ -84,10 +86,12 @@ class Stage {
   private ground: Ground | null = null;
   private lines: Lines | null = null;
   private paths: Paths | null = null;
+  private terrain: { terrain: Terrain; shade: Shade | null } | null = null;
   private drape: { image: HTMLCanvasElement | null; extent: Extent } = { image: null, extent: [0, 0, 1, 1] };
   private drawn: Line3d[] = [];
   private trajectories: Trajectories | null = null;
   private colouring: Quantity = 'speed';
+  private readonly due = new Set<Part>();
   private shown = false;
   private frame = 0; // requested, 0: none
   private before: number | null = null; // [ms] of the last frame of a movement
@@ -129,61 +133,28 @@ class Stage {
   }
 
   setTerrain(terrain: Terrain, shade: Shade | null): void {
-    if (this.ground) {
-      this.scene.remove(this.ground.mesh);
-      this.ground.dispose();
-    }
-    this.ground = new Ground(terrain, shade);
-    this.scene.add(this.ground.mesh);
-    this.camera.setGround(this.ground);
-    this.setDrape(this.drape.image, this.drape.extent);
-    this.setLines(this.drawn);
-    this.setTrajectories(this.trajectories);
+    this.terrain = { terrain, shade };
+    this.make('ground', 'drape', 'lines', 'paths', 'colours');
   }
 
   setDrape(image: HTMLCanvasElement | null, extent: Extent): void {
     this.drape = { image, extent };
-    this.ground?.setDrape(image, extent);
-    this.request();
+    this.make('drape');
   }
 
   setLines(lines: Line3d[]): void {
     this.drawn = lines;
-    if (!this.ground) return;
-    if (this.lines) {
-      this.scene.remove(this.lines.group);
-      this.lines.dispose();
-    }
-    this.lines = new Lines(lines, this.ground);
-    this.scene.add(this.lines.group);
-    this.legend.showKinds(this.lines.kinds);
-    this.setViewports();
-    this.request();
+    this.make('lines');
   }
 
   setTrajectories(trajectories: Trajectories | null): void {
     this.trajectories = trajectories;
-    if (!this.ground) return;
-    if (this.paths) {
-      this.scene.remove(this.paths.group);
-      this.paths.dispose();
-      this.paths = null;
-    }
-    if (trajectories && trajectories.first.length > 1) {
-      this.paths = new Paths(trajectories, this.ground);
-      this.scene.add(this.paths.group);
-      this.camera.propose(this.paths.sample, this.paths.fall);
-    }
-    this.setColouring(this.colouring);
-    this.setViewports();
-    this.player.setDuration(this.paths?.duration ?? 0);
+    this.make('paths', 'colours');
   }
 
   setColouring(by: Quantity): void {
     this.colouring = by;
-    const { end, exceeded } = this.paths && this.trajectories ? this.paths.colourBy(by, this.trajectories.mass) : { end: 0, exceeded: false };
-    this.legend.showScale(by, end, exceeded);
-    this.request();
+    this.make('colours');
   }
 
   show(): void {
@@ -221,6 +192,64 @@ class Stage {
     this.draw(performance.now()); // at once: a new size clears the picture
   }
 
+  /** Have parts of the scene made again before the next frame: a hidden view costs nothing. */
+  private make(...parts: Part[]): void {
+    for (const part of parts) this.due.add(part);
+    this.request();
+  }
+
+  private makeDue(): void {
+    if (!this.terrain || this.due.size === 0) return;
+    const due = new Set(this.due);
+    this.due.clear();
+    if (due.has('ground')) this.makeGround(this.terrain.terrain, this.terrain.shade);
+    if (due.has('drape')) this.ground!.setDrape(this.drape.image, this.drape.extent);
+    if (due.has('lines')) this.makeLines(this.ground!);
+    if (due.has('paths')) this.makePaths(this.ground!);
+    if (due.has('colours')) this.colour();
+    this.setViewports();
+  }
+
+  private makeGround(terrain: Terrain, shade: Shade | null): void {
+    if (this.ground) {
+      this.scene.remove(this.ground.mesh);
+      this.ground.dispose();
+    }
+    this.ground = new Ground(terrain, shade);
+    this.scene.add(this.ground.mesh);
+    this.camera.setGround(this.ground);
+  }
+
+  private makeLines(ground: Ground): void {
+    if (this.lines) {
+      this.scene.remove(this.lines.group);
+      this.lines.dispose();
+    }
+    this.lines = new Lines(this.drawn, ground);
+    this.scene.add(this.lines.group);
+    this.legend.showKinds(this.lines.kinds);
+  }
+
+  private makePaths(ground: Ground): void {
+    const first = this.paths === null;
+    if (this.paths) {
+      this.scene.remove(this.paths.group);
+      this.paths.dispose();
+      this.paths = null;
+    }
+    if (this.trajectories && this.trajectories.first.length > 1) {
+      this.paths = new Paths(this.trajectories, ground);
+      this.scene.add(this.paths.group);
+      if (first) this.camera.propose(this.paths.sample, this.paths.fall);
+    }
+    this.player.setDuration(this.paths?.duration ?? 0);
+  }
+
+  private colour(): void {
+    const { end, exceeded } = this.paths && this.trajectories ? this.paths.colourBy(this.colouring, this.trajectories.mass) : { end: 0, exceeded: false };
+    this.legend.showScale(this.colouring, end, exceeded);
+  }
+
   private setViewports(): void {
     const { width, height } = this.canvas;
     const ratio = this.renderer.getPixelRatio();
@@ -237,6 +266,7 @@ class Stage {
   }
 
   private draw(now: number): void {
+    this.makeDue();
     const { playing } = this.player;
     this.player.advance(this.before === null ? 0 : Math.min((now - this.before) / 1000, 0.25));
     this.before = playing ? now : null;
