@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The camera: turns about, zooms to and moves with what is under the pointer, and stays above the ground.
-import { MathUtils, PerspectiveCamera, Raycaster, Spherical, Vector2, Vector3 } from 'three';
+import { MathUtils, PerspectiveCamera, Raycaster, Vector2, Vector3 } from 'three';
 import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js';
 import type { Ground } from './ground';
 
@@ -30,7 +30,9 @@ export class Camera {
     canvas.addEventListener('wheel', (event) => this.anchor(event, true), { passive: true });
     canvas.addEventListener('pointerdown', (event) => this.anchor(event, false));
     this.controls = new OrbitControls(this.eye, canvas);
-    Object.assign(this.controls, { zoomToCursor: true, enableDamping: true, dampingFactor: 0.18, maxPolarAngle: 0.55 * Math.PI, minDistance: 4, keyPanSpeed: 30 });
+    Object.assign(this.controls, {
+      zoomToCursor: true, enableDamping: true, dampingFactor: 0.18, maxPolarAngle: 0.55 * Math.PI, minDistance: 4, keyPanSpeed: 30,
+    });
     this.controls.listenToKeyEvents(canvas);
     this.controls.addEventListener('start', () => this.take());
     this.controls.addEventListener('change', moved);
@@ -57,7 +59,8 @@ export class Camera {
     const before = this.ground;
     this.ground = ground;
     this.controls.maxDistance = 5 * Math.hypot(ground.width, ground.depth);
-    if (before && before.width === ground.width && before.depth === ground.depth && before.terrain.west === ground.terrain.west && before.terrain.south === ground.terrain.south) return;
+    const sameSize = before?.width === ground.width && before.depth === ground.depth;
+    if (sameSize && before.terrain.west === ground.terrain.west && before.terrain.south === ground.terrain.south) return;
     this.chosen = false;
     this.place(this.poseOf(ground.sample(), besideOf(slopeOf(ground)), STEEP));
   }
@@ -149,7 +152,8 @@ export class Camera {
 
   private pose(): Pose {
     const offset = this.eye.position.clone().sub(this.controls.target);
-    return { target: this.controls.target.clone(), theta: Math.atan2(offset.x, -offset.y), phi: new Spherical().setFromCartesianCoords(offset.x, offset.z, -offset.y).phi, radius: offset.length() };
+    const radius = offset.length();
+    return { target: this.controls.target.clone(), theta: Math.atan2(offset.x, -offset.y), phi: Math.acos(offset.z / radius), radius };
   }
 
   private place({ target, theta, phi, radius }: Pose): void {

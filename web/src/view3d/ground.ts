@@ -67,7 +67,9 @@ export class Ground {
     this.spacing = step * cell;
     const lit = shade ?? hillshade(terrain);
     const shadeTexture = new DataTexture(lit.values.map((value) => value || FLAT_SHADE), lit.nx, lit.ny, RedFormat);
-    Object.assign(shadeTexture, { magFilter: LinearFilter, minFilter: LinearMipmapLinearFilter, generateMipmaps: true, anisotropy: 4, unpackAlignment: 1, needsUpdate: true });
+    Object.assign(shadeTexture, {
+      magFilter: LinearFilter, minFilter: LinearMipmapLinearFilter, generateMipmaps: true, anisotropy: 4, unpackAlignment: 1, needsUpdate: true,
+    });
     const material = new ShaderMaterial({
       vertexShader: VERTEX,
       fragmentShader: FRAGMENT,

@@ -95,7 +95,8 @@ export class Paths {
     const size = new Vector3();
     const colour = new Color();
     const pixel = (2 * Math.tan((camera.fov * Math.PI) / 360)) / pictureHeight; // [m] at 1 m distance
-    this.ribbons.setDetail(DETAIL > pixel * Math.sqrt(this.sample.reduce((least, point) => Math.min(least, camera.position.distanceToSquared(point)), Infinity)));
+    const nearest = this.sample.reduce((least, point) => Math.min(least, camera.position.distanceToSquared(point)), Infinity);
+    this.ribbons.setDetail(pixel * Math.sqrt(nearest) < DETAIL);
     for (let path = 0; path + 1 < first.length; path++) {
       const last = first[path + 1]! - 1;
       const k = time === null ? last : this.pointBefore(path, time);
@@ -193,7 +194,8 @@ function resampled({ points, first }: Trajectories): { points: Float32Array<Arra
       add(points[at]!, points[at + 1]!, points[at + 2]!, points[at + 3]!, points[at + 4]!);
       kept = at;
     }
-    if (begin === last) add(points[begin]!, points[begin + 1]!, points[begin + 2]!, points[begin + 3]! + 1e-3, points[begin + 4]!); // later, or the next path would seem to go on from it
+    // A second point, later, or the next path would seem to go on from the first.
+    if (begin === last) add(points[begin]!, points[begin + 1]!, points[begin + 2]!, points[begin + 3]! + 1e-3, points[begin + 4]!);
     firsts[path + 1] = used / STRIDE;
   }
   return { points: data.slice(0, used), speed: Float32Array.from(speeds), first: firsts };
