@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Trajectories as lines, and the boulders that move along them.
+import {
+  BufferAttribute, Color, DodecahedronGeometry, Group, InstancedMesh, Matrix4, MeshLambertMaterial, Quaternion, Vector3, type PerspectiveCamera,
+} from 'three';
+import { paletteColour, scaleEnd, type Quantity } from './colours';
+import type { Ground } from './ground';
+import { Ribbons, STRIDE } from './ribbons';
+import type { Trajectories } from './types';
+
+const GRAVITY = 9.81; // [m/s2]
+const DENSITY = 2700; // [kg/m3], for the size in which a boulder is drawn
+const SAG = 0.06; // [m] between a parabola and the chords that are drawn for it
+const CHORD = Math.sqrt((8 * SAG) / GRAVITY); // [s] that such a chord lasts
+const SHORTEST = 0.1; // [s] of a hop, at most 12 mm high, that is drawn
+const COARSE = 0.45; // [s] between points drawn far away, 0.25 m above the chord
+const DETAIL = 0.2; // [m] of a pixel below which all points are drawn
+const MIN_RADIUS = 3.5; // [pixel] of a boulder far away
+const SAMPLE = 50; // points per one by which the camera sees where trajectories are
+const MOST = 0.995; // quantile of the values that the palette spans
+
+/** Trajectories with points where their parabolas need them, and where boulders are at a time. */
+export class Paths {
+  readonly group = new Group();
+  readonly duration: number;
+  /** Some points [m] of the trajectories, and the sum of the vectors from their starts to their ends. */
+  readonly sample: Vector3[] = [];
+  readonly fall = new Vector3();
+  readonly ribbons: Ribbons;
+  private readonly points: Float32Array<ArrayBuffer>; // STRIDE numbers each
+  private readonly speed: Float32Array;
+  private readonly length: Float32Array; // [m] along the path
+  private readonly first: Uint32Array;
+  private readonly radius: Float32Array; // [m]
+  private readonly boulders: InstancedMesh<DodecahedronGeometry, MeshLambertMaterial>;
+  private end = 1;
+
+  constructor(trajectories: Trajectories, private readonly ground: Ground) {
+    const { points, speed, first } = resampled(trajectories);
+    this.points = points;
+    this.speed = speed;
+    this.first = first;
+    this.length = new Float32Array(speed.length);
+    this.radius = trajectories.mass.map((mass) => Math.cbrt((3 * mass) / (4 * Math.PI * DENSITY)));
+    let duration = 0;
+    for (let k = 0, path = 0; k < speed.length; k++) {
+      while (k >= first[path + 1]!) path++;
+      const at = k * STRIDE;
+      const [x, y, z] = [points[at]!, points[at + 1]!, points[at + 2]!];
+      if (k > first[path]!) {
+        const back = at - STRIDE;
+        this.length[k] = this.length[k - 1]! + Math.hypot(x - points[back]!, y - points[back + 1]!, z - points[back + 2]!);
+      }
+      duration = Math.max(duration, points[at + 3]!);
+      const last = k + 1 === first[path + 1]!;
+      if (last || k === first[path]! || k % SAMPLE === 0) this.sample.push(new Vector3(x, y, z));
+      this.fall.addScaledVector(this.sample.at(-1)!, last ? 1 : k === first[path]! ? -1 : 0);
+    }
+    this.duration = duration;
+    this.ribbons = new Ribbons(points, { width: 1.8, closer: 0.002, ahead: Math.min(Math.max(6 / first.length, 0.015), 0.12), coarse: COARSE });
+    this.ribbons.renderOrder = 3;
+    this.boulders = new InstancedMesh(rock(), new MeshLambertMaterial({ flatShading: true }), Math.max(first.length - 1, 1));
+    this.boulders.count = first.length - 1;
+    this.boulders.frustumCulled = false;
+    this.group.add(this.boulders, this.ribbons);
+  }
+
+  /** Colour by a quantity; returns the upper end of its scale, and whether values exceed it. */
+  colourBy(quantity: Quantity, mass: Float32Array): { end: number; exceeded: boolean } {
+    const { points, speed, first } = this;
+    const values = new Float32Array(speed.length);
+    for (let path = 0; path + 1 < first.length; path++) {
+      for (let k = first[path]!; k < first[path + 1]!; k++) {
+        const at = k * STRIDE;
+        if (quantity === 'speed') values[k] = speed[k]!;
+        else if (quantity === 'energy') values[k] = (0.5 * mass[path]! * speed[k]! ** 2) / 1000;
+        else values[k] = Math.max(points[at + 2]! - this.ground.elevation(points[at]!, points[at + 1]!), 0) || 0; // 0 where the ground is unknown
+        points[at + 4] = values[k]!;
+      }
+    }
+    const sorted = values.toSorted();
+    this.end = scaleEnd(sorted[Math.floor(MOST * (values.length - 1))] ?? 0);
+    this.ribbons.setValues(values, this.end);
+    return { end: this.end, exceeded: (sorted.at(-1) ?? 0) > this.end };
+  }
+
+  /** Place the boulders as they are at a time [s], at least a few pixels large; null: at their ends. */
+  setTime(time: number | null, camera: PerspectiveCamera, pictureHeight: number): void {
+    this.ribbons.setTime(time);
+    const { points, first } = this;
+    const place = new Vector3();
+    const axis = new Vector3();
+    const turn = new Quaternion();
+    const matrix = new Matrix4();
+    const size = new Vector3();
+    const colour = new Color();
+    const pixel = (2 * Math.tan((camera.fov * Math.PI) / 360)) / pictureHeight; // [m] at 1 m distance
+    const nearest = this.sample.reduce((least, point) => Math.min(least, camera.position.distanceToSquared(point)), Infinity);
+    this.ribbons.setDetail(pixel * Math.sqrt(nearest) < DETAIL);
+    for (let path = 0; path + 1 < first.length; path++) {
+      const last = first[path + 1]! - 1;
+      const k = time === null ? last : this.pointBefore(path, time);
+      const next = Math.min(k + 1, last);
+      const a = k * STRIDE;
+      const b = next * STRIDE;
+      const span = points[b + 3]! - points[a + 3]!;
+      const part = span > 0 && time !== null ? Math.min(Math.max((time - points[a + 3]!) / span, 0), 1) : 0;
+      const along = (from: number, to: number): number => from + part * (to - from);
+      place.set(along(points[a]!, points[b]!), along(points[a + 1]!, points[b + 1]!),
+        along(points[a + 2]!, points[b + 2]!) + 0.5 * GRAVITY * span * span * part * (1 - part));
+      const radius = Math.max(this.radius[path]!, MIN_RADIUS * pixel * camera.position.distanceTo(place));
+      axis.set(points[a + 1]! - points[b + 1]!, points[b]! - points[a]!, 0.2 * (1 + (path % 3))).normalize(); // forward roll, not quite upright
+      turn.setFromAxisAngle(axis, path + along(this.length[k]!, this.length[next]!) / (2 * radius));
+      place.z += 0.8 * radius; // a trajectory runs along the underside of its boulder
+      this.boulders.setMatrixAt(path, matrix.compose(place, turn, size.setScalar(radius)));
+      const [red, green, blue] = paletteColour(along(points[a + 4]!, points[b + 4]!) / this.end);
+      this.boulders.setColorAt(path, colour.setRGB(red / 255, green / 255, blue / 255, 'srgb').lerp(WHITE, 0.12));
+    }
+    this.boulders.instanceMatrix.needsUpdate = true;
+    if (this.boulders.instanceColor) this.boulders.instanceColor.needsUpdate = true;
+  }
+
+  dispose(): void {
+    this.ribbons.dispose();
+    this.boulders.geometry.dispose();
+    this.boulders.material.dispose();
+    this.boulders.dispose();
+  }
+
+  /** Index of the last point of a path at or before a time. */
+  private pointBefore(path: number, time: number): number {
+    let low = this.first[path]!;
+    let high = this.first[path + 1]! - 1;
+    while (low < high) {
+      const middle = (low + high + 1) >> 1;
+      if (this.points[middle * STRIDE + 3]! <= time) low = middle;
+      else high = middle - 1;
+    }
+    return low;
+  }
+}
+
+const WHITE = new Color('white');
+
+/** A block with facets, of radius 1. */
+function rock(): DodecahedronGeometry {
+  const geometry = new DodecahedronGeometry(1, 0);
+  const position = geometry.getAttribute('position') as BufferAttribute;
+  for (let k = 0; k < position.count; k++) {
+    const [x, y, z] = [position.getX(k), position.getY(k), position.getZ(k)];
+    const dent = 0.92 + 0.16 * Math.sin(5 * x + 3 * y) * Math.cos(4 * z - 2 * x); // the same for all copies of a vertex
+    position.setXYZ(k, x * dent, y * dent * 0.95, z * dent * 0.85);
+  }
+  geometry.computeVertexNormals();
+  return geometry;
+}
+
+/** Points so that straight chords follow the parabolas: without points that lie on a parabola of their neighbours, with points where they
+ * are too far apart. Contacts stay. A path of one point gets a second. */
+function resampled({ points, first }: Trajectories): { points: Float32Array<ArrayBuffer>; speed: Float32Array; first: Uint32Array } {
+  let data = new Float32Array(1024);
+  let used = 0;
+  const speeds: number[] = [];
+  const firsts = new Uint32Array(first.length);
+  const add = (x: number, y: number, z: number, time: number, speed: number): void => {
+    if (used + STRIDE > data.length) {
+      const longer = new Float32Array(2 * data.length);
+      longer.set(data);
+      data = longer;
+    }
+    data[used] = x;
+    data[used + 1] = y;
+    data[used + 2] = z;
+    data[used + 3] = time;
+    used += STRIDE;
+    speeds.push(speed);
+  };
+  for (let path = 0; path + 1 < first.length; path++) {
+    const begin = first[path]! * 5;
+    const last = (first[path + 1]! - 1) * 5;
+    let kept = begin;
+    for (let at = begin; at <= last; at += 5) {
+      if (at !== begin && at !== last && isSpare(points, kept, at)) continue;
+      const span = points[at + 3]! - points[kept + 3]!;
+      const pieces = at === begin ? 1 : Math.min(Math.ceil(span / CHORD), 64);
+      const rise = (points[at + 2]! - points[kept + 2]!) / span + 0.5 * GRAVITY * span; // at the beginning of the flight
+      const level = Math.hypot(points[at]! - points[kept]!, points[at + 1]! - points[kept + 1]!) / span;
+      for (let k = 1; k < pieces; k++) {
+        const part = k / pieces;
+        const between = (column: number): number => points[kept + column]! + part * (points[at + column]! - points[kept + column]!);
+        const bulge = 0.5 * GRAVITY * span * span * part * (1 - part);
+        add(between(0), between(1), between(2) + bulge, between(3), Math.hypot(level, rise - GRAVITY * span * part));
+      }
+      add(points[at]!, points[at + 1]!, points[at + 2]!, points[at + 3]!, points[at + 4]!);
+      kept = at;
+    }
+    // A second point, later, or the next path would seem to go on from the first.
+    if (begin === last) add(points[begin]!, points[begin + 1]!, points[begin + 2]!, points[begin + 3]! + 1e-3, points[begin + 4]!);
+    firsts[path + 1] = used / STRIDE;
+  }
+  return { points: data.slice(0, used), speed: Float32Array.from(speeds), first: firsts };
+}
+
+/** Whether the parabola from a kept point to the point after this one is short, and passes through this one or is too short to be seen. */
+function isSpare(points: Float32Array, kept: number, at: number): boolean {
+  const next = at + 5;
+  const span = points[next + 3]! - points[kept + 3]!;
+  if (span < SHORTEST) return true;
+  if (span > CHORD || points[next + 3] === points[at + 3] || points[at + 3] === points[kept + 3]) return false;
+  const part = (points[at + 3]! - points[kept + 3]!) / span;
+  for (let column = 0; column < 3; column++) {
+    const bulge = column === 2 ? 0.5 * GRAVITY * span * span * part * (1 - part) : 0;
+    const there = points[kept + column]! + part * (points[next + column]! - points[kept + column]!) + bulge;
+    if (Math.abs(there - points[at + column]!) > 0.02) return false;
+  }
+  return true;
+}
