@@ -6,11 +6,15 @@ import http.client
 import json
 import os
 import re
+import signal
 import struct
+import subprocess
+import sys
 import threading
 import time
 from contextlib import ExitStack
 from pathlib import Path
+from subprocess import PIPE
 
 import numpy as np
 import pytest
@@ -24,7 +28,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 
 import rockfall  # noqa: E402
 import scenes  # noqa: E402
-from made import make_layer, make_raster  # noqa: E402
+from made import make_layer, make_page, make_raster  # noqa: E402
 from rockfall.app import exhibit, show  # noqa: E402
 from rockfall.app.document import runnable  # noqa: E402
 from rockfall.app.messages import binary_message  # noqa: E402
@@ -74,10 +78,7 @@ def place(tmp_path, monkeypatch):
     make_raster("dem.tif", scenes.rough(dtype="f4"))
     scenes.write_sets(tmp_path / "sets.nml", *scenes.sets(2.0), scenes.usual)
     Path("case.nml").write_text(CASE, encoding="utf-8")
-    page = tmp_path / "page"
-    page.mkdir()
-    for name, _ in FILES.values():
-        (page / name).write_text(f"<{name}>")
+    page = make_page(tmp_path / "page")
     (page / "secret.txt").write_text("secret")
     return tmp_path
 
@@ -228,11 +229,11 @@ def fetched(server, path, method="GET", **headers):
     return answer.status, answer.read().decode(), answer.headers
 
 
-def test_only_the_files_of_the_page_are_served(serve):
+def test_only_the_files_of_the_page_are_served(serve, place):
     server = serve(None)
     for path, (name, kind) in FILES.items():
         status, body, headers = fetched(server, path)
-        assert (status, body) == (200, f"<{name}>")
+        assert (status, body) == (200, (place / "page" / name).read_text())
         assert headers["content-type"].startswith(kind)
         assert headers["x-content-type-options"] == "nosniff"
         policy = headers["content-security-policy"]
@@ -740,6 +741,28 @@ def test_the_server_ends_when_the_last_page_has_closed(place, visit):
     assert not thread.is_alive()
 
 
+INTERRUPTED = """
+import sys
+from pathlib import Path
+from rockfall.app import server
+from rockfall.cli.command_line import main
+server.PAGE = Path("page")
+server.Server.__init__.__kwdefaults__["page"] = server.PAGE
+sys.exit(main(["app", "case.nml", "--no-browser"]))
+"""
+
+
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_ends_the_server_quietly(place, stop):
+    command = [sys.executable, "-c", INTERRUPTED]
+    with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as child:
+        address = child.stdout.readline()
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/#key=[\w-]{32}\n", address)
+        child.send_signal(stop)
+        said, errors = child.communicate(timeout=30)
+    assert (said, errors, child.returncode) == ("", "", 0)
+
+
 def test_a_reload_does_not_end_the_server(serve, visit):
     server = serve("dem.tif", keep=False)
     visit(server).close()
@@ -797,21 +820,22 @@ def test_a_result_without_its_terrain_is_shown_all_the_same(result):
 
 def test_show_makes_one_page_that_needs_nothing_else(place, result, monkeypatch):
     monkeypatch.setattr(show, "PAGE", place / "page")
-    (place / "page/index.html").write_text(
-        '<!doctype html><html><head><link rel="stylesheet" href="app.css"></head>'
-        '<body><div id="app"></div><script src="app.js"></script></body></html>'
-    )
-    (place / "page/app.js").write_text("const end = '</script>';")
-    shown = rockfall.show(rockfall.read_result(result))
+    (place / "page/app.js").write_text("const end = '</script><!--';")
+    data = rockfall.read_result(result)
+    data.attrs["title"] = "</script><b>"
+    data.attrs["case"] = data.attrs["case"].replace('Ünter "dem" Fels', "</script><b>")
+    shown = rockfall.show(data)
     path = shown.save("shown.html")
     text = path.read_text(encoding="utf-8")
     assert text.count("</script>") == 2 and "src=" not in text and "href=" not in text
+    assert r"const end = '<\/script><\!--';" in text and "<b>" not in text
     held = re.search(r'<script type="text/plain" id="messages">(.*?)</script>', text, re.DOTALL)[1]
     messages = [
         decoded(base64.b64decode(one)) if isinstance(one, str) else one for one in json.loads(held)
     ]
     kinds = [one["type"] for one in messages]
     assert kinds == ["welcome", "terrain", "background", "state", "batch", "trajectories"]
+    assert messages[0]["title"] == "</script><b>"
     assert 'srcdoc="' in shown._repr_html_() and "<!doctype" not in shown._repr_html_()
     (place / "page/app.js").unlink()
     with pytest.raises(RockfallError, match=r"`\./run page` builds it$"):
