@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The live window's server: what it lets in, what it runs, and that this is what it saves."""
 
+import asyncio
 import base64
 import http.client
 import json
@@ -31,8 +32,9 @@ import scenes  # noqa: E402
 from made import make_layer, make_page, make_raster  # noqa: E402
 from rockfall.app import exhibit, show  # noqa: E402
 from rockfall.app.document import runnable  # noqa: E402
-from rockfall.app.messages import binary_message  # noqa: E402
+from rockfall.app.messages import MAX_BYTES, binary_message  # noqa: E402
 from rockfall.app.opening import open_site  # noqa: E402
+from rockfall.app.outbox import Outbox  # noqa: E402
 from rockfall.app.room import Room  # noqa: E402
 from rockfall.app.saving import save  # noqa: E402
 from rockfall.app.server import FILES, Server, bind  # noqa: E402
@@ -278,6 +280,30 @@ def test_hostile_messages_get_one_line_and_the_server_lives(serve, visit):
     page.socket.send(b"\0\1\2")
     page.until("refused")
     assert page.edit(1)["errors"] == []
+
+
+def test_a_message_that_is_too_large_closes_its_page_only(serve, visit):
+    server = serve("dem.tif")
+    first, second = visit(server), visit(server)
+    first.socket.send('{"type": "' + "x" * MAX_BYTES + '"}')
+    with pytest.raises(ConnectionClosed) as closed:
+        first.all_until("never")
+    assert closed.value.rcvd.code == 1009
+    assert second.until("role")["writer"]
+
+
+def test_a_slow_page_gets_the_latest_results():
+    async def through():
+        box = Outbox(asyncio.get_running_loop())
+        for kind, message in (
+            ("welcome", "w"), ("state", "s1"), ("batch", "b1"), ("trajectories", "t1"),
+            ("more", "t2"), ("batch", "b2"), ("saved", "x"), ("state", "s2"), ("batch", "b3"),
+            ("trajectories", "t3"), ("batch", "b4"), ("more", "t4"),
+        ):  # fmt: skip
+            box.put(kind, message)
+        return [await box.get() for _ in range(6)]
+
+    assert asyncio.run(through()) == ["w", "x", "s2", "t3", "b4", "t4"]
 
 
 WRONG = {
@@ -618,6 +644,25 @@ def test_layers_of_a_case_become_features(place):
     same_variables(one, other)
 
 
+NUMBERED = """zones = 'zones.gpkg', default_zone = 2"""
+
+
+def test_zones_with_numbers_of_their_own_get_more_of_them(place):
+    """A default zone is one of them, by its number; new ones get others."""
+    shapes = [shapely.box(W, N - 200, W + 150, N), shapely.box(W, N - 400, W + 150, N - 200)]
+    make_layer("zones.gpkg", shapes, zone=[2, 7], mean_radius=[0.2, 0.4])
+    Path("own.nml").write_text(CASE.replace("uniform_mean_radius = 0.25", NUMBERED), "utf-8")
+    site, document = open_site(Path("own.nml"))
+    assert [one.properties["zone"] for one in document.layers["zones"]] == [2, 7]
+    drawn = [one._asdict() for one in document.layers["zones"]]
+    drawn.append(polygon(160, 300, 250, 100, id="new", mean_radius=0.1))
+    document = site.edited(document, {"zones": drawn}, {})
+    zones = runnable(site, document).layers["zones"].features
+    assert [one.properties["zone"] for one in zones] == [2, 7, 8]
+    save(site, document, "more", False)
+    assert rockfall.run(rockfall.read_case("more.nml")).sizes["boulder"] == 120
+
+
 # What goes out.
 
 
@@ -678,6 +723,16 @@ def test_layers_are_exported_from_a_fresh_run(serve, visit):
     same_variables(fresh, rockfall.read_result("out.nc"))
     page.send("export", name="out")
     assert page.until("refused")["exists"]
+
+
+def test_the_report_is_that_of_a_fresh_run(serve, visit, blank_figures):
+    page = visit(serve(), {"language": "fr"})
+    page.send("report", name="rapport")
+    found = page.all_until("done", task="report")
+    assert found[-1]["files"] == ["rapport.nc", "rapport.html"]
+    done = [one["done"] for one in found if one["type"] == "progress" and one["total"]]
+    assert done[-1] == 120 and done == sorted(done)
+    assert '<html lang="fr"' in Path("rapport.html").read_text(encoding="utf-8")
 
 
 def test_a_task_can_be_cancelled_and_leaves_no_result(serve, visit):
@@ -747,7 +802,6 @@ from pathlib import Path
 from rockfall.app import server
 from rockfall.cli.command_line import main
 server.PAGE = Path("page")
-server.Server.__init__.__kwdefaults__["page"] = server.PAGE
 sys.exit(main(["app", "case.nml", "--no-browser"]))
 """
 
