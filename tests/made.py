@@ -124,3 +124,15 @@ def surveyed_blocks():
     """Rows `volume,year` of 60 blocks by a power law, of which every sixth is dated."""
     years = [str(1990 + k // 2) if k % 6 == 0 else "" for k in range(60)]
     return [f"{0.4 * (1 - k / 60) ** -0.8:.4f},{year}\n" for k, year in enumerate(years)]
+
+
+def make_page(folder):
+    """Files in place of the built page of the live window."""
+    folder.mkdir()
+    (folder / "index.html").write_text(
+        '<!doctype html><html><head><link rel="stylesheet" href="app.css"></head>'
+        '<body><div id="app"></div><script src="app.js"></script></body></html>'
+    )
+    for name in "app.js", "app.css", "licences.txt":
+        (folder / name).write_text(f"/* {name} */")
+    return folder

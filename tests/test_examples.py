@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import rockfall
-from made import make_layer, make_rockyfor3d, surveyed_blocks
+from made import make_layer, make_page, make_rockyfor3d, surveyed_blocks
 from slope_case import CASE, NX, NY, slope
 
 OBSERVED = "line,quantity,unit,mean,std,n\nL,speed,m/s,9.5,2.5,40\n"
@@ -32,6 +32,7 @@ def test_example(name, place, monkeypatch, blank_figures):
     monkeypatch.setattr("rockfall.analysis.back.study.ROUND", 16)
     pytest.importorskip("matplotlib", reason="the report extra is not installed")
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+    monkeypatch.setattr("rockfall.app.show.PAGE", make_page(Path("page")))
     Path("observed.csv").write_text(OBSERVED)
     Path("case.nml").write_text(CASE.partition("&output")[0])
     Path("survey.csv").write_text("volume,year\n" + "".join(surveyed_blocks()))

@@ -5,7 +5,7 @@ with layers, for a live run and for files alike."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -66,7 +66,8 @@ class Site:
         new_layers, new_settings = dict(document.layers), dict(document.settings)
         for name, given in layers.items():
             if name not in self.layer_forms:
-                raise Refused(say("app.server_no_layer", name=str(name)[:40]))
+                known = {"layer": name} if name in LAYERS else {}
+                raise Refused(say("app.server_no_layer", name=str(name)[:40]), **known)
             new_layers[name] = check_features(name, given, self.layer_forms[name])
         for group, values in settings.items():
             new_settings[group] = self._group(group, values)
@@ -192,14 +193,9 @@ def _rest(
     ]  # fmt: skip
 
 
-def with_output(case: Case, shown: str, available: bool = True) -> Case:
+def with_output(case: Case, shown: str) -> Case:
     """Case of a live run, which makes what is shown and no more: the bits of all else are the
     same."""
-    maps = [shown] if shown and available else None
+    maps = [shown] if shown else None
     output = {"maps": maps, "trajectories": None, "rebounds": None, "energy_balance": None}
     return case.replace(output=output)
-
-
-def without_layer(document: Document, name: str) -> Document:
-    """Document with an empty layer."""
-    return replace(document, layers={**document.layers, name: []})

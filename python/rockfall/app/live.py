@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import os
 import time
+import traceback
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from threading import Condition, Event, Thread
@@ -131,18 +133,27 @@ class Live:
             self._wake.notify()
 
     def _work(self) -> None:
+        if self._works(self._show_terrain):
+            while not self._closed:
+                if not self._works(self._step):
+                    self._progress = None
+        if self._session is not None:
+            self._session.close()
+
+    def _works(self, work: Callable[[], None]) -> bool:
+        """Return True if some work ends without an error, of which the page is to know: it may go
+        on with another edit."""
         try:
-            self._show_terrain()
-            while self._step():
-                pass
+            work()
+            return True
         except RockfallError as error:  # files have changed since they were opened
-            self._send("fault", text_message("fault", text=str(error)))
-        except Exception as error:  # the page is to know of it, and the server to live
-            self._send("fault", text_message("fault", text=f"{type(error).__name__}: {error}"))
-            raise
-        finally:
-            if self._session is not None:
-                self._session.close()
+            text = without_files(str(error), self.site)
+        except Exception as error:
+            if os.environ.get("ROCKFALL_TRACEBACK"):
+                traceback.print_exc()
+            text = f"internal error: {type(error).__name__}: {error}"
+        self._send("fault", text_message("fault", text=" ".join(text.splitlines())))
+        return False
 
     def _show_terrain(self) -> None:
         dem = self.site.folder / self.site.opened["terrain"]["dem"]
@@ -150,15 +161,15 @@ class Live:
         self._ground = Ground(z, grid)
         self._send("terrain", self._ground.message())
 
-    def _step(self) -> bool:
-        """Take what is pending, or go on with the run; False once closed."""
+    def _step(self) -> None:
+        """Take what is pending, or go on with the run."""
         with self._wake:
             while not self._closed and not self._has_work():
                 if self._progress is not None and self._progress.told_running != self.running:
                     break
                 self._wake.wait()
             if self._closed:
-                return False
+                return
             pending, self._pending = self._pending, _Pending()
             if pending.document is not None:
                 self._cancel.clear()
@@ -169,7 +180,6 @@ class Live:
             self._progress.look(pending.view)
         elif self._progress is not None and not self._progress.step(self.running):
             self._progress.over = True
-        return True
 
     def _has_work(self) -> bool:
         pending, progress = self._pending, self._progress

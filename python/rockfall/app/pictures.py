@@ -20,10 +20,10 @@ from rockfall.plots.cartography.rasters import cropped, merged
 from rockfall.plots.cartography.relief import shade
 from rockfall.plots.extent import of_none
 from rockfall.quantities import QUANTITIES
-from rockfall.result.classes import shown_as
+from rockfall.result.classes import map_unit, shown_as
 from rockfall.result.samples import has_rows, simulated
 from rockfall.result.trajectories import POINTS, Trajectory, ended
-from rockfall.result.variables import EXCEEDED, MAP, STATUS
+from rockfall.result.variables import MAP, STATUS, TYPES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -118,21 +118,12 @@ def _sample(most: int, *columns: np.ndarray) -> np.ndarray:
 
 
 def map_choices(names: Sequence[str]) -> list[dict[str, str]]:
-    """Maps that can be shown, of these."""
-    import xarray as xr
-
+    """Maps of these names, with their labels and units."""
     found = []
     for name in names:
-        if name not in EXCEEDED:
-            values = np.zeros(0, "i4" if MAP[name]["units"] == "1" and _counts(name) else "f4")
-            unit, _ = shown_as(xr.DataArray(values, attrs=MAP[name], name=name))
-            found.append({"name": name, "label": MAP[name]["long_name"], "unit": unit})
+        unit, _ = map_unit(name, MAP[name]["units"], np.dtype(TYPES["map"][name]))
+        found.append({"name": name, "label": MAP[name]["long_name"], "unit": unit})
     return found
-
-
-def _counts(name: str) -> bool:
-    """Return True for a map of numbers of boulders, sources or hits."""
-    return name in ("passages", "deposits", "sources", "tree_impacts", "hits")
 
 
 def batch_message(

@@ -40,6 +40,7 @@ def entry_of(text: str, site: Site, document: Document) -> dict[str, str]:
             form = site.layer_forms.get(found["layer"], {})
         else:
             found["group"] = group
+            found |= _source(rest, document)
             form = site.settings_forms.get(group, {})
     else:
         return {"text": text}
@@ -53,11 +54,19 @@ def _key(text: str, form: Form) -> dict[str, str]:
 
 
 def _named(text: str, document: Document, layer: str) -> dict[str, str]:
-    """Feature of the name that a text begins with."""
-    match = re.match(r" name = '([^']*)'", text)
-    for one in document.layers.get(layer, []):
-        if match and one.properties.get("name") == match[1]:
+    """Feature of the name that a text begins with, or the only one."""
+    match, features = re.match(r" name = '([^']*)'", text), document.layers.get(layer, [])
+    for one in features:
+        if len(features) == 1 or (match and one.properties.get("name") == match[1]):
             return {"id": one.id}
+    return {}
+
+
+def _source(text: str, document: Document) -> dict[str, str]:
+    """Point of the source that a text names by its number."""
+    match, points = re.match(r": source (\d+) \(", text), document.layers["sources"]
+    if match and points and points[0].type == "Point" and int(match[1]) <= len(points):
+        return {"layer": "sources", "id": points[int(match[1]) - 1].id}
     return {}
 
 

@@ -58,11 +58,16 @@ class Room:
         """Return True if no page is there."""
         return not self._clients
 
+    @property
+    def is_busy(self) -> bool:
+        """Return True while a report or an export is made."""
+        return self._task is not None
+
     def close(self) -> None:
         """End the live run, and what else goes on."""
-        if self._task is not None:
-            self._task.cancel()
-            self._task.wait()
+        if (task := self._task) is not None:
+            task.cancel()
+            task.wait()
         if self._shown is not None:
             self._shown.close()
 
@@ -220,7 +225,7 @@ class Room:
     def _start_task(self, message: dict[str, Any]) -> None:
         kind, live = message["type"], self._live()
         with self._lock:
-            if self._task is not None:
+            if self.is_busy:
                 raise Refused(say("app.server_busy"))
             name = self._save(message, lambda name: outputs(kind, name))
             was_running, self._task = live.running, Task(
@@ -243,7 +248,7 @@ class Room:
         index, files = message.get("index"), recent_files()
         if type(index) is not int or not 0 <= index < len(files):
             raise Refused(say("app.server_wrong_type", name="index"))
-        if self._task is not None:
+        if self.is_busy:
             raise Refused(say("app.server_busy"))
         self._open(files[index])
 

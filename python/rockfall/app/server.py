@@ -61,11 +61,12 @@ class Server:
     """Server of one room, on a bound socket, until the last page has closed."""
 
     def __init__(
-        self, room: Room, bound: socket.socket, *, page: Path = PAGE, keep: bool = False,
+        self, room: Room, bound: socket.socket, *, page: Path | None = None, keep: bool = False,
         grace: float = GRACE_SECONDS,
     ) -> None:  # fmt: skip
         import uvicorn
 
+        page = page or PAGE
         check_page(page)
         self._room, self._bound, self._keep, self._grace = room, bound, keep, grace
         self.port, self.key = bound.getsockname()[1], secrets.token_urlsafe(24)
@@ -154,8 +155,18 @@ class Server:
             sender.cancel()
             await asyncio.shield(asyncio.to_thread(self._room.leave, client))
             if not self._keep and self._room.is_empty:
-                loop = asyncio.get_running_loop()
-                self._left = loop.call_later(self._grace, self.stop)
+                self._end_later()
+
+    def _end_later(self) -> None:
+        """Stop after some seconds in which no page comes; what is being made is made first."""
+
+        def end() -> None:
+            if self._room.is_busy:
+                self._end_later()
+            else:
+                self.stop()
+
+        self._left = asyncio.get_running_loop().call_later(self._grace, end)
 
 
 async def _text(socket: WebSocket) -> str:

@@ -24,6 +24,7 @@ from rockfall.version import __version__
 if TYPE_CHECKING:
     import xarray as xr
 
+_END = re.compile(r"</(?=script|style)|<!--", re.IGNORECASE)
 HEIGHT = 700  # [pixel] in a notebook
 _STYLE = re.compile(r'<link\b[^>]*href="\.?/?app\.css"[^>]*>')
 _SCRIPT = re.compile(r'<script\b[^>]*src="\.?/?app\.js"[^>]*></script>')
@@ -78,22 +79,20 @@ class View:
 
 
 def _page(messages: str) -> str:
-    """The page with its script, style and messages inline."""
+    """The page with its style, messages and script inline."""
     text, script, style = (
         (PAGE / name).read_text(encoding="utf-8") for name in ("index.html", "app.js", "app.css")
     )
-    data = f'<script type="text/plain" id="messages">{_inline(messages)}</script>'
-    code = f'{data}<script type="module">{_inline(script)}</script>'
+    held = messages.replace("<", "\\u003c")  # in JSON; no element ends within
+    data = f'<script type="text/plain" id="messages">{held}</script>'
     text, styles = _STYLE.subn(lambda _: f"<style>{_inline(style)}</style>", text)
-    text, scripts = _SCRIPT.subn("", text)
-    if not (styles and scripts and "</body>" in text):
-        raise RockfallError(f"{PAGE}/index.html: names no app.css and app.js", code=1)
-    return text.replace("</body>", f"{code}</body>")
+    code = f"{data}<script>{_inline(script)}</script>"
+    text, scripts = _SCRIPT.subn(lambda _: code, text)
+    if (styles, scripts) != (1, 1):
+        raise RockfallError(f"internal error: {PAGE}/index.html: names no app.css, app.js", code=1)
+    return text
 
 
 def _inline(text: str) -> str:
-    """Text that ends no element: in scripts and JSON, a slash may be escaped."""
-    return re.sub(r"</(?=script|style)|<!--", lambda found: _ESCAPED[found[0]], text, flags=re.I)
-
-
-_ESCAPED = {"</": "<\\/", "<!--": "<\\!--"}
+    """Script or style that ends no element: its strings and patterns may escape any character."""
+    return _END.sub(lambda found: f"<\\{found[0][1:]}", text)

@@ -7,6 +7,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
@@ -18,7 +19,6 @@ from rockfall.case import read_case
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import overwriting
 from rockfall.language import say, speaking
-from rockfall.products import report
 from rockfall.result.dataset import write_result
 from rockfall.result.export import export
 from rockfall.session.session import open_session
@@ -78,6 +78,7 @@ class Task:
         write_result(self._run(folder / f"{name}.nml"), path)
         self._phase(say("app.server_drawing" if self._kind == REPORT else "app.server_writing"))
         if self._kind == REPORT:
+            report = import_module("rockfall.products").report  # as long as all else to import
             report(path, folder / product, language=self._language)
             return [result, product]
         return [result, *(f"{product}/{one.name}" for one in export(path, folder / product))]

@@ -73,9 +73,13 @@ class Classes(NamedTuple):
 
 def shown_as(variable: xr.DataArray) -> tuple[str, float]:
     """Unit in which a map is shown, and the factor from that of the result."""
-    units = variable.attrs.get("units", "1")
-    if variable.dtype.kind in "iu" and units == "1":
-        return COUNTED.get(str(variable.name), "boulders"), 1.0
+    return map_unit(str(variable.name), variable.attrs.get("units", "1"), variable.dtype)
+
+
+def map_unit(name: str, units: str, dtype: np.dtype) -> tuple[str, float]:
+    """Unit in which a map with these units and values of this type is shown, and its factor."""
+    if dtype.kind in "iu" and units == "1":
+        return COUNTED.get(name, "boulders"), 1.0
     return SHOWN.get(units, (units, 1.0))
 
 

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How long the live window's server takes from an edit to its results.
+
+    python -m benchmarks.speed.window [--repeat 15] [--side 2000] [--trajectories 100]
+
+A websocket client, in place of the page, moves the release of `cases/vaujany`, and one on a made
+relief of 2000 x 2000 cells. Milliseconds of wall clock, least and median of `--repeat` edits, from
+sending one to its state, its first results, and those of all 10,000 boulders, with a map and
+without; and once, from the hello to the terrain. The server is another process; on an idle machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import statistics
+import struct
+import tempfile
+import time
+import warnings
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from websockets.sync.client import ClientConnection, connect
+
+import rockfall
+from benchmarks.machine import VAUJANY, machine
+from benchmarks.speed.valley import CELL, SAME, relief
+from rockfall.app.room import Room
+from rockfall.app.server import FILES, Server, bind
+from rockfall.io.grid import Grid
+from rockfall.io.raster import write_geotiff
+
+BOULDERS = 10_000
+WHAT = ("state", "first results", f"{BOULDERS:,} boulders")
+
+
+def serve(path: Path, folder: Path, said: Connection) -> None:
+    """Serve a case to one page, and send its address."""
+    warnings.simplefilter("ignore")
+    os.environ["XDG_STATE_HOME"] = str(folder)
+    server = Server(Room(path), bind(0), page=folder, grace=0.0)
+    server.run(lambda: said.send(server.url))
+
+
+def messages(socket: ClientConnection) -> Iterator[dict[str, Any]]:
+    """Headers of messages as they come."""
+    while True:
+        found = socket.recv(600)
+        if isinstance(found, bytes):
+            found = found[4 : 4 + struct.unpack_from("<I", found)[0]].decode()
+        yield json.loads(found)
+
+
+def measure(path: Path, folder: Path, places: np.ndarray, trajectories: int) -> None:
+    """Print the times of edits that move the release of a case from place to place (n, 2)."""
+    here, there = multiprocessing.Pipe()
+    server = multiprocessing.get_context("spawn").Process(target=serve, args=(path, folder, there))
+    server.start()
+    origin, _, key = here.recv().partition("/#key=")
+    url = f"{origin.replace('http', 'ws')}/live"
+    with connect(url, origin=origin, max_size=None, compression=None, proxy=None) as socket:
+        coming, begun = messages(socket), time.perf_counter()
+        socket.send(json.dumps({"type": "hello", "key": key}))
+        welcome = next(coming)
+        wait(coming, "terrain")
+        print(f"{'hello to terrain':<24}{1e3 * (time.perf_counter() - begun):9.0f}")
+        wait(coming, "batch", complete=True)
+        settings, revision = welcome["document"]["settings"], 0
+        total = {"case": {**settings["case"], "boulders_total": BOULDERS, "boulders": None}}
+        for shown in "passages", "":
+            socket.send(json.dumps({"type": "view", "map": shown, "trajectories": trajectories}))
+            found = []
+            for x, y in places:
+                revision += 1
+                point = {"id": "s", "type": "Point", "coordinates": [x, y], "properties": {}}
+                edit = {"revision": revision, "layers": {"sources": [point]}, "settings": total}
+                begun = time.perf_counter()
+                socket.send(json.dumps({"type": "edit", **edit}))
+                found.append(times(coming, revision, begun))
+            for name, column in zip(WHAT, zip(*found[1:], strict=True), strict=True):
+                about = f"{name}, {'with' if shown else 'without'} a map"
+                print(f"{about:<44}{min(column):9.0f}{statistics.median(column):9.0f}")
+    server.join()
+
+
+def wait(coming: Iterator[dict[str, Any]], type: str, **content: Any) -> None:
+    """Wait for a message of a type with this content."""
+    for one in coming:
+        assert one["type"] not in ("fault", "refused") and not one.get("errors"), one
+        if one["type"] == type and content.items() <= one.items():
+            return
+
+
+def times(coming: Iterator[dict[str, Any]], revision: int, begun: float) -> list[float]:
+    """Milliseconds from a time to the state, the first results and all results of a revision."""
+    found: list[float] = []
+    for one in coming:
+        assert one["type"] not in ("fault", "refused") and not one.get("errors"), one
+        if one["type"] == ("batch" if found else "state") and one["revision"] == revision:
+            if len(found) < 2:
+                found.append(1e3 * (time.perf_counter() - begun))
+            if one.get("complete"):
+                return [*found, 1e3 * (time.perf_counter() - begun)]
+    return found
+
+
+def made(folder: Path, side: int) -> tuple[Path, np.ndarray]:
+    """A case on a made relief, and a place on it from which boulders fall."""
+    z = relief(side, np.random.default_rng(1))
+    grid = Grid(0.0, side * CELL, CELL, side, side)
+    write_geotiff(folder / "dem.tif", z, grid, None)
+    middle = slice(side // 4, 3 * side // 4)
+    north, east = np.gradient(z[middle, middle], CELL)
+    row, column = np.unravel_index(np.argmax(np.hypot(north, east)), north.shape)
+    place = np.array([grid.x[column + side // 4], grid.y[row + side // 4]])
+    line = {"name": "L", "x": [*(place[0] + [-300, 300])], "y": [place[1] - 100.0] * 2}
+    case = rockfall.Case(
+        folder=folder, case={"boulders_total": BOULDERS}, terrain={"dem": "dem.tif"}, **SAME,
+        release={"x": [place[0]], "y": [place[1]], "drop_height": 2.0}, line=[line],
+    )  # fmt: skip
+    path = folder / "case.nml"
+    path.write_text(case.text())
+    return path, place
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--repeat", type=int, default=15)
+    parser.add_argument("--side", type=int, default=2000)
+    parser.add_argument("--trajectories", type=int, default=100)
+    given = parser.parse_args()
+    print(machine())
+    steps = np.linspace(0.0, 5.0, given.repeat + 1)[:, None] * (1.0, 0.0)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for file, _ in FILES.values():
+            (folder / file).touch()
+        print("cases/vaujany [ms]")
+        measure(VAUJANY, folder, steps + (97.5, 587.5), given.trajectories)
+        print(f"{given.side} x {given.side} cells [ms]")
+        path, place = made(folder, given.side)
+        measure(path, folder, steps + place, given.trajectories)
+
+
+if __name__ == "__main__":
+    main()
