@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Colours that colour-blind readers tell apart: Okabe and Ito (2008) for layers, viridis for rasters and speeds.
+// Colours that colour-blind readers tell apart: those of Okabe and Ito (2008) for layers, viridis for rasters, plasma for speeds.
 import type { Layer } from './protocol';
 
 export type Rgb = readonly [number, number, number];
@@ -26,11 +26,20 @@ const VIRIDIS: readonly Rgb[] = [
   [31, 152, 139], [34, 168, 132], [53, 183, 121], [84, 197, 104], [122, 209, 81], [165, 219, 54], [210, 226, 27], [253, 231, 37],
 ];
 
-/** Colour at a place from 0 to 1. */
-export function viridis(place: number): Rgb {
-  const at = Math.max(0, Math.min(1, place)) * (VIRIDIS.length - 1);
-  const k = Math.min(VIRIDIS.length - 2, Math.floor(at));
-  const [a, b] = [VIRIDIS[k] ?? [0, 0, 0], VIRIDIS[k + 1] ?? [0, 0, 0]] as const;
+// Every eighth of the brighter part of plasma, for speeds of trajectories that lie on a map in viridis.
+const PLASMA: readonly Rgb[] = [
+  [126, 3, 168], [156, 23, 158], [181, 47, 140], [204, 71, 120], [222, 95, 101], [237, 121, 83], [248, 149, 64], [253, 180, 47], [251, 213, 36], [240, 249, 33],
+];
+
+/** A colour for each place from 0 to 1. */
+export type Palette = (place: number) => Rgb;
+export const viridis: Palette = (place) => between(VIRIDIS, place);
+export const plasma: Palette = (place) => between(PLASMA, place);
+
+function between(colours: readonly Rgb[], place: number): Rgb {
+  const at = Math.max(0, Math.min(1, place)) * (colours.length - 1);
+  const k = Math.min(colours.length - 2, Math.floor(at));
+  const [a, b] = [colours[k] ?? [0, 0, 0], colours[k + 1] ?? [0, 0, 0]] as const;
   const mix = (i: 0 | 1 | 2): number => Math.round(a[i] + (at - k) * (b[i] - a[i]));
   return [mix(0), mix(1), mix(2)];
 }
@@ -39,7 +48,7 @@ export function css([r, g, b]: Rgb, opacity = 1): string {
   return `rgb(${r} ${g} ${b} / ${opacity})`;
 }
 
-/** Classes of speed for trajectories, and the speed of the fastest [m/s]. */
+/** Classes of speed by which trajectories are drawn. */
 export const SPEED_CLASSES = 8;
 
 /** A scale from values to places between 0 and 1. */

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Legend on the map: which result is shown, its colours with round numbers, and what else has a colour.
-import { css, placeOf, ticks, viridis, type ColourScale } from './colours';
+import { css, placeOf, plasma, ticks, viridis, type ColourScale, type Palette } from './colours';
 import { element } from './dom';
 import { zoneColour } from './map/rasters';
 import type { MapName, OverlayHeader } from './protocol';
@@ -23,12 +23,12 @@ export class Legend {
   }
 
   setResult(header: OverlayHeader | null): void {
-    this.ramp.replaceChildren(...(header ? [ramp(header, header.unit)] : []));
+    this.ramp.replaceChildren(...(header ? [ramp(header, header.unit, viridis)] : []));
   }
 
   setSpeeds(fastest: number | null): void {
     this.speeds.hidden = fastest === null || !(fastest > 0);
-    if (fastest) this.speeds.replaceChildren(element('p', {}, withUnit(say('app.legend.speed'), 'm/s')), ramp({ low: 0, high: fastest, scale: 'linear' }, 'm/s'));
+    if (fastest) this.speeds.replaceChildren(element('p', {}, withUnit(say('app.legend.speed'), 'm/s')), ramp({ low: 0, high: fastest, scale: 'linear' }, 'm/s', plasma));
   }
 
   setZones(zones: readonly { name: string }[] | null): void {
@@ -67,9 +67,9 @@ export function withUnit(label: string, unit: string): string {
 }
 
 /** Bar of colours with its round numbers. */
-function ramp(scale: ColourScale, unit: string): HTMLElement {
+function ramp(scale: ColourScale, unit: string, palette: Palette): HTMLElement {
   const bar = element('div', { class: 'ramp' });
-  bar.style.background = `linear-gradient(to right, ${Array.from({ length: 16 }, (_, k) => css(viridis(k / 15))).join(', ')})`;
+  bar.style.background = `linear-gradient(to right, ${Array.from({ length: 16 }, (_, k) => css(palette(k / 15))).join(', ')})`;
   const numbers = element('div', { class: 'ticks' }, ...spread(scale).map(({ text, place }) => {
     const tick = element('span', {}, text);
     tick.style.left = `${100 * place}%`;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Trajectories in plan, and points of one kind.
-import { css, LAYER_COLOURS, SPEED_CLASSES, viridis } from '../colours';
+import { css, LAYER_COLOURS, plasma, SPEED_CLASSES } from '../colours';
 import type { Trajectories } from '../view3d/view3d';
 import { PlotLayer, type Plan } from './plot_layer';
 
@@ -86,7 +86,7 @@ export class TrajectoryLayer extends PlotLayer {
     }
     context.globalAlpha = 0.85;
     paths.forEach((path, k) => {
-      context.strokeStyle = css(viridis(k / (SPEED_CLASSES - 1)));
+      context.strokeStyle = css(plasma(k / (SPEED_CLASSES - 1)));
       context.stroke(path);
     });
   }
