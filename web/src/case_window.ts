@@ -469,7 +469,7 @@ export class CaseWindow {
     listenToKeys(this.drawer, this.shell.mapTarget, this.tools, {
       undo: () => this.writer && this.store.undo(), redo: () => this.writer && this.store.redo(),
       save: () => this.welcome.mode === 'case' && !this.connection.standalone && this.output.open('save'),
-      fit: () => this.view.fitResults(), step: () => this.terrain?.cell ?? 1,
+      fit: () => this.view.fitResults(), onMap: () => this.mode === 'map', step: () => this.terrain?.cell ?? 1,
     }, this.ended.signal);
     const sizes = new ResizeObserver(() => this.view.map.updateSize());
     sizes.observe(this.shell.mapTarget);
@@ -495,7 +495,7 @@ export class CaseWindow {
   private picture(): void {
     const { title, file } = this.welcome;
     const batch = this.batchHeader;
-    const notes = [batch ? say('app.run.of_result', { n: batch.boulders }) : '', this.preliminary ? say('app.preliminary') : '', new Date().toLocaleDateString(this.welcome.language)];
+    const notes = [batch ? say('app.run.of_result', { n: batch.boulders }) : '', this.preliminary ? say('app.preliminary') : '', new Date().toLocaleDateString(this.welcome.language, { dateStyle: 'long' })];
     const picture = drawPicture(this.view, { title: title || file, notes: [notes.filter(Boolean).join(' · ')], result: batch?.overlay ?? null, north: say('app.map.north_letter') });
     download(picture, `${file.replace(/\.[^.]*$/, '') || 'map'}.png`);
   }

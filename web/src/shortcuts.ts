@@ -7,6 +7,8 @@ interface Actions {
   redo(): void;
   save(): void;
   fit(): void;
+  /** True while the map is shown: only then do letters choose tools. */
+  onMap(): boolean;
   /** Metres that an arrow key moves the selected feature. */
   step(): number;
 }
@@ -27,7 +29,7 @@ export function listenToKeys(drawer: Drawer, map: HTMLElement, tools: readonly T
       action();
       return;
     }
-    if (typing || event.altKey) return;
+    if (typing || event.altKey || !actions.onMap()) return;
     const tool = letters.get(key);
     if (tool) drawer.use(tool);
     else if (key === 'escape') drawer.escape();
