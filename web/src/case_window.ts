@@ -216,6 +216,7 @@ export class CaseWindow {
     this.view.setStops(message.f4('stops')?.values ?? null);
     this.legend.setResult(header.overlay);
     this.statistics.update(header.lines);
+    this.shell.root.style.setProperty('--lines', String(header.lines.length)); // height of the table
     this.showEnded(header);
     this.drape();
     this.refresh();
@@ -253,8 +254,10 @@ export class CaseWindow {
   private refresh(): void {
     const { preliminary, errors } = this;
     const failed = errors.length > 0 && !this.sender.pending && this.state.revision >= this.sender.revision;
-    this.runBar.update(this.batchHeader, preliminary, failed, this.writer);
-    this.shell.mark(failed ? say('app.not_current') : preliminary && this.batch ? say('app.preliminary') : '');
+    const empty = failed && this.batch === null && this.store.layer('sources').length === 0;
+    this.runBar.update(this.batchHeader, preliminary, failed ? say(empty ? 'app.run.no_sources' : 'app.run.failed') : '', this.writer);
+    this.shell.mark(!this.batch ? '' : failed ? say('app.not_current') : preliminary ? say('app.preliminary') : '');
+    this.shell.hint(this.drawer.tool !== 'select' ? say(`app.hint.${this.drawer.tool}`) : empty ? say('app.hint.begin') : '');
     this.view.dim(preliminary || failed);
     this.messages.update(errors, this.batchHeader?.warnings ?? [], this.state.warnings);
     this.features.update(errors, this.writer);
@@ -268,7 +271,9 @@ export class CaseWindow {
 
   private showEnded({ ended, boulders }: BatchMessage): void {
     const parts = Object.entries(ended).filter(([, n]) => n > 0).sort(([, a], [, b]) => b - a);
-    this.shell.dockNote.textContent = parts.map(([status, n]) => `${sayOr(`app.status.${status}`, status)} ${decimal((100 * n) / Math.max(1, boulders), 1)} %`).join(' · ');
+    const percent = (n: number): string => (n < 0.0005 * boulders ? `< ${decimal(0.1, 1)}` : decimal((100 * n) / boulders, 1));
+    this.shell.dockNote.textContent = parts.map(([status, n]) => `${sayOr(`app.status.${status}`, status)} ${percent(n)} %`).join(' · ');
+    this.shell.dockNote.title = this.shell.dockNote.textContent;
   }
 
   private setVisible(name: Shown, on: boolean): void {
@@ -305,7 +310,7 @@ export class CaseWindow {
 
   private onTool(tool: Tool): void {
     this.toolbar.show(tool, this.writer);
-    this.shell.mapPane.dataset['hint'] = tool === 'select' ? '' : say(`app.hint.${tool}`);
+    this.refresh();
   }
 
   private onSelect(id: string): void {
@@ -480,6 +485,7 @@ export class CaseWindow {
     this.store.load(document);
     this.sender.start(revision);
     this.view.showDocument(this.store.document.layers);
+    if (!document.layers.lines.length && !document.layers.barriers.length) this.statistics.update([]);
     this.showRole();
     this.refresh();
   }

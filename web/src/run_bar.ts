@@ -26,13 +26,14 @@ export class RunBar {
     if (live) this.root.append(this.toggle, this.tenfold);
   }
 
-  /** Show a batch; without one, or with one of an older state, results are awaited. */
-  update(batch: BatchMessage | null, preliminary: boolean, failed: boolean, writer: boolean): void {
+  /** Show a batch; without one, or with one of an older state, results are awaited, unless a reason says why none will come. */
+  update(batch: BatchMessage | null, preliminary: boolean, reason: string, writer: boolean): void {
+    const failed = reason !== '';
     const current = batch !== null && !preliminary;
     this.running = current ? batch.running : !failed;
     const state = failed ? 'failed' : !current ? 'waiting' : batch.complete ? 'complete' : batch.running ? 'running' : 'paused';
     this.root.dataset['state'] = this.live ? state : 'complete';
-    this.text.textContent = failed ? say('app.run.failed') : current ? this.describe(batch) : say('app.run.waiting');
+    this.text.textContent = failed ? reason : current ? this.describe(batch) : say('app.run.waiting');
     if (current) this.bar.value = batch.total ? batch.boulders / batch.total : 0;
     else if (!failed) this.bar.removeAttribute('value');
     else this.bar.value = 0;

@@ -57,6 +57,11 @@ export class Shell {
     this.root.classList.toggle('preliminary', text !== '');
   }
 
+  /** What to do next, on the map. */
+  hint(text: string): void {
+    this.mapPane.dataset['hint'] = text;
+  }
+
   say(text: string): void {
     this.toast.textContent = text;
     this.toast.classList.add('shown');
