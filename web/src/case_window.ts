@@ -60,21 +60,20 @@ export class CaseWindow {
   private readonly viewButtons = new Map<Mode, HTMLButtonElement>();
   private readonly ended = new AbortController();
 
-  private writer: boolean;
+  private chooser: boolean; // may choose the map; in a case also edit
   private terrain: Terrain | null = null;
   private shade: Shade | null = null;
   private state: State = { type: 'state', revision: 0, errors: [], warnings: [] };
   private batch: Binary<BatchMessage> | null = null;
   private trajectories: Trajectories | null = null;
-  private variants: Snapshot[] = [];
   private scene: View3d | null = null;
   private mode: Mode = 'map';
   private bySpeed = false;
   private wanted: Welcome['view'];
 
-  constructor(parent: HTMLElement, private readonly welcome: Welcome, private readonly connection: Connection) {
+  constructor(parent: HTMLElement, private readonly welcome: Welcome, private readonly connection: Connection, private variants: Snapshot[]) {
     const { forms, mode } = welcome;
-    this.writer = welcome.writer && mode === 'case';
+    this.chooser = welcome.writer && !connection.standalone;
     this.wanted = welcome.view;
     this.sender = new Sender(this.store, connection, () => this.refresh());
     this.shell = new Shell(parent);
@@ -125,6 +124,11 @@ export class CaseWindow {
   get document(): CaseDocument {
     return this.store.document;
   }
+  /** Variants kept, if a window of the same file takes the place of this one. */
+  variantsFor({ file, folder, mode }: Welcome): Snapshot[] {
+    const same = file === this.welcome.file && folder === this.welcome.folder && mode === this.welcome.mode;
+    return same ? this.variants : [];
+  }
   pixelOf(place: [number, number]): [number, number] | null {
     const [x, y] = this.view.map.getPixelFromCoordinate(place) ?? [];
     if (x === undefined || y === undefined) return null;
@@ -149,9 +153,12 @@ export class CaseWindow {
         this.refresh();
         return;
       case 'role':
-        this.writer = message.writer && this.welcome.mode === 'case';
+        this.chooser = message.writer;
         this.showRole();
         this.refresh();
+        return;
+      case 'document':
+        this.load(message);
         return;
       case 'progress':
         this.output.progress(message);
@@ -241,8 +248,11 @@ export class CaseWindow {
   /** True while what is shown does not belong to the document as it is. */
   get preliminary(): boolean {
     const batch = this.batch?.header;
-    const otherMap = batch?.overlay ? batch.overlay.name !== this.wanted.map : false;
+    const otherMap = this.chooser && batch?.overlay ? batch.overlay.name !== this.wanted.map : false;
     return !batch || batch.revision !== this.sender.revision || this.sender.pending || otherMap;
+  }
+  private get writer(): boolean {
+    return this.chooser && this.welcome.mode === 'case';
   }
   private get errors(): readonly CaseError[] {
     return this.state.errors;
@@ -481,16 +491,20 @@ export class CaseWindow {
     this.ended.signal.addEventListener('abort', () => sizes.disconnect());
   }
 
-  private load({ document, revision }: Welcome): void {
+  private load({ document, revision }: { document: CaseDocument; revision: number }): void {
     this.store.load(document);
     this.sender.start(revision);
     this.view.showDocument(this.store.document.layers);
+    this.drawer.refresh();
+    this.drawLines3d();
     if (!document.layers.lines.length && !document.layers.barriers.length) this.statistics.update([]);
     this.showRole();
     this.refresh();
   }
 
   private showRole(): void {
+    this.legend.enable(this.chooser);
+    this.display.enable(this.chooser);
     this.drawer.enable(this.writer);
     this.toolbar.show(this.drawer.tool, this.writer);
     const reads = this.welcome.mode === 'case' && !this.writer && !this.connection.standalone;

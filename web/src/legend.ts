@@ -22,7 +22,13 @@ export class Legend {
     this.zones.hidden = true;
   }
 
+  /** Let another map be chosen, or only say which one is shown. */
+  enable(on: boolean): void {
+    this.choice.disabled = !on;
+  }
+
   setResult(header: OverlayHeader | null): void {
+    if (header && this.choice.disabled) this.choice.value = header.name;
     this.ramp.replaceChildren(...(header ? [ramp(header, header.unit, viridis)] : []));
   }
 

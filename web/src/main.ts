@@ -49,10 +49,11 @@ function welcome(message: Welcome): void {
   setTexts(message.texts, message.language);
   document.documentElement.lang = message.language;
   document.title = message.title ? `${message.title} – rockfall` : 'rockfall';
+  const variants = current?.variantsFor(message) ?? []; // after a lost connection
   current?.dispose();
   current = null;
   if (message.mode === 'start') root.replaceChildren(startPage(message, (index) => connection.send({ type: 'open_recent', index })));
-  else current = new CaseWindow(root, message, connection);
+  else current = new CaseWindow(root, message, connection, variants);
 }
 
 /** The server is gone: say so plainly, above what is shown. */

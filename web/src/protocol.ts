@@ -109,6 +109,7 @@ export type Text =
   | State
   | Progress
   | { type: 'role'; writer: boolean }
+  | { type: 'document'; document: CaseDocument; revision: number } // as another window left it
   | { type: 'done'; task: LongTask; files: string[] }
   | { type: 'refused'; task: string; text: string; exists: boolean }
   | { type: 'saved'; files: string[]; document_revision: number }

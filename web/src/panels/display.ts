@@ -20,6 +20,7 @@ interface Actions {
 export class DisplayPanel {
   readonly root = element('div', { class: 'display' });
   private readonly rows = new Map<Shown, HTMLElement>();
+  private readonly number: HTMLSelectElement;
 
   constructor(actions: Actions, trajectories: number, opacity: number) {
     const row = (name: Shown): HTMLElement => {
@@ -31,14 +32,19 @@ export class DisplayPanel {
     const slider = element('input', { id: uniqueId('opacity'), attributes: { type: 'range', min: '0.1', max: '1', step: '0.05', value: String(opacity) } });
     slider.addEventListener('input', () => actions.opacity(Number(slider.value)));
     const known = [...new Set([...NUMBERS, trajectories])].sort((a, b) => a - b);
-    const number = select(known.map((n) => [String(n), decimal(n)] as const), String(trajectories), (value) => actions.trajectories(Number(value)), { id: uniqueId('number'), attributes: { 'data-action': 'trajectories' } });
+    this.number = select(known.map((n) => [String(n), decimal(n)] as const), String(trajectories), (value) => actions.trajectories(Number(value)), { id: uniqueId('number'), attributes: { 'data-action': 'trajectories' } });
     this.root.append(
       element('h2', {}, say('app.display.results')), ...RESULTS.map(row),
       element('div', { class: 'field' }, element('label', { attributes: { for: slider.id } }, say('app.display.opacity')), slider),
-      element('div', { class: 'field' }, element('label', { attributes: { for: number.id } }, say('app.display.trajectories')), number),
+      element('div', { class: 'field' }, element('label', { attributes: { for: this.number.id } }, say('app.display.trajectories')), this.number),
       checkbox(say('app.display.by_speed'), false, actions.bySpeed, { attributes: { 'data-show': 'by_speed' } }),
       element('h2', {}, say('app.display.case')), ...CASE.map(row),
     );
+  }
+
+  /** Let the number of trajectories be chosen. */
+  enable(on: boolean): void {
+    this.number.disabled = !on;
   }
 
   /** Leave out what the case does not have. */
