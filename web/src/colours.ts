@@ -17,18 +17,48 @@ export const LAYER_COLOURS: Readonly<Record<Layer | 'trees' | 'stops' | 'traject
 
 /** Colours of zones: pale, for a translucent layer on grey. */
 export const ZONE_COLOURS: readonly Rgb[] = [
-  [230, 159, 0], [86, 180, 233], [0, 158, 115], [240, 228, 66], [204, 121, 167], [0, 114, 178], [213, 94, 0], [136, 136, 136],
+  [230, 159, 0],
+  [86, 180, 233],
+  [0, 158, 115],
+  [240, 228, 66],
+  [204, 121, 167],
+  [0, 114, 178],
+  [213, 94, 0],
+  [136, 136, 136],
 ];
 
 // Every sixteenth colour of viridis.
 const VIRIDIS: readonly Rgb[] = [
-  [68, 1, 84], [72, 26, 108], [71, 47, 125], [65, 68, 135], [57, 86, 140], [49, 104, 142], [42, 120, 142], [35, 136, 142],
-  [31, 152, 139], [34, 168, 132], [53, 183, 121], [84, 197, 104], [122, 209, 81], [165, 219, 54], [210, 226, 27], [253, 231, 37],
+  [68, 1, 84],
+  [72, 26, 108],
+  [71, 47, 125],
+  [65, 68, 135],
+  [57, 86, 140],
+  [49, 104, 142],
+  [42, 120, 142],
+  [35, 136, 142],
+  [31, 152, 139],
+  [34, 168, 132],
+  [53, 183, 121],
+  [84, 197, 104],
+  [122, 209, 81],
+  [165, 219, 54],
+  [210, 226, 27],
+  [253, 231, 37],
 ];
 
 // Every eighth of the brighter part of plasma, for speeds of trajectories that lie on a map in viridis.
 const PLASMA: readonly Rgb[] = [
-  [126, 3, 168], [156, 23, 158], [181, 47, 140], [204, 71, 120], [222, 95, 101], [237, 121, 83], [248, 149, 64], [253, 180, 47], [251, 213, 36], [240, 249, 33],
+  [126, 3, 168],
+  [156, 23, 158],
+  [181, 47, 140],
+  [204, 71, 120],
+  [222, 95, 101],
+  [237, 121, 83],
+  [248, 149, 64],
+  [253, 180, 47],
+  [251, 213, 36],
+  [240, 249, 33],
 ];
 
 /** A colour for each place from 0 to 1. */
@@ -70,7 +100,8 @@ export function ticks({ low, high, scale }: ColourScale): number[] {
     const found: number[] = [];
     const decades = Math.log10(high / low);
     const factors = decades > 3 ? [1] : decades > 1.5 ? [1, 3] : [1, 2, 5];
-    for (let e = Math.floor(Math.log10(low)); e <= Math.log10(high); e++) for (const f of factors) found.push(f * 10 ** e);
+    for (let e = Math.floor(Math.log10(low)); e <= Math.log10(high); e++)
+      for (const f of factors) found.push(f * 10 ** e);
     return found.filter((value) => value >= low * 0.999 && value <= high * 1.001);
   }
   const rough = (high - low) / 5;

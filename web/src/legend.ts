@@ -14,7 +14,12 @@ export class Legend {
   private readonly zones = element('details', { class: 'zone-legend' });
 
   constructor(maps: readonly MapName[], shown: string, onMap: (name: string) => void) {
-    this.choice = element('select', { attributes: { 'aria-label': say('app.legend.map'), 'data-action': 'map' } }, option('', say('app.legend.no_map')), ...choices(maps));
+    this.choice = element(
+      'select',
+      { attributes: { 'aria-label': say('app.legend.map'), 'data-action': 'map' } },
+      option('', say('app.legend.no_map')),
+      ...choices(maps),
+    );
     this.choice.value = shown;
     this.choice.addEventListener('change', () => onMap(this.choice.value));
     this.root.append(this.choice, this.ramp, this.speeds, this.zones);
@@ -34,7 +39,11 @@ export class Legend {
 
   setSpeeds(fastest: number | null): void {
     this.speeds.hidden = fastest === null || !(fastest > 0);
-    if (fastest) this.speeds.replaceChildren(element('p', {}, withUnit(say('app.legend.speed'), 'm/s')), ramp({ low: 0, high: fastest, scale: 'linear' }, 'm/s', plasma));
+    if (fastest)
+      this.speeds.replaceChildren(
+        element('p', {}, withUnit(say('app.legend.speed'), 'm/s')),
+        ramp({ low: 0, high: fastest, scale: 'linear' }, 'm/s', plasma),
+      );
   }
 
   setZones(zones: readonly { name: string }[] | null): void {
@@ -50,13 +59,34 @@ export class Legend {
 }
 
 // Maps most used; they have names in every language.
-const COMMON = ['passages', 'reach_probability', 'deposits', 'energy_q95', 'energy_mean', 'energy_max', 'speed_q95', 'speed_max_map', 'passing_height_q95', 'passing_height_max', 'jump_height_q95', 'jump_height_max_map', 'energy_line_angle_max', 'travel_time_min'];
+const COMMON = [
+  'passages',
+  'reach_probability',
+  'deposits',
+  'energy_q95',
+  'energy_mean',
+  'energy_max',
+  'speed_q95',
+  'speed_max_map',
+  'passing_height_q95',
+  'passing_height_max',
+  'jump_height_q95',
+  'jump_height_max_map',
+  'energy_line_angle_max',
+  'travel_time_min',
+];
 
 function choices(maps: readonly MapName[]): HTMLElement[] {
   const common = COMMON.flatMap((name) => maps.find((map) => map.name === name) ?? []);
   const others = maps.filter(({ name }) => !COMMON.includes(name));
-  const options = (some: readonly MapName[]): HTMLElement[] => some.map((map) => option(map.name, withUnit(nameOfMap(map), map.unit)));
-  return [...options(common), ...(others.length ? [element('optgroup', { attributes: { label: say('app.legend.others') } }, ...options(others))] : [])];
+  const options = (some: readonly MapName[]): HTMLElement[] =>
+    some.map((map) => option(map.name, withUnit(nameOfMap(map), map.unit)));
+  return [
+    ...options(common),
+    ...(others.length
+      ? [element('optgroup', { attributes: { label: say('app.legend.others') } }, ...options(others))]
+      : []),
+  ];
 }
 
 function option(value: string, text: string): HTMLOptionElement {
@@ -76,12 +106,27 @@ export function withUnit(label: string, unit: string): string {
 function ramp(scale: ColourScale, unit: string, palette: Palette): HTMLElement {
   const bar = element('div', { class: 'ramp' });
   bar.style.background = `linear-gradient(to right, ${Array.from({ length: 16 }, (_, k) => css(palette(k / 15))).join(', ')})`;
-  const numbers = element('div', { class: 'ticks' }, ...spread(scale).map(({ text, place }) => {
-    const tick = element('span', {}, text);
-    tick.style.left = `${100 * place}%`;
-    return tick;
-  }));
-  return element('div', { class: 'scale', attributes: { role: 'img', 'aria-label': `${decimal(Number(scale.low.toPrecision(3)))} – ${decimal(Number(scale.high.toPrecision(3)))} ${unit}` } }, bar, numbers);
+  const numbers = element(
+    'div',
+    { class: 'ticks' },
+    ...spread(scale).map(({ text, place }) => {
+      const tick = element('span', {}, text);
+      tick.style.left = `${100 * place}%`;
+      return tick;
+    }),
+  );
+  return element(
+    'div',
+    {
+      class: 'scale',
+      attributes: {
+        role: 'img',
+        'aria-label': `${decimal(Number(scale.low.toPrecision(3)))} – ${decimal(Number(scale.high.toPrecision(3)))} ${unit}`,
+      },
+    },
+    bar,
+    numbers,
+  );
 }
 
 interface Tick {
@@ -98,7 +143,8 @@ export function spread(scale: ColourScale): Tick[] {
     const place = Math.max(0, Math.min(1, placeOf(value, scale)));
     const text = decimal(Number(value.toPrecision(3)));
     const last = found.at(-1);
-    if (!last || place - last.place > (LETTER * (text.length + last.text.length)) / 2 + 0.02) found.push({ text, place });
+    if (!last || place - last.place > (LETTER * (text.length + last.text.length)) / 2 + 0.02)
+      found.push({ text, place });
   }
   return found;
 }

@@ -12,16 +12,28 @@ interface Actions {
 }
 
 export class RunBar {
-  readonly root = element('div', { class: 'run-bar', attributes: { role: 'group', 'aria-label': say('app.run.label') } });
+  readonly root = element('div', {
+    class: 'run-bar',
+    attributes: { role: 'group', 'aria-label': say('app.run.label') },
+  });
   private readonly text = element('span', { class: 'run-text', attributes: { 'aria-live': 'off' } });
   private readonly bar = element('progress', { attributes: { max: '1', 'aria-label': say('app.run.label') } });
   private readonly toggle: HTMLButtonElement;
   private readonly tenfold: HTMLButtonElement;
   private running = false;
 
-  constructor(actions: Actions, private readonly live: boolean) {
-    this.toggle = button([icon('pause')], () => (this.running ? actions.stop() : actions.run()), { class: 'icon-button', attributes: { 'data-action': 'pause' } });
-    this.tenfold = button('×10', () => actions.more(), { title: say('app.run.tenfold'), attributes: { 'data-action': 'tenfold' } });
+  constructor(
+    actions: Actions,
+    private readonly live: boolean,
+  ) {
+    this.toggle = button([icon('pause')], () => (this.running ? actions.stop() : actions.run()), {
+      class: 'icon-button',
+      attributes: { 'data-action': 'pause' },
+    });
+    this.tenfold = button('×10', () => actions.more(), {
+      title: say('app.run.tenfold'),
+      attributes: { 'data-action': 'tenfold' },
+    });
     this.root.append(element('div', { class: 'run-state' }, this.text, this.bar));
     if (live) this.root.append(this.toggle, this.tenfold);
   }
@@ -31,7 +43,15 @@ export class RunBar {
     const failed = reason !== '';
     const current = batch !== null && !preliminary;
     this.running = current ? batch.running : !failed;
-    const state = failed ? 'failed' : !current ? 'waiting' : batch.complete ? 'complete' : batch.running ? 'running' : 'paused';
+    const state = failed
+      ? 'failed'
+      : !current
+        ? 'waiting'
+        : batch.complete
+          ? 'complete'
+          : batch.running
+            ? 'running'
+            : 'paused';
     this.root.dataset['state'] = this.live ? state : 'complete';
     this.text.textContent = failed ? reason : current ? this.describe(batch) : say('app.run.waiting');
     if (current) this.bar.value = batch.total ? batch.boulders / batch.total : 0;
@@ -46,8 +66,14 @@ export class RunBar {
   }
 
   private describe({ boulders, total, complete, seconds, seconds_left }: BatchMessage): string {
-    if (complete) return this.live ? say('app.run.complete', { n: boulders, time: duration(seconds) }) : say('app.run.of_result', { n: boulders });
-    const left = this.running && seconds_left !== null && seconds_left > 1 ? say('app.run.left', { time: duration(seconds_left) }) : duration(seconds);
+    if (complete)
+      return this.live
+        ? say('app.run.complete', { n: boulders, time: duration(seconds) })
+        : say('app.run.of_result', { n: boulders });
+    const left =
+      this.running && seconds_left !== null && seconds_left > 1
+        ? say('app.run.left', { time: duration(seconds_left) })
+        : duration(seconds);
     return `${say('app.run.part', { n: boulders, total })} · ${left}`;
   }
 }
