@@ -40,10 +40,10 @@ export class MapView {
   private readonly shade = new RasterLayer(0, true);
   private readonly zones = new RasterLayer(5, false);
   private readonly overlay = new RasterLayer(10, false);
-  private readonly trees = new DotLayer(12, { colour: LAYER_COLOURS.trees, radius: 2.5, shape: 'circle', halo: true });
+  private readonly trees = new DotLayer(12, { colour: LAYER_COLOURS.trees, radius: 1.8, shape: 'circle', halo: false });
   private readonly sources = new DotLayer(14, {
     colour: LAYER_COLOURS.sources,
-    radius: 2,
+    radius: 1.4,
     shape: 'square',
     halo: false,
   });

@@ -146,6 +146,7 @@ export class DotLayer extends PlotLayer {
         path.arc(x, y, r, 0, 2 * Math.PI);
       }
     }
+    context.globalAlpha = 0.8;
     context.fillStyle = colour;
     context.strokeStyle = 'rgb(255 255 255 / 0.9)';
     context.lineWidth = pixelRatio;
