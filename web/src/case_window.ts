@@ -105,7 +105,10 @@ export class CaseWindow {
     this.sender = new Sender(this.store, connection, () => this.refresh());
     this.shell = new Shell(parent);
     this.view = new MapView(this.shell.mapTarget);
-    this.tools = mode === 'case' ? (Object.keys(TOOLS) as Tool[]).filter((tool) => this.canDraw(tool)) : [];
+    this.tools =
+      mode === 'case' && !connection.standalone
+        ? (Object.keys(TOOLS) as Tool[]).filter((tool) => this.canDraw(tool))
+        : [];
     this.drawer = new Drawer(this.view, this.store, {
       onTool: (tool) => this.onTool(tool),
       onSelect: (id) => this.onSelect(id),
@@ -510,7 +513,7 @@ export class CaseWindow {
 
   private assemble(): void {
     if (this.tools.length) this.shell.tools.append(this.toolbar.root);
-    this.shell.root.classList.toggle('result', this.welcome.mode !== 'case');
+    this.shell.root.classList.toggle('without-tools', this.tools.length === 0);
     this.shell.mapPane.append(this.legend.root, mapButtons(this.view));
     this.shell.comparePane.append(this.compare.root);
     this.shell.side.append(this.tabs.root);

@@ -29,7 +29,7 @@ export class TopBar {
     private readonly actions: Actions,
   ) {
     const { title, file, folder, mode } = welcome;
-    const editing = mode === 'case';
+    const editing = mode === 'case' && live;
     this.undo = step('undo', say('app.undo'), 'Control+Z', actions.undo);
     this.redo = step('redo', say('app.redo'), 'Control+Shift+Z', actions.redo);
     const views = element(
@@ -57,7 +57,7 @@ export class TopBar {
         views,
         editing && this.undo,
         editing && this.redo,
-        editing && live && save,
+        editing && save,
         menu(say('app.more'), ...this.more(welcome, live)),
       ),
     );

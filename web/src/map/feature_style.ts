@@ -134,7 +134,7 @@ export function featureStyles(
   ];
   if (!selected) return styles;
   if (editable) return [...styles, ...handleStyles(geometry)];
-  return [new Style({ stroke: stroke(translucent(ACCENT, 50), 9), image: RING }), ...styles];
+  return [new Style({ stroke: stroke(translucent(ACCENT, 70), 13), image: RING }), ...styles];
 }
 
 /** The shape that is being drawn. */
