@@ -125,7 +125,7 @@ export class CaseWindow {
         stop: () => connection.send({ type: 'stop' }),
         more: () => this.tenfold(),
       },
-      mode === 'case',
+      mode === 'case' && !connection.standalone,
     );
     this.legend = new Legend(welcome.maps, welcome.view.map, (map) => this.want({ ...this.wanted, map }));
     this.features = new FeaturePanel(this.store, forms, {
