@@ -14,6 +14,7 @@ from rockfall.errors import RockfallError  # noqa: E402
 from rockfall.language import LANGUAGES, Number, catalogue, say, say_count, speaking  # noqa: E402
 
 PACKAGE = Path(__file__).parents[2] / "python/rockfall"
+PAGE = Path(__file__).parents[2] / "web/src"  # of `rockfall app`; says "app...." only
 
 
 def messages(language):
@@ -47,7 +48,11 @@ def test_all_languages_have_the_same_ids_and_placeholders(language):
 def test_every_id_is_used_and_exists():
     files = [*PACKAGE.rglob("*.py"), *PACKAGE.rglob("*.j2")]
     texts = "\n".join(path.read_text(encoding="utf-8") for path in files)
-    assert [key for key in ENGLISH if f'"{key}"' not in texts and f"'{key}'" not in texts] == []
+    page = "\n".join(path.read_text(encoding="utf-8") for path in PAGE.rglob("*.ts"))
+    begun = tuple(re.findall(r"`(app\.[a-z_0-9.]*)\$\{", page))  # `app.key.${name}`
+    unused = [key for key in ENGLISH if f'"{key}"' not in texts and f"'{key}'" not in texts]
+    assert [key for key in unused if f"'{key}'" not in page and not key.startswith(begun)] == []
+    assert {*re.findall(r"'(app\.[a-z_0-9.]+)'", page)} - ENGLISH.keys() == set()
     said = re.findall(r"""(?<!\w)say(?:_count)?\(\s*["']([a-z_]+\.[a-z_0-9]+)["']""", texts)
     assert {*said} - ENGLISH.keys() == set()
 

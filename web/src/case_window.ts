@@ -2,10 +2,9 @@
 // The window of a case or a result: its parts, and what passes between them.
 import { CompareView } from './compare';
 import type { Connection } from './connection';
-import { button, element, select } from './dom';
+import { button } from './dom';
 import { DocumentStore, type Difference } from './document';
 import { Drawer, TOOLS, type Tool } from './draw';
-import { icon } from './icons';
 import { Legend } from './legend';
 import { MapBar, mapButtons } from './map/furniture';
 import { MapView, type Shown } from './map/map_view';
@@ -18,23 +17,48 @@ import { SettingsPanel } from './panels/settings';
 import { StatisticsPanel } from './panels/statistics';
 import { Tabs, type Tab } from './panels/tabs';
 import { VariantPanel } from './panels/variants';
-import { isOf, LAYERS, type BatchMessage, type Binary, type CaseDocument, type CaseError, type Layer, type State, type Text, type TrajectoriesMessage, type Value, type Welcome } from './protocol';
+import {
+  isOf,
+  LAYERS,
+  type BatchMessage,
+  type Binary,
+  type CaseDocument,
+  type CaseError,
+  type Layer,
+  type State,
+  type Text,
+  type Value,
+  type Welcome,
+} from './protocol';
 import { RunBar } from './run_bar';
 import { Sender } from './sender';
 import { listenToKeys } from './shortcuts';
-import { menu, Shell, type Mode } from './shell';
+import { ScenePane } from './scene_pane';
+import { Shell, type Mode } from './shell';
 import { decimal, say, sayOr } from './texts';
 import { Toolbar } from './toolbar';
+import { TopBar } from './top_bar';
+import { joined, trajectoriesOf } from './trajectories';
 import type { Snapshot } from './variants';
-import { View3d, type Line3d, type Shade, type Terrain, type Trajectories } from './view3d/view3d';
+import type { Shade, Terrain, Trajectories } from './view3d/view3d';
 
 const OPACITY = 0.85; // of results, at first
 
 /** Properties with which a drawn feature begins, where its layer has them. */
 const INITIAL: Readonly<Record<Layer, Readonly<Record<string, Value>>>> = {
-  sources: {}, lines: {}, zones: { mean_radius: 0.3 }, barriers: { height: 4, capacity: 1000 }, dams: { height: 5, crest_width: 2 },
+  sources: {},
+  lines: {},
+  zones: { mean_radius: 0.3 },
+  barriers: { height: 4, capacity: 1000 },
+  dams: { height: 5, crest_width: 2 },
 };
-const LETTERS: Readonly<Partial<Record<Layer, string>>> = { lines: 'L', barriers: 'N', dams: 'D', zones: 'Z', sources: 'S' };
+const LETTERS: Readonly<Partial<Record<Layer, string>>> = {
+  lines: 'L',
+  barriers: 'N',
+  dams: 'D',
+  zones: 'Z',
+  sources: 'S',
+};
 
 export class CaseWindow {
   private readonly store = new DocumentStore();
@@ -55,31 +79,36 @@ export class CaseWindow {
   private readonly tabs: Tabs;
   private readonly output: Output;
   private readonly compare = new CompareView(() => this.show('map'));
-  private readonly undoButton: HTMLButtonElement;
-  private readonly redoButton: HTMLButtonElement;
-  private readonly viewButtons = new Map<Mode, HTMLButtonElement>();
+  private readonly topBar: TopBar;
+  private readonly scene: ScenePane;
   private readonly ended = new AbortController();
 
-  private writer: boolean;
+  private chooser: boolean; // may choose the map; in a case also edit
   private terrain: Terrain | null = null;
   private shade: Shade | null = null;
   private state: State = { type: 'state', revision: 0, errors: [], warnings: [] };
   private batch: Binary<BatchMessage> | null = null;
   private trajectories: Trajectories | null = null;
-  private variants: Snapshot[] = [];
-  private scene: View3d | null = null;
   private mode: Mode = 'map';
   private bySpeed = false;
   private wanted: Welcome['view'];
 
-  constructor(parent: HTMLElement, private readonly welcome: Welcome, private readonly connection: Connection) {
+  constructor(
+    parent: HTMLElement,
+    private readonly welcome: Welcome,
+    private readonly connection: Connection,
+    private variants: Snapshot[],
+  ) {
     const { forms, mode } = welcome;
-    this.writer = welcome.writer && mode === 'case';
+    this.chooser = welcome.writer && !connection.standalone;
     this.wanted = welcome.view;
     this.sender = new Sender(this.store, connection, () => this.refresh());
     this.shell = new Shell(parent);
     this.view = new MapView(this.shell.mapTarget);
-    this.tools = mode === 'case' ? (Object.keys(TOOLS) as Tool[]).filter((tool) => this.canDraw(tool)) : [];
+    this.tools =
+      mode === 'case' && !connection.standalone
+        ? (Object.keys(TOOLS) as Tool[]).filter((tool) => this.canDraw(tool))
+        : [];
     this.drawer = new Drawer(this.view, this.store, {
       onTool: (tool) => this.onTool(tool),
       onSelect: (id) => this.onSelect(id),
@@ -90,24 +119,62 @@ export class CaseWindow {
       this.drawer.use(tool);
       this.shell.mapTarget.focus({ preventScroll: true });
     });
-    this.runBar = new RunBar({
-      run: () => connection.send({ type: 'run' }), stop: () => connection.send({ type: 'stop' }), more: () => this.tenfold(),
-    }, mode === 'case');
+    this.runBar = new RunBar(
+      {
+        run: () => connection.send({ type: 'run' }),
+        stop: () => connection.send({ type: 'stop' }),
+        more: () => this.tenfold(),
+      },
+      mode === 'case' && !connection.standalone,
+    );
     this.legend = new Legend(welcome.maps, welcome.view.map, (map) => this.want({ ...this.wanted, map }));
-    this.features = new FeaturePanel(this.store, forms, { select: (id) => this.drawer.select(id), zoom: (id) => this.view.fitFeature(id), remove: (id) => this.store.remove(id) });
+    this.features = new FeaturePanel(this.store, forms, {
+      select: (id) => this.drawer.select(id),
+      zoom: (id) => this.view.fitFeature(id),
+      remove: (id) => this.store.remove(id),
+    });
     this.settings = new SettingsPanel(this.store, forms);
-    this.display = new DisplayPanel({
-      visible: (name, on) => this.setVisible(name, on), opacity: (value) => this.view.setOverlayOpacity(value),
-      trajectories: (number) => this.want({ ...this.wanted, trajectories: number }), bySpeed: (on) => this.colourBySpeed(on),
-    }, welcome.view.trajectories, OPACITY);
-    this.variantPanel = new VariantPanel({ keep: (name) => this.keep(name), compare: (k) => this.openCompare(k + 1), restore: (k) => this.restore(k), forget: (k) => this.forget(k) });
+    this.display = new DisplayPanel(
+      {
+        visible: (name, on) => this.setVisible(name, on),
+        opacity: (value) => this.view.setOverlayOpacity(value),
+        trajectories: (number) => this.want({ ...this.wanted, trajectories: number }),
+        bySpeed: (on) => this.colourBySpeed(on),
+      },
+      welcome.view.trajectories,
+      OPACITY,
+    );
+    this.variantPanel = new VariantPanel({
+      keep: (name) => this.keep(name),
+      compare: (k) => this.openCompare(k + 1),
+      restore: (k) => this.restore(k),
+      forget: (k) => this.forget(k),
+    });
     const tab = (name: string, content: HTMLElement): Tab => ({ name, title: say(`app.tab.${name}`), content });
     const [features, display] = [tab('features', this.features.root), tab('display', this.display.root)];
-    this.tabs = new Tabs(say('app.panel'), mode === 'case' ? [features, tab('settings', this.settings.root), display, tab('variants', this.variantPanel.root)] : [display, features]);
+    this.tabs = new Tabs(
+      say('app.panel'),
+      mode === 'case'
+        ? [features, tab('settings', this.settings.root), display, tab('variants', this.variantPanel.root)]
+        : [display, features],
+    );
     this.display.offer('drawn_zones', forms.layers.zones !== undefined);
     this.output = new Output(connection, welcome.file.replace(/\.[^.]*$/, '') || 'case', welcome.folder);
-    this.undoButton = this.topButton('undo', 'app.undo', 'Control+Z', () => this.store.undo());
-    this.redoButton = this.topButton('redo', 'app.redo', 'Control+Shift+Z', () => this.store.redo());
+    this.topBar = new TopBar(this.shell.top, welcome, this.runBar.root, !connection.standalone, {
+      show: (mode) => this.show(mode),
+      undo: () => this.store.undo(),
+      redo: () => this.store.redo(),
+      write: (task) => this.output.open(task),
+      picture: () => this.picture(),
+      speak: (language) => connection.speak(language),
+    });
+    this.scene = new ScenePane(this.shell.scenePane, () => ({
+      terrain: this.terrain,
+      shade: this.shade,
+      trajectories: this.trajectories,
+      drape: this.view.drape,
+      layers: this.store.document.layers,
+    }));
     this.assemble();
     this.store.onChange((changed) => this.onDocument(changed));
     this.listen();
@@ -125,6 +192,11 @@ export class CaseWindow {
   get document(): CaseDocument {
     return this.store.document;
   }
+  /** Variants kept, if a window of the same file takes the place of this one. */
+  variantsFor({ file, folder, mode }: Welcome): Snapshot[] {
+    const same = file === this.welcome.file && folder === this.welcome.folder && mode === this.welcome.mode;
+    return same ? this.variants : [];
+  }
   pixelOf(place: [number, number]): [number, number] | null {
     const [x, y] = this.view.map.getPixelFromCoordinate(place) ?? [];
     if (x === undefined || y === undefined) return null;
@@ -134,7 +206,7 @@ export class CaseWindow {
 
   dispose(): void {
     this.ended.abort();
-    this.scene?.dispose();
+    this.scene.dispose();
     this.view.map.setTarget(undefined);
   }
 
@@ -149,9 +221,12 @@ export class CaseWindow {
         this.refresh();
         return;
       case 'role':
-        this.writer = message.writer && this.welcome.mode === 'case';
+        this.chooser = message.writer;
         this.showRole();
         this.refresh();
+        return;
+      case 'document':
+        this.load(message);
         return;
       case 'progress':
         this.output.progress(message);
@@ -177,7 +252,13 @@ export class CaseWindow {
     else if (isOf(message, 'background')) {
       const { zones, sources, trees } = message.header;
       const cells = message.u1('zones');
-      this.view.setBackground(message.header, cells, this.shade, message.f8('sources')?.values ?? null, message.f8('trees')?.values ?? null);
+      this.view.setBackground(
+        message.header,
+        cells,
+        this.shade,
+        message.f8('sources')?.values ?? null,
+        message.f8('trees')?.values ?? null,
+      );
       this.legend.setZones(cells ? zones : null);
       this.display.offer('zones', cells !== null);
       this.display.offer('background_sources', sources > 0);
@@ -185,7 +266,12 @@ export class CaseWindow {
     } else if (message.header.type === 'batch' || message.header.type === 'trajectories') {
       if (message.header.revision < this.sender.revision) return; // of an older state
       if (isOf(message, 'batch')) this.setBatch(message);
-      else if (isOf(message, 'trajectories')) this.addTrajectories(message);
+      else if (isOf(message, 'trajectories')) {
+        const added = trajectoriesOf(message);
+        this.setTrajectories(
+          added && message.header.append && this.trajectories ? joined(this.trajectories, added) : added,
+        );
+      }
     }
   }
 
@@ -203,7 +289,7 @@ export class CaseWindow {
     if (first) this.shell.mapPane.append(new MapBar(this.view, crs).root);
     this.view.map.updateSize();
     this.view.fitTerrain();
-    this.scene?.setTerrain(this.terrain, this.shade);
+    this.scene.update('terrain');
   }
 
   private setBatch(message: Binary<BatchMessage>): void {
@@ -216,17 +302,11 @@ export class CaseWindow {
     this.view.setStops(message.f4('stops')?.values ?? null);
     this.legend.setResult(header.overlay);
     this.statistics.update(header.lines);
+    this.shell.root.style.setProperty('--lines', String(header.lines.length)); // height of the table
     this.showEnded(header);
-    this.drape();
+    this.scene.update('drape');
     this.refresh();
     if (this.mode === 'compare') this.compare.update(this.states());
-  }
-
-  private addTrajectories(message: Binary<TrajectoriesMessage>): void {
-    const [points, first, boulder, mass] = [message.f4('points'), message.u4('first'), message.u4('boulder'), message.f4('mass')];
-    if (!points || !first || !boulder || !mass) return;
-    const added = { points: points.values, first: first.values, boulder: boulder.values, mass: mass.values };
-    this.setTrajectories(message.header.append && this.trajectories ? joined(this.trajectories, added) : added);
   }
 
   private setTrajectories(trajectories: Trajectories | null): void {
@@ -234,14 +314,17 @@ export class CaseWindow {
     if (!this.terrain) return;
     this.view.setTrajectories(trajectories);
     this.legend.setSpeeds(this.bySpeed ? this.view.trajectories.maxSpeed : null);
-    if (this.mode === 'scene') this.scene?.setTrajectories(trajectories);
+    this.scene.update('trajectories');
   }
 
   /** True while what is shown does not belong to the document as it is. */
   get preliminary(): boolean {
     const batch = this.batch?.header;
-    const otherMap = batch?.overlay ? batch.overlay.name !== this.wanted.map : false;
+    const otherMap = this.chooser && batch?.overlay ? batch.overlay.name !== this.wanted.map : false;
     return !batch || batch.revision !== this.sender.revision || this.sender.pending || otherMap;
+  }
+  private get writer(): boolean {
+    return this.chooser && this.welcome.mode === 'case';
   }
   private get errors(): readonly CaseError[] {
     return this.state.errors;
@@ -253,27 +336,48 @@ export class CaseWindow {
   private refresh(): void {
     const { preliminary, errors } = this;
     const failed = errors.length > 0 && !this.sender.pending && this.state.revision >= this.sender.revision;
-    this.runBar.update(this.batchHeader, preliminary, failed, this.writer);
-    this.shell.mark(failed ? say('app.not_current') : preliminary && this.batch ? say('app.preliminary') : '');
+    const empty = failed && this.batch === null && this.store.layer('sources').length === 0;
+    this.runBar.update(
+      this.batchHeader,
+      preliminary,
+      failed ? say(empty ? 'app.run.no_sources' : 'app.run.failed') : '',
+      this.writer,
+    );
+    this.shell.mark(!this.batch ? '' : failed ? say('app.not_current') : preliminary ? say('app.preliminary') : '');
+    this.shell.hint(
+      this.drawer.tool !== 'select' ? say(`app.hint.${this.drawer.tool}`) : empty ? say('app.hint.begin') : '',
+    );
     this.view.dim(preliminary || failed);
     this.messages.update(errors, this.batchHeader?.warnings ?? [], this.state.warnings);
     this.features.update(errors, this.writer);
     this.settings.update(errors, this.writer);
-    this.tabs.mark('features', errors.some(({ id }) => id !== undefined));
-    this.tabs.mark('settings', errors.some(({ group, id }) => group !== undefined && id === undefined));
-    this.undoButton.disabled = !this.writer || !this.store.canUndo;
-    this.redoButton.disabled = !this.writer || !this.store.canRedo;
+    this.tabs.mark(
+      'features',
+      errors.some(({ id }) => id !== undefined),
+    );
+    this.tabs.mark(
+      'settings',
+      errors.some(({ group, id }) => group !== undefined && id === undefined),
+    );
+    this.topBar.allow(this.writer && this.store.canUndo, this.writer && this.store.canRedo);
     this.variantPanel.update(this.variants, this.batch !== null && !preliminary, this.writer);
   }
 
   private showEnded({ ended, boulders }: BatchMessage): void {
-    const parts = Object.entries(ended).filter(([, n]) => n > 0).sort(([, a], [, b]) => b - a);
-    this.shell.dockNote.textContent = parts.map(([status, n]) => `${sayOr(`app.status.${status}`, status)} ${decimal((100 * n) / Math.max(1, boulders), 1)} %`).join(' · ');
+    const parts = Object.entries(ended)
+      .filter(([, n]) => n > 0)
+      .sort(([, a], [, b]) => b - a);
+    const percent = (n: number): string =>
+      n < 0.0005 * boulders ? `< ${decimal(0.1, 1)}` : decimal((100 * n) / boulders, 1);
+    this.shell.dockNote.textContent = parts
+      .map(([status, n]) => `${sayOr(`app.status.${status}`, status)} ${percent(n)} %`)
+      .join(' · ');
+    this.shell.dockNote.title = this.shell.dockNote.textContent;
   }
 
   private setVisible(name: Shown, on: boolean): void {
     this.view.setVisible(name, on);
-    if (name === 'overlay') this.drape();
+    if (name === 'overlay') this.scene.update('drape');
   }
 
   private colourBySpeed(on: boolean): void {
@@ -299,13 +403,13 @@ export class CaseWindow {
     this.view.showDocument(this.store.document.layers);
     this.drawer.refresh();
     this.sender.add(changed);
-    this.drawLines3d();
+    this.scene.update('layers');
     this.refresh();
   }
 
   private onTool(tool: Tool): void {
     this.toolbar.show(tool, this.writer);
-    this.shell.mapPane.dataset['hint'] = tool === 'select' ? '' : say(`app.hint.${tool}`);
+    this.refresh();
   }
 
   private onSelect(id: string): void {
@@ -316,7 +420,9 @@ export class CaseWindow {
   }
 
   private selectLine(name: string): void {
-    const feature = [...this.store.layer('lines'), ...this.store.layer('barriers')].find(({ properties }) => properties['name'] === name);
+    const feature = [...this.store.layer('lines'), ...this.store.layer('barriers')].find(
+      ({ properties }) => properties['name'] === name,
+    );
     if (feature) this.drawer.select(feature.id);
     else this.statistics.select(name);
   }
@@ -326,7 +432,9 @@ export class CaseWindow {
     const fields = new Set(this.welcome.forms.layers[layer]?.map(({ name }) => name));
     const used = new Set(LAYERS.flatMap((one) => this.store.layer(one).map(({ properties }) => properties['name'])));
     const free = (n: number): string => (used.has(`${LETTERS[layer]}${n}`) ? free(n + 1) : `${LETTERS[layer]}${n}`);
-    return Object.fromEntries(Object.entries({ name: free(1), ...INITIAL[layer] }).filter(([name]) => fields.has(name)));
+    return Object.fromEntries(
+      Object.entries({ name: free(1), ...INITIAL[layer] }).filter(([name]) => fields.has(name)),
+    );
   }
 
   private tenfold(): void {
@@ -354,7 +462,13 @@ export class CaseWindow {
 
   private snapshot(name: string): Snapshot | null {
     if (!this.batch) return null;
-    return { name, document: this.store.document, batch: this.batch.header, overlay: this.batch.f4('overlay'), trajectories: this.trajectories };
+    return {
+      name,
+      document: this.store.document,
+      batch: this.batch.header,
+      overlay: this.batch.f4('overlay'),
+      trajectories: this.trajectories,
+    };
   }
 
   private keep(name: string): boolean {
@@ -389,70 +503,17 @@ export class CaseWindow {
     this.mode = mode;
     this.shell.show(mode);
     this.shell.fillDock(...(mode === 'compare' ? [this.compare.table] : [this.messages.root, this.statistics.root]));
-    for (const [name, made] of this.viewButtons) made.setAttribute('aria-pressed', String(name === mode));
-    if (mode === 'scene') this.showScene();
-    else this.scene?.hide();
+    this.topBar.showMode(mode);
+    if (mode === 'scene') this.scene.show();
+    else this.scene.hide();
     if (mode === 'map') this.view.map.updateSize();
-  }
-
-  private showScene(): void {
-    if (!this.scene) {
-      this.scene = new View3d(this.shell.scenePane, say);
-      if (this.terrain) this.scene.setTerrain(this.terrain, this.shade);
-    }
-    this.scene.show();
-    this.scene.setTrajectories(this.trajectories);
-    this.drape();
-    this.drawLines3d();
-  }
-
-  private drape(): void {
-    if (!this.scene || this.mode !== 'scene') return;
-    const drape = this.view.drape;
-    this.scene.setDrape(drape?.image ?? null, drape?.extent ?? [0, 0, 0, 0]);
-  }
-
-  private drawLines3d(): void {
-    if (!this.scene || this.mode !== 'scene') return;
-    const kinds = { lines: 'line', barriers: 'barrier', dams: 'dam' } as const;
-    const lines = (['lines', 'barriers', 'dams'] as const).flatMap((layer) => this.store.layer(layer).flatMap((feature): Line3d[] => {
-      if (feature.type !== 'LineString') return [];
-      const { name = '', height = 0 } = feature.properties;
-      return [{ name: String(name), kind: kinds[layer], x: feature.coordinates.map(([x]) => x), y: feature.coordinates.map(([, y]) => y), height: Number(height) }];
-    }));
-    this.scene.setLines(lines);
   }
 
   // The frame around
 
   private assemble(): void {
-    const { title, file, folder, mode, languages, language } = this.welcome;
-    const editing = mode === 'case';
-    const viewButton = (name: Mode, key: string): HTMLButtonElement => {
-      const made = button(say(key), () => this.show(name), { attributes: { 'data-view': name, 'aria-pressed': 'false' } });
-      this.viewButtons.set(name, made);
-      return made;
-    };
-    const live = !this.connection.standalone;
-    const names = new Intl.DisplayNames([language], { type: 'language' });
-    const picture = button(say('app.picture'), () => this.picture(), { attributes: { 'data-action': 'picture' } });
-    const items = [
-      editing && live && button(say('app.output.report'), () => this.output.open('report'), { attributes: { 'data-action': 'report' } }),
-      editing && live && button(say('app.output.export'), () => this.output.open('export'), { attributes: { 'data-action': 'export' } }),
-      picture,
-      live && element('label', {}, say('app.language'), select(languages.map((one) => [one, names.of(one) ?? one] as const), language, (one) => this.connection.speak(one), { attributes: { 'data-action': 'language' } })),
-    ].filter((item): item is HTMLButtonElement | HTMLLabelElement => item !== false);
-    this.shell.top.append(
-      element('div', { class: 'case-name', title: folder }, element('h1', {}, title || file || 'rockfall'), element('small', {}, file)),
-      this.runBar.root,
-      element('div', { class: 'top-actions' },
-        element('div', { class: 'segmented', attributes: { role: 'group', 'aria-label': say('app.view') } }, viewButton('map', 'app.view.map'), viewButton('scene', 'app.view.scene')),
-        editing && this.undoButton, editing && this.redoButton,
-        editing && live && button([icon('save'), say('app.output.save')], () => this.output.open('save'), { class: 'primary', title: `${say('app.output.title.save')} (Ctrl+S)`, attributes: { 'data-action': 'save' } }),
-        menu(say('app.more'), ...items)),
-    );
     if (this.tools.length) this.shell.tools.append(this.toolbar.root);
-    this.shell.root.classList.toggle('result', !editing);
+    this.shell.root.classList.toggle('without-tools', this.tools.length === 0);
     this.shell.mapPane.append(this.legend.root, mapButtons(this.view));
     this.shell.comparePane.append(this.compare.root);
     this.shell.side.append(this.tabs.root);
@@ -460,59 +521,69 @@ export class CaseWindow {
     this.show('map');
   }
 
-  private topButton(name: 'undo' | 'redo', key: string, keys: string, action: () => void): HTMLButtonElement {
-    const shown = keys.replace('Control', 'Ctrl');
-    return button(icon(name), action, { class: 'icon-button', title: `${say(key)} (${shown})`, attributes: { 'aria-label': say(key), 'aria-keyshortcuts': keys, 'data-action': name } });
-  }
-
   private listen(): void {
-    listenToKeys(this.drawer, this.shell.mapTarget, this.tools, {
-      undo: () => this.writer && this.store.undo(), redo: () => this.writer && this.store.redo(),
-      save: () => this.welcome.mode === 'case' && !this.connection.standalone && this.output.open('save'),
-      fit: () => this.view.fitResults(), step: () => this.terrain?.cell ?? 1,
-    }, this.ended.signal);
+    listenToKeys(
+      this.drawer,
+      this.shell.mapTarget,
+      this.tools,
+      {
+        undo: () => this.writer && this.store.undo(),
+        redo: () => this.writer && this.store.redo(),
+        save: () => this.welcome.mode === 'case' && !this.connection.standalone && this.output.open('save'),
+        fit: () => this.view.fitResults(),
+        onMap: () => this.mode === 'map',
+        step: () => this.terrain?.cell ?? 1,
+      },
+      this.ended.signal,
+    );
     const sizes = new ResizeObserver(() => this.view.map.updateSize());
     sizes.observe(this.shell.mapTarget);
     this.ended.signal.addEventListener('abort', () => sizes.disconnect());
   }
 
-  private load({ document, revision }: Welcome): void {
+  private load({ document, revision }: { document: CaseDocument; revision: number }): void {
     this.store.load(document);
     this.sender.start(revision);
     this.view.showDocument(this.store.document.layers);
+    this.drawer.refresh();
+    this.scene.update('layers');
+    if (!document.layers.lines.length && !document.layers.barriers.length) this.statistics.update([]);
     this.showRole();
     this.refresh();
   }
 
   private showRole(): void {
+    this.legend.enable(this.chooser);
+    this.display.enable(this.chooser);
     this.drawer.enable(this.writer);
     this.toolbar.show(this.drawer.tool, this.writer);
     const reads = this.welcome.mode === 'case' && !this.writer && !this.connection.standalone;
-    if (reads) this.shell.notice('role', 'amber', say('app.reader'), button(say('app.take_over'), () => this.connection.send({ type: 'take_over' }), { attributes: { 'data-action': 'take-over' } }));
+    if (reads)
+      this.shell.notice(
+        'role',
+        'amber',
+        say('app.reader'),
+        button(say('app.take_over'), () => this.connection.send({ type: 'take_over' }), {
+          attributes: { 'data-action': 'take-over' },
+        }),
+      );
     else this.shell.clearNotice('role');
   }
 
   private picture(): void {
     const { title, file } = this.welcome;
     const batch = this.batchHeader;
-    const notes = [batch ? say('app.run.of_result', { n: batch.boulders }) : '', this.preliminary ? say('app.preliminary') : '', new Date().toLocaleDateString(this.welcome.language)];
-    const picture = drawPicture(this.view, { title: title || file, notes: [notes.filter(Boolean).join(' · ')], result: batch?.overlay ?? null, north: say('app.map.north_letter') });
+    const notes = [
+      batch ? say('app.run.of_result', { n: batch.boulders }) : '',
+      this.preliminary ? say('app.preliminary') : '',
+      new Date().toLocaleDateString(this.welcome.language, { dateStyle: 'long' }),
+    ];
+    const picture = drawPicture(this.view, {
+      title: title || file,
+      notes: [notes.filter(Boolean).join(' · ')],
+      result: batch?.overlay ?? null,
+      north: say('app.map.north_letter'),
+    });
     download(picture, `${file.replace(/\.[^.]*$/, '') || 'map'}.png`);
   }
-}
-
-/** Trajectories with more of the same run behind them. */
-function joined(a: Trajectories, b: Trajectories): Trajectories {
-  const points = new Float32Array(a.points.length + b.points.length);
-  points.set(a.points);
-  points.set(b.points, a.points.length);
-  const offset = a.first.at(-1) ?? 0;
-  const mass = new Float32Array(a.mass.length + b.mass.length);
-  mass.set(a.mass);
-  mass.set(b.mass, a.mass.length);
-  return {
-    points, mass,
-    first: Uint32Array.from([...a.first.slice(0, -1), ...b.first.map((k) => k + offset)]),
-    boulder: Uint32Array.from([...a.boulder, ...b.boulder]),
-  };
 }

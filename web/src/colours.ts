@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Colours that colour-blind readers tell apart: Okabe and Ito (2008) for layers, viridis for rasters and speeds.
+// Colours that colour-blind readers tell apart: those of Okabe and Ito (2008) for layers, viridis for rasters, plasma for speeds.
 import type { Layer } from './protocol';
 
 export type Rgb = readonly [number, number, number];
@@ -17,20 +17,59 @@ export const LAYER_COLOURS: Readonly<Record<Layer | 'trees' | 'stops' | 'traject
 
 /** Colours of zones: pale, for a translucent layer on grey. */
 export const ZONE_COLOURS: readonly Rgb[] = [
-  [230, 159, 0], [86, 180, 233], [0, 158, 115], [240, 228, 66], [204, 121, 167], [0, 114, 178], [213, 94, 0], [136, 136, 136],
+  [230, 159, 0],
+  [86, 180, 233],
+  [0, 158, 115],
+  [240, 228, 66],
+  [204, 121, 167],
+  [0, 114, 178],
+  [213, 94, 0],
+  [136, 136, 136],
 ];
 
 // Every sixteenth colour of viridis.
 const VIRIDIS: readonly Rgb[] = [
-  [68, 1, 84], [72, 26, 108], [71, 47, 125], [65, 68, 135], [57, 86, 140], [49, 104, 142], [42, 120, 142], [35, 136, 142],
-  [31, 152, 139], [34, 168, 132], [53, 183, 121], [84, 197, 104], [122, 209, 81], [165, 219, 54], [210, 226, 27], [253, 231, 37],
+  [68, 1, 84],
+  [72, 26, 108],
+  [71, 47, 125],
+  [65, 68, 135],
+  [57, 86, 140],
+  [49, 104, 142],
+  [42, 120, 142],
+  [35, 136, 142],
+  [31, 152, 139],
+  [34, 168, 132],
+  [53, 183, 121],
+  [84, 197, 104],
+  [122, 209, 81],
+  [165, 219, 54],
+  [210, 226, 27],
+  [253, 231, 37],
 ];
 
-/** Colour at a place from 0 to 1. */
-export function viridis(place: number): Rgb {
-  const at = Math.max(0, Math.min(1, place)) * (VIRIDIS.length - 1);
-  const k = Math.min(VIRIDIS.length - 2, Math.floor(at));
-  const [a, b] = [VIRIDIS[k] ?? [0, 0, 0], VIRIDIS[k + 1] ?? [0, 0, 0]] as const;
+// Every eighth of the brighter part of plasma, for speeds of trajectories that lie on a map in viridis.
+const PLASMA: readonly Rgb[] = [
+  [126, 3, 168],
+  [156, 23, 158],
+  [181, 47, 140],
+  [204, 71, 120],
+  [222, 95, 101],
+  [237, 121, 83],
+  [248, 149, 64],
+  [253, 180, 47],
+  [251, 213, 36],
+  [240, 249, 33],
+];
+
+/** A colour for each place from 0 to 1. */
+export type Palette = (place: number) => Rgb;
+export const viridis: Palette = (place) => between(VIRIDIS, place);
+export const plasma: Palette = (place) => between(PLASMA, place);
+
+function between(colours: readonly Rgb[], place: number): Rgb {
+  const at = Math.max(0, Math.min(1, place)) * (colours.length - 1);
+  const k = Math.min(colours.length - 2, Math.floor(at));
+  const [a, b] = [colours[k] ?? [0, 0, 0], colours[k + 1] ?? [0, 0, 0]] as const;
   const mix = (i: 0 | 1 | 2): number => Math.round(a[i] + (at - k) * (b[i] - a[i]));
   return [mix(0), mix(1), mix(2)];
 }
@@ -39,7 +78,7 @@ export function css([r, g, b]: Rgb, opacity = 1): string {
   return `rgb(${r} ${g} ${b} / ${opacity})`;
 }
 
-/** Classes of speed for trajectories, and the speed of the fastest [m/s]. */
+/** Classes of speed by which trajectories are drawn. */
 export const SPEED_CLASSES = 8;
 
 /** A scale from values to places between 0 and 1. */
@@ -61,7 +100,8 @@ export function ticks({ low, high, scale }: ColourScale): number[] {
     const found: number[] = [];
     const decades = Math.log10(high / low);
     const factors = decades > 3 ? [1] : decades > 1.5 ? [1, 3] : [1, 2, 5];
-    for (let e = Math.floor(Math.log10(low)); e <= Math.log10(high); e++) for (const f of factors) found.push(f * 10 ** e);
+    for (let e = Math.floor(Math.log10(low)); e <= Math.log10(high); e++)
+      for (const f of factors) found.push(f * 10 ** e);
     return found.filter((value) => value >= low * 0.999 && value <= high * 1.001);
   }
   const rough = (high - low) / 5;

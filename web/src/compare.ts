@@ -17,7 +17,11 @@ class Side {
   private readonly choice = element('div', { class: 'compare-choice' });
   private offered = '';
 
-  constructor(private readonly letter: string, terrain: Terrain, shade: Shade | null) {
+  constructor(
+    private readonly letter: string,
+    terrain: Terrain,
+    shade: Shade | null,
+  ) {
     this.root.append(this.target, this.choice);
     this.view = new MapView(this.target);
     this.view.setTerrain(terrain, shade);
@@ -34,7 +38,12 @@ class Side {
     const offered = JSON.stringify([names, chosen]);
     if (offered === this.offered) return;
     this.offered = offered;
-    const box = select(names.map((name, k) => [String(k), name] as const), String(chosen), (value) => action(Number(value)), { attributes: { 'aria-label': say('app.compare.side', { side: this.letter }), 'data-side': this.letter } });
+    const box = select(
+      names.map((name, k) => [String(k), name] as const),
+      String(chosen),
+      (value) => action(Number(value)),
+      { attributes: { 'aria-label': say('app.compare.side', { side: this.letter }), 'data-side': this.letter } },
+    );
     this.choice.replaceChildren(element('b', {}, this.letter), box);
   }
 }
@@ -57,7 +66,10 @@ export class CompareView {
       this.sides = [new Side('A', terrain, shade), new Side('B', terrain, shade)];
       const [left, right] = this.sides;
       right.view.map.setView(left.view.map.getView());
-      const close = button(say('app.compare.close'), this.onClose, { class: 'compare-close', attributes: { 'data-action': 'close-compare' } });
+      const close = button(say('app.compare.close'), this.onClose, {
+        class: 'compare-close',
+        attributes: { 'data-action': 'close-compare' },
+      });
       this.root.append(left.root, right.root, this.legend.root, close);
     }
     this.chosen = [a, b];
@@ -90,7 +102,12 @@ export class CompareView {
 /** One scale for two results of the same map; null if they show different ones. */
 function common(a: OverlayHeader | null, b: OverlayHeader | null): OverlayHeader | null {
   if (!a || !b || a.name !== b.name) return a && b ? null : (a ?? b);
-  return { ...a, low: Math.min(a.low, b.low), high: Math.max(a.high, b.high), scale: a.scale === 'log' || b.scale === 'log' ? 'log' : 'linear' };
+  return {
+    ...a,
+    low: Math.min(a.low, b.low),
+    high: Math.max(a.high, b.high),
+    scale: a.scale === 'log' || b.scale === 'log' ? 'log' : 'linear',
+  };
 }
 
 interface Row {
@@ -104,27 +121,65 @@ function tableOf(a: Snapshot, b: Snapshot): HTMLElement {
   const names = [...new Set([...a.batch.lines, ...b.batch.lines].map(({ name }) => name))];
   if (!names.length) return element('p', { class: 'empty' }, say('app.statistics.none'));
   const rows = rowsOf([...a.batch.lines, ...b.batch.lines]);
-  const head = element('thead', {}, element('tr', {}, ...['app.statistics.line', 'app.compare.quantity'].map((key) => element('th', { attributes: { scope: 'col' } }, say(key))),
-    ...[`A: ${a.name}`, `B: ${b.name}`, say('app.compare.difference')].map((text) => element('th', { attributes: { scope: 'col' } }, text))));
+  const head = element(
+    'thead',
+    {},
+    element(
+      'tr',
+      {},
+      ...['app.statistics.line', 'app.compare.quantity'].map((key) =>
+        element('th', { attributes: { scope: 'col' } }, say(key)),
+      ),
+      ...[`A: ${a.name}`, `B: ${b.name}`, say('app.compare.difference')].map((text) =>
+        element('th', { attributes: { scope: 'col' } }, text),
+      ),
+    ),
+  );
   const bodies = names.map((name) => {
     const [left, right] = [a, b].map(({ batch }) => batch.lines.find((line) => line.name === name));
-    return element('tbody', { attributes: { 'data-line': name } }, ...rows.map((row, k) => {
-      const [x, y] = [left, right].map((line): Estimate => (line ? row.of(line) : [null, null, null])) as [Estimate, Estimate];
-      return element('tr', {}, k === 0 && element('th', { attributes: { scope: 'rowgroup', rowspan: String(rows.length) } }, name),
-        element('td', {}, row.label, element('span', { class: 'unit' }, ` ${row.unit}`)),
-        element('td', {}, estimate(x, row.decimals)), element('td', {}, estimate(y, row.decimals)), element('td', { class: 'difference' }, change(difference(x, y), row.decimals)));
-    }));
+    return element(
+      'tbody',
+      { attributes: { 'data-line': name } },
+      ...rows.map((row, k) => {
+        const [x, y] = [left, right].map((line): Estimate => (line ? row.of(line) : [null, null, null])) as [
+          Estimate,
+          Estimate,
+        ];
+        return element(
+          'tr',
+          {},
+          k === 0 && element('th', { attributes: { scope: 'rowgroup', rowspan: String(rows.length) } }, name),
+          element('td', {}, row.label, element('span', { class: 'unit' }, ` ${row.unit}`)),
+          element('td', {}, estimate(x, row.decimals)),
+          element('td', {}, estimate(y, row.decimals)),
+          element('td', { class: 'difference' }, change(difference(x, y), row.decimals)),
+        );
+      }),
+    );
   });
-  return element('table', {}, element('caption', { class: 'hidden-text' }, say('app.compare.caption')), head, ...bodies);
+  return element(
+    'table',
+    {},
+    element('caption', { class: 'hidden-text' }, say('app.compare.caption')),
+    head,
+    ...bodies,
+  );
 }
 
 function rowsOf(lines: readonly LineStatistics[]): Row[] {
-  const fraction: Row = { label: say('app.statistics.fraction'), unit: '%', decimals: 1, of: (line) => percent(line.fraction) };
+  const fraction: Row = {
+    label: say('app.statistics.fraction'),
+    unit: '%',
+    decimals: 1,
+    of: (line) => percent(line.fraction),
+  };
   const others = QUANTITIES.flatMap((name) => {
     const first = lines.map((line) => line.quantities[name]).find((one) => one !== undefined);
     if (!first) return [];
     return (['mean', 'q95'] as const).map((part): Row => ({
-      label: `${sayOr(`app.quantity.${name}`, first.label)}, ${say(`app.statistics.${part}`)}`, unit: first.unit, decimals: first.decimals,
+      label: `${sayOr(`app.quantity.${name}`, first.label)}, ${say(`app.statistics.${part}`)}`,
+      unit: first.unit,
+      decimals: first.decimals,
       of: (line) => line.quantities[name]?.[part] ?? [null, null, null],
     }));
   });
@@ -136,7 +191,13 @@ function change(value: Estimate, decimals: number): HTMLElement {
   const [middle, low, high] = value;
   if (middle === null) return element('span', { class: 'estimate none' }, '–');
   const shown = supportedDecimals(value, decimals);
-  const signed = (one: number | null): string => (one === null ? '?' : `${one > 0 ? '+' : one < 0 ? '−' : ''}${rounded(Math.abs(one), shown)}`);
+  const signed = (one: number | null): string =>
+    one === null ? '?' : `${one > 0 ? '+' : one < 0 ? '−' : ''}${rounded(Math.abs(one), shown)}`;
   const open = low === null || high === null || (low <= 0 && high >= 0);
-  return element('span', { class: `estimate ${open ? 'open' : 'clear'}` }, element('b', {}, middle === 0 ? decimal(0) : signed(middle)), element('small', {}, `${signed(low)} … ${signed(high)}`));
+  return element(
+    'span',
+    { class: `estimate ${open ? 'open' : 'clear'}` },
+    element('b', {}, middle === 0 ? decimal(0) : signed(middle)),
+    element('small', {}, `${signed(low)} … ${signed(high)}`),
+  );
 }

@@ -1,6 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The document that is edited: snapshots that share what did not change, with undo and redo.
-import { LAYERS, type CaseDocument, type Feature, type Group, type Layer, type SettingValue, type Value } from './protocol';
+import {
+  LAYERS,
+  type CaseDocument,
+  type Feature,
+  type Group,
+  type Layer,
+  type SettingValue,
+  type Value,
+} from './protocol';
 
 const KEPT = 200; // steps back
 const EMPTY: CaseDocument = { settings: {}, layers: { sources: [], lines: [], barriers: [], dams: [], zones: [] } };
@@ -82,17 +90,26 @@ export class DocumentStore {
     this.setLayer(layer, [...kept, feature]);
   }
   replace(layer: Layer, feature: Feature, gesture = ''): void {
-    this.setLayer(layer, this.layer(layer).map((one) => (one.id === feature.id ? feature : one)), gesture);
+    this.setLayer(
+      layer,
+      this.layer(layer).map((one) => (one.id === feature.id ? feature : one)),
+      gesture,
+    );
   }
   remove(id: string): void {
     const found = this.feature(id);
-    if (found) this.setLayer(found.layer, this.layer(found.layer).filter((one) => one.id !== id));
+    if (found)
+      this.setLayer(
+        found.layer,
+        this.layer(found.layer).filter((one) => one.id !== id),
+      );
   }
 
   /** Set a property; undefined leaves it to its default. */
   setProperty(id: string, name: string, value: Value | undefined): void {
     const found = this.feature(id);
-    if (found) this.replace(found.layer, { ...found.feature, properties: withValue(found.feature.properties, name, value) });
+    if (found)
+      this.replace(found.layer, { ...found.feature, properties: withValue(found.feature.properties, name, value) });
   }
   /** Set a key of the case; undefined leaves it to its default. */
   setSetting(group: string, key: string, value: SettingValue | undefined): void {
@@ -102,7 +119,11 @@ export class DocumentStore {
 
   /** An id that no feature has, nor had: an undone feature may come back. */
   newId(layer: Layer): string {
-    const used = new Set([...this.past, this.now, ...this.future].flatMap((one) => LAYERS.flatMap((name) => one.layers[name].map(({ id }) => id))));
+    const used = new Set(
+      [...this.past, this.now, ...this.future].flatMap((one) =>
+        LAYERS.flatMap((name) => one.layers[name].map(({ id }) => id)),
+      ),
+    );
     for (let n = 1; ; n++) {
       const id = `${layer.slice(0, 1)}${n}`;
       if (!used.has(id)) return id;

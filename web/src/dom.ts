@@ -11,7 +11,11 @@ interface Options {
   attributes?: Record<string, string>;
 }
 
-export function element<Tag extends keyof HTMLElementTagNameMap>(tag: Tag, options: Options = {}, ...children: Child[]): HTMLElementTagNameMap[Tag] {
+export function element<Tag extends keyof HTMLElementTagNameMap>(
+  tag: Tag,
+  options: Options = {},
+  ...children: Child[]
+): HTMLElementTagNameMap[Tag] {
   const made = document.createElement(tag);
   if (options.class) made.className = options.class;
   if (options.id) made.id = options.id;
@@ -29,7 +33,11 @@ export function button(label: Child | Child[], action: () => void, options: Opti
   return made;
 }
 
-export function svg<Tag extends keyof SVGElementTagNameMap>(tag: Tag, attributes: Record<string, string | number>, ...children: Node[]): SVGElementTagNameMap[Tag] {
+export function svg<Tag extends keyof SVGElementTagNameMap>(
+  tag: Tag,
+  attributes: Record<string, string | number>,
+  ...children: Node[]
+): SVGElementTagNameMap[Tag] {
   const made = document.createElementNS('http://www.w3.org/2000/svg', tag);
   for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, String(value));
   made.append(...children);
@@ -37,19 +45,38 @@ export function svg<Tag extends keyof SVGElementTagNameMap>(tag: Tag, attributes
 }
 
 /** A select box; `choices` are pairs of value and text. */
-export function select(choices: readonly (readonly [string, string])[], chosen: string, action: (value: string) => void, options: Options = {}): HTMLSelectElement {
-  const made = element('select', options, ...choices.map(([value, text]) => element('option', { attributes: { value } }, text)));
+export function select(
+  choices: readonly (readonly [string, string])[],
+  chosen: string,
+  action: (value: string) => void,
+  options: Options = {},
+): HTMLSelectElement {
+  const made = element(
+    'select',
+    options,
+    ...choices.map(([value, text]) => element('option', { attributes: { value } }, text)),
+  );
   made.value = chosen;
   made.addEventListener('change', () => action(made.value));
   return made;
 }
 
 /** A check box with its label. */
-export function checkbox(text: Child, checked: boolean, action: (checked: boolean) => void, options: Options = {}): HTMLLabelElement {
+export function checkbox(
+  text: Child,
+  checked: boolean,
+  action: (checked: boolean) => void,
+  options: Options = {},
+): HTMLLabelElement {
   const box = element('input', { attributes: { type: 'checkbox', ...options.attributes } });
   box.checked = checked;
   box.addEventListener('change', () => action(box.checked));
-  return element('label', { class: `check ${options.class ?? ''}` }, box, typeof text === 'string' ? element('span', {}, text) : text);
+  return element(
+    'label',
+    { class: `check ${options.class ?? ''}` },
+    box,
+    typeof text === 'string' ? element('span', {}, text) : text,
+  );
 }
 
 /** A number of the page that only one element has. */

@@ -60,9 +60,15 @@ export class Drawer {
     private readonly listener: DrawListener,
   ) {
     const { map, features } = view;
-    this.translate = new Translate({ features: this.chosen, hitTolerance: 6, condition: (event) => !this.isNearHandle(event) });
+    this.translate = new Translate({
+      features: this.chosen,
+      hitTolerance: 6,
+      condition: (event) => !this.isNearHandle(event),
+    });
     this.modify = new Modify({
-      features: this.chosen, pixelTolerance: NEAR, condition: (event) => this.isNearHandle(event),
+      features: this.chosen,
+      pixelTolerance: NEAR,
+      condition: (event) => this.isNearHandle(event),
       deleteCondition: (event) => altKeyOnly(event) && singleClick(event),
       style: (vertex) => {
         const [x = 0, y = 0] = (vertex.getGeometry() as Geometry).getExtent();
@@ -103,7 +109,12 @@ export class Drawer {
     const drawing = TOOLS[tool];
     if (drawing.layer !== null) {
       this.select('');
-      this.draw = new Draw({ type: drawing.type, style: sketchStyle(drawing.layer), stopClick: true, minPoints: drawing.type === 'Polygon' ? 3 : 2 });
+      this.draw = new Draw({
+        type: drawing.type,
+        style: sketchStyle(drawing.layer),
+        stopClick: true,
+        minPoints: drawing.type === 'Polygon' ? 3 : 2,
+      });
       this.draw.on('drawend', ({ feature }) => this.finish(drawing, feature));
       map.addInteraction(this.draw);
     }
@@ -238,12 +249,16 @@ export class Drawer {
   private featureAt(pixel: number[]): string | undefined {
     const { map } = this.view;
     let best: string | undefined;
-    map.forEachFeatureAtPixel(pixel, (found) => {
-      const data = 'getId' in found ? found.getId() : undefined;
-      if (data === undefined) return false;
-      best = String(data);
-      return true;
-    }, { hitTolerance: 6, layerFilter: (layer) => Object.values<unknown>(this.view.features.layers).includes(layer) });
+    map.forEachFeatureAtPixel(
+      pixel,
+      (found) => {
+        const data = 'getId' in found ? found.getId() : undefined;
+        if (data === undefined) return false;
+        best = String(data);
+        return true;
+      },
+      { hitTolerance: 6, layerFilter: (layer) => Object.values<unknown>(this.view.features.layers).includes(layer) },
+    );
     return best;
   }
 

@@ -20,7 +20,16 @@ export function labelOf(field: Field): string {
 function describe(field: Field): string {
   const number = (value: number): string => decimal(value);
   const { min, max, unit } = field;
-  const range = min !== null && max !== null ? `${number(min)} – ${number(max)}` : min !== null ? `≥ ${number(min)}` : max !== null ? `≤ ${number(max)}` : field.choices ? '' : field.allowed;
+  const range =
+    min !== null && max !== null
+      ? `${number(min)} – ${number(max)}`
+      : min !== null
+        ? `≥ ${number(min)}`
+        : max !== null
+          ? `≤ ${number(max)}`
+          : field.choices
+            ? ''
+            : field.allowed;
   return [`${field.name}${unit ? ` [${unitText(unit)}]` : ''}`, field.meaning, range].filter(Boolean).join('\n');
 }
 
@@ -46,7 +55,10 @@ export function read(field: Field, text: string): SettingValue | undefined | nul
     return Number.isFinite(value) ? value : field.kind === 'count' ? part.trim() : null;
   };
   if (!field.list) return one(trimmed);
-  const parts = trimmed.split(numeric(field) ? /\s*;\s*|,\s+|\s+/ : /\s*[;,]\s*/).filter(Boolean).map(one);
+  const parts = trimmed
+    .split(numeric(field) ? /\s*;\s*|,\s+|\s+/ : /\s*[;,]\s*/)
+    .filter(Boolean)
+    .map(one);
   return parts.some((part) => part === null) ? null : (parts as Value[]);
 }
 
@@ -54,9 +66,16 @@ export function read(field: Field, text: string): SettingValue | undefined | nul
 class Row {
   readonly root: HTMLElement;
   private readonly control: Control;
-  private readonly message = element('p', { class: 'field-error', id: uniqueId('error'), attributes: { role: 'alert' } });
+  private readonly message = element('p', {
+    class: 'field-error',
+    id: uniqueId('error'),
+    attributes: { role: 'alert' },
+  });
 
-  constructor(private readonly field: Field, private readonly change: (value: SettingValue | undefined) => void) {
+  constructor(
+    private readonly field: Field,
+    private readonly change: (value: SettingValue | undefined) => void,
+  ) {
     this.control = this.makeControl();
     this.control.id = uniqueId('field');
     this.control.dataset['field'] = field.name;
@@ -64,22 +83,32 @@ class Row {
     this.control.addEventListener('change', () => this.commit());
     const label = element('label', { attributes: { for: this.control.id } }, labelOf(field));
     const unit = element('span', { class: 'unit' }, unitText(field.unit));
-    this.root = element('div', { class: `field ${field.kind}`, title: describe(field) }, label, this.control, unit, this.message);
+    this.root = element(
+      'div',
+      { class: `field ${field.kind}`, title: describe(field) },
+      label,
+      this.control,
+      unit,
+      this.message,
+    );
     this.message.hidden = true;
   }
 
   update(value: SettingValue | undefined, error: string | undefined, editable: boolean): void {
     const { control } = this;
-    if (control instanceof HTMLInputElement && control.type === 'checkbox') control.checked = (value ?? this.field.default ?? false) === true;
+    if (control instanceof HTMLInputElement && control.type === 'checkbox')
+      control.checked = (value ?? this.field.default ?? false) === true;
     else if (control instanceof HTMLSelectElement) {
       const text = shown(value);
-      if (text && ![...control.options].some((option) => option.value === text)) control.append(element('option', { attributes: { value: text } }, text));
+      if (text && ![...control.options].some((option) => option.value === text))
+        control.append(element('option', { attributes: { value: text } }, text));
       control.value = text;
     } else if (control !== document.activeElement || control.dataset['committed'] !== shown(value)) {
       control.value = shown(value);
       control.dataset['committed'] = control.value;
     }
-    if (control instanceof HTMLInputElement && control.type !== 'checkbox') control.readOnly = !editable || this.field.read_only;
+    if (control instanceof HTMLInputElement && control.type !== 'checkbox')
+      control.readOnly = !editable || this.field.read_only;
     else control.disabled = !editable || this.field.read_only;
     this.root.classList.toggle('given', value !== undefined);
     this.complain(error);
@@ -90,7 +119,13 @@ class Row {
     if (field.kind === 'logical') return element('input', { attributes: { type: 'checkbox' } });
     if (field.choices && !field.list) {
       const byDefault = field.default === null ? '–' : say('app.form.default', { value: shown(field.default) });
-      return element('select', {}, ...[['', byDefault] as const, ...field.choices.map((one) => [one, one] as const)].map(([value, text]) => element('option', { attributes: { value } }, text)));
+      return element(
+        'select',
+        {},
+        ...[['', byDefault] as const, ...field.choices.map((one) => [one, one] as const)].map(([value, text]) =>
+          element('option', { attributes: { value } }, text),
+        ),
+      );
     }
     const input = element('input', { attributes: { type: 'text', autocomplete: 'off', spellcheck: 'false' } });
     input.placeholder = shown(field.default);
@@ -132,7 +167,8 @@ class Row {
     const text = this.control.value || shown(this.field.default);
     const now = parsed(text || '0', false);
     if (!Number.isFinite(now)) return;
-    const size = this.field.kind === 'integer' ? 1 : 10 ** (now ? Math.floor(Math.log10(Math.abs(now)) + 1e-9) - 1 : -1);
+    const size =
+      this.field.kind === 'integer' ? 1 : 10 ** (now ? Math.floor(Math.log10(Math.abs(now)) + 1e-9) - 1 : -1);
     const next = now + direction * size * (event.shiftKey ? 10 : 1);
     const bounded = Math.max(this.field.min ?? -Infinity, Math.min(this.field.max ?? Infinity, next));
     this.control.value = shown(Number(bounded.toPrecision(12)));
@@ -145,7 +181,10 @@ export class Form {
   readonly root = element('div', { class: 'form' });
   private readonly rows = new Map<string, Row>();
 
-  constructor(readonly fields: readonly Field[], change: (name: string, value: SettingValue | undefined) => void) {
+  constructor(
+    readonly fields: readonly Field[],
+    change: (name: string, value: SettingValue | undefined) => void,
+  ) {
     for (const field of fields) {
       const row = new Row(field, (value) => change(field.name, value));
       this.rows.set(field.name, row);

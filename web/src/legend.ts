@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Legend on the map: which result is shown, its colours with round numbers, and what else has a colour.
-import { css, placeOf, ticks, viridis, type ColourScale } from './colours';
+import { css, placeOf, plasma, ticks, viridis, type ColourScale, type Palette } from './colours';
 import { element } from './dom';
 import { zoneColour } from './map/rasters';
 import type { MapName, OverlayHeader } from './protocol';
@@ -14,7 +14,12 @@ export class Legend {
   private readonly zones = element('details', { class: 'zone-legend' });
 
   constructor(maps: readonly MapName[], shown: string, onMap: (name: string) => void) {
-    this.choice = element('select', { attributes: { 'aria-label': say('app.legend.map'), 'data-action': 'map' } }, option('', say('app.legend.no_map')), ...choices(maps));
+    this.choice = element(
+      'select',
+      { attributes: { 'aria-label': say('app.legend.map'), 'data-action': 'map' } },
+      option('', say('app.legend.no_map')),
+      ...choices(maps),
+    );
     this.choice.value = shown;
     this.choice.addEventListener('change', () => onMap(this.choice.value));
     this.root.append(this.choice, this.ramp, this.speeds, this.zones);
@@ -22,13 +27,23 @@ export class Legend {
     this.zones.hidden = true;
   }
 
+  /** Let another map be chosen, or only say which one is shown. */
+  enable(on: boolean): void {
+    this.choice.disabled = !on;
+  }
+
   setResult(header: OverlayHeader | null): void {
-    this.ramp.replaceChildren(...(header ? [ramp(header, header.unit)] : []));
+    if (header && this.choice.disabled) this.choice.value = header.name;
+    this.ramp.replaceChildren(...(header ? [ramp(header, header.unit, viridis)] : []));
   }
 
   setSpeeds(fastest: number | null): void {
     this.speeds.hidden = fastest === null || !(fastest > 0);
-    if (fastest) this.speeds.replaceChildren(element('p', {}, withUnit(say('app.legend.speed'), 'm/s')), ramp({ low: 0, high: fastest, scale: 'linear' }, 'm/s'));
+    if (fastest)
+      this.speeds.replaceChildren(
+        element('p', {}, withUnit(say('app.legend.speed'), 'm/s')),
+        ramp({ low: 0, high: fastest, scale: 'linear' }, 'm/s', plasma),
+      );
   }
 
   setZones(zones: readonly { name: string }[] | null): void {
@@ -44,13 +59,34 @@ export class Legend {
 }
 
 // Maps most used; they have names in every language.
-const COMMON = ['passages', 'reach_probability', 'deposits', 'energy_q95', 'energy_mean', 'energy_max', 'speed_q95', 'speed_max_map', 'passing_height_q95', 'passing_height_max', 'jump_height_q95', 'jump_height_max_map', 'energy_line_angle_max', 'travel_time_min'];
+const COMMON = [
+  'passages',
+  'reach_probability',
+  'deposits',
+  'energy_q95',
+  'energy_mean',
+  'energy_max',
+  'speed_q95',
+  'speed_max_map',
+  'passing_height_q95',
+  'passing_height_max',
+  'jump_height_q95',
+  'jump_height_max_map',
+  'energy_line_angle_max',
+  'travel_time_min',
+];
 
 function choices(maps: readonly MapName[]): HTMLElement[] {
   const common = COMMON.flatMap((name) => maps.find((map) => map.name === name) ?? []);
   const others = maps.filter(({ name }) => !COMMON.includes(name));
-  const options = (some: readonly MapName[]): HTMLElement[] => some.map((map) => option(map.name, withUnit(nameOfMap(map), map.unit)));
-  return [...options(common), ...(others.length ? [element('optgroup', { attributes: { label: say('app.legend.others') } }, ...options(others))] : [])];
+  const options = (some: readonly MapName[]): HTMLElement[] =>
+    some.map((map) => option(map.name, withUnit(nameOfMap(map), map.unit)));
+  return [
+    ...options(common),
+    ...(others.length
+      ? [element('optgroup', { attributes: { label: say('app.legend.others') } }, ...options(others))]
+      : []),
+  ];
 }
 
 function option(value: string, text: string): HTMLOptionElement {
@@ -67,15 +103,30 @@ export function withUnit(label: string, unit: string): string {
 }
 
 /** Bar of colours with its round numbers. */
-function ramp(scale: ColourScale, unit: string): HTMLElement {
+function ramp(scale: ColourScale, unit: string, palette: Palette): HTMLElement {
   const bar = element('div', { class: 'ramp' });
-  bar.style.background = `linear-gradient(to right, ${Array.from({ length: 16 }, (_, k) => css(viridis(k / 15))).join(', ')})`;
-  const numbers = element('div', { class: 'ticks' }, ...spread(scale).map(({ text, place }) => {
-    const tick = element('span', {}, text);
-    tick.style.left = `${100 * place}%`;
-    return tick;
-  }));
-  return element('div', { class: 'scale', attributes: { role: 'img', 'aria-label': `${decimal(Number(scale.low.toPrecision(3)))} – ${decimal(Number(scale.high.toPrecision(3)))} ${unit}` } }, bar, numbers);
+  bar.style.background = `linear-gradient(to right, ${Array.from({ length: 16 }, (_, k) => css(palette(k / 15))).join(', ')})`;
+  const numbers = element(
+    'div',
+    { class: 'ticks' },
+    ...spread(scale).map(({ text, place }) => {
+      const tick = element('span', {}, text);
+      tick.style.left = `${100 * place}%`;
+      return tick;
+    }),
+  );
+  return element(
+    'div',
+    {
+      class: 'scale',
+      attributes: {
+        role: 'img',
+        'aria-label': `${decimal(Number(scale.low.toPrecision(3)))} – ${decimal(Number(scale.high.toPrecision(3)))} ${unit}`,
+      },
+    },
+    bar,
+    numbers,
+  );
 }
 
 interface Tick {
@@ -92,7 +143,8 @@ export function spread(scale: ColourScale): Tick[] {
     const place = Math.max(0, Math.min(1, placeOf(value, scale)));
     const text = decimal(Number(value.toPrecision(3)));
     const last = found.at(-1);
-    if (!last || place - last.place > (LETTER * (text.length + last.text.length)) / 2 + 0.02) found.push({ text, place });
+    if (!last || place - last.place > (LETTER * (text.length + last.text.length)) / 2 + 0.02)
+      found.push({ text, place });
   }
   return found;
 }

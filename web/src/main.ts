@@ -29,15 +29,24 @@ declare global {
 }
 window.rockfall = Object.freeze({
   pixelOf: (place: [number, number]) => current?.pixelOf(place) ?? null,
-  get revision() { return current?.revision ?? 0; },
-  get preliminary() { return current?.preliminary ?? true; },
-  get batch() { return current?.shownBatch ?? null; },
-  get document() { return current?.document ?? null; },
+  get revision() {
+    return current?.revision ?? 0;
+  },
+  get preliminary() {
+    return current?.preliminary ?? true;
+  },
+  get batch() {
+    return current?.shownBatch ?? null;
+  },
+  get document() {
+    return current?.document ?? null;
+  },
 });
 
 function receive(message: Text): void {
   if (message.type === 'welcome') welcome(message);
-  else if (message.type === 'fault' && !current) root.replaceChildren(element('p', { class: 'alert red' }, message.text));
+  else if (message.type === 'fault' && !current)
+    root.replaceChildren(element('p', { class: 'alert red' }, message.text));
   else current?.receive(message);
 }
 
@@ -49,22 +58,34 @@ function welcome(message: Welcome): void {
   setTexts(message.texts, message.language);
   document.documentElement.lang = message.language;
   document.title = message.title ? `${message.title} – rockfall` : 'rockfall';
+  const variants = current?.variantsFor(message) ?? []; // after a lost connection
   current?.dispose();
   current = null;
-  if (message.mode === 'start') root.replaceChildren(startPage(message, (index) => connection.send({ type: 'open_recent', index })));
-  else current = new CaseWindow(root, message, connection);
+  if (message.mode === 'start')
+    root.replaceChildren(startPage(message, (index) => connection.send({ type: 'open_recent', index })));
+  else current = new CaseWindow(root, message, connection, variants);
 }
 
 /** The server is gone: say so plainly, above what is shown. */
 function lost(reason: 'refused' | 'closed'): void {
   // Before the first message the page has no texts: then it speaks English.
   const known = say('app.lost') !== 'app.lost';
-  const text = known ? say(reason === 'refused' ? 'app.refused' : 'app.lost') : 'No connection to rockfall. Start `rockfall app` again, and open the address that it prints.';
-  const notice = element('div', { class: 'lost', attributes: { role: 'alertdialog', 'aria-label': text } },
-    element('p', {}, text), button(known ? say('app.retry') : 'Try again', () => {
-      notice.remove();
-      connection.retry();
-    }, { class: 'primary' }));
+  const text = known
+    ? say(reason === 'refused' ? 'app.refused' : 'app.lost')
+    : 'No connection to rockfall. Start `rockfall app` again, and open the address that it prints.';
+  const notice = element(
+    'div',
+    { class: 'lost', attributes: { role: 'alertdialog', 'aria-label': text } },
+    element('p', {}, text),
+    button(
+      known ? say('app.retry') : 'Try again',
+      () => {
+        notice.remove();
+        connection.retry();
+      },
+      { class: 'primary' },
+    ),
+  );
   document.querySelectorAll('.lost').forEach((old) => old.remove());
   document.body.append(notice);
 }

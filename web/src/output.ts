@@ -9,14 +9,34 @@ export class Output {
   readonly dialog = element('dialog', { class: 'output' });
   private task: Task = 'save';
   private readonly title = element('h2', { id: uniqueId('dialog') });
-  private readonly name = element('input', { id: uniqueId('name'), attributes: { type: 'text', autocomplete: 'off', spellcheck: 'false', maxlength: '100', 'data-field': 'file_name' } });
+  private readonly name = element('input', {
+    id: uniqueId('name'),
+    attributes: { type: 'text', autocomplete: 'off', spellcheck: 'false', maxlength: '100', 'data-field': 'file_name' },
+  });
   private readonly files = element('p', { class: 'hint' });
   private readonly message = element('div', { class: 'dialog-message', attributes: { role: 'status' } });
   private readonly buttons = element('div', { class: 'actions' });
 
-  constructor(private readonly connection: Connection, name: string, private readonly folder: string) {
+  constructor(
+    private readonly connection: Connection,
+    name: string,
+    private readonly folder: string,
+  ) {
     this.name.value = name;
-    const form = element('form', {}, this.title, element('div', { class: 'field wide' }, element('label', { attributes: { for: this.name.id } }, say('app.output.name')), this.name), this.files, this.message, this.buttons);
+    const form = element(
+      'form',
+      {},
+      this.title,
+      element(
+        'div',
+        { class: 'field wide' },
+        element('label', { attributes: { for: this.name.id } }, say('app.output.name')),
+        this.name,
+      ),
+      this.files,
+      this.message,
+      this.buttons,
+    );
     form.addEventListener('submit', (event) => {
       event.preventDefault();
       this.send(false);
@@ -38,7 +58,14 @@ export class Output {
   refused(text: string, exists: boolean): void {
     this.name.readOnly = false;
     this.tell(element('p', { class: `alert ${exists ? 'amber' : 'red'}` }, text));
-    this.offer(exists ? button(say('app.output.overwrite'), () => this.send(true), { class: 'danger', attributes: { 'data-action': 'overwrite' } }) : this.submit());
+    this.offer(
+      exists
+        ? button(say('app.output.overwrite'), () => this.send(true), {
+            class: 'danger',
+            attributes: { 'data-action': 'overwrite' },
+          })
+        : this.submit(),
+    );
   }
 
   progress({ task, phase, done, total, seconds_left }: Progress): void {
@@ -48,12 +75,24 @@ export class Output {
     if (total) bar.value = done;
     const left = seconds_left === null ? '' : say('app.run.left', { time: duration(seconds_left) });
     this.tell(element('p', {}, phase), bar, element('p', { class: 'hint' }, left));
-    this.buttons.replaceChildren(button(say('app.cancel'), () => this.connection.send({ type: 'cancel' }), { attributes: { 'data-action': 'cancel' } }));
+    this.buttons.replaceChildren(
+      button(say('app.cancel'), () => this.connection.send({ type: 'cancel' }), {
+        attributes: { 'data-action': 'cancel' },
+      }),
+    );
   }
 
   done(files: readonly string[]): void {
-    this.tell(element('p', { class: 'alert good' }, say('app.output.written', { folder: this.folder })), element('ul', { class: 'files' }, ...files.map((file) => element('li', {}, file))));
-    this.buttons.replaceChildren(button(say('app.close'), () => this.dialog.close(), { class: 'primary', attributes: { 'data-action': 'close-dialog' } }));
+    this.tell(
+      element('p', { class: 'alert good' }, say('app.output.written', { folder: this.folder })),
+      element('ul', { class: 'files' }, ...files.map((file) => element('li', {}, file))),
+    );
+    this.buttons.replaceChildren(
+      button(say('app.close'), () => this.dialog.close(), {
+        class: 'primary',
+        attributes: { 'data-action': 'close-dialog' },
+      }),
+    );
   }
 
   private ask(): void {
@@ -71,16 +110,25 @@ export class Output {
     this.name.readOnly = true;
     this.connection.send({ type: this.task, name, overwrite });
     this.tell(element('p', { class: 'hint' }, say('app.output.working')));
-    this.buttons.replaceChildren(this.task === 'save' ? '' : button(say('app.cancel'), () => this.connection.send({ type: 'cancel' })));
+    this.buttons.replaceChildren(
+      this.task === 'save' ? '' : button(say('app.cancel'), () => this.connection.send({ type: 'cancel' })),
+    );
   }
 
   private submit(): HTMLButtonElement {
-    const made = element('button', { class: 'primary', attributes: { type: 'submit', 'data-action': 'write' } }, say(`app.output.${this.task}`));
+    const made = element(
+      'button',
+      { class: 'primary', attributes: { type: 'submit', 'data-action': 'write' } },
+      say(`app.output.${this.task}`),
+    );
     return made;
   }
 
   private offer(action: HTMLButtonElement): void {
-    this.buttons.replaceChildren(button(say('app.cancel'), () => this.dialog.close()), action);
+    this.buttons.replaceChildren(
+      button(say('app.cancel'), () => this.dialog.close()),
+      action,
+    );
   }
 
   private tell(...children: HTMLElement[]): void {

@@ -58,7 +58,12 @@ export type LongTask = 'report' | 'export';
 /** From the page to the server. */
 export type Request =
   | { type: 'hello'; key: string; language: string }
-  | { type: 'edit'; revision: number; layers?: Partial<Record<Layer, readonly Feature[]>>; settings?: Record<string, Group> }
+  | {
+      type: 'edit';
+      revision: number;
+      layers?: Partial<Record<Layer, readonly Feature[]>>;
+      settings?: Record<string, Group>;
+    }
   | { type: 'view'; map: string; trajectories: number }
   | { type: 'run' | 'stop' | 'cancel' | 'take_over' }
   | { type: Task; name: string; overwrite: boolean }
@@ -109,6 +114,7 @@ export type Text =
   | State
   | Progress
   | { type: 'role'; writer: boolean }
+  | { type: 'document'; document: CaseDocument; revision: number } // as another window left it
   | { type: 'done'; task: LongTask; files: string[] }
   | { type: 'refused'; task: string; text: string; exists: boolean }
   | { type: 'saved'; files: string[]; document_revision: number }
@@ -237,7 +243,9 @@ const decoder = new TextDecoder();
 /** Read a binary message: length of its header, header, arrays; nothing is copied. */
 export function decode(message: ArrayBuffer): Binary {
   const length = new DataView(message).getUint32(0, true);
-  const header = JSON.parse(decoder.decode(new Uint8Array(message, 4, length))) as BinaryHeader & { arrays: ArrayHeader[] };
+  const header = JSON.parse(decoder.decode(new Uint8Array(message, 4, length))) as BinaryHeader & {
+    arrays: ArrayHeader[];
+  };
   const payload = 8 * Math.ceil((4 + length) / 8);
   const arrays = new Map<string, Grid>();
   for (const { name, dtype, shape, offset } of header.arrays) {
@@ -248,6 +256,9 @@ export function decode(message: ArrayBuffer): Binary {
 }
 
 /** Narrow a binary message to those of a type. */
-export function isOf<Type extends BinaryHeader['type']>(message: Binary, type: Type): message is Binary<Extract<BinaryHeader, { type: Type }>> {
+export function isOf<Type extends BinaryHeader['type']>(
+  message: Binary,
+  type: Type,
+): message is Binary<Extract<BinaryHeader, { type: Type }>> {
   return message.header.type === type;
 }

@@ -12,27 +12,48 @@ interface Actions {
 }
 
 export class RunBar {
-  readonly root = element('div', { class: 'run-bar', attributes: { role: 'group', 'aria-label': say('app.run.label') } });
+  readonly root = element('div', {
+    class: 'run-bar',
+    attributes: { role: 'group', 'aria-label': say('app.run.label') },
+  });
   private readonly text = element('span', { class: 'run-text', attributes: { 'aria-live': 'off' } });
   private readonly bar = element('progress', { attributes: { max: '1', 'aria-label': say('app.run.label') } });
   private readonly toggle: HTMLButtonElement;
   private readonly tenfold: HTMLButtonElement;
   private running = false;
 
-  constructor(actions: Actions, private readonly live: boolean) {
-    this.toggle = button([icon('pause')], () => (this.running ? actions.stop() : actions.run()), { class: 'icon-button', attributes: { 'data-action': 'pause' } });
-    this.tenfold = button('×10', () => actions.more(), { title: say('app.run.tenfold'), attributes: { 'data-action': 'tenfold' } });
+  constructor(
+    actions: Actions,
+    private readonly live: boolean,
+  ) {
+    this.toggle = button([icon('pause')], () => (this.running ? actions.stop() : actions.run()), {
+      class: 'icon-button',
+      attributes: { 'data-action': 'pause' },
+    });
+    this.tenfold = button('×10', () => actions.more(), {
+      title: say('app.run.tenfold'),
+      attributes: { 'data-action': 'tenfold' },
+    });
     this.root.append(element('div', { class: 'run-state' }, this.text, this.bar));
     if (live) this.root.append(this.toggle, this.tenfold);
   }
 
-  /** Show a batch; without one, or with one of an older state, results are awaited. */
-  update(batch: BatchMessage | null, preliminary: boolean, failed: boolean, writer: boolean): void {
+  /** Show a batch; without one, or with one of an older state, results are awaited, unless a reason says why none will come. */
+  update(batch: BatchMessage | null, preliminary: boolean, reason: string, writer: boolean): void {
+    const failed = reason !== '';
     const current = batch !== null && !preliminary;
     this.running = current ? batch.running : !failed;
-    const state = failed ? 'failed' : !current ? 'waiting' : batch.complete ? 'complete' : batch.running ? 'running' : 'paused';
+    const state = failed
+      ? 'failed'
+      : !current
+        ? 'waiting'
+        : batch.complete
+          ? 'complete'
+          : batch.running
+            ? 'running'
+            : 'paused';
     this.root.dataset['state'] = this.live ? state : 'complete';
-    this.text.textContent = failed ? say('app.run.failed') : current ? this.describe(batch) : say('app.run.waiting');
+    this.text.textContent = failed ? reason : current ? this.describe(batch) : say('app.run.waiting');
     if (current) this.bar.value = batch.total ? batch.boulders / batch.total : 0;
     else if (!failed) this.bar.removeAttribute('value');
     else this.bar.value = 0;
@@ -45,8 +66,14 @@ export class RunBar {
   }
 
   private describe({ boulders, total, complete, seconds, seconds_left }: BatchMessage): string {
-    if (complete) return this.live ? say('app.run.complete', { n: boulders, time: duration(seconds) }) : say('app.run.of_result', { n: boulders });
-    const left = this.running && seconds_left !== null && seconds_left > 1 ? say('app.run.left', { time: duration(seconds_left) }) : duration(seconds);
+    if (complete)
+      return this.live
+        ? say('app.run.complete', { n: boulders, time: duration(seconds) })
+        : say('app.run.of_result', { n: boulders });
+    const left =
+      this.running && seconds_left !== null && seconds_left > 1
+        ? say('app.run.left', { time: duration(seconds_left) })
+        : duration(seconds);
     return `${say('app.run.part', { n: boulders, total })} · ${left}`;
   }
 }

@@ -11,10 +11,22 @@ export class Shell {
   readonly top = element('header', { class: 'top' });
   readonly notices = element('div', { class: 'notices' });
   readonly tools = element('div', { class: 'tool-strip' });
-  readonly mapTarget = element('div', { class: 'map', id: 'map', attributes: { tabindex: '0', role: 'application', 'aria-label': say('app.map.label') } });
+  readonly mapTarget = element('div', {
+    class: 'map',
+    id: 'map',
+    attributes: { tabindex: '0', role: 'application', 'aria-label': say('app.map.label') },
+  });
   readonly mapPane = element('section', { class: 'pane map-pane' }, this.mapTarget);
-  readonly scenePane = element('section', { class: 'pane scene-pane', hidden: true, attributes: { 'aria-label': say('app.view.scene') } });
-  readonly comparePane = element('section', { class: 'pane compare-pane', hidden: true, attributes: { 'aria-label': say('app.view.compare') } });
+  readonly scenePane = element('section', {
+    class: 'pane scene-pane',
+    hidden: true,
+    attributes: { 'aria-label': say('app.view.scene') },
+  });
+  readonly comparePane = element('section', {
+    class: 'pane compare-pane',
+    hidden: true,
+    attributes: { 'aria-label': say('app.view.compare') },
+  });
   readonly stage = element('main', { class: 'stage' }, this.mapPane, this.scenePane, this.comparePane);
   readonly dock = element('section', { class: 'dock', attributes: { 'aria-labelledby': 'dock-title' } });
   readonly side = element('aside', { class: 'side' });
@@ -26,12 +38,30 @@ export class Shell {
   private timer = 0;
 
   constructor(parent: HTMLElement) {
-    const fold = button(icon('down'), () => {
-      const folded = this.root.classList.toggle('dock-folded');
-      fold.replaceChildren(icon(folded ? 'up' : 'down'));
-      fold.setAttribute('aria-expanded', String(!folded));
-    }, { class: 'icon-button', title: say('app.statistics.fold'), attributes: { 'aria-label': say('app.statistics.fold'), 'aria-expanded': 'true' } });
-    this.dock.append(element('header', {}, element('h2', { id: 'dock-title' }, say('app.statistics.title')), this.dockTag, this.dockNote, fold), this.dockBody);
+    const fold = button(
+      icon('down'),
+      () => {
+        const folded = this.root.classList.toggle('dock-folded');
+        fold.replaceChildren(icon(folded ? 'up' : 'down'));
+        fold.setAttribute('aria-expanded', String(!folded));
+      },
+      {
+        class: 'icon-button',
+        title: say('app.statistics.fold'),
+        attributes: { 'aria-label': say('app.statistics.fold'), 'aria-expanded': 'true' },
+      },
+    );
+    this.dock.append(
+      element(
+        'header',
+        {},
+        element('h2', { id: 'dock-title' }, say('app.statistics.title')),
+        this.dockTag,
+        this.dockNote,
+        fold,
+      ),
+      this.dockBody,
+    );
     this.mapPane.append(this.tag);
     this.root.append(this.top, this.notices, this.tools, this.stage, this.dock, this.side, this.toast);
     parent.replaceChildren(this.root);
@@ -57,6 +87,11 @@ export class Shell {
     this.root.classList.toggle('preliminary', text !== '');
   }
 
+  /** What to do next, on the map. */
+  hint(text: string): void {
+    this.mapPane.dataset['hint'] = text;
+  }
+
   say(text: string): void {
     this.toast.textContent = text;
     this.toast.classList.add('shown');
@@ -67,8 +102,19 @@ export class Shell {
   /** A line across the window, such as one on the second tab; replaces the one of the same name. */
   notice(name: string, kind: 'red' | 'amber', text: string, action: HTMLButtonElement | null = null): void {
     this.clearNotice(name);
-    this.notices.append(element('div', { class: `alert ${kind}`, attributes: { role: 'alert', 'data-notice': name } }, icon('warning'), element('span', {}, text), action,
-      button(icon('close'), () => this.clearNotice(name), { class: 'icon-button', attributes: { 'aria-label': say('app.close') } })));
+    this.notices.append(
+      element(
+        'div',
+        { class: `alert ${kind}`, attributes: { role: 'alert', 'data-notice': name } },
+        icon('warning'),
+        element('span', {}, text),
+        action,
+        button(icon('close'), () => this.clearNotice(name), {
+          class: 'icon-button',
+          attributes: { 'aria-label': say('app.close') },
+        }),
+      ),
+    );
   }
 
   clearNotice(name: string): void {
@@ -79,7 +125,12 @@ export class Shell {
 /** A button that opens a list of actions. */
 export function menu(label: string, ...items: HTMLElement[]): HTMLDetailsElement {
   const list = element('div', { class: 'menu-list card' }, ...items);
-  const box = element('details', { class: 'menu' }, element('summary', { title: label, attributes: { 'aria-label': label } }, icon('more')), list);
+  const box = element(
+    'details',
+    { class: 'menu' },
+    element('summary', { title: label, attributes: { 'aria-label': label } }, icon('more')),
+    list,
+  );
   list.addEventListener('click', (event) => {
     if (event.target instanceof HTMLElement && event.target.closest('button')) box.open = false;
   });

@@ -34,7 +34,10 @@ const formats = new Map<number, Intl.NumberFormat>();
 export function decimal(value: number, decimals = -1): string {
   let format = formats.get(decimals);
   if (!format) {
-    const digits = decimals < 0 ? { maximumFractionDigits: 6 } : { minimumFractionDigits: decimals, maximumFractionDigits: decimals };
+    const digits =
+      decimals < 0
+        ? { maximumFractionDigits: 6 }
+        : { minimumFractionDigits: decimals, maximumFractionDigits: decimals };
     format = new Intl.NumberFormat(language, { useGrouping: true, ...digits });
     formats.set(decimals, format);
   }

@@ -13,7 +13,10 @@ export class Toolbar {
     for (const tool of tools) {
       const { letter } = TOOLS[tool];
       const text = say(`app.tool.${tool}`);
-      const made = button([icon(tool), element('kbd', {}, letter)], () => use(tool), { title: `${text} (${letter})`, attributes: { 'aria-label': text, 'aria-keyshortcuts': letter, 'aria-pressed': 'false', 'data-tool': tool } });
+      const made = button([icon(tool), element('kbd', {}, letter)], () => use(tool), {
+        title: `${text} (${letter})`,
+        attributes: { 'aria-label': text, 'aria-keyshortcuts': letter, 'aria-pressed': 'false', 'data-tool': tool },
+      });
       this.buttons.set(tool, made);
       this.root.append(made);
     }

@@ -16,35 +16,62 @@ function stroke(colour: string, width: number, extra: { lineDash?: number[]; lin
 function label(name: Value | undefined, colour: string, offsetY: number): Style[] {
   if (name === undefined || name === '') return [];
   const text = new Text({
-    text: String(name), font: '600 12px system-ui, sans-serif', offsetY, overflow: true,
-    fill: new Fill({ color: colour }), stroke: stroke('rgb(255 255 255 / 0.9)', 3.5),
+    text: String(name),
+    font: '600 12px system-ui, sans-serif',
+    offsetY,
+    overflow: true,
+    fill: new Fill({ color: colour }),
+    stroke: stroke('rgb(255 255 255 / 0.9)', 3.5),
   });
   return [new Style({ text, zIndex: 5 })];
 }
 
 function translucent(colour: string, percent: number): string {
-  return colour + Math.round(2.55 * percent).toString(16).padStart(2, '0');
+  return (
+    colour +
+    Math.round(2.55 * percent)
+      .toString(16)
+      .padStart(2, '0')
+  );
 }
 
 /** Width of a dam at its foot [m]. */
 function footWidth(properties: Readonly<Record<string, Value>>): number {
-  const number = (name: string, otherwise: number): number => (typeof properties[name] === 'number' ? (properties[name] as number) : otherwise);
+  const number = (name: string, otherwise: number): number =>
+    typeof properties[name] === 'number' ? (properties[name] as number) : otherwise;
   return number('crest_width', 0) + (2 * number('height', 0)) / Math.tan((number('slope', 45) * Math.PI) / 180);
 }
 
-function shapeStyles(layer: Layer, properties: Readonly<Record<string, Value>>, selected: boolean, resolution: number): Style[] {
+function shapeStyles(
+  layer: Layer,
+  properties: Readonly<Record<string, Value>>,
+  selected: boolean,
+  resolution: number,
+): Style[] {
   const colour = LAYER_COLOURS[layer];
   const wide = selected ? 1 : 0;
   switch (layer) {
     case 'sources':
-      return [new Style({
-        image: new Circle({ radius: 6.5 + wide, fill: new Fill({ color: colour }), stroke: stroke('#fff', 2) }),
-        stroke: stroke(colour, 2 + wide), fill: new Fill({ color: translucent(colour, 25) }), zIndex: 4,
-      })];
+      return [
+        new Style({
+          image: new Circle({ radius: 6.5 + wide, fill: new Fill({ color: colour }), stroke: stroke('#fff', 2) }),
+          stroke: stroke(colour, 2 + wide),
+          fill: new Fill({ color: translucent(colour, 25) }),
+          zIndex: 4,
+        }),
+      ];
     case 'zones':
-      return [new Style({ stroke: stroke(colour, 2 + wide, { lineDash: [7, 4] }), fill: new Fill({ color: translucent(colour, 16) }) })];
+      return [
+        new Style({
+          stroke: stroke(colour, 2 + wide, { lineDash: [7, 4] }),
+          fill: new Fill({ color: translucent(colour, 16) }),
+        }),
+      ];
     case 'lines':
-      return [new Style({ stroke: stroke(HALO, 5 + wide) }), new Style({ stroke: stroke(colour, 2.5 + wide), zIndex: 3 })];
+      return [
+        new Style({ stroke: stroke(HALO, 5 + wide) }),
+        new Style({ stroke: stroke(colour, 2.5 + wide), zIndex: 3 }),
+      ];
     case 'barriers':
       return [
         new Style({ stroke: stroke(HALO, 7 + wide) }),
@@ -64,11 +91,19 @@ function shapeStyles(layer: Layer, properties: Readonly<Record<string, Value>>, 
 /** Vertices, and between them places where a vertex can be pulled out. */
 export function handles(geometry: LineString | Polygon): { vertices: number[][]; middles: number[][] } {
   const ring = geometry instanceof Polygon ? (geometry.getCoordinates()[0] ?? []) : geometry.getCoordinates();
-  const middles = ring.slice(1).map(([x = 0, y = 0], k) => [(x + (ring[k]?.[0] ?? 0)) / 2, (y + (ring[k]?.[1] ?? 0)) / 2]);
+  const middles = ring
+    .slice(1)
+    .map(([x = 0, y = 0], k) => [(x + (ring[k]?.[0] ?? 0)) / 2, (y + (ring[k]?.[1] ?? 0)) / 2]);
   return { vertices: ring, middles };
 }
 
-const VERTEX = new RegularShape({ points: 4, radius: 6.5, angle: Math.PI / 4, fill: new Fill({ color: '#fff' }), stroke: stroke(ACCENT, 2) });
+const VERTEX = new RegularShape({
+  points: 4,
+  radius: 6.5,
+  angle: Math.PI / 4,
+  fill: new Fill({ color: '#fff' }),
+  stroke: stroke(ACCENT, 2),
+});
 const MIDDLE = new Circle({ radius: 3.5, fill: new Fill({ color: '#fff' }), stroke: stroke(ACCENT, 1.5) });
 const RING = new Circle({ radius: 11, stroke: stroke(ACCENT, 2.5) });
 
@@ -83,13 +118,23 @@ function handleStyles(geometry: unknown): Style[] {
 }
 
 /** Styles of a feature; handles only where it can be edited. */
-export function featureStyles(feature: OlFeature, layer: Layer, properties: Readonly<Record<string, Value>>, selected: boolean, editable: boolean, resolution: number): Style[] {
+export function featureStyles(
+  feature: OlFeature,
+  layer: Layer,
+  properties: Readonly<Record<string, Value>>,
+  selected: boolean,
+  editable: boolean,
+  resolution: number,
+): Style[] {
   const geometry = feature.getGeometry();
   const dark = { sources: '#8f3f00', lines: '#00507d', barriers: '#7a2f5c', dams: '#6b4600', zones: '#00664a' }[layer];
-  const styles = [...shapeStyles(layer, properties, selected, resolution), ...label(properties['name'], dark, geometry instanceof Point ? -16 : -12)];
+  const styles = [
+    ...shapeStyles(layer, properties, selected, resolution),
+    ...label(properties['name'], dark, geometry instanceof Point ? -16 : -12),
+  ];
   if (!selected) return styles;
   if (editable) return [...styles, ...handleStyles(geometry)];
-  return [new Style({ stroke: stroke(translucent(ACCENT, 50), 9), image: RING }), ...styles];
+  return [new Style({ stroke: stroke(translucent(ACCENT, 70), 13), image: RING }), ...styles];
 }
 
 /** The shape that is being drawn. */
@@ -98,8 +143,14 @@ export function sketchStyle(layer: Layer): Style[] {
   const dot = new Circle({ radius: 5, fill: new Fill({ color: colour }), stroke: stroke('#fff', 2) });
   return [
     new Style({ stroke: stroke(HALO, 5) }),
-    new Style({ stroke: stroke(colour, 2.5, { lineDash: [8, 5] }), fill: new Fill({ color: translucent(colour, 18) }), image: dot }),
+    new Style({
+      stroke: stroke(colour, 2.5, { lineDash: [8, 5] }),
+      fill: new Fill({ color: translucent(colour, 18) }),
+      image: dot,
+    }),
   ];
 }
 
-export const GRABBED = new Style({ image: new Circle({ radius: 7, fill: new Fill({ color: ACCENT }), stroke: stroke('#fff', 2) }) });
+export const GRABBED = new Style({
+  image: new Circle({ radius: 7, fill: new Fill({ color: ACCENT }), stroke: stroke('#fff', 2) }),
+});

@@ -17,14 +17,22 @@ export class FeatureLayers {
   constructor() {
     const make = (name: Layer, k: number): VectorLayer<VectorSource> =>
       new VectorLayer({
-        source: new VectorSource({ wrapX: false }), zIndex: 30 + 2 * k, updateWhileInteracting: true, updateWhileAnimating: true,
+        source: new VectorSource({ wrapX: false }),
+        zIndex: 30 + 2 * k,
+        updateWhileInteracting: true,
+        updateWhileAnimating: true,
         style: (feature, resolution) => {
           const data = feature instanceof OlFeature && dataOf(feature);
-          return data ? featureStyles(feature, name, data.properties, data.id === this.selected, this.editable, resolution) : [];
+          return data
+            ? featureStyles(feature, name, data.properties, data.id === this.selected, this.editable, resolution)
+            : [];
         },
       });
     const order: readonly Layer[] = ['zones', 'dams', 'lines', 'barriers', 'sources'];
-    this.layers = Object.fromEntries(order.map((name, k) => [name, make(name, k)])) as Record<Layer, VectorLayer<VectorSource>>;
+    this.layers = Object.fromEntries(order.map((name, k) => [name, make(name, k)])) as Record<
+      Layer,
+      VectorLayer<VectorSource>
+    >;
   }
 
   source(layer: Layer): VectorSource {
@@ -82,17 +90,31 @@ export function setData(feature: OlFeature, data: Feature): void {
 
 function geometryOf(feature: Feature): Geometry {
   switch (feature.type) {
-    case 'Point': return new Point(feature.coordinates);
-    case 'LineString': return new LineString(feature.coordinates);
-    case 'Polygon': return new Polygon(feature.coordinates);
+    case 'Point':
+      return new Point(feature.coordinates);
+    case 'LineString':
+      return new LineString(feature.coordinates);
+    case 'Polygon':
+      return new Polygon(feature.coordinates);
   }
 }
 
 /** A feature of the document with a geometry of the map, to the millimetre. */
 export function featureOf(id: string, properties: Feature['properties'], geometry: Geometry): Feature {
-  const position = ([x = 0, y = 0]: readonly number[]): Position => [Math.round(x * 1000) / 1000, Math.round(y * 1000) / 1000];
-  if (geometry instanceof Point) return { id, type: 'Point', coordinates: position(geometry.getCoordinates()), properties };
-  if (geometry instanceof LineString) return { id, type: 'LineString', coordinates: geometry.getCoordinates().map(position), properties };
-  if (geometry instanceof Polygon) return { id, type: 'Polygon', coordinates: geometry.getCoordinates().map((ring) => ring.map(position)), properties };
+  const position = ([x = 0, y = 0]: readonly number[]): Position => [
+    Math.round(x * 1000) / 1000,
+    Math.round(y * 1000) / 1000,
+  ];
+  if (geometry instanceof Point)
+    return { id, type: 'Point', coordinates: position(geometry.getCoordinates()), properties };
+  if (geometry instanceof LineString)
+    return { id, type: 'LineString', coordinates: geometry.getCoordinates().map(position), properties };
+  if (geometry instanceof Polygon)
+    return {
+      id,
+      type: 'Polygon',
+      coordinates: geometry.getCoordinates().map((ring) => ring.map(position)),
+      properties,
+    };
   throw new TypeError(`no feature is a ${geometry.getType()}`);
 }

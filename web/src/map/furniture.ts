@@ -10,14 +10,28 @@ import { scaleBar } from './scale';
 export function mapButtons(view: MapView): HTMLElement {
   const made = (name: Icon, key: string, action: () => void): HTMLButtonElement =>
     button(icon(name), action, { title: say(key), attributes: { 'aria-label': say(key), 'data-action': name } });
-  const arrow = svg('svg', { viewBox: '0 0 28 40', class: 'north', role: 'img', 'aria-label': say('app.map.north') },
-    svg('path', { d: 'M14 12 21.5 37 14 32 6.5 37Z', class: 'needle' }), svg('path', { d: 'M14 12V32L6.5 37Z', class: 'half' }));
+  const arrow = svg(
+    'svg',
+    { viewBox: '0 0 28 40', class: 'north', role: 'img', 'aria-label': say('app.map.north') },
+    svg('path', { d: 'M14 12 21.5 37 14 32 6.5 37Z', class: 'needle' }),
+    svg('path', { d: 'M14 12V32L6.5 37Z', class: 'half' }),
+  );
   const letter = svg('text', { x: 14, y: 9.5, 'text-anchor': 'middle' });
   letter.textContent = say('app.map.north_letter');
   arrow.append(letter);
-  return element('div', { class: 'map-buttons' }, arrow, element('div', { class: 'card', attributes: { role: 'group', 'aria-label': say('app.map.buttons') } },
-    made('plus', 'app.map.zoom_in', () => view.zoom(1)), made('minus', 'app.map.zoom_out', () => view.zoom(-1)),
-    made('fit_terrain', 'app.map.fit_terrain', () => view.fitTerrain()), made('fit_results', 'app.map.fit_results', () => view.fitResults())));
+  return element(
+    'div',
+    { class: 'map-buttons' },
+    arrow,
+    element(
+      'div',
+      { class: 'card', attributes: { role: 'group', 'aria-label': say('app.map.buttons') } },
+      made('plus', 'app.map.zoom_in', () => view.zoom(1)),
+      made('minus', 'app.map.zoom_out', () => view.zoom(-1)),
+      made('fit_terrain', 'app.map.fit_terrain', () => view.fitTerrain()),
+      made('fit_results', 'app.map.fit_results', () => view.fitResults()),
+    ),
+  );
 }
 
 /** Bar below a map: coordinates, elevation, CRS, scale. */
@@ -28,7 +42,11 @@ export class MapBar {
   private readonly length = element('span', { class: 'scale-length' });
 
   constructor(view: MapView, crs: string) {
-    this.root.append(this.place, element('span', { class: 'crs' }, crs), element('span', { class: 'scale-box' }, this.length, this.bar));
+    this.root.append(
+      this.place,
+      element('span', { class: 'crs' }, crs),
+      element('span', { class: 'scale-box' }, this.length, this.bar),
+    );
     view.map.on('pointermove', (event) => {
       const [x = 0, y = 0] = event.coordinate;
       this.read(x, y, view.elevation(x, y));

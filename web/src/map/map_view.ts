@@ -16,7 +16,18 @@ import { hillshade, resultRaster, zoneRaster } from './rasters';
 import { DotLayer, TrajectoryLayer } from './trajectory_layer';
 
 /** What can be switched on and off. */
-export type Shown = 'zones' | 'overlay' | 'trajectories' | 'stops' | 'trees' | 'background_sources' | 'sources' | 'lines' | 'barriers' | 'dams' | 'drawn_zones';
+export type Shown =
+  | 'zones'
+  | 'overlay'
+  | 'trajectories'
+  | 'stops'
+  | 'trees'
+  | 'background_sources'
+  | 'sources'
+  | 'lines'
+  | 'barriers'
+  | 'dams'
+  | 'drawn_zones';
 
 const PADDING = 28; // pixels around what the view is fitted to
 const TAG = 44; // and above it, where it says preliminary
@@ -29,8 +40,13 @@ export class MapView {
   private readonly shade = new RasterLayer(0, true);
   private readonly zones = new RasterLayer(5, false);
   private readonly overlay = new RasterLayer(10, false);
-  private readonly trees = new DotLayer(12, { colour: LAYER_COLOURS.trees, radius: 2.5, shape: 'circle', halo: true });
-  private readonly sources = new DotLayer(14, { colour: LAYER_COLOURS.sources, radius: 2, shape: 'square', halo: false });
+  private readonly trees = new DotLayer(12, { colour: LAYER_COLOURS.trees, radius: 1.8, shape: 'circle', halo: false });
+  private readonly sources = new DotLayer(14, {
+    colour: LAYER_COLOURS.sources,
+    radius: 1.4,
+    shape: 'square',
+    halo: false,
+  });
   private readonly stops = new DotLayer(22, { colour: LAYER_COLOURS.stops, radius: 1.3, shape: 'circle', halo: false });
   private readonly overlayCanvas = element('canvas');
   private overlayOpacity = 0.85;
@@ -41,10 +57,17 @@ export class MapView {
 
   constructor(readonly target: HTMLElement) {
     this.map = new OlMap({
-      target, controls: [],
+      target,
+      controls: [],
       interactions: defaultInteractions({ altShiftDragRotate: false, pinchRotate: false, doubleClickZoom: false }),
       layers: [
-        this.shade, this.zones, this.overlay, this.trees, this.sources, this.trajectories, this.stops,
+        this.shade,
+        this.zones,
+        this.overlay,
+        this.trees,
+        this.sources,
+        this.trajectories,
+        this.stops,
         ...Object.values(this.features.layers),
       ],
     });
@@ -52,7 +75,8 @@ export class MapView {
     this.map.on('change:size', () => {
       if (this.terrain && !this.moved) this.fitTerrain();
     });
-    for (const event of ['wheel', 'pointerdown', 'keydown']) target.addEventListener(event, () => (this.moved = true), { passive: true });
+    for (const event of ['wheel', 'pointerdown', 'keydown'])
+      target.addEventListener(event, () => (this.moved = true), { passive: true });
     this.zones.setOpacity(0.28);
     this.stops.setVisible(false);
     this.overlay.setOpacity(this.overlayOpacity);
@@ -62,23 +86,48 @@ export class MapView {
   setTerrain(terrain: Terrain, shade: Shade | null, shared?: View): void {
     this.terrain = terrain;
     const extent = this.terrainExtent();
-    if (shade) this.shade.display(hillshade(shade.values, shade.nx, shade.ny), [terrain.west, extent[3] - shade.ny * shade.cell, terrain.west + shade.nx * shade.cell, extent[3]]);
+    if (shade)
+      this.shade.display(hillshade(shade.values, shade.nx, shade.ny), [
+        terrain.west,
+        extent[3] - shade.ny * shade.cell,
+        terrain.west + shade.nx * shade.cell,
+        extent[3],
+      ]);
     const [west, south, east, north] = extent;
     const around = Math.max(east - west, north - south) / 2;
     const projection = new Projection({ code: 'rockfall:terrain', units: 'm', extent });
-    this.map.setView(shared ?? new View({
-      projection, center: [(west + east) / 2, (south + north) / 2], resolution: around / 300,
-      minResolution: 0.01, maxResolution: around / 60, enableRotation: false, constrainOnlyCenter: true,
-      extent: [west - around, south - around, east + around, north + around],
-    }));
+    this.map.setView(
+      shared ??
+        new View({
+          projection,
+          center: [(west + east) / 2, (south + north) / 2],
+          resolution: around / 300,
+          minResolution: 0.01,
+          maxResolution: around / 60,
+          enableRotation: false,
+          constrainOnlyCenter: true,
+          extent: [west - around, south - around, east + around, north + around],
+        }),
+    );
   }
 
-  setBackground(header: BackgroundMessage, zones: { values: Uint8Array; shape: number[] } | null, shade: Shade | null, sources: Float64Array | null, trees: Float64Array | null): void {
+  setBackground(
+    header: BackgroundMessage,
+    zones: { values: Uint8Array; shape: number[] } | null,
+    shade: Shade | null,
+    sources: Float64Array | null,
+    trees: Float64Array | null,
+  ): void {
     const [, , , north] = this.terrainExtent();
     const { west } = this.terrainOrThrow();
     if (zones && shade) {
       const [ny = 0, nx = 0] = zones.shape;
-      this.zones.display(zoneRaster(zones.values, nx, ny, header.zones), [west, north - ny * shade.cell, west + nx * shade.cell, north]);
+      this.zones.display(zoneRaster(zones.values, nx, ny, header.zones), [
+        west,
+        north - ny * shade.cell,
+        west + nx * shade.cell,
+        north,
+      ]);
     }
     this.sources.display(sources ?? new Float64Array(), 2);
     this.trees.display(trees ?? new Float64Array(), 3);
@@ -99,7 +148,11 @@ export class MapView {
       this.overlay.display(null, [0, 0, 1, 1]);
       return;
     }
-    const { header: { west, north, cell }, values, shape: [ny = 0, nx = 0] } = this.result;
+    const {
+      header: { west, north, cell },
+      values,
+      shape: [ny = 0, nx = 0],
+    } = this.result;
     resultRaster(values, nx, ny, scale, this.overlayCanvas);
     this.overlay.display(this.overlayCanvas, [west, north - ny * cell, west + nx * cell, north]);
   }
@@ -137,8 +190,17 @@ export class MapView {
   setVisible(name: Shown, visible: boolean): void {
     const { sources, lines, barriers, dams, zones } = this.features.layers;
     const layers: Record<Shown, BaseLayer> = {
-      zones: this.zones, overlay: this.overlay, trajectories: this.trajectories, stops: this.stops, trees: this.trees,
-      background_sources: this.sources, sources, lines, barriers, dams, drawn_zones: zones,
+      zones: this.zones,
+      overlay: this.overlay,
+      trajectories: this.trajectories,
+      stops: this.stops,
+      trees: this.trees,
+      background_sources: this.sources,
+      sources,
+      lines,
+      barriers,
+      dams,
+      drawn_zones: zones,
     };
     layers[name].setVisible(visible);
   }
@@ -154,12 +216,22 @@ export class MapView {
   fitFeature(id: string): void {
     const geometry: Geometry | undefined = this.features.find(id)?.feature.getGeometry();
     this.moved = true;
-    if (geometry) this.map.getView().fit(geometry.getExtent(), { padding: [90, 90, 90, 90], minResolution: (this.terrain?.cell ?? 1) / 6, duration: 250 });
+    if (geometry)
+      this.map
+        .getView()
+        .fit(geometry.getExtent(), {
+          padding: [90, 90, 90, 90],
+          minResolution: (this.terrain?.cell ?? 1) / 6,
+          duration: 250,
+        });
   }
   zoom(steps: number): void {
     this.moved = true;
     const view = this.map.getView();
-    view.animate({ resolution: view.getConstrainedResolution((view.getResolution() ?? 1) / 1.6 ** steps) ?? 1, duration: 150 });
+    view.animate({
+      resolution: view.getConstrainedResolution((view.getResolution() ?? 1) / 1.6 ** steps) ?? 1,
+      duration: 150,
+    });
   }
 
   /** Elevation at a place, between the centres of cells; null where unknown. */
@@ -179,7 +251,11 @@ export class MapView {
   private resultExtent(): Extent | null {
     const shown = this.result;
     if (!shown) return null;
-    const { header: { west, north, cell }, values, shape: [ny = 0, nx = 0] } = shown;
+    const {
+      header: { west, north, cell },
+      values,
+      shape: [ny = 0, nx = 0],
+    } = shown;
     let [left, right, top, bottom] = [nx, -1, ny, -1];
     for (let k = 0; k < values.length; k++) {
       if (Number.isNaN(values[k])) continue;
@@ -189,7 +265,9 @@ export class MapView {
       top = Math.min(top, j);
       bottom = Math.max(bottom, j);
     }
-    return right < 0 ? null : [west + left * cell, north - (bottom + 1) * cell, west + (right + 1) * cell, north - top * cell];
+    return right < 0
+      ? null
+      : [west + left * cell, north - (bottom + 1) * cell, west + (right + 1) * cell, north - top * cell];
   }
 
   private fit(extent: Extent): void {

@@ -35,7 +35,13 @@ export function drawPicture(view: MapView, caption: Caption): HTMLCanvasElement 
   return picture;
 }
 
-function drawLayers(context: CanvasRenderingContext2D, view: MapView, ratio: number, width: number, height: number): void {
+function drawLayers(
+  context: CanvasRenderingContext2D,
+  view: MapView,
+  ratio: number,
+  width: number,
+  height: number,
+): void {
   context.save();
   context.beginPath();
   context.rect(0, 0, width, height);
@@ -53,7 +59,12 @@ function drawLayers(context: CanvasRenderingContext2D, view: MapView, ratio: num
   context.restore();
 }
 
-function drawCaption(context: CanvasRenderingContext2D, { title, notes, result, north }: Caption, width: number, resolution: number): void {
+function drawCaption(
+  context: CanvasRenderingContext2D,
+  { title, notes, result, north }: Caption,
+  width: number,
+  resolution: number,
+): void {
   context.fillStyle = '#111827';
   context.textBaseline = 'top';
   context.font = `600 15px ${FONT}`;

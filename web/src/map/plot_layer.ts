@@ -39,7 +39,10 @@ abstract class CanvasLayer extends Layer<Source> {
 export class RasterLayer extends CanvasLayer {
   private extent: Extent | null = null;
 
-  constructor(zIndex: number, private readonly smooth: boolean) {
+  constructor(
+    zIndex: number,
+    private readonly smooth: boolean,
+  ) {
     super(zIndex);
   }
 

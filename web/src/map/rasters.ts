@@ -8,7 +8,12 @@ function pixel([r, g, b]: Rgb, alpha: number): number {
   return ((alpha << 24) | (b << 16) | (g << 8) | r) >>> 0;
 }
 
-function paint(width: number, height: number, colourOf: (k: number) => number, canvas = element('canvas')): HTMLCanvasElement {
+function paint(
+  width: number,
+  height: number,
+  colourOf: (k: number) => number,
+  canvas = element('canvas'),
+): HTMLCanvasElement {
   if (canvas.width !== width) canvas.width = width;
   if (canvas.height !== height) canvas.height = height;
   const image = new ImageData(width, height);
@@ -32,7 +37,12 @@ export function zoneColour(index: number): Rgb {
 }
 
 /** Zones by colour; cells of no zone stay transparent. */
-export function zoneRaster(values: Uint8Array, nx: number, ny: number, zones: readonly { value: number }[]): HTMLCanvasElement {
+export function zoneRaster(
+  values: Uint8Array,
+  nx: number,
+  ny: number,
+  zones: readonly { value: number }[],
+): HTMLCanvasElement {
   const colours = new Uint32Array(256);
   zones.forEach(({ value }, k) => (colours[value] = pixel(zoneColour(k), 255)));
   return paint(nx, ny, (k) => colours[values[k] as number] as number);
@@ -42,11 +52,22 @@ const STEPS = 256;
 const RAMP = Uint32Array.from({ length: STEPS }, (_, k) => pixel(viridis(k / (STEPS - 1)), 255));
 
 /** A result by the colours of its scale; transparent where there is none. */
-export function resultRaster(values: Float32Array, nx: number, ny: number, scale: ColourScale, canvas: HTMLCanvasElement): HTMLCanvasElement {
-  return paint(nx, ny, (k) => {
-    const value = values[k] as number;
-    if (Number.isNaN(value)) return 0;
-    const place = Math.max(0, Math.min(1, placeOf(value, scale)));
-    return RAMP[Math.round(place * (STEPS - 1))] ?? 0;
-  }, canvas);
+export function resultRaster(
+  values: Float32Array,
+  nx: number,
+  ny: number,
+  scale: ColourScale,
+  canvas: HTMLCanvasElement,
+): HTMLCanvasElement {
+  return paint(
+    nx,
+    ny,
+    (k) => {
+      const value = values[k] as number;
+      if (Number.isNaN(value)) return 0;
+      const place = Math.max(0, Math.min(1, placeOf(value, scale)));
+      return RAMP[Math.round(place * (STEPS - 1))] ?? 0;
+    },
+    canvas,
+  );
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Trajectories in plan, and points of one kind.
-import { css, LAYER_COLOURS, SPEED_CLASSES, viridis } from '../colours';
+import { css, LAYER_COLOURS, plasma, SPEED_CLASSES } from '../colours';
 import type { Trajectories } from '../view3d/view3d';
 import { PlotLayer, type Plan } from './plot_layer';
 
@@ -38,12 +38,17 @@ export class TrajectoryLayer extends PlotLayer {
     // Lines of one pixel are drawn many times faster than wider ones.
     context.lineWidth = Math.max(1, Math.floor(plan.pixelRatio));
     context.lineJoin = 'round';
-    if (this.bySpeed) for (let t = 0; t + 1 < this.shown.first.length; t += TOGETHER) this.paintClasses(context, plan, this.shown, t);
+    if (this.bySpeed)
+      for (let t = 0; t + 1 < this.shown.first.length; t += TOGETHER) this.paintClasses(context, plan, this.shown, t);
     else this.paintLines(context, plan, this.shown);
   }
 
   /** Each by a stroke of its own: where many pass it gets darker. */
-  private paintLines(context: CanvasRenderingContext2D, { scale, x0, y0 }: Plan, { points, first }: Trajectories): void {
+  private paintLines(
+    context: CanvasRenderingContext2D,
+    { scale, x0, y0 }: Plan,
+    { points, first }: Trajectories,
+  ): void {
     const number = first.length - 1;
     context.strokeStyle = LAYER_COLOURS.trajectories;
     context.globalAlpha = Math.max(0.12, Math.min(0.6, 3.5 / Math.sqrt(number + 1)));
@@ -65,7 +70,12 @@ export class TrajectoryLayer extends PlotLayer {
   }
 
   /** Pieces of some trajectories, those of a class of speed by one stroke; a stroke of very many pieces is slow. */
-  private paintClasses(context: CanvasRenderingContext2D, { scale, x0, y0 }: Plan, { points, first }: Trajectories, begin: number): void {
+  private paintClasses(
+    context: CanvasRenderingContext2D,
+    { scale, x0, y0 }: Plan,
+    { points, first }: Trajectories,
+    begin: number,
+  ): void {
     const paths = Array.from({ length: SPEED_CLASSES }, () => new Path2D());
     const perClass = this.fastest / SPEED_CLASSES || 1;
     for (let t = begin; t < Math.min(begin + TOGETHER, first.length - 1); t++) {
@@ -86,7 +96,7 @@ export class TrajectoryLayer extends PlotLayer {
     }
     context.globalAlpha = 0.85;
     paths.forEach((path, k) => {
-      context.strokeStyle = css(viridis(k / (SPEED_CLASSES - 1)));
+      context.strokeStyle = css(plasma(k / (SPEED_CLASSES - 1)));
       context.stroke(path);
     });
   }
@@ -104,7 +114,10 @@ export class DotLayer extends PlotLayer {
   private rows: Float32Array | Float64Array = new Float32Array();
   private columns = 2;
 
-  constructor(zIndex: number, private readonly style: DotStyle) {
+  constructor(
+    zIndex: number,
+    private readonly style: DotStyle,
+  ) {
     super(zIndex);
   }
 
@@ -116,7 +129,10 @@ export class DotLayer extends PlotLayer {
     this.redraw();
   }
 
-  protected override paint(context: CanvasRenderingContext2D, { scale, x0, y0, width, height, pixelRatio }: Plan): void {
+  protected override paint(
+    context: CanvasRenderingContext2D,
+    { scale, x0, y0, width, height, pixelRatio }: Plan,
+  ): void {
     const { colour, radius, shape, halo } = this.style;
     const r = radius * pixelRatio;
     const path = new Path2D();
@@ -130,6 +146,7 @@ export class DotLayer extends PlotLayer {
         path.arc(x, y, r, 0, 2 * Math.PI);
       }
     }
+    context.globalAlpha = 0.8;
     context.fillStyle = colour;
     context.strokeStyle = 'rgb(255 255 255 / 0.9)';
     context.lineWidth = pixelRatio;

@@ -6,7 +6,16 @@ import { decimal, say } from '../texts';
 import { swatch } from './features';
 
 const RESULTS: readonly Shown[] = ['overlay', 'trajectories', 'stops'];
-const CASE: readonly Shown[] = ['sources', 'lines', 'barriers', 'dams', 'drawn_zones', 'background_sources', 'zones', 'trees'];
+const CASE: readonly Shown[] = [
+  'sources',
+  'lines',
+  'barriers',
+  'dams',
+  'drawn_zones',
+  'background_sources',
+  'zones',
+  'trees',
+];
 const HIDDEN_AT_FIRST: readonly Shown[] = ['stops'];
 const NUMBERS = [0, 20, 50, 100, 200, 500, 1000];
 
@@ -20,25 +29,53 @@ interface Actions {
 export class DisplayPanel {
   readonly root = element('div', { class: 'display' });
   private readonly rows = new Map<Shown, HTMLElement>();
+  private readonly number: HTMLSelectElement;
 
   constructor(actions: Actions, trajectories: number, opacity: number) {
     const row = (name: Shown): HTMLElement => {
       const label = element('span', {}, colourOf(name), say(`app.show.${name}`));
-      const made = checkbox(label, !HIDDEN_AT_FIRST.includes(name), (on) => actions.visible(name, on), { attributes: { 'data-show': name } });
+      const made = checkbox(label, !HIDDEN_AT_FIRST.includes(name), (on) => actions.visible(name, on), {
+        attributes: { 'data-show': name },
+      });
       this.rows.set(name, made);
       return made;
     };
-    const slider = element('input', { id: uniqueId('opacity'), attributes: { type: 'range', min: '0.1', max: '1', step: '0.05', value: String(opacity) } });
+    const slider = element('input', {
+      id: uniqueId('opacity'),
+      attributes: { type: 'range', min: '0.1', max: '1', step: '0.05', value: String(opacity) },
+    });
     slider.addEventListener('input', () => actions.opacity(Number(slider.value)));
     const known = [...new Set([...NUMBERS, trajectories])].sort((a, b) => a - b);
-    const number = select(known.map((n) => [String(n), decimal(n)] as const), String(trajectories), (value) => actions.trajectories(Number(value)), { id: uniqueId('number'), attributes: { 'data-action': 'trajectories' } });
-    this.root.append(
-      element('h2', {}, say('app.display.results')), ...RESULTS.map(row),
-      element('div', { class: 'field' }, element('label', { attributes: { for: slider.id } }, say('app.display.opacity')), slider),
-      element('div', { class: 'field' }, element('label', { attributes: { for: number.id } }, say('app.display.trajectories')), number),
-      checkbox(say('app.display.by_speed'), false, actions.bySpeed, { attributes: { 'data-show': 'by_speed' } }),
-      element('h2', {}, say('app.display.case')), ...CASE.map(row),
+    this.number = select(
+      known.map((n) => [String(n), decimal(n)] as const),
+      String(trajectories),
+      (value) => actions.trajectories(Number(value)),
+      { id: uniqueId('number'), attributes: { 'data-action': 'trajectories' } },
     );
+    this.root.append(
+      element('h2', {}, say('app.display.results')),
+      ...RESULTS.map(row),
+      element(
+        'div',
+        { class: 'field' },
+        element('label', { attributes: { for: slider.id } }, say('app.display.opacity')),
+        slider,
+      ),
+      element(
+        'div',
+        { class: 'field' },
+        element('label', { attributes: { for: this.number.id } }, say('app.display.trajectories')),
+        this.number,
+      ),
+      checkbox(say('app.display.by_speed'), false, actions.bySpeed, { attributes: { 'data-show': 'by_speed' } }),
+      element('h2', {}, say('app.display.case')),
+      ...CASE.map(row),
+    );
+  }
+
+  /** Let the number of trajectories be chosen. */
+  enable(on: boolean): void {
+    this.number.disabled = !on;
   }
 
   /** Leave out what the case does not have. */
@@ -50,9 +87,14 @@ export class DisplayPanel {
 
 function colourOf(name: Shown): HTMLElement | null {
   switch (name) {
-    case 'drawn_zones': return swatch('zones');
-    case 'background_sources': return swatch('sources');
-    case 'zones': case 'overlay': return null;
-    default: return swatch(name);
+    case 'drawn_zones':
+      return swatch('zones');
+    case 'background_sources':
+      return swatch('sources');
+    case 'zones':
+    case 'overlay':
+      return null;
+    default:
+      return swatch(name);
   }
 }

@@ -26,7 +26,11 @@ export class FeaturePanel {
   private errors: readonly CaseError[] = [];
   private editable = false;
 
-  constructor(private readonly store: DocumentStore, private readonly forms: Forms, private readonly actions: Actions) {
+  constructor(
+    private readonly store: DocumentStore,
+    private readonly forms: Forms,
+    private readonly actions: Actions,
+  ) {
     this.root.append(this.properties, element('h2', {}, say('app.features.title')), this.hint, this.list);
   }
 
@@ -48,25 +52,47 @@ export class FeaturePanel {
   /** List what is drawn; only afresh if it reads otherwise than before, so that no click is lost while a shape is dragged. */
   private showList(): void {
     const wrong = this.errors.map(({ id }) => id);
-    const listed = JSON.stringify([this.selected, wrong, LAYERS.map((layer) => this.store.layer(layer).map(({ id, properties }) => [id, properties['name']]))]);
+    const listed = JSON.stringify([
+      this.selected,
+      wrong,
+      LAYERS.map((layer) => this.store.layer(layer).map(({ id, properties }) => [id, properties['name']])),
+    ]);
     if (listed === this.listed) return;
     this.listed = listed;
-    const focused = document.activeElement instanceof HTMLElement && this.list.contains(document.activeElement) ? document.activeElement.dataset['feature'] : undefined;
+    const focused =
+      document.activeElement instanceof HTMLElement && this.list.contains(document.activeElement)
+        ? document.activeElement.dataset['feature']
+        : undefined;
     const sections = LAYERS.filter((layer) => this.store.layer(layer).length > 0).map((layer) => {
-      const title = element('h3', {}, swatch(layer), say(`app.layer.${layer}`), element('span', { class: 'count' }, decimal(this.store.layer(layer).length)));
+      const title = element(
+        'h3',
+        {},
+        swatch(layer),
+        say(`app.layer.${layer}`),
+        element('span', { class: 'count' }, decimal(this.store.layer(layer).length)),
+      );
       const items = this.store.layer(layer).map((feature, k) => element('li', {}, this.item(layer, feature, k)));
       return element('section', {}, title, element('ul', {}, ...items));
     });
-    this.list.replaceChildren(...(sections.length ? sections : [element('p', { class: 'empty' }, say('app.features.none'))]));
+    this.list.replaceChildren(
+      ...(sections.length ? sections : [element('p', { class: 'empty' }, say('app.features.none'))]),
+    );
     if (focused) this.list.querySelector<HTMLElement>(`[data-feature="${focused}"]`)?.focus();
   }
 
   private item(layer: Layer, feature: Feature, index: number): HTMLButtonElement {
     const wrong = this.errors.some((error) => error.id === feature.id && (error.layer ?? layer) === layer);
-    const made = button([nameOf(layer, feature, index), wrong && icon('warning')], () => {
-      this.actions.select(feature.id);
-      this.actions.zoom(feature.id);
-    }, { class: wrong ? 'wrong' : '', attributes: { 'data-feature': feature.id, 'aria-pressed': String(feature.id === this.selected) } });
+    const made = button(
+      [nameOf(layer, feature, index), wrong && icon('warning')],
+      () => {
+        this.actions.select(feature.id);
+        this.actions.zoom(feature.id);
+      },
+      {
+        class: wrong ? 'wrong' : '',
+        attributes: { 'data-feature': feature.id, 'aria-pressed': String(feature.id === this.selected) },
+      },
+    );
     return made;
   }
 
@@ -82,10 +108,16 @@ export class FeaturePanel {
     if (this.form?.id !== feature.id || this.form.layer !== layer) this.makeForm(layer, feature);
     const errors = this.errors.filter((error) => error.id === feature.id);
     const fields = new Set(this.forms.layers[layer]?.map(({ name }) => name));
-    this.form?.form.update(feature.properties, new Map(errors.map((error) => [error.key ?? '', error.text])), this.editable);
+    this.form?.form.update(
+      feature.properties,
+      new Map(errors.map((error) => [error.key ?? '', error.text])),
+      this.editable,
+    );
     this.form?.form.filter(({ name }) => applies(name, feature.properties, String(feature.properties['volume'] ?? '')));
     if (this.form) this.form.size.textContent = sizeOf(feature);
-    const others = errors.filter((error) => !error.key || !fields.has(error.key)).map(({ text }) => element('p', { class: 'alert red' }, icon('warning'), text));
+    const others = errors
+      .filter((error) => !error.key || !fields.has(error.key))
+      .map(({ text }) => element('p', { class: 'alert red' }, icon('warning'), text));
     this.properties.querySelectorAll(':scope > .alert').forEach((old) => old.remove());
     this.properties.append(...others);
   }
@@ -96,9 +128,15 @@ export class FeaturePanel {
     });
     const size = element('span', { class: 'size' });
     const heading = element('h2', {}, swatch(layer), say(`app.layer.one.${layer}`), size);
-    const actions = element('div', { class: 'actions' },
+    const actions = element(
+      'div',
+      { class: 'actions' },
       button([icon('target'), say('app.zoom_to')], () => this.actions.zoom(feature.id)),
-      this.editable && button([icon('trash'), say('app.delete')], () => this.actions.remove(feature.id), { class: 'danger', attributes: { 'data-action': 'delete' } }),
+      this.editable &&
+        button([icon('trash'), say('app.delete')], () => this.actions.remove(feature.id), {
+          class: 'danger',
+          attributes: { 'data-action': 'delete' },
+        }),
     );
     this.form = { id: feature.id, layer, form, size };
     this.properties.replaceChildren(heading, form.root, actions);
@@ -120,7 +158,13 @@ export function nameOf(layer: Layer, feature: Feature, index: number): string {
 function sizeOf(feature: Feature): string {
   if (feature.type === 'Point') return feature.coordinates.map((value) => decimal(value, 1)).join(' / ');
   if (feature.type === 'LineString') {
-    const length = feature.coordinates.slice(1).reduce((sum, [x, y], k) => sum + Math.hypot(x - (feature.coordinates[k]?.[0] ?? 0), y - (feature.coordinates[k]?.[1] ?? 0)), 0);
+    const length = feature.coordinates
+      .slice(1)
+      .reduce(
+        (sum, [x, y], k) =>
+          sum + Math.hypot(x - (feature.coordinates[k]?.[0] ?? 0), y - (feature.coordinates[k]?.[1] ?? 0)),
+        0,
+      );
     return `${decimal(length, length < 100 ? 1 : 0)} m`;
   }
   const ring = feature.coordinates[0] ?? [];

@@ -22,9 +22,14 @@ export class MessagePanel {
     if (next === this.shown) return; // a screen reader would say it again
     this.shown = next;
     const open = this.root.querySelector('details[open].red') !== null;
-    const red: Message[] = [...errors.map((error): Message => ({ kind: 'error', text: error.text, error })), ...model.map((text): Message => ({ kind: 'model', text }))];
+    const red: Message[] = [
+      ...errors.map((error): Message => ({ kind: 'error', text: error.text, error })),
+      ...model.map((text): Message => ({ kind: 'model', text })),
+    ];
     const amber = checks.map((text): Message => ({ kind: 'check', text }));
-    this.root.replaceChildren(...[this.strip('red', red, open), this.strip('amber', amber, false)].filter((strip) => strip !== null));
+    this.root.replaceChildren(
+      ...[this.strip('red', red, open), this.strip('amber', amber, false)].filter((strip) => strip !== null),
+    );
     this.root.hidden = !this.root.firstChild;
   }
 
@@ -32,14 +37,28 @@ export class MessagePanel {
   private strip(colour: 'red' | 'amber', messages: readonly Message[], open: boolean): HTMLElement | null {
     const [first, ...others] = messages;
     if (!first) return null;
-    const head = element('summary', { title: first.text }, icon('warning'), this.line(first), others.length > 0 && element('span', { class: 'count' }, `+${others.length}`));
-    const strip = element('details', { class: `alert ${colour}` }, head, ...others.map((message) => this.line(message)));
+    const head = element(
+      'summary',
+      { title: first.text },
+      icon('warning'),
+      this.line(first),
+      others.length > 0 && element('span', { class: 'count' }, `+${others.length}`),
+    );
+    const strip = element(
+      'details',
+      { class: `alert ${colour}` },
+      head,
+      ...others.map((message) => this.line(message)),
+    );
     strip.open = open;
     return strip;
   }
 
   private line({ kind, text, error }: Message): HTMLElement {
-    const show = error && (error.id !== undefined || error.key !== undefined) && button(say('app.show_place'), () => this.onError(error), { class: 'link' });
+    const show =
+      error &&
+      (error.id !== undefined || error.key !== undefined) &&
+      button(say('app.show_place'), () => this.onError(error), { class: 'link' });
     return element('p', { attributes: { 'data-message': kind } }, text, ' ', show ?? null);
   }
 }

@@ -9,7 +9,10 @@ import { applies } from '../volume_keys';
 
 // Keys most used, in the order in which an engineer fills them in.
 const COMMON: readonly (readonly [group: string, keys: readonly string[]])[] = [
-  ['boulder', ['volume', 'volume_mean', 'volume_std', 'volume_min', 'volume_max', 'volume_exponent', 'volumes', 'density']],
+  [
+    'boulder',
+    ['volume', 'volume_mean', 'volume_std', 'volume_min', 'volume_max', 'volume_exponent', 'volumes', 'density'],
+  ],
   ['release', ['drop_height']],
   ['surface', ['ground', 'uniform_mean_radius', 'uniform_rg', 'method']],
   ['impact', ['sets']],
@@ -26,10 +29,16 @@ export class SettingsPanel {
   readonly root = element('div', { class: 'settings' });
   private readonly common: Section[];
   private readonly others: Section[];
-  private readonly search = element('input', { attributes: { type: 'search', 'aria-label': say('app.settings.search'), placeholder: say('app.settings.search') } });
+  private readonly search = element('input', {
+    attributes: { type: 'search', 'aria-label': say('app.settings.search'), placeholder: say('app.settings.search') },
+  });
 
-  constructor(private readonly store: DocumentStore, forms: Forms) {
-    const isCommon = (group: string, field: Field): boolean => COMMON.some(([name, keys]) => name === group && keys.includes(field.name));
+  constructor(
+    private readonly store: DocumentStore,
+    forms: Forms,
+  ) {
+    const isCommon = (group: string, field: Field): boolean =>
+      COMMON.some(([name, keys]) => name === group && keys.includes(field.name));
     this.common = COMMON.flatMap(([group, keys]) => {
       const fields = keys.flatMap((key) => forms.settings[group]?.find(({ name }) => name === key) ?? []);
       return fields.length ? [this.section(group, fields, 'section')] : [];
@@ -39,14 +48,22 @@ export class SettingsPanel {
       return rest.length ? [this.section(group, rest, 'details')] : [];
     });
     this.search.addEventListener('input', () => this.filter());
-    const all = element('details', { class: 'all-settings' }, element('summary', {}, say('app.settings.all')), this.search, ...this.others.map(({ root }) => root));
+    const all = element(
+      'details',
+      { class: 'all-settings' },
+      element('summary', {}, say('app.settings.all')),
+      this.search,
+      ...this.others.map(({ root }) => root),
+    );
     this.root.append(...this.common.map(({ root }) => root), all);
   }
 
   update(errors: readonly CaseError[], editable: boolean): void {
     const { settings } = this.store.document;
     for (const { group, form, root } of [...this.common, ...this.others]) {
-      const found = errors.filter((error) => error.group === group && error.key).map((error) => [error.key ?? '', error.text] as const);
+      const found = errors
+        .filter((error) => error.group === group && error.key)
+        .map((error) => [error.key ?? '', error.text] as const);
       form.update(settings[group] ?? {}, new Map(found), editable);
       if (root instanceof HTMLDetailsElement && found.some(([key]) => form.fields.some(({ name }) => name === key))) {
         root.open = true;
@@ -72,7 +89,9 @@ export class SettingsPanel {
   private filter(): void {
     const words = this.search.value.toLowerCase().split(/\s+/).filter(Boolean);
     for (const { group, form, root } of this.others) {
-      const number = form.filter((field) => words.every((word) => `${group} ${field.name} ${labelOf(field)} ${field.meaning}`.toLowerCase().includes(word)));
+      const number = form.filter((field) =>
+        words.every((word) => `${group} ${field.name} ${labelOf(field)} ${field.meaning}`.toLowerCase().includes(word)),
+      );
       root.hidden = number === 0;
       if (root instanceof HTMLDetailsElement) root.open = words.length > 0;
     }
@@ -81,7 +100,10 @@ export class SettingsPanel {
   private section(group: string, fields: readonly Field[], kind: 'section' | 'details'): Section {
     const form = new Form(fields, (name, value) => this.store.setSetting(group, name, value));
     const title = sayOr(`app.group.${group}`, group);
-    const heading = kind === 'details' ? element('summary', {}, title, element('span', { class: 'count' }, decimal(fields.length))) : element('h2', {}, title);
+    const heading =
+      kind === 'details'
+        ? element('summary', {}, title, element('span', { class: 'count' }, decimal(fields.length)))
+        : element('h2', {}, title);
     return { group, form, root: element(kind, { attributes: { 'data-group': group } }, heading, form.root) };
   }
 }

@@ -12,7 +12,12 @@ export function estimate(value: Estimate, decimals: number): HTMLElement {
   if (middle === null) return element('span', { class: 'estimate none' }, '–');
   const shown = supportedDecimals(value, decimals);
   const interval = low === null && high === null ? '' : `${limit(low, shown)} – ${limit(high, shown)}`;
-  return element('span', { class: 'estimate' }, element('b', {}, rounded(middle, shown)), element('small', {}, interval));
+  return element(
+    'span',
+    { class: 'estimate' },
+    element('b', {}, rounded(middle, shown)),
+    element('small', {}, interval),
+  );
 }
 
 function limit(value: number | null, decimals: number): string {
@@ -29,11 +34,17 @@ export function histogram({ counts, edges, q95: [q95], label, unit }: QuantitySt
   const bars = counts.map((count, k) => {
     const [left, right] = [x(edges[k] ?? 0), x(edges[k + 1] ?? 0)];
     const top = height - 1 - ((height - 3) * count) / most;
-    return count ? `M${left.toFixed(1)} ${height - 1}V${top.toFixed(1)}H${Math.max(left + 0.5, right - 0.6).toFixed(1)}V${height - 1}Z` : '';
+    return count
+      ? `M${left.toFixed(1)} ${height - 1}V${top.toFixed(1)}H${Math.max(left + 0.5, right - 0.6).toFixed(1)}V${height - 1}Z`
+      : '';
   });
   const range = `${label}: ${decimal(Number(first.toPrecision(2)))} – ${decimal(Number(last.toPrecision(2)))} ${unit}`;
-  const drawing = svg('svg', { viewBox: `0 0 ${width} ${height}`, class: 'histogram', role: 'img', 'aria-label': range },
-    svg('path', { d: bars.join(''), class: 'bars' }), svg('path', { d: `M0 ${height - 0.5}H${width}`, class: 'axis' }));
+  const drawing = svg(
+    'svg',
+    { viewBox: `0 0 ${width} ${height}`, class: 'histogram', role: 'img', 'aria-label': range },
+    svg('path', { d: bars.join(''), class: 'bars' }),
+    svg('path', { d: `M0 ${height - 0.5}H${width}`, class: 'axis' }),
+  );
   const title = svg('title', {});
   title.textContent = range;
   drawing.append(title);
@@ -43,9 +54,14 @@ export function histogram({ counts, edges, q95: [q95], label, unit }: QuantitySt
 
 /** Bar of a fraction in per cent, with its interval. */
 function fractionBar([value, low, high]: Estimate): SVGSVGElement {
-  const bar = svg('svg', { viewBox: '0 0 100 6', class: 'fraction-bar', preserveAspectRatio: 'none', 'aria-hidden': 'true' }, svg('rect', { x: 0, y: 0, width: 100, height: 6, class: 'track' }));
+  const bar = svg(
+    'svg',
+    { viewBox: '0 0 100 6', class: 'fraction-bar', preserveAspectRatio: 'none', 'aria-hidden': 'true' },
+    svg('rect', { x: 0, y: 0, width: 100, height: 6, class: 'track' }),
+  );
   if (value !== null) bar.append(svg('rect', { x: 0, y: 0, width: value, height: 6, class: 'value' }));
-  if (low !== null && high !== null) bar.append(svg('rect', { x: low, y: 0, width: Math.max(0.8, high - low), height: 6, class: 'interval' }));
+  if (low !== null && high !== null)
+    bar.append(svg('rect', { x: low, y: 0, width: Math.max(0.8, high - low), height: 6, class: 'interval' }));
   return bar;
 }
 
@@ -71,7 +87,10 @@ export class StatisticsPanel {
 
   update(lines: readonly LineStatistics[]): void {
     const shape = JSON.stringify(lines.map(({ name, kind, quantities }) => [name, kind, Object.keys(quantities)]));
-    if (shape !== this.shape) this.root.replaceChildren(lines.length ? this.table(lines) : element('p', { class: 'empty' }, say('app.statistics.none')));
+    if (shape !== this.shape)
+      this.root.replaceChildren(
+        lines.length ? this.table(lines) : element('p', { class: 'empty' }, say('app.statistics.none')),
+      );
     this.shape = shape;
     for (const line of lines) this.rows.get(line.name)?.update(line);
   }
@@ -88,27 +107,75 @@ export class StatisticsPanel {
       const first = lines.map((line) => line.quantities[name]).find((one) => one !== undefined);
       return first ? [{ name, title: sayOr(`app.quantity.${name}`, first.label), unit: first.unit }] : [];
     });
-    const column = (text: string, options: { class?: string } = {}): HTMLElement => element('th', { ...options, attributes: { scope: 'col' } }, text);
-    const tall = (key: string, unit: string): HTMLElement => element('th', { attributes: { rowspan: '2', scope: 'col' } }, say(key), element('span', { class: 'unit' }, unit));
-    const heads = known.map(({ title, unit }) => element('th', { attributes: { colspan: '3', scope: 'colgroup' } }, title, element('span', { class: 'unit' }, ` ${unit}`)));
-    const parts = known.flatMap(() => [column(say('app.statistics.mean'), { class: 'group-start' }), column(say('app.statistics.q95')), element('th', { class: 'plot', attributes: { scope: 'col', 'aria-label': say('app.statistics.distribution') } })]);
-    const head = element('thead', {}, element('tr', {}, tall('app.statistics.line', ''), tall('app.statistics.fraction', ' %'), ...heads), element('tr', {}, ...parts));
+    const column = (text: string, options: { class?: string } = {}): HTMLElement =>
+      element('th', { ...options, attributes: { scope: 'col' } }, text);
+    const tall = (key: string, unit: string): HTMLElement =>
+      element('th', { attributes: { rowspan: '2', scope: 'col' } }, say(key), element('span', { class: 'unit' }, unit));
+    const heads = known.map(({ title, unit }) =>
+      element(
+        'th',
+        { attributes: { colspan: '3', scope: 'colgroup' } },
+        title,
+        element('span', { class: 'unit' }, ` ${unit}`),
+      ),
+    );
+    const parts = known.flatMap(() => [
+      column(say('app.statistics.mean'), { class: 'group-start' }),
+      column(say('app.statistics.q95')),
+      element('th', { class: 'plot', attributes: { scope: 'col', 'aria-label': say('app.statistics.distribution') } }),
+    ]);
+    const head = element(
+      'thead',
+      {},
+      element('tr', {}, tall('app.statistics.line', ''), tall('app.statistics.fraction', ' %'), ...heads),
+      element('tr', {}, ...parts),
+    );
     this.rows = new Map(lines.map((line) => [line.name, this.row(line, known)]));
     const body = element('tbody', {}, ...[...this.rows.values()].map(({ root }) => root));
-    return element('table', {}, element('caption', { class: 'hidden-text' }, say('app.statistics.caption')), head, body);
+    return element(
+      'table',
+      {},
+      element('caption', { class: 'hidden-text' }, say('app.statistics.caption')),
+      head,
+      body,
+    );
   }
 
   private row({ name, kind }: LineStatistics, known: readonly { name: string; title: string; unit: string }[]): Row {
-    const chosen = button([element('span', { class: `swatch ${kind}s` }), element('span', {}, name)], () => this.onChosen(name), { class: 'line-name' });
+    const chosen = button(
+      [element('span', { class: `swatch ${kind}s` }), element('span', {}, name)],
+      () => this.onChosen(name),
+      { class: 'line-name' },
+    );
     const number = element('small');
-    const fraction = element('td', { class: 'fraction', attributes: { 'data-part': 'fraction', 'data-label': `${say('app.statistics.fraction')} [%]` } });
+    const fraction = element('td', {
+      class: 'fraction',
+      attributes: { 'data-part': 'fraction', 'data-label': `${say('app.statistics.fraction')} [%]` },
+    });
     const cells = known.map((quantity) => {
       const cell = (part: 'mean' | 'q95', style: string): HTMLElement =>
-        element('td', { class: style, attributes: { 'data-quantity': quantity.name, 'data-part': part, 'data-label': `${quantity.title} [${quantity.unit}], ${say(`app.statistics.${part}`)}` } });
-      return { name: quantity.name, mean: cell('mean', 'group-start'), q95: cell('q95', ''), plot: element('td', { class: 'plot' }) };
+        element('td', {
+          class: style,
+          attributes: {
+            'data-quantity': quantity.name,
+            'data-part': part,
+            'data-label': `${quantity.title} [${quantity.unit}], ${say(`app.statistics.${part}`)}`,
+          },
+        });
+      return {
+        name: quantity.name,
+        mean: cell('mean', 'group-start'),
+        q95: cell('q95', ''),
+        plot: element('td', { class: 'plot' }),
+      };
     });
-    const root = element('tr', { class: name === this.selected ? 'selected' : '', attributes: { 'data-line': name } },
-      element('th', { attributes: { scope: 'row' } }, chosen, number), fraction, ...cells.flatMap(({ mean, q95, plot }) => [mean, q95, plot]));
+    const root = element(
+      'tr',
+      { class: name === this.selected ? 'selected' : '', attributes: { 'data-line': name } },
+      element('th', { attributes: { scope: 'row' } }, chosen, number),
+      fraction,
+      ...cells.flatMap(({ mean, q95, plot }) => [mean, q95, plot]),
+    );
     const update = (line: LineStatistics): void => {
       number.textContent = say('app.statistics.n', { n: line.n });
       const passing = percent(line.fraction);

@@ -17,8 +17,15 @@ export class Tabs {
     const list = element('div', { class: 'tab-list', attributes: { role: 'tablist', 'aria-label': label } });
     this.root.append(list);
     for (const { name, title, content } of tabs) {
-      const tab = button(title, () => this.show(name), { id: `tab-${name}`, attributes: { role: 'tab', 'aria-controls': `page-${name}`, 'data-tab': name } });
-      const page = element('div', { class: 'tab-page', id: `page-${name}`, attributes: { role: 'tabpanel', 'aria-labelledby': tab.id } }, content);
+      const tab = button(title, () => this.show(name), {
+        id: `tab-${name}`,
+        attributes: { role: 'tab', 'aria-controls': `page-${name}`, 'data-tab': name },
+      });
+      const page = element(
+        'div',
+        { class: 'tab-page', id: `page-${name}`, attributes: { role: 'tabpanel', 'aria-labelledby': tab.id } },
+        content,
+      );
       this.buttons.set(name, tab);
       this.pages.set(name, page);
       list.append(tab);

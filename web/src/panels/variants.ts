@@ -15,17 +15,27 @@ interface Actions {
 export class VariantPanel {
   readonly root = element('div', { class: 'variants' });
   private readonly list = element('ul', { class: 'variant-list' });
-  private readonly name = element('input', { attributes: { type: 'text', maxlength: '60', 'aria-label': say('app.variants.name'), 'data-field': 'variant_name' } });
+  private readonly name = element('input', {
+    attributes: { type: 'text', maxlength: '60', 'aria-label': say('app.variants.name'), 'data-field': 'variant_name' },
+  });
   private readonly keepButton: HTMLButtonElement;
   private number = 0;
   private listed = '';
 
   constructor(private readonly actions: Actions) {
-    this.keepButton = button([icon('bookmark'), say('app.variants.keep')], () => this.keep(), { class: 'primary', attributes: { 'data-action': 'keep-variant' } });
+    this.keepButton = button([icon('bookmark'), say('app.variants.keep')], () => this.keep(), {
+      class: 'primary',
+      attributes: { 'data-action': 'keep-variant' },
+    });
     this.name.addEventListener('keydown', (event) => {
       if (event.key === 'Enter') this.keep();
     });
-    this.root.append(element('h2', {}, say('app.variants.title')), element('p', { class: 'hint' }, say('app.variants.hint')), element('div', { class: 'keep-row' }, this.name, this.keepButton), this.list);
+    this.root.append(
+      element('h2', {}, say('app.variants.title')),
+      element('p', { class: 'hint' }, say('app.variants.hint')),
+      element('div', { class: 'keep-row' }, this.name, this.keepButton),
+      this.list,
+    );
     this.suggest();
   }
 
@@ -34,12 +44,28 @@ export class VariantPanel {
     const listed = JSON.stringify([variants.map(({ name }) => name), canRestore]);
     if (listed === this.listed) return; // a click must not lose its button
     this.listed = listed;
-    this.list.replaceChildren(...variants.map((variant, k) => element('li', { attributes: { 'data-variant': variant.name } },
-      element('span', { class: 'variant-name' }, variant.name),
-      button(say('app.variants.compare'), () => this.actions.compare(k), { attributes: { 'data-action': 'compare' } }),
-      canRestore && button(say('app.variants.restore'), () => this.actions.restore(k), { title: say('app.variants.restore_hint'), attributes: { 'data-action': 'restore' } }),
-      button(icon('close'), () => this.actions.forget(k), { class: 'icon-button', title: say('app.variants.forget'), attributes: { 'aria-label': say('app.variants.forget') } }),
-    )));
+    this.list.replaceChildren(
+      ...variants.map((variant, k) =>
+        element(
+          'li',
+          { attributes: { 'data-variant': variant.name } },
+          element('span', { class: 'variant-name' }, variant.name),
+          button(say('app.variants.compare'), () => this.actions.compare(k), {
+            attributes: { 'data-action': 'compare' },
+          }),
+          canRestore &&
+            button(say('app.variants.restore'), () => this.actions.restore(k), {
+              title: say('app.variants.restore_hint'),
+              attributes: { 'data-action': 'restore' },
+            }),
+          button(icon('close'), () => this.actions.forget(k), {
+            class: 'icon-button',
+            title: say('app.variants.forget'),
+            attributes: { 'aria-label': say('app.variants.forget') },
+          }),
+        ),
+      ),
+    );
   }
 
   private keep(): void {
