@@ -19,6 +19,7 @@ import numpy as np
 from rockfall.analysis.observations import Observed
 from rockfall.case import case_of
 from rockfall.io.arrays import corner_of
+from rockfall.language import say
 from rockfall.limits import MIN_FOR_MEAN, MIN_FOR_STD
 
 if TYPE_CHECKING:
@@ -249,12 +250,9 @@ def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
     said = []
     if not mine.all():
         of = ", ".join([*(found.names[k] for k in groups[:10]), *["..."][: groups.size > 10]])
-        said.append(
-            f"Run-out is compared with the {mine.sum():,} of {total:,} boulders from where those "
-            f"observed came: {of}."
-        )
+        said.append(say("compare.same_starts", part=mine.sum(), n=total, names=of))
     if apart > 3 * _cell(result):
-        said.append(f"An observed release is {apart:,.0f} m from the nearest source.")
+        said.append(say("compare.release_apart", apart=apart))
     return mine, " ".join(said)
 
 

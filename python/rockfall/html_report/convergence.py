@@ -9,7 +9,8 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import line_numbers
 from rockfall.analysis.precision.intervals import Sources, sources
-from rockfall.html_report.intervals import STATISTICS
+from rockfall.html_report.intervals import STATISTICS, statistic
+from rockfall.language import say
 from rockfall.plots.style import BLUE, INK, VERMILION, WIDE, capital, new_figure, styled
 from rockfall.quantities import QUANTITIES
 
@@ -100,7 +101,7 @@ def convergence_figure(result: xr.Dataset, line: int) -> Figure:
     for panel, end in ends.items():
         panel.set_ylim(0, end or None)
     for panel in axes[1]:
-        panel.set_xlabel("boulders")
+        panel.set_xlabel(say("label.boulders"))
     figure.legend(*axes[0, 1].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
@@ -115,7 +116,11 @@ def _curve(
         for end in ("", "_low", "_high")
     )
     colour, dashes = LOOKS[name]
-    about: dict[str, Any] = {"label": STATISTICS.get(name), "color": colour, "ls": dashes}
+    about: dict[str, Any] = {
+        "label": statistic(name) if name in STATISTICS else None,
+        "color": colour,
+        "ls": dashes,
+    }
     axes.fill_between(n, low, high, color=colour, alpha=0.18, lw=0)
     axes.plot(n, value, lw=1.1, marker=".", ms=3, **about)
     known = value[np.isfinite(value)]

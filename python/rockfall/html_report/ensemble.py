@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rockfall.analysis.ensemble.study import RESULTS, is_ensemble
-from rockfall.html_report.intervals import STATISTICS, in_unit, interval
+from rockfall.html_report.intervals import in_unit, interval, interval_text, statistic
 from rockfall.html_report.summary import HEADLINE, run_out
 from rockfall.html_report.tables import Table
-from rockfall.language import say
+from rockfall.language import Text, say, translated
+from rockfall.plots.style import capital
 from rockfall.quantities import QUANTITIES, with_unit
 from rockfall.text.ensemble import (
     INDICES,
@@ -62,7 +63,8 @@ def range_headline(result: xr.Dataset) -> Table:
     rows = []
     for line in map(str, result["line"].values):
         cells = (
-            f"{'-' if '-' in (low, high) else f'{low} to {high}'}\n({case})"
+            f"{'-' if '-' in (low, high) else say('interval.range', low=low, high=high)}\n"
+            f"({translated(case)})"
             for low, high, case in _headline_numbers(result, line)
         )
         rows.append((line, *cells))
@@ -100,7 +102,7 @@ def range_tables(result: xr.Dataset, rows: Rows) -> list[Table]:
                 for key in ("case_value", "q05", "q95", "monte_carlo_std", "epistemic_std")
             )
             limits = interval(numbers[quantity], number, about)
-            shown.append((_label(name), value, limits, f"({low} to {high})", chance, epistemic))
+            shown.append((_label(name), value, limits, interval_text(low, high), chance, epistemic))
         caption = say("ensemble.both_uncertainties", line=line)
         found += [Table(caption, head, shown), *_indices(at, line)]
     return found
@@ -121,7 +123,7 @@ def _label(name: str) -> str:
     if number == "fraction":
         return QUANTITIES["fraction"].title
     about = QUANTITIES[quantity]
-    return with_unit(f"{about.label}, {STATISTICS[number]}", about.unit)
+    return with_unit(f"{about.label}, {statistic(number)}", about.unit)
 
 
 def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
@@ -136,5 +138,6 @@ def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
         ),
         *(f"{one}." for one in orders_reversed(result)),
     ]
-    undecided = any(UNDECIDED in str(cell) for one in tables for row in one.rows for cell in row)
-    return [*words, f"{more_needed(result).capitalize()}."] if undecided else words
+    cells = (cell for one in tables for row in one.rows for cell in row)
+    undecided = any(isinstance(cell, Text) and cell.key == UNDECIDED for cell in cells)
+    return [*words, f"{capital(more_needed(result))}."] if undecided else words

@@ -13,9 +13,9 @@ from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.precision.intervals import half_width
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
-from rockfall.html_report.intervals import TOO_FEW, estimate, in_unit
+from rockfall.html_report.intervals import ONE_SIDED, TOO_FEW, estimate, in_lines, in_unit
 from rockfall.html_report.tables import Table
-from rockfall.language import say, say_count
+from rockfall.language import Number, Text, say, say_count
 from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import number, percent
 from rockfall.result.samples import has_rows, simulated
@@ -93,15 +93,18 @@ def _line(line: str, numbers: Numbers, is_barrier: bool) -> str:
 
 def headline(rows: Rows) -> Table:
     """Key numbers at the lines for decisions, with their intervals."""
-    shown = []
-    for line, numbers in rows.items():
-        cells = []
-        for quantity, name in HEADLINE.values():
-            row = numbers["speed" if quantity == "fraction" else quantity]
-            cells.append("\n".join(estimate(row, name, quantity)).strip())
-        shown.append((line, *cells))
+    shown = [
+        (line, *(in_lines(*cell).strip() for cell in _estimates(numbers)))
+        for line, numbers in rows.items()
+    ]
     caption = say("summary.headline_caption")
     return Table(caption, (say("label.line_or_barrier"), *map(say, HEADLINE)), shown)
+
+
+def _estimates(numbers: Numbers) -> Iterator[tuple[str, str]]:
+    """Key numbers at a line, and their intervals."""
+    for quantity, name in HEADLINE.values():
+        yield estimate(numbers["speed" if quantity == "fraction" else quantity], name, quantity)
 
 
 def run_out(result: xr.Dataset) -> Iterator[str]:
@@ -120,7 +123,7 @@ def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
     """Sentences on the certainty of the answer: the Monte Carlo error, and what it does not
     include."""
     boulders, known = simulated(result), LineSamples(result)
-    shown = [[*map(str, row)] for row in headline(rows).rows]
+    limits = [limits for numbers in rows.values() for _, limits in _estimates(numbers)]
     if is_ensemble(result):  # the answer is the range of the draws
         yield say_count("summary.simulated_in_each_run", known.sources, boulders=boulders)
         yield (say("summary.the_ranges_of_the_draws_hold"))
@@ -135,9 +138,9 @@ def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
                 boulders=boulders,
             )
         )
-        if any("(from" in cell or "(up to" in cell for row in shown for cell in row):
+        if any(isinstance(one, Text) and one.key in ONE_SIDED for one in limits):
             yield say("summary.where_only_one_limit_is_given")
-        if any(TOO_FEW in cell for row in shown for cell in row):
+        if TOO_FEW in limits:
             yield say("summary.a_dash_in_brackets_too_few")
         if known.sampled:
             yield say("summary.the_sources_are_taken_for_a")
@@ -154,7 +157,7 @@ def ends_table(result: xr.Dataset) -> Table:
     """Table of the outcomes of boulders."""
     boulders = simulated(result)
     rows = [
-        (say(ENDED[name]), f"{n:,}", percent(n / boulders))
+        (say(ENDED[name]), Number(f"{n:,}"), percent(n / boulders))
         for name, n in ended(result).items()
         if n
     ]
