@@ -92,6 +92,13 @@ REBOUND = {  # of histograms over all rebounds
 }
 
 
+def statistic(name: str) -> Text:
+    """Label of a statistic."""
+    if name in ("mean", "std"):
+        return say("statistic.mean" if name == "mean" else "statistic.std")
+    return say("statistic.quantile", level=int(name[1:]))
+
+
 def with_unit(label: str, unit: str) -> str:
     """Label of an axis or column, with its unit if it has one."""
     return f"{label} [{unit}]" if unit else label

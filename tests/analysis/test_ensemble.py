@@ -398,7 +398,7 @@ def first_page(found, monkeypatch, language="en"):
         html_page, "picture",
         lambda figure, title, caption: Picture(title, caption, "data:,", 9, 9),
     )  # fmt: skip
-    monkeypatch.setattr(html_page, "convergence_figure", lambda *_: None)
+    monkeypatch.setattr(html_page, "history_figure", lambda *_: None)
     page = html_page.report(found, language=language).replace("\u00a0", " ")
     return page, page[page.index('id="answer"') : page.index('id="inputs"')]
 

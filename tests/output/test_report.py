@@ -32,7 +32,7 @@ from rockfall.cli import main
 from scenes import grid, make_case, rough, sets
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
-from rockfall.html_report.convergence import history, known_of, mixed, sizes  # noqa: E402
+from rockfall.analysis.precision.history import history, known_of, mixed, sizes  # noqa: E402
 from rockfall.html_report.inputs import Parties, input_table  # noqa: E402
 from rockfall.html_report.intervals import estimate, rows_of  # noqa: E402
 from rockfall.html_report.maps import (  # noqa: E402
@@ -56,6 +56,7 @@ from rockfall.html_report.terrain_view import VERTICES, traces  # noqa: E402
 from rockfall.html_report.validity import SHIPPED, cautions, warnings  # noqa: E402
 from rockfall.language import LANGUAGES, speaking  # noqa: E402
 from rockfall.plots.figures import figures  # noqa: E402
+from rockfall.plots.history_figure import history_figure  # noqa: E402
 from rockfall.quantities import (  # noqa: E402
     number,
     percent,
@@ -521,7 +522,7 @@ def kinds_of_result(folder):
 def test_every_kind_of_result_has_a_page_in_every_language(tmp_path, monkeypatch):
     monkeypatch.setattr("rockfall.html_report.page.return_levels", no_levels)
     monkeypatch.setattr("rockfall.html_report.page.picture", only_said)  # drawing is tested apart
-    monkeypatch.setattr("rockfall.html_report.page.convergence_figure", lambda *_: None)
+    monkeypatch.setattr("rockfall.html_report.page.history_figure", lambda *_: None)
     monkeypatch.setattr("rockfall.html_report.page.figures", undrawn)
     for name, text in OBSERVED.items():
         (tmp_path / name).write_text(text)
@@ -852,7 +853,6 @@ def test_figures_of_the_laboratory_are_an_appendix_of_runs_by_impact_sets(result
 
 def test_the_bands_of_few_boulders_do_not_set_the_axes_of_convergence(result, monkeypatch):
     """30 boulders tell little of a quantile: its band may reach up to 1,000 m/s."""
-    from rockfall.html_report import convergence
 
     def wide(*given):
         found = history(*given)
@@ -860,9 +860,9 @@ def test_the_bands_of_few_boulders_do_not_set_the_axes_of_convergence(result, mo
             rows[0]["q95_high"] = 1e9
         return found
 
-    monkeypatch.setattr(convergence, "history", wide)
+    monkeypatch.setattr("rockfall.plots.history_figure.history", wide)
     rows = rows_of(result)["road <b>"]
-    figure = convergence.convergence_figure(result, 0)
+    figure = history_figure(result, 0)
     for axes, (quantity, factor) in zip(
         figure.axes[1:], (("speed", 1), ("passing_height", 1), ("energy_total", 1e-3)), strict=True
     ):

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.run_out import mean_slopes
 from rockfall.grounds import IMPACT_SETS, RATIO_TABLE, other_tables, repose
 from rockfall.impact_tables import open_table, shipped_tables
 from rockfall.io.tables import read_table
@@ -275,10 +276,8 @@ def faster_than_observed(values: Variables) -> np.ndarray:
     The mean slope is that of the straight line from the release to the end; a boulder that ended no
     lower has none, and is not counted.
     """
-    names = ("start_z", "stop_z", "plan_distance", "speed_max")
-    start, stop, distance, speed = (np.asarray(values[name]) for name in names)
-    slope = np.degrees(np.arctan2(start - stop, distance))
-    return (slope > 0) & (speed > SPEED_PER_DEGREE * slope)
+    slope = mean_slopes(values)
+    return (slope > 0) & (np.asarray(values["speed_max"]) > SPEED_PER_DEGREE * slope)
 
 
 def _stochastic(values: Variables) -> float:

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rockfall.analysis.ensemble.study import RESULTS, is_ensemble
-from rockfall.html_report.intervals import in_unit, interval, interval_text, statistic
+from rockfall.html_report.intervals import in_unit, interval, interval_text
 from rockfall.html_report.summary import HEADLINE, run_out
 from rockfall.html_report.tables import Table
 from rockfall.language import Text, say, translated
 from rockfall.plots.style import capital
-from rockfall.quantities import QUANTITIES, with_unit
+from rockfall.quantities import QUANTITIES, statistic, with_unit
 from rockfall.text.ensemble import (
     INDICES,
     UNDECIDED,

@@ -31,13 +31,6 @@ def rows_of(result: xr.Dataset) -> Rows:
     }
 
 
-def statistic(name: str) -> Text:
-    """Label of a statistic."""
-    if name in ("mean", "std"):
-        return say("statistic.mean" if name == "mean" else "statistic.std")
-    return say("statistic.quantile", level=int(name[1:]))
-
-
 def in_unit(value: float, quantity: str) -> Number:
     """Number in the unit in which the quantity is shown."""
     return number(QUANTITIES[quantity].factor * value)

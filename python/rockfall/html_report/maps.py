@@ -23,13 +23,13 @@ from rockfall.plots.cartography.marks import FEW_SOURCES, inside, outlined, star
 from rockfall.plots.cartography.rasters import cropped, edges, merged
 from rockfall.plots.cartography.relief import contours_of, shade
 from rockfall.plots.cartography.sheet import crs_text, round_scale, scale_text
-from rockfall.plots.extent import of_none, reached
+from rockfall.plots.extent import reached
 from rockfall.plots.map_figures import MAX_TRAJECTORIES, map_note
 from rockfall.plots.style import capital
 from rockfall.protection.barriers import barriers_of
 from rockfall.result.classes import Classes, classes_of, shown_as
 from rockfall.result.map_labels import map_label
-from rockfall.result.passages import thin_cells
+from rockfall.result.passages import of_none, thin_cells
 from rockfall.result.trajectories import lines, spread, vertices_of
 
 if TYPE_CHECKING:

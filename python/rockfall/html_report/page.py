@@ -16,7 +16,6 @@ from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.return_levels import return_levels
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
-from rockfall.html_report.convergence import convergence_figure
 from rockfall.html_report.ensemble import (
     PER_LINE,
     range_answers,
@@ -73,6 +72,7 @@ from rockfall.io.output_files import check_output
 from rockfall.language import say, speaking
 from rockfall.plots.figures import LABORATORY, drawn_lines, figures, section_entry
 from rockfall.plots.hazard_figures import hazard_figures
+from rockfall.plots.history_figure import history_figure
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.design import design
 from rockfall.result.flat_maps import flat_maps
@@ -286,7 +286,7 @@ def _convergence(
         if numbers["speed"]["n"]:
             figure = None
             if k in which:
-                drawn = convergence_figure(result, k)
+                drawn = history_figure(result, k)
                 figure = picture(drawn, say("page.convergence_at", line=line), caption)
             yield line, figure, precision_table(line, numbers, simulated(result))
         else:

@@ -11,6 +11,7 @@ import numpy as np
 from rockfall.analysis.ensemble.study import is_ensemble
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.precision.intervals import half_width
+from rockfall.analysis.run_out import mean_slopes
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
 from rockfall.html_report.intervals import ONE_SIDED, TOO_FEW, estimate, in_lines, in_unit
@@ -172,11 +173,8 @@ def angle(result: xr.Dataset) -> Iterator[str]:
     """Sentences on the slope of straight lines from release to end."""
     if not has_rows(result):
         return
-    drop = result["start_z"].values - result["stop_z"].values
-    distance = result["plan_distance"].values
-    moved = distance > 0
-    if moved.any():
-        angles = np.degrees(np.arctan2(drop[moved], distance[moved]))
+    angles = mean_slopes(result)[result["plan_distance"].values > 0]
+    if angles.size:
         yield (
             say(
                 "summary.angle",

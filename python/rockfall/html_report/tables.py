@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.ensemble.study import is_ensemble
+from rockfall.analysis.precision.history import NUMBERS
 from rockfall.analysis.precision.intervals import (
     TARGETS,
     boulders_needed,
@@ -18,21 +19,19 @@ from rockfall.analysis.precision.intervals import (
     rounded_up,
 )
 from rockfall.case import FROM_ARRAY, case_of, given_text
-from rockfall.html_report.convergence import NUMBERS
 from rockfall.html_report.intervals import (
     STATISTICS,
     TOO_FEW,
     estimate,
     in_lines,
     in_unit,
-    statistic,
 )
 from rockfall.io.layers import REPROJECTED
 from rockfall.language import Number, say, translated, word
 from rockfall.protection.barriers import barrier_rows
 from rockfall.protection.dams import dams_of
 from rockfall.protection.stands import stands_of
-from rockfall.quantities import QUANTITIES, number, percent
+from rockfall.quantities import QUANTITIES, number, percent, statistic
 from rockfall.result.grounds import rebounds_by_ground, stochastic_fraction
 from rockfall.text.comparison import notes
 from rockfall.text.comparison import tables as comparison_tables

@@ -11,6 +11,7 @@ import numpy as np
 
 from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import fraction_interval, sources
+from rockfall.analysis.run_out import passing
 from rockfall.language import say, say_count, word
 from rockfall.plots.style import (
     BARRIER,
@@ -44,7 +45,6 @@ ABREAST = 2  # lines side by side
 MAX_BINS = 60
 MAX_BINS_BELOW = 500  # of a distribution that extends far below zero
 BEYOND = 0.998  # the axis ends where one value in 500 lies beyond
-STATIONS = 300  # distances at which a fraction is drawn
 OURS = {"marker": "o", "markersize": 4, "color": BLUE}
 
 
@@ -142,17 +142,6 @@ def _draw_passing(axes: Axes, result: xr.Dataset) -> None:
             about: dict[str, Any] = {"color": BLUE, "lw": 1, "linestyle": ":", "label": words}
             axes.plot(shown[~known], 100 * bound[~known], **about)
     axes.set_ylim(0, 105)
-
-
-def passing(
-    result: xr.Dataset, distance: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Distances [m], the fraction of boulders that travel at least so far, and its 95 % limits,
-    given the `distance` of each boulder."""
-    source = sources(result)
-    shown = np.linspace(0, stop_distances(result).max() or 1.0, STATIONS)
-    fraction = [fraction_interval(distance >= one, source) for one in shown]
-    return shown, *np.transpose(fraction)
 
 
 def mark_lines(panels: Iterable[Axes], result: xr.Dataset, labels: Axes) -> None:

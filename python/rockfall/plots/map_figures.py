@@ -13,12 +13,12 @@ from rockfall.language import localised, say, word
 from rockfall.plots.cartography.marks import draw_marks, key_of
 from rockfall.plots.cartography.rasters import cropped, draw_image, edges
 from rockfall.plots.cartography.sheet import PAGE, SMALL, Room, Sheet, finish, new_sheet
-from rockfall.plots.extent import of_none, reached
+from rockfall.plots.extent import reached
 from rockfall.plots.style import INK, OBSERVED, VERMILION, styled
 from rockfall.quantities import with_unit
 from rockfall.result.classes import STATUS_MARKERS, Classes, classes_of, shown_as
 from rockfall.result.map_labels import map_comment, map_label
-from rockfall.result.passages import PASSED, thin_cells
+from rockfall.result.passages import PASSED, of_none, thin_cells
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import ends, trajectories
 
