@@ -34,27 +34,15 @@ def range_answers(result: xr.Dataset) -> list[str]:
     """A sentence for each line: range of the draws, then value of the unchanged case."""
     found = []
     for line in map(str, result["line"].values) if "line" in result else ():
-        (low, high, fraction), (e_low, e_high, energy), (h_low, h_high, height), _ = (
-            _headline_numbers(result, line)
-        )
-        if "-" in (low, high, e_low, e_high, h_low, h_high):
-            found.append(say("ensemble.line_fraction", line=line, low=low, high=high))
-        else:
-            found.append(
-                say(
-                    "ensemble.line_values",
-                    line=line,
-                    low=low,
-                    high=high,
-                    e_low=e_low,
-                    e_high=e_high,
-                    h_low=h_low,
-                    h_high=h_high,
-                    fraction=fraction,
-                    energy=energy,
-                    height=height,
-                )
-            )
+        passing, energy, height, _ = _headline_numbers(result, line)
+        values = dict(zip(("low", "high", "fraction"), passing, strict=True))
+        values |= zip(("e_low", "e_high", "energy"), energy, strict=True)
+        values |= zip(("h_low", "h_high", "height"), height, strict=True)
+        known = "-" not in [
+            value for name, value in values.items() if name.endswith(("low", "high"))
+        ]
+        key = "ensemble.line_values" if known else "ensemble.line_fraction"
+        found.append(say(key, line=line, **values))
     return [*found, *run_out(result)]
 
 

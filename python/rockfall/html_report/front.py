@@ -81,9 +81,7 @@ def front_of(
     most = BESIDE_LINES if beside else SURE_LINES
     certainty, more_certainty = _fitted(texts["certainty"], sure, most)
     lines = {
-        "title": min(
-            2, -(-len(texts["title"]) // CHARACTERS["title"])
-        ),  # of the user: not translated
+        "title": min(2, -(-len(texts["title"]) // CHARACTERS["title"])),
         "question": _lines(texts["question"], "question"),
         "warning": _lines(warnings, "warning"),
         "answer": _lines(answers, "answer"),
@@ -105,13 +103,11 @@ def front_of(
 def _facts(result: xr.Dataset, parties: Parties) -> list[tuple[str, str]]:
     """Parties of the report, and the run."""
     program, _, _ = str(result.attrs["source"]).partition(", ")
+    date = str(result.attrs.get("date_created", ""))[:10]
     return [
         (say("front.project"), parties.project),
         (say("front.client"), parties.client),
-        (
-            say("front.date_of_the_run"),
-            str(result.attrs.get("date_created", ""))[:10] or say("front.not_recorded"),
-        ),
+        (say("front.date_of_the_run"), date or say("front.not_recorded")),
         (say("label.program"), program),
         (say("front.result_sha"), parties.result or say("front.not_read_from_a_file")),
     ]

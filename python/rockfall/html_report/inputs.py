@@ -65,6 +65,7 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
     west, north, cell = corner_of(result["crs"].attrs)
     nets = ", ".join(str(result["line"].values[k]) for k in barriers_of(result))
     lines = ", ".join(map(str, result["line"].values)) if "line" in result else ""
+    volumes = _range(result["volume"].values) if has_rows(result) else say("inputs.not_kept")
     rows = [
         (say("inputs.terrain_model"), _file(case.terrain["dem"])),
         (say("inputs.cell_size_m"), Number(f"{cell:g}")),
@@ -73,21 +74,15 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
         (say("inputs.sources"), Number(f"{LineSamples(result).sources:,}")),
         (say("label.release"), _release(case, "source_feature" in result)),
         (say("label.boulders"), Number(f"{simulated(result):,}")),
-        (
-            say("inputs.volume_m"),
-            _range(result["volume"].values) if has_rows(result) else say("inputs.not_kept"),
-        ),
+        (say("inputs.volume_m"), volumes),
         (say("inputs.density_kg_m"), _density(case, "source_feature" in result)),
         (say("label.rebounds"), _rebounds(result)),
     ]
     rows += [(say("inputs.evaluation_lines_and_barriers"), lines)] if lines else []
     rows += [(say("label.barriers"), nets)] if nets else []
     rows += [(say("inputs.dams"), f"{len(case.dam)}")] if case.dam else []
-    rows += (
-        [(say("inputs.trees"), say("inputs.trees_stand_on_the_slope"))]
-        if has(case, "forest")
-        else []
-    )
+    if has(case, "forest"):
+        rows += [(say("inputs.trees"), say("inputs.trees_stand_on_the_slope"))]
     return Table(say("inputs.what_the_run_was_given"), ("", say("label.value")), rows, "inputs")
 
 
@@ -159,11 +154,8 @@ def zone_table(result: xr.Dataset) -> Iterator[Table]:
         sizes = np.ravel(surface.get("uniform_mean_radius", surface.get("uniform_rg", [])))
         heads = list(RADII.values())[slice(0, 1) if sizes.size == 1 else slice(1, 4)]
         values = [number(one) for one in sizes]
-        yield Table(
-            say("inputs.grounds_and_radii_of_their_rocks"),
-            ("", *heads),
-            [(say("inputs.everywhere"), *values)],
-        )
+        row = say("inputs.everywhere"), *values
+        yield Table(say("inputs.grounds_and_radii_of_their_rocks"), ("", *heads), [row])
 
 
 def _polygon_zones(zones: dict[int, Zone]) -> Table:

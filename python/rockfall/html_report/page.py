@@ -277,10 +277,9 @@ def _convergence(
     result: xr.Dataset, rows: Rows
 ) -> Iterator[tuple[str, Picture | None, Table | None]]:
     """Figure and table of convergence of each line; none if no boulder passes."""
-    if LineSamples(result).sources > 1:
-        caption = say("page.numbers_after_so_many_boulders_with")
-    else:
-        caption = say("page.numbers_after_so_many_boulders_with_2")
+    of_several = LineSamples(result).sources > 1
+    key = "page.numbers_after_so_many_boulders_with"
+    caption = say(key if of_several else "page.numbers_after_so_many_boulders_with_2")
     which = drawn_lines(result, DRAWN_LINES) if has_rows(result) else []
     for k, (line, numbers) in enumerate(rows.items()):
         if numbers["speed"]["n"]:

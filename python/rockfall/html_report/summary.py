@@ -61,35 +61,18 @@ def answers(result: xr.Dataset, rows: Rows) -> list[str]:
 
 def _line(line: str, numbers: Numbers, is_barrier: bool) -> str:
     """Sentence on the boulders that pass a line, or reach a barrier."""
-    row = numbers["speed"]
+    row, kind = numbers["speed"], "barrier" if is_barrier else "line"
     if not row["n"]:
         high = in_unit(row["fraction_high"], "fraction")
-        if is_barrier:
-            return say("summary.barrier_none", line=line, high=high)
-        return say("summary.line_none", line=line, high=high)
+        return say(f"summary.{kind}_none", line=line, high=high)
     fraction = estimate(row, "fraction", "fraction")[0]
     energy, height = (
         estimate(numbers[of], "q95", of)[0] for of in ("energy_total", "passing_height")
     )
     if row["n"] == 1 or "-" in (energy, height):
-        if is_barrier:
-            return say("summary.barrier_fraction", line=line, fraction=fraction)
-        return say("summary.line_fraction", line=line, fraction=fraction)
-    if is_barrier:
-        return say(
-            "summary.barrier_values",
-            line=line,
-            fraction=fraction,
-            energy=energy,
-            height=height,
-        )
-    return say(
-        "summary.line_values",
-        line=line,
-        fraction=fraction,
-        energy=energy,
-        height=height,
-    )
+        return say(f"summary.{kind}_fraction", line=line, fraction=fraction)
+    values = {"fraction": fraction, "energy": energy, "height": height}
+    return say(f"summary.{kind}_values", line=line, **values)
 
 
 def headline(rows: Rows) -> Table:
@@ -117,7 +100,7 @@ def run_out(result: xr.Dataset) -> Iterator[str]:
         yield say("summary.run_out_of_one", max=number(distance.max()))
     else:
         half, far = (number(one) for one in distance.quantile([0.5, 0.95]))
-        yield (say("summary.run_out", half=half, far=far, max=number(distance.max())))
+        yield say("summary.run_out", half=half, far=far, max=number(distance.max()))
 
 
 def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
@@ -127,18 +110,12 @@ def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
     limits = [limits for numbers in rows.values() for _, limits in _estimates(numbers)]
     if is_ensemble(result):  # the answer is the range of the draws
         yield say_count("summary.simulated_in_each_run", known.sources, boulders=boulders)
-        yield (say("summary.the_ranges_of_the_draws_hold"))
+        yield say("summary.the_ranges_of_the_draws_hold")
         return
     if boulders == 1:
         yield say("summary.one_boulder_is_an_example_it")
     else:
-        yield (
-            say_count(
-                "summary.simulated",
-                known.sources,
-                boulders=boulders,
-            )
-        )
+        yield say_count("summary.simulated", known.sources, boulders=boulders)
         if any(isinstance(one, Text) and one.key in ONE_SIDED for one in limits):
             yield say("summary.where_only_one_limit_is_given")
         if TOO_FEW in limits:
@@ -162,11 +139,8 @@ def ends_table(result: xr.Dataset) -> Table:
         for name, n in ended(result).items()
         if n
     ]
-    return Table(
-        say("summary.how_boulders_ended"),
-        ("", say("label.boulders"), say("label.fraction")),
-        rows,
-    )
+    heads = "", say("label.boulders"), say("label.fraction")
+    return Table(say("summary.how_boulders_ended"), heads, rows)
 
 
 def angle(result: xr.Dataset) -> Iterator[str]:
@@ -175,38 +149,21 @@ def angle(result: xr.Dataset) -> Iterator[str]:
         return
     angles = mean_slopes(result)[result["plan_distance"].values > 0]
     if angles.size:
-        yield (
-            say(
-                "summary.angle",
-                angles=number(np.median(angles)),
-                min=number(angles.min()),
-            )
-        )
+        median, least = number(np.median(angles)), number(angles.min())
+        yield say("summary.angle", angles=median, min=least)
 
 
 def technical(result: xr.Dataset) -> Iterator[str]:
     """Technical details of the random numbers, for repeating the run."""
     if case_of(result).case["sampling"] == "sobol":
-        yield (say("summary.sobol_points_spread_the_boulders_more"))
+        yield say("summary.sobol_points_spread_the_boulders_more")
     rebounds, redrawn, forced = (int(result[f"rebounds{of}"]) for of in ("", "_redrawn", "_forced"))
     if redrawn:
-        yield (
-            say_count(
-                "summary.redrawn",
-                rebounds,
-                redrawn=redrawn,
-                fraction=percent(redrawn / rebounds),
-            )
-        )
+        fraction = percent(redrawn / rebounds)
+        yield say_count("summary.redrawn", rebounds, redrawn=redrawn, fraction=fraction)
     if forced:
-        yield (
-            say_count(
-                "summary.limited",
-                rebounds,
-                forced=forced,
-                fraction=percent(forced / rebounds),
-            )
-        )
+        fraction = percent(forced / rebounds)
+        yield say_count("summary.limited", rebounds, forced=forced, fraction=fraction)
 
 
 def requested(result: xr.Dataset) -> list[str]:

@@ -84,17 +84,8 @@ def barrier_table(result: xr.Dataset) -> Table:
          " ".join(map(translated, estimate(row, "fraction", "fraction"))))
         for row in barrier_rows(result)
     ]  # fmt: skip
-    about = say("tables.barrier_caption")
-    return Table(
-        about,
-        (
-            say("tables.barrier"),
-            say("tables.outcome"),
-            say("label.boulders"),
-            say("tables.fraction"),
-        ),
-        rows,
-    )
+    heads = "tables.barrier", "tables.outcome", "label.boulders", "tables.fraction"
+    return Table(say("tables.barrier_caption"), [*map(say, heads)], rows)
 
 
 def dam_tables(result: xr.Dataset) -> Iterator[Table]:
@@ -134,11 +125,11 @@ def stand_tables(result: xr.Dataset) -> Iterator[Table]:
         for one in stands_of(result)
     ]
     if rows:
-        head = (
-            say("tables.stand"), say("tables.area_ha"), say("tables.stems"),
-            say("tables.stems_a_hectare"), say("tables.stems_a_hectare_in_the_layer"),
+        heads = (
+            "tables.stand", "tables.area_ha", "tables.stems", "tables.stems_a_hectare",
+            "tables.stems_a_hectare_in_the_layer",
         )  # fmt: skip
-        yield Table(say("tables.stand_caption"), head, rows)
+        yield Table(say("tables.stand_caption"), [*map(say, heads)], rows)
 
 
 def ground_table(result: xr.Dataset) -> Table:
@@ -148,16 +139,8 @@ def ground_table(result: xr.Dataset) -> Table:
         (name, word(model), Number(f"{rebounds:,}"), percent(fraction))
         for name, model, rebounds, fraction in grounds
     ]
-    return Table(
-        say("tables.rebounds_by_ground"),
-        (
-            say("tables.ground"),
-            say("tables.model"),
-            say("label.rebounds"),
-            say("label.fraction"),
-        ),
-        rows,
-    )
+    heads = "tables.ground", "tables.model", "label.rebounds", "label.fraction"
+    return Table(say("tables.rebounds_by_ground"), [*map(say, heads)], rows)
 
 
 def level_table(levels: pd.DataFrame) -> Table:
@@ -175,13 +158,8 @@ def level_table(levels: pd.DataFrame) -> Table:
             (name, in_unit(row["max"], quantity), *cells, *tail, row["refused"].replace("; ", "\n"))
         )  # fmt: skip
     head = ["", say("tables.max"), *(say("tables.one_in_n", n=int(n[6:])) for n in names)]
-    about = say("tables.level_caption")
-    return Table(
-        about,
-        [*head, say("tables.threshold"), say("tables.shape"), say("tables.refused")],
-        shown,
-        "numbers noted",
-    )
+    head += map(say, ("tables.threshold", "tables.shape", "tables.refused"))
+    return Table(say("tables.level_caption"), head, shown, "numbers noted")
 
 
 def precision_table(line: str, numbers: Numbers, boulders: int) -> Table:
@@ -251,6 +229,9 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
     about = {key: str(value) for key, value in result.attrs.items()}
     case, is_complete = case_of(result), bool(result.attrs["complete"])
     program, _, _ = about["source"].partition(", ")
+    if stochastic_fraction(result):
+        program = f"{program}, {say('tables.stochastic_model')}"
+    clocks = {clock: result.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu")}
     requested = int(about["boulders_requested"])
     total = "boulders_total" in case.case
     number = case.case["boulders_total" if total else "boulders"]
@@ -261,12 +242,7 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
     else:
         released = say("tables.boulders_of_each_source")
     rows = [
-        (
-            say("label.program"),
-            f"{program}, {say('tables.stochastic_model')}"
-            if stochastic_fraction(result)
-            else program,
-        ),
+        (say("label.program"), program),
         (say("tables.case_file"), about["case_file"]),
         (say("tables.seed"), about["seed"]),
         (
@@ -280,12 +256,7 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
             for key, noted in json.loads(about["input_checksums"]).items()
         ),
         (say("tables.threads"), about["threads"]),
-        (
-            say("tables.time"),
-            say(
-                "tables.seconds", wall=result.attrs["wall_seconds"], cpu=result.attrs["cpu_seconds"]
-            ),
-        ),
+        (say("tables.time"), say("tables.seconds", **clocks)),
     ]
     option = "--boulders-total" if total else "--boulders"
     verb = "ensemble" if is_ensemble(result) else "run"
