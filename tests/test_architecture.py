@@ -46,7 +46,7 @@ MODULES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): path
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-FORTRAN = ["base", "terrain", "boulder", "tally", "trace", "run", "io", "f2py"]
+FORTRAN = ["base", "terrain", "boulder", "tally", "trace", "run", "io", "f2py", "c"]
 
 
 def room(module):

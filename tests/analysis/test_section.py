@@ -11,7 +11,6 @@ import rockfall
 from made import UTM, make_layer, refused
 from rockfall.analysis.line_statistics import sample_numbers
 from rockfall.analysis.lines.envelopes import envelopes, fewest_for
-from rockfall.analysis.lines.flights import curve_of, flights_of
 from rockfall.analysis.lines.section import COLUMNS, section_of
 from rockfall.analysis.lines.section_maps import places_in_cells
 from rockfall.analysis.lines.stations import SectionLine
@@ -281,10 +280,9 @@ def test_recorded_boulders_have_the_kernels_numbers(meeting, tmp_path):
             np.testing.assert_allclose(here[name], wanted, rtol=near, atol=near)
         compared += crossed.sum()
     assert compared > 100
-    flights, below = flights_of(run), 1.0 if meeting == "table" else 0.05  # rolls are chords
-    for row in range(60):
-        place, z = curve_of(flights, row)
-        assert (z >= height(*TERRAIN, place.real, place.imag) - below).all()
+    below = 1.0 if meeting == "table" else 0.05  # rolls are chords
+    for one in rockfall.trajectories(run):
+        assert (one.z >= height(*TERRAIN, one.x, one.y) - below).all()
     radius = 0.6 * STEEPEST
     for name in QUANTITIES:
         recorded, most = (found.table[f"{of}_{name}_max"] for of in ("recorded", "corridor"))

@@ -16,7 +16,7 @@ import rockfall
 from made import make_layer, make_raster, refused
 from rockfall.cli import main
 from rockfall.result.dataset import write_result
-from rockfall.result.flights import flights_of
+from rockfall.result.motion import motion_of, sampled
 from scenes import make_case, rough, sets
 
 pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
@@ -108,26 +108,16 @@ def test_trajectories_are_parabolas_in_space_and_time(exported, result):
 def test_a_coarser_tolerance_needs_fewer_vertices_and_is_kept(result):
     sizes = []
     for tolerance in (0.001, 0.05, 1.0):
-        flights = flights_of(result, tolerance)
-        sizes.append(len(flights.samples))
-        for number, path in zip(flights.boulders, flights.paths(), strict=True):
-            rows = contacts(result)[number]
+        motion = motion_of(result)
+        paths = sampled(motion, tolerance).strings(motion.boulder)
+        sizes.append(sum(map(len, paths)))
+        for rows, path in zip(contacts(result).values(), paths, strict=True):
             between = (path[1:] + path[:-1]) / 2
             off = between[:, :3] - [place_at(rows, time) for time in between[:, 3]]
             assert np.linalg.norm(off, axis=1).max() <= tolerance + 1e-6
     assert sizes == sorted(sizes, reverse=True) and len(set(sizes)) == 3
     with refused("--tolerance 0: must be > 0 [m]"):
-        flights_of(result, 0.0)
-
-
-def test_what_rolls_stays_on_the_line_between_contacts(result):
-    """A vertex whose velocity does not lead to the next one starts no parabola."""
-    slow = result.assign(trajectory_velocity_x=result["trajectory_velocity_x"] * 0.5)
-    rows = np.diff(contacts(slow)[1], axis=0)
-    moved = np.abs(contacts(slow)[1][:-1, 4] * rows[:, 3]) > 1e-5  # not straight down
-    flights = flights_of(slow)
-    first = flights.first[: len(rows) + 1]
-    assert (np.diff(first)[moved] == 1).all() and moved.sum() > 5
+        sampled(motion_of(result), 0.0)
 
 
 def test_flights_have_begin_and_end_for_the_temporal_controller(exported, result):

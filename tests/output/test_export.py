@@ -19,13 +19,13 @@ from rockfall.io.grid import Grid
 from rockfall.result.classes import classes_of
 from rockfall.result.export import export
 from scenes import make_case, rough, sets
+from slope_case import CASE
 
 pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
 GRID = Grid(600000.0, 5000000.0, 2.5, nx=7, ny=5)
 FILL = -2147483647
-CASE = "&case\n    title = 'A'\n/\n"
 STATUS = {
     "flag_values": np.array([1, 2, 3, 4], "i1"),
     "flag_meanings": "stopped absorbed left_domain impact_limit",
@@ -50,13 +50,18 @@ def lines_of(names):
 
 def made():
     """A small result with everything that can be exported."""
+    rolls = np.array([1.0, 1 / 1.5, 0.0, 0.0, 1 / 3.25, 0.0])  # [m/s]
     vertices = {
         "trajectory_boulder": ("trajectory_vertex", np.array([1, 1, 1, 2, 3, 3], "i4")),
         "trajectory_x": ("trajectory_vertex", 600000.0 + np.arange(6.0)),
         "trajectory_y": ("trajectory_vertex", 4999990.0 + np.arange(6.0)),
         "trajectory_z": ("trajectory_vertex", 100.0 - np.arange(6.0)),
         "trajectory_time": ("trajectory_vertex", [0.0, 1.0, 2.5, 0.0, 0.0, 3.25], {"units": "s"}),
-        **{f"trajectory_velocity_{axis}": ("trajectory_vertex", np.zeros(6)) for axis in "xyz"},
+        **{
+            f"trajectory_velocity_{axis}": ("trajectory_vertex", way * rolls)
+            for axis, way in {"x": 1, "y": 1, "z": -1}.items()
+        },
+        "trajectory_ratio": ("trajectory_vertex", np.ones(6)),
     }
     stop_x = 600000.0 + np.arange(5.0) / 3.0
     stop_x[4] = np.nan
@@ -84,7 +89,7 @@ def made():
     return xr.Dataset(
         {**maps, **boulders, **lines, **vertices},
         coords={"x": GRID.x, "y": GRID.y, **line_names},
-        attrs={"seed": 7, "case": CASE},
+        attrs={"seed": 7, "case": CASE, "case_file": "case.nml"},
     )
 
 

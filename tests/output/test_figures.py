@@ -149,26 +149,6 @@ def test_no_terrain_no_ground(full):
 # ---- what is drawn are the numbers of the result
 
 
-def test_flights_are_those_of_a_falling_stone():
-    """From 100 m at rest for 1 s, a bounce of 0.5 s: elevations and speeds at every moment."""
-    g, t = 9.81, np.linspace(0, 1, trajectories.POINTS)
-    vertex = {
-        "boulder": [1, 1, 1],
-        "x": [0.0, 0.0, 1.5],
-        "y": [0.0, 0.0, 0.0],
-        "z": [100.0, 100 - g / 2, 90.0],
-    }
-    vertical = (90.0 - (100 - g / 2) + g / 8) / 0.5
-    about = {"time": [0.0, 1.0, 1.5], "velocity_x": [0.0, 3.0, 0.0], "velocity_y": [0.0] * 3}
-    about["velocity_z"] = [0.0, vertical, 0.0]
-    flight = trajectories._curve(*(np.array(c) for c in (*vertex.values(), *about.values())))
-    assert flight.z[: t.size] == pytest.approx(100 - g / 2 * t**2)
-    assert flight.speed[: t.size] == pytest.approx(g * t)
-    speed = np.hypot(3.0, vertical - g * t / 2)
-    assert flight.speed[t.size :] == pytest.approx(speed)
-    assert flight.distance[t.size :] == pytest.approx(1.5 * t)
-
-
 def test_trajectories_touch_the_ground_at_contacts_and_fly_above_it(full):
     for one in trajectories.trajectories(full):
         above = one.z - height(*TERRAIN, one.x, one.y)

@@ -23,7 +23,7 @@ module rockfall_run_loop
    use rockfall_scene, only: check_sources, boulder_count, max_volumes, object_reach, max_tree_hits
    implicit none
    private
-   public :: run_observer_t, run_case
+   public :: run_observer_t, run_case, scan_terrain
 
    integer(i8), parameter :: first_chunk = 1024   !! boulders in the first call
    real(wp), parameter :: chunk_seconds = 1.0_wp  !! target duration of a call: at its end threads wait for each other

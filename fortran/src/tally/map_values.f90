@@ -250,6 +250,7 @@ contains
       min_count = max(1, map_min_count(name, min_passages))
       row = ieee_value(1.0_sp, ieee_quiet_nan)
       select case (kind%form)
+      case (a_count); call count_row(maps, name, j, row)
       case (a_fraction); row = real(maps%passages(:, j)/n_boulders, sp)
       case (a_source_fraction)
          associate (n => maps%passages(:, j), released => maps%released(:, j))
@@ -293,6 +294,22 @@ contains
          call quantile_row(maps, kind, j, per_cluster, min_count, row)
       end select
    end subroutine map_row
+
+   !> Row j of a map that is a count.
+   pure subroutine count_row(maps, name, j, row)
+      type(maps_t), intent(in) :: maps
+      character(len=*), intent(in) :: name
+      integer, intent(in) :: j
+      real(sp), intent(inout) :: row(:)
+
+      select case (name)
+      case ("passages"); row = real(maps%passages(:, j), sp)
+      case ("deposits"); row = real(maps%deposits(:, j), sp)
+      case ("sources"); row = real(maps%sources(:, j), sp)
+      case ("hits"); row = real(maps%hits(:, j), sp)
+      case ("tree_impacts"); row = real(maps%tree_impacts(:, j), sp)
+      end select
+   end subroutine count_row
 
    !> Standard deviation (n - 1) of n integers from their sum and the two digits of the sum of their squares; exact
    !> except for the last operations, so that equal numbers give zero.

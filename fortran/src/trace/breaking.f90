@@ -92,7 +92,10 @@ contains
          piece%flight%heading = v(:2)
          piece%omega_r = sqrt(kept_energy)*from%omega_r
          piece%recorded = from%recorded
-         if (allocated(from%path)) piece%path = from%path
+         if (allocated(from%path)) then
+            piece%path = from%path
+            if (from%recorded > 0 .and. from%recorded == size(piece%path)) piece%path(from%recorded)%v = piece%flight%v
+         end if
          associate (result => piece%result)
             result%boulder = fragment_of(from%result%boulder, scratch%split%volume(k))
             result%source = from%result%source

@@ -29,8 +29,9 @@ from rockfall.plots.style import capital
 from rockfall.protection.barriers import barriers_of
 from rockfall.result.classes import Classes, classes_of, shown_as
 from rockfall.result.map_labels import map_label
+from rockfall.result.motion import spread
 from rockfall.result.passages import of_none, thin_cells
-from rockfall.result.trajectories import lines, spread, vertices_of
+from rockfall.result.trajectories import lines, vertices_of
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -23,7 +23,8 @@ from rockfall.plots.cartography.relief import shade
 from rockfall.plots.extent import reached
 from rockfall.plots.style import BLUE, INK, VERMILION
 from rockfall.protection.barriers import barriers_of
-from rockfall.result.trajectories import lines, trajectories
+from rockfall.result.motion import motion_of, sampled
+from rockfall.result.trajectories import lines
 from rockfall.terrain.height import height
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 VERTICES = 160  # of the terrain along its longer side
 SHOWN = 100  # trajectories
-EVERY = 6  # thinning of the points of a parabola in a figure
+COARSE = 0.5  # tolerance of drawn parabolas [m]
 AWAY = 1.2  # distance of the eye from the centre, in sides of the scene
 ABOVE = 2.0  # height of lines above the ground, so that they remain visible [m]
 
@@ -85,8 +86,9 @@ def traces(result: xr.Dataset, terrain: Terrain) -> list[Trace]:
         x, y = inside(x, y, extent)
         look = {"color": BLUE if k in nets else INK, "width": 6}
         found.append(_curve(name, [(x, y, height(*terrain, x, y) + ABOVE)], corner, look))
-    curves = [(c.x[::EVERY], c.y[::EVERY], c.z[::EVERY]) for c in trajectories(result, SHOWN)]
-    if curves:
+    motion = motion_of(result, SHOWN)
+    if paths := sampled(motion, COARSE).strings(motion.boulder):
+        curves = [path[:, :3].T for path in paths]
         found.append(
             _curve(say("page.trajectories"), curves, corner, {"color": VERMILION, "width": 2})
         )

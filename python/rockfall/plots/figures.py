@@ -50,7 +50,7 @@ from rockfall.result.grounds import sets_followed
 from rockfall.result.map_labels import map_label
 from rockfall.result.passages import PASSED, passed_map, thin_cells
 from rockfall.result.samples import has_rows, simulated
-from rockfall.result.trajectories import left_terrain, lines, trajectories
+from rockfall.result.trajectories import left_terrain, lines, vertices_of
 from rockfall.scene.coefficients import open_sets
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def _trajectories(
     result: xr.Dataset, terrain: Terrain | None, look: Look | None
 ) -> Iterator[Figure]:
     """Recorded trajectories (paper, Fig. 4)."""
-    if not any(np.ptp(one.z) > 0 for one in trajectories(result, MAX_TRAJECTORIES)):
+    if not any(np.ptp(xyz, axis=1).any() for xyz in vertices_of(result, "x", "y", "z")):
         return  # none recorded, or none that moved
     recorded = np.unique(result["trajectory_boulder"].values).size
     drawn, total = min(recorded, MAX_TRAJECTORIES), simulated(result)

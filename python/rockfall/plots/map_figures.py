@@ -18,9 +18,10 @@ from rockfall.plots.style import INK, OBSERVED, VERMILION, styled
 from rockfall.quantities import with_unit
 from rockfall.result.classes import STATUS_MARKERS, Classes, classes_of, shown_as
 from rockfall.result.map_labels import map_comment, map_label
+from rockfall.result.motion import spread
 from rockfall.result.passages import PASSED, of_none, thin_cells
 from rockfall.result.samples import simulated
-from rockfall.result.trajectories import ends, trajectories
+from rockfall.result.trajectories import ends, vertices_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -188,9 +189,9 @@ def _draw_trajectories(axes: Axes, result: xr.Dataset) -> None:
     """Draw recorded trajectories in plan, or some of them if there are many."""
     from matplotlib.collections import LineCollection
 
-    curves = [np.column_stack([one.x, one.y]) for one in trajectories(result, MAX_TRAJECTORIES)]
+    paths = [xy.T for xy in spread(vertices_of(result, "x", "y"), MAX_TRAJECTORIES)]
     about: dict[str, Any] = {"colors": VERMILION, "linewidths": 0.5, "alpha": 0.7}
-    axes.add_collection(LineCollection(curves, rasterized=True, **about), autolim=False)
+    axes.add_collection(LineCollection(paths, rasterized=True, **about), autolim=False)
 
 
 def _draw_stops(axes: Axes, result: xr.Dataset) -> None:

@@ -42,7 +42,7 @@ def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure
     _draw_profile(panels[0], curves, ground)
     if ground:
         _draw_heights(panels[1], curves, ground)
-    draw_curves(panels[-1], [(one.distance, one.speed) for one in curves])
+    draw_curves(panels[-1], [_speeds_in_motion(one) for one in curves])
     panels[-1].set(ylabel=QUANTITIES["speed"].title, ylim=(0, None), xlabel=say(DISTANCE))
     panels[-1].set_xlim(0, furthest)
     mark_lines(panels, result, labels=panels[0])
@@ -66,6 +66,12 @@ def _ground_below(
     if terrain is None or terrain[1].cell > 1.001 * cell_of(result):
         return []
     return [height(*terrain, one.x, one.y) for one in curves]
+
+
+def _speeds_in_motion(curve: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Distances and speeds, without the times at which a boulder stands between its contacts."""
+    moves = (curve.speed > 0) | (curve.time == 0)
+    return curve.distance[moves], curve.speed[moves]
 
 
 def _draw_profile(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.ndarray]) -> None:

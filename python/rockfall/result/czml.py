@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.io.files import atomic_write
-from rockfall.result.flights import Flights, time_stamps
 from rockfall.result.geographic import Geographic
+from rockfall.result.motion import Sampled
 from rockfall.result.trajectories import lines
+from rockfall.result.trajectory_layers import time_stamps
 from rockfall.result.vector_style import STYLES, paint
 
 if TYPE_CHECKING:
@@ -27,12 +28,12 @@ BOULDER = (230, 67, 43)  # red, green, blue
 
 
 def write_czml(
-    path: Path, data: xr.Dataset, flights: Flights, title: str, way: Geographic, geoid: float
+    path: Path, data: xr.Dataset, sampled: Sampled, title: str, way: Geographic, geoid: float
 ) -> Path:
     """Write a document of packets, atomically. Heights are those of the DEM plus the height
     `geoid` [m] of its datum above the ellipsoid."""
     with atomic_write(path) as part, open(part, "w", encoding="utf-8") as file:
-        for k, packet in enumerate(_packets(data, flights, title, way, geoid)):
+        for k, packet in enumerate(_packets(data, sampled, title, way, geoid)):
             file.write("[\n" if k == 0 else ",\n")
             json.dump(packet, file, allow_nan=False, separators=(",", ":"))
         file.write("\n]\n")
@@ -40,10 +41,10 @@ def write_czml(
 
 
 def _packets(
-    data: xr.Dataset, flights: Flights, title: str, way: Geographic, geoid: float
+    data: xr.Dataset, sampled: Sampled, title: str, way: Geographic, geoid: float
 ) -> Iterator[dict[str, Any]]:
     """The document, the lines, and the boulders from release to the end of the slowest."""
-    start, end = (_iso(time) for time in (0.0, flights.samples[:, 3].max()))
+    start, end = (_iso(time) for time in (0.0, sampled.samples[:, 3].max()))
     about = (
         f"Heights: of the DEM (vertical datum: {way.heights}) plus {geoid:g} m for the ellipsoid. "
         f"Places: {way.crs} to WGS 84. All boulders start together."
@@ -56,7 +57,8 @@ def _packets(
     for name, x, y in lines(data):
         yield _line(name, way.degrees(np.column_stack([x, y, np.zeros(x.size)])))
     volumes = _volumes(data)
-    for number, path in zip(flights.boulders.tolist(), flights.paths(), strict=True):
+    numbers = np.unique(sampled.motion.boulder).tolist()
+    for number, path in zip(numbers, sampled.strings(sampled.motion.boulder), strict=True):
         places = way.degrees(path[:, :3]) + (0.0, 0.0, geoid)
         yield _boulder(number, path[:, 3], places, f"{start}/{end}", volumes.get(number))
 

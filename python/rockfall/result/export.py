@@ -28,19 +28,14 @@ from rockfall.result.czml import write_czml
 from rockfall.result.dataset import NO_COUNT, open_result
 from rockfall.result.drawing import write_drawing
 from rockfall.result.flat_maps import PLAN, flat_maps
-from rockfall.result.flights import (
-    TOLERANCE,
-    Flights,
-    flight_features,
-    flights_of,
-    trajectory_features,
-)
 from rockfall.result.geographic import geographic
 from rockfall.result.kml import write_kml
+from rockfall.result.motion import TOLERANCE, Sampled, motion_of, sampled
 from rockfall.result.protection_lines import dam_lines, dams_in
 from rockfall.result.qgis_style import write_classes
 from rockfall.result.source_areas import SourceTable, are_cells, source_areas
 from rockfall.result.trajectories import flags_of
+from rockfall.result.trajectory_layers import flight_features, trajectory_features
 from rockfall.result.validate import check_dimensions
 from rockfall.result.vector_style import STYLES, Style, put_styles
 
@@ -136,10 +131,10 @@ def check_formats(formats: Sequence[str], allowed: Sequence[str]) -> list[str]:
 def _export(
     data: xr.Dataset, folder: Path, formats: Sequence[str], tolerance: float, geoid: float | None
 ) -> Iterator[Path]:
-    flights = None
+    moving = None
     if {"gpkg", "czml", "kml", "dxf"} & {*formats} and data.sizes.get("trajectory_vertex"):
-        flights = flights_of(data, tolerance)
-    layers = _layers(data, flights) if "gpkg" in formats else {}
+        moving = sampled(motion_of(data), tolerance)
+    layers = _layers(data, moving) if "gpkg" in formats else {}
     if "tif" in formats:
         for name, variable in data.data_vars.items():
             if variable.dims == PLAN:
@@ -150,16 +145,16 @@ def _export(
     if layers:
         yield write_geopackage(folder / "rockfall.gpkg", layers, crs_wkt(data), STYLES)
     if "czml" in formats:
-        yield _put_czml(folder / "rockfall.czml", data, flights, geoid)
+        yield _put_czml(folder / "rockfall.czml", data, moving, geoid)
     if "kml" in formats:
-        yield put_kml(folder / "rockfall.kml", _drawn(data, flights, "KML"), data, STYLES)
+        yield put_kml(folder / "rockfall.kml", _drawn(data, moving, "KML"), data, STYLES)
     if "dxf" in formats:
-        yield write_drawing(folder / "rockfall.dxf", _drawn(data, flights, "DXF"), STYLES)
+        yield write_drawing(folder / "rockfall.dxf", _drawn(data, moving, "DXF"), STYLES)
 
 
-def _drawn(data: xr.Dataset, flights: Flights | None, what: str) -> Layers:
+def _drawn(data: xr.Dataset, moving: Sampled | None, what: str) -> Layers:
     """Layers of a drawing: each feature once."""
-    layers = _layers(data, flights, what)
+    layers = _layers(data, moving, what)
     if not (found := {name: layers[name] for name in DRAWN if name in layers}):
         raise RockfallError(f"{what}: the result has nothing that could be drawn")
     return found
@@ -173,9 +168,9 @@ def put_kml(path: Path, layers: Layers, data: xr.Dataset, styles: Mapping[str, S
     return write_kml(path, layers, _title(data), way, styles)
 
 
-def _put_czml(path: Path, data: xr.Dataset, flights: Flights | None, geoid: float | None) -> Path:
+def _put_czml(path: Path, data: xr.Dataset, moving: Sampled | None, geoid: float | None) -> Path:
     """Write trajectories as CZML, with a warning where places or heights are not exact."""
-    if flights is None:
+    if moving is None:
         raise RockfallError("CZML needs trajectories: the result has none (&output trajectories)")
     if geoid is not None and not abs(geoid) <= MAX_GEOID:
         raise RockfallError(f"--geoid {geoid:g}: must be between -{MAX_GEOID:g} and {MAX_GEOID:g}")
@@ -188,7 +183,7 @@ def _put_czml(path: Path, data: xr.Dataset, flights: Flights | None, geoid: floa
             "above the ellipsoid, tens of metres apart: --geoid M gives the difference",
             stacklevel=2,
         )
-    return write_czml(path, data, flights, _title(data), way, geoid or 0.0)
+    return write_czml(path, data, moving, _title(data), way, geoid or 0.0)
 
 
 def _title(data: xr.Dataset) -> str:
@@ -347,7 +342,7 @@ def _texts(column: xr.DataArray) -> list[str]:
     return texts if values.dtype.kind in "iufb" else [spreadsheet_text(text) for text in texts]
 
 
-def _layers(data: xr.Dataset, flights: Flights | None, what: str = "GeoPackages") -> Layers:
+def _layers(data: xr.Dataset, moving: Sampled | None, what: str = "GeoPackages") -> Layers:
     """The layers that the result has; `what` needs them, for a message."""
     layers: Layers = {}
     has_rows = data.sizes.get("boulder", 1) > 0
@@ -369,10 +364,10 @@ def _layers(data: xr.Dataset, flights: Flights | None, what: str = "GeoPackages"
         layers["crossings"] = "Point", _crossing_points(data)
     if dams := dams_in(data):
         layers["dams"] = "LineString", [dam_lines(dams)]
-    if flights is not None:
-        layers["trajectories"] = "LineString ZM", [trajectory_features(flights)]
-        if flights.starts.size:
-            layers["flights"] = "LineString ZM", [flight_features(flights)]
+    if moving is not None:
+        layers["trajectories"] = "LineString ZM", [trajectory_features(data, moving)]
+        if len((pieces := flight_features(moving))[0]):
+            layers["flights"] = "LineString ZM", [pieces]
     return layers
 
 

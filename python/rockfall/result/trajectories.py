@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+
+from rockfall.result.motion import Motion, motion_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -15,8 +17,7 @@ if TYPE_CHECKING:
 
     Terrain = tuple[np.ndarray, Grid]  # elevations (ny, nx) [m], and their grid
 
-POINTS = 25  # of a drawn parabola
-_Kept = TypeVar("_Kept")
+POINTS = 25  # of each piece of a curve
 
 
 class Trajectory(NamedTuple):
@@ -44,10 +45,10 @@ def trajectories(result: Held, number: int | None = None) -> list[Trajectory]:
     """Recorded trajectories, at most `number` of them, evenly selected, with the parabolas between
     their contacts.
 
-    A parabola is fixed by the velocity after a contact, the time and the next contact; gravity
-    follows. A result has the trajectories that its case asks for (`&output trajectories`); each is
-    a named tuple of arrays x, y, z, distance [m], speed [m/s] and time [s], and the boulder's
-    number.
+    A parabola is fixed by the velocity after a contact, the time and gravity. A boulder rolls and
+    slides straight at a mean speed; where it stands, time goes on at speed 0. A result has the
+    trajectories that its case asks for (`&output trajectories`); each is a named tuple of arrays
+    x, y, z, distance [m], speed [m/s] and time [s], and the boulder's number.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml").replace(output={"trajectories": 3})
@@ -55,37 +56,25 @@ def trajectories(result: Held, number: int | None = None) -> list[Trajectory]:
     >>> path.x.shape == path.speed.shape, len(others)
     (True, 2)
     """
-    names = ("boulder", "x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
-    return [_curve(*vertices) for vertices in spread(vertices_of(result, *names), number)]
+    return curves(motion_of(result, number))
 
 
-def spread(recorded: list[_Kept], number: int | None) -> list[_Kept]:
-    """Evenly select at most `number` of the recorded trajectories, which are ordered by source."""
-    if number is None or len(recorded) <= number:
-        return recorded
-    return [recorded[k * len(recorded) // number] for k in range(number)]
-
-
-def _curve(boulder, x, y, z, time, velocity_x, velocity_y, velocity_z) -> Trajectory:
-    """Curve through the vertices of a trajectory; a point for a boulder that never moved."""
-    number = int(boulder[0])
-    if x.size == 1:
-        speed = np.hypot(np.hypot(velocity_x, velocity_y), velocity_z)
-        return Trajectory(x, y, z, np.zeros(1), speed, time, number)
-    part = np.linspace(0, 1, POINTS)
-    duration = np.diff(time)[:, None]
-    rise = velocity_z[:-1, None] * duration  # without gravity
-    fall = np.diff(z)[:, None] - rise  # -g t^2/2 at the end of a flight
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slowed = np.where(duration > 0, 2 * fall / duration, 0.0)  # -g t there
-    x, y = (c[:-1, None] + part * np.diff(c)[:, None] for c in (x, y))
-    z = z[:-1, None] + rise * part + fall * part**2
-    vertical = velocity_z[:-1, None] + slowed * part
-    speed = np.hypot(np.hypot(velocity_x, velocity_y)[:-1, None], vertical)
-    distance = np.hypot(x - x[0, 0], y - y[0, 0])
-    time = time[:-1, None] + part * duration
-    x, y, z, distance, speed, time = (one.ravel() for one in (x, y, z, distance, speed, time))
-    return Trajectory(x, y, z, distance, speed, time, number)
+def curves(motion: Motion) -> list[Trajectory]:
+    """A curve for each boulder, of `POINTS` for each piece of its motion; a point for one that
+    never moved."""
+    # Where the ground falls away from a table's contact, the slide has neither length nor duration.
+    motion = motion.take((motion.gravity > 0) | (motion.end[3] > motion.start[3]))
+    (x, y, z, time), speed = motion.take(None).at(np.linspace(0, 1, POINTS))
+    numbers, first, size = np.unique(motion.boulder, return_index=True, return_counts=True)
+    start = np.repeat(motion.start[:2, first], size, axis=1)[..., None]
+    distance = np.hypot(x - start[0], y - start[1])
+    columns = [values.ravel() for values in (x, y, z, distance, speed, time)]
+    still = (motion.start == motion.end)[:, first].all(axis=0)
+    points = np.where(still & (size == 1), 1, POINTS * size)
+    return [
+        Trajectory._make([*(values[k : k + n] for values in columns), number])
+        for number, k, n in zip(numbers.tolist(), POINTS * first, points, strict=True)
+    ]
 
 
 def lines(result: xr.Dataset) -> list[tuple[str, np.ndarray, np.ndarray]]:

@@ -16,7 +16,8 @@ from rockfall.analysis.run_until import Rule, evaluate
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.result.contents import Contents
-from rockfall.result.trajectories import Trajectory, trajectories
+from rockfall.result.motion import motion_of
+from rockfall.result.trajectories import Trajectory, curves
 from rockfall.scene.scene import Scene
 from rockfall.simulation.batches import Batches
 from rockfall.simulation.simulate import recorded_numbers, trajectory
@@ -185,7 +186,8 @@ class Batch:
         >>> len(batch.trajectories(5))
         5
         """
-        return trajectories(Contents(trajectory_variables(self._recorded(number)), {}))
+        vertices = Contents(trajectory_variables(self._recorded(number)), {})
+        return curves(motion_of(vertices, gravity=self.case.flight["gravity"]))
 
     def dataset(self) -> xr.Dataset:
         """Result so far, with maps, as of `rockfall.run`; `complete` in its attributes is 0 until

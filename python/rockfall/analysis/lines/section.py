@@ -17,14 +17,14 @@ import numpy as np
 from rockfall.analysis.lines import section_maps
 from rockfall.analysis.lines.crossed_lines import crossed_lines
 from rockfall.analysis.lines.envelopes import QUANTITIES, envelope_names, envelopes
-from rockfall.analysis.lines.flights import Flights, curve_of, flights_of
 from rockfall.analysis.lines.stations import SectionLine, stations_of
 from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import corner_of
+from rockfall.result.motion import Motion, motion_of, spins, spread
 from rockfall.result.samples import simulated
-from rockfall.result.trajectories import spread
+from rockfall.result.trajectories import curves
 from rockfall.scene.rebound import INERTIA_FACTOR, sphere_radius
 from rockfall.terrain.height import height, inside, steepness
 from rockfall.terrain.polyline import beside, lengths
@@ -96,13 +96,17 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
 
     stations = stations_of(line)
     mapped = section_maps.has_maps(result)
-    flights = flights_of(result)
-    if not flights.row.size and not mapped:
+    motion, boulders = motion_of(result), result["boulder"].values
+    moves = np.isin(motion.boulder, boulders) & (motion.start != motion.end)[:3].any(axis=0)
+    if not moves.any() and not mapped:
         raise RockfallError(
             "section: the result has neither trajectories of boulders that moved (&output "
             "trajectories) nor maps of speeds, energies or heights (&output maps)"
         )
-    rows, of_recorded = np.unique(flights.row, return_inverse=True)
+    spin = spins(result, motion)[moves] if moves.any() else np.empty(0)
+    motion = motion.take(moves)
+    row_of = np.searchsorted(boulders, motion.boulder)
+    rows, of_recorded = np.unique(row_of, return_inverse=True)
     own = sources(result)
     among = Sources.of(np.unique(own.number[rows], return_inverse=True)[1], own.sampled)
     lines = crossed_lines(result, line.vertices, line.within)
@@ -110,10 +114,9 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
     known = _Known(_masses(result), radius, terrain if _is_fine(result, terrain) else None)
     table, passages, crossing = [], [], []
     for at, place, direction in zip(*stations[:3], strict=True):
-        k, part = _first_crossings(flights, place, direction, line.within)
-        values = _values(flights, k, part, known)
-        crossing.append(flights.row[k])
-        boulder = result["boulder"].values[flights.row[k]]
+        k, part = _first_crossings(motion, place, direction, line.within)
+        values = _values(motion.take(k), part, spin[k], row_of[k], known)
+        crossing.append(boulder := motion.boulder[k])
         passages.append({"distance": np.full(k.size, at), "boulder": boulder} | values)
         row = {"distance": at, "x": place.real, "y": place.imag, f"{RECORDED}n": k.size}
         row["unknown_energy"] = int(np.isnan(values["energy_total"]).sum())
@@ -125,7 +128,7 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
     }
     return Section(
         line, pd.DataFrame(table, columns=COLUMNS).assign(**about), lines, pd.DataFrame(columns),
-        _paths(flights, line, np.concatenate(crossing)), rows.size, simulated(result), mapped,
+        _paths(motion, line, np.concatenate(crossing)), rows.size, simulated(result), mapped,
     )  # fmt: skip
 
 
@@ -142,15 +145,15 @@ def _is_fine(result: xr.Dataset, terrain: Terrain | None) -> bool:
     return terrain is not None and terrain[1].cell <= 1.001 * corner_of(result["crs"].attrs)[2]
 
 
-def _paths(flights: Flights, line: SectionLine, rows: np.ndarray) -> tuple[np.ndarray, ...]:
+def _paths(motion: Motion, line: SectionLine, boulders: np.ndarray) -> tuple[np.ndarray, ...]:
     """Paths of some of these boulders beside a section, not beyond its ends."""
     paths, length = [], lengths(line.vertices)[-1]
-    for row in spread(np.unique(rows).tolist(), PATHS):
-        place, z = curve_of(flights, row)
-        apart, along = beside(place, line.vertices)
+    drawn = np.isin(motion.boulder, spread(np.unique(boulders).tolist(), PATHS))
+    for curve in curves(motion.take(drawn)):
+        apart, along = beside(curve.x + 1j * curve.y, line.vertices)
         here = (apart <= line.within) & (along > 0) & (along < length)
         if here.any():
-            paths.append(np.where(here, [along, z], np.nan))
+            paths.append(np.where(here, [along, curve.z], np.nan))
     return tuple(paths)
 
 
@@ -173,32 +176,31 @@ def _masses(result: xr.Dataset) -> np.ndarray:
 
 
 def _first_crossings(
-    flights: Flights, place: complex, direction: complex, within: float
+    motion: Motion, place: complex, direction: complex, within: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Flights with which boulders first cross a station, and the parts flown by then (0 to 1)."""
-    before = ((flights.start - place) * np.conj(direction)).real
-    after = ((flights.end - place) * np.conj(direction)).real
+    """Pieces in which boulders first cross a station, and the parts done by then (0 to 1)."""
+    start, end = (x + 1j * y for x, y, *_ in (motion.start, motion.end))
+    before = ((start - place) * np.conj(direction)).real
+    after = ((end - place) * np.conj(direction)).real
     k = np.flatnonzero((before * after <= 0) & (before != after))
     part = before[k] / (before[k] - after[k])
-    here = flights.start[k] + part * (flights.end[k] - flights.start[k])
+    here = start[k] + part * (end[k] - start[k])
     near = np.abs(((here - place) * np.conj(direction)).imag) <= within
     k, part = k[near], part[near]
-    _, first = np.unique(flights.row[k], return_index=True)
+    _, first = np.unique(motion.boulder[k], return_index=True)
     return k[first], part[first]
 
 
 def _values(
-    flights: Flights, k: np.ndarray, part: np.ndarray, known: _Known
+    motion: Motion, part: np.ndarray, spin: np.ndarray, row: np.ndarray, known: _Known
 ) -> dict[str, np.ndarray]:
-    """QUANTITIES of boulders within these flights, and the elevation of their point."""
-    of = Flights(*(values[k] for values in flights))
-    time, here = part * of.duration, of.start + part * (of.end - of.start)
-    z = of.z + of.velocity_z * time + of.fall * time**2 / 2
-    squared = of.plan_speed**2 + (of.velocity_z + of.fall * time) ** 2
+    """QUANTITIES of boulders of these rows within pieces, and the elevation of their point."""
+    (x, y, z, _), speed = motion.at(part)
+    here = x + 1j * y
     jump = np.maximum(0.0, z - _ground(known.terrain, here, height))
-    energy = 0.5 * known.mass[of.row] * (squared + INERTIA_FACTOR * of.spin**2)
-    passing = jump + known.radius[of.row] * _ground(known.terrain, here, steepness)
-    found = (np.sqrt(squared), energy, jump, passing)
+    energy = 0.5 * known.mass[row] * (speed**2 + INERTIA_FACTOR * spin**2)
+    passing = jump + known.radius[row] * _ground(known.terrain, here, steepness)
+    found = (speed, energy, jump, passing)
     return {"elevation": z, **dict(zip(QUANTITIES, found, strict=True))}
 
 

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Layers of recorded trajectories in space and time."""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.result.motion import Sampled
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+EPOCH = np.datetime64("2000-01-01T00:00:00.000", "ms")  # release of all boulders, in time stamps
+_LINE_ZM = 3002  # ISO/IEC 13249-3, well-known binary
+
+
+def lines_zm(paths: list[np.ndarray]) -> np.ndarray:
+    """Line strings of samples (n, 4) as well-known binary, time as measure M; a single sample
+    becomes a string of zero length. (shapely makes no measures.)"""
+    lines = np.empty(len(paths), object)
+    for k, path in enumerate(paths):
+        path = np.ascontiguousarray(path if len(path) > 1 else np.repeat(path, 2, axis=0), "<f8")
+        lines[k] = struct.pack("<BII", 1, _LINE_ZM, len(path)) + path.tobytes()
+    return lines
+
+
+def trajectory_features(
+    data: xr.Dataset, sampled: Sampled
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Trajectories as LineString ZM, with the number of contacts and the travel time [s]."""
+    boulder, contacts = np.unique(data["trajectory_boulder"].values, return_counts=True)
+    paths = sampled.strings(sampled.motion.boulder)
+    return lines_zm(paths), {
+        "boulder": boulder.astype(np.int64),
+        "vertices": contacts.astype(np.int64),
+        "travel_time": np.array([path[-1, 3] for path in paths]),
+    }
+
+
+def flight_features(sampled: Sampled) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Motion from contact to contact, where it takes time, as LineString ZM: the contact of the
+    boulder that starts it, counted from 1, time stamps from `EPOCH`, and the speeds [m/s] after
+    that contact and before the next. A slide includes the time that a boulder waits."""
+    strings = sampled.strings(sampled.motion.vertex)
+    begin, end = np.array([(one[0, 3], one[-1, 3]) for one in strings]).T
+    _, first = np.unique(sampled.motion.vertex, return_index=True)
+    piece = sampled.motion.take(first)
+    _, release, of = np.unique(piece.boulder, return_index=True, return_inverse=True)
+    columns = {
+        "boulder": piece.boulder.astype(np.int64),
+        "contact": (piece.vertex - piece.vertex[release][of] + 1).astype(np.int64),
+        "begin": time_stamps(begin),
+        "end": time_stamps(end),
+        "speed_m_s": piece.at(0.0)[1],
+        "speed_end_m_s": piece.at(1.0)[1],
+    }
+    lasts = end > begin
+    return lines_zm(strings)[lasts], {name: column[lasts] for name, column in columns.items()}
+
+
+def time_stamps(seconds: np.ndarray) -> np.ndarray:
+    """Times since release as time stamps, to the millisecond."""
+    return EPOCH + np.rint(1000 * seconds).astype("m8[ms]")

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Motion between recorded contacts: free fall in the air, straight and steady along the ground, and
+where a boulder stands, time goes on."""
+
+import numpy as np
+import pytest
+
+import rockfall
+from made import refused
+from rockfall.result.contents import Contents
+from rockfall.result.motion import motion_of, sampled
+from rockfall.result.trajectories import POINTS, curves
+from rockfall.result.trajectory_layers import flight_features
+from scenes import grid, make_case, rough, sets
+
+G = 9.81
+Z = rough()
+LINES = [{"name": f"{y}", "x": [0.0, 300.0], "y": [float(y)] * 2} for y in range(370, 20, -10)]
+TABLE = {"impact": {"form": "table", "table": "talus"}}
+FOREST = {"uniform_stems": 300.0, "uniform_dbh_mean": 20.0, "uniform_dbh_std": 3.0}
+#: Matrices and tables, both with boulders that roll; trees cut flights and slides.
+RUNS = {
+    "matrix": {"impact": {"rest_angle": 20.0}},
+    "table": TABLE,
+    "trees": TABLE | {"forest": FOREST | {"uniform_conifers": 60.0}},
+    "breakage": {
+        "breakage": {"at": "impact", "min_area_ratio": 0.3, "min_volume": 0.05},
+        "boulder": {"volume_mean": 5.0},
+    },
+}
+
+
+@pytest.fixture(scope="module", params=RUNS)
+def moved(request, tmp_path_factory):
+    """The name of a run, and its result."""
+    case = make_case(
+        tmp_path_factory.mktemp("motion"), *sets(), terrain={}, line=LINES,
+        case={"boulders": 30}, output={"trajectories": 30},
+        release={"x": [150.0], "y": [380.0], "drop_height": 5.0}, **RUNS[request.param],
+    )  # fmt: skip
+    return request.param, rockfall.run(case, dem=Z, transform=grid(Z))
+
+
+def vertices(result):
+    """x, y, z and time (4, n) of the vertices of each recorded boulder."""
+    owner = result["trajectory_boulder"].values
+    columns = np.stack([result[f"trajectory_{name}"].values for name in ("x", "y", "z", "time")])
+    return [columns[:, owner == number] for number in np.unique(owner)]
+
+
+def test_a_flight_keeps_its_energy(moved):
+    name, result = moved
+    motion = motion_of(result)
+    flights = motion.take(motion.gravity > 0)
+    assert {*flights.gravity} == {G} and flights.boulder.size > 100
+    assert (motion.gravity == 0).any() == (name != "breakage")
+    energies = []
+    for part in (0.0, 0.3, 1.0):
+        (_, _, z, _), speed = flights.at(part)
+        energies.append(speed**2 / 2 + G * z)
+    np.testing.assert_allclose(energies[1:], [energies[0]] * 2, rtol=1e-11)
+
+
+def test_a_curve_goes_from_vertex_to_vertex_as_time_goes_on(moved):
+    _, result = moved
+    for curve, known in zip(rockfall.trajectories(result), vertices(result), strict=True):
+        points = np.stack([curve.x, curve.y, curve.z, curve.time])
+        assert np.array_equal(points[:, [0, -1]], known[:, [0, -1]])
+        assert {*zip(*known.tolist(), strict=True)} <= {*zip(*points.tolist(), strict=True)}
+        assert (np.diff(curve.time) >= 0).all()
+
+
+def test_speed_is_the_rate_at_which_the_place_changes(moved):
+    """Between two points it changes by gravity at most; a boulder that leaves a table's contact
+    rises at once by what its centre rose in it."""
+    name, result = moved
+    stood = 0.0
+    for one in rockfall.trajectories(result):
+        step, time = np.diff([one.x, one.y, one.z]), np.diff(one.time)
+        length = np.linalg.norm(step, axis=0)
+        off = np.abs(length - one.speed[:-1] * time) - G * time**2 / 2
+        assert off[time > 0].max() < (0.05 if name == "trees" else 1e-6)  # a slide cut by a tree
+        assert np.abs(step[:2, time == 0]).max() < 1e-9 and step[2, time == 0].min() > -1e-9
+        assert name in ("table", "trees") or step[2, time == 0].max() < 1e-9
+        fastest = result["speed_max"].sel(boulder=one.boulder).item()
+        assert one.speed.max() <= fastest * (1 + 1e-9)
+        stands = (length == 0) & (time > 0)
+        assert not one.speed[:-1][stands].any() and not one.speed[1:][stands].any()
+        stood += time[stands].sum()
+    assert (stood > 1.0) == (name in ("table", "trees"))
+
+
+@pytest.mark.parametrize("moved", ["matrix", "table", "trees"], indirect=True, scope="module")
+def test_a_curve_has_the_kernels_speed_where_it_passes_a_line(moved):
+    """Its square, quadratic in time, is interpolated with an error of at most g^2 h^2/4. (With
+    breakage, a line has its most energetic fragment, which may not be the one recorded.)"""
+    compared, (_, result) = 0, moved
+    for one in rockfall.trajectories(result):
+        row = np.flatnonzero(result["boulder"].values == one.boulder)[0]
+        for k, line in enumerate(LINES):
+            passed = np.flatnonzero((one.y[:-1] > line["y"][0]) & (one.y[1:] <= line["y"][0]))
+            assert (passed.size > 0) == np.isfinite(result["line_speed"].values[k, row])
+            if passed.size:
+                a, b = passed[0], passed[0] + 1
+                part = (one.y[a] - line["y"][0]) / (one.y[a] - one.y[b])
+                at = {"speed": one.speed**2, "x": one.x}
+                found = {name: v[a] + part * (v[b] - v[a]) for name, v in at.items()}
+                wanted = float(result["line_speed"].values[k, row]) ** 2
+                error = (G * (one.time[b] - one.time[a])) ** 2 / 4
+                assert abs(found["speed"] - wanted) <= error + 1e-9 * wanted
+                assert found["x"] == pytest.approx(result["line_x"].values[k, row], abs=1e-9)
+                compared += 1
+    assert compared > 100
+
+
+@pytest.mark.parametrize("tolerance", [0.01, 0.5])
+def test_chords_stay_within_the_tolerance_at_any_time(moved, tolerance):
+    _, result = moved
+    motion, farthest = motion_of(result), 0.0
+    paths = sampled(motion, tolerance).strings(motion.boulder)
+    for one, path, known in zip(curves(motion), paths, vertices(result), strict=True):
+        assert {*zip(*known.tolist(), strict=True)} <= {*map(tuple, path.tolist())}
+        assert (np.diff(path[:, 3]) >= 0).all() and np.diff(path, axis=0).any(axis=1).all()
+        clear = np.abs(one.time[:, None] - known[3]).min(axis=1) > 1e-9  # there it may rise at once
+        chords = [np.interp(one.time[clear], path[:, 3], path[:, k]) for k in range(3)]
+        off = np.linalg.norm(chords - np.stack([one.x, one.y, one.z])[:, clear], axis=0)
+        farthest = max(farthest, off.max())
+    assert tolerance / 4 < farthest <= tolerance + 1e-6
+
+
+def recorded(**columns):
+    """Motion of boulders between vertices by hand."""
+    zeros = np.zeros_like(columns["z"])
+    names = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z", "ratio")
+    columns = {name: zeros for name in names} | {"boulder": zeros.astype(int) + 1} | columns
+    data = {f"trajectory_{name}": ("vertex", np.asarray(v), {}) for name, v in columns.items()}
+    return motion_of(Contents(data, {}), gravity=G)
+
+
+def test_flights_are_those_of_a_falling_stone():
+    """From 100 m at rest for 1 s, a bounce of 0.5 s: elevations and speeds at every moment."""
+    t, ground = np.linspace(0, 1, POINTS), 100 - G / 2
+    vertical = (90.0 - ground + G / 8) / 0.5
+    (flight,) = curves(recorded(
+        x=[0.0, 0.0, 1.5], z=[100.0, ground, 90.0], time=[0.0, 1.0, 1.5],
+        velocity_x=[0.0, 3.0, 0.0], velocity_z=[0.0, vertical, 0.0], ratio=[0.0, 2.0, 2.0],
+    ))  # fmt: skip
+    assert flight.z[:POINTS] == pytest.approx(100 - G / 2 * t**2)
+    assert flight.speed[:POINTS] == pytest.approx(G * t)
+    assert flight.speed[POINTS:] == pytest.approx(np.hypot(3.0, vertical - G * t / 2))
+    assert flight.distance[POINTS:] == pytest.approx(1.5 * t)
+
+
+def test_a_slide_waits_at_its_end_and_leaves_above_it():
+    """A slide of 1 m at 2 m/s takes 0.8 s; then a level throw from 0.2 m above its end."""
+    fall = np.sqrt(2 * 0.2 / G)
+    motion = recorded(
+        x=[0.0, 0.0, 1.0, 1.0 + 3 * fall], z=[0.2, 0.0, 0.0, 0.0],
+        time=[0.0, fall, fall + 0.8, 2 * fall + 0.8], velocity_x=[0.0, 2.0, 3.0, 3.0],
+        ratio=[0.0, 2.0, 0.0, 2.0],
+    )  # fmt: skip
+    (one,) = curves(motion)
+    x, z, speed, time = (
+        values.reshape(4, POINTS) for values in (one.x, one.z, one.speed, one.time)
+    )
+    assert time[:, -1] == pytest.approx(np.array([fall, fall + 0.5, fall + 0.8, 2 * fall + 0.8]))
+    assert (speed[1] == 2.0).all() and (speed[2] == 0.0).all() and not z[1:3].any()
+    assert x[1, 12] == pytest.approx(0.5) and (x[2] == 1.0).all()
+    assert z[3, 0] == pytest.approx(0.2) and z[3, -1] == 0.0
+    assert speed[3] == pytest.approx(np.hypot(3.0, G * fall * np.linspace(0, 1, POINTS)))
+    _, pieces = flight_features(sampled(motion))
+    assert pieces["contact"].tolist() == [1, 2, 3]
+    lasts = (pieces["end"] - pieces["begin"]) / np.timedelta64(1, "s")
+    assert lasts == pytest.approx([fall, 0.8, fall], abs=1e-3)
+    assert pieces["speed_m_s"] == pytest.approx([0.0, 2.0, 3.0])
+    assert pieces["speed_end_m_s"] == pytest.approx([G * fall, 2.0, np.hypot(3.0, G * fall)])
+
+
+def test_one_that_never_moved_is_a_point():
+    motion = recorded(x=[4.0, 5.0], z=[1.0, 2.0], boulder=np.array([3, 8]))
+    assert [(one.boulder, *one.x, *one.speed) for one in curves(motion)] == [(3, 4, 0), (8, 5, 0)]
+    paths = sampled(motion).strings(motion.boulder)
+    assert [path.tolist() for path in paths] == [[[4.0, 0.0, 1.0, 0.0]], [[5.0, 0.0, 2.0, 0.0]]]
+    with refused("--tolerance nan: must be > 0 [m]"):
+        sampled(motion, np.nan)
