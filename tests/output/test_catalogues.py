@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("babel", reason="needed to check the catalogues")
 from babel.messages.pofile import read_po  # noqa: E402
 
+from rockfall.analysis.ensemble.uncertain_inputs import INPUTS  # noqa: E402
 from rockfall.analysis.hazard.classes import CLASSES  # noqa: E402
 from rockfall.errors import RockfallError  # noqa: E402
 from rockfall.grounds import IMPACT_SETS, models  # noqa: E402
@@ -119,6 +120,11 @@ def test_maps_are_called_as_in_files():
         f"{MAP['energy_max']['long_name']}: 5% quantile over the runs"
     )
     assert map_label("mine", "my own, 30 kJ") == "my own, 30 kJ"
+
+
+@pytest.mark.parametrize("name", INPUTS)
+def test_uncertain_inputs_are_called_as_in_files(name):
+    assert say(f"uncertain.{name}") == name
 
 
 @pytest.mark.parametrize("name", [*STATUS, *OUTCOME, *CLASSES, *models(), IMPACT_SETS])

@@ -101,7 +101,10 @@ def _indices(at: xr.Dataset, line: str) -> Iterator[Table]:
         ("first_order", say("ensemble.first_order_caption", line=line)),
         ("total", say("ensemble.total_caption", line=line)),
     ):
-        rows = [(name, *indices_of(at.sel(input=name), kind)) for name in sorted_inputs(at)]
+        rows = [
+            (say(f"uncertain.{name}"), *indices_of(at.sel(input=name), kind))
+            for name in sorted_inputs(at)
+        ]
         yield Table(caption, ("", *map(_label, RESULTS)), rows)
 
 
@@ -122,7 +125,7 @@ def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
         say(
             "ensemble.draws",
             run=result.sizes["run"],
-            join="; ".join(result["input"].values),
+            join=[say(f"uncertain.{name}") for name in result["input"].values],
         ),
         *(f"{one}." for one in orders_reversed(result)),
     ]

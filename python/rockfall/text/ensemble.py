@@ -76,11 +76,12 @@ def orders_reversed(found: xr.Dataset) -> Iterator[str]:
             if excess[k] >= LEAST_EXCESS:
                 kept = within if excess[k] <= Z * np.hypot(*errors)[k] else beyond
                 both = {"first": 100 * first[k], "total": 100 * total[k]}
-                kept.append(say("ensemble.two_indices", name=name, **both))
+                about = say(f"uncertain.{name}")
+                kept.append(say("ensemble.two_indices", name=about, **both))
         if within:
-            yield say("ensemble.reversed_within", line=line, inputs="; ".join(within))
+            yield say("ensemble.reversed_within", line=line, inputs=within)
         if beyond:
-            yield say("ensemble.reversed_beyond", line=line, inputs="; ".join(beyond))
+            yield say("ensemble.reversed_beyond", line=line, inputs=beyond)
 
 
 def _line_block(at: xr.Dataset, line: str) -> Iterator[Iterable[str]]:
