@@ -659,7 +659,7 @@ return [seen.length, clashes, scrollWidth, clientWidth];
 @pytest.mark.parametrize("width", [400, 1600])
 def test_no_text_lies_on_another_in_any_language(browser, pages, width):
     for language in LANGUAGES:
-        opened(browser, pages[0] / f"{language}.html", width)
+        opened(browser, pages / f"{language}.html", width)
         texts, clashes, wide, room = browser.execute_script(TEXTS)
         assert texts > 100 and clashes == [] and wide <= room, language
         assert browser.get_log("browser") == []
