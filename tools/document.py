@@ -84,8 +84,9 @@ files, as those of other packages do, but no inputs. Several files come all toge
 of all that lies beside them: elevations and their place (`dem`), the radius of each cell
 (`surface`), the `sources`. Parts and checkpoints ([files.md](files.md)) must agree in both.
 `input_warnings` is a JSON list of [inputs that are likely mistakes](start/checks.md), each with its
-place and what may have been meant; `dams` one of dams as they came out on the cells of the terrain,
-by names that `rockfall.terrain.dams.DamShape` explains.
+place, what may have been meant, in English, and the id and values of that message, by which a page
+says it in another language; `dams` one of dams as they came out on the cells of the terrain, by
+names that `rockfall.terrain.dams.DamShape` explains.
 """
 
 GROUNDS = """# The shipped table of grounds

@@ -15,13 +15,12 @@ stopping places are so much farther: how often is it said that the model does no
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
 
 import rockfall
-from benchmarks.machine import machine
+from benchmarks.accuracy.truths import all_truths, parser_of
 from rockfall.analysis.back.posterior import parameters, posterior_table, warnings
 from rockfall.analysis.back.study import back_analysis
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
@@ -129,23 +128,11 @@ def report(rows: pd.DataFrame) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("file", type=Path)
-    for name, value in (("truths", 30), ("members", 512), ("boulders", 150), ("observed", 20)):
-        parser.add_argument(f"--{name}", type=int, default=value)
+    parser = parser_of(__doc__, truths=30, members=512, boulders=150, observed=20)
     parser.add_argument("--stretch", type=float, default=1.0)
     told = parser.parse_args()
-    print(machine())
-    done: set = set()
-    if told.file.exists():
-        done = {*pd.read_csv(told.file)[["terrain", "k"]].itertuples(index=False, name=None)}
-    with TemporaryDirectory() as folder:
-        for k in range(told.truths):
-            for place in PLACES:
-                if (place, k) not in done:
-                    rows = truth(Path(folder), place, k, told)
-                    rows.to_csv(told.file, mode="a", header=not told.file.exists(), index=False)
-    report(pd.read_csv(told.file))
+    truths = [(place, k) for k in range(told.truths) for place in PLACES]
+    report(all_truths(told.file, ["terrain", "k"], truths, lambda *of: truth(*of, told)))
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 import rockfall
-from benchmarks.machine import machine
+from benchmarks.accuracy.truths import all_truths, parser_of
 from rockfall.analysis.back.posterior import parameters, posterior_table, warnings
 from rockfall.analysis.back.study import Back, back_analysis
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
@@ -117,25 +117,19 @@ def report(rows: pd.DataFrame) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("file", type=Path)
-    for name, value in (("truths", 24), ("members", 384), ("boulders", 300)):
-        parser.add_argument(f"--{name}", type=int, default=value)
+    parser = parser_of(__doc__, truths=24, members=384, boulders=300)
     parser.add_argument("--show", type=int)
     told = parser.parse_args()
-    print(machine())
     if told.show is not None:
         with TemporaryDirectory() as folder:
-            found, made = truth(Path(folder), told.show, told)
-        print(back_text(found), made, sep="\n")
+            found, values = truth(Path(folder), told.show, told)
+            print(back_text(found), values, sep="\n")
         return
-    done = {*pd.read_csv(told.file)["k"]} if told.file.exists() else set()
-    with TemporaryDirectory() as folder:
-        for k in range(told.truths):
-            if k not in done:
-                rows = rows_of(k, *truth(Path(folder), k, told))
-                rows.to_csv(told.file, mode="a", header=not told.file.exists(), index=False)
-    report(pd.read_csv(told.file))
+
+    def rows(folder: Path, k: int) -> pd.DataFrame:
+        return rows_of(k, *truth(folder, k, told))
+
+    report(all_truths(told.file, ["k"], [(k,) for k in range(told.truths)], rows))
 
 
 if __name__ == "__main__":

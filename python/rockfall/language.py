@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Texts by message id in the language in force, translated by gettext from `locale/*.po`.
+"""Texts by message id in the language in force, from the catalogues of gettext in `locale/*.po`.
 
 English is a catalogue like the others: rewording it does not touch the ids. Placeholders have
-names, and numbers that fill them are written in the format of the language.
+names; numbers that fill them are written in the format of the language, and lists joined as it is
+usual there. A
+text remembers its message and values: what was said in English can be said again on a page in
+another language.
 """
 
 from __future__ import annotations
 
 import gettext
 import importlib.resources
-import io
-from collections.abc import Iterator
+import json
+import re
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
@@ -33,9 +37,11 @@ class Number(str):
 
 
 class Text(str):
-    """A text in the language in force; tables and templates take it as it is."""
+    """A text with the message and the values that it was made from."""
 
-    __slots__ = ()
+    key: str
+    values: Mapping[str, Any]
+    is_count: bool  # of `say_count`
 
 
 @contextmanager
@@ -49,44 +55,79 @@ def speaking(language: str) -> Iterator[None]:
         _in_force.reset(token)
 
 
+def spoken() -> str:
+    """Language in force."""
+    return _in_force.get()
+
+
+class Catalogue:
+    """Messages of a file `.po`, each on one line; gettext of Python reads compiled ones only."""
+
+    ENTRY = re.compile(r'^msgid (".*")\n(?:msgid_plural .*\n)?((?:msgstr.*\n?)+)', re.MULTILINE)
+
+    def __init__(self, text: str) -> None:
+        self.forms: dict[str, list[str]] = {
+            json.loads(key): [json.loads(one) for one in re.findall('".*"', forms)]
+            for key, forms in self.ENTRY.findall(text)
+        }
+        self.plural = gettext.c2py(re.findall("plural=(.+?);", text)[0])
+
+    def gettext(self, key: str) -> str:
+        """Message of a key, or the key itself."""
+        return self.forms.get(key, [key])[0]
+
+    def ngettext(self, key: str, n: int) -> str:
+        """Message of a key on `n` things, or the key itself."""
+        return self.forms[key][self.plural(n)] if key in self.forms else key
+
+
 @cache
-def catalogue(language: str) -> gettext.GNUTranslations:
+def catalogue(language: str) -> Catalogue:
     """Texts of a language; a RockfallError for unknown languages."""
-    from babel.messages.mofile import write_mo
-
-    compiled = io.BytesIO()
-    write_mo(compiled, _messages(language))
-    compiled.seek(0)
-    return gettext.GNUTranslations(compiled)
-
-
-@cache
-def _messages(language: str) -> Any:
-    """Messages of a language, as babel reads them."""
-    from babel.messages.pofile import read_po
-
     if language not in LANGUAGES:
         raise RockfallError(f"language = '{language}': must be one of {', '.join(LANGUAGES)}")
     path = importlib.resources.files("rockfall") / "locale" / f"{language}.po"
-    with path.open("rb") as source:
-        return read_po(source, locale=language)
+    return Catalogue(path.read_text(encoding="utf-8"))
 
 
 def texts_of(language: str, room: str) -> dict[str, str]:
     """All texts, unfilled, of the messages of a room (the first part of their ids)."""
-    singular = (one for one in _messages(language) if isinstance(one.id, str))
-    return {one.id: one.string for one in singular if one.id.startswith(f"{room}.")}
+    forms = catalogue(language).forms
+    return {key: one[0] for key, one in forms.items() if key.startswith(f"{room}.")}
 
 
 def say(key: str, /, **values: object) -> Text:
     """Text of a message, filled with these values."""
-    return _filled(catalogue(_in_force.get()).gettext(key), values)
+    return _said(key, values)
+
+
+def remark(where: object, key: str, /, **values: object) -> Text:
+    """Text of a message on a place in the inputs: a file, or a group and key."""
+    return say("input.remark", where=str(where), text=say(key, **values))
 
 
 def say_count(key: str, n: int, /, **values: object) -> Text:
     """Text of a message on `n` things, in the plural form of the language."""
-    found = catalogue(_in_force.get()).ngettext(key, key, n)
-    return _filled(found, {"n": n, **values})
+    return _said(key, {"n": n, **values}, is_count=True)
+
+
+def word(name: str) -> str:
+    """Word for an identifier, such as the status of a boulder or the model of a ground; its own
+    words if no message is for it, as for the names that users give."""
+    key = f"word.{name}"
+    return say(key) if is_message(key) else name.replace("_", " ")
+
+
+def is_message(key: str) -> bool:
+    """Return True if the catalogues have a message."""
+    return catalogue("en").gettext(key) != key
+
+
+def translated(text: object) -> str:
+    """Text or number in the language in force; names and other plain strings unchanged."""
+    if isinstance(text, Text):
+        return _said(text.key, text.values, text.is_count)
+    return localised(text) if isinstance(text, Number) else str(text)
 
 
 def localised(number: str, language: str = "") -> str:
@@ -94,13 +135,53 @@ def localised(number: str, language: str = "") -> str:
     return number if (language or _in_force.get()) == "en" else str(number).translate(MARKS)
 
 
-def _filled(message: str, values: dict[str, object]) -> Text:
-    return Text(_FILL.vformat(message, (), values))
+def packed(text: object) -> Any:
+    """Text as data for JSON, from which `unpacked` makes it again."""
+    if isinstance(text, Text):
+        values = {name: packed(value) for name, value in text.values.items()}
+        return {"id": text.key, "values": values} | ({"is_count": True} if text.is_count else {})
+    if isinstance(text, Number):
+        return {"number": str(text)}
+    if isinstance(text, (list, tuple)):
+        return [packed(one) for one in text]
+    return text.item() if hasattr(text, "item") else text
+
+
+def unpacked(data: Any, english: str) -> str:
+    """Text from the data of `packed`; the `english` text, which files hold next to them, where
+    they are damaged or of a message that only a later version has."""
+    try:
+        return _unpacked(data) if isinstance(data, dict) else str(english)
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return str(english)
+
+
+def _unpacked(data: Any) -> Any:
+    if isinstance(data, list):
+        return [_unpacked(one) for one in data]
+    if not isinstance(data, dict):
+        return data
+    if "number" in data:
+        return Number(data["number"])
+    values = {str(name): _unpacked(value) for name, value in data["values"].items()}
+    if not is_message(data["id"]):
+        raise KeyError(data["id"])
+    return _said(data["id"], values, bool(data.get("is_count")))
+
+
+def _said(key: str, values: Mapping[str, Any], is_count: bool = False) -> Text:
+    known = catalogue(_in_force.get())
+    message = known.ngettext(key, int(values["n"])) if is_count else known.gettext(key)
+    text = Text(_FILL.vformat(message, (), values))
+    text.key, text.values, text.is_count = key, values, is_count
+    return text
 
 
 class _Fill(Formatter):
     def format_field(self, value: Any, format_spec: str) -> str:
-        shown = format(value, format_spec)
+        if isinstance(value, (list, tuple)):
+            return catalogue(_in_force.get()).gettext("join.list").join(map(translated, value))
+        shown = format(translated(value) if isinstance(value, Text) else value, format_spec)
         return localised(shown) if isinstance(value, (Real, Number)) else shown
 
 

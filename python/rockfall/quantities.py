@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from rockfall.language import Number
+from rockfall.language import Number, Text, say, say_count
 from rockfall.result.variables import HISTOGRAM, LINE
 
 #: Units in which results are shown if different, and the factors to them.
@@ -14,13 +14,18 @@ SHOWN = {"1": ("%", 100.0), "J": ("kJ", 1e-3), "m s-1": ("m/s", 1.0), "rad s-1":
 
 
 class Quantity(NamedTuple):
-    """Description of a quantity; `units` are those of results, `decimals` those of the unit
-    shown."""
+    """Description of a quantity; `key` is the message of its label, `units` are those of results,
+    `decimals` those of the unit shown, `symbol` is itself or a message."""
 
-    label: str
+    key: str
     units: str
     decimals: int
     symbol: str = ""
+
+    @property
+    def label(self) -> Text:
+        """Label in the language in force."""
+        return say(self.key)
 
     @property
     def unit(self) -> str:
@@ -40,7 +45,7 @@ class Quantity(NamedTuple):
     @property
     def name(self) -> str:
         """Symbol, or the label if there is none."""
-        return self.symbol or self.label
+        return say(self.symbol or self.key)
 
     @property
     def short(self) -> str:
@@ -48,41 +53,50 @@ class Quantity(NamedTuple):
         return with_unit(self.name, self.unit)
 
 
-def _of_line(name: str, label: str, decimals: int, symbol: str = "") -> Quantity:
-    return Quantity(label, LINE[name]["units"], decimals, symbol)
+def _of_line(name: str, key: str, decimals: int, symbol: str = "") -> Quantity:
+    return Quantity(key, LINE[name]["units"], decimals, symbol)
 
 
 QUANTITIES = {
-    "fraction": Quantity("fraction passing", "1", 1),
-    "speed": _of_line("speed", "speed", 1),
-    "jump_height": _of_line("jump_height", "jump height", 2),
-    "passing_height": _of_line("passing_height", "passing height", 2),
-    "omega": _of_line("omega", "angular velocity", 1, "omega"),
-    "energy_translational": _of_line("energy_translational", "translational energy", 0, "E_trans"),
-    "energy_rotational": _of_line("energy_rotational", "rotational energy", 0, "E_rot"),
-    "energy_total": _of_line("energy_translational", "total kinetic energy", 0, "E_tot"),
-    "rotational_share": Quantity("rotational fraction of the energy", "1", 1, "E_rot / E_tot"),
-    "upper_edge": Quantity("height of the upper edge, vertical", "m", 2, "upper edge"),
-    "normal_height": Quantity("height of the centre, normal", "m", 2, "centre, normal"),
-    "normal_upper_edge": Quantity("height of the upper edge, normal", "m", 2, "edge, normal"),
-    "fragments": Quantity("fragments of a boulder that cross", "", 1, "fragments"),
-    "position": Quantity("position along the line", "m", 1, "along the line"),
-    "stopping_distance": Quantity("stopping distance", "m", 1),
+    "fraction": Quantity("quantity.fraction", "1", 1),
+    "speed": _of_line("speed", "quantity.speed", 1),
+    "jump_height": _of_line("jump_height", "quantity.jump_height", 2),
+    "passing_height": _of_line("passing_height", "quantity.passing_height", 2),
+    "omega": _of_line("omega", "quantity.omega", 1, "omega"),
+    "energy_translational": _of_line(
+        "energy_translational", "quantity.energy_translational", 0, "E_trans"
+    ),
+    "energy_rotational": _of_line("energy_rotational", "quantity.energy_rotational", 0, "E_rot"),
+    "energy_total": _of_line("energy_translational", "quantity.energy_total", 0, "E_tot"),
+    "rotational_share": Quantity("quantity.rotational_share", "1", 1, "E_rot / E_tot"),
+    "upper_edge": Quantity("quantity.upper_edge", "m", 2, "quantity.upper_edge_short"),
+    "normal_height": Quantity("quantity.normal_height", "m", 2, "quantity.centre_normal"),
+    "normal_upper_edge": Quantity("quantity.normal_upper_edge", "m", 2, "quantity.edge_normal"),
+    "fragments": Quantity("quantity.fragments", "", 1, "quantity.fragments_short"),
+    "position": Quantity("quantity.position", "m", 1, "quantity.along_line"),
+    "stopping_distance": Quantity("quantity.stopping_distance", "m", 1),
 }
 DESIGN = {  # of loads on a barrier; heights above the ground
     **QUANTITIES,
-    "passing_height": _of_line("passing_height", "height of the centre, vertical", 2),
+    "passing_height": _of_line("passing_height", "quantity.centre_vertical", 2),
 }
 REBOUND = {  # of histograms over all rebounds
-    "tangential_share": Quantity("tangential fraction of the energy", "1", 1),
-    "normal_share": Quantity("normal fraction of the energy", "1", 1),
+    "tangential_share": Quantity("quantity.tangential_share", "1", 1),
+    "normal_share": Quantity("quantity.normal_share", "1", 1),
     "rotational_share": QUANTITIES["rotational_share"],
     "incidence_angle": Quantity(
-        "incidence angle from the surface", HISTOGRAM["incidence_angle"]["units"], 0
+        "quantity.incidence_angle", HISTOGRAM["incidence_angle"]["units"], 0
     ),
     "restitution_tangential": Quantity("R_t = V_t,out / V_t,in", "", 2),
     "restitution_normal": Quantity("R_n = -V_n,out / V_n,in", "", 2),
 }
+
+
+def statistic(name: str) -> Text:
+    """Label of a statistic."""
+    if name in ("mean", "std"):
+        return say("statistic.mean" if name == "mean" else "statistic.std")
+    return say("statistic.quantile", level=int(name[1:]))
 
 
 def with_unit(label: str, unit: str) -> str:
@@ -128,6 +142,20 @@ def percent(fraction: float) -> Number:
     return Number(f"{shown.removesuffix('.0')} %" if fraction in (0, 1) else f"{shown} %")
 
 
-def part_of(part: int, whole: int, one: str) -> str:
-    """Part of a total: 20 of 1,000 boulders (2.0 %)."""
-    return f"{part:,} of {count(whole, one)} ({percent(part / whole)})"
+def within(value: object, low: object, high: object) -> Text:
+    """Value and its limits in brackets, each of which may be unknown: "-"."""
+    known = low != "-", high != "-"
+    key = {(True, True): "both", (True, False): "low", (False, True): "high"}.get(known, "none")
+    return say(f"within.{key}", value=value, low=low, high=high)
+
+
+def part_of_boulders(part: int, whole: int) -> Text:
+    """Part of all boulders: 20 of 1,000 boulders (2.0 %)."""
+    fraction = percent(part / whole)
+    return say_count("count.part_of_boulders", whole, part=part, fraction=fraction)
+
+
+def part_of_rebounds(part: int, whole: int) -> Text:
+    """Part of all rebounds: 20 of 1,000 rebounds (2.0 %)."""
+    fraction = percent(part / whole)
+    return say_count("count.part_of_rebounds", whole, part=part, fraction=fraction)

@@ -12,8 +12,8 @@ from rockfall.analysis.model_limits import (
     forest_text,
     model_remarks,
 )
-from rockfall.html_report.sentences import Speaker
 from rockfall.html_report.validity import warnings
+from rockfall.language import speaking, translated
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 from rockfall.text.preview import preview
@@ -60,7 +60,8 @@ def test_ratios_are_said_of_what_made_the_rebounds(grounds, words):
     (found,) = extrapolations(values(outside=(300, 0, 0)) | of_grounds)
     assert words in found.text and found.is_warning
     for language in "de", "fr", "it":
-        said = Speaker(language)(f"{found.text}.")
+        with speaking(language):
+            said = translated(found.text)
         assert "300" in said and "rebounds" not in said and "nearest" not in said
 
 

@@ -14,7 +14,7 @@ from made import make_layer, make_raster
 from programs import refuses
 from rockfall.analysis.back import study
 from rockfall.analysis.back.contributions import contributions
-from rockfall.analysis.back.deposited import AGAIN, Deposited
+from rockfall.analysis.back.deposited import Deposited
 from rockfall.analysis.back.marked import Marked
 from rockfall.analysis.back.posterior import alone_table, posterior_table, warnings
 from rockfall.analysis.deposits import (
@@ -141,9 +141,9 @@ def in_places(counts, apart=1e4):
 def made(blocks, rest, worth=1.0):
     """Evidence of blocks with kernels a cell wide, and what it keeps of boulders."""
     kernel = Kernel(1.0, len(rest.place), np.inf, 1e9, 5.0)
-    data = Deposited([blocks], [kernel], [np.full(len(blocks.place), 5.0)], 1.0, worth=worth)
+    data = Deposited([blocks], [kernel], [np.full(len(blocks.place), 5.0)], worth=worth)
     sums = np.array(kernel_sums(kernel, blocks, rest))
-    return data, np.concatenate([sums.ravel(), np.zeros(AGAIN)])
+    return data, np.concatenate([sums.ravel(), np.zeros(Deposited.AGAIN)])
 
 
 @pytest.mark.parametrize(("worth", "near"), [(1.0, 0.02), (0.2, 0.2)])
@@ -179,12 +179,12 @@ def test_runs_that_differ_by_more_than_their_boulders_are_worth_less():
     for shift, low, high in ((0.0, 0.5, 1.0), (40.0, 0.0, 0.3)):
         base = Rest(50 * random.standard_normal((300, 2)), np.ones(300))
         kernel = fitted_kernel(blocks, base, 5.0)
-        data = Deposited([blocks], [kernel], [np.full(20, 20.0)], 1.0)
+        data = Deposited([blocks], [kernel], [np.full(20, 20.0)])
         runs = []
         for _ in range(60):
             place = 50 * random.standard_normal((300, 2)) + shift * random.standard_normal(2)
             sums = kernel_sums(kernel, blocks, Rest(place, np.ones(300)))
-            runs.append(np.concatenate([np.array(sums).ravel(), np.zeros(AGAIN)]))
+            runs.append(np.concatenate([np.array(sums).ravel(), np.zeros(Deposited.AGAIN)]))
         data.learn_noise(np.array(runs))
         assert low < data.worth <= high
 

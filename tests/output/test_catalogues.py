@@ -1,17 +1,35 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Catalogues of texts: all languages have the same ids and placeholders, and each is used."""
 
+import json
 import re
 from pathlib import Path
 from string import Formatter
 
 import pytest
 
-pytest.importorskip("babel", reason="the report extra is not installed")
+pytest.importorskip("babel", reason="needed to check the catalogues")
 from babel.messages.pofile import read_po  # noqa: E402
 
+from rockfall.analysis.ensemble.uncertain_inputs import INPUTS  # noqa: E402
+from rockfall.analysis.hazard.classes import CLASSES  # noqa: E402
 from rockfall.errors import RockfallError  # noqa: E402
-from rockfall.language import LANGUAGES, Number, catalogue, say, say_count, speaking  # noqa: E402
+from rockfall.grounds import IMPACT_SETS, models  # noqa: E402
+from rockfall.language import (  # noqa: E402
+    LANGUAGES,
+    Number,
+    catalogue,
+    is_message,
+    packed,
+    say,
+    say_count,
+    speaking,
+    translated,
+    unpacked,
+    word,
+)
+from rockfall.result.map_labels import map_comment, map_label  # noqa: E402
+from rockfall.result.variables import MAP, OUTCOME, STATUS  # noqa: E402
 
 PACKAGE = Path(__file__).parents[2] / "python/rockfall"
 PAGE = Path(__file__).parents[2] / "web/src"  # of `rockfall app`; says "app...." only
@@ -49,12 +67,77 @@ def test_every_id_is_used_and_exists():
     files = [*PACKAGE.rglob("*.py"), *PACKAGE.rglob("*.j2")]
     texts = "\n".join(path.read_text(encoding="utf-8") for path in files)
     page = "\n".join(path.read_text(encoding="utf-8") for path in PAGE.rglob("*.ts"))
-    begun = tuple(re.findall(r"`(app\.[a-z_0-9.]*)\$\{", page))  # `app.key.${name}`
-    unused = [key for key in ENGLISH if f'"{key}"' not in texts and f"'{key}'" not in texts]
-    assert [key for key in unused if f"'{key}'" not in page and not key.startswith(begun)] == []
+    families = [  # f"word.{name}", or `app.key.${name}` of the page
+        re.sub(r"\\\$?\\\{.+?\\\}", ".+", re.escape(one))
+        for one in [
+            *re.findall(r"""f["']([a-z_]+\.[^"'\s]*\{[^"'\s]+)["']""", texts),
+            *re.findall(r"`(app\.[^`\s]*\$\{[^`\s]+)`", page),
+        ]
+    ]
+    made = re.compile("|".join(families))
+    quoted = texts + page
+    unused = [key for key in ENGLISH if not re.search(f"[\"']{re.escape(key)}[\"']", quoted)]
+    assert [key for key in unused if not made.fullmatch(key)] == []
     assert {*re.findall(r"'(app\.[a-z_0-9.]+)'", page)} - ENGLISH.keys() == set()
     said = re.findall(r"""(?<!\w)say(?:_count)?\(\s*["']([a-z_]+\.[a-z_0-9]+)["']""", texts)
+    kinds = "axis|comment|compare|ended|input|model|quantity|variable|word"
+    said += re.findall(rf"""["']((?:{kinds})\.[a-z_]+)["']""", texts)
     assert {*said} - ENGLISH.keys() == set()
+
+
+def test_a_text_can_be_said_again_in_another_language():
+    part = say_count("count.part_of_boulders", 1000, part=20, fraction=Number("2.0 %"))
+    text = say("model.faster", part=part, limit=0.8)
+    with speaking("de"):
+        again = translated(text)
+        assert again.startswith("20 von 1\u202f000 Blöcken (2,0 %) überschritten 0,8 m/s je Grad")
+        assert unpacked(json.loads(json.dumps(packed(text))), text) == again
+        assert translated("a name, 1.5") == "a name, 1.5" and translated(Number("1.5")) == "1,5"
+    assert translated(again) == text
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        None,
+        7,
+        {},
+        {"id": "model.later", "values": {}},
+        {"id": "model.faster", "values": {"part": "x"}},
+        {"id": "input.dam_height", "values": {"highest": "high"}},
+        {"id": "{x:9}", "values": {"x": 1}},
+        {"id": 7, "values": {}},
+        {"id": "count.part_of_boulders", "values": {"n": "x"}, "is_count": True},
+    ],
+)
+def test_damaged_and_later_messages_are_in_english(data):
+    with speaking("de"):
+        assert unpacked(data, "as it was") == "as it was"
+
+
+def test_maps_are_called_as_in_files():
+    for name, about in MAP.items():
+        assert map_label(name, about["long_name"]) == about["long_name"]
+        assert map_comment(name, about) == ([about["comment"]] if "comment" in about else [])
+        with speaking("de"):
+            assert map_label(name, about["long_name"]) != about["long_name"]
+            assert not {*map_comment(name, about)} & {about.get("comment")}
+    assert map_label("energy_exceeded_30kJ", "") == f"{MAP['energy_exceeded']['long_name']}, 30 kJ"
+    assert map_label("energy_max_q05", "") == (
+        f"{MAP['energy_max']['long_name']}: 5% quantile over the runs"
+    )
+    assert map_label("mine", "my own, 30 kJ") == "my own, 30 kJ"
+
+
+@pytest.mark.parametrize("name", INPUTS)
+def test_uncertain_inputs_are_called_as_in_files(name):
+    assert say(f"uncertain.{name}") == name
+
+
+@pytest.mark.parametrize("name", [*STATUS, *OUTCOME, *CLASSES, *models(), IMPACT_SETS])
+def test_identifiers_have_words(name):
+    if name != "none":
+        assert is_message(f"word.{name}") and word(name) == name.replace("_", " ")
 
 
 def test_numbers_are_written_in_the_format_of_the_language():

@@ -19,7 +19,6 @@ from rockfall.scene.layers import file_checksum
 
 openpyxl = pytest.importorskip("openpyxl", reason="the office extra is not installed")
 docx = pytest.importorskip("docx", reason="the office extra is not installed")
-pytest.importorskip("babel", reason="the report extra is not installed")
 
 NET = "&barrier name = 'net', x = 600030.0, 600090.0, y = 4999940.0, 4999940.0, height = 3.0, "
 #: Columns of numbers without a unit.
@@ -160,12 +159,11 @@ HEADINGS = {
 
 
 @pytest.mark.parametrize("language, heading", HEADINGS.items())
-def test_documents_are_in_the_language(site, language, heading, caplog):
+def test_documents_are_in_the_language(site, language, heading):
     words = f"export out.nc in_{language} --tables docx xlsx --language {language}".split()
     assert main(words) == 0
     document = docx.Document(f"in_{language}/tables.docx")
     assert heading in [one.text for one in document.paragraphs]
-    assert [one.getMessage() for one in caplog.records if "no text" in one.getMessage()] == []
     words = f"design out.nc -o in_{language} --tables docx --language {language}".split()
     assert main(words) == 0
     assert "net" in docx.Document(f"in_{language}/design.docx").tables[-2].cell(1, 0).text

@@ -254,10 +254,15 @@ def test_points_stay_points(place):
     assert "sources" in names and not {"source_areas", "barriers", "dams"} & {*names}
 
 
-@pytest.mark.parametrize("language", ["en", "de", "fr", "it"])
-def test_all_titles_and_labels_have_a_text(site, language, caplog):
+@pytest.mark.parametrize("language", ["de", "fr", "it"])
+def test_all_titles_and_labels_have_a_text(site, language):
     with speaking("en"):
-        rockfall.export_project(
-            "out.nc", f"in_{language}", hazard="hazard_hazard/hazard.nc", language=language
-        )
-    assert [one.getMessage() for one in caplog.records if "no text" in one.getMessage()] == []
+        for one in ("en", language):
+            rockfall.export_project(
+                "out.nc", f"in_{one}", hazard="hazard_hazard/hazard.nc", language=one
+            )
+    root, english = read(f"in_{language}/project.qgz"), read("in_en/project.qgz")
+    titles, others = (
+        {one.get("name") for one in of.iter("layer-tree-layer")} for of in (root, english)
+    )
+    assert titles & others <= {"Relief"}

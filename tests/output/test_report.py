@@ -29,14 +29,10 @@ from rockfall.analysis.precision.intervals import (
 from rockfall.analysis.run_until import Rule, Verdict, verdicts_of
 from rockfall.case import case_of
 from rockfall.cli import main
-from rockfall.result.classes import STATUS_MARKERS
-from rockfall.result.variables import MAP
-from rockfall.text.comparison import LABELS
 from scenes import grid, make_case, rough, sets
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
-from rockfall.grounds import IMPACT_SETS, models  # noqa: E402
-from rockfall.html_report.convergence import history, known_of, mixed, sizes  # noqa: E402
+from rockfall.analysis.precision.history import history, known_of, mixed, sizes  # noqa: E402
 from rockfall.html_report.inputs import Parties, input_table  # noqa: E402
 from rockfall.html_report.intervals import estimate, rows_of  # noqa: E402
 from rockfall.html_report.maps import (  # noqa: E402
@@ -47,7 +43,6 @@ from rockfall.html_report.maps import (  # noqa: E402
     window_of,
 )
 from rockfall.html_report.page import Picture, report, write_report  # noqa: E402
-from rockfall.html_report.sentences import Speaker, catalogue  # noqa: E402
 from rockfall.html_report.summary import (  # noqa: E402
     answers,
     certainty,
@@ -61,9 +56,8 @@ from rockfall.html_report.terrain_view import VERTICES, traces  # noqa: E402
 from rockfall.html_report.validity import SHIPPED, cautions, warnings  # noqa: E402
 from rockfall.language import LANGUAGES, speaking  # noqa: E402
 from rockfall.plots.figures import figures  # noqa: E402
+from rockfall.plots.history_figure import history_figure  # noqa: E402
 from rockfall.quantities import (  # noqa: E402
-    DESIGN,
-    TOO_FEW,
     number,
     percent,
 )
@@ -74,6 +68,8 @@ LINES = [
     {"name": "cliff", "x": [0.0, 300.0], "y": [398.0, 398.0]},  # above the release
 ]
 MAPS = ["passages", "deposits", "energy_max", "reach_probability"]
+#: Words that no page in another language has, but as a name.
+ENGLISH = {"the", "of", "boulders", "with", "is", "are", "not", "height", "energy"}
 SOURCES = {"x": [100.0, 150.0, 200.0], "y": [380.0, 380.0, 380.0]}
 
 
@@ -393,13 +389,11 @@ def test_a_map_says_why_it_is_blank(tmp_path):
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory, result):
-    """The page in each language with terrain and a figure of each kind, in files; the log of what
-    the catalogue lacks."""
-    folder, missing = tmp_path_factory.mktemp("page"), []
+    """The page in each language with terrain and a figure of each kind, in files."""
+    folder = tmp_path_factory.mktemp("page")
     kinds = ("trajectories", "profile", "passing", "stops", "line_speed", "restitution")
     people = Parties("P 17", "Gemeinde", "A. B.", "2024")
     with pytest.MonkeyPatch.context() as here:
-        here.setattr("rockfall.html_report.sentences.log.warning", lambda *of: missing.append(of))
         here.setattr("rockfall.html_report.page.return_levels", no_levels)
         for language in LANGUAGES:
             some = kinds if language in ("en", "de") else ()  # figures take long
@@ -410,78 +404,34 @@ def pages(tmp_path_factory, result):
             write_report(
                 result, folder / f"{language}.html", where, None, None, False, language, people
             )
-    return folder, missing
+    return folder
 
 
 @pytest.fixture(scope="module")
 def page(pages):
-    return pages[0] / "en.html"
+    return pages / "en.html"
 
 
 # ---- languages
 
 
-def test_every_text_has_four_languages_with_the_same_places():
-    texts = [catalogue(language) for language in LANGUAGES]
-    for english, *others in zip(*(one.items() for one in texts), strict=True):
-        for _, text in others:
-            assert text.strip() == text != "", english
-            assert [text.count(mask) for mask in "#@"] == [english[0].count(mask) for mask in "#@"]
-
-
 def test_no_english_is_left_on_a_page(pages):
-    """All that a page says, its figures too, came from the catalogue."""
-    folder, missing = pages
-    assert missing == []
-    page = (folder / "de.html").read_text().split('id="provenance"')[0].split("<main>")[1]
+    page = (pages / "de.html").read_text().split('id="provenance"')[0].split("<main>")[1]
     text = re.sub(r"<(style|pre|script|svg).*?</\1>|<[^>]*>", " ", page,
                   flags=re.DOTALL)  # fmt: skip
-    english = {"the", "of", "boulders", "with", "is", "are", "not", "height", "energy"}
-    assert english & set(re.findall(r"\w+", text.lower())) == set()
-    whole = (folder / "de.html").read_text()
+    assert ENGLISH & set(re.findall(r"\w+", text.lower())) == set()
+    whole = (pages / "de.html").read_text()
     assert "A. B." in whole and "Gemeinde" in whole and "P 17" in whole
 
 
-def silenced(monkeypatch):
-    """A list that fills with what the catalogue lacks."""
-    missing = []
-    where = "rockfall.html_report.sentences.log.warning"
-    monkeypatch.setattr(where, lambda *of: missing.append(of[-1]))
-    return missing
-
-
 @pytest.mark.parametrize("language", LANGUAGES[1:])
-def test_rare_words_of_tables_have_texts(language, monkeypatch):
-    """What the pages of these tests do not say: models of grounds, quantities, ends."""
-    missing = silenced(monkeypatch)
-    words = [name.replace("_", " ") for name in (*models(), IMPACT_SETS)]
-    words += [f"{name.replace('_', ' ')} (12)" for name in STATUS_MARKERS]
-    words += LABELS.values()
-    words += [text for one in DESIGN.values() for text in (one.title, one.short)]
-    words += [text for about in MAP.values() for text in
-              (about["long_name"], f"{about['long_name']}: 5% quantile over the runs")]  # fmt: skip
-    words += [
-        f"9.5 ({TOO_FEW})",
-        "larger",
-        "smaller",
-        "differs (up to 2.1 by chance)",
-        "undecided (up to 2.1 by chance)",
-    ]
+def test_verdicts_are_in_the_language(language):
     verdict = Verdict(Rule("speed.mean@L<1%", 0, "speed", "mean", 0.01), False, 0.05, 100.0)
-    verdicts = (verdict, verdict._replace(met=True), verdict._replace(width=np.nan, need=np.nan),
-                verdict._replace(need=np.inf))  # fmt: skip
-    say = Speaker(language, [verdict.rule.text])
-    for word in [*words, *verdicts]:
-        say(word)
-    assert missing == []
-
-
-def test_numbers_and_names_stay_what_they_are():
-    say = Speaker("de", ["road", "pass 2"])
-    assert say("0.9 (0.3 to 12,345.5)") == "0,9 (0,3 bis 12\u202f345,5)"
-    assert say("Along road") == "Entlang road" and say("Along pass 2") == "Entlang pass 2"
-    assert say("Speed [m/s]") == "Geschwindigkeit [m/s]" and say("R_t [%]") == "R_t [%]"
-    assert Speaker()("1,000.5 m") == "1,000.5 m"
+    for one in (verdict, verdict._replace(met=True), verdict._replace(width=np.nan, need=np.nan),
+                verdict._replace(need=np.inf)):  # fmt: skip
+        with speaking(language):
+            said = str(one)
+        assert said.startswith("speed.mean@L<1%: ") and not ENGLISH & {*said.split()}
 
 
 # ---- the page
@@ -570,11 +520,9 @@ def kinds_of_result(folder):
 
 
 def test_every_kind_of_result_has_a_page_in_every_language(tmp_path, monkeypatch):
-    """The catalogue has the same texts for all languages: one of them tells what it lacks."""
-    missing = silenced(monkeypatch)
     monkeypatch.setattr("rockfall.html_report.page.return_levels", no_levels)
     monkeypatch.setattr("rockfall.html_report.page.picture", only_said)  # drawing is tested apart
-    monkeypatch.setattr("rockfall.html_report.page.convergence_figure", lambda *_: None)
+    monkeypatch.setattr("rockfall.html_report.page.history_figure", lambda *_: None)
     monkeypatch.setattr("rockfall.html_report.page.figures", undrawn)
     for name, text in OBSERVED.items():
         (tmp_path / name).write_text(text)
@@ -584,17 +532,18 @@ def test_every_kind_of_result_has_a_page_in_every_language(tmp_path, monkeypatch
         text = report(one, observed=seen, on_paper=on_paper, language="fr")
         shown = re.sub("<svg.*?</svg>|<img [^>]*>|<style>.*</script>", "", text, flags=re.S)
         assert "nan" not in shown.lower() and "inf " not in shown.lower()
+        said = re.sub("<(pre|header)[ >].*?</\\1>|<dl .*?</dl>|<[^>]*>", " ", shown, flags=re.S)
+        assert ENGLISH & set(re.findall(r"\w+", said.split("Provenance")[0].lower())) == set()
         assert on_paper or "pas de relief" in text
         assert not (on_paper and "<button" in text.split("<main>")[1].split("</main>")[0])
-    assert missing == []
 
 
 def undrawn(*given):
     return [replace(one, draw=lambda: None) for one in figures(*given)]
 
 
-def only_said(figure, title, caption, say):
-    return Picture(say(title), say(caption), "data:,", 500, 300)
+def only_said(figure, title, caption):
+    return Picture(title, caption, "data:,", 500, 300)
 
 
 # ---- the command
@@ -710,7 +659,7 @@ return [seen.length, clashes, scrollWidth, clientWidth];
 @pytest.mark.parametrize("width", [400, 1600])
 def test_no_text_lies_on_another_in_any_language(browser, pages, width):
     for language in LANGUAGES:
-        opened(browser, pages[0] / f"{language}.html", width)
+        opened(browser, pages / f"{language}.html", width)
         texts, clashes, wide, room = browser.execute_script(TEXTS)
         assert texts > 100 and clashes == [] and wide <= room, language
         assert browser.get_log("browser") == []
@@ -904,7 +853,6 @@ def test_figures_of_the_laboratory_are_an_appendix_of_runs_by_impact_sets(result
 
 def test_the_bands_of_few_boulders_do_not_set_the_axes_of_convergence(result, monkeypatch):
     """30 boulders tell little of a quantile: its band may reach up to 1,000 m/s."""
-    from rockfall.html_report import convergence
 
     def wide(*given):
         found = history(*given)
@@ -912,9 +860,9 @@ def test_the_bands_of_few_boulders_do_not_set_the_axes_of_convergence(result, mo
             rows[0]["q95_high"] = 1e9
         return found
 
-    monkeypatch.setattr(convergence, "history", wide)
+    monkeypatch.setattr("rockfall.plots.history_figure.history", wide)
     rows = rows_of(result)["road <b>"]
-    figure = convergence.convergence_figure(result, 0)
+    figure = history_figure(result, 0)
     for axes, (quantity, factor) in zip(
         figure.axes[1:], (("speed", 1), ("passing_height", 1), ("energy_total", 1e-3)), strict=True
     ):

@@ -2,7 +2,6 @@
 """The page of variants: a column for each, the numbers of the comparison, maps, no English in other
 languages."""
 
-import logging
 import re
 
 import numpy as np
@@ -63,11 +62,9 @@ def test_the_page_has_the_numbers_of_the_comparison(results, tmp_path):
 
 @pytest.mark.filterwarnings("ignore:.*figures have no relief")
 @pytest.mark.parametrize("language", ["de", "fr", "it"])
-def test_no_text_is_left_in_english(results, tmp_path, language, caplog):
+def test_no_text_is_left_in_english(results, tmp_path, language):
     path = tmp_path / "a.html"
-    with caplog.at_level(logging.WARNING):
-        rockfall.report_variants(results, path, yearly=0.5, language=language)
-    assert [text for text in caplog.messages if "no text for" in text] == []
+    rockfall.report_variants(results, path, yearly=0.5, language=language)
     hidden = re.compile(r"<style>.*?</style>|<script>.*?</script>|<[^>]*>", re.S)
     shown = hidden.sub(" ", path.read_text())
     assert not re.search(r"\b(boulders|those|pass|which|the)\b", shown)

@@ -56,8 +56,8 @@ module rockfall_f2py
    public :: new_scene, pass_array, build_scene, limit_terrain, close_scene, carry_in_lanes, trajectory, scan_rows, &
              reachable_box
    public :: block_of, map_plan
-   public :: open_run, open_joined_run, continue_run, merge_run, close_run, advance, array, map, settle_sources, &
-             restore_sources
+   public :: open_run, open_joined_run, continue_run, merge_run, close_run, advance, array, map, map_passages, &
+             settle_sources, restore_sources
    public :: forget_tallies
    public :: check_maps, count_limits, check_case, table_row, repeatable_groups, read_sets, fields
    public :: histogram_bins, team
@@ -333,29 +333,37 @@ contains
       end associate
    end subroutine array
 
-   !> Real map of a run with a number of boulders, in clusters that may behave alike (1: independent). `fewest`: minimum
-   !> passages for a cell to have a value; `thin`: passages below which it is unreliable.
-   subroutine map(run, name, boulders, per_cluster, min_passages, values, fewest, thin, nx, ny)
+   !> Write a real map of a run to the address of an array of its cells. Of `boulders`, the second number is that of a
+   !> cluster that may behave alike (1: independent).
+   subroutine map(run, name, boulders, address)
       !f2py threadsafe
-      integer(c_int), intent(in) :: nx, ny
-      integer(c_intptr_t), intent(in) :: run
+      integer(c_intptr_t), intent(in) :: run, address
       character(len=*), intent(in) :: name
-      integer(c_int64_t), intent(in) :: boulders, per_cluster
-      integer(c_int), intent(in) :: min_passages
-      real(c_float), intent(inout) :: values(nx, ny)
-      integer(c_int), intent(out) :: fewest, thin
+      integer(c_int64_t), intent(in) :: boulders(2)
       type(open_run_t), pointer :: opened
       type(maps_t) :: maps
+      real(c_float), pointer, contiguous :: values(:, :)
       integer :: j
 
       opened => run_of(run)
-      fewest = map_min_count(name, min_passages)
-      thin = map_thin_below(name, per_cluster)
+      call c_f_pointer(pointer_of(address), values, opened%run%nodes)
       maps = map_tallies(opened%run, [1, 1])
-      do j = 1, ny
-         call map_row(maps, name, j, boulders, per_cluster, min_passages, values(:, j))
+      do j = 1, size(values, 2)
+         call map_row(maps, name, j, boulders(1), boulders(2), opened%run%min_passages, values(:, j))
       end do
    end subroutine map
+
+   !> Numbers of passages for a cell of a map: minimum for a value, and below which a value is unreliable.
+   subroutine map_passages(run, name, per_cluster, passages)
+      integer(c_intptr_t), intent(in) :: run
+      character(len=*), intent(in) :: name
+      integer(c_int64_t), intent(in) :: per_cluster
+      integer(c_int), intent(out) :: passages(2)
+      type(open_run_t), pointer :: opened
+
+      opened => run_of(run)
+      passages = [map_min_count(name, opened%run%min_passages), map_thin_below(name, per_cluster)]
+   end subroutine map_passages
 
    !> Free the tallies and samples of a run once all results are computed; counts, sums and maxima of maps if `go` is 1.
    !> Views of them become invalid.

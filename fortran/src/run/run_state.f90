@@ -72,6 +72,7 @@ module rockfall_run_state
       integer(i4), pointer, contiguous :: last_source(:, :, :) => null()  !! as in maps_t, with its first_partial
       integer(i8) :: first_partial = 0
       integer(i8) :: max_columns = max_columns            !! maximum for `bin_counts`
+      integer :: min_passages = 1                         !! for a mean or a quantile in a cell
       type(contributing_t) :: shared                      !! cells of partial sources, set by `settle_partial_sources`
       ! Boulders of the last chunk that left the window of the terrain, and where:
       integer(i8), allocatable :: left(:)
@@ -127,6 +128,7 @@ contains
       end if
       run%plan = map_plan(pack(map_names, case%map), size(case%thresholds))
       run%thresholds = case%thresholds
+      run%min_passages = case%min_passages
       if (any(run%plan%count(3:4) > 0)) run%first_partial = first_partial(scene%release, before + 1)
    end subroutine set_dimensions
 
@@ -152,6 +154,7 @@ contains
       if (case%kept /= keeps_all) allocate (run%number(min(case%kept, boulders)), source=no_row)
       run%plan = map_plan(pack(map_names, case%map), size(case%thresholds))
       run%thresholds = case%thresholds
+      run%min_passages = case%min_passages
       if (any(run%plan%count(3:4) > 0)) allocate (run%shared%cell(0), run%shared%source(0), run%shared%boulders(0))
       call allocate_rows(case, grounds, features, run, error)
       if (.not. allocated(error)) call allocate_tallies(run, error)

@@ -35,6 +35,7 @@ from rockfall.case import case_of
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import check_output
 from rockfall.io.tables import write_csv
+from rockfall.language import say
 from rockfall.limits import MIN_FOR_MEAN, MIN_FOR_STD
 from rockfall.result.samples import check_rows, kept_note
 from rockfall.result.trajectories import ends, left_terrain, lines
@@ -260,13 +261,11 @@ def _observed_distances(
     if seen.stops is None:
         return seen.distances, []
     if seen.distances is not None:
-        return seen.distances, ["Distances are those given, not those of the stopping places."]
+        return seen.distances, [say("compare.distances_given")]
     if seen.starts is not None:
         return np.sort(np.hypot(*(seen.stops - seen.starts).T)), []
     if source.count > 1:
-        about = f"which of the {source.count} sources a boulder found came from is not known"
-        about += " (columns start_x, start_y would say it)"
-        return None, [f"Stopping places give no distances: {about}."]
+        return None, [say("compare.no_distances", n=source.count)]
     x, y = (seen.stops[:, k] - result[f"start_{axis}"].values[0] for k, axis in enumerate("xy"))
     return np.sort(np.hypot(x, y)), []
 
@@ -314,31 +313,23 @@ def _notes(result: xr.Dataset, seen: Observed, source: Sources) -> Iterator[str]
     if note := kept_note(result):
         yield note
     if "fragments" in result:
-        yield (
-            "Boulders may break: numbers are of the fragment that came farthest, at lines of the "
-            "most energetic one; observed blocks are others, too."
-        )
+        yield say("compare.fragments")
     if not {*REACH} & set(result):
-        for where, places in (("stopping places", seen.stops), ("impacts", seen.contacts)):
-            if places is not None:
-                yield f"Reach at {where} needs a map: &output maps = 'passages'."
+        if seen.stops is not None:
+            yield say("compare.no_map_at_stops")
+        if seen.contacts is not None:
+            yield say("compare.no_map_at_impacts")
     for blocks in witnesses(result, seen):
         if len(at_rest(result, blocks).place) < MIN_COMPARED:
-            of = f" of source {blocks.source}" if blocks.source else ""
-            yield (
-                f"Blocks at rest{of} are not compared: fewer than {MIN_COMPARED} boulders from "
-                "there come to rest."
-            )
+            key = "compare.few_at_rest_of_source" if blocks.source else "compare.few_at_rest"
+            yield say(key, source=blocks.source, fewest=MIN_COMPARED)
     names = sorted({str(name) for one in seen.kept.values() for name in one.columns})
     if names:
-        yield f"Columns that are kept, not read: {', '.join(names)}."
+        yield say("compare.columns", names=", ".join(names))
     count = (left_terrain(result) | ends(result)["impact_limit"]).sum()
     if count and any(one is not None for one in (seen.passing, seen.distances, seen.stops)):
-        yield f"{count:,} boulders never came to rest; they count with the distance they reached."
+        yield say("compare.never_at_rest", n=count)
     if len(seen.tests) and not seen.samples:
-        yield "The printed p are those of other runs; one of this run needs samples."
+        yield say("compare.other_runs")
     if source.count > 1 and (seen.samples or seen.distances is not None):
-        yield (
-            "Kolmogorov-Smirnov takes boulders as independent; those of one of the "
-            f"{source.count} sources are not, so p tends to be too small."
-        )
+        yield say("compare.dependent", n=source.count)

@@ -9,17 +9,19 @@ for their results; by `import-rockyfor3d` for its case.
 from __future__ import annotations
 
 import importlib.resources
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.run_out import mean_slopes
 from rockfall.grounds import IMPACT_SETS, RATIO_TABLE, other_tables, repose
 from rockfall.impact_tables import open_table, shipped_tables
 from rockfall.io.tables import read_table
-from rockfall.quantities import part_of, percent
+from rockfall.language import Text, say, word
+from rockfall.quantities import part_of_boulders, part_of_rebounds, percent
 from rockfall.result.grounds import (
     classical_grounds,
     rebounds_by_ground,
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
 
     from rockfall.case import Case
     from rockfall.result.contents import Held
+    from rockfall.result.grounds import GroundRebounds
 
     Variables = Held | Mapping[str, ArrayLike]
 
@@ -43,47 +46,18 @@ MAX_SLOW = 0.1  # fraction of passing boulders from which quantiles are no desig
 #: Upper envelope of observed maximum speeds [m/s] per degree of the mean slope (Dorren 2015,
 #: Rockyfor3D revealed, ecorisQ; it uses 0.64 to 0.8).
 SPEED_PER_DEGREE = 0.8
-NEAREST = "the nearest ratio stood in"
-OUTSIDE = {
-    "range": f"had R_b/R_m outside 0.5 to 5.5, where the set is not calibrated: {NEAREST}",
-    "speed": "were slower or faster than those that the set was fitted on (speed_range)",
-    "angle": "were flatter or steeper than those that the set was fitted on (angle_range)",
+OUTSIDE = {  # messages, by the count of a result
+    "range": "model.outside_range",
+    "speed": "model.outside_speed",
+    "angle": "model.outside_angle",
 }
-OUTSIDE_TABLES = "had R_b/R_m outside those of their table of impacts"
-OUTSIDE_BOTH = "had R_b/R_m outside those of their impact set or table of impacts"
-
-QUOTED = "their coefficients are as commonly quoted, not confirmed"
-OWN = "their coefficients are the user's own, and what they rest on is not known here"
-UNDERSTATED = (
-    "without a fit to observations of the slope, speeds, jump heights and energies may be "
-    "understated (docs/grounds.md)"
-)
-
-TABLES_IN_THE_FIELD = (
-    "tables are hardly validated, at two field sites: mean run-outs on a pasture 6 % too long; "
-    "means of speed, height and energy on talus within 11 %, but deviations a third too small, so "
-    "that 95 % quantiles err low, of speed by 12 %, of energy by a fifth; on long slopes above 30 "
-    "degrees boulders on other ground than talus are faster than any observed "
-    "(docs/validation/field)"
-)
-
-BREAKAGE = (
-    "Breakage follows a rule fitted to limestone in a quarry, as quoted and not confirmed, and is "
-    "not validated here; fragments have less energy than the boulder: look at the same run without "
-    "it (&breakage at = 'none'), too"
-)
 MAX_FINES = 0.01  # fraction of the volume from which it is a warning
-
-LOGS = (
-    "What lying logs take is unconfirmed: as much as standing stems of their diameter, less when "
-    "decayed; logs decay and move, so look at the same run without logs, too"
-)
 
 
 class Remark(NamedTuple):
     """A remark on the validity of a run's model."""
 
-    text: str
+    text: Text
     is_warning: bool
     is_counted: bool = True  # of the boulders of the run
 
@@ -105,16 +79,28 @@ def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     none for runs with impact sets only."""
     if not (grounds := classical_grounds(values)):
         return
-    followed = part_of(
-        sum(one.rebounds for one in grounds),
-        max(1, _total(values, "rebounds_by_ground")),
-        "rebound",
+    own = "model.own_coefficients" if has_own_grounds(case) else "model.quoted_coefficients"
+    text = say(
+        "model.classical",
+        followed=_part_of_all(grounds, values),
+        grounds=[*map(ground_part, grounds)],
+        coefficients=say(own),
+        understated=say("model.understated"),
     )
-    parts = "; ".join(
-        f"{one.name} ({one.model.replace('_', ' ')}) {percent(one.fraction)}" for one in grounds
+    yield Remark(text, True)
+
+
+def ground_part(one: GroundRebounds) -> Text:
+    """Ground, its model, and its fraction of the rebounds."""
+    return say(
+        "model.ground_part", name=one.name, model=word(one.model), fraction=percent(one.fraction)
     )
-    text = f"{followed} followed classical grounds in place of impact sets: {parts}"
-    yield Remark(f"{text}; {coefficients_remark(case)}", True)
+
+
+def _part_of_all(grounds: Iterable[GroundRebounds], values: Variables) -> Text:
+    """Rebounds on some grounds, of all."""
+    rebounds = sum(one.rebounds for one in grounds)
+    return part_of_rebounds(rebounds, max(1, _total(values, "rebounds_by_ground")))
 
 
 def table_remarks(values: Variables) -> Iterator[Remark]:
@@ -122,18 +108,11 @@ def table_remarks(values: Variables) -> Iterator[Remark]:
     without tables."""
     if not (tables := table_grounds(values)):
         return
-    drawn = part_of(
-        sum(one.rebounds for one in tables),
-        max(1, _total(values, "rebounds_by_ground")),
-        "rebound",
-    )
-    parts = "; ".join(f"{one.name} {percent(one.fraction)}" for one in tables)
-    yield Remark(f"{drawn} were drawn from tables of impacts: {parts}; {TABLES_IN_THE_FIELD}", True)
-
-
-def coefficients_remark(case: Case) -> str:
-    """Reliability of the coefficients of the classical grounds of a case."""
-    return f"{OWN if has_own_grounds(case) else QUOTED}; {UNDERSTATED}"
+    parts = [
+        say("model.table_part", name=one.name, fraction=percent(one.fraction)) for one in tables
+    ]
+    text = say("model.tables", drawn=_part_of_all(tables, values), grounds=parts)
+    yield Remark(text, True)
 
 
 def has_own_grounds(case: Case) -> bool:
@@ -151,7 +130,7 @@ def forest_remarks(case: Case) -> Iterator[Remark]:
 def log_remarks(case: Case) -> Iterator[Remark]:
     """Remark that capacities of lying logs are unconfirmed; none without logs."""
     if any("diameter" in one for one in case.barrier):
-        yield Remark(LOGS, True, is_counted=False)
+        yield Remark(say("model.logs"), True, is_counted=False)
 
 
 def breakage_remarks(values: Variables, case: Case) -> Iterator[Remark]:
@@ -159,37 +138,31 @@ def breakage_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     whose fragments were limited or lost as fines; none where boulders do not break."""
     if case.breakage["at"] == "none":
         return
-    yield Remark(BREAKAGE, True, is_counted=False)
+    yield Remark(say("model.breakage"), True, is_counted=False)
     if "fragments" not in values:
         return
     names = ("fragments", "breakages", "breakages_capped", "fines_volume", "volume")
     fragments, breakages, capped, fines, volume = (np.asarray(values[name]) for name in names)
     broke = breakages > 0
     if broke.any():
-        yield Remark(
-            f"{part_of(int(broke.sum()), broke.size, 'boulder')} broke, into "
-            f"{fragments[broke].mean():.3g} fragments on average, {fragments.max()} at most: maps, "
-            "lines and hits count a boulder once, with the largest values of its fragments, so "
-            "that risk and the load of a barrier count one hit of several; deposits count fragments"
-            + "".join(_fragments_at_lines(values)),
-            True,
+        text = say(
+            "model.broke",
+            part=part_of_boulders(int(broke.sum()), broke.size),
+            mean=fragments[broke].mean(),
+            most=fragments.max(),
         )
+        at_lines = [*_fragments_at_lines(values)]
+        yield Remark(say("model.several", parts=[text, *at_lines]) if at_lines else text, True)
     if (reached := int((capped > 0).sum())) > 0:
-        yield Remark(
-            f"{part_of(reached, capped.size, 'boulder')} reached &breakage max_fragments = "
-            f"{case.breakage['max_fragments']}: what would have broken further stayed whole, so "
-            "that blocks are too large and too few",
-            True,
-        )
+        part = part_of_boulders(reached, capped.size)
+        most = case.breakage["max_fragments"]
+        yield Remark(say("model.max_fragments", part=part, most=most), True)
     if (fraction := float(fines.sum() / volume.sum())) > MAX_FINES:
-        yield Remark(
-            f"{percent(fraction)} of the volume is in pieces below &breakage min_volume = "
-            f"{case.breakage['min_volume']:g} m3, which are not traced",
-            True,
-        )
+        least = case.breakage["min_volume"]
+        yield Remark(say("model.fines", fraction=percent(fraction), least=least), True)
 
 
-def _fragments_at_lines(values: Variables) -> Iterator[str]:
+def _fragments_at_lines(values: Variables) -> Iterator[Text]:
     """Mean number of fragments at each line, of the boulders that cross it."""
     if "line_fragments" not in values:
         return
@@ -197,21 +170,18 @@ def _fragments_at_lines(values: Variables) -> Iterator[str]:
         np.asarray(values["line"]), np.asarray(values["line_fragments"]), strict=True
     ):
         if (counts > 0).any():
-            yield f"; {name}: {counts[counts > 0].mean():.3g} fragments of each that crosses"
+            yield say("model.fragments", line=str(name), mean=counts[counts > 0].mean())
 
 
-def forest_text() -> str:
+def forest_text() -> Text:
     """Comparison with the forest experiment (cases/vaujany-forest), and its consequences."""
-    known = forest_experiment()
-    there, here = (
-        [f"{known['passing', of][column]:g} %" for of in ("bare", "forest")]
-        for column in ("experiment", "simulated")
-    )
-    return (
-        f"The forest is not validated and acts strongly: in the published experiment {there[0]} of "
-        f"the boulders passed without and {there[1]} with forest, here {here[0]} and {here[1]} "
-        "(cases/vaujany-forest); what it holds back is no protective effect without the same run "
-        "without forest beside it"
+    bare, forest = (forest_experiment()["passing", of] for of in ("bare", "forest"))
+    return say(
+        "model.forest",
+        bare=bare["experiment"],
+        forest=forest["experiment"],
+        bare_here=bare["simulated"],
+        forest_here=forest["simulated"],
     )
 
 
@@ -247,19 +217,15 @@ def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     for name, speed, rolls in zip(lines, speeds, steep & (speeds < SLOW), strict=True):
         passed = np.isfinite(speed)
         if passed.any() and (fraction := float(rolls[passed].mean())) > MAX_SLOW:
-            yield Remark(
-                f"{name}: {percent(fraction)} of the boulders that pass are slower than {SLOW:g} "
-                "m/s: they roll from rock to rock, and lower the means and quantiles of those that "
-                "pass; compare with &impact rest_angle = 90",
-                True,
-            )
+            about = {"line": str(name), "fraction": percent(fraction), "slow": SLOW}
+            yield Remark(say("model.rolling", **about), True)
 
 
 class Extrapolation(NamedTuple):
     """A fraction of the rebounds or boulders, in words, and its status as a warning."""
 
     fraction: float
-    text: str
+    text: Text
     is_warning: bool
 
 
@@ -278,32 +244,30 @@ def extrapolations(values: Variables) -> Iterator[Extrapolation]:
     rebounds = round(_stochastic(values))
     for what, fraction in fractions_outside(values).items():
         if fraction:
-            said = part_of(round(fraction * rebounds), rebounds, "rebound")
-            text = _outside_ratios(values) if what == "range" else OUTSIDE[what]
-            yield Extrapolation(fraction, f"{said} {text}", fraction > MAX_OUTSIDE)
+            part = part_of_rebounds(round(fraction * rebounds), rebounds)
+            key, about = _outside_ratios(values) if what == "range" else (OUTSIDE[what], {})
+            text = say(key, part=part, **about)
+            yield Extrapolation(fraction, text, fraction > MAX_OUTSIDE)
     is_fast = faster_than_observed(values)
     if (fast := int(is_fast.sum())) > MAX_FAST * is_fast.size:
-        said = (
-            f"{part_of(fast, is_fast.size, 'boulder')} exceeded {SPEED_PER_DEGREE} m/s "
-            "per degree of the mean slope of their path, the upper limit of what has been observed "
-            "(Dorren 2015): the bounce has no terminal velocity"
-        )
-        yield Extrapolation(fast / is_fast.size, said, True)
+        part = part_of_boulders(fast, is_fast.size)
+        text = say("model.faster", part=part, limit=SPEED_PER_DEGREE)
+        yield Extrapolation(fast / is_fast.size, text, True)
 
 
-def _outside_ratios(values: Variables) -> str:
-    """Text on rebounds outside the ratios of the impact sets or tables that made them; the ratios
-    of a shipped table are part of it."""
+def _outside_ratios(values: Variables) -> tuple[str, dict[str, Any]]:
+    """Message on rebounds outside the ratios of the impact sets or tables that made them, and its
+    values: the ratios of a shipped table."""
     followed = [one for one in rebounds_by_ground(values) if one.rebounds]
     tables = [one.name for one in followed if one.model == RATIO_TABLE]
     if not tables:
-        return OUTSIDE["range"]
+        return OUTSIDE["range"], {}
     if any(one.model == IMPACT_SETS for one in followed):
-        return f"{OUTSIDE_BOTH}: {NEAREST}"
+        return "model.outside_both", {}
     if len(tables) > 1 or tables[0] not in shipped_tables():
-        return f"{OUTSIDE_TABLES}: {NEAREST}"
+        return "model.outside_tables", {}
     ratios = open_table(shipped_tables()[tables[0]]).ratio
-    return f"{OUTSIDE_TABLES} ({tables[0]}: {ratios[0]:g} to {ratios[-1]:g}): {NEAREST}"
+    return "model.outside_table", {"name": tables[0], "low": ratios[0], "high": ratios[-1]}
 
 
 def faster_than_observed(values: Variables) -> np.ndarray:
@@ -312,10 +276,8 @@ def faster_than_observed(values: Variables) -> np.ndarray:
     The mean slope is that of the straight line from the release to the end; a boulder that ended no
     lower has none, and is not counted.
     """
-    names = ("start_z", "stop_z", "plan_distance", "speed_max")
-    start, stop, distance, speed = (np.asarray(values[name]) for name in names)
-    slope = np.degrees(np.arctan2(start - stop, distance))
-    return (slope > 0) & (speed > SPEED_PER_DEGREE * slope)
+    slope = mean_slopes(values)
+    return (slope > 0) & (np.asarray(values["speed_max"]) > SPEED_PER_DEGREE * slope)
 
 
 def _stochastic(values: Variables) -> float:

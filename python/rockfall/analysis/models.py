@@ -4,6 +4,7 @@ same places, with the same random words, so that only the models differ."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,7 @@ from rockfall.grounds import (
     table_path,
 )
 from rockfall.io.files import check_netcdf
+from rockfall.language import packed, say, unpacked
 from rockfall.quantities import percent
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import put_netcdf
@@ -101,10 +103,10 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
             first = result if first is None else first
             rows += [{"model": name, **row} for row in _rows(result, first)]
             if (gone := left_terrain(result).mean()) > 0:
-                notes.append(f"{name}: {percent(gone)} left the terrain, where run-out ends")
+                notes.append(say("models.left", name=name, fraction=percent(gone)))
     own = next(iter(scenes.values()))
     if (named := 1 - _own_share(own)) < 1 and named > 0:
-        notes.append(f"{percent(named)} of the terrain has a ground by name, the same in all")
+        notes.append(say("models.named_grounds", fraction=percent(named)))
     table = pd.DataFrame(rows, columns=COLUMNS)
     title = case.case["title"] or case.name
     assert first is not None
@@ -121,6 +123,7 @@ def write_models(found: Models, path: str | Path) -> None:
     crs = {"crs": ((), np.int32(0), found.case["crs"].attrs)}
     own: dict[str, Any] = {"models_layout": LAYOUT, "model_boulders": found.boulders}
     own |= {"models": "\n".join(found.names), "notes": "\n".join(found.notes)}
+    own["note_messages"] = json.dumps([packed(one) for one in found.notes])
     put_netcdf(Contents(columns | crs, found.case.attrs | own), path, path)
 
 
@@ -138,9 +141,12 @@ def read_models(path: str | Path) -> Models:
         raise RockfallError(f"{path}: is no models.nc of `rockfall models`")
     table = found[COLUMNS].to_dataframe().reset_index(drop=True)[COLUMNS]
     names, notes = (tuple(str(found.attrs[name]).split("\n")) for name in ("models", "notes"))
+    notes = tuple(filter(None, notes))
+    data = json.loads(found.attrs.get("note_messages", "[]")) or [None] * len(notes)  # older files
+    notes = tuple(unpacked(one, text) for one, text in zip(data, notes, strict=True))
     boulders = int(found.attrs["model_boulders"])
     title = str(found.attrs["title"]) or str(found.attrs["case_file"])
-    return Models(title, boulders, names, table, tuple(filter(None, notes)), found[["crs"]])
+    return Models(title, boulders, names, table, notes, found[["crs"]])
 
 
 def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
@@ -197,12 +203,10 @@ def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[
             ground = np.append(np.int8(0), cells.material_ground)[zone]
     changed = np.broadcast_to(is_varied[ground] & here, cells.z.shape) & ~np.isnan(cells.z)
     if not changed.any():
-        notes.append("no rocks have a size that the impact sets can take: none of the models")
+        notes.append(say("models.no_sizes"))
         return
     if (part := changed[~np.isnan(cells.z)].mean()) < 1:
-        notes.append(
-            f"impact sets: hold on {percent(part)} of the terrain, its own grounds elsewhere"
-        )
+        notes.append(say("models.sets_on_part", fraction=percent(part)))
     of_cells = np.where(changed, np.int8(number), ground).astype(np.int8)
     name = f"impact sets, method {own.case.surface['method']}"
     yield name, own.replace(grounds=grounds, material_ground=None, cell_ground=of_cells)

@@ -22,6 +22,7 @@ from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.samples import Sample, Values
 from rockfall.errors import RockfallError
+from rockfall.language import say
 from rockfall.limits import Z
 
 if TYPE_CHECKING:
@@ -121,7 +122,11 @@ def _row(sample: Sample, found: Tail) -> dict[str, float | str]:
         row |= found.fit._asdict()
         row["shape_low"], row["shape_high"] = found.shape_limits
         row["end"], row["end_high"] = found.end
-    alone = [f"1 in {N:,}: {level.refused}" for N, level in found.levels.items() if level.refused]
+    alone = [
+        say("level.alone", N=N, reason=level.refused)
+        for N, level in found.levels.items()
+        if level.refused
+    ]
     # a text in every row: pandas versions differ on missing texts
     row["refused"] = found.refused or "; ".join(alone)
     return row
@@ -186,16 +191,15 @@ def _end(excess: np.ndarray, fit: Fit, weight: float) -> tuple[float, float]:
 def _refusal(tried: Sequence[Fit], fit: Fit | None, independent: float) -> str | None:
     """Reason for refusing a tail; None if valid."""
     if not tried and UPPER * independent >= MIN_ABOVE:
-        return f"ties leave no {MIN_ABOVE} boulders above a threshold"
+        return say("level.ties", needed=MIN_ABOVE)
     if not tried:
-        known = UPPER * independent
-        return f"{known:.0f} independent boulders in the upper 5 %, {MIN_ABOVE} needed"
+        return say("level.too_few", known=UPPER * independent, needed=MIN_ABOVE)
     if fit is None:
-        return "no threshold fits"
+        return say("level.no_threshold")
     if fit.shape >= MAX_SHAPE:
-        return f"tail too heavy (shape {fit.shape:.2f})"
+        return say("level.too_heavy", shape=fit.shape)
     if fit.shape <= -MAX_SHAPE:
-        return f"tail ends too sharply (shape {fit.shape:.2f})"
+        return say("level.too_sharp", shape=fit.shape)
     return None
 
 
@@ -217,14 +221,14 @@ def _level(
     if refused:
         return Level(refused=refused)
     if N > MAX_PERIOD * independent:
-        return Level(refused=f"more than {MAX_PERIOD} times the boulders")
+        return Level(refused=say("level.too_long", times=MAX_PERIOD))
     assert fit is not None  # or it would be refused
     level = _profiled(N, sample, independent, fit)
     if tried[-1].shape > -MAX_SHAPE:
         other = _profiled(N, sample, independent, tried[-1])
         level = Level(level.value, min(level.low, other.low), max(level.high, other.high))
     if level.high > MAX_HIGH * level.value:
-        return Level(refused=f"may be {MAX_HIGH} times as high")
+        return Level(refused=say("level.too_wide", times=MAX_HIGH))
     return level
 
 

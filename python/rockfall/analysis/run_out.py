@@ -11,22 +11,29 @@ result itself: below it, the difference may be due to chance.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from rockfall.analysis.observations import Observed
+from rockfall.analysis.precision.intervals import fraction_interval, sources
 from rockfall.case import case_of
 from rockfall.io.arrays import corner_of
+from rockfall.language import say
 from rockfall.limits import MIN_FOR_MEAN, MIN_FOR_STD
+from rockfall.result.trajectories import stop_distances
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+    from numpy.typing import ArrayLike
+
+    from rockfall.result.contents import Held
 
 RESAMPLES = 200
 LIMITS = (0.025, 0.975)
+STATIONS = 300  # distances of a curve of passing
 FARTHEST = 1e9  # [m]; beyond it squares and sums overflow
 MIN_BOULDERS = 2  # per source, for its statistics
 UNDECIDED, DIFFERS = "undecided", "differs"
@@ -249,12 +256,9 @@ def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
     said = []
     if not mine.all():
         of = ", ".join([*(found.names[k] for k in groups[:10]), *["..."][: groups.size > 10]])
-        said.append(
-            f"Run-out is compared with the {mine.sum():,} of {total:,} boulders from where those "
-            f"observed came: {of}."
-        )
+        said.append(say("compare.same_starts", part=mine.sum(), n=total, names=of))
     if apart > 3 * _cell(result):
-        said.append(f"An observed release is {apart:,.0f} m from the nearest source.")
+        said.append(say("compare.release_apart", apart=apart))
     return mine, " ".join(said)
 
 
@@ -397,3 +401,21 @@ def by_chance(seen: Sample, made: Sample, share: np.ndarray, random: np.random.G
             counts[places[source]] += np.bincount(picked, minlength=places[source].size)
         found.append(distance(counts, share))
     return float(np.quantile(found, 0.95))
+
+
+def mean_slopes(values: Held | Mapping[str, ArrayLike]) -> np.ndarray:
+    """Slopes (boulders,) of the straight lines from releases to ends [degree]."""
+    names = "start_z", "stop_z", "plan_distance"
+    start, stop, distance = (np.asarray(values[name]) for name in names)
+    return np.degrees(np.arctan2(start - stop, distance))
+
+
+def passing(
+    result: xr.Dataset, distance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Distances [m], the fraction of boulders that travel at least so far, and its 95 % limits,
+    given the `distance` of each boulder."""
+    source = sources(result)
+    shown = np.linspace(0, stop_distances(result).max() or 1.0, STATIONS)
+    fraction = [fraction_interval(distance >= one, source) for one in shown]
+    return shown, *np.transpose(fraction)

@@ -16,6 +16,7 @@ from rockfall.analysis.precision.intervals import CROSSED, boulders_needed, half
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
+from rockfall.language import localised, say
 from rockfall.limits import MIN_FOR_MEAN
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.read import read_scene
@@ -68,16 +69,16 @@ class Verdict(NamedTuple):
     need: float
 
     def __str__(self) -> str:
-        text = f"{self.rule.text}: {'met' if self.met else 'not met'}"
+        text = f"{self.rule.text}: {say('until.met' if self.met else 'until.not_met')}"
         if np.isfinite(self.width):
-            text += f", +- {self.width:.2%}"
+            text += f", +- {localised(f'{self.width:.2%}')}"
         if self.met:
             return text
         if np.isnan(self.need):
-            return f"{text}: too few boulders cross the line to tell how many are needed"
+            return f"{text}: {say('until.unknown')}"
         if np.isinf(self.need):
-            return f"{text}: more boulders do not help, the sources differ by more or are too few"
-        return f"{text}: needs about {float(f'{self.need:.2g}'):,.0f} boulders from each source"
+            return f"{text}: {say('until.never')}"
+        return f"{text}: {say('until.needs', n=float(f'{self.need:.2g}'))}"
 
 
 def run_until(

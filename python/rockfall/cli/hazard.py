@@ -18,7 +18,6 @@ from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
 from rockfall.cli.given import overridden, stem_of
 from rockfall.cli.messages import DONE, warn
 from rockfall.errors import RockfallError, need
-from rockfall.html_report.sentences import Speaker
 from rockfall.interrupts import interrupts
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import atomic_folder, check_folder, check_output, check_outputs
@@ -39,7 +38,7 @@ SHEET = "hazard_sheet.pdf"
 
 def hazard_command(arguments: argparse.Namespace) -> int:
     need("a hazard needs", "vector", "pyogrio", "shapely")
-    need("a hazard needs", "report", "matplotlib", "babel")
+    need("a hazard needs", "report", "matplotlib")
     catalogue(arguments.language)  # refuses unknown languages before a file is read
     case = overridden(arguments)
     base_case(case)  # refuses invalid cases before a file is read
@@ -106,9 +105,7 @@ def _run_to(
             paths.append(part / SHEET)
             with speaking(arguments.language):
                 imprint = Imprint(arguments.project, arguments.client, arguments.author)
-                translate = Speaker(arguments.language, [one.name for one in study.scenarios])
-                said = [translate(text) for text in hazard_warnings(found)]
-                sheet = hazard_sheet(found, terrain, imprint, said)
+                sheet = hazard_sheet(found, terrain, imprint, [*hazard_warnings(found)])
                 save(sheet, paths[-1], DOTS)
     for checkpoint in checkpoints:
         checkpoint.remove()

@@ -26,7 +26,7 @@ from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
 from rockfall.io.point_rows import is_point_layer
 from rockfall.io.raster import dem_header
 from rockfall.io.tables import write_csv
-from rockfall.plots.convergence import figure
+from rockfall.plots.convergence_figure import figure
 from rockfall.plots.ensemble_figures import posterior_figure
 from rockfall.plots.models import models_figure
 from rockfall.plots.style import save

@@ -7,11 +7,12 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rockfall.analysis.ensemble.study import RESULTS, is_ensemble
-from rockfall.html_report.intervals import STATISTICS, in_unit, interval
+from rockfall.html_report.intervals import in_unit, interval, interval_text
 from rockfall.html_report.summary import HEADLINE, run_out
 from rockfall.html_report.tables import Table
-from rockfall.language import say
-from rockfall.quantities import QUANTITIES, with_unit
+from rockfall.language import Text, say, translated
+from rockfall.plots.style import capital
+from rockfall.quantities import QUANTITIES, statistic, with_unit
 from rockfall.text.ensemble import (
     INDICES,
     UNDECIDED,
@@ -33,27 +34,15 @@ def range_answers(result: xr.Dataset) -> list[str]:
     """A sentence for each line: range of the draws, then value of the unchanged case."""
     found = []
     for line in map(str, result["line"].values) if "line" in result else ():
-        (low, high, fraction), (e_low, e_high, energy), (h_low, h_high, height), _ = (
-            _headline_numbers(result, line)
-        )
-        if "-" in (low, high, e_low, e_high, h_low, h_high):
-            found.append(say("ensemble.line_fraction", line=line, low=low, high=high))
-        else:
-            found.append(
-                say(
-                    "ensemble.line_values",
-                    line=line,
-                    low=low,
-                    high=high,
-                    e_low=e_low,
-                    e_high=e_high,
-                    h_low=h_low,
-                    h_high=h_high,
-                    fraction=fraction,
-                    energy=energy,
-                    height=height,
-                )
-            )
+        passing, energy, height, _ = _headline_numbers(result, line)
+        values = dict(zip(("low", "high", "fraction"), passing, strict=True))
+        values |= zip(("e_low", "e_high", "energy"), energy, strict=True)
+        values |= zip(("h_low", "h_high", "height"), height, strict=True)
+        known = "-" not in [
+            value for name, value in values.items() if name.endswith(("low", "high"))
+        ]
+        key = "ensemble.line_values" if known else "ensemble.line_fraction"
+        found.append(say(key, line=line, **values))
     return [*found, *run_out(result)]
 
 
@@ -62,7 +51,8 @@ def range_headline(result: xr.Dataset) -> Table:
     rows = []
     for line in map(str, result["line"].values):
         cells = (
-            f"{'-' if '-' in (low, high) else f'{low} to {high}'}\n({case})"
+            f"{'-' if '-' in (low, high) else say('interval.range', low=low, high=high)}\n"
+            f"({translated(case)})"
             for low, high, case in _headline_numbers(result, line)
         )
         rows.append((line, *cells))
@@ -100,7 +90,7 @@ def range_tables(result: xr.Dataset, rows: Rows) -> list[Table]:
                 for key in ("case_value", "q05", "q95", "monte_carlo_std", "epistemic_std")
             )
             limits = interval(numbers[quantity], number, about)
-            shown.append((_label(name), value, limits, f"({low} to {high})", chance, epistemic))
+            shown.append((_label(name), value, limits, interval_text(low, high), chance, epistemic))
         caption = say("ensemble.both_uncertainties", line=line)
         found += [Table(caption, head, shown), *_indices(at, line)]
     return found
@@ -111,7 +101,10 @@ def _indices(at: xr.Dataset, line: str) -> Iterator[Table]:
         ("first_order", say("ensemble.first_order_caption", line=line)),
         ("total", say("ensemble.total_caption", line=line)),
     ):
-        rows = [(name, *indices_of(at.sel(input=name), kind)) for name in sorted_inputs(at)]
+        rows = [
+            (say(f"uncertain.{name}"), *indices_of(at.sel(input=name), kind))
+            for name in sorted_inputs(at)
+        ]
         yield Table(caption, ("", *map(_label, RESULTS)), rows)
 
 
@@ -121,7 +114,7 @@ def _label(name: str) -> str:
     if number == "fraction":
         return QUANTITIES["fraction"].title
     about = QUANTITIES[quantity]
-    return with_unit(f"{about.label}, {STATISTICS[number]}", about.unit)
+    return with_unit(f"{about.label}, {statistic(number)}", about.unit)
 
 
 def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
@@ -132,9 +125,10 @@ def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
         say(
             "ensemble.draws",
             run=result.sizes["run"],
-            join="; ".join(result["input"].values),
+            join=[say(f"uncertain.{name}") for name in result["input"].values],
         ),
         *(f"{one}." for one in orders_reversed(result)),
     ]
-    undecided = any(UNDECIDED in str(cell) for one in tables for row in one.rows for cell in row)
-    return [*words, f"{more_needed(result).capitalize()}."] if undecided else words
+    cells = (cell for one in tables for row in one.rows for cell in row)
+    undecided = any(isinstance(cell, Text) and cell.key == UNDECIDED for cell in cells)
+    return [*words, f"{capital(more_needed(result))}."] if undecided else words

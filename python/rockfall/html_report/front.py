@@ -8,7 +8,7 @@ scale. So texts are cut to a number of lines, and the map is drawn for the remai
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from rockfall.html_report.tables import Table
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from rockfall.html_report.inputs import Parties
     from rockfall.html_report.intervals import Rows
-    from rockfall.html_report.sentences import Speaker
     from rockfall.plots.map_figures import Look
     from rockfall.result.trajectories import Terrain
 
@@ -69,28 +68,24 @@ def front_of(
     parties: Parties,
     texts: dict[str, Sequence[str]],
     tables: Sequence[Table],
-    translate: Speaker,
 ) -> Front:
     """Page 1 from these texts (title, question, warnings, answers, certainty) and tables, fitted to
     their length in the language of the page."""
-    fit = _fitter(translate)
     west, east, south, north = reached(result)
     beside = (north - south) > UPRIGHT * (east - west)
-    warnings, more_warnings = fit(texts["warnings"], "warning", WARNING_LINES)
+    warnings, more_warnings = _fitted(texts["warnings"], "warning", WARNING_LINES)
     order = _most_passed(rows)
     sentences = [texts["answers"][k] for k in order] + list(texts["answers"][len(rows) :])
-    answers, more_answers = fit(sentences, "answer", ANSWER_LINES)
+    answers, more_answers = _fitted(sentences, "answer", ANSWER_LINES)
     sure = "narrow" if beside else "sure"
     most = BESIDE_LINES if beside else SURE_LINES
-    certainty, more_certainty = fit(texts["certainty"], sure, most)
+    certainty, more_certainty = _fitted(texts["certainty"], sure, most)
     lines = {
-        "title": min(
-            2, -(-len(texts["title"]) // CHARACTERS["title"])
-        ),  # of the user: not translated
-        "question": _lines(translate, texts["question"], "question"),
-        "warning": _lines(translate, warnings, "warning"),
-        "answer": _lines(translate, answers, "answer"),
-        "sure": 0 if beside else _lines(translate, certainty, "sure"),
+        "title": min(2, -(-len(texts["title"]) // CHARACTERS["title"])),
+        "question": _lines(texts["question"], "question"),
+        "warning": _lines(warnings, "warning"),
+        "answer": _lines(answers, "answer"),
+        "sure": 0 if beside else _lines(certainty, "sure"),
     }
     used = FIXED + sum(LINE[kind] * n for kind, n in lines.items())
     used += BETWEEN * len([*warnings, *answers, *([] if beside else certainty)])
@@ -108,34 +103,29 @@ def front_of(
 def _facts(result: xr.Dataset, parties: Parties) -> list[tuple[str, str]]:
     """Parties of the report, and the run."""
     program, _, _ = str(result.attrs["source"]).partition(", ")
+    date = str(result.attrs.get("date_created", ""))[:10]
     return [
         (say("front.project"), parties.project),
         (say("front.client"), parties.client),
-        (
-            say("front.date_of_the_run"),
-            str(result.attrs.get("date_created", ""))[:10] or say("front.not_recorded"),
-        ),
+        (say("front.date_of_the_run"), date or say("front.not_recorded")),
         (say("label.program"), program),
         (say("front.result_sha"), parties.result or say("front.not_read_from_a_file")),
     ]
 
 
-def _lines(translate: Speaker, texts: str | Sequence[str], kind: str) -> int:
+def _lines(texts: str | Sequence[str], kind: str) -> int:
     several = [texts] if isinstance(texts, str) else texts
-    return sum(-(-len(translate(text)) // CHARACTERS[kind]) for text in several)
+    return sum(-(-len(text) // CHARACTERS[kind]) for text in several)
 
 
-def _fitter(translate: Speaker) -> Callable[[Sequence[str], str, int], tuple[list[str], list[str]]]:
-    def fit(texts: Sequence[str], kind: str, most: int) -> tuple[list[str], list[str]]:
-        """Split texts into the first ones that fit in a number of lines, and the others."""
-        texts, used = list(texts), 0
-        for k, text in enumerate(texts):
-            used += _lines(translate, text, kind)
-            if used > most and k:
-                return texts[:k], texts[k:]
-        return texts, []
-
-    return fit
+def _fitted(texts: Sequence[str], kind: str, most: int) -> tuple[list[str], list[str]]:
+    """Split texts into the first ones that fit in a number of lines, and the others."""
+    texts, used = list(texts), 0
+    for k, text in enumerate(texts):
+        used += _lines(text, kind)
+        if used > most and k:
+            return texts[:k], texts[k:]
+    return texts, []
 
 
 def _most_passed(rows: Rows) -> list[int]:

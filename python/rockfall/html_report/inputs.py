@@ -11,24 +11,23 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.lines.samples import LineSamples
-from rockfall.analysis.lines.values import line_names
-from rockfall.analysis.run_until import verdicts_of
+from rockfall.analysis.model_limits import ground_part
 from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.case_zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.html_report.tables import Table
 from rockfall.html_report.validity import has
 from rockfall.io.arrays import corner_of
-from rockfall.io.layers import REPROJECTED
+from rockfall.io.input_warnings import InputWarning
 from rockfall.io.tables import read_table
 from rockfall.io.zone_table import NAMES, Zone
-from rockfall.language import say, say_count
+from rockfall.language import Number, say, say_count, translated, word
 from rockfall.plots.cartography.rasters import cropped, draw_image
-from rockfall.plots.cartography.sheet import crs_text, finish, named_crs, new_sheet
+from rockfall.plots.cartography.sheet import crs_text, finish, new_sheet
 from rockfall.plots.extent import reached
 from rockfall.plots.style import styled
 from rockfall.protection.barriers import barriers_of
-from rockfall.quantities import number, percent
+from rockfall.quantities import number
 from rockfall.result.grounds import rebounds_by_ground
 from rockfall.result.samples import has_rows, simulated
 from rockfall.scene.read import read_scene
@@ -66,29 +65,24 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
     west, north, cell = corner_of(result["crs"].attrs)
     nets = ", ".join(str(result["line"].values[k]) for k in barriers_of(result))
     lines = ", ".join(map(str, result["line"].values)) if "line" in result else ""
+    volumes = _range(result["volume"].values) if has_rows(result) else say("inputs.not_kept")
     rows = [
         (say("inputs.terrain_model"), _file(case.terrain["dem"])),
-        (say("inputs.cell_size_m"), f"{cell:g}"),
+        (say("inputs.cell_size_m"), Number(f"{cell:g}")),
         (say("inputs.coordinate_system"), crs_text(result["crs"].attrs)),
         (say("inputs.date_of_the_survey"), parties.dem_date or say("inputs.not_stated")),
-        (say("inputs.sources"), f"{LineSamples(result).sources:,}"),
+        (say("inputs.sources"), Number(f"{LineSamples(result).sources:,}")),
         (say("label.release"), _release(case, "source_feature" in result)),
-        (say("label.boulders"), f"{simulated(result):,}"),
-        (
-            say("inputs.volume_m"),
-            _range(result["volume"].values) if has_rows(result) else "not kept",
-        ),
+        (say("label.boulders"), Number(f"{simulated(result):,}")),
+        (say("inputs.volume_m"), volumes),
         (say("inputs.density_kg_m"), _density(case, "source_feature" in result)),
         (say("label.rebounds"), _rebounds(result)),
     ]
     rows += [(say("inputs.evaluation_lines_and_barriers"), lines)] if lines else []
     rows += [(say("label.barriers"), nets)] if nets else []
     rows += [(say("inputs.dams"), f"{len(case.dam)}")] if case.dam else []
-    rows += (
-        [(say("inputs.trees"), say("inputs.trees_stand_on_the_slope"))]
-        if has(case, "forest")
-        else []
-    )
+    if has(case, "forest"):
+        rows += [(say("inputs.trees"), say("inputs.trees_stand_on_the_slope"))]
     return Table(say("inputs.what_the_run_was_given"), ("", say("label.value")), rows, "inputs")
 
 
@@ -98,8 +92,7 @@ def _rebounds(result: xr.Dataset) -> str:
     if not grounds:
         return say("inputs.impact_sets", impact_set=result.attrs["impact_set"])
     made = [one for one in grounds if one.rebounds]
-    parts = [f"{one.name} ({one.model.replace('_', ' ')}) {percent(one.fraction)}" for one in made]
-    return "; ".join(parts) or say("label.none")
+    return "; ".join(map(ground_part, made)) or say("label.none")
 
 
 def _file(name: str) -> str:
@@ -110,7 +103,7 @@ def _release(case: Case, layer_says_more: bool) -> str:
     drop, velocity = case.release["drop_height"], case.release["velocity"]
     where = say("inputs.drop_height", drop=drop) if drop else say("inputs.on_the_surface")
     if any(velocity):
-        east, north, up = (f"{v:g}" for v in velocity)
+        east, north, up = (Number(f"{v:g}") for v in velocity)
         where = say("inputs.velocity", where=where, east=east, north=north, up=up)
     return say("inputs.unless_layer", value=where) if layer_says_more else where
 
@@ -132,8 +125,8 @@ def doubtful_inputs(result: xr.Dataset, hazard: xr.Dataset | None) -> list[tuple
     Reprojected layers are listed with the files."""
     studies = [result] if hazard is None else [result, hazard]
     texts = (one.attrs.get("input_warnings", "[]") for one in studies)
-    found = dict.fromkeys((where, text) for one in texts for where, text in json.loads(one))
-    return [(where, text) for where, text in found if not text.startswith(REPROJECTED)]
+    found = dict.fromkeys(InputWarning.of(one) for text in texts for one in json.loads(text))
+    return [one[:2] for one in found if not one.is_reprojection]
 
 
 def doubts_note(doubts: list[tuple[str, str]]) -> Iterator[str]:
@@ -161,11 +154,8 @@ def zone_table(result: xr.Dataset) -> Iterator[Table]:
         sizes = np.ravel(surface.get("uniform_mean_radius", surface.get("uniform_rg", [])))
         heads = list(RADII.values())[slice(0, 1) if sizes.size == 1 else slice(1, 4)]
         values = [number(one) for one in sizes]
-        yield Table(
-            say("inputs.grounds_and_radii_of_their_rocks"),
-            ("", *heads),
-            [(say("inputs.everywhere"), *values)],
-        )
+        row = say("inputs.everywhere"), *values
+        yield Table(say("inputs.grounds_and_radii_of_their_rocks"), ("", *heads), [row])
 
 
 def _polygon_zones(zones: dict[int, Zone]) -> Table:
@@ -181,29 +171,16 @@ def _polygon_zones(zones: dict[int, Zone]) -> Table:
 
 def _zones(columns: list[str], cells: list[dict[str, str]]) -> Table:
     shown = [name for name in (*NAMES, "zone", *RADII, "ground") if name in columns]
-    heads = [RADII.get(name, name) for name in shown]
+    heads = [RADII.get(name) or word(name) for name in shown]
     rows = [tuple(_size(row.get(name, ""), name) for name in shown) for row in cells]
     return Table(say("inputs.grounds_and_radii_of_their_rocks"), heads, rows)
 
 
 def _size(text: str, name: str) -> str:
-    return "absorbs" if name in RADII and text.strip().lower() in ("inf", "infinity") else text
-
-
-def words_of(result: xr.Dataset) -> Iterator[str]:
-    """Names and texts of the user, which are not translated."""
-    case = case_of(result)
-    yield from line_names(result)
-    for names in ("ground", "feature"):
-        yield from (str(name) for name in result[names].values) if names in result else ()
-    yield from (str(result.attrs[name]) for name in ("impact_set", "title", "case_file"))
-    yield case.terrain["dem"]
-    yield from (one.rule.text for one in verdicts_of(result))
-    yield named_crs(result["crs"].attrs)
-    for one in zone_table(result):
-        for k, name in enumerate(one.head):
-            if name in (*NAMES, "ground"):
-                yield from (str(row[k]) for row in one.rows)
+    if name not in RADII:
+        return text
+    is_full = text.strip().lower() in ("inf", "infinity")
+    return word("absorbs") if is_full else Number(text)
 
 
 def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
@@ -224,7 +201,8 @@ def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
 def _zone_labels(case: Case) -> list[str]:
     """Labels of the rows of the zone table: name or number, and ground."""
     return [
-        f"{zone.name or f'zone {number}'}{f' ({zone.ground})' if zone.ground else ''}"
+        f"{zone.name or say('inputs.zone', number=number)}"
+        f"{f' ({zone.ground})' if zone.ground else ''}"
         for number, zone in case_zones(case).items()
     ]
 
@@ -258,5 +236,5 @@ def _radius(sizes: np.ndarray) -> str:
     if np.isnan(sizes).all():
         return f"{name} [m]: -"
     if np.isinf(sizes).any():
-        return f"{name} [m]: absorbs"
-    return f"{name} [m]: {', '.join(number(one) for one in sizes)}"
+        return f"{name} [m]: {word('absorbs')}"
+    return f"{name} [m]: {', '.join(translated(number(one)) for one in sizes)}"

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from rockfall.analysis.line_statistics import line_statistics
-from rockfall.language import Number
+from rockfall.language import Number, Text, say, translated
 from rockfall.quantities import QUANTITIES, number
 
 if TYPE_CHECKING:
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     Rows = Mapping[str, Numbers]  # by line
 
 TOO_FEW = "(–)"
-STATISTICS = {"mean": "mean", "std": "standard deviation"}
-STATISTICS |= {f"q{level}": f"{level} % quantile" for level in (50, 90, 95, 98, 99)}
+STATISTICS = ("mean", "std", "q50", "q90", "q95", "q98", "q99")
+ONE_SIDED = ("interval.from", "interval.up_to")  # messages
 
 
 def rows_of(result: xr.Dataset) -> Rows:
@@ -34,6 +34,16 @@ def rows_of(result: xr.Dataset) -> Rows:
 def in_unit(value: float, quantity: str) -> Number:
     """Number in the unit in which the quantity is shown."""
     return number(QUANTITIES[quantity].factor * value)
+
+
+def in_lines(*cell: object) -> str:
+    """Cell of several lines, in the language in force."""
+    return "\n".join(map(translated, cell))
+
+
+def interval_text(low: object, high: object) -> Text:
+    """Two limits in brackets."""
+    return say("interval.both", low=low, high=high)
 
 
 def interval(row: Row, name: str, quantity: str) -> str:
@@ -57,7 +67,7 @@ def estimate(row: Row, name: str, quantity: str) -> tuple[Number, str]:
         for one in (value, low, high)
     )
     if math.isnan(high):
-        return value_, f"(from {low_})"
+        return value_, say("interval.from", low=low_)
     if math.isnan(low):
-        return value_, f"(up to {high_})"
-    return value_, f"({low_} to {high_})"
+        return value_, say("interval.up_to", high=high_)
+    return value_, interval_text(low_, high_)

@@ -17,18 +17,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.io.arrays import corner_of
+from rockfall.language import localised, say, word
 from rockfall.plots.cartography.labels import along
 from rockfall.plots.cartography.marks import FEW_SOURCES, inside, outlined, starts
 from rockfall.plots.cartography.rasters import cropped, edges, merged
 from rockfall.plots.cartography.relief import contours_of, shade
 from rockfall.plots.cartography.sheet import crs_text, round_scale, scale_text
-from rockfall.plots.extent import of_none, reached
+from rockfall.plots.extent import reached
 from rockfall.plots.map_figures import MAX_TRAJECTORIES, map_note
 from rockfall.plots.style import capital
 from rockfall.protection.barriers import barriers_of
 from rockfall.result.classes import Classes, classes_of, shown_as
+from rockfall.result.map_labels import map_label
 from rockfall.result.motion import spread
-from rockfall.result.passages import thin_cells
+from rockfall.result.passages import of_none, thin_cells
 from rockfall.result.trajectories import lines, vertices_of
 
 if TYPE_CHECKING:
@@ -224,12 +226,12 @@ def maps(result: xr.Dataset, window: Window, limits: Limits | None = None) -> It
         values = blocks_max(result[name].values, window)
         values[~(values > of_none(result, name))] = np.nan
         values *= np.float32(factor)
-        title = capital(result[name].attrs["long_name"])
-        found = Map(title, unit, _packed(values), map_note(result, name))
+        title = capital(map_label(name, result[name].attrs["long_name"]))
+        found = Map(title, word(unit), _packed(values), map_note(result, name))
         if not np.isnan(values).all():
             found = found._replace(**_coloured(values, window, classes_of(unit, limits)))
             thin = _thin(result, name, window, np.isfinite(values))
-            notes = f"{found.notes}; hatched there" if thin else found.notes
+            notes = f"{found.notes}; {say('map.hatched_there')}" if thin else found.notes
             found = found._replace(thin=thin, notes=notes)
         yield found
 
@@ -263,7 +265,8 @@ def _coloured(values: np.ndarray, window: Window, classes: Classes) -> dict[str,
     content = _png((1 + classes.numbers(values)).astype("u1"), table)
     places = np.linspace(0, 100, len(classes.colours) + 1).round(2).tolist()
     colours = list(zip(classes.colours, places, places[1:], strict=False))
-    legend = Legend(colours, dict(zip(places[1:], classes.ticks, strict=False)))
+    ticks = map(localised, classes.ticks)
+    legend = Legend(colours, dict(zip(places[1:], ticks, strict=False)))
     return {"layer": Image(content, 0, 0, window.nx, window.ny), "legend": legend}
 
 

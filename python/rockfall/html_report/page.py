@@ -16,7 +16,6 @@ from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.return_levels import return_levels
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
-from rockfall.html_report.convergence import convergence_figure
 from rockfall.html_report.ensemble import (
     PER_LINE,
     range_answers,
@@ -31,14 +30,12 @@ from rockfall.html_report.inputs import (
     doubts_note,
     ground_figure,
     input_table,
-    words_of,
     zone_table,
 )
 from rockfall.html_report.intervals import rows_of
 from rockfall.html_report.maps import map_section
 from rockfall.html_report.pdf import check_pdf, write_pdf
 from rockfall.html_report.render import Picture, picture, rendered
-from rockfall.html_report.sentences import Speaker
 from rockfall.html_report.spread import (
     missing_spread,
     model_tables,
@@ -67,7 +64,6 @@ from rockfall.html_report.tables import (
     precision_table,
     provenance,
     stand_tables,
-    words_of_hazard,
 )
 from rockfall.html_report.terrain_view import terrain_view
 from rockfall.html_report.validity import cautions, warnings
@@ -76,6 +72,7 @@ from rockfall.io.output_files import check_output
 from rockfall.language import say, speaking
 from rockfall.plots.figures import LABORATORY, drawn_lines, figures, section_entry
 from rockfall.plots.hazard_figures import hazard_figures
+from rockfall.plots.history_figure import history_figure
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.design import design
 from rockfall.result.flat_maps import flat_maps
@@ -138,7 +135,7 @@ def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
 def check_page_needs(path: str | Path) -> None:
     """Refuse a page that cannot be made, wherever it is to be written."""
     path = Path(path)
-    need("a report needs", "report", "matplotlib", "PIL", "jinja2", "babel")
+    need("a report needs", "report", "matplotlib", "PIL", "jinja2")
     ending = path.suffix.lower()
     if ending not in (".html", ".htm", PDF):
         raise RockfallError(f"{path}: is no name for a page; it must end in .html or .pdf")
@@ -190,10 +187,6 @@ def _report(
     section: Section | None,
 ) -> str:
     result = flat_maps(result)
-    words = [*words_of(result), *(words_of_hazard(hazard) if hazard is not None else ())]
-    kept = [] if observed is None else observed.kept.values()
-    words += [str(name) for one in kept for name in one.columns]
-    translate = Speaker(language, words)
     rows, levels = rows_of(result), return_levels(result)
     sheet = design(result) if rows and has_rows(result) else None
     ranges = range_tables(result, rows)
@@ -225,18 +218,17 @@ def _report(
         *endangered[:1],
         *ranges[::PER_LINE],
     ]
-    front = front_of(result, rows, parties, texts, shown_first, translate)
+    front = front_of(result, rows, parties, texts, shown_first)
     stops = None if observed is None else observed.stops
     drawn_first = list(overview(result, terrain, stops, hazard, look, front.room))
     return rendered(
         "page.html.j2",
-        translate,
         title=texts["title"],
         on_paper=on_paper,
         parties=parties,
         question=texts["question"],
         front=front,
-        overview=[picture(figure, title, "", translate) for title, figure in drawn_first],
+        overview=[picture(figure, title, "") for title, figure in drawn_first],
         doubtful_inputs=doubts,
         indices=[one for k, one in enumerate(ranges) if k % PER_LINE],
         inputs=[
@@ -245,7 +237,7 @@ def _report(
             *dam_tables(result),
             *stand_tables(result),
         ],
-        ground_map=picture(grounds, say(GROUNDS), "", translate) if grounds else None,
+        ground_map=picture(grounds, say(GROUNDS), "") if grounds else None,
         ends=[ends_table(result)],
         angle=list(angle(result)),
         cautions=cautions(result, rows, levels),
@@ -260,7 +252,7 @@ def _report(
         hazard=endangered[1:],
         hazard_warnings=[] if hazard is None else list(hazard_warnings(hazard)),
         hazard_figures=[
-            picture(one.draw(), one.title, one.caption, translate)
+            picture(one.draw(), one.title, one.caption)
             for one in ([] if hazard is None else hazard_figures(hazard, terrain))
         ],
         grounds=[
@@ -268,34 +260,33 @@ def _report(
             *model_tables(models),
         ],
         has_clusters=LineSamples(result).sampled,
-        convergence=list(_convergence(result, rows, translate)),
+        convergence=list(_convergence(result, rows)),
         comparison=None if observed is None else compared(compare(result, observed)),
         figures=[
-            picture(one.draw(), one.title, one.caption, translate)
+            picture(one.draw(), one.title, one.caption)
             for one in shown
             if one.name not in LABORATORY
         ],
-        appendix=[picture(one.draw(), one.title, one.caption, translate) for one in laboratory],
+        appendix=[picture(one.draw(), one.title, one.caption) for one in laboratory],
         technical=[*technical(result), *requested(result)],
         provenance=provenance(result),
     )
 
 
 def _convergence(
-    result: xr.Dataset, rows: Rows, translate: Speaker
+    result: xr.Dataset, rows: Rows
 ) -> Iterator[tuple[str, Picture | None, Table | None]]:
     """Figure and table of convergence of each line; none if no boulder passes."""
-    if LineSamples(result).sources > 1:
-        caption = say("page.numbers_after_so_many_boulders_with")
-    else:
-        caption = say("page.numbers_after_so_many_boulders_with_2")
+    of_several = LineSamples(result).sources > 1
+    key = "page.numbers_after_so_many_boulders_with"
+    caption = say(key if of_several else "page.numbers_after_so_many_boulders_with_2")
     which = drawn_lines(result, DRAWN_LINES) if has_rows(result) else []
     for k, (line, numbers) in enumerate(rows.items()):
         if numbers["speed"]["n"]:
             figure = None
             if k in which:
-                drawn = convergence_figure(result, k)
-                figure = picture(drawn, say("page.convergence_at", line=line), caption, translate)
+                drawn = history_figure(result, k)
+                figure = picture(drawn, say("page.convergence_at", line=line), caption)
             yield line, figure, precision_table(line, numbers, simulated(result))
         else:
             yield line, None, None

@@ -12,8 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall.html_report.maps import data_uri
-from rockfall.html_report.sentences import Speaker
-from rockfall.language import say
+from rockfall.language import say, spoken, translated
 from rockfall.plots.style import capital, save
 
 if TYPE_CHECKING:
@@ -35,16 +34,13 @@ class Picture(NamedTuple):
     high: int
 
 
-def picture(figure: Figure, title: str, caption: str, translate: Speaker) -> Picture:
+def picture(figure: Figure, title: str, caption: str) -> Picture:
     """Figure as vectors (SVG), or rasterised if too dense. The same figure gives the same bytes."""
-    translate.figure(figure)
     wide, high = (round(96 * inch) for inch in figure.get_size_inches())
     content, kind = _saved(figure, "svg"), "image/svg+xml"
     if len(content) > MAX_SVG:
         content, kind = _saved(figure, "png"), "image/png"
-    return Picture(
-        capital(translate(title)), translate(caption), data_uri(content, kind), wide, high
-    )
+    return Picture(capital(title), caption, data_uri(content, kind), wide, high)
 
 
 def _saved(figure: Figure, ending: str) -> bytes:
@@ -58,7 +54,7 @@ def _saved(figure: Figure, ending: str) -> bytes:
         return path.read_bytes()
 
 
-def rendered(template: str, translate: Speaker, **content: Any) -> str:
+def rendered(template: str, **content: Any) -> str:
     """Render a page from a template and its content. All texts are escaped; only our scripts can
     run in it."""
     import jinja2
@@ -75,11 +71,11 @@ def rendered(template: str, translate: Speaker, **content: Any) -> str:
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
     environment.filters["capital"] = capital
-    environment.filters["say"] = lambda text: UNIT.sub("\u00a0", translate(text))
+    environment.filters["say"] = lambda text: UNIT.sub("\u00a0", translated(text))
     environment.filters["unit"] = lambda text: UNIT.sub("\u00a0", text)
     environment.globals["say"] = say
     return environment.get_template(template).render(
-        language=translate.language,
+        language=spoken(),
         style=Markup(read("page.css")),
         script=Markup(script),
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),

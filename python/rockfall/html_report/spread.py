@@ -12,10 +12,10 @@ import numpy as np
 from rockfall.analysis.models import RUN_OUT, Models
 from rockfall.case import case_in
 from rockfall.errors import RockfallError
-from rockfall.html_report.intervals import estimate, in_unit
+from rockfall.html_report.intervals import estimate, in_lines, in_unit
 from rockfall.html_report.summary import HEADLINE
 from rockfall.html_report.tables import Table
-from rockfall.language import say
+from rockfall.language import say, word
 from rockfall.result.grounds import classical_grounds
 from rockfall.result.same_case import check_same_case
 
@@ -71,8 +71,8 @@ def model_tables(models: Models | None) -> Iterator[Table]:
         columns = {of: _at(models, line, of).set_index("model") for of in _columns()}
         rows = []
         for name in models.names:
-            cells = ("\n".join(_cell(of, one.loc[name])) for of, one in columns.items())
-            rows.append((name.replace("_", " "), *cells))
+            cells = (in_lines(*_cell(of, one.loc[name])) for of, one in columns.items())
+            rows.append((word(name), *cells))
         yield Table(say("spread.by_each_rebound_model", line=line), ("", *map(say, HEADLINE)), rows)
 
 
@@ -106,4 +106,4 @@ def _ends(rows: pd.DataFrame, quantity: str) -> str:
         return "-"
     about = "fraction" if quantity == "boulders" else quantity
     low, high = (in_unit(end(values), about) for end in (np.nanmin, np.nanmax))
-    return low if low == high else f"{low} to {high}"
+    return low if low == high else say("interval.range", low=low, high=high)

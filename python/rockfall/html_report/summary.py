@@ -11,11 +11,12 @@ import numpy as np
 from rockfall.analysis.ensemble.study import is_ensemble
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.precision.intervals import half_width
+from rockfall.analysis.run_out import mean_slopes
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
-from rockfall.html_report.intervals import TOO_FEW, estimate, in_unit
+from rockfall.html_report.intervals import ONE_SIDED, TOO_FEW, estimate, in_lines, in_unit
 from rockfall.html_report.tables import Table
-from rockfall.language import say, say_count
+from rockfall.language import Number, Text, say, say_count
 from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import number, percent
 from rockfall.result.samples import has_rows, simulated
@@ -60,48 +61,34 @@ def answers(result: xr.Dataset, rows: Rows) -> list[str]:
 
 def _line(line: str, numbers: Numbers, is_barrier: bool) -> str:
     """Sentence on the boulders that pass a line, or reach a barrier."""
-    row = numbers["speed"]
+    row, kind = numbers["speed"], "barrier" if is_barrier else "line"
     if not row["n"]:
         high = in_unit(row["fraction_high"], "fraction")
-        if is_barrier:
-            return say("summary.barrier_none", line=line, high=high)
-        return say("summary.line_none", line=line, high=high)
+        return say(f"summary.{kind}_none", line=line, high=high)
     fraction = estimate(row, "fraction", "fraction")[0]
     energy, height = (
         estimate(numbers[of], "q95", of)[0] for of in ("energy_total", "passing_height")
     )
     if row["n"] == 1 or "-" in (energy, height):
-        if is_barrier:
-            return say("summary.barrier_fraction", line=line, fraction=fraction)
-        return say("summary.line_fraction", line=line, fraction=fraction)
-    if is_barrier:
-        return say(
-            "summary.barrier_values",
-            line=line,
-            fraction=fraction,
-            energy=energy,
-            height=height,
-        )
-    return say(
-        "summary.line_values",
-        line=line,
-        fraction=fraction,
-        energy=energy,
-        height=height,
-    )
+        return say(f"summary.{kind}_fraction", line=line, fraction=fraction)
+    values = {"fraction": fraction, "energy": energy, "height": height}
+    return say(f"summary.{kind}_values", line=line, **values)
 
 
 def headline(rows: Rows) -> Table:
     """Key numbers at the lines for decisions, with their intervals."""
-    shown = []
-    for line, numbers in rows.items():
-        cells = []
-        for quantity, name in HEADLINE.values():
-            row = numbers["speed" if quantity == "fraction" else quantity]
-            cells.append("\n".join(estimate(row, name, quantity)).strip())
-        shown.append((line, *cells))
+    shown = [
+        (line, *(in_lines(*cell).strip() for cell in _estimates(numbers)))
+        for line, numbers in rows.items()
+    ]
     caption = say("summary.headline_caption")
     return Table(caption, (say("label.line_or_barrier"), *map(say, HEADLINE)), shown)
+
+
+def _estimates(numbers: Numbers) -> Iterator[tuple[str, str]]:
+    """Key numbers at a line, and their intervals."""
+    for quantity, name in HEADLINE.values():
+        yield estimate(numbers["speed" if quantity == "fraction" else quantity], name, quantity)
 
 
 def run_out(result: xr.Dataset) -> Iterator[str]:
@@ -113,31 +100,25 @@ def run_out(result: xr.Dataset) -> Iterator[str]:
         yield say("summary.run_out_of_one", max=number(distance.max()))
     else:
         half, far = (number(one) for one in distance.quantile([0.5, 0.95]))
-        yield (say("summary.run_out", half=half, far=far, max=number(distance.max())))
+        yield say("summary.run_out", half=half, far=far, max=number(distance.max()))
 
 
 def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
     """Sentences on the certainty of the answer: the Monte Carlo error, and what it does not
     include."""
     boulders, known = simulated(result), LineSamples(result)
-    shown = [[*map(str, row)] for row in headline(rows).rows]
+    limits = [limits for numbers in rows.values() for _, limits in _estimates(numbers)]
     if is_ensemble(result):  # the answer is the range of the draws
         yield say_count("summary.simulated_in_each_run", known.sources, boulders=boulders)
-        yield (say("summary.the_ranges_of_the_draws_hold"))
+        yield say("summary.the_ranges_of_the_draws_hold")
         return
     if boulders == 1:
         yield say("summary.one_boulder_is_an_example_it")
     else:
-        yield (
-            say_count(
-                "summary.simulated",
-                known.sources,
-                boulders=boulders,
-            )
-        )
-        if any("(from" in cell or "(up to" in cell for row in shown for cell in row):
+        yield say_count("summary.simulated", known.sources, boulders=boulders)
+        if any(isinstance(one, Text) and one.key in ONE_SIDED for one in limits):
             yield say("summary.where_only_one_limit_is_given")
-        if any(TOO_FEW in cell for row in shown for cell in row):
+        if TOO_FEW in limits:
             yield say("summary.a_dash_in_brackets_too_few")
         if known.sampled:
             yield say("summary.the_sources_are_taken_for_a")
@@ -154,58 +135,35 @@ def ends_table(result: xr.Dataset) -> Table:
     """Table of the outcomes of boulders."""
     boulders = simulated(result)
     rows = [
-        (say(ENDED[name]), f"{n:,}", percent(n / boulders))
+        (say(ENDED[name]), Number(f"{n:,}"), percent(n / boulders))
         for name, n in ended(result).items()
         if n
     ]
-    return Table(
-        say("summary.how_boulders_ended"),
-        ("", say("label.boulders"), say("label.fraction")),
-        rows,
-    )
+    heads = "", say("label.boulders"), say("label.fraction")
+    return Table(say("summary.how_boulders_ended"), heads, rows)
 
 
 def angle(result: xr.Dataset) -> Iterator[str]:
     """Sentences on the slope of straight lines from release to end."""
     if not has_rows(result):
         return
-    drop = result["start_z"].values - result["stop_z"].values
-    distance = result["plan_distance"].values
-    moved = distance > 0
-    if moved.any():
-        angles = np.degrees(np.arctan2(drop[moved], distance[moved]))
-        yield (
-            say(
-                "summary.angle",
-                angles=number(np.median(angles)),
-                min=number(angles.min()),
-            )
-        )
+    angles = mean_slopes(result)[result["plan_distance"].values > 0]
+    if angles.size:
+        median, least = number(np.median(angles)), number(angles.min())
+        yield say("summary.angle", angles=median, min=least)
 
 
 def technical(result: xr.Dataset) -> Iterator[str]:
     """Technical details of the random numbers, for repeating the run."""
     if case_of(result).case["sampling"] == "sobol":
-        yield (say("summary.sobol_points_spread_the_boulders_more"))
+        yield say("summary.sobol_points_spread_the_boulders_more")
     rebounds, redrawn, forced = (int(result[f"rebounds{of}"]) for of in ("", "_redrawn", "_forced"))
     if redrawn:
-        yield (
-            say_count(
-                "summary.redrawn",
-                rebounds,
-                redrawn=redrawn,
-                fraction=percent(redrawn / rebounds),
-            )
-        )
+        fraction = percent(redrawn / rebounds)
+        yield say_count("summary.redrawn", rebounds, redrawn=redrawn, fraction=fraction)
     if forced:
-        yield (
-            say_count(
-                "summary.limited",
-                rebounds,
-                forced=forced,
-                fraction=percent(forced / rebounds),
-            )
-        )
+        fraction = percent(forced / rebounds)
+        yield say_count("summary.limited", rebounds, forced=forced, fraction=fraction)
 
 
 def requested(result: xr.Dataset) -> list[str]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.ensemble.study import is_ensemble
+from rockfall.analysis.precision.history import NUMBERS
 from rockfall.analysis.precision.intervals import (
     TARGETS,
     boulders_needed,
@@ -18,18 +19,23 @@ from rockfall.analysis.precision.intervals import (
     rounded_up,
 )
 from rockfall.case import FROM_ARRAY, case_of, given_text
-from rockfall.html_report.convergence import NUMBERS
-from rockfall.html_report.intervals import STATISTICS, TOO_FEW, estimate, in_unit
+from rockfall.html_report.intervals import (
+    STATISTICS,
+    TOO_FEW,
+    estimate,
+    in_lines,
+    in_unit,
+)
 from rockfall.io.layers import REPROJECTED
-from rockfall.language import say
+from rockfall.language import Number, say, translated, word
 from rockfall.protection.barriers import barrier_rows
 from rockfall.protection.dams import dams_of
 from rockfall.protection.stands import stands_of
-from rockfall.quantities import QUANTITIES, number, percent
+from rockfall.quantities import QUANTITIES, number, percent, statistic
 from rockfall.result.grounds import rebounds_by_ground, stochastic_fraction
 from rockfall.text.comparison import notes
 from rockfall.text.comparison import tables as comparison_tables
-from rockfall.text.design import CHECKED, check_row, demand_rows, load_rows
+from rockfall.text.design import check_head, check_row, demand_rows, load_rows
 from rockfall.text.hazard import class_rows, object_rows, scenario_rows
 from rockfall.text.segments import segment_rows
 
@@ -39,7 +45,9 @@ if TYPE_CHECKING:
 
     from rockfall.analysis.compare import Comparison
     from rockfall.html_report.intervals import Numbers, Row, Rows
+    from rockfall.language import Text
     from rockfall.protection.design import Design
+    from rockfall.terrain.dams import DamShape
 
 
 class Table(NamedTuple):
@@ -55,7 +63,7 @@ def line_tables(rows: Rows) -> Iterator[Table]:
     """Each line's mean, deviation, quantiles and maximum."""
     for line, numbers in rows.items():
         if n := numbers["speed"]["n"]:
-            head = ("", *STATISTICS.values(), say("tables.max_of", n=n))
+            head = ("", *map(statistic, STATISTICS), say("tables.max_of", n=n))
             shown = [_statistics(name, row) for name, row in numbers.items()]
             if any(TOO_FEW in cell for row in shown for cell in row):
                 about = say("tables.line_caption_with_dashes", line=line, n=n)
@@ -65,38 +73,30 @@ def line_tables(rows: Rows) -> Iterator[Table]:
 
 
 def _statistics(quantity: str, row: Row) -> tuple[str, ...]:
-    cells = ("\n".join(estimate(row, n, quantity)) for n in STATISTICS)
+    cells = (in_lines(*estimate(row, n, quantity)) for n in STATISTICS)
     return QUANTITIES[quantity].title, *cells, in_unit(row["max"], quantity)
 
 
 def barrier_table(result: xr.Dataset) -> Table:
     """Performance of each barrier on the boulders that reached it."""
     rows = [
-        (row["barrier"], row["outcome"].replace("_", " "), f"{row['n']:,}",
-         " ".join(estimate(row, "fraction", "fraction")))
+        (row["barrier"], word(row["outcome"]), Number(f"{row['n']:,}"),
+         " ".join(map(translated, estimate(row, "fraction", "fraction"))))
         for row in barrier_rows(result)
     ]  # fmt: skip
-    about = say("tables.barrier_caption")
-    return Table(
-        about,
-        (
-            say("tables.barrier"),
-            say("tables.outcome"),
-            say("label.boulders"),
-            say("tables.fraction"),
-        ),
-        rows,
-    )
+    heads = "tables.barrier", "tables.outcome", "label.boulders", "tables.fraction"
+    return Table(say("tables.barrier_caption"), [*map(say, heads)], rows)
 
 
 def dam_tables(result: xr.Dataset) -> Iterator[Table]:
     """Dams as rasterised; no table without dams."""
     rows = [
-        (f"{number}", f"{one.length:,.0f}",
-         f"{one.height:.1f} ({one.height_min:.1f})\n{one.requested[0]:g} requested",
-         f"{one.slope:.0f}\n{one.requested[2]:g} requested", f"{one.face_cells:.1f}",
-         f"{one.crest_min:,.1f} to {one.crest_max:,.1f}",
-         f"{one.crest_width:.1f}\n{one.requested[1]:g} requested")
+        (f"{number}", Number(f"{one.length:,.0f}"),
+         in_lines(Number(f"{one.height:.1f} ({one.height_min:.1f})"), _requested(one, 0)),
+         in_lines(Number(f"{one.slope:.0f}"), _requested(one, 2)), Number(f"{one.face_cells:.1f}"),
+         say("interval.range", low=Number(f"{one.crest_min:,.1f}"),
+             high=Number(f"{one.crest_max:,.1f}")),
+         in_lines(Number(f"{one.crest_width:.1f}"), _requested(one, 1)))
         for number, one in enumerate(dams_of(result), start=1)
     ]  # fmt: skip
     if rows:
@@ -108,37 +108,39 @@ def dam_tables(result: xr.Dataset) -> Iterator[Table]:
         yield Table(say("tables.dam_caption"), head, rows)
 
 
+def _requested(dam: DamShape, k: int) -> Text:
+    return say("tables.requested", value=dam.requested[k])
+
+
 def stand_tables(result: xr.Dataset) -> Iterator[Table]:
     """Stands of trees with their stems; no table without stands."""
     rows = [
-        (one.name, f"{one.area:.3g}", f"{one.stems:,}", f"{one.density:,.0f}", f"{one.stated:,.0f}")
+        (
+            one.name,
+            *map(
+                Number,
+                (f"{one.area:.3g}", f"{one.stems:,}", f"{one.density:,.0f}", f"{one.stated:,.0f}"),
+            ),
+        )
         for one in stands_of(result)
     ]
     if rows:
-        head = (
-            say("tables.stand"), say("tables.area_ha"), say("tables.stems"),
-            say("tables.stems_a_hectare"), say("tables.stems_a_hectare_in_the_layer"),
+        heads = (
+            "tables.stand", "tables.area_ha", "tables.stems", "tables.stems_a_hectare",
+            "tables.stems_a_hectare_in_the_layer",
         )  # fmt: skip
-        yield Table(say("tables.stand_caption"), head, rows)
+        yield Table(say("tables.stand_caption"), [*map(say, heads)], rows)
 
 
 def ground_table(result: xr.Dataset) -> Table:
     """Rebounds by ground."""
     grounds = rebounds_by_ground(result)
     rows = [
-        (name, model.replace("_", " "), f"{rebounds:,}", percent(fraction))
+        (name, word(model), Number(f"{rebounds:,}"), percent(fraction))
         for name, model, rebounds, fraction in grounds
     ]
-    return Table(
-        say("tables.rebounds_by_ground"),
-        (
-            say("tables.ground"),
-            say("tables.model"),
-            say("label.rebounds"),
-            say("label.fraction"),
-        ),
-        rows,
-    )
+    heads = "tables.ground", "tables.model", "label.rebounds", "label.fraction"
+    return Table(say("tables.rebounds_by_ground"), [*map(say, heads)], rows)
 
 
 def level_table(levels: pd.DataFrame) -> Table:
@@ -147,21 +149,17 @@ def level_table(levels: pd.DataFrame) -> Table:
     shown = []
     for _, row in levels[levels["n"] > 0].iterrows():
         quantity = row["quantity"]
-        cells = ("\n".join(estimate(row, n, quantity)) for n in names)
-        over = f"{in_unit(row['threshold'], quantity)}\n({row['exceedances']:,.0f} above)"
+        cells = (in_lines(*estimate(row, n, quantity)) for n in names)
+        above = say("tables.exceedances", n=row["exceedances"])
+        over = in_lines(in_unit(row["threshold"], quantity), above)
         tail = (over, number(row["shape"])) if np.isfinite(row["shape"]) else ("-", "-")
+        name = say("join.colon", before=row["line"], after=QUANTITIES[quantity].title)
         shown.append(
-            (f"{row['line']}: {QUANTITIES[quantity].title}", in_unit(row["max"], quantity),
-             *cells, *tail, row["refused"].replace("; ", "\n"))
+            (name, in_unit(row["max"], quantity), *cells, *tail, row["refused"].replace("; ", "\n"))
         )  # fmt: skip
     head = ["", say("tables.max"), *(say("tables.one_in_n", n=int(n[6:])) for n in names)]
-    about = say("tables.level_caption")
-    return Table(
-        about,
-        [*head, say("tables.threshold"), say("tables.shape"), say("tables.refused")],
-        shown,
-        "numbers noted",
-    )
+    head += map(say, ("tables.threshold", "tables.shape", "tables.refused"))
+    return Table(say("tables.level_caption"), head, shown, "numbers noted")
 
 
 def precision_table(line: str, numbers: Numbers, boulders: int) -> Table:
@@ -170,13 +168,15 @@ def precision_table(line: str, numbers: Numbers, boulders: int) -> Table:
     for quantity, name in NUMBERS:
         row = numbers["speed" if quantity == "fraction" else quantity]
         about, half = QUANTITIES[quantity], half_width(row, name)
-        label = f"{about.label}, {STATISTICS[name]}" if name in STATISTICS else about.label
+        label = f"{about.label}, {statistic(name)}" if name in STATISTICS else about.label
         cells = ["-"] * (1 + len(TARGETS))
         crossed = np.inf if name == "fraction" else row["n"]
         if np.isfinite(half):
             more = (boulders_needed(boulders, half, target, crossed) for target in TARGETS)
-            cells = [f"± {percent(half)}", *(f"{rounded_up(one):,}" for one in more)]
-        shown.append((label, f"{in_unit(row.get(name, np.nan), quantity)} {about.unit}", *cells))
+            needed = (Number(f"{rounded_up(one):,}") for one in more)
+            cells = [Number(f"± {percent(half)}"), *needed]
+        value = in_unit(row.get(name, np.nan), quantity)
+        shown.append((label, Number(f"{value} {about.unit}"), *cells))
     targets = (say("tables.boulders_for_precision", target=100 * target) for target in TARGETS)
     caption = say("tables.precision_caption", line=line)
     return Table(caption, ("", say("tables.now"), say("tables.half_width"), *targets), shown)
@@ -195,20 +195,20 @@ def design_tables(found: Design) -> Iterator[Table]:
             yield Table(about, head, rows)
     if len(found.checks):
         rows = [check_row(row) for row in found.checks.to_dict("records")]
-        yield Table(say("tables.checks_caption", standard=standard), CHECKED, rows)
+        yield Table(say("tables.checks_caption", standard=standard), check_head(), rows)
 
 
 def hazard_tables(found: xr.Dataset) -> Iterator[Table]:
     """Areas of the classes, objects at risk, segments of roads, scenarios."""
     parts: list[tuple[str, Any]] = [(say("tables.classes_of_hazard"), class_rows)]
     if "object" in found.dims:
-        parts.append(("Objects, with 95 % confidence intervals", object_rows))
+        parts.append((say("tables.objects"), object_rows))
     if "segment" in found.dims:
-        caption = "Segments of roads hit most often, with 95 % confidence intervals"
-        parts.append((caption, segment_rows))
-    for caption, rows_of_part in (*parts, ("Scenarios", scenario_rows)):
+        parts.append((say("tables.segments"), segment_rows))
+    for caption, rows_of_part in (*parts, (say("sheet.scenarios"), scenario_rows)):
         head, *rows = rows_of_part(found)
-        yield Table(caption, head, [[cell.replace(" (", "\n(") for cell in row] for row in rows])
+        cells = ((translated(cell).replace(" (", "\n(") for cell in row) for row in rows)
+        yield Table(caption, head, [[*row] for row in cells])
 
 
 class Compared(NamedTuple):
@@ -224,17 +224,14 @@ def compared(found: Comparison) -> Compared:
     return Compared(shown, notes(found))
 
 
-def words_of_hazard(found: xr.Dataset) -> Iterator[str]:
-    """Names in a hazard, which are not translated."""
-    for name in ("scenario", "object", "object_layer", "segment", "segment_road"):
-        yield from map(str, found[name].values) if name in found.variables else ()
-
-
 def provenance(result: xr.Dataset) -> dict[str, Any]:
     """Provenance of a result, and the command that reproduces it, if one can."""
     about = {key: str(value) for key, value in result.attrs.items()}
     case, is_complete = case_of(result), bool(result.attrs["complete"])
     program, _, _ = about["source"].partition(", ")
+    if stochastic_fraction(result):
+        program = f"{program}, {say('tables.stochastic_model')}"
+    clocks = {clock: result.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu")}
     requested = int(about["boulders_requested"])
     total = "boulders_total" in case.case
     number = case.case["boulders_total" if total else "boulders"]
@@ -245,12 +242,7 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
     else:
         released = say("tables.boulders_of_each_source")
     rows = [
-        (
-            say("label.program"),
-            f"{program}, {say('tables.stochastic_model')}"
-            if stochastic_fraction(result)
-            else program,
-        ),
+        (say("label.program"), program),
         (say("tables.case_file"), about["case_file"]),
         (say("tables.seed"), about["seed"]),
         (
@@ -264,12 +256,7 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
             for key, noted in json.loads(about["input_checksums"]).items()
         ),
         (say("tables.threads"), about["threads"]),
-        (
-            say("tables.time"),
-            say(
-                "tables.seconds", wall=result.attrs["wall_seconds"], cpu=result.attrs["cpu_seconds"]
-            ),
-        ),
+        (say("tables.time"), say("tables.seconds", **clocks)),
     ]
     option = "--boulders-total" if total else "--boulders"
     verb = "ensemble" if is_ensemble(result) else "run"
@@ -297,6 +284,6 @@ def _noted(noted: str) -> str:
     checksum, _, remark = noted.partition(f", {REPROJECTED} ")
     if not remark:
         return checksum
-    crs, _, more = remark.partition("; ")
+    crs, _, rough = remark.partition("; ")
     parts = [checksum, say("tables.reprojected", join=" → ".join(crs.split(" to ")))]
-    return "; ".join([*parts, say(more)] if more else parts)
+    return "; ".join([*parts, say("input.no_grid_of_proj")] if rough else parts)

@@ -72,14 +72,8 @@ def sets_of(result: xr.Dataset) -> list[str]:
 def _missing(result: xr.Dataset) -> Iterator[str]:
     boulders, requested = simulated(result), int(result.attrs["boulders_requested"])
     if not result.attrs["complete"]:
-        yield (
-            say(
-                "validity.interrupted",
-                boulders=boulders,
-                requested=requested,
-                fraction=percent(1 - boulders / requested),
-            )
-        )
+        about = {"requested": requested, "fraction": percent(1 - boulders / requested)}
+        yield say("validity.interrupted", boulders=boulders, **about)
         if requested > case_of(result).case.get("boulders", 1):
             yield say("validity.sources_are_run_one_after_the")
 
@@ -100,19 +94,11 @@ def _ended(result: xr.Dataset) -> Iterator[str]:
     if boulders == 1:
         yield say("validity.one_boulder")
     if left := gone(result):
-        yield say_count(
-            "validity.left_terrain",
-            boulders,
-            left=left,
-            fraction=percent(left / boulders),
-        )
+        fraction = percent(left / boulders)
+        yield say_count("validity.left_terrain", boulders, left=left, fraction=fraction)
     if limit:
-        yield say_count(
-            "validity.impact_limit",
-            boulders,
-            limit=limit,
-            fraction=percent(limit / boulders),
-        )
+        fraction = percent(limit / boulders)
+        yield say_count("validity.impact_limit", boulders, limit=limit, fraction=fraction)
 
 
 def _left_out(case: Case) -> Iterator[str]:
@@ -148,10 +134,5 @@ def _of_cells(result: xr.Dataset) -> Iterator[str]:
         return
     reached, few = int((passed > 0).sum()), int(((passed > 0) & (passed < FEW_IN_CELL)).sum())
     if few:
-        yield say_count(
-            "validity.few_in_cells",
-            reached,
-            part=few,
-            fraction=percent(few / reached),
-            few_in_cell=FEW_IN_CELL,
-        )
+        about = {"fraction": percent(few / reached), "few_in_cell": FEW_IN_CELL}
+        yield say_count("validity.few_in_cells", reached, part=few, **about)

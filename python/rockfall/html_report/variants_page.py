@@ -23,7 +23,6 @@ from rockfall.html_report.inputs import Parties
 from rockfall.html_report.page import NOBODY, check_page
 from rockfall.html_report.pdf import write_pdf
 from rockfall.html_report.render import picture, rendered
-from rockfall.html_report.sentences import Speaker
 from rockfall.html_report.tables import Table
 from rockfall.html_report.validity import warnings
 from rockfall.io.files import atomic_write
@@ -103,11 +102,9 @@ def _page(
 ) -> str:
     first = next(iter(results.values()))
     table = compare_variants(results)
-    translate = Speaker(language, [*results, *table["line"].unique()])
     drawn = difference_maps(on_same_cells(results)) if have_passages(results) else {}
     return rendered(
         "variants.html.j2",
-        translate,
         title=given.title or str(first.attrs["title"]) or "rockfall",
         on_paper=on_paper,
         facts=[
@@ -117,7 +114,7 @@ def _page(
             (say("sheet.signature"), ""),
             (say("sheet.computed"), str(first.attrs.get("date_created", ""))[:10]),
         ],
-        warnings=list(_warnings(results, translate)),
+        warnings=list(_warnings(results)),
         lines=[
             _line_table(part, given)
             for _, of_line in table.groupby("line", sort=False)
@@ -130,7 +127,6 @@ def _page(
                 difference_figure(drawn, name, terrain),
                 say("variants.map_of", variant=name),
                 say("variants.map_caption"),
-                translate,
             )
             for name in list(results)[1:]
             if f"{name}_passing" in drawn
@@ -138,14 +134,14 @@ def _page(
     )
 
 
-def _warnings(results: Mapping[str, xr.Dataset], translate: Speaker) -> Iterator[Text]:
+def _warnings(results: Mapping[str, xr.Dataset]) -> Iterator[str]:
     """Limits of the model and warnings, with the variants that they concern."""
     said: dict[str, list[str]] = {}
     for name, result in results.items():
         for text in warnings(result):
-            said.setdefault(translate(text), []).append(name)
+            said.setdefault(text, []).append(name)
     for text, names in said.items():
-        yield Text(f"{', '.join(names)}: {text}")
+        yield f"{', '.join(names)}: {text}"
     if have_passages(results) and (others := [*results.keys() - on_same_cells(results).keys()]):
         yield say("variants.other_cells", names=", ".join(sorted(others)))
 
@@ -169,7 +165,7 @@ def _line_table(of_line: pd.DataFrame, given: Given) -> Table:
         if quantity == "passing" and given.yearly:
             label = _yearly_label(str(statistic))
             rows.append([label, *(_cell(row, given.yearly) for _, row in of.iterrows())])
-    head = [Text(""), *(Text(name) for name in of_line["variant"].unique())]
+    head = ["", *of_line["variant"].unique()]
     return Table(say("variants.line_caption", line=of_line["line"].iloc[0]), head, rows)
 
 
@@ -189,17 +185,17 @@ def _yearly_label(statistic: str) -> Text:
     return say("variants.yearly")
 
 
-def _cell(row: pd.Series, factor: float) -> Text:
+def _cell(row: pd.Series, factor: float) -> str:
     """A number, below it its difference, and below that the interval."""
     value = localised(number(factor * row["value"]))
     if not isinstance(row["verdict"], str):
-        return Text(value)
+        return value
     apart, low, high = (
         localised(signed(factor * row[f"difference{end}"])) for end in ("", "_low", "_high")
     )
     interval = f"\n({low} … {high})" if np.isfinite(row["difference_low"]) else ""
     doubt = " ?" if row["verdict"] == UNDECIDED else ""
-    return Text(f"{value}\n{apart}{doubt}{interval}")
+    return f"{value}\n{apart}{doubt}{interval}"
 
 
 def _measures(results: Mapping[str, xr.Dataset], given: Given) -> Table:
@@ -211,19 +207,19 @@ def _measures(results: Mapping[str, xr.Dataset], given: Given) -> Table:
     rows.append([say("variants.forest"), *(_forest(case) for case in cases.values())])
     if given.costs:
         costs = (given.costs.get(name) for name in results)
-        shown = (Text("-" if one is None else localised(f"{one:,.10g}")) for one in costs)
+        shown = ("-" if one is None else localised(f"{one:,.10g}") for one in costs)
         rows.append([say("variants.cost"), *shown])
-    head = [Text(""), *(Text(name) for name in results)]
+    head = ["", *results]
     return Table(say("variants.measures"), head, rows, "facts")
 
 
-def _dem(case: Case) -> Text:
+def _dem(case: Case) -> str:
     name = case.terrain["dem"]
-    return say("variants.array") if name == FROM_ARRAY else Text(Path(name).name)
+    return say("variants.array") if name == FROM_ARRAY else Path(name).name
 
 
-def _barriers(case: Case) -> Text:
-    return Text("\n".join(map(_barrier, case.barrier)) or "-")
+def _barriers(case: Case) -> str:
+    return "\n".join(map(_barrier, case.barrier)) or "-"
 
 
 def _barrier(one: Mapping[str, object]) -> str:
@@ -234,19 +230,19 @@ def _barrier(one: Mapping[str, object]) -> str:
     return f"{one.get('name') or one.get('file')}: {height} m, {strength}"
 
 
-def _dams(case: Case) -> Text:
+def _dams(case: Case) -> str:
     heights = (localised(f"{one.get('height', 0.0):g}") for one in case.dam)
-    return Text("\n".join(f"{height} m" for height in heights) or "-")
+    return "\n".join(f"{height} m" for height in heights) or "-"
 
 
 def _digits(value: object) -> str:
     return localised(f"{value:g}")
 
 
-def _forest(case: Case) -> Text:
+def _forest(case: Case) -> str:
     """Where the trees come from, the fraction of them that remains, and the layer of clearings."""
     if not case.has_forest:
-        return Text("-")
+        return "-"
     forest = case.forest
     sources = (forest[key] for key in ("trees", "polygons", "stems") if key in forest)
     parts = [say("variants.yes") if name == FROM_ARRAY else Path(name).name for name in sources]
@@ -255,4 +251,4 @@ def _forest(case: Case) -> Text:
     if forest["density_factor"] < 1:
         parts.append(f"× {_digits(forest['density_factor'])}")
     parts += [f"- {Path(forest['clearings']).name}"] if "clearings" in forest else []
-    return Text("\n".join(map(str, parts)))
+    return "\n".join(map(str, parts))

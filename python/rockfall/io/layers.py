@@ -28,6 +28,7 @@ from rockfall.io.drawing import is_drawing, left_out, read_drawing
 from rockfall.io.files import check_text_file, start_of
 from rockfall.io.gdal_files import plain_file
 from rockfall.io.grid import NO_ID, Grid
+from rockfall.language import remark
 
 if TYPE_CHECKING:
     from rasterio.crs import CRS
@@ -70,10 +71,7 @@ def burn_polygons(
         numbers = _integers(str(path), field, found.values[field])
     cells = _burnt(found, grid, numbers, NO_ID)
     if twice := np.count_nonzero(cells != _burnt(found, grid, numbers, NO_ID, -1)):
-        remarks.append(
-            f"{path}: polygons of different {field} overlap in {twice:,} cells: the later polygon "
-            "counts there"
-        )
+        remarks.append(remark(path, "input.polygons_overlap", field=field, n=int(twice)))
     return cells
 
 
@@ -292,11 +290,12 @@ def _drawn(
             shapes[k] = shapely.LineString(part.xy)
     used = set(map(id, usable))
     if others := [one for one in parts if id(one) not in used]:
-        remarks.append(f"{where}: left out, as no {what}: {left_out(others)}")
+        names = {"what": what, "parts": left_out(others)}
+        remarks.append(remark(where, "input.left_out", **names))
     if grid.crs is not None or drawing.unit:
-        unit = f"; it says {drawing.unit}, taken as metres" if drawing.unit else ""
-        remark = f"{where}: a drawing names no CRS: coordinates taken as those of the DEM{unit}"
-        remarks += [remark] * (remark not in remarks)
+        key = "input.drawing_in_unit" if drawing.unit else "input.drawing"
+        said = remark(where, key, unit=drawing.unit)
+        remarks += [said] * (said not in remarks)
     return shapes
 
 
@@ -319,11 +318,10 @@ def _reprojected(
             f"{where}: feature {number + 1}: {crs_name(crs)} has no such place in "
             f"{crs_name(grid.crs)}, the CRS of the DEM"
         )
-    remark = f"{where}: {REPROJECTED} {crs_name(crs)} to {crs_name(grid.crs)}"
-    if not way.is_best:
-        remark += "; PROJ lacks a grid here for the most accurate way"
-    if remark not in remarks:
-        remarks.append(remark)
+    key = "input.reprojected" if way.is_best else "input.reprojected_roughly"
+    said = remark(where, key, crs=crs_name(crs), ours=crs_name(grid.crs))
+    if said not in remarks:
+        remarks.append(said)
     return shapes
 
 

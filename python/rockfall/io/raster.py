@@ -20,6 +20,7 @@ from rockfall.io.crs import check_metres, crs_name, is_metre, same_crs
 from rockfall.io.files import atomic_write
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.io.raster_file import GdalCells, RasterFile, open_raster
+from rockfall.language import remark
 
 _TILE = 256  # cells
 
@@ -84,10 +85,8 @@ def _remark(raster: RasterFile, remarks: list[str] | None) -> None:
         return
     beside = Path(f"{raster.path}.aux.xml")
     said_by = f" ({beside.name})" if beside.exists() else ""
-    remarks.append(
-        f"{raster.path}{said_by}: its numbers are multiplied by {scale:g}, then {offset:g} is "
-        "added, as its metadata have it: is that so?"
-    )
+    numbers = {"scale": float(scale), "offset": float(offset)}
+    remarks.append(remark(f"{raster.path}{said_by}", "input.packing", **numbers))
 
 
 def aligned_blocks(

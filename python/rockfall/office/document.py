@@ -3,16 +3,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from rockfall.html_report.tables import Table
 from rockfall.io.files import atomic_write
+from rockfall.language import translated
 from rockfall.office.workbook import CONTROL
 
 SMALL = 8  # size of letters in tables [pt]
-FACTS = "facts"  # kind of a table whose texts are not translated: names, checksums, dates
 MARGIN = 1.8  # [cm]
 A4 = 29.7, 21.0  # wide, high [cm]
 
@@ -25,11 +25,8 @@ class Part(NamedTuple):
     tables: Sequence[Table]
 
 
-def write_document(
-    title: str, parts: Iterable[Part], translate: Callable[[object], str], path: Path
-) -> Path:
-    """Write tables to a document on A4, landscape, atomically; texts are translated as in a
-    report."""
+def write_document(title: str, parts: Iterable[Part], path: Path) -> Path:
+    """Write tables to a document on A4, landscape, atomically, in the language in force."""
     from docx import Document
     from docx.shared import Cm
 
@@ -45,26 +42,25 @@ def write_document(
     for part in parts:
         document.add_heading(_clean(part.heading), 1)
         for note in part.notes:
-            document.add_paragraph(_clean(translate(note)))
+            document.add_paragraph(_clean(translated(note)))
         for table in part.tables:
             if table.caption != part.heading:
-                caption = document.add_paragraph(_clean(translate(table.caption)))
+                caption = document.add_paragraph(_clean(table.caption))
                 caption.paragraph_format.keep_with_next = True
-            _add_table(document, table, translate)
+            _add_table(document, table)
     with atomic_write(path) as where:
         document.save(str(where))
     return path
 
 
-def _add_table(document: Any, table: Table, translate: Callable[[object], str]) -> None:
+def _add_table(document: Any, table: Table) -> None:
     """A table; its first row is repeated on each page that it reaches."""
-    said = str if table.kind == FACTS else translate
     rows: list[list[object]] = [[*table.head], *([*row] for row in table.rows)]
     grid = document.add_table(len(rows), len(table.head), style="Table Grid")
     cells = iter(grid._cells)  # grid.cell(i, j) makes this list again each time
     for number, row in enumerate(rows):
         for value in row:
-            _write(next(cells), said(value), bold=number == 0)
+            _write(next(cells), translated(value), bold=number == 0)
     _repeat(grid.rows[0])
     document.add_paragraph()
 

@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING
 from rockfall.analysis.line_statistics import line_statistics
 from rockfall.analysis.return_levels import return_levels
 from rockfall.errors import RockfallError, need
-from rockfall.html_report.inputs import words_of
 from rockfall.html_report.intervals import rows_of
-from rockfall.html_report.sentences import Speaker
 from rockfall.html_report.tables import (
     Table,
     barrier_table,
@@ -42,7 +40,7 @@ def check_tables(formats: Iterable[str], language: str) -> None:
         if one not in FORMATS:
             raise RockfallError(f"--tables {one}: must be {' or '.join(FORMATS)}")
         need(f"tables as {one} need", "office", FORMATS[one])
-    need("tables need", "report", "babel", "matplotlib")
+    need("tables need", "report", "matplotlib")
     catalogue(language)
 
 
@@ -51,16 +49,14 @@ def put_tables(
 ) -> Iterator[Path]:
     """Write line statistics, return levels and what barriers did to tables.xlsx and tables.docx in
     a new folder, with what was run; `checksum` is that of the result's file, if any."""
+    sheets = [*_result_sheets(result)] if "xlsx" in formats else []  # texts as in CSV files
     with speaking(language):
         facts = _facts(result, checksum)
         if "xlsx" in formats:
-            yield write_workbook(
-                [*_result_sheets(result), _fact_sheet([facts])], folder / "tables.xlsx"
-            )
+            yield write_workbook([*sheets, _fact_sheet([facts])], folder / "tables.xlsx")
         if "docx" in formats:
             parts = [*_result_parts(result), Part(say("tables.what_was_run"), [], [facts])]
-            translate = Speaker(language, words_of(result))
-            yield write_document(_title(result), parts, translate, folder / "tables.docx")
+            yield write_document(_title(result), parts, folder / "tables.docx")
 
 
 def put_design(
@@ -82,14 +78,13 @@ def put_design(
             sheets = [Sheet(name, table) for name, table in tables.items()]
             yield write_workbook([*sheets, _fact_sheet(facts.values())], folder / "design.xlsx")
         if "docx" in formats:
-            parts, words = [], [word for one in results.values() for word in words_of(one)]
+            parts = []
             for name, found in designs.items():
                 notes = [say("office.intervals"), *found.warnings, *factor_lines(found.factors)]
                 shown = [*design_tables(found), facts[name]]
                 parts.append(Part(f"{name}", notes, shown))
             title = _title(next(iter(results.values())))
-            translate = Speaker(language, words)
-            yield write_document(title, parts, translate, folder / "design.docx")
+            yield write_document(title, parts, folder / "design.docx")
 
 
 def _result_sheets(result: xr.Dataset) -> Iterator[Sheet]:

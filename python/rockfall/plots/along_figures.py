@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.language import say
 from rockfall.limits import EAD_ENERGY
 from rockfall.plots.style import BLUE, GREY, WIDE, new_figure, plain, styled
 from rockfall.protection.demand import ENDS, usable
-from rockfall.quantities import DESIGN, with_unit
+from rockfall.quantities import DESIGN, QUANTITIES, with_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -19,9 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rockfall.protection.design import Design
-
-POSITION = "position along the line [m]"
-PER_METRE = "passing a metre [%]"
 
 
 @styled
@@ -32,13 +30,14 @@ def line_profile_figure(profile: pd.DataFrame) -> Figure:
     figure = new_figure(WIDE, 5.2)
     panels = figure.subplots(3, 1, sharex=True)
     _draw_windows(panels[0], profile, "per_metre", 100.0)
-    panels[0].set(ylabel=PER_METRE)
+    panels[0].set(ylabel=say("axis.passing_a_metre"))
     panels[0].set_title(plain(str(profile["line"].iloc[0])))
     for axes, quantity in zip(panels[1:], ("energy_total", "passing_height"), strict=True):
         about = DESIGN[quantity]
         _draw_windows(axes, profile, f"{quantity}_q95", about.factor)
         axes.set(ylabel=with_unit(about.name.replace(", ", ",\n"), about.unit) + ", q95")
-    panels[-1].set(xlim=(profile["start"].iloc[0], profile["end"].iloc[-1]), xlabel=POSITION)
+    ends = profile["start"].iloc[0], profile["end"].iloc[-1]
+    panels[-1].set(xlim=ends, xlabel=QUANTITIES["position"].title)
     figure.align_ylabels()
     return figure
 
@@ -57,11 +56,13 @@ def along_figure(found: Design) -> Figure:
         allowed = usable(capacity, found.factors) / 1000
         if allowed < lower.get_ylim()[1]:
             lower.axhline(allowed, color=GREY, lw=0.6, linestyle=(0, (5, 2)))
-            lower.text(along["end"].iloc[-1], allowed, f"class {k}", ha="right", va="bottom")
+            lower.text(
+                along["end"].iloc[-1], allowed, say("axis.class", number=k), ha="right", va="bottom"
+            )
     upper.set_title(f"{plain(along['line'][0])}, {found.factors.conditions.standard}")
-    upper.set(ylabel="height needed, vertical [m]")
+    upper.set(ylabel=say("design.height_needed_vertical"))
     ends = along["start"].iloc[0], along["end"].iloc[-1]
-    lower.set(ylabel="E_d [kJ]", xlim=ends, xlabel=POSITION)
+    lower.set(ylabel="E_d [kJ]", xlim=ends, xlabel=QUANTITIES["position"].title)
     return figure
 
 
@@ -78,7 +79,7 @@ def _draw_windows(axes: Axes, along: pd.DataFrame, name: str, factor: float) -> 
     if (open_ended := np.isnan(high) & np.isfinite(value)).any():
         beyond = np.where(open_ended, top, np.nan)
         about = {"fill": True, "facecolor": "none", "edgecolor": BLUE, "alpha": 0.4, "lw": 0}
-        label = "too few boulders for an upper limit"
+        label = say("axis.no_upper_limit")
         axes.stairs(beyond, edges, baseline=value, hatch="////", label=label, **about)
         axes.legend(loc="lower left", bbox_to_anchor=(0.45, 1.0), borderaxespad=0)
     axes.stairs(value, edges, baseline=None, color=BLUE, lw=1.2)

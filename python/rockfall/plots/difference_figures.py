@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.io.arrays import grid_of
+from rockfall.language import word
 from rockfall.plots.cartography.rasters import draw_image
 from rockfall.plots.cartography.sheet import finish, new_sheet
 from rockfall.plots.extent import around
@@ -39,7 +40,7 @@ def difference_figure(
     known = np.isfinite(values)
     x, y = verdict["x"].values[known.any(axis=0)], verdict["y"].values[known.any(axis=1)]
     colours = {"less": LESS, "undecided": UNDECIDED, "more": MORE}
-    key: list[Any] = [Patch(color=colour, label=name) for name, colour in colours.items()]
+    key: list[Any] = [Patch(color=colour, label=word(name)) for name, colour in colours.items()]
     if not known.any():
         x, y = verdict["x"].values, verdict["y"].values
     sheet = new_sheet(around(x, y, grid.cell, terrain), terrain, key)

@@ -10,6 +10,7 @@ import numpy as np
 
 from rockfall.analysis.back.posterior import draws_table, parameters, posterior_table
 from rockfall.analysis.back.study import Back
+from rockfall.language import word
 from rockfall.limits import Z
 from rockfall.plots.style import BLUE, GREY, INK, WIDE, capital, new_figure, plain, styled
 from rockfall.quantities import QUANTITIES
@@ -53,7 +54,8 @@ def _draw(axes: Axes, at: xr.Dataset, quantity: str, names: list[str]) -> None:
         axes.barh(k, high - low, left=low, height=0.5, color=GREY, alpha=0.5, lw=0)
         half = np.nan_to_num(Z * error)
         axes.errorbar(value, k, xerr=half, color=BLUE, marker="o", ms=3.5, lw=1.2)
-    axes.set_yticks(range(len(names)), [name.partition(".")[2] or "passing" for name in names])
+    labels = [name.partition(".")[2] or "passing" for name in names]
+    axes.set_yticks(range(len(names)), [*map(word, labels)])
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlim(left=0)
     axes.tick_params(axis="y", length=0)

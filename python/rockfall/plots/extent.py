@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Extent of the boulders of a result: the area that a map shows, and its blank cells."""
+"""Extent of the boulders of a result: the area that a map shows."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.io.arrays import corner_of
-from rockfall.limits import fraction_limits
-from rockfall.result.passages import passed_map
-from rockfall.result.samples import simulated
+from rockfall.result.passages import of_none, passed_map
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -62,14 +60,6 @@ def around(x: np.ndarray, y: np.ndarray, cell: float, terrain: Terrain | None = 
 def _around(c: np.ndarray, margin: float, shortest: float) -> tuple[float, float]:
     middle, half = (c.min() + c.max()) / 2, max(np.ptp(c) / 2 + margin, shortest)
     return float(middle - half), float(middle + half)
-
-
-def of_none(result: xr.Dataset, name: str) -> float:
-    """Maximum of a map where no boulder passed: 0, except for the upper limit of a fraction."""
-    if name != "reach_probability_high":
-        return 0.0
-    clusters = simulated(result) / result[name].attrs.get("boulders_per_cluster", 1)
-    return 1.001 * fraction_limits(0.0, clusters)[1]  # maps have seven digits
 
 
 def cell_of(result: xr.Dataset) -> float:

@@ -20,7 +20,7 @@ from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import set_path
 from rockfall.io.output_files import atomic_folder, check_outputs
 from rockfall.lab.sets import read_sets
-from rockfall.language import Text, say, say_count
+from rockfall.language import say, say_count
 from rockfall.limits import MIN_FOR_MEAN
 from rockfall.plots.along_figures import line_profile_figure
 from rockfall.plots.ensemble_figures import ranges_figure
@@ -44,9 +44,10 @@ from rockfall.plots.rebound_figures import (
 )
 from rockfall.plots.section_figure import section_figure
 from rockfall.plots.style import FORMATS, capital, save
-from rockfall.quantities import QUANTITIES, count, number
+from rockfall.quantities import number
 from rockfall.result.flat_maps import flat_maps
 from rockfall.result.grounds import sets_followed
+from rockfall.result.map_labels import map_label
 from rockfall.result.passages import PASSED, passed_map, thin_cells
 from rockfall.result.samples import has_rows, simulated
 from rockfall.result.trajectories import left_terrain, lines, vertices_of
@@ -115,7 +116,7 @@ def write_figures(
     `inputs`; returns the files written."""
     if format not in FORMATS:
         raise RockfallError(f"format = '{format}': must be one of {', '.join(FORMATS)}")
-    need("figures need", "report", "matplotlib", "babel")
+    need("figures need", "report", "matplotlib")
     files = {f"{one.name}.{format}": one.draw for one in shown}
     inputs = list(inputs)
     check_outputs([Path(folder) / name for name in files], inputs)  # drawing takes long
@@ -194,20 +195,18 @@ def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[F
     for k in which:
         crossed, name = np.isfinite(result["line_x"].values[k]), result["line"].values[k]
         fraction, low, high = (number(100 * f) for f in fraction_interval(crossed, source))
-        interval = f"95 % confidence interval {low} to {high} %"
-        passed[k] = f"{crossed.sum():,} at {name} ({fraction} %, {interval})"
-    some = f" {len(which)} of {result.sizes['line']} lines, those that most boulders pass."
-    some = some if len(which) < result.sizes["line"] else ""
+        about = {"fraction": fraction, "low": low, "high": high}
+        passed[k] = say("figures.passed", line=str(name), n=crossed.sum(), **about)
+    some = say("figures.some_lines", part=len(which), n=result.sizes["line"])
+    some_ = [some] if len(which) < result.sizes["line"] else []
     blocks = [which[k : k + PER_FIGURE] for k in range(0, len(which), PER_FIGURE)]
     for name in DRAWN:
-        label = QUANTITIES[name].label
         for page, block in enumerate(blocks, start=1):
-            at = "; ".join(passed[k] for k in block)
+            at = [passed[k] for k in block]
             yield Figure(
                 f"line_{name}" + (f"_{page}" if len(blocks) > 1 else ""),
-                f"{capital(label)} at the lines",
-                f"Distribution of {label} among the boulders that pass: {at}; below: mean ± one "
-                f"standard deviation; one in 500 lies beyond the axis.{some}",
+                say(f"at_lines.{name}_title"),
+                " ".join([say(f"at_lines.{name}", lines=at), *some_]),
                 partial(distribution_figure, result, name, observed, block),
             )
     for k in which:
@@ -235,7 +234,7 @@ def section_entry(found: Section) -> Figure:
         *([say_count("figures.section_unknown", unknown)] if unknown else []),
     ]
     return Figure(
-        "section", say("figures.section_title"), Text(" ".join(said)),
+        "section", say("figures.section_title"), " ".join(said),
         partial(section_figure, found),
     )  # fmt: skip
 
@@ -296,18 +295,18 @@ def set_of(result: xr.Dataset) -> Sets | None:
 
 def _maps(result: xr.Dataset, terrain: Terrain | None, look: Look | None) -> Iterator[Figure]:
     """Maps that are not in other figures, in the order of the result."""
-    boulders = count(simulated(result), "boulder")
+    boulders = say_count("figures.in_each_cell", simulated(result))
     for name in map(str, result.data_vars):
         variable = result[name]
         if variable.dims != ("y", "x") or name in PASSED:
             continue
-        title = capital(variable.attrs["long_name"])
-        notes = ["outline: 1 %" if is_fraction(name) else "", map_note(result, name)]
-        notes += ["" if thin_cells(result, name) is None else "hatched there"]
+        title = capital(map_label(name, variable.attrs["long_name"]))
+        notes = [say("map.outline") if is_fraction(name) else "", map_note(result, name)]
+        notes += ["" if thin_cells(result, name) is None else say("map.hatched_there")]
         said = "".join(f"; {note}" for note in notes if note)
         yield Figure(
             f"map_{name}",
             title,
-            f"In each cell, of {boulders}{said}.",
+            f"{boulders}{said}.",
             partial(map_figure, result, name, terrain, look=look),
         )

@@ -14,6 +14,7 @@ from rockfall.analysis.hazard.segment_files import has_segments
 from rockfall.analysis.hazard.zones import uncertain_of, zones_of
 from rockfall.case import case_in
 from rockfall.io.arrays import grid_of
+from rockfall.language import Number, say, word
 from rockfall.plots.cartography.labels import beside
 from rockfall.plots.cartography.marks import OBJECT, draw_line
 from rockfall.plots.cartography.rasters import draw_image
@@ -22,8 +23,9 @@ from rockfall.plots.extent import around
 from rockfall.plots.figures import Figure
 from rockfall.plots.risk_figure import draw_risk, risk_key
 from rockfall.plots.segment_figure import roads_of_segments, segment_figure
-from rockfall.plots.style import INK, styled
+from rockfall.plots.style import INK, capital, styled
 from rockfall.result.flat_maps import layers
+from rockfall.result.map_labels import map_label
 from rockfall.result.trajectories import flags_of
 
 if TYPE_CHECKING:
@@ -41,34 +43,28 @@ def hazard_figures(found: xr.Dataset, terrain: Terrain | None = None) -> list[Fi
     """Figures of the zones of a hazard, of the intensity at each return period, of the risk of
     objects, if they say what is exposed, and of each road that was cut into segments."""
     minimum_area = case_in(found.attrs).hazard["minimum_area"]
-    least = f", of {minimum_area:g} m2 or more" if minimum_area else ""
+    key = "hazard.classes_of_area" if minimum_area else "hazard.classes"
     shown = [
         Figure(
             "hazard_class",
-            "Zones of hazard",
-            f"Classes of hazard{least}; hatched: the class is not certain.",
+            say("front.zones_of_hazard"),
+            say(key, area=minimum_area),
             partial(zones_figure, found, terrain),
         )
     ]
     for name, data in layers(found["intensity"]).items():
-        title = f"Intensity {name.removeprefix('intensity_').replace('years', ' years')}"
-        about = f"{data.attrs['long_name'].capitalize()}."
+        period = name.removeprefix("intensity_").removesuffix("years")
+        title = say("hazard.intensity", period=Number(period))
+        about = f"{capital(map_label(name, data.attrs['long_name']))}."
         shown.append(Figure(name, title, about, partial(_map_figure, found, data, terrain)))
     if has_risk(found):
-        about = "Individual risk of death a year of the most exposed person at each object."
-        shown.append(
-            Figure("risk", "Individual risk", about, partial(_risk_figure, found, terrain))
-        )
+        draw = partial(_risk_figure, found, terrain)
+        shown.append(Figure("risk", say("hazard.risk_title"), say("hazard.risk"), draw))
     roads = roads_of_segments(found) if has_segments(found) else []
     for k, road in enumerate(roads, start=1):
         name = "segments" if len(roads) == 1 else f"segments_{k}"
-        about = (
-            "Frequencies, energies and heights at each segment of a road, with 95 % bands; "
-            "hatched: too few boulders for an upper limit, or the class is not certain."
-        )
-        shown.append(
-            Figure(name, "Hazard along a road", about, partial(segment_figure, found, road))
-        )
+        draw = partial(segment_figure, found, road)
+        shown.append(Figure(name, say("hazard.road_title"), say("hazard.road"), draw))
     return shown
 
 
@@ -98,7 +94,7 @@ def zone_key(found: xr.Dataset) -> list[Any]:
     """Legend of the zones, from the highest class."""
     from matplotlib.patches import Patch
 
-    doubtful = Patch(facecolor="none", edgecolor=INK, hatch=HATCH, label="class not certain")
+    doubtful = Patch(facecolor="none", edgecolor=INK, hatch=HATCH, label=say("hazard.not_certain"))
     return [*_key(found["hazard_class"]), doubtful]
 
 
@@ -164,7 +160,7 @@ def _draw_classes(axes: Axes, numbers: np.ndarray, grid: Any, data: xr.DataArray
 def _key(data: xr.DataArray) -> list[Any]:
     from matplotlib.patches import Patch
 
-    words = {number: word.replace("_", " ") for word, number in flags_of(data).items()}
+    words = {number: word(name) for name, number in flags_of(data).items()}
     return [
         Patch(color=colour, label=words[number], alpha=OPAQUE)
         for number, colour in reversed(colours_of(data).items())

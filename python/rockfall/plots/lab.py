@@ -11,6 +11,7 @@ import numpy as np
 
 from rockfall.lab.case import names
 from rockfall.lab.sets import restitution
+from rockfall.language import say
 from rockfall.plots.style import BLUE, GREY, INK, VERMILION, WIDE, new_figure, save, styled
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ def draw_restitution(sets: Sequence[Sets], size: tuple[float, float] = (WIDE, 3.
     panels[0, 0].set_ylim(0, 1.1)
     panels[1, 0].set_ylim(0, 2.5)
     panels[1, 4].legend(loc="upper right")
-    figure.supxlabel("incidence angle [degrees]", fontsize=8)
+    figure.supxlabel(say("axis.incidence_angle"), fontsize=8)
     return figure
 
 

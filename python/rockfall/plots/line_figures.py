@@ -11,6 +11,8 @@ import numpy as np
 
 from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import fraction_interval, sources
+from rockfall.analysis.run_out import passing
+from rockfall.language import say, say_count, word
 from rockfall.plots.style import (
     BARRIER,
     BLUE,
@@ -25,7 +27,7 @@ from rockfall.plots.style import (
     styled,
 )
 from rockfall.protection.barriers import barriers_of
-from rockfall.quantities import QUANTITIES, count, number, round_step
+from rockfall.quantities import QUANTITIES, number, round_step
 from rockfall.result.trajectories import from_start, left_terrain, lines, stop_distances
 
 if TYPE_CHECKING:
@@ -38,12 +40,11 @@ DRAWN = (
     "speed", "passing_height", "energy_translational", "energy_rotational", "energy_total",
     "rotational_share",
 )  # fmt: skip
-DISTANCE = "plan distance from the release [m]"
+DISTANCE = "axis.distance"  # message
 ABREAST = 2  # lines side by side
 MAX_BINS = 60
 MAX_BINS_BELOW = 500  # of a distribution that extends far below zero
 BEYOND = 0.998  # the axis ends where one value in 500 lies beyond
-STATIONS = 300  # distances at which a fraction is drawn
 OURS = {"marker": "o", "markersize": 4, "color": BLUE}
 
 
@@ -86,7 +87,7 @@ def distribution_figure(
         _draw_bins(upper, ours[k], theirs[k], edges)
         _draw_rows(lower, rows[k], deepest)
         upper.set_title(fill(f"{plain(name)}: {_passing(result, which[k])}", 54))
-        upper.set_ylabel(f"boulders [%] per {width:g} {about.unit}")
+        upper.set_ylabel(say("axis.boulders_per", width=width, unit=about.unit))
         lower.set_xlabel(about.title)
     high = max(upper.get_ylim()[1] for upper, _ in panels)
     for upper, lower in panels:
@@ -107,7 +108,7 @@ def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
     if observed is not None and observed.distances is not None:
         distance = np.sort(observed.distances)
         fraction = 100 * np.arange(distance.size, 0, -1) / distance.size
-        label = f"observed ({count(distance.size, 'boulder')})"
+        label = say_count("axis.observed_boulders", distance.size)
         about: dict[str, Any] = {"color": INK, "lw": 1, "linestyle": (0, (4, 2)), "label": label}
         axes.step(np.append(0, distance), np.append(100, fraction), where="pre", **about)
         furthest = max(furthest, distance[-1])
@@ -115,11 +116,11 @@ def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
         table = observed.passing
         axes.plot(
             table["distance"], 100 * table["fraction"],
-            **OBSERVED | {"marker": "s", "linestyle": "", "label": "observed fractions"},
+            **OBSERVED | {"marker": "s", "linestyle": "", "label": say("axis.observed_fractions")},
         )  # fmt: skip
         furthest = max(furthest, table["distance"].max())
     axes.set_xlim(0, 1.03 * furthest or 1)
-    axes.set(ylabel="boulders that come this far [%]", xlabel=DISTANCE)
+    axes.set(ylabel=say("axis.come_this_far"), xlabel=say(DISTANCE))
     mark_lines([axes], result, labels=axes)
     axes.legend(loc="upper right", frameon=True, framealpha=1, edgecolor="none")
     return figure
@@ -133,25 +134,14 @@ def _draw_passing(axes: Axes, result: xr.Dataset) -> None:
     _, upper, _, high = passing(result, np.where(gone, np.inf, distance))
     known = shown <= distance.min(where=gone, initial=np.inf)
     axes.fill_between(shown, 100 * low, 100 * high, color=BLUE, alpha=0.3, lw=0)
-    label = f"this run ({count(distance.size, 'boulder')}), 95 % band"
+    label = say_count("axis.this_run_band", distance.size)
     axes.plot(shown[known], 100 * fraction[known], color=BLUE, lw=1, label=label)
     if gone.any():
-        label = f"{count(gone.sum(), 'boulder')} left the terrain: ended there, or went on"
+        label = say_count("axis.left_terrain", int(gone.sum()))
         for bound, words in ((fraction, label), (upper, None)):
             about: dict[str, Any] = {"color": BLUE, "lw": 1, "linestyle": ":", "label": words}
             axes.plot(shown[~known], 100 * bound[~known], **about)
     axes.set_ylim(0, 105)
-
-
-def passing(
-    result: xr.Dataset, distance: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Distances [m], the fraction of boulders that travel at least so far, and its 95 % limits,
-    given the `distance` of each boulder."""
-    source = sources(result)
-    shown = np.linspace(0, stop_distances(result).max() or 1.0, STATIONS)
-    fraction = [fraction_interval(distance >= one, source) for one in shown]
-    return shown, *np.transpose(fraction)
 
 
 def mark_lines(panels: Iterable[Axes], result: xr.Dataset, labels: Axes) -> None:
@@ -187,17 +177,18 @@ def _rows(
     """Means and deviations of a quantity at a line: of this run, printed, and of the sample."""
     found = []
     if ours.size:
-        found.append(Row("this run", ours.mean(), _deviation(ours), OURS))
+        found.append(Row(say("compare.this_run"), ours.mean(), _deviation(ours), OURS))
     if observed is not None:
         table = observed.summaries
         scale = QUANTITIES[quantity].factor
         here = (table["line"] == line) & (table["quantity"] == quantity) & table["mean"].notna()
         for one in table[here].itertuples():
-            name = one.method if one.method == "observed" else f"printed, {one.method}"
+            is_observed = one.method == "observed"
+            name = word("observed") if is_observed else say("axis.printed", method=one.method)
             about = OBSERVED if one.method == "observed" else OBSERVED | {"color": GREY}
             found.append(Row(name, scale * one.mean, scale * one.std, about))
     if theirs.size:
-        label = f"observed ({theirs.size:,})"
+        label = say("axis.observed", n=theirs.size)
         found.append(Row(label, theirs.mean(), _deviation(theirs), OBSERVED))
     return found
 
@@ -244,5 +235,5 @@ def _passing(result: xr.Dataset, line: int) -> str:
     confidence interval."""
     crossed = np.isfinite(result["line_speed"].values[line])
     fraction, low, high = (number(100 * f) for f in fraction_interval(crossed, sources(result)))
-    do = "come" if line in barriers_of(result) else "pass"
-    return f"{crossed.sum():,} {do}, {fraction} % [{low}, {high}]"
+    key = "axis.come" if line in barriers_of(result) else "axis.pass"
+    return say(key, n=crossed.sum(), fraction=fraction, low=low, high=high)

@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.io.arrays import grid_of
+from rockfall.language import localised, say, word
 from rockfall.plots.cartography.marks import draw_marks, key_of
 from rockfall.plots.cartography.rasters import cropped, draw_image, edges
 from rockfall.plots.cartography.sheet import PAGE, SMALL, Room, Sheet, finish, new_sheet
-from rockfall.plots.extent import of_none, reached
+from rockfall.plots.extent import reached
 from rockfall.plots.style import INK, OBSERVED, VERMILION, styled
 from rockfall.quantities import with_unit
 from rockfall.result.classes import STATUS_MARKERS, Classes, classes_of, shown_as
+from rockfall.result.map_labels import map_comment, map_label
 from rockfall.result.motion import spread
-from rockfall.result.passages import PASSED, thin_cells
+from rockfall.result.passages import PASSED, of_none, thin_cells
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import ends, vertices_of
 
@@ -81,7 +83,7 @@ def trajectories_figure(
     """Recorded trajectories in plan."""
     from matplotlib.lines import Line2D
 
-    key = [*key_of(result), Line2D([], [], label="trajectory", color=VERMILION, lw=0.7)]
+    key = [*key_of(result), Line2D([], [], label=say("axis.trajectory"), color=VERMILION, lw=0.7)]
     basemap = (look or Look()).basemap
     sheet = new_sheet(reached(result, terrain), terrain, key, 0.0, basemap, room)
     _draw_trajectories(sheet.axes, result)
@@ -119,13 +121,13 @@ def map_note(result: xr.Dataset, name: str) -> str:
     """Note on cells that are blank though they have values, and on the basis of the values of a
     map."""
     about = result[name].attrs
-    notes = [str(about["comment"])] if "comment" in about else []
+    notes = map_comment(name, about)
     if "min_passages" in about:
-        notes.append(f"blank where fewer than {about['min_passages']:,} boulders passed")
+        notes.append(say("map.blank_below", n=about["min_passages"]))
     if "thin_below" in about:
-        notes.append(f"hardly known where fewer than {about['thin_below']:,} boulders passed")
+        notes.append(say("map.thin_below", n=about["thin_below"]))
     elif of_none(result, name):
-        notes.append(f"blank where none passed; it is {100 * of_none(result, name):.2g} % there")
+        notes.append(say("map.blank_where_none", value=100 * of_none(result, name)))
     return "; ".join(notes)
 
 
@@ -143,11 +145,14 @@ def _draw_map(sheet: Sheet, result: xr.Dataset, name: str, limits: Limits | None
     values, unit = map_values(result, name)
     values, grid = cropped(values, *grid_of(result[name]), sheet.extent, np.fmax)
     classes = classes_of(unit, limits)
-    label = "boulders that pass" if name in PASSED else str(result[name].attrs["long_name"])
-    label = with_unit(label, unit)
-    if fewest := result[name].attrs.get("min_passages", 0):
-        label += f"; blank: fewer than {fewest} passed"
-    label += "; outline: 1 %" if is_fraction(name) else ""
+    about = result[name].attrs
+    passing = say("axis.boulders_that_pass")
+    label = with_unit(
+        passing if name in PASSED else map_label(name, about["long_name"]), word(unit)
+    )
+    if fewest := about.get("min_passages", 0):
+        label += f"; {say('axis.blank', n=fewest)}"
+    label += f"; {say('map.outline')}" if is_fraction(name) else ""
     _draw_classes(sheet, values, grid, classes, fill(label, 60))
     thin = thin_cells(result, name)
     if thin is not None:
@@ -173,7 +178,7 @@ def _draw_classes(
     bar = sheet.figure.add_axes(place)
     number = len(classes.colours)
     bar.imshow([range(number)], cmap=colours, aspect="auto", extent=(0, number, 0, 1))
-    bar.set_xticks(range(1, number), classes.ticks)
+    bar.set_xticks(range(1, number), [*map(localised, classes.ticks)])
     bar.tick_params(labelsize=SMALL, length=2, pad=1.5)
     bar.set(yticks=[])
     bar.set_xlabel(label, labelpad=2)
@@ -210,7 +215,7 @@ def _stops_key(result: xr.Dataset) -> list[Any]:
 
 
 def _ended(name: str, here: np.ndarray) -> str:
-    return f"{name.replace('_', ' ')} ({here.sum():,})"
+    return say(f"ended.{name}", n=here.sum())
 
 
 def _marker(status: str, size: float) -> dict[str, Any]:
@@ -246,7 +251,7 @@ def _observed_key(stops: np.ndarray | None) -> list[Any]:
 
 
 def _seen(stops: np.ndarray) -> str:
-    return f"observed stop ({len(stops):,})"
+    return say("axis.observed_stop", n=len(stops))
 
 
 def _draw_observed(axes: Axes, stops: np.ndarray | None) -> None:

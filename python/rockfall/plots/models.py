@@ -9,6 +9,7 @@ import numpy as np
 
 from rockfall.analysis.models import QUANTITIES as AT_LINES
 from rockfall.analysis.models import RUN_OUT, Models
+from rockfall.language import word
 from rockfall.plots.style import BLUE, GREY, INK, WIDE, new_figure, plain, styled
 from rockfall.quantities import QUANTITIES
 
@@ -52,7 +53,7 @@ def _draw(axes: Axes, found: Models, line: str, quantity: str, statistic: str, a
             axes.errorbar(value, places, xerr=ends, color=colour, mfc=face, **about_)
             if of == statistic:
                 axes.axvline(value.iloc[0], color=INK, lw=0.5, linestyle=(0, (2, 2)))
-    axes.set_yticks(places, [plain(name) for name in found.names])
+    axes.set_yticks(places, [plain(word(name)) for name in found.names])
     axes.set_ylim(len(places) - 0.5, -0.5)
     axes.set_xlim(left=0)
     axes.tick_params(axis="y", length=0)

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.language import say
 from rockfall.plots.extent import cell_of
 from rockfall.plots.line_figures import DISTANCE, mark_lines
 from rockfall.plots.map_figures import MAX_TRAJECTORIES
 from rockfall.plots.style import INK, TRAJECTORY, WIDE, new_figure, styled
+from rockfall.quantities import QUANTITIES
 from rockfall.result.trajectories import Trajectory, trajectories
 from rockfall.terrain.height import height
 
@@ -41,7 +43,7 @@ def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure
     if ground:
         _draw_heights(panels[1], curves, ground)
     draw_curves(panels[-1], [_speeds_in_motion(one) for one in curves])
-    panels[-1].set(ylabel="speed [m/s]", ylim=(0, None), xlabel=DISTANCE)
+    panels[-1].set(ylabel=QUANTITIES["speed"].title, ylim=(0, None), xlabel=say(DISTANCE))
     panels[-1].set_xlim(0, furthest)
     mark_lines(panels, result, labels=panels[0])
     figure.align_ylabels()
@@ -77,7 +79,7 @@ def _draw_profile(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.
     below = [(one.distance, z) for one, z in zip(curves, ground, strict=bool(ground))]
     draw_curves(axes, below, color=INK, linewidth=0.8, alpha=1)
     draw_curves(axes, [(one.distance, one.z) for one in curves])
-    axes.set_ylabel("elevation [m]")
+    axes.set_ylabel(say("axis.elevation"))
     axes.ticklabel_format(axis="y", useOffset=False)
     axes.set_aspect("equal", adjustable="datalim")
 
@@ -86,7 +88,7 @@ def _draw_heights(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.
     """Draw heights of the boulder's point above the ground, 0 at a contact."""
     above = [(one.distance, one.z - z) for one, z in zip(curves, ground, strict=True)]
     draw_curves(axes, above)
-    axes.set(ylabel="jump height [m]", ylim=(0, None))
+    axes.set(ylabel=QUANTITIES["jump_height"].title, ylim=(0, None))
 
 
 def draw_curves(axes: Axes, shown: list[tuple[np.ndarray, np.ndarray]], **about: object) -> None:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.language import say
 from rockfall.plots.style import INK, WIDE, draw_bars, new_figure, styled
-from rockfall.quantities import REBOUND
+from rockfall.quantities import REBOUND, with_unit
 from rockfall.result.grounds import classical_grounds
 
 if TYPE_CHECKING:
@@ -19,8 +20,8 @@ ENERGY = ("tangential_share", "normal_share", "rotational_share")
 RESTITUTION = ("restitution_tangential", "restitution_normal")
 # Values of Bourrier et al. (2009, section 5.2).
 PAPER = {
-    "restitution_tangential": [(0.7, "0.7 at small angles")],
-    "restitution_normal": [(0.4, "0.4 at vertical impact"), (1.0, "above 1 at small angles")],
+    "restitution_tangential": [(0.7, "axis.paper_tangential")],
+    "restitution_normal": [(0.4, "axis.paper_normal"), (1.0, "axis.paper_normal_small")],
 }
 
 
@@ -47,11 +48,11 @@ def histogram_figure(result: xr.Dataset, *names: str) -> Figure:
         for k, (value, words) in enumerate(printed):
             axes.axvline(value, color=INK, lw=1, linestyle=(0, (1, 1)))
             axes.annotate(
-                f"paper: {words}", (value, 0.97 - 0.09 * k), (3, 0), va="top", fontsize=7,
+                say(words), (value, 0.97 - 0.09 * k), (3, 0), va="top", fontsize=7,
                 xycoords=axes.get_xaxis_transform(), textcoords="offset points",
                 bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
             )  # fmt: skip
-    panels[0].set_ylabel("rebounds [%]")
+    panels[0].set_ylabel(with_unit(say("label.rebounds"), "%"))
     return figure
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.hazard.risk_files import COLOURS, class_words
+from rockfall.language import say
 from rockfall.plots.cartography.labels import beside
 from rockfall.plots.cartography.marks import OBJECT, draw_line
 from rockfall.plots.style import INK
@@ -26,8 +27,8 @@ def risk_key(found: xr.Dataset) -> list[Any]:
     from matplotlib.patches import Patch
 
     numbers = {*found["object_risk_class"].values.tolist()}
-    words = [f"{word} a year" for word in class_words().tolist()]
-    words[0] = "no individual risk"
+    words = [say("hazard.risk_class", name=name) for name in class_words().tolist()]
+    words[0] = say("hazard.no_risk")
     return [
         Patch(facecolor=COLOURS[k], edgecolor=INK, label=words[k])
         for k in sorted(numbers, reverse=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.line_statistics import with_limits
+from rockfall.language import say
 from rockfall.plots.profile_figures import draw_curves, true_scale
 from rockfall.plots.style import (
     BARRIER,
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 
     from rockfall.analysis.lines.section import Section
 
-DISTANCE = "distance along the section [m]"
 SHOWN = ("energy_total", "passing_height", "speed")
 HEIGHTS = [1.0, 1.4, 1.4, 1.1]  # of the panels below the profile [inch]
 TALLEST = 4.0  # of the profile: all of it fits on a page of A4 [inch]
@@ -61,7 +61,7 @@ def section_figure(found: Section) -> Figure:
     _draw_strength(panels[2], found.lines, "capacity", DESIGN["energy_total"].factor)
     _draw_strength(panels[3], found.lines, "height", 1.0)
     _mark_lines(panels, found.lines)
-    panels[-1].set_xlabel(DISTANCE)
+    panels[-1].set_xlabel(say("axis.along_section"))
     panels[-1].set_xlim(0, furthest)
     _draw_key(figure, panels[2:])
     figure.align_ylabels()
@@ -84,7 +84,7 @@ def _draw_profile(axes: Axes, found: Section) -> None:
         base = np.interp(row.distance, distance, ground)
         if row.kind == "barrier":
             axes.plot([row.distance] * 2, [base, base + row.height], **BARRIER)
-    axes.set_ylabel("elevation [m]")
+    axes.set_ylabel(say("axis.elevation"))
     axes.ticklabel_format(axis="y", useOffset=False)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_title(_bases(found))
@@ -92,8 +92,8 @@ def _draw_profile(axes: Axes, found: Section) -> None:
 
 def _bases(found: Section) -> str:
     """Boulders behind the numbers of a section."""
-    within = f"{found.line.within:g} m to either side"
-    return f"{found.recorded:,} recorded of {found.boulders:,} boulders, {within}"
+    about = {"part": found.recorded, "n": found.boulders, "within": found.line.within}
+    return say("axis.recorded_of", **about)
 
 
 def _draw_boulders(axes: Axes, found: Section) -> None:
@@ -102,13 +102,13 @@ def _draw_boulders(axes: Axes, found: Section) -> None:
     if found.recorded:
         axes.step(table["distance"], table["recorded_n"], where="mid", color=BLUE, lw=1)
         axes.set_ylim(0, None)
-    axes.set_ylabel("recorded", color=BLUE)
+    axes.set_ylabel(say("axis.recorded"), color=BLUE)
     if table["cell_fraction"].notna().any():
         other = axes.twinx()
         other.spines["right"].set_visible(True)
         _draw_band(other, table, "cell_fraction", 100.0, VERMILION)
         other.set_ylim(0, None)
-        other.set_ylabel("all, in the cell [%]", color=VERMILION)
+        other.set_ylabel(say("axis.all_in_cell"), color=VERMILION)
 
 
 def _draw_envelopes(axes: Axes, found: Section, quantity: str, about: Quantity) -> None:
@@ -116,15 +116,15 @@ def _draw_envelopes(axes: Axes, found: Section, quantity: str, about: Quantity) 
     table, factor = found.table, about.factor
     for before, colour in (("recorded", BLUE), ("cell", VERMILION)):
         mean = factor * table[f"{before}_{quantity}_mean"]
-        axes.plot(table["distance"], mean, color=colour, label=f"{before}, mean", **MEAN)
-        label = f"{before}, 95 %"
+        axes.plot(table["distance"], mean, color=colour, label=say(f"axis.{before}_mean"), **MEAN)
+        label = say(f"axis.{before}_quantile")
         _draw_band(axes, table, f"{before}_{quantity}_q95", factor, colour, label)
     for before, colour in (("recorded", BLUE), ("corridor", VERMILION)):
         most = factor * table[f"{before}_{quantity}_max"]
-        axes.plot(table["distance"], most, color=colour, label=f"{before}, max", **MAXIMUM)
+        axes.plot(table["distance"], most, color=colour, label=say(f"axis.{before}_max"), **MAXIMUM)
     value, low, high = _with_limits(found.lines, f"{quantity}_q95", factor)
     ends = np.stack([value - low, high - value])
-    axes.errorbar(found.lines["distance"], value, yerr=ends, label="at a line, 95 %", **AT_LINE)
+    axes.errorbar(found.lines["distance"], value, yerr=ends, label=say("axis.at_a_line"), **AT_LINE)
     label = with_unit(about.name.replace(", ", ",\n"), about.unit)
     axes.set(ylabel=label, ylim=(0, None))
 
@@ -147,7 +147,7 @@ def _draw_strength(axes: Axes, lines: pd.DataFrame, name: str, factor: float) ->
     """Draw the height or the capacity of the barriers."""
     barriers = lines[lines["kind"] == "barrier"]
     axes.plot(barriers["distance"], factor * barriers[name].astype(float), **STRENGTH,
-              label="barrier")  # fmt: skip
+              label=say("tables.barrier"))  # fmt: skip
 
 
 def _mark_lines(panels: np.ndarray, lines: pd.DataFrame) -> None:

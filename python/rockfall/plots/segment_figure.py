@@ -10,6 +10,7 @@ import numpy as np
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.files import HAZARD_COLOURS
 from rockfall.analysis.hazard.segment_files import segment_table
+from rockfall.language import Number, say, word
 from rockfall.plots.style import BLUE, GREEN, INK, VERMILION, WIDE, new_figure, plain, styled
 from rockfall.quantities import QUANTITIES
 from rockfall.result.flat_maps import shown
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
 ABOVE = (BLUE, GREEN, VERMILION)  # of all boulders, then of those above each threshold
 FALLS = 3.0  # powers of ten of the frequencies that are shown
-CHAINAGE = "chainage [m]"
 PANELS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # columns
 ROOM = 5.0  # of the frequencies, above the highest, for the legend
 
@@ -50,7 +50,7 @@ def segment_figure(found: xr.Dataset, road: str) -> Figure:
         axes.set_ylim(0.0)
         axes.set(ylabel=f"{QUANTITIES[quantity].short}, q95")
     ends = rows["chainage_from"].iloc[0], rows["chainage_to"].max()
-    panels[-1].set(xlim=ends, xlabel=CHAINAGE)
+    panels[-1].set(xlim=ends, xlabel=say("axis.chainage"))
     figure.align_ylabels()
     return figure
 
@@ -66,9 +66,9 @@ def _draw_classes(axes: Axes, rows: pd.DataFrame) -> None:
             about["hatch"] = "/////"
         axes.axvspan(row["chainage_from"], row["chainage_to"], **about)
     key = [
-        Patch(facecolor=colours[word], edgecolor=INK, lw=0.3, label=word)
-        for word in reversed(CLASSES)
-        if word in {*rows["hazard"]}
+        Patch(facecolor=colours[name], edgecolor=INK, lw=0.3, label=word(name))
+        for name in reversed(CLASSES)
+        if name in {*rows["hazard"]}
     ]
     axes.legend(handles=key, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(key))
     axes.set(yticks=[])
@@ -80,13 +80,14 @@ def _draw_frequencies(axes: Axes, rows: pd.DataFrame, thresholds: list[float]) -
     """Draw the frequencies of all boulders, and of those above each threshold, by powers of ten."""
     names = ["frequency"]
     names += [f"frequency_above_{shown('threshold', one)}" for one in thresholds]
-    labels = ["all boulders", *(f"above {shown('threshold', one, ' ')}" for one in thresholds)]
+    energies = (Number(shown("threshold", one, " ")) for one in thresholds)
+    labels = [say("axis.all_boulders"), *(say("hazard.above", energy=one) for one in energies)]
     for k, (name, label) in enumerate(zip(names, labels, strict=True)):
         _draw_steps(axes, rows, name, ABOVE[k % len(ABOVE)], label)
     axes.set_yscale("log")
     top = np.nanmax(rows["frequency_high"].to_numpy(), initial=1e-6)
     axes.set_ylim(10.0 ** (np.floor(np.log10(top)) - FALLS + 1), ROOM * top)
-    axes.set(ylabel="boulders a year")
+    axes.set(ylabel=say("hazard.boulders_a_year"))
     axes.legend(loc="upper right", ncols=len(names))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.files import atomic_write
+from rockfall.language import localised, spoken
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,16 +45,31 @@ STYLE: dict[Any, Any] = {
 
 
 def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """Wrap a function that makes a figure so that it uses the house style."""
+    """Wrap a function that makes a figure so that it uses the house style, with numbers on its axes
+    in the format of the language."""
 
     @wraps(draw)
     def wrapped(*arguments: object, **options: object) -> Figure:
         import matplotlib
 
         with matplotlib.rc_context(STYLE):
-            return draw(*arguments, **options)
+            figure = draw(*arguments, **options)
+        _localise_ticks(figure, spoken())
+        return figure
 
     return wrapped
+
+
+def _localise_ticks(figure: Figure, language: str) -> None:
+    from matplotlib.ticker import ScalarFormatter
+
+    class Localised(ScalarFormatter):
+        def __call__(self, x: float, pos: int | None = None) -> str:
+            return localised(super().__call__(x, pos), language)
+
+    for axis in [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]:
+        if language != "en" and type(axis.get_major_formatter()) is ScalarFormatter:
+            axis.set_major_formatter(Localised(useOffset=False))
 
 
 def new_figure(width: float, height: float) -> Figure:

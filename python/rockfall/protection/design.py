@@ -19,6 +19,7 @@ from rockfall.analysis.model_limits import has_own_grounds, model_remarks
 from rockfall.analysis.return_levels import LEVELS, tail
 from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
+from rockfall.language import word
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.crossings import Crossings, crossings
 from rockfall.protection.demand import ENDS, demand, usable
@@ -225,11 +226,11 @@ def verdict_of(row: Mapping[str, Any]) -> str:
     failed = [
         what for what in ("height", "energy") if not row[f"{what}_holds"] and what not in unsure
     ]
-    parts = [f"no: {', '.join(failed)}"] if failed else []
-    parts += [f"undecided: {', '.join(unsure)}"] if unsure else []
-    doubt = "" if failed else row.get("unconfirmed", "")
-    said = "; ".join(parts) or ("undecided" if doubt else "yes")
-    return f"{said}; unconfirmed: {doubt}" if doubt else said
+    about = {"no": failed, "undecided": unsure}
+    parts = [f"{word(of)}: {', '.join(map(word, what))}" for of, what in about.items() if what]
+    doubt = [] if failed else [one for one in row.get("unconfirmed", "").split("; ") if one]
+    said = "; ".join(parts) or word("undecided" if doubt else "yes")
+    return f"{said}; {word('unconfirmed')}: {'; '.join(map(word, doubt))}" if doubt else said
 
 
 def _verdict(

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import re
 import sqlite3
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
+from rockfall.language import localised, word
 from rockfall.result.vector_style import TABLE
 
 #: Labels of classes of maps, in `rockfall.result.classes`.
@@ -47,10 +47,10 @@ class Group(NamedTuple):
     expanded: bool = True
 
 
-def raster_layer(path: Path, title: str, translate: Callable[[str], str], **about: bool) -> Layer:
+def raster_layer(path: Path, title: str, **about: bool) -> Layer:
     """Layer of a GeoTIFF with the style (.qml) next to it."""
     style = ElementTree.parse(path.with_suffix(".qml")).getroot()
-    return Layer(title, f"./{path.name}", _translated(style, translate), **about)
+    return Layer(title, f"./{path.name}", _translated(style), **about)
 
 
 def vector_styles(path: Path) -> dict[str, str]:
@@ -59,25 +59,23 @@ def vector_styles(path: Path) -> dict[str, str]:
         return dict(database.execute(f"SELECT f_table_name, styleQML FROM {TABLE}"))
 
 
-def vector_layer(
-    path: Path, name: str, style: str, title: str, translate: Callable[[str], str], **about: bool
-) -> Layer:
+def vector_layer(path: Path, name: str, style: str, title: str, **about: bool) -> Layer:
     """Layer of a GeoPackage with a style from its table of styles."""
-    root = _translated(ElementTree.fromstring(style), translate)
+    root = _translated(ElementTree.fromstring(style))
     return Layer(title, f"./{path.name}|layername={name}", root, **about)
 
 
-def _translated(style: ElementTree.Element, translate: Callable[[str], str]) -> ElementTree.Element:
-    """Style with the labels of its legend in the language of the project, classes by signs."""
+def _translated(style: ElementTree.Element) -> ElementTree.Element:
+    """Style with the labels of its legend in the language in force, classes by signs."""
     for element in style.iter():
         if label := element.get(LABELLED):
             found = CLASS.fullmatch(label)
-            element.set(LABELLED, _class(found, translate) if found else translate(label))
+            element.set(LABELLED, _class(found) if found else word(label.replace(" ", "_")))
     return style
 
 
-def _class(found: re.Match[str], translate: Callable[[str], str]) -> str:
+def _class(found: re.Match[str]) -> str:
     """Label of a class between limits, as <= 10 kJ, 10 - 30 kJ, > 30 kJ."""
     most, low, high, least, unit = found.groups()
     ends = f"\u2264 {most}" if most else f"> {least}" if least else f"{low} \u2013 {high}"
-    return f"{translate(ends)} {translate(unit)}"
+    return f"{localised(ends)} {word(unit)}"

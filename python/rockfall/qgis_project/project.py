@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from rockfall.case import FROM_ARRAY, case_of
-from rockfall.html_report.sentences import Speaker
 from rockfall.io.raster import write_geotiff
-from rockfall.language import Number, say, speaking
+from rockfall.language import Number, say, speaking, word
 from rockfall.plots.cartography.relief import INDEX, contours_of
 from rockfall.plots.cartography.sheet import crs_text, named_crs
 from rockfall.plots.extent import reached
@@ -24,6 +23,7 @@ from rockfall.qgis_project.layout import Texts, layout
 from rockfall.quantities import with_unit
 from rockfall.result.classes import UNITS
 from rockfall.result.export import crs_wkt
+from rockfall.result.map_labels import map_label
 from rockfall.result.passages import PASSED
 from rockfall.result.qgis_style import contour_style, write_relief
 
@@ -74,14 +74,13 @@ def put_project(
     style if the terrain is known. `files` may hold those of a hazard."""
     extent = reached(data, terrain)
     with speaking(language):
-        translate = Speaker(language)
         relief: list[Layer] = []
         if terrain is not None:
             yield from _put_terrain(terrain, folder)
-            relief = _relief(terrain, extent, folder, translate)
-        maps, classes = _maps(files, translate)
+            relief = _relief(terrain, extent, folder)
+        maps, classes = _maps(files)
         layers = _Layers(
-            _vectors(folder / RESULT, translate), _vectors(folder / HAZARD, translate),
+            _vectors(folder / RESULT), _vectors(folder / HAZARD),
             maps, classes, tuple(relief),
         )  # fmt: skip
         themes = list(_themes(layers))
@@ -103,16 +102,16 @@ def _put_terrain(terrain: Terrain, folder: Path) -> Iterator[Path]:
     yield write_relief(path)
 
 
-def _relief(terrain: Terrain, extent: Extent, folder: Path, translate: Speaker) -> list[Layer]:
+def _relief(terrain: Terrain, extent: Extent, folder: Path) -> list[Layer]:
     """Contours over shaded relief, both of the file of elevations."""
     interval = contours_of(terrain, extent).interval
     path = folder / ELEVATION
     style, title = contour_style(interval, INDEX, CONTOUR), say("map.contours", interval=interval)
-    relief = raster_layer(path, say("qgis.relief"), translate, visible=True, in_legend=False)
+    relief = raster_layer(path, say("qgis.relief"), visible=True, in_legend=False)
     return [Layer(capital(title), relief.source, style, True, in_legend=False), relief]
 
 
-def _vectors(path: Path, translate: Speaker) -> dict[str, Layer]:
+def _vectors(path: Path) -> dict[str, Layer]:
     """Layers of a GeoPackage that have a style, in the order in which they lie; none if there is no
     file. Objects of several kinds of shapes have none: QGIS would give them a colour by chance, and
     their layers of risk lie there."""
@@ -129,7 +128,7 @@ def _vectors(path: Path, translate: Speaker) -> dict[str, Layer]:
     return {
         name: vector_layer(
             path, name, styles[name],
-            capital(say(titles[name]) if name in titles else name.replace("_", " ")), translate,
+            capital(say(titles[name]) if name in titles else word(name)),
             in_legend=name != NOT_IN_LEGEND,
         )
         for name in ordered
@@ -137,7 +136,7 @@ def _vectors(path: Path, translate: Speaker) -> dict[str, Layer]:
     }  # fmt: skip
 
 
-def _maps(files: Iterable[Path], translate: Speaker) -> tuple[dict[str, Layer], dict[str, Layer]]:
+def _maps(files: Iterable[Path]) -> tuple[dict[str, Layer], dict[str, Layer]]:
     """Maps of numbers and maps of classes of a hazard, with the long names of their files."""
     import rasterio
 
@@ -148,10 +147,10 @@ def _maps(files: Iterable[Path], translate: Speaker) -> tuple[dict[str, Layer], 
             with rasterio.open(path) as file:
                 tags = file.tags()
             unit = tags.get("units", "1")
-            label = translate(tags.get("long_name", path.stem.replace("_", " ")))
-            title = capital(with_unit(label, unit if unit in UNITS else ""))
+            label = map_label(tags.get("variable", path.stem), tags.get("long_name", path.stem))
+            title = capital(with_unit(label, word(unit) if unit in UNITS else ""))
             chosen = classes if "flag_meanings" in tags else maps
-            chosen[path.stem] = raster_layer(path, title, translate)
+            chosen[path.stem] = raster_layer(path, title)
     return maps, classes
 
 

@@ -14,6 +14,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.crs import grid_mapping
 from rockfall.io.files import atomic_write, check_netcdf
 from rockfall.io.grid import row_blocks
+from rockfall.io.input_warnings import stored_warnings
 from rockfall.io.output_files import check_result_path
 from rockfall.limits import PIECE
 from rockfall.result.validate import TEXTS, check_result, check_values
@@ -58,7 +59,7 @@ def provenance(scene: Any) -> dict[str, str]:
         "impact_set_checksum": scene.checksums.get("sets", ""),
         "input_checksums": json.dumps(scene.checksums, sort_keys=True),
         "decoded_checksums": json.dumps(scene.decoded, sort_keys=True),
-        "input_warnings": json.dumps(scene.warnings or []),
+        "input_warnings": stored_warnings(scene.warnings or []),
         "dams": json.dumps([one.rounded() for one in scene.dams]),
         **({"stands": json.dumps(scene.stands)} if scene.stands else {}),
     }

@@ -201,6 +201,7 @@ def _put_map(folder: Path, data: xr.Dataset, name: str) -> Iterator[Path]:
         blank = NO_COUNT
     values = np.where(_passed(data, values), values, values.dtype.type(blank))
     about = {str(key): text for key, text in data.attrs.items()} | variable.attrs
+    about |= {"variable": name}
     about |= {"_FillValue": blank} | ({"units": unit} if scale != 1 else {})
     path = folder / f"{stem}.tif"
     yield write_map(path, variable.copy(data=values).assign_attrs(about))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.limits import fraction_limits
 from rockfall.result.samples import simulated
 
 if TYPE_CHECKING:
@@ -34,3 +35,11 @@ def thin_cells(result: xr.Dataset, name: str) -> np.ndarray | None:
     if not fewest or count is None:
         return None
     return np.isfinite(result[name].values) & (count < fewest - 0.5)
+
+
+def of_none(result: xr.Dataset, name: str) -> float:
+    """Maximum of a map where no boulder passed: 0, except for the upper limit of a fraction."""
+    if name != "reach_probability_high":
+        return 0.0
+    clusters = simulated(result) / result[name].attrs.get("boulders_per_cluster", 1)
+    return 1.001 * fraction_limits(0.0, clusters)[1]  # maps have seven digits

@@ -12,6 +12,7 @@ import numpy as np
 
 from rockfall.case import Case
 from rockfall.errors import RockfallError
+from rockfall.language import say
 from rockfall.limits import (
     SAMPLE_BINS,
     SAMPLE_COARSE,
@@ -38,7 +39,7 @@ def simulated(result: Held) -> int:
 def kept_note(result: Held) -> str:
     """Note on the boulders behind numbers that need rows; "" if these are all."""
     rows, boulders = result.sizes["boulder"], simulated(result)
-    return "" if rows == boulders else f"From the {rows:,} of {boulders:,} boulders that were kept."
+    return "" if rows == boulders else say("compare.kept", part=rows, n=boulders)
 
 
 def has_rows(result: Held) -> bool:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rockfall.analysis.model_limits import QUOTED, UNDERSTATED, forest_text
+from rockfall.analysis.model_limits import forest_text
 from rockfall.case import read_case
 from rockfall.case_text import Entry, Group, case_text
 from rockfall.draft.dem import read_source
@@ -21,6 +21,7 @@ from rockfall.io.files import read_text
 from rockfall.io.output_files import atomic_folder
 from rockfall.io.raster import write_geotiff
 from rockfall.io.tables import plain_decimal
+from rockfall.language import say
 from rockfall.rockyfor3d.folder import Folder
 from rockfall.rockyfor3d.nets import NETS, TOLERANCE, barriers
 
@@ -116,10 +117,10 @@ def _surface(made: Import) -> Group:
     if "soiltype" in made.folder:
         about = "soil types 0 to 7 are the shipped grounds 0 to 7"
         entries.append(Entry("ground_map", made.path("soiltype"), about))
+        unsure = f"{say('model.quoted_coefficients')}; {say('model.understated')}"
         made.model.append(
             "soiltype.asc: rebounds follow the classical model rockyfor3d of the shipped grounds, "
-            f"none the impact sets; {QUOTED}; {UNDERSTATED}; `rockfall models` sets other rebounds "
-            "beside them"
+            f"none the impact sets; {unsure}; `rockfall models` sets other rebounds beside them"
         )
     else:
         made.notes.append(

@@ -17,6 +17,7 @@ import numpy as np
 from rockfall.case import FROM_ARRAY, Case, key_table
 from rockfall.errors import RockfallError, need
 from rockfall.io.zone_table import RADII
+from rockfall.language import Text, say
 from rockfall.scene.scene import Scene
 
 GROUPS = {"lines": "line", "barriers": "barrier", "dams": "dam"}  # group of features of each
@@ -93,6 +94,12 @@ def of_frames(text: str, files: Mapping[str, Path]) -> str:
     return text
 
 
+def _of_frames(remark: str, files: Mapping[str, Path]) -> Text:
+    assert isinstance(remark, Text)
+    where, text = (remark.values[name] for name in ("where", "text"))
+    return say("input.remark", where=of_frames(where, files), text=text)
+
+
 def with_frames(
     frames: Mapping[str, Any],
     case: Case,
@@ -111,7 +118,7 @@ def with_frames(
         changes.setdefault(group, {})[key] = FROM_ARRAY
     return scene.replace(
         case=scene.case.replace(**changes),
-        remarks=tuple(of_frames(one, files) for one in scene.remarks),
+        remarks=tuple(_of_frames(one, files) for one in scene.remarks),
         checksums={of_frames(key, files): one for key, one in scene.checksums.items()},
     )
 

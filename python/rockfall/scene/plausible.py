@@ -13,10 +13,12 @@ from dataclasses import replace
 from typing import TypeAlias
 
 from rockfall.case import Case
+from rockfall.io.input_warnings import InputWarning
+from rockfall.language import Text, say
 from rockfall.scene.rules.boulders import boulder_rules
 from rockfall.scene.rules.protection import protection_rules
 from rockfall.scene.rules.terrain import dem_rules
-from rockfall.scene.scene import InputWarning, Scene
+from rockfall.scene.scene import Scene
 
 Rules: TypeAlias = Callable[[Scene], Iterator[InputWarning]]
 
@@ -55,14 +57,14 @@ def _lines(scene: Scene) -> Iterator[InputWarning]:
     barriers = {one["name"] for one in scene.case.barrier}
     for name in scene.lines_outside():
         group = "barrier" if name in barriers else "line"
-        yield InputWarning(f"&{group} name = '{name}'", "no part of it lies over the terrain")
+        yield InputWarning(f"&{group} name = '{name}'", say("input.line_outside"))
 
 
 def _read(scene: Scene) -> Iterator[InputWarning]:
     """Remarks of the readers: place, and what is unusual there."""
     for remark in scene.remarks:
-        where, _, text = remark.partition(": ")
-        yield InputWarning(where, text)
+        assert isinstance(remark, Text)
+        yield InputWarning(remark.values["where"], remark.values["text"])
 
 
 #: Rules, and the parts of a scene that they look at besides its case.

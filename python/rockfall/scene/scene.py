@@ -6,7 +6,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.grounds import GroundRule
 from rockfall.io.grid import Box, Grid
+from rockfall.io.input_warnings import InputWarning
 from rockfall.scene.coefficients import Coefficients, SetFile
 from rockfall.scene.forest.trees import Stand, Trees
 from rockfall.scene.ground import Ground, ground_of
@@ -27,13 +28,6 @@ from rockfall.scene.windows import Windows
 from rockfall.terrain.dams import DamShape
 
 OF_RASTERS = {one.name for one in fields(Rasters)}
-
-
-class InputWarning(NamedTuple):
-    """An input that is likely a mistake."""
-
-    where: str  # file, group and key, with the names used in the case
-    text: str  # its literal meaning, and what may have been meant; reports translate it
 
 
 @dataclass

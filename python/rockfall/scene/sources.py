@@ -16,6 +16,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.io.layers import EXTENSIONS, numbered_polygons, read_points
 from rockfall.io.tables import read_columns
+from rockfall.language import remark
 from rockfall.limits import MAX_REAL
 from rockfall.scene.kernel_scene import area_ratios, terrain_of
 from rockfall.scene.layers import Inputs
@@ -128,10 +129,7 @@ def _with_attributes(inputs: Inputs, sources: Sources, table: Table, of: np.ndar
     if not some.any():
         return replace(sources, features=features)
     if "boulders" in inputs.case.case:
-        inputs.remarks.append(
-            f"{table.path}: frequency is not used: &case boulders come from each source; "
-            "boulders_total shares a number by it"
-        )
+        inputs.remarks.append(remark(table.path, "input.frequency_not_used"))
     if not some.all():
         k = int(np.argmin(some))
         raise RockfallError(f"{table.where(k)}: has no frequency: all must have one, or none")
@@ -158,9 +156,8 @@ def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
         )
     if not some.all():
         out = np.count_nonzero(~some)
-        inputs.remarks.append(
-            f"&boulder shape: 0 at {out:,} of {some.size:,} sources: no boulders there"
-        )
+        numbers = {"part": int(out), "n": some.size}
+        inputs.remarks.append(remark("&boulder shape", "input.no_boulders", **numbers))
     sources = sources.select(some)
     d = np.array([_at_sources(inputs, sources, key, "sides", np.float64) for key in SIDES])
     for key, side in zip(SIDES, d, strict=True):

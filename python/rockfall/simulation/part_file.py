@@ -23,6 +23,7 @@ from rockfall.errors import RockfallError
 from rockfall.grounds import GroundRule
 from rockfall.io.files import check_netcdf
 from rockfall.io.grid import Box, Grid
+from rockfall.io.input_warnings import InputWarning
 from rockfall.result import variables
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import DAMAGED, georeference
@@ -30,7 +31,6 @@ from rockfall.result.samples import lengths, possible, sample_dims
 from rockfall.result.validate import COUNT_AT_LINES, are_counts, are_crossings, out_of_range
 from rockfall.scene.forest.trees import Stand
 from rockfall.scene.parts import Features
-from rockfall.scene.scene import InputWarning
 from rockfall.simulation.maps import SHARED
 from rockfall.simulation.run_state import Run
 from rockfall.simulation.tally import Origin
@@ -299,7 +299,7 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
         at = "grounds"
         grounds = _grounds(attrs)
         at = "input_warnings"
-        warnings = [InputWarning(*map(str, one)) for one in json.loads(attrs.get(at, "[]"))]
+        warnings = [InputWarning.of(one) for one in json.loads(attrs.get(at, "[]"))]
         at = "dams"
         dams = [DamShape(**one) for one in json.loads(attrs.get(at, "[]"))]
         at = "stands"

@@ -14,11 +14,12 @@ from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.grounds import GroundRule
 from rockfall.io.grid import Box, Grid
+from rockfall.io.input_warnings import InputWarning
 from rockfall.result.dataset import georeference
 from rockfall.result.samples import rows_kept
 from rockfall.scene.forest.trees import Stand
 from rockfall.scene.parts import Features
-from rockfall.scene.scene import InputWarning, Scene
+from rockfall.scene.scene import Scene
 from rockfall.simulation.maps import SHARED, tells_sources
 from rockfall.simulation.run_state import Array, Run
 from rockfall.terrain.dams import DamShape

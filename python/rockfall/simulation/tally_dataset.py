@@ -176,10 +176,9 @@ def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, in
             for rows in row_blocks(values.shape):
                 values[rows][values[rows] == 0] = np.nan
         return values, 0, 0
-    values = np.empty(tally.box.shape, "f4")
-    min_passages = tally.scene.case.output["min_passages"]
-    about = tally.done, per_cluster, min_passages, values.T
-    fewest, thin = _core.map(tally.run.handle, name, *about)
+    values, run = np.empty(tally.box.shape, "f4"), tally.run.handle
+    _core.map(run, name, (tally.done, per_cluster), values.ctypes.data)
+    fewest, thin = map(int, _core.map_passages(run, name, per_cluster))
     return values, fewest, thin
 
 

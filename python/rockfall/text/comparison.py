@@ -11,7 +11,8 @@ import numpy as np
 from rockfall.analysis.compare import STATISTICS, Comparison
 from rockfall.analysis.contacts import VALUES
 from rockfall.analysis.precision.intervals import longer_side
-from rockfall.quantities import QUANTITIES, TOO_FEW, number
+from rockfall.language import Number, say, word
+from rockfall.quantities import QUANTITIES, number, with_unit
 from rockfall.text.table import table as aligned
 
 if TYPE_CHECKING:
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
 LEVEL = 0.05  # a smaller p rejects that two samples have one distribution
 MAX_ROWS = 12  # of a long table
-EXACT = "* significant at 5 %; a printed number without n is taken as exact"
 
 
 def text(comparison: Comparison) -> str:
@@ -32,29 +32,33 @@ def tables(comparison: Comparison) -> Iterator[tuple[str, list[list[str]]]]:
     """Non-empty tables: a caption, and rows, the first of which is the header."""
     errors = comparison.errors
     for caption, table, rows in (
-        ("Numbers at the lines", errors, _errors),
-        ("Errors as printed", errors[errors["printed_error_percent"].notna()], _printed_errors),
-        ("Samples at the lines", comparison.ks, _ks),
-        ("Boulders that pass a distance", comparison.passing, _passing),
-        ("Run-out", comparison.run_out, _run_out),
-        ("Blocks at rest", comparison.at_rest, _at_rest),
-        ("Stopping places", comparison.stops, _stops),
-        ("Impacts", comparison.contacts, _contacts),
+        ("compare.lines", errors, _errors),
+        ("compare.printed", errors[errors["printed_error_percent"].notna()], _printed_errors),
+        ("compare.samples", comparison.ks, _ks),
+        ("figures.passing_title", comparison.passing, _passing),
+        ("compare.run_out", comparison.run_out, _run_out),
+        ("compare.at_rest", comparison.at_rest, _at_rest),
+        ("compare.stops", comparison.stops, _stops),
+        ("compare.impacts", comparison.contacts, _contacts),
     ):
         if len(table):
-            yield caption, list(rows(table))
+            yield say(caption), list(rows(table))
 
 
 def notes(comparison: Comparison) -> list[str]:
     """Notes for readers of the tables."""
     judged = comparison.errors["consistent"], comparison.passing["consistent"]
     marked = any(consistent.eq(False).any() for consistent in judged)
-    return [*([EXACT] if marked else []), *comparison.notes]
+    return [*([say("compare.exact")] if marked else []), *comparison.notes]
 
 
 def _errors(table: pd.DataFrame) -> Iterable[list[str]]:
-    _, *rest = STATISTICS
-    yield ["", "this run: mean", *rest, "", *STATISTICS, "error [%]: mean", *rest]
+    mean, *rest = map(word, STATISTICS)
+    ours, error = (
+        say("join.colon", before=before, after=mean)
+        for before in (say("compare.this_run"), with_unit(say("compare.error"), "%"))
+    )
+    yield ["", ours, *rest, "", mean, *rest, error, *rest]
     shown = ""
     for (line, quantity, against), rows in table.groupby(
         ["line", "quantity", "against"], sort=False
@@ -62,7 +66,8 @@ def _errors(table: pd.DataFrame) -> Iterable[list[str]]:
         name = _name(line, quantity)
         row = rows.set_index("statistic").loc[list(STATISTICS)]
         ours, theirs = (_three(row, whose, quantity) for whose in ("simulated", "observed"))
-        who = against if against in ("observed", "sample") else f"method {against}"
+        is_method = against not in ("observed", "sample")
+        who = say("compare.method", method=against) if is_method else word(against)
         errors = (_error(row.loc[one]) for one in STATISTICS)
         first = ["", "", "", ""] if name == shown else [name, *ours]
         yield [*first, who, *theirs, *errors]
@@ -71,7 +76,8 @@ def _errors(table: pd.DataFrame) -> Iterable[list[str]]:
 
 def _printed_errors(table: pd.DataFrame) -> Iterable[list[str]]:
     """Errors of a paper's own method relative to the observations (its table 3)."""
-    yield [f"error of method {table['against'].iloc[0]} as printed [%]", *STATISTICS]
+    about = say("compare.printed_error", method=table["against"].iloc[0])
+    yield [about, *map(word, STATISTICS)]
     for (line, quantity), rows in table.groupby(["line", "quantity"], sort=False):
         errors = rows.set_index("statistic")["printed_error_percent"].reindex(STATISTICS)
         yield [_name(line, quantity), *(_number(error, "+z.0f") for error in errors)]
@@ -84,14 +90,14 @@ def _three(row: pd.DataFrame, whose: str, quantity: str) -> list[str]:
     mean, *rest = numbers
     half = about.factor * longer_side(row.loc["mean"], whose)
     if not np.isnan(half):
-        mean += f" +- {half:.{about.decimals}f}"
+        mean = Number(f"{mean} +- {half:.{about.decimals}f}")
     elif whose == "simulated" and mean != "-":
-        mean += f" ({TOO_FEW})"
+        mean = say("compare.too_few", value=mean)
     return [mean, *rest]
 
 
 def _error(row: pd.Series) -> str:
-    return _number(row["error_percent"], "+z.0f") + _mark(row)
+    return Number(_number(row["error_percent"], "+z.0f") + _mark(row))
 
 
 def _mark(row: Mapping[str, Any]) -> str:
@@ -101,12 +107,12 @@ def _mark(row: Mapping[str, Any]) -> str:
 
 
 def _ks(table: pd.DataFrame) -> Iterable[list[str]]:
-    level = f"at {100 * LEVEL:.0f} %"
+    level = say("compare.level", level=100 * LEVEL)
     ours, printed = (table[name].notna().any() for name in ("n_observed", "printed_p"))
     yield [
-        "Kolmogorov-Smirnov",
-        *(["n observed", "n this run", "D", "p", level] if ours else []),
-        *(["printed p", level] if printed else []),
+        say("compare.ks"),
+        *([*map(say, SIZES), "D", "p", level] if ours else []),
+        *([say("compare.printed_p"), level] if printed else []),
     ]
     for row in table.to_dict("records"):
         sizes = [_number(row[f"n_{whose}"], ",d") for whose in ("observed", "simulated")]
@@ -116,59 +122,66 @@ def _ks(table: pd.DataFrame) -> Iterable[list[str]]:
 
 
 def _verdict(p: float) -> tuple[str, str]:
-    verdict = "rejected" if p < LEVEL else "not rejected"
-    return _number(p, ".4f"), "-" if np.isnan(p) else verdict
+    verdict = "compare.rejected" if p < LEVEL else "compare.not_rejected"
+    return _number(p, ".4f"), "-" if np.isnan(p) else say(verdict)
 
 
 def _passing(table: pd.DataFrame) -> Iterable[list[str]]:
-    yield ["distance [m]", "observed [%]", "this run [%]", "difference"]
+    yield [
+        with_unit(say("compare.distance"), "m"), with_unit(word("observed"), "%"),
+        with_unit(say("compare.this_run"), "%"), say("compare.difference"),
+    ]  # fmt: skip
     chosen = np.linspace(0, len(table) - 1, min(MAX_ROWS, len(table))).round().astype(int)
     for row in table.iloc[chosen].to_dict("records"):
         fractions = []
         for whose in "observed", "simulated":
             half = 100 * longer_side(row, whose)
             fraction = f"{100 * row[whose]:.1f}"
-            fractions.append(fraction if np.isnan(half) else f"{fraction} +- {half:.1f}")
-        difference = f"{row['difference_percent']:+z.1f}{_mark(row)}"
-        yield [f"{row['distance']:.1f} or more", *fractions, difference]
+            fractions.append(Number(fraction if np.isnan(half) else f"{fraction} +- {half:.1f}"))
+        difference = Number(f"{row['difference_percent']:+z.1f}{_mark(row)}")
+        yield [say("compare.or_more", distance=row["distance"]), *fractions, difference]
     if chosen.size < len(table):
-        yield [f"({chosen.size} of {len(table)} distances)"]
+        yield [say("compare.some_distances", part=chosen.size, n=len(table))]
 
 
-LABELS = {
-    "mean": "mean stopping distance [m]",
-    "std": "its standard deviation [m]",
-    "wasserstein": "Wasserstein distance [m]",
-    "lateral_spread": "lateral spread, std [m]",
-    "lateral_offset": "lateral offset, mean [m]",
+LABELS = {  # messages
+    "mean": "compare.mean_distance",
+    "std": "compare.std_of_it",
+    "wasserstein": "compare.wasserstein",
+    "lateral_spread": "compare.lateral_spread",
+    "lateral_offset": "compare.lateral_offset",
 }
+SIZES = "compare.n_observed", "compare.n_this_run"
 
 
 def _run_out(table: pd.DataFrame) -> Iterable[list[str]]:
     several = table["source"].nunique() > 1
-    yield ["run-out", "n observed", "n this run", "observed", "this run", "difference", "verdict"]
+    heads = "compare.observed", "compare.this_run", "compare.difference", "compare.verdict"
+    yield [say("compare.run_out_head"), *map(say, SIZES), *map(say, heads)]
     for row in table.to_dict("records"):
-        name = LABELS[row["statistic"]]
-        name = f"source {row['source']}: {name}" if several else name
+        name: str = say(LABELS[row["statistic"]])
+        if several:
+            name = say("join.colon", before=say("compare.source", name=row["source"]), after=name)
         sizes = [_number(row[f"n_{whose}"], ",d") for whose in ("observed", "simulated")]
         three = [_within(row, whose) for whose in ("observed", "simulated", "difference")]
-        verdict = row["verdict"]
+        verdict = word(row["verdict"])
         if np.isfinite(row["by_chance"]):
-            verdict += f" (up to {row['by_chance']:.1f} by chance)"
+            verdict = say("compare.up_to_by_chance", verdict=verdict, high=row["by_chance"])
         yield [name, *sizes, *three, verdict]
 
 
 def _at_rest(table: pd.DataFrame) -> Iterable[list[str]]:
     """Density of simulated boulders at the blocks."""
-    yield ["blocks at rest", "n observed", "n this run", "outside of all deposits",
-           "density of this run there [1/ha]", "at its own boulders", "verdict"]  # fmt: skip
+    heads = "compare.outside", "compare.density", "compare.own_density", "compare.verdict"
+    yield [say("compare.at_rest_head"), *map(say, SIZES), *map(say, heads)]
     for row in table.to_dict("records"):
-        name = "all sources" if row["source"] == "all" else f"source {row['source']}"
+        is_all = row["source"] == "all"
+        name = say("compare.all_sources") if is_all else say("compare.source", name=row["source"])
         here, own, low = (number(1e4 * row[of]) for of in
                           ("density", "own_density", "own_density_low"))  # fmt: skip
-        verdict = f"{row['verdict']} (down to {low} by chance)"
-        yield [name, *(f"{row[of]:,}" for of in ("n_observed", "n_simulated", "outside")), here,
-               own, verdict]  # fmt: skip
+        verdict = say("compare.down_to_by_chance", verdict=word(row["verdict"]), low=low)
+        numbers = (Number(f"{row[of]:,}") for of in ("n_observed", "n_simulated", "outside"))
+        yield [name, *numbers, here, own, verdict]
 
 
 def _within(row: Mapping[str, Any], name: str) -> str:
@@ -176,7 +189,9 @@ def _within(row: Mapping[str, Any], name: str) -> str:
     value, low, high = (row[f"{name}{end}"] for end in ("", "_low", "_high"))
     if np.isnan(value):
         return "-"
-    return f"{value:.1f} ({TOO_FEW if np.isnan(low) else f'{low:.1f} to {high:.1f}'})"
+    if np.isnan(low):
+        return say("compare.too_few", value=Number(f"{value:.1f}"))
+    return say("compare.within", value=value, low=low, high=high)
 
 
 def ranks_text(table: pd.DataFrame) -> str:
@@ -198,44 +213,42 @@ def _ranks(table: pd.DataFrame) -> Iterable[list[str]]:
 
 def _contacts(table: pd.DataFrame) -> Iterable[list[str]]:
     """Observed impacts by reach; speeds and heights with the maxima of their cells."""
-    yield from _stops(table, "observed impacts in cells that")
+    yield from _stops(table, say("compare.impacts_head"))
     for name, maps in VALUES.items():
         maximum = maps[-1]
         if {name, maximum} <= {*table.columns}:
             known = table[table[name].notna() & (table["reach_probability"] > 0)]
             above = (known[name] > known[maximum]).sum()
-            label = f"{name} above the maximum of all that pass, of {len(known):,} known"
-            yield [label, f"{above:,}"]
+            label = say("compare.above_maximum", name=word(name), n=len(known))
+            yield [label, Number(f"{above:,}")]
 
 
-def _stops(
-    table: pd.DataFrame, title: str = "observed stopping places in cells that"
-) -> Iterable[list[str]]:
+def _stops(table: pd.DataFrame, title: str = "") -> Iterable[list[str]]:
     """Observed places by the fraction of the boulders that reach their cell."""
     reach = table["reach_probability"].to_numpy(float)
-    yield [title, "places"]
+    yield [title or say("compare.stops_head"), say("compare.places")]
     for label, inside in (
-        ("10 % of the boulders or more pass", reach >= 0.1),
-        ("1 to 10 % pass", (reach >= 0.01) & (reach < 0.1)),
-        ("less than 1 % pass", (reach > 0) & (reach < 0.01)),
-        ("none passes", reach == 0),
-        ("lie outside of the map", np.isnan(reach)),
+        ("compare.many_pass", reach >= 0.1),
+        ("compare.some_pass", (reach >= 0.01) & (reach < 0.1)),
+        ("compare.few_pass", (reach > 0) & (reach < 0.01)),
+        ("compare.none_passes", reach == 0),
+        ("compare.off_map", np.isnan(reach)),
     ):
-        yield [label, f"{inside.sum():,}"]
+        yield [say(label), Number(f"{inside.sum():,}")]
 
 
-def _rounded(value: float, digits: int, whose: str) -> str:
+def _rounded(value: float, digits: int, whose: str) -> Number:
     """Number rounded to its given digits if observed, else to `digits`."""
     text = _number(value, f".{digits}f")
-    return text.rstrip("0").rstrip(".") if whose == "observed" and "." in text else text
+    return Number(text.rstrip("0").rstrip(".")) if whose == "observed" and "." in text else text
 
 
 def _name(line: str, quantity: str) -> str:
     short = QUANTITIES[quantity].short
-    return f"{line}: {short}" if line else short
+    return say("join.colon", before=line, after=short) if line else short
 
 
-def _number(value: float, digits: str) -> str:
+def _number(value: float, digits: str) -> Number:
     import pandas as pd
 
-    return "-" if pd.isna(value) else format(value, digits)
+    return Number("-" if pd.isna(value) else format(value, digits))

@@ -8,17 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.language import Number, Text, localised, say, word
 from rockfall.protection.demand import ABOVE, ENDS
-from rockfall.protection.design import Design
+from rockfall.protection.design import Design, verdict_of
 from rockfall.protection.factors import Factors
-from rockfall.quantities import DESIGN, number
+from rockfall.quantities import DESIGN, number, within
 from rockfall.text.table import table as aligned
 
 if TYPE_CHECKING:
     import pandas as pd
 
-CHECKED = ["", "height [m]", "height needed [m]", "energy allowed [kJ]"]
-CHECKED += ["E_d [kJ]", "passing [%]", "holds"]
+CHECKED = (  # messages
+    "design.height", "design.height_needed", "design.energy_allowed", "E_d [kJ]",
+    "design.passing", "design.holds",
+)  # fmt: skip
 ABOUT = """\
 Of the boulders that come to each line, in brackets 95 % confidence intervals. Heights are above the
 ground, vertical (as that of &barrier) and normal to the slope. A sheet is no design: see
@@ -51,7 +54,8 @@ def _lines(found: Design) -> Iterator[str]:
 
 def load_rows(loads: Iterable[Mapping[str, Any]]) -> Iterator[list[str]]:
     """Quantiles of loads, with intervals, and the level that one in 1,000 exceeds."""
-    yield ["  loads", "95 %", "99 %", "1 in 1,000"]
+    heads = Number("95 %"), Number("99 %"), say("design.one_in", n=1000)
+    yield [f"  {say('design.loads')}", *heads]
     for row in loads:
         about = DESIGN[row["quantity"]]
         cells = (shown(row, name, about.factor) for name in ("q95", "q99", "level_1000"))
@@ -60,17 +64,17 @@ def load_rows(loads: Iterable[Mapping[str, Any]]) -> Iterator[list[str]]:
 
 def demand_rows(asked: Mapping[str, Any], standard: str) -> Iterator[list[str]]:
     """Requirements of the standard."""
-    yield [f"  {standard}", "design value"]
+    yield [f"  {standard}", say("design.value")]
     yield ["  m_d [t]", number(asked["m_d"] / 1000, up=True)]
     for name, title, factor in (
         ("v_d", "v_d [m/s]", 1.0),
         ("E_d", "E_d [kJ]", 1e-3),
-        ("h_d", "h_d, vertical [m]", 1.0),
-        ("height_needed", "height needed, vertical [m]", 1.0),
-        ("normal_height_needed", "height needed, normal [m]", 1.0),
+        ("h_d", "design.h_d", 1.0),
+        ("height_needed", "design.height_needed_vertical", 1.0),
+        ("normal_height_needed", "design.height_needed_normal", 1.0),
     ):
-        yield [f"  {title}", needed(asked, name, factor)]
-    yield ["  EAD 340059 class", class_name(asked) + unconfirmed(asked)]
+        yield [f"  {say(title)}", needed(asked, name, factor)]
+    yield [f"  {say('design.class')}", class_name(asked) + unconfirmed(asked)]
 
 
 def choice_rows(choices: Iterable[Mapping[str, Any]], residual: float) -> Iterator[list[str]]:
@@ -84,26 +88,33 @@ def choice_rows(choices: Iterable[Mapping[str, Any]], residual: float) -> Iterat
 
 
 def _checks(checks: pd.DataFrame) -> Iterator[list[str]]:
-    yield CHECKED
+    yield check_head()
     for row in checks.to_dict("records"):
         yield check_row(row)
+
+
+def check_head() -> list[str]:
+    """Head of the table of barriers."""
+    return ["", *map(say, CHECKED)]
 
 
 def check_row(row: Mapping[str, Any]) -> list[str]:
     """A barrier and the requirements for it."""
     if not row["n"]:
-        return [f"  {row['line']}", number(row["height"]), "-", "-", "-", "-", "no boulder comes"]
+        blank = ["-"] * (len(CHECKED) - 2)
+        return [f"  {row['line']}", number(row["height"]), *blank, say("design.none_comes")]
     return [
         f"  {row['line']}", number(row["height"]), number(row["height_needed"], up=True),
         number(row["energy_allowed"] / 1000), number(row["E_d"] / 1000, up=True),
         shown(row, "residual", 100.0),
-        row["verdict"],
+        verdict_of(row),
     ]  # fmt: skip
 
 
 def unconfirmed(row: Mapping[str, Any]) -> str:
     """Unconfirmed assumptions of a verdict."""
-    return f"; unconfirmed: {of}" if (of := row.get("unconfirmed")) else ""
+    doubts = (row.get("unconfirmed") or "").split("; ")
+    return f"; {word('unconfirmed')}: {'; '.join(map(word, doubts))}" if doubts != [""] else ""
 
 
 def _along(along: pd.DataFrame) -> Iterator[list[str]]:
@@ -117,13 +128,12 @@ def _along(along: pd.DataFrame) -> Iterator[list[str]]:
         yield [place, f"{row['n']:,}", energy, height, class_name(row)]
 
 
-def factor_lines(factors: Factors) -> Iterator[str]:
+def factor_lines(factors: Factors) -> Iterator[Text]:
     """Partial factors, with those to be confirmed marked."""
-    values = ", ".join(f"{name} {value:.4g}" for name, value in factors.values.items())
-    yield f"Factors: {values}"
+    values = (f"{name} {localised(f'{value:.4g}')}" for name, value in factors.values.items())
+    yield say("design.factors", values=", ".join(values))
     if unconfirmed := factors.unconfirmed:
-        names = ", ".join(unconfirmed)
-        yield f"Unconfirmed, to be set from the standard (--factors): {names}"
+        yield say("design.unconfirmed_factors", names=", ".join(unconfirmed))
 
 
 def shown(row: Mapping[str, Any], name: str, factor: float = 1.0, *, up: bool = False) -> str:
@@ -131,7 +141,7 @@ def shown(row: Mapping[str, Any], name: str, factor: float = 1.0, *, up: bool = 
     value, low, high = (factor * row.get(name + end, np.nan) for end in ("", "_low", "_high"))
     if np.isnan(low) and np.isnan(high):
         return number(value, up=up)
-    return f"{number(value, up=up)} ({number(low)} to {number(high, up=up)})"
+    return within(number(value, up=up), number(low), number(high, up=up))
 
 
 def needed(row: Mapping[str, Any], name: str, factor: float = 1.0) -> str:
@@ -142,5 +152,9 @@ def needed(row: Mapping[str, Any], name: str, factor: float = 1.0) -> str:
 def class_name(row: Mapping[str, Any]) -> str:
     """Sufficient class, and those at the ends of its interval if different."""
     value, low, high = (row[f"ead_class{end}"] for end in ENDS)
-    text = f"{value:.0f}" + (" (declared by its maker)" if value == ABOVE else "")
-    return text if low == value == high else f"{text} ({number(low, 1)} to {number(high, 1)})"
+    text = f"{value:.0f}"
+    if value == ABOVE:
+        text = say("design.declared", value=value)
+    if low == value == high:
+        return text
+    return within(text, number(low, 1), number(high, 1))

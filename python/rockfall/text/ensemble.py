@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.ensemble.sobol_indices import limits, runs_needed
+from rockfall.language import say
 from rockfall.limits import Z
 from rockfall.quantities import SHOWN, number
 from rockfall.text.table import table
@@ -29,7 +30,7 @@ INDICES = {
     "first_order": "of an input alone (first-order Sobol' index)",
     "total": "with all that an input does (total Sobol' index)",
 }
-UNDECIDED = "undecided"
+UNDECIDED = "word.undecided"
 LEAST_EXCESS = 0.005  # minimum visible difference of two indices, in whole per cent
 
 
@@ -46,7 +47,7 @@ def ensemble_summary(found: xr.Dataset) -> str:
         redrawn = int(found["drawn_source_redrawn"].sum())
         text.append(f"  shifts drawn again, as a source left the terrain: {redrawn:,}")
     text += [f"  {one}" for one in orders_reversed(found)]
-    if any(UNDECIDED in one for one in text):
+    if any(say(UNDECIDED) in one for one in text):
         text.append(f"  {more_needed(found)}")
     return "\n".join(text)
 
@@ -55,8 +56,7 @@ def more_needed(found: xr.Dataset) -> str:
     """Runs needed to resolve the undecided indices."""
     errors = np.stack([found[f"{kind}_error"].values for kind in INDICES])
     runs = runs_needed(errors, found.sizes["run"])
-    about = f"{UNDECIDED}: the 95 % interval is longer than half of all that is possible; "
-    return about + f"some {number(runs, 1)} draws would decide (--runs)"
+    return say("ensemble.more_draws", runs=number(runs, 1))
 
 
 def orders_reversed(found: xr.Dataset) -> Iterator[str]:
@@ -75,12 +75,13 @@ def orders_reversed(found: xr.Dataset) -> Iterator[str]:
             k = int(np.argmax(excess := np.nan_to_num(first - total)))
             if excess[k] >= LEAST_EXCESS:
                 kept = within if excess[k] <= Z * np.hypot(*errors)[k] else beyond
-                kept.append(f"{name} ({100 * first[k]:.0f} and {100 * total[k]:.0f} %)")
-        about = f"{line}: first-order index above the total, which cannot be"
+                both = {"first": 100 * first[k], "total": 100 * total[k]}
+                about = say(f"uncertain.{name}")
+                kept.append(say("ensemble.two_indices", name=about, **both))
         if within:
-            yield f"{about}, by no more than the errors of both: {'; '.join(within)}"
+            yield say("ensemble.reversed_within", line=line, inputs=within)
         if beyond:
-            yield f"{about}, by more than their errors allow, take neither: {'; '.join(beyond)}"
+            yield say("ensemble.reversed_beyond", line=line, inputs=beyond)
 
 
 def _line_block(at: xr.Dataset, line: str) -> Iterator[Iterable[str]]:
@@ -116,4 +117,8 @@ def indices_of(one: xr.Dataset, kind: str) -> Iterator[str]:
         if np.isnan(value):
             yield "-"
         else:
-            yield UNDECIDED if np.isnan(index) else f"{index:.0f} ({low:.0f} to {high:.0f})"
+            yield (
+                say(UNDECIDED)
+                if np.isnan(index)
+                else say("ensemble.index", index=index, low=low, high=high)
+            )

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -13,10 +14,10 @@ from rockfall.analysis.hazard.files import object_table
 from rockfall.analysis.hazard.zones import lowered_area, zones_of
 from rockfall.case import case_in
 from rockfall.io.arrays import grid_of
+from rockfall.language import Number, say, unpacked, word
 from rockfall.quantities import count, number, percent
-from rockfall.result.flat_maps import shown
 from rockfall.text.risk import has_layers, risk_lines
-from rockfall.text.segments import segment_lines, within
+from rockfall.text.segments import class_within, frequency_columns, segment_lines, with_interval
 from rockfall.text.table import table
 
 if TYPE_CHECKING:
@@ -54,34 +55,25 @@ def hazard_warnings(found: xr.Dataset) -> Iterator[str]:
     factor = case_in(found.attrs).hazard["frequency_factor"]
     if (limit := unseen(parts, factor)) >= 1 / longest:
         needed = boulders_needed(factor[1] * yearly, longest)
-        yield (
-            f"where none of the boulders passed one may still come every {number(1 / limit, 2)} "
-            f"years: to tell {longest:g} years take {needed:,} boulders or more in each scenario"
-        )
+        yield say("hazard.unseen", years=number(1 / limit, 2), longest=longest, needed=needed)
     minimum_area = case_in(found.attrs).hazard["minimum_area"]
     lowered = lowered_area(zones_of(found), found)
-    parts = [f"{number(lowered[k])} m2 {CLASSES[k]}" for k in range(len(CLASSES)) if lowered[k]]
+    parts = [
+        say("hazard.area_of_class", area=number(lowered[k]), name=word(CLASSES[k]))
+        for k in reversed(range(len(CLASSES)))
+        if lowered[k]
+    ]
     if lowered[RESIDUAL + 1 :].any():
-        yield (
-            f"in zones, minimum_area = {minimum_area:g} m2 gives a lower class to: "
-            f"{'; '.join(reversed(parts))}; their attribute `highest`, and the map, keep it"
-        )
+        yield say("hazard.lowered", minimum_area=minimum_area, parts=parts)
 
 
 def _of_model(found: xr.Dataset) -> Iterator[str]:
     """Remarks common to all scenarios, then those of single ones."""
     if "scenario_warnings" not in found:
-        yield (
-            "the file is of an older version, without what must be said of the model: run the "
-            "hazard again"
-        )
+        yield say("hazard.no_remarks")
         return
-    texts = {
-        str(name): str(text).splitlines()
-        for name, text in zip(
-            found["scenario"].values, found["scenario_warnings"].values, strict=True
-        )
-    }
+    names = map(str, found["scenario"].values)
+    texts = {name: _remarks_of(found, k) for k, name in enumerate(names)}
     said = {
         text: [name for name, own in texts.items() if text in own]
         for own in texts.values()
@@ -91,23 +83,35 @@ def _of_model(found: xr.Dataset) -> Iterator[str]:
         yield text if len(names) == len(texts) else f"{'; '.join(names)}: {text}"
 
 
+def _remarks_of(found: xr.Dataset, k: int) -> list[str]:
+    """Remarks on the model in a scenario; those of older files are in English only."""
+    texts = str(found["scenario_warnings"].values[k]).splitlines()
+    if "scenario_messages" not in found:
+        return texts
+    data = json.loads(str(found["scenario_messages"].values[k]))
+    return [unpacked(one, text) for one, text in zip(data, texts, strict=True)]
+
+
 def scenario_rows(found: xr.Dataset) -> Iterator[list[str]]:
     """Table of the scenarios: annual frequency and number of boulders."""
-    yield ["  scenario", "a year", "years from one to the next", "simulated"]
+    heads = "hazard.a_year", "hazard.years", "hazard.simulated"
+    yield [f"  {say('hazard.scenario')}", *map(say, heads)]
     columns = (found[name].values for name in ("scenario", "frequency", "boulders"))
     for name, yearly, boulders in zip(*columns, strict=True):
-        yield [f"  {name}", number(yearly), number(1 / yearly), f"{boulders:,}"]
+        yield [f"  {name}", number(yearly), number(1 / yearly), Number(f"{boulders:,}")]
 
 
 def class_rows(found: xr.Dataset) -> Iterator[list[str]]:
     """Cells and area of each class present, the highest first."""
     classes, cell = found["hazard_class"].values, grid_of(found["hazard_class"])[0].cell
     certain = found["hazard_class_certain"].values > 0
-    yield ["  hazard", "cells", "area [m2]", "certain"]
+    heads = "hazard.cells", "hazard.area", "hazard.certain"
+    yield [f"  {say('hazard.hazard')}", *map(say, heads)]
     for k in range(len(CLASSES) - 1, 0, -1):
         if (here := classes == k).any():
             area = number(here.sum() * cell**2)
-            yield [f"  {CLASSES[k]}", f"{here.sum():,}", area, percent(certain[here].mean())]
+            certainly = percent(certain[here].mean())
+            yield [f"  {word(CLASSES[k])}", Number(f"{here.sum():,}"), area, certainly]
 
 
 def object_rows(found: xr.Dataset) -> Iterator[list[str]]:
@@ -115,17 +119,12 @@ def object_rows(found: xr.Dataset) -> Iterator[list[str]]:
     rows = object_table(found)
     key = "risk" if "risk" in rows else "frequency"
     rows = rows.iloc[np.argsort(-rows[key].to_numpy(), kind="stable")][:MAX_OBJECTS]
-    above = [shown("threshold", one) for one in found["threshold"].values.tolist()]
-    names = ["frequency", *(f"frequency_above_{one}" for one in above)]
-    titles = ["boulders a year", *(f"above {one}" for one in above)]
+    names, titles = frequency_columns(found)
     risk = ["risk"] if key == "risk" else []
     layer = has_layers(found)
-    head = ["  object (95 %)", *["layer"] * layer, *titles, "hazard"]
-    yield [*head, *(f"{one} a year" for one in risk)]
+    head = [f"  {say('hazard.object')}", *[word("layer")] * layer, *titles, say("hazard.hazard")]
+    yield [*head, *(say("hazard.risk_a_year") for _ in risk)]
     for _, row in rows.iterrows():
-        texts = [within(row, name) for name in names + risk]
-        hazard = row["hazard"]
-        if row["hazard_lower"] != row["hazard_upper"]:
-            hazard += f" ({row['hazard_lower']} to {row['hazard_upper']})"
+        texts = [with_interval(row, name) for name in names + risk]
         first = [f"  {row['object']}", *[row["layer"] for _ in range(layer)]]
-        yield [*first, *texts[: len(names)], hazard, *texts[len(names) :]]
+        yield [*first, *texts[: len(names)], class_within(row), *texts[len(names) :]]

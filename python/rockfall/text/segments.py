@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rockfall.analysis.hazard.segment_files import has_segments, segment_table
-from rockfall.quantities import QUANTITIES, count, number
+from rockfall.language import Number, Text, say, word
+from rockfall.quantities import QUANTITIES, count, number, within
 from rockfall.result.flat_maps import shown
 from rockfall.text.table import table
 
@@ -36,20 +37,30 @@ def segment_rows(found: xr.Dataset) -> Iterator[list[str]]:
     """Segments that are hit most often, with their frequencies, class, energies and heights."""
     rows = segment_table(found).assign(segment=found["segment"].values)
     order = np.argsort(-rows["frequency"].to_numpy(), kind="stable")
-    above = [shown("threshold", one) for one in found["threshold"].values.tolist()]
-    names = ["frequency", *(f"frequency_above_{one}" for one in above)]
+    names, titles = frequency_columns(found)
     heads = [f"{QUANTITIES[name].short}, q95" for name in NUMBERS]
-    titles = ["boulders a year", *(f"above {one}" for one in above)]
-    yield ["  segment (95 %)", *titles, "hazard", *heads]
+    yield [f"  {say('hazard.segment')}", *titles, say("hazard.hazard"), *heads]
     for _, row in rows.iloc[order][:MAX_SEGMENTS].iterrows():
-        hazard = row["hazard"]
-        if row["hazard_lower"] != row["hazard_upper"]:
-            hazard += f" ({row['hazard_lower']} to {row['hazard_upper']})"
-        texts = [within(row, name) for name in names]
-        yield [f"  {row['segment']}", *texts, hazard, *(within(row, NUMBERS[q]) for q in NUMBERS)]
+        texts = [with_interval(row, name) for name in names]
+        values = (with_interval(row, NUMBERS[q]) for q in NUMBERS)
+        yield [f"  {row['segment']}", *texts, class_within(row), *values]
 
 
-def within(row: object, name: str) -> str:
+def frequency_columns(found: xr.Dataset) -> tuple[list[str], list[str]]:
+    """Columns of the annual frequencies, of all boulders and above each threshold; their heads."""
+    thresholds = found["threshold"].values.tolist()
+    names = [f"frequency_above_{shown('threshold', one)}" for one in thresholds]
+    titles = [say("hazard.above", energy=Number(shown("threshold", one))) for one in thresholds]
+    return ["frequency", *names], [say("hazard.boulders_a_year"), *titles]
+
+
+def class_within(row: Mapping[str, Any]) -> str:
+    """Class of hazard, and those at the ends of its interval if they differ."""
+    name, low, high = (word(row[f"hazard{end}"]) for end in ("", "_lower", "_upper"))
+    return name if low == high else within(name, low, high)
+
+
+def with_interval(row: Mapping[str, Any], name: str) -> Text:
     """Number and its interval; "-" for a limit that too few boulders give."""
-    low, high = (number(row[f"{name}{end}"], 2) for end in ("_low", "_high"))  # type: ignore[index]
-    return f"{number(row[name], 2)} ({low} to {high})"  # type: ignore[index]
+    value, low, high = (number(row[f"{name}{end}"], 2) for end in ("", "_low", "_high"))
+    return within(value, low, high)

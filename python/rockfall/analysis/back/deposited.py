@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.analysis.back.witnesses import Witnesses, worth_of
 from rockfall.analysis.deposits import (
     ANYWHERE,
     Blocks,
@@ -35,21 +36,19 @@ from rockfall.quantities import count, number
 if TYPE_CHECKING:
     import xarray as xr
 
-AGAIN = 4  # samples of as many boulders from each run, for predictive probabilities
 HALF = 0.5  # of the other blocks
 
 
 @dataclass
-class Deposited:
-    """Blocks at rest, by their source; see `evidence.Counted` for the methods. The data kept of a
-    run are, for each block, sums over boulders, and the log-densities of as many of its own."""
+class Deposited(Witnesses):
+    """Blocks at rest, by their source, with sums of kernels, squares and weights."""
+
+    SUMS, AGAIN = 3, 4
 
     sets: list[Blocks]
     kernels: list[Kernel]
     widths: list[np.ndarray]  # of kernels at the blocks [m]
-    noise_alone: float  # variance of the log-likelihood by the boulders of a run
     name: str = "blocks at rest"
-    worth: float = 1.0
     own: list[tuple[np.ndarray, np.ndarray]] = field(init=False)  # sums over half of the others
 
     def __post_init__(self) -> None:
@@ -64,7 +63,7 @@ class Deposited:
         kernels = [fitted_kernel(*pair, cell) for pair in zip(sets, rests, strict=True)]
         widths = [_widths_at(*one) for one in zip(kernels, sets, rests, strict=True)]
         noise = sum(map(_noise, kernels, sets, rests, widths))
-        return cls(sets, kernels, widths, noise)
+        return cls(sets, kernels, widths, noise_alone=noise)
 
     @property
     def n(self) -> int:
@@ -72,16 +71,12 @@ class Deposited:
 
     def kept(self, result: xr.Dataset) -> np.ndarray:
         known, random = _starts(result, self.sets), np.random.default_rng(0)
-        sums, again = [], np.zeros(AGAIN)
+        sums, again = [], np.zeros(self.AGAIN)
         for kernel, blocks in zip(self.kernels, self.sets, strict=True):
             rest = at_rest(result, blocks, known)
             sums.append(np.array(kernel_sums(kernel, blocks, rest)))
-            again += log_densities_again(kernel, blocks, rest, AGAIN, random)
+            again += log_densities_again(kernel, blocks, rest, self.AGAIN, random)
         return np.concatenate([np.concatenate(sums, axis=1).ravel(), again])
-
-    def _sums(self, runs: np.ndarray) -> np.ndarray:
-        """Sums over boulders (near, squares, boulders) of runs and blocks."""
-        return np.moveaxis(runs[:, :-AGAIN].reshape(len(runs), 3, self.n), 1, 0)
 
     def log_likelihood(self, runs: np.ndarray) -> np.ndarray:
         near, _, boulders = self._sums(runs)
@@ -102,11 +97,7 @@ class Deposited:
         scale = np.maximum(part.mean(axis=0), self._floor / np.maximum(boulders.mean(axis=0), 1))
         found = (part.var(axis=0, ddof=1) / scale**2).sum()
         times = found / max((expected.mean(axis=0) / scale**2).sum(), 1e-12)
-        self.worth = 1 / (2 * max(times, 1.0) - 1)
-
-    def noise(self, boulders: float) -> float:
-        """Variance of the log-likelihood due to the boulders of a run, to first order."""
-        return self.noise_alone / self.worth
+        self.worth = worth_of(times)
 
     def discrepancy(
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
@@ -115,8 +106,8 @@ class Deposited:
         that depends on the parameters, Gelman, Meng and Stern 1996)."""
         near, _, boulders = self._sums(runs[picked])
         densities = np.log((near + self._floor) / (boulders + ANYWHERE)).sum(axis=1)
-        which = random.integers(AGAIN, size=picked.size)
-        return -densities, -runs[picked, runs.shape[1] - AGAIN + which]
+        which = random.integers(self.AGAIN, size=picked.size)
+        return -densities, -runs[picked, runs.shape[1] - self.AGAIN + which]
 
     def remarks(self, runs: np.ndarray, weight: np.ndarray) -> list[str]:
         """Blocks outside of all deposits of the weighted runs, and the widths of the kernels."""

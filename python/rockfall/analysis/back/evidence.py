@@ -30,6 +30,7 @@ import numpy as np
 
 from rockfall.analysis.back.deposited import Deposited
 from rockfall.analysis.back.marked import Marked
+from rockfall.analysis.back.witnesses import worth_of
 from rockfall.analysis.deposits import MIN_FITTED, at_rest, cell_of, witnesses
 from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.marks import Mark
@@ -109,7 +110,7 @@ class Counted:
         part = runs / runs.sum(axis=1, keepdims=True)
         mean = part.mean(axis=0)
         times = size * part.var(axis=0, ddof=1).sum() / (mean * (1 - mean)).sum()  # over binomial
-        self.worth = 1 / (2 * max(times, 1.0) - 1)
+        self.worth = worth_of(times)
 
     def noise(self, boulders: float) -> float:
         """Variance of the log-likelihood due to the boulders of a run, to first order."""
@@ -163,7 +164,7 @@ class Printed:
         """Set the worth of a simulated boulder, from runs of the same inputs."""
         size, mean, std, _ = runs.T
         times = mean.var(ddof=1) / (std**2 / size).mean()
-        self.worth = 1 / (2 * max(times, 1.0) - 1) if np.isfinite(times) else 1.0
+        self.worth = worth_of(times) if np.isfinite(times) else 1.0
 
     def noise(self, boulders: float) -> float:
         """Variance of the log-likelihood due to the boulders of a run, to first order."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.analysis.back.witnesses import Witnesses, worth_of
 from rockfall.analysis.deposits import ANYWHERE
 from rockfall.analysis.marks import (
     Heights,
@@ -23,23 +24,20 @@ from rockfall.quantities import count
 if TYPE_CHECKING:
     import xarray as xr
 
-AGAIN = 8  # samples of as many hits from each run, for predictive probabilities
-COLUMNS = 4  # of the data kept: sums of kernels, squares and distribution functions; boulders
 FEW = 20  # boulders at a mark, below which it is reported
 
 
 @dataclass
-class Marked:
-    """Marks with their lines in the case; see `evidence.Counted` for the methods. The data kept of
-    a run are, for each mark, sums over boulders; and log-densities of hits by its own boulders,
-    beside those of the marks there."""
+class Marked(Witnesses):
+    """Marks with their lines in the case, with sums of kernels, squares and distribution functions,
+    and boulders; log-densities of hits follow those of the marks by the same boulders."""
+
+    SUMS, AGAIN = 4, 8
 
     marks: list[Mark]
     kernels: list[Heights]
     boulders: int  # of a run
-    noise_alone: float  # variance of the log-likelihood by the boulders of a run
     name: str = "marks"
-    worth: float = 1.0
 
     @classmethod
     def of_run(cls, marks: list[Mark], base: xr.Dataset) -> Marked:
@@ -48,7 +46,7 @@ class Marked:
         every = [mark.height for mark in marks]
         greatest = max([*every, *(one.heights.max(initial=0.0) for one in passing)])
         kernels = [fitted_heights(*pair, greatest) for pair in zip(marks, passing, strict=True)]
-        found = cls(marks, kernels, base.sizes["boulder"], 0.0)
+        found = cls(marks, kernels, base.sizes["boulder"])
         near, squares, _, crossed = found._sums(found.kept(base)[None])[:, 0]
         n = np.maximum(crossed, 1)
         scale = (near + ANYWHERE / kernels[0].top) / n
@@ -60,17 +58,13 @@ class Marked:
         return len(self.marks)
 
     def kept(self, result: xr.Dataset) -> np.ndarray:
-        random, sums, again = np.random.default_rng(0), [], np.zeros((2, AGAIN))
+        random, sums, again = np.random.default_rng(0), [], np.zeros((2, Marked.AGAIN))
         for mark, kernel in zip(self.marks, self.kernels, strict=True):
             heights = passing_at(result, mark).heights
             near, squares, below = height_sums(kernel, mark.height, heights)
             sums.append([near, squares, below, heights.size])
             again += _again(mark, kernel, heights, near, below, random)
         return np.concatenate([np.array(sums).T.ravel(), again.ravel()])
-
-    def _sums(self, runs: np.ndarray) -> np.ndarray:
-        """Sums (COLUMNS) of runs and marks."""
-        return np.moveaxis(runs[:, : -2 * AGAIN].reshape(len(runs), COLUMNS, self.n), 1, 0)
 
     def log_likelihood(self, runs: np.ndarray) -> np.ndarray:
         near, _, below, crossed = self._sums(runs)
@@ -91,19 +85,15 @@ class Marked:
         if some.any():
             scale = part.mean(axis=0)[some] ** 2
             times = (part.var(axis=0, ddof=1)[some] / scale).sum() / (expected[some] / scale).sum()
-            self.worth = 1 / (2 * max(times, 1.0) - 1)
-
-    def noise(self, boulders: float) -> float:
-        """Variance of the log-likelihood due to the boulders of a run, to first order."""
-        return self.noise_alone / self.worth
+            self.worth = worth_of(times)
 
     def discrepancy(
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
         """Log-density of the marks below that of as many hits by the same run, where at least two
         of its boulders pass."""
-        which = random.integers(AGAIN, size=picked.size)
-        both = runs[:, -2 * AGAIN :].reshape(len(runs), 2, AGAIN)[picked, :, which]
+        which = random.integers(Marked.AGAIN, size=picked.size)
+        both = runs[:, -2 * Marked.AGAIN :].reshape(len(runs), 2, Marked.AGAIN)[picked, :, which]
         return -both[:, 0], -both[:, 1]
 
     def remarks(self, runs: np.ndarray, weight: np.ndarray) -> list[str]:
@@ -132,12 +122,12 @@ def _again(
     """Log-density of a mark, and of hits by boulders of the run (2, AGAIN), each given the others;
     0 where fewer than two pass."""
     n = heights.size
-    uniform = random.random((AGAIN, mark.hits))
+    uniform = random.random((Marked.AGAIN, mark.hits))
     if n < 2:
-        return np.zeros((2, AGAIN))
+        return np.zeros((2, Marked.AGAIN))
     chosen = (uniform * n).astype(int)
     highest = heights[chosen].max(axis=1)
-    found = np.empty((2, AGAIN))
+    found = np.empty((2, Marked.AGAIN))
     found[0] = log_density(np.array(near), np.array(below), np.array(n), mark, kernel.top)
     for k, height in enumerate(highest.tolist()):
         mine = height_sums(kernel, height, np.delete(heights, int(np.argmax(heights == height))))

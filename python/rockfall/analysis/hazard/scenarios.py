@@ -10,6 +10,7 @@ import numpy as np
 
 from rockfall.case import Case
 from rockfall.errors import RockfallError
+from rockfall.language import remark, word
 from rockfall.scene.frequencies import stated_frequency
 from rockfall.scene.scene import Scene
 from rockfall.scene.source_attributes import DENSITY
@@ -66,16 +67,14 @@ def scenario_remarks(scene: Scene) -> Iterator[str]:
         for one in case.scenario:
             if not {*keys} & one.keys() or not given.any():
                 continue
-            about = f"{case.name}: &scenario name = '{one['name']}'"
+            place = f"&scenario name = '{one['name']}'"
             if given.all():
                 raise RockfallError(
-                    f"{about}: gives a {what}, and the layer of the sources gives that of every "
-                    "source, which comes first: take it out of one of the two"
+                    f"{case.name}: {place}: gives a {what}, and the layer of the sources gives "
+                    "that of every source, which comes first: take it out of one of the two"
                 )
-            yield (
-                f"{about}: its {what} is that of the sources of which the layer says none; "
-                f"{np.count_nonzero(given):,} of {given.size:,} have their own in all scenarios"
-            )
+            about = {"what": word(what), "part": np.count_nonzero(given), "n": given.size}
+            yield remark(case.name, "input.scenario_and_layer", place=place, **about)
 
 
 def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]:

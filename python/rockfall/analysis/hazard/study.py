@@ -44,13 +44,15 @@ from rockfall.analysis.hazard.vulnerability import KILOJOULE, read_curves
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
+from rockfall.io.input_warnings import InputWarning, stored_warnings
+from rockfall.language import packed
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import read_result
 from rockfall.result.samples import simulated
 from rockfall.scene.frames import frame_files, of_frames
 from rockfall.scene.plausible import implausible, input_warnings
 from rockfall.scene.read import read_scene
-from rockfall.scene.scene import Findings, InputWarning, Scene
+from rockfall.scene.scene import Findings, Scene
 from rockfall.simulation.maps import boulders_per_cluster
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.simulate import run_scene
@@ -297,6 +299,9 @@ def _scenarios(study: Study, runs: list[_Run]) -> dict[str, np.ndarray]:
         "boulders": np.array([run.boulders for run in runs]),
         "boulders_per_cluster": np.array([run.per_cluster for run in runs]),
         "scenario_warnings": np.array(["\n".join(run.warnings) for run in runs], dtype=object),
+        "scenario_messages": np.array(
+            [json.dumps([packed(text) for text in run.warnings]) for run in runs], dtype=object
+        ),
         "scenario_passages": np.stack([run.passages[0] for run in runs]),
         "scenario_energy_exceeded": np.stack([run.passages[1:] for run in runs]),
         "scenario_hits": np.stack([run.hits[0] for run in runs]),
@@ -390,7 +395,7 @@ def _attributes(study: Study, runs: list[_Run]) -> dict[str, Any]:
         "title": study.case.case["title"],
         **{name: first[name] for name in kept if name in first},
         **({"risk_assumptions": "\n".join(exposed.assumptions)} if exposed else {}),
-        "input_warnings": json.dumps(study.warnings),
+        "input_warnings": stored_warnings(study.warnings),
         "case": study.case.text(),
         **{clock: sum(run.attrs[clock] for run in runs) for clock in clocks},
     }

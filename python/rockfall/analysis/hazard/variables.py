@@ -103,6 +103,8 @@ def _table() -> Iterator[tuple[str, Variable]]:
     yield "boulders_per_cluster", Variable(("scenario",), PART, what)
     what = "what must be said of the model in the scenario, a line each"
     yield "scenario_warnings", Variable(("scenario",), "", what)
+    what = "the same as ids of messages and their values, a JSON list"
+    yield "scenario_messages", Variable(("scenario",), "", what)
     what = "simulated boulders that passed"
     yield "scenario_passages", Variable(("scenario", *each), PART, what)
     what = f"simulated boulders {energy}"

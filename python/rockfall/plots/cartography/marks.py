@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.language import say
 from rockfall.plots.cartography.labels import beside
 from rockfall.plots.cartography.rasters import edges, occupied
 from rockfall.plots.style import BARRIER, BLUE, INK, LINE
@@ -41,12 +42,12 @@ def key_of(result: xr.Dataset) -> list[Any]:
     few = len(starts(result)) < FEW_SOURCES
     source: dict[str, Any] = {"marker": "^", "ls": "", "mfc": "white", "mec": INK, "ms": 5}
     source = source if few else {"marker": "s", "ls": "", "mfc": "none", "mec": ROCK, "ms": 5}
-    found = [Line2D([], [], mew=0.7, label="release", **source)]
+    found = [Line2D([], [], mew=0.7, label=say("label.release"), **source)]
     nets = barriers_of(result)
     if len(lines(result)) > len(nets):
-        found.append(Line2D([], [], label="evaluation line", **LINE))
+        found.append(Line2D([], [], label=say("axis.evaluation_line"), **LINE))
     if nets:
-        found.append(Line2D([], [], label="barrier", **NET))
+        found.append(Line2D([], [], label=say("tables.barrier"), **NET))
     return found
 
 

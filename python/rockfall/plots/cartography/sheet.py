@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockfall.language import localised, say
 from rockfall.plots.cartography.labels import Labels, along
 from rockfall.plots.cartography.relief import (
     BROWN,
@@ -138,7 +139,7 @@ def round_scale(rough: float) -> float:
 
 def scale_text(denominator: float, paper: str = "A4") -> str:
     """Scale as text, valid at the size in which a map is drawn."""
-    return f"1:{denominator:,.0f} on {paper}"
+    return say("map.scale", denominator=denominator, paper=paper)
 
 
 def named_crs(crs: Mapping[str, Any]) -> str:
@@ -153,7 +154,7 @@ def crs_text(crs: Mapping[str, Any]) -> str:
     """Coordinate system of a grid mapping, with the EPSG code in its text."""
     code = EPSG.search(str(crs.get("crs_wkt", "")).rstrip())
     parts = [named_crs(crs), f"EPSG:{code[1]}" if code else ""]
-    return ", ".join(filter(None, parts)) or "no coordinate system is given"
+    return ", ".join(filter(None, parts)) or say("sheet.no_crs")
 
 
 def finish(sheet: Sheet, crs: Mapping[str, Any]) -> None:
@@ -218,7 +219,7 @@ def _draw_strip(sheet: Sheet, crs: str) -> None:
         corner = left + k * half / sheet.scale, base
         figure.add_artist(Rectangle(corner, half / sheet.scale, 0.05, transform=inches, **about))
     texts: dict[str, Any] = {"fontsize": SMALL, "transform": inches, "va": "bottom"}
-    for k, end in enumerate(("0", f"{half:g}", f"{2 * half:g} m")):
+    for k, end in enumerate(("0", localised(f"{half:g}"), localised(f"{2 * half:g} m"))):
         at = left + k * half / sheet.scale
         figure.text(at, base + 0.08, end, ha="center" if k else "left", **texts)
     tip = [(right - 0.1, base + 0.2), (right - 0.16, base), (right - 0.1, base + 0.05)]
@@ -228,5 +229,5 @@ def _draw_strip(sheet: Sheet, crs: str) -> None:
     under = base - 0.18
     figure.text(left, under, f"{scale_text(sheet.scale / INCH, sheet.paper)}; {crs}", **texts)
     if sheet.contours is not None and sheet.contours.curves:
-        note = f"contours every {sheet.contours.interval:g} m"
+        note = say("map.contours", interval=sheet.contours.interval)
         figure.text(right - 0.4, base + 0.02, note, ha="right", color=BROWN, **texts)

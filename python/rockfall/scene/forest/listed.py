@@ -14,6 +14,7 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 from rockfall.io.layers import EXTENSIONS, attribute, extent, named_attribute, read_points
 from rockfall.io.tables import read_table
+from rockfall.language import remark
 from rockfall.limits import MAX_REAL
 from rockfall.scene.forest.made import Cells, conifer_shares
 from rockfall.scene.forest.species import BROADLEAF, CONIFER, Species, read_species
@@ -52,7 +53,8 @@ def listed_trees(inputs: Inputs) -> Planted:
             f"the terrain: {extent(grid.west, grid.south, grid.east, grid.north)}"
         )
     if out := np.count_nonzero(~inside):
-        inputs.remarks.append(f"{path}: {out:,} of {x.size:,} trees stand outside the terrain")
+        numbers = {"part": int(out), "n": x.size}
+        inputs.remarks.append(remark(path, "input.trees_outside", **numbers))
     if found.species is None:
         factor = _drawn_factors(inputs, path, found, inside)
     else:

@@ -17,6 +17,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 from rockfall.io.grid import row_blocks
+from rockfall.language import remark
 from rockfall.scene.forest.species import BROADLEAF, CONIFER, Species, read_species
 from rockfall.scene.forest.stands import Stands, read_stands
 from rockfall.scene.forest.thinning import is_thinned
@@ -92,10 +93,8 @@ def _columns(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[int, np.nd
             counts = _core.stand_counts(forest["seed"], nx, row + 1, expected, even)
             yield row, np.repeat(columns, counts)
     if densest < THINNEST:
-        area = "each cell" if stands is None else "another area"
-        inputs.remarks.append(
-            f"&forest stems: {densest:.3g} stems a hectare at most: were they meant for {area}?"
-        )
+        key = "input.thin_cells" if stands is None else "input.thin_stands"
+        inputs.remarks.append(remark("&forest stems", key, densest=float(densest)))
 
 
 def _densities(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[slice, np.ndarray]]:
@@ -158,9 +157,8 @@ def _shares(inputs: Inputs, percent: np.ndarray) -> np.ndarray:
     """Fractions of percentages of conifers; fractions given for percentages are doubted."""
     _check(inputs, "conifers", percent, (percent >= 0) & (percent <= 100))
     if 0 < percent.max() <= 1:
-        inputs.remarks.append(
-            f"&forest conifers: {percent.max():g} % at most: was it meant as a share of one?"
-        )
+        largest = float(percent.max())
+        inputs.remarks.append(remark("&forest conifers", "input.conifers", largest=largest))
     return percent / 100
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.io.layers import read_polygons
 from rockfall.io.polygons import disjoint, on_terrain, points_inside, touched_cells
+from rockfall.language import remark
 from rockfall.scene.forest.attributes import NAMES, Attributes
 from rockfall.scene.forest.species import Species
 from rockfall.scene.forest.trees import HECTARE, Stand
@@ -118,14 +119,13 @@ def _areas(inputs: Inputs, path: Path, shapes: np.ndarray) -> np.ndarray:
 
     shapes, shared = disjoint(shapes, str(path))
     if shared > 0:
-        inputs.remarks.append(
-            f"{path}: stands overlap by {shared:.3g} m2 in slivers: the later one counts there"
-        )
+        inputs.remarks.append(remark(path, "input.stands_overlap", area=float(shared)))
     parts = on_terrain(shapes, inputs.grid)
     if out := np.count_nonzero(shapely.area(parts) == 0):
         if out == parts.size:
             raise RockfallError(f"{path}: no stand lies on the terrain")
-        inputs.remarks.append(f"{path}: {out:,} of {parts.size:,} stands lie outside the terrain")
+        numbers = {"part": int(out), "n": parts.size}
+        inputs.remarks.append(remark(path, "input.stands_outside", **numbers))
     return parts
 
 

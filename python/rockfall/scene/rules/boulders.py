@@ -11,10 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockfall.grounds import ABSORBS, repose
+from rockfall.io.input_warnings import InputWarning
+from rockfall.language import say
 from rockfall.quantities import percent
 from rockfall.scene.ground import falls_and_rises
 from rockfall.scene.rebound import sphere_radius
-from rockfall.scene.scene import InputWarning, Scene
+from rockfall.scene.scene import Scene
 from rockfall.scene.source_attributes import LAWS, values_of
 from rockfall.scene.surface import radius_over_rg
 
@@ -53,17 +55,9 @@ def _source_cells(scene: Scene) -> Iterator[InputWarning]:
         return
     where, top = f"&release cells = '{release['cells']}'", -int(values.value)
     if top in NO_DATA and values.next < math.inf:
-        yield InputWarning(
-            where,
-            f"{top} in {values.count:,} cells, which makes them sources: is it a nodata value that "
-            "the file does not declare?",
-        )
+        yield InputWarning(where, say("input.source_cells", value=top, n=values.count))
     elif scene.x.size == scene.ground.known and not release["steep_cells"]:
-        yield InputWarning(
-            where,
-            f"every cell of the terrain is a source: is {top} a nodata value that the file does "
-            "not declare?",
-        )
+        yield InputWarning(where, say("input.all_sources", value=top))
 
 
 def _source_points(scene: Scene) -> Iterator[InputWarning]:
@@ -81,12 +75,11 @@ def _source_points(scene: Scene) -> Iterator[InputWarning]:
     k = int(np.argmax(counts))
     if counts[k] > 1:
         more = np.count_nonzero(counts > 1) - 1
-        also = f", {more:,} more several times" if more else ""
+        key = "input.sources_given_again" if more else "input.source_given_again"
         points = "x, y" if "x" in release else f"points = '{release['points']}'"
         yield InputWarning(
             f"&release {points}",
-            f"the source ({places[0, k]:.12g}, {places[1, k]:.12g}) is given {counts[k]} times"
-            f"{also}: it releases as many times the boulders",
+            say(key, x=places[0, k], y=places[1, k], times=counts[k], more=more),
         )
 
 
@@ -96,21 +89,12 @@ def _release(scene: Scene) -> Iterator[InputWarning]:
     if (values := values_of(scene.case, scene.features)) is not None:
         drop, speed = values[:, 1].max(), np.linalg.norm(values[:, 2:], axis=1).max()
     if not drop and not speed:
-        yield InputWarning(
-            "&release",
-            "no drop_height and no velocity: boulders stay where the ground is flatter than "
-            "rest_angle",
-        )
+        yield InputWarning("&release", say("input.no_drop"))
     if drop > DROP:
-        yield InputWarning(
-            f"&release drop_height = {drop:g}",
-            f"boulders start {drop:g} m above the ground: was it meant in cm, or as an elevation?",
-        )
+        yield InputWarning(f"&release drop_height = {drop:g}", say("input.high_drop", drop=drop))
     if speed > SPEED:
-        yield InputWarning(
-            "&release velocity",
-            f"{speed:g} m/s, {3.6 * speed:,.0f} km/h: was it meant in km/h?",
-        )
+        text = say("input.fast_release", speed=speed, fast=3.6 * speed)
+        yield InputWarning("&release velocity", text)
 
 
 def _densities(scene: Scene) -> Iterator[InputWarning]:
@@ -122,8 +106,8 @@ def _densities(scene: Scene) -> Iterator[InputWarning]:
         densities = np.array([scene.case.boulder["density"]]) if values is None else values[:, 0]
     for density in dict.fromkeys((densities.min(), densities.max())):
         if not DENSITIES[0] <= density <= DENSITIES[1]:
-            unit = "; was it meant in t/m3?" if 1 <= density <= 4 else ""
-            yield InputWarning(f"{where} = {density:g} kg/m3", f"rocks have 2000 to 3200{unit}")
+            key = "input.density_in_tonnes" if 1 <= density <= 4 else "input.density"
+            yield InputWarning(f"{where} = {density:g} kg/m3", say(key))
 
 
 class _Volumes(NamedTuple):
@@ -166,11 +150,7 @@ def _volumes(scene: Scene) -> Iterator[InputWarning]:
         found["sides"] = largest, f"&boulder d1, d2, d3: {largest:g} m3"
     for volume, where in found.values():
         if volume > VOLUME:
-            yield InputWarning(
-                where,
-                f"a boulder {2 * sphere_radius(volume):.0f} m across: was it meant in dm3 "
-                "(litres)?",
-            )
+            yield InputWarning(where, say("input.volume", across=2 * sphere_radius(volume)))
 
 
 def _spreads(scene: Scene) -> Iterator[InputWarning]:
@@ -185,12 +165,9 @@ def _spreads(scene: Scene) -> Iterator[InputWarning]:
     for ratio, where, mean, std in found.values():
         after = truncated_mean(mean, std)
         if after > (1 + TRUNCATED) * mean:
-            percent = "; was it meant in percent?" if ratio >= SPREAD else ""
-            yield InputWarning(
-                f"{where} volume_std = {std:g} m3",
-                f"cut at zero, the normal distribution has a mean of {after:.3g} m3, not "
-                f"{mean:g} m3{percent}",
-            )
+            key = "input.spread_in_percent" if ratio >= SPREAD else "input.spread"
+            text = say(key, after=after, mean=mean)
+            yield InputWarning(f"{where} volume_std = {std:g} m3", text)
 
 
 def truncated_mean(mean: float, std: float) -> float:
@@ -203,8 +180,8 @@ def truncated_mean(mean: float, std: float) -> float:
 def _gravity(scene: Scene) -> Iterator[InputWarning]:
     gravity = scene.case.flight["gravity"]
     if not GRAVITY[0] <= gravity <= GRAVITY[1]:
-        unit = "; was it meant in cm/s2?" if 900 < gravity < 1000 else ""
-        yield InputWarning(f"&flight gravity = {gravity:g} m/s2", f"the Earth has 9.81{unit}")
+        key = "input.gravity_in_cm" if 900 < gravity < 1000 else "input.gravity"
+        yield InputWarning(f"&flight gravity = {gravity:g} m/s2", say(key))
 
 
 def _rocks(scene: Scene) -> Iterator[InputWarning]:
@@ -219,12 +196,8 @@ def _rocks(scene: Scene) -> Iterator[InputWarning]:
         usual = np.isfinite(sizes) & (sizes != RG_FULL)
         largest = np.max(sizes, initial=0.0, where=usual)
     if largest > limit and (surface["method"] == "B" or largest != RG_FULL):
-        what = "obstacles" if surface["method"] == "A" else "a mean radius"
-        yield InputWarning(
-            "&surface",
-            f"{what} of {largest:g} m: the ground is made of rocks of that size; was it meant in "
-            "cm?",
-        )
+        key = "input.obstacles" if surface["method"] == "A" else "input.mean_radius"
+        yield InputWarning("&surface", say(key, largest=largest))
 
 
 def _order(scene: Scene) -> Iterator[InputWarning]:
@@ -237,11 +210,7 @@ def _order(scene: Scene) -> Iterator[InputWarning]:
     if ground.used:
         falling, rising = falls_and_rises(ground.sizes[sorted(ground.used)].T)
     if falling > ORDERED * (falling + rising):
-        yield InputWarning(
-            "&surface rg70, rg20, rg10",
-            "obstacles met at 70 % are larger than those met at 10 %, nearly everywhere: are they "
-            "in the wrong order?",
-        )
+        yield InputWarning("&surface rg70, rg20, rg10", say("input.wrong_order"))
 
 
 def _rests(scene: Scene) -> Iterator[InputWarning]:
@@ -262,12 +231,8 @@ def _rests(scene: Scene) -> Iterator[InputWarning]:
     slope = np.degrees(np.arctan(np.concatenate(scene.ground.slopes)))
     here = np.append(False, smooth)[number] & (slope > SMOOTH_REST) & (slope <= angle)
     if here.size and (fraction := float(here.mean())) > RESTING:
-        yield InputWarning(
-            f"&impact rest_angle = {angle:g}",
-            f"{percent(fraction)} of the terrain is ground without rocks (meadow, soil, road, "
-            f"bedrock) of {SMOOTH_REST:g} to {angle:g} degrees: slow boulders rest there, where "
-            f"nothing may hold them; compare with rest_angle = {SMOOTH_REST:g}",
-        )
+        about = {"fraction": percent(fraction), "low": SMOOTH_REST, "high": angle}
+        yield InputWarning(f"&impact rest_angle = {angle:g}", say("input.rests", **about))
 
 
 def _forest(scene: Scene) -> Iterator[InputWarning]:
@@ -278,15 +243,12 @@ def _forest(scene: Scene) -> Iterator[InputWarning]:
     dbh, density = float(diameters.mean()), scene.trees.x.size / scene.trees.area()
     thin = int(np.count_nonzero(diameters < SAPLING))
     if not DBH[0] <= dbh <= DBH[1]:
-        unit = "m" if dbh < DBH[0] else "mm"
-        yield InputWarning("&forest", f"a mean diameter of {dbh:.3g} cm: was it meant in {unit}?")
+        key = "input.dbh_in_m" if dbh < DBH[0] else "input.dbh_in_mm"
+        yield InputWarning("&forest", say(key, dbh=dbh))
     elif "trees" in scene.case.forest and thin > np.count_nonzero(diameters < THIN) - thin:
         yield InputWarning(
             f"&forest trees = '{scene.case.forest['trees']}'",
-            f"{thin:,} of {diameters.size:,} stems have diameters below {SAPLING:g} cm: are they "
-            "in m among others in cm?",
+            say("input.thin_stems", part=thin, n=diameters.size, thinnest=SAPLING),
         )
     if density > DENSE:
-        yield InputWarning(
-            "&forest", f"{density:,.0f} stems a hectare: were they meant for each cell?"
-        )
+        yield InputWarning("&forest", say("input.dense_stems", density=density))

@@ -6,8 +6,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from rockfall.io.input_warnings import InputWarning
+from rockfall.language import say
 from rockfall.scene.frequencies import stated_frequency
-from rockfall.scene.scene import InputWarning, Scene
+from rockfall.scene.scene import Scene
 from rockfall.terrain.dams import FINE, DamShape, finer
 
 NET = 15.0  # [m] nets are up to 10 m high, walls hardly higher
@@ -33,16 +35,9 @@ def _barriers(scene: Scene) -> Iterator[InputWarning]:
     for one in scene.case.barrier:
         where = f"&barrier name = '{one['name']}'"
         if one.get("height", 0.0) > NET:
-            yield InputWarning(
-                where,
-                f"height = {one['height']:g} m: nets are up to 10 m high; was it meant in cm?",
-            )
+            yield InputWarning(where, say("input.net_height", height=one["height"]))
         if one.get("capacity", 0.0) > CAPACITY:
-            yield InputWarning(
-                where,
-                f"capacity = {one['capacity']:,.0f} kJ: the strongest nets take 10,000 kJ; was it "
-                "meant in J?",
-            )
+            yield InputWarning(where, say("input.net_capacity", capacity=one["capacity"]))
 
 
 def dam_rules(dams: Iterable[DamShape], cell: float) -> Iterator[InputWarning]:
@@ -51,43 +46,23 @@ def dam_rules(dams: Iterable[DamShape], cell: float) -> Iterator[InputWarning]:
         asked, _, slope = one.requested
         where = f"&dam {number}, height = {asked:g}, slope = {slope:g}"
         if one.face_cells < FINE:
-            yield InputWarning(
-                where,
-                f"its face is {one.face:.2g} m wide, {one.face_cells:.2g} cells of "
-                f"{cell:g} m: on fewer than {FINE:g} cells boulders meet another shape, "
-                "and more of them may pass; resample the terrain to cells of "
-                f"{finer(one):g} m or less",
-            )
+            shape = {"face": one.face, "cells": one.face_cells, "cell": cell}
+            text = say("input.dam_face", **shape, fewest=FINE, finer=finer(one))
+            yield InputWarning(where, text)
         if one.height_min < LOWERED * asked:
-            yield InputWarning(
-                where,
-                f"on the raster its crest is only {one.height_min:.2g} m high at its lowest place: "
-                "cells are too coarse for its crest",
-            )
+            yield InputWarning(where, say("input.dam_crest", height=one.height_min))
         if asked > DAM:
-            yield InputWarning(
-                where, f"dams against rockfall are up to {DAM:g} m high: was it meant in cm?"
-            )
+            yield InputWarning(where, say("input.dam_height", highest=DAM))
         if slope < FLAT:
-            yield InputWarning(
-                where,
-                f"a face of {slope:g} degrees is a ramp: was it meant as a ratio of height to "
-                "width?",
-            )
+            yield InputWarning(where, say("input.dam_slope", slope=slope))
 
 
 def _hazard(scene: Scene) -> Iterator[InputWarning]:
     hazard = scene.case.hazard
     if (largest := max(hazard["thresholds"])) > THRESHOLD:
-        yield InputWarning(
-            "&hazard thresholds",
-            f"a threshold of {largest:,.0f} kJ: no barrier takes so much; was it meant in J?",
-        )
+        yield InputWarning("&hazard thresholds", say("input.threshold", largest=largest))
     if (shortest := min(hazard["return_periods"])) < PERIOD:
-        yield InputWarning(
-            "&hazard return_periods",
-            f"a return period of {shortest:g} years: was a frequency meant?",
-        )
+        yield InputWarning("&hazard return_periods", say("input.return_period", shortest=shortest))
 
 
 def _scenarios(scene: Scene) -> Iterator[InputWarning]:
@@ -95,18 +70,15 @@ def _scenarios(scene: Scene) -> Iterator[InputWarning]:
         frequency = stated_frequency(one, scene.case.boulder)
         if frequency > FREQUENCY[one["frequency_per"]]:
             key = next(key for key in ("frequency", "return_period", "activity") if key in one)
-            other = "return period" if key == "frequency" else "frequency"
+            other = "input.was_return_period" if key == "frequency" else "input.was_frequency"
             yield InputWarning(
                 f"&scenario name = '{one['name']}' {key} = {one[key]:g}, "
                 f"frequency_per = '{one['frequency_per']}'",
-                f"{frequency:,g} boulders in a year: was a {other} meant?",
+                say(other, frequency=frequency),
             )
 
 
 def _ensemble(scene: Scene) -> Iterator[InputWarning]:
     error, cell = scene.case.ensemble["dem_error"], scene.grid.cell
     if error > cell:
-        yield InputWarning(
-            f"&ensemble dem_error = {error:g} m",
-            f"elevations are less certain than a cell of {cell:g} m is wide: was it meant in cm?",
-        )
+        yield InputWarning(f"&ensemble dem_error = {error:g} m", say("input.dem_error", cell=cell))

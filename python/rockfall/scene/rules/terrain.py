@@ -10,8 +10,10 @@ import numpy as np
 
 from rockfall.case import FROM_ARRAY
 from rockfall.io.crs import crs_name, length_scale
+from rockfall.io.input_warnings import InputWarning
+from rockfall.language import Number, Text, say
 from rockfall.scene.ground import LOWEST_LAND
-from rockfall.scene.scene import InputWarning, Scene
+from rockfall.scene.scene import Scene
 
 LOW, HIGH = -9000.0, 9000.0  # elevations [m]: below the deepest sea slopes, above Everest
 GAP = 300.0  # [m] from the lowest elevation to the next: no terrain has so large a gap
@@ -37,79 +39,62 @@ def dem_rules(scene: Scene) -> Iterator[InputWarning]:
         yield from (InputWarning(where, text) for text in rule(scene))
 
 
-def _nodata(scene: Scene) -> Iterator[str]:
+def _nodata(scene: Scene) -> Iterator[Text]:
     """Nodata values that the file does not declare."""
     ground = scene.ground
-    ends = (ground.low, 1, LOW, "below"), (ground.high, -1, -HIGH, "above")
-    for found, sign, limit, word in ends:
+    ends = (
+        (ground.low, 1, LOW, "input.elevation_below"),
+        (ground.high, -1, -HIGH, "input.elevation_above"),
+    )
+    for found, sign, limit, key in ends:
         value, apart = sign * found.value, found.next - found.value
         is_usual = sign > 0 and value in USUAL and found.count < MOST * ground.known
         gap = USUAL_GAP if is_usual else GAP
         if found.value <= limit or (found.count > 1 and gap < apart < math.inf):
-            where = "" if math.isinf(apart) else f", {apart:,.0f} m {word} all others"
-            yield (
-                f"elevation {value:.6g} m in {found.count:,} cells{where}: is it a nodata value "
-                "that the file does not declare?"
-            )
+            key = "input.elevation_everywhere" if math.isinf(apart) else key
+            yield say(key, value=value, n=found.count, apart=apart)
 
 
-def _low(scene: Scene) -> Iterator[str]:
+def _low(scene: Scene) -> Iterator[Text]:
     """Elevations between those of land and a nodata value, as resampling creates them at voids."""
     low, deep = scene.ground.low, scene.ground.deep
     if LOW < low.value < LOWEST_LAND and not (low.count == deep and low.next - low.value > GAP):
-        yield (
-            f"{deep:,} cells are below {LOWEST_LAND:g} m, the lowest at {low.value:,.0f} m: no "
-            "land is so low; was a nodata value resampled as if it were an elevation?"
-        )
+        yield say("input.too_low", n=deep, land=LOWEST_LAND, lowest=low.value)
 
 
-def _spikes(scene: Scene) -> Iterator[str]:
+def _spikes(scene: Scene) -> Iterator[Text]:
     """Single cells that differ from all their neighbours, and are not reported above."""
     ground = scene.ground
     if not ground.spikes or ground.low.value < LOWEST_LAND or -ground.high.value >= HIGH:
         return
     x, y, apart = ground.spike
-    yield (
-        f"cells that rise or fall from all eight around them like no rock: {ground.spikes:,}, the "
-        f"most at {x:.10g}, {y:.10g} by {apart:,.0f} m: are they errors of the survey, or nodata?"
-    )
+    yield say("input.spikes", n=ground.spikes, x=x, y=y, apart=apart)
 
 
-def _units(scene: Scene) -> Iterator[str]:
+def _units(scene: Scene) -> Iterator[Text]:
     """Degrees or feet that the file does not declare."""
     grid, (_, half, steep) = scene.grid, scene.ground.quantiles()
     west, east, south, north = FULL_CIRCLE
     inside = grid.west >= west and grid.east <= east and grid.south >= south and grid.north <= north
     if grid.crs is None and grid.cell < SMALL_CELL and inside and half > _degrees(WALL):
         cell = np.format_float_positional(grid.cell, 3, fractional=False, trim="-")
-        yield (
-            f"cells of {cell} between x {grid.west:g} and {grid.east:g}, y {grid.south:g} and "
-            f"{grid.north:g} look like degrees: metres are needed"
-        )
+        ends = {"west": grid.west, "east": grid.east, "south": grid.south, "north": grid.north}
+        yield say("input.degrees", cell=Number(cell), **ends)
     elif half > STEEP or (half > FEET[0] and steep > FEET[1]):
-        yield (
-            f"half of the terrain is steeper than {half:.0f} degrees: are its elevations in "
-            "metres, as its cells are?"
-        )
+        yield say("input.steep", half=half)
 
 
 def _degrees(tangent: float) -> float:
     return math.degrees(math.atan(tangent))
 
 
-def _projection(scene: Scene) -> Iterator[str]:
+def _projection(scene: Scene) -> Iterator[Text]:
     scale = length_scale(scene.grid)
     if abs(scale - 1) > SCALE:
-        yield (
-            f"{crs_name(scene.grid.crs)} draws lengths {scale:.2f} times as long as they are here, "
-            "elevations not: slopes are wrong; reproject to UTM or the country's own system"
-        )
+        yield say("input.projection", crs=crs_name(scene.grid.crs), scale=scale)
 
 
-def _steps(scene: Scene) -> Iterator[str]:
+def _steps(scene: Scene) -> Iterator[Text]:
     ground, slope = scene.ground, _degrees(1 / scene.grid.cell)
     if ground.integers and slope > STEP_SLOPE and ground.steps > STEPS * ground.spans:
-        yield (
-            "elevations are whole metres: the ground is made of steps, which turn slopes by up to "
-            f"{slope:.0f} degrees"
-        )
+        yield say("input.steps", slope=slope)

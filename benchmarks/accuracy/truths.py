@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Options and file of a calibration by made truths, which goes on where it was interrupted."""
+
+import argparse
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pandas as pd
+
+from benchmarks.machine import machine
+
+
+def parser_of(about: str, **numbers: int) -> argparse.ArgumentParser:
+    """Parser of a calibration: the file of its truths, and numbers with their defaults."""
+    parser = argparse.ArgumentParser(description=about.splitlines()[0])
+    parser.add_argument("file", type=Path)
+    for name, value in numbers.items():
+        parser.add_argument(f"--{name}", type=int, default=value)
+    return parser
+
+
+def all_truths(
+    file: Path, key: list[str], truths: Iterable[tuple], rows_of: Callable[..., pd.DataFrame]
+) -> pd.DataFrame:
+    """Rows of all truths, made and appended to the file for those that it lacks; `key` are the
+    columns that name a truth."""
+    print(machine())
+    done = {*pd.read_csv(file)[key].itertuples(index=False, name=None)} if file.exists() else set()
+    with TemporaryDirectory() as folder:
+        for truth in truths:
+            if truth not in done:
+                rows = rows_of(Path(folder), *truth)
+                rows.to_csv(file, mode="a", header=not file.exists(), index=False)
+    return pd.read_csv(file)

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What blocks at rest and marks share: witnesses of boulders that nobody compared one by one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+
+def worth_of(times: float) -> float:
+    """Worth of a simulated boulder, where frequencies of runs of the same inputs vary so many times
+    as by their boulders: a member and the field each have such a deviation."""
+    return 1 / (2 * max(times, 1.0) - 1)
+
+
+@dataclass(kw_only=True)
+class Witnesses:
+    """Base of the data of witnesses; see `evidence.Counted` for the methods. The data kept of a run
+    are, for each witness, sums over boulders; and log-densities of its own boulders instead."""
+
+    SUMS: ClassVar[int]  # over boulders, of each witness
+    AGAIN: ClassVar[int]  # samples of as many boulders from each run, for predictive probabilities
+
+    noise_alone: float = 0.0  # variance of the log-likelihood by the boulders of a run
+    worth: float = 1.0
+
+    @property
+    def n(self) -> int:
+        raise NotImplementedError
+
+    def _sums(self, runs: np.ndarray) -> np.ndarray:
+        """Sums over boulders (SUMS) of runs and witnesses."""
+        kept = runs[:, : self.SUMS * self.n].reshape(len(runs), self.SUMS, self.n)
+        return np.moveaxis(kept, 1, 0)
+
+    def noise(self, boulders: float) -> float:
+        """Variance of the log-likelihood due to the boulders of a run, to first order."""
+        return self.noise_alone / self.worth

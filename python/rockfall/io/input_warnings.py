@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Likely mistakes in inputs, as files of results store them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+from rockfall.io.layers import REPROJECTED
+from rockfall.language import Text, packed, unpacked
+
+
+class InputWarning(NamedTuple):
+    """An input that is likely a mistake."""
+
+    where: str  # file, group and key, with the names used in the case
+    text: str  # its literal meaning, and what may have been meant
+
+    @classmethod
+    def of(cls, stored: Sequence[Any]) -> InputWarning:
+        """Warning from the attribute `input_warnings` of a file; older ones hold English only."""
+        where, text, *data = stored
+        return cls(str(where), unpacked(data[0] if data else None, text))
+
+    @property
+    def is_reprojection(self) -> bool:
+        """Return True if a layer was reprojected, which reports list with the files."""
+        if isinstance(self.text, Text):
+            return self.text.key.startswith("input.reprojected")
+        return self.text.startswith(REPROJECTED)
+
+
+def stored_warnings(warnings: Iterable[InputWarning]) -> str:
+    """Attribute `input_warnings` of a file: place and English text, with its message."""
+    return json.dumps([[*one, packed(one.text)] for one in warnings])
