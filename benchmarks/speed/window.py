@@ -45,7 +45,8 @@ def serve(path: Path, folder: Path, said: Connection) -> None:
     warnings.simplefilter("ignore")
     os.environ["XDG_STATE_HOME"] = str(folder)
     server = Server(Room(path), bind(0), page=folder, grace=0.0)
-    server.run(lambda: said.send(server.url))
+    said.send(server.url)
+    server.run()
 
 
 def messages(socket: ClientConnection) -> Iterator[dict[str, Any]]:

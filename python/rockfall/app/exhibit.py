@@ -101,7 +101,10 @@ class Exhibit:
             "total": int(attrs["boulders_requested"]), "complete": bool(attrs["complete"]),
             "seconds": float(attrs["wall_seconds"]),
         }  # fmt: skip
-        yield "batch", batch_message(result, self.case, view.map, self._ground, **about)
+        yield (
+            "batch",
+            batch_message(result, self.case, view.map, self._ground, self.language, **about),
+        )
         some = trajectories(result, view.trajectories) if view.trajectories else []
         density = np.array([self.case.boulder["density"]])
         mass = masses(result, [one.boulder for one in some], density)

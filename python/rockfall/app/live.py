@@ -23,6 +23,7 @@ from rockfall.app.pictures import (
     background_message,
     batch_message,
     masses,
+    speaker,
     trajectory_message,
 )
 from rockfall.app.places import entry_of, without_files
@@ -32,6 +33,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.raster import read_dem
 from rockfall.language import speaking
 from rockfall.result.variables import EXCEEDED, MAP
+from rockfall.scene.plausible import input_warnings
 from rockfall.session.batch import Batch
 from rockfall.session.session import Session, open_session, scene_of
 
@@ -198,7 +200,11 @@ class Live:
                 made = runnable(self.site, document)
                 self._change(made)
                 assert self._session is not None
-                warnings = [without_files(one, self.site) for one in self._session.warnings]
+                speak = speaker(made.case, self.language)
+                warnings = [
+                    f"{without_files(where, self.site)}: {speak(text)}"
+                    for where, text in input_warnings(scene_of(self._session))
+                ]
             except Refused as refused:
                 errors = [refused.entry()]
             except RockfallError as refusal:
@@ -210,8 +216,9 @@ class Live:
             self._show_background(made)
             batches = self._session.run(cancel=self._cancel, batch_seconds=STEP)
             self._progress = _Progress(
-                batches, revision, self.view, self._ground, _densities(made), self._send
-            )
+                batches, revision, self.view, self._ground, _densities(made), self._send,
+                self.language,
+            )  # fmt: skip
 
     def _show_background(self, made: Runnable) -> None:
         """Send what of the case is no feature, if it has changed."""
@@ -264,11 +271,12 @@ class _Progress:
 
     def __init__(
         self, batches: Iterator[Batch], revision: int, view: View, ground: Ground,
-        density: np.ndarray, send: Send,
+        density: np.ndarray, send: Send, language: str,
     ) -> None:  # fmt: skip
         self.over, self.told_running = False, True
         self._batches, self._revision, self._view = batches, revision, view
         self._ground, self._density, self._send = ground, density, send
+        self._language = language
         self._sent: set[int] = set()  # numbers of the boulders whose trajectories were sent
         self._begun = time.perf_counter()
         self._due = self._begun + FIRST  # of the next message
@@ -307,7 +315,7 @@ class _Progress:
         if batch.seconds and batch.boulders:
             left = batch.seconds / batch.boulders * (batch.total - batch.boulders)
         message = batch_message(
-            result, batch.case, self._view.map, self._ground,
+            result, batch.case, self._view.map, self._ground, self._language,
             revision=self._revision, boulders=batch.boulders, total=batch.total,
             complete=batch.complete, running=running and not batch.complete,
             seconds=batch.seconds, seconds_left=left,

@@ -13,6 +13,7 @@ from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.app.messages import binary_message
 from rockfall.case import Case
+from rockfall.html_report.sentences import Speaker
 from rockfall.io.arrays import grid_of
 from rockfall.io.crs import crs_name
 from rockfall.io.grid import Grid
@@ -127,10 +128,11 @@ def map_choices(names: Sequence[str]) -> list[dict[str, str]]:
 
 
 def batch_message(
-    result: xr.Dataset, case: Case, shown: str, ground: Ground, **about: Any
+    result: xr.Dataset, case: Case, shown: str, ground: Ground, language: str, **about: Any
 ) -> bytes:
     """Message `batch` of the results so far, with the map of a name if there is one."""
-    warnings = [one.text for one in model_remarks(result, case) if one.is_warning]
+    speak = speaker(case, language)
+    warnings = [speak(f"{one.text}.") for one in model_remarks(result, case) if one.is_warning]
     statistics = line_statistics(result, quantities=SHOWN)
     arrays = _stops(result, ground)
     overlay = None
@@ -140,6 +142,11 @@ def batch_message(
         "batch", arrays, **about, warnings=warnings, ended=ended(result), statuses=STATUS,
         lines=_lines(result, statistics), overlay=overlay,
     )  # fmt: skip
+
+
+def speaker(case: Case, language: str) -> Speaker:
+    """Translator of sentences on a case, as for its report."""
+    return Speaker(language, [one["name"] for one in case.lines if "name" in one])
 
 
 def _stops(result: xr.Dataset, ground: Ground) -> dict[str, np.ndarray]:

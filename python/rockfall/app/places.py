@@ -9,7 +9,7 @@ from rockfall.app.document import Document, Site
 from rockfall.app.forms import Form
 from rockfall.scene.frames import GROUPS
 
-_LAYER = re.compile(r"(lines|barriers|dams|zones|sources)(?: = \(GeoDataFrame\))?(?:: )?")
+_LAYER = re.compile(r"(lines|barriers|dams|zones|sources): ")
 _FEATURE = re.compile(r"feature (\d+)(?:: )?")
 _GROUP = re.compile(r"&(\w+)")
 _KEY = re.compile(r"\s*,?\s*(\w+)(?= = | is | must|:)")
@@ -71,6 +71,7 @@ def _source(text: str, document: Document) -> dict[str, str]:
 
 
 def without_files(text: str, site: Site) -> str:
-    """Text without the name of the case, and without the folder of files."""
-    text = text.removeprefix(f"{site.case_name}: ")
+    """Text without the name of the case, and without the folder of files; drawn layers have their
+    names only."""
+    text = text.removeprefix(f"{site.case_name}: ").replace(" = (GeoDataFrame)", "")
     return text.replace(f"{site.folder}/", "").replace(f"{site.file.parent}/", "")

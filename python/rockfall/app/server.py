@@ -71,6 +71,7 @@ class Server:
         self._room, self._bound, self._keep, self._grace = room, bound, keep, grace
         self.port, self.key = bound.getsockname()[1], secrets.token_urlsafe(24)
         self._left: asyncio.TimerHandle | None = None
+        bound.listen()  # whoever knows the address may connect, and is served once this runs
         app = _Guard(self._app(page), self.port)
         config = uvicorn.Config(
             app, log_level="error", access_log=False, lifespan="off", server_header=False,
@@ -84,10 +85,8 @@ class Server:
         """Address of the page, with the key in its fragment, which browsers send to nobody."""
         return f"http://{HOST}:{self.port}/#key={self.key}"
 
-    def run(self, ready: Callable[[], None] = lambda: None) -> None:
-        """Serve until the last page has closed, or until stopped; `ready` is called before."""
-        self._bound.listen()
-        ready()
+    def run(self) -> None:
+        """Serve until the last page has closed, or until stopped."""
         try:
             self._server.run(sockets=[self._bound])
         finally:

@@ -46,6 +46,7 @@ def show(result: xr.Dataset | str | Path, language: str = "en") -> View:
     file = Path(result) if isinstance(result, str | Path) else None
     data: Any = result if file is None else read_result(file)
     exhibit = Exhibit(data, file)
+    exhibit.language = language
     welcome = {
         "type": "welcome", "writer": False, "version": __version__, "language": language,
         "languages": [language], "texts": texts_of(language, "app"), "recent": [], "limits": {},

@@ -4,25 +4,29 @@
 from __future__ import annotations
 
 import argparse
+from threading import Thread
 
 from rockfall.app.room import Room
 from rockfall.app.server import Server, bind, open_browser
 from rockfall.cli.messages import DONE
 from rockfall.errors import need
+from rockfall.interrupts import interrupts
+
+LOOK_SECONDS = 0.1  # between looks for Ctrl-C
 
 
 def app_command(arguments: argparse.Namespace) -> int:
     need("the window needs", "app", "starlette", "uvicorn", "websockets", "babel", "shapely")
     bound = bind(arguments.port)
     server = Server(Room(arguments.path, arguments.language), bound, keep=arguments.keep)
-
-    def ready() -> None:
+    with interrupts() as interrupted:  # uvicorn heeds no signals outside the main thread
         print(server.url, flush=True)
+        thread = Thread(target=server.run, name="server")
+        thread.start()
         if not arguments.no_browser:
             open_browser(server.url)
-
-    try:
-        server.run(ready)
-    except KeyboardInterrupt:  # that is how it is left
-        pass
+        while thread.is_alive() and not interrupted():
+            thread.join(LOOK_SECONDS)
+        server.stop()
+        thread.join()
     return DONE
