@@ -67,13 +67,11 @@ def test_every_id_is_used_and_exists():
     files = [*PACKAGE.rglob("*.py"), *PACKAGE.rglob("*.j2")]
     texts = "\n".join(path.read_text(encoding="utf-8") for path in files)
     page = "\n".join(path.read_text(encoding="utf-8") for path in PAGE.rglob("*.ts"))
-    families = [  # f"word.{name}", or `app.key.${name}` of the page
-        re.sub(r"\\\$?\\\{.+?\\\}", ".+", re.escape(one))
-        for one in [
-            *re.findall(r"""f["']([a-z_]+\.[^"'\s]*\{[^"'\s]+)["']""", texts),
-            *re.findall(r"`(app\.[^`\s]*\$\{[^`\s]+)`", page),
-        ]
+    families = [  # f"word.{name}", and `app.key.${name}` in the page
+        *re.findall(r"""f["']([a-z_]+\.[^"'\s]*\{[^"'\s]+)["']""", texts),
+        *(one.replace("${", "{") for one in re.findall(r"`(app\.[^`\s]*\$\{[^`\s]+)`", page)),
     ]
+    families = [re.sub(r"\\\{.+?\\\}", ".+", re.escape(one)) for one in families]
     made = re.compile("|".join(families))
     quoted = texts + page
     unused = [key for key in ENGLISH if not re.search(f"[\"']{re.escape(key)}[\"']", quoted)]

@@ -23,7 +23,6 @@ from rockfall.app.pictures import (
     background_message,
     batch_message,
     masses,
-    speaker,
     trajectory_message,
 )
 from rockfall.app.places import entry_of, without_files
@@ -31,7 +30,7 @@ from rockfall.case import REPEATABLE, Case, key_table
 from rockfall.case_zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.io.raster import read_dem
-from rockfall.language import speaking
+from rockfall.language import speaking, translated
 from rockfall.result.variables import EXCEEDED, MAP
 from rockfall.scene.plausible import input_warnings
 from rockfall.session.batch import Batch
@@ -200,9 +199,8 @@ class Live:
                 made = runnable(self.site, document)
                 self._change(made)
                 assert self._session is not None
-                speak = speaker(made.case, self.language)
                 warnings = [
-                    f"{without_files(where, self.site)}: {speak(text)}"
+                    f"{without_files(where, self.site)}: {translated(text)}"
                     for where, text in input_warnings(scene_of(self._session))
                 ]
             except Refused as refused:

@@ -13,10 +13,10 @@ from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.app.messages import binary_message
 from rockfall.case import Case
-from rockfall.html_report.sentences import Speaker
 from rockfall.io.arrays import grid_of
 from rockfall.io.crs import crs_name
 from rockfall.io.grid import Grid
+from rockfall.language import speaking
 from rockfall.plots.cartography.rasters import cropped, merged
 from rockfall.plots.cartography.relief import shade
 from rockfall.plots.extent import of_none
@@ -40,7 +40,6 @@ MAX_OVERLAY = 1001
 MAX_TRAJECTORIES = 1000
 MAX_STOPS, MAX_SOURCES, MAX_TREES = 5000, 20_000, 20_000
 BINS = 20
-THINNED = 4  # a drawn trajectory has every fourth point of its parabolas
 WIDE = 100.0  # ratio of the largest value of a map to its smallest, from which its scale is log
 BY_SOURCE = ("sources", "reach_probability_by_source")  # maps for which runs go source by source
 
@@ -131,8 +130,8 @@ def batch_message(
     result: xr.Dataset, case: Case, shown: str, ground: Ground, language: str, **about: Any
 ) -> bytes:
     """Message `batch` of the results so far, with the map of a name if there is one."""
-    speak = speaker(case, language)
-    warnings = [speak(f"{one.text}.") for one in model_remarks(result, case) if one.is_warning]
+    with speaking(language):
+        warnings = [f"{one.text}." for one in model_remarks(result, case) if one.is_warning]
     statistics = line_statistics(result, quantities=SHOWN)
     arrays = _stops(result, ground)
     overlay = None
@@ -142,11 +141,6 @@ def batch_message(
         "batch", arrays, **about, warnings=warnings, ended=ended(result), statuses=STATUS,
         lines=_lines(result, statistics), overlay=overlay,
     )  # fmt: skip
-
-
-def speaker(case: Case, language: str) -> Speaker:
-    """Translator of sentences on a case, as for its report."""
-    return Speaker(language, [one["name"] for one in case.lines if "name" in one])
 
 
 def _stops(result: xr.Dataset, ground: Ground) -> dict[str, np.ndarray]:
@@ -239,10 +233,9 @@ def trajectory_message(
 
 
 def _points(path: Trajectory, ground: Ground) -> np.ndarray:
-    """Points (n, 5) of a trajectory: x, y, z, time and speed."""
-    number = np.arange(path.x.size)
-    chosen = (number % POINTS % THINNED == 0) & (number % POINTS < POINTS - 1)
-    chosen[-1] = True
+    """Points (n, 5) of a trajectory: x, y, z, time and speed at both ends of each flight, between
+    which the page draws the parabola."""
+    chosen = np.isin(np.arange(path.x.size) % POINTS, (0, POINTS - 1))
     plan = ground.relative(path.x[chosen], path.y[chosen])
     return np.column_stack([plan, path.z[chosen], path.time[chosen], path.speed[chosen]])
 
