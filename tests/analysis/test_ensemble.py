@@ -143,8 +143,8 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
     all_ = [study.run_scene(scene)[["line_speed"]] for scene in scenes]
     for k, block in enumerate(np.arange(2 * 250 * 150).reshape(2, 250, 150).swapaxes(0, 1)):
         runs = [one.isel(boulder=block.ravel()) for one in all_]
+        rows = [line_numbers(run, 0, "speed", Sources.alone(300)) for run in runs]
         for i, (quantity, number) in enumerate(chosen):
-            rows = [line_numbers(run, 0, quantity, Sources.alone(300)) for run in runs]
             values[k, i] = [row[number] for row in rows]
             of = np.array([
                 deviations(line_values(run, quantity, 0), number, row, two)
