@@ -17,9 +17,11 @@ from programs import MANY, find_program, make_prepared, run_program
 
 
 def pytest_collection_finish():
-    """Modules stay; to look through them for garbage again and again takes a tenth of the time."""
+    """Modules stay; to look through them for garbage again and again takes a tenth of the time, and
+    to look as often as Python does through all else 3 %."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(20_000)
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 
 import rockfall
-from made import make_raster, refused
+from made import leave_pictures_blank, make_raster, refused
 from programs import find_program, refuses
 from rockfall.analysis.ensemble import study
 from rockfall.analysis.ensemble.sobol_indices import (
@@ -363,6 +363,7 @@ def test_an_index_that_is_not_known_is_undecided_and_others_stay_within_all_and_
 def test_an_ensemble_is_a_result(place, capsys, monkeypatch):
     """The file holds the run of the case as it is, to the last bit; every command reads it."""
     monkeypatch.setattr(html_page, "figures", lambda *_: [])  # they take long
+    leave_pictures_blank(monkeypatch)
     text = Path("case.nml").read_text() + "&output maps = 'passages', 'energy_max' /\n"
     Path("case.nml").write_text(text)
     assert main(["ensemble", "case.nml", "-o", "all.nc", "--quiet"]) == 0
