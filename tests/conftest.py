@@ -56,7 +56,12 @@ def blank_figures(monkeypatch):
     def blank(_, path, dpi=None, **how):
         save(figure.Figure(figsize=(1, 1)), path, dpi=20, **how)
 
+    def empty(*_):
+        return figure.Figure(figsize=(1, 1))
+
     monkeypatch.setattr(figure.Figure, "savefig", blank)
+    for name in ("page.convergence_figure", "front.map_figure", "front.stops_figure"):
+        monkeypatch.setattr(f"rockfall.html_report.{name}", empty)
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     monkeypatch.setattr("rockfall.plots.figures.DRAWN", ("speed",))
 
