@@ -17,9 +17,11 @@ from programs import MANY, find_program, make_prepared, run_program
 
 
 def pytest_collection_finish():
-    """Modules stay; to look through them for garbage again and again takes a tenth of the time."""
+    """Modules stay; to look through them for garbage again and again takes a tenth of the time, and
+    to look as often as Python does through all else 3 %."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(20_000)
 
 
 @pytest.fixture
@@ -54,7 +56,12 @@ def blank_figures(monkeypatch):
     def blank(_, path, dpi=None, **how):
         save(figure.Figure(figsize=(1, 1)), path, dpi=20, **how)
 
+    def empty(*_):
+        return figure.Figure(figsize=(1, 1))
+
     monkeypatch.setattr(figure.Figure, "savefig", blank)
+    for name in ("page.convergence_figure", "front.map_figure", "front.stops_figure"):
+        monkeypatch.setattr(f"rockfall.html_report.{name}", empty)
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     monkeypatch.setattr("rockfall.plots.figures.DRAWN", ("speed",))
 

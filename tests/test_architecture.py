@@ -2,6 +2,7 @@
 """The rooms of the house and who may call whom: see docs/architecture.md."""
 
 import ast
+import functools
 import re
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -54,29 +55,41 @@ def room(module):
     return module.split(".")[0]
 
 
+@functools.cache
+def parse(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def import_statements(node, within=False):
+    """Yield each import below a node, and whether it is within a function."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, (ast.Import, ast.ImportFrom)):
+            yield child, within
+        elif not isinstance(child, ast.expr):  # which holds no statements
+            yield from import_statements(child, within or isinstance(child, ast.FunctionDef))
+
+
 def imports(path):
     """Of our own modules: (line, module, name or "", within a function) for each."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
-    within = {id(node) for function in functions for node in ast.walk(function)}
-    for node in ast.walk(tree):
+    for node, within in import_statements(parse(path)):
         if isinstance(node, ast.Import):
             found = [(alias.name, "") for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
+        else:
             assert node.level == 0, f"{path}: relative import"
             found = [(node.module or "", alias.name) for alias in node.names]
-        else:
-            continue
         for module, name in found:
             if room(module) != "rockfall":
                 continue
             module = module.removeprefix("rockfall").removeprefix(".")
             if name and (module + "." + name).lstrip(".") in [*MODULES, *DOORS]:
                 module, name = (module + "." + name).lstrip("."), ""
-            yield node.lineno, module or "__init__", name, id(node) in within
+            yield node.lineno, module or "__init__", name, within
 
 
-IMPORTS = [(module, *one) for module, path in MODULES.items() for one in imports(path)]
+@functools.cache
+def all_imports():
+    """The imports of each module of the package, after its name; not while tests are collected."""
+    return [(module, *found) for module, path in MODULES.items() for found in imports(path)]
 
 
 def report(broken):
@@ -92,14 +105,14 @@ def test_every_room_has_a_level():
 def test_no_import_upwards():
     report(
         f"{module}:{line} imports {other}"
-        for module, line, other, *_ in IMPORTS
+        for module, line, other, *_ in all_imports()
         if other not in DOORS and LEVEL[room(other)] > LEVEL[room(module)]
     )
 
 
 def test_no_circles():
     graph = {module: set() for module in MODULES}
-    for module, _, other, *_ in IMPORTS:
+    for module, _, other, *_ in all_imports():
         if other in graph and other != module:
             graph[module].add(other)
     try:
@@ -111,7 +124,7 @@ def test_no_circles():
 def test_own_modules_are_imported_at_the_top():
     report(
         f"{module}:{line} imports {other} within a function"
-        for module, line, other, _, within in IMPORTS
+        for module, line, other, _, within in all_imports()
         if within
     )
 
@@ -119,14 +132,12 @@ def test_own_modules_are_imported_at_the_top():
 def test_what_begins_with_an_underscore_stays_at_home():
     named = [
         f"{module}:{line} imports {other}.{name}"
-        for module, line, other, name, *_ in IMPORTS
+        for module, line, other, name, *_ in all_imports()
         if re.match("_[^_]", name)
     ]
     for module, path in MODULES.items():
-        own = {
-            other.split(".")[-1] for of, _, other, name, *_ in IMPORTS if of == module and not name
-        }
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        own = {other.split(".")[-1] for _, other, name, _ in imports(path) if not name}
+        for node in ast.walk(parse(path)):
             if isinstance(node, ast.Attribute) and re.match("_[^_]", node.attr):
                 if isinstance(node.value, ast.Name) and node.value.id in own:
                     named.append(f"{module}:{node.lineno} takes {node.value.id}.{node.attr}")
@@ -136,7 +147,7 @@ def test_what_begins_with_an_underscore_stays_at_home():
 def test_the_kernel_is_called_by_few():
     report(
         f"{module}:{line} imports {other}"
-        for module, line, other, *_ in IMPORTS
+        for module, line, other, *_ in all_imports()
         if other in DOORS and not DOORS[other].fullmatch(module)
     )
 
@@ -200,7 +211,7 @@ def test_no_code_in_init():
     report(
         f"{path.relative_to(ROOT)}:{node.lineno} holds code"
         for path in sorted(PACKAGE.rglob("__init__.py"))
-        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        for node in parse(path).body
         if path.parent != PACKAGE
         and not isinstance(node, allowed)
         and not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant))

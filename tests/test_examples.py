@@ -4,6 +4,7 @@
 import doctest
 import inspect
 import re
+import shutil
 import subprocess
 import sys
 from operator import attrgetter
@@ -14,7 +15,7 @@ import pytest
 
 import rockfall
 from made import make_layer, make_page, make_rockyfor3d, surveyed_blocks
-from slope_case import CASE, NX, NY, slope
+from slope_case import CASE, NX, NY, slope, write_slope
 
 OBSERVED = "line,quantity,unit,mean,std,n\nL,speed,m/s,9.5,2.5,40\n"
 #: All that the package promises, as `tests/interface.txt` lists it: `rockfall.run`, and so on.
@@ -26,20 +27,31 @@ def test_all_that_is_public_is_promised():
     assert {*rockfall.__all__} - {"__version__"} == {one for one in NAMES if "." not in one}
 
 
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """A folder with every file that an example reads."""
+    shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+    folder = tmp_path_factory.mktemp("site")
+    with pytest.MonkeyPatch.context() as here:
+        here.chdir(folder)
+        write_slope()
+        Path("observed.csv").write_text(OBSERVED)
+        Path("case.nml").write_text(CASE.partition("&output")[0])
+        Path("survey.csv").write_text("volume,year\n" + "".join(surveyed_blocks()))
+        source = np.zeros((NY, NX))
+        source[4, 8:12] = 1
+        make_rockyfor3d("folder", slope(), source)
+        make_layer("cliff.gpkg", [shapely.box(600050, 4999980, 600060, 4999990)])
+    return folder
+
+
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("name", sorted(NAMES))
-def test_example(name, place, monkeypatch, blank_figures):
+def test_example(name, site, tmp_path, monkeypatch, blank_figures):
     monkeypatch.setattr("rockfall.analysis.back.study.ROUND", 16)
     pytest.importorskip("matplotlib", reason="the report extra is not installed")
-    shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+    monkeypatch.chdir(shutil.copytree(site, tmp_path / "site"))
     monkeypatch.setattr("rockfall.app.show.PAGE", make_page(Path("page")))
-    Path("observed.csv").write_text(OBSERVED)
-    Path("case.nml").write_text(CASE.partition("&output")[0])
-    Path("survey.csv").write_text("volume,year\n" + "".join(surveyed_blocks()))
-    source = np.zeros((NY, NX))
-    source[4, 8:12] = 1
-    make_rockyfor3d("folder", slope(), source)
-    make_layer("cliff.gpkg", [shapely.box(600050, 4999980, 600060, 4999990)])
     examples = doctest.DocTestParser().get_examples(inspect.getdoc(attrgetter(name)(rockfall)))
     assert examples, "help() shows no example"
     test = doctest.DocTest(examples, {}, name, None, None, None)

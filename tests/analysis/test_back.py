@@ -203,11 +203,12 @@ def place(tmp_path, monkeypatch):
 
 
 def test_the_posterior_is_what_an_ensemble_draws(place, capsys):
+    Path("out").mkdir()
+    Path("out/case.nml").write_text("of before")
     words = ["back", "case.nml", "seen.csv", "-o", "out", "--members", "32", "--effective", "2"]
-    assert main(words) == 0
+    assert main([*words, "--overwrite"]) == 0
     printed = capsys.readouterr().out
     assert "R_m [m]" in printed and printed.endswith("out/case.nml\n")
-    assert main([*words, "--overwrite"]) == 0
     assert Path("out/posterior.png").stat().st_size > 10_000
     draws = np.genfromtxt("out/draws.csv", delimiter=",", names=True)
     found = rockfall.run_ensemble(rockfall.read_case("out/case.nml").replace(ensemble={"runs": 8}))

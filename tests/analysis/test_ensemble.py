@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 
 import rockfall
-from made import make_raster, refused
+from made import leave_pictures_blank, make_raster, refused
 from programs import find_program, refuses
 from rockfall.analysis.ensemble import study
 from rockfall.analysis.ensemble.sobol_indices import (
@@ -144,8 +144,8 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
     all_ = [study.run_scene(scene)[["line_speed"]] for scene in scenes]
     for k, block in enumerate(np.arange(2 * 250 * 150).reshape(2, 250, 150).swapaxes(0, 1)):
         runs = [one.isel(boulder=block.ravel()) for one in all_]
+        rows = [line_numbers(run, 0, "speed", Sources.alone(300)) for run in runs]
         for i, (quantity, number) in enumerate(chosen):
-            rows = [line_numbers(run, 0, quantity, Sources.alone(300)) for run in runs]
             values[k, i] = [row[number] for row in rows]
             of = np.array([
                 deviations(line_values(run, quantity, 0), number, row, two)
@@ -364,6 +364,7 @@ def test_an_index_that_is_not_known_is_undecided_and_others_stay_within_all_and_
 def test_an_ensemble_is_a_result(place, capsys, monkeypatch):
     """The file holds the run of the case as it is, to the last bit; every command reads it."""
     monkeypatch.setattr(html_page, "figures", lambda *_: [])  # they take long
+    leave_pictures_blank(monkeypatch)
     text = Path("case.nml").read_text() + "&output maps = 'passages', 'energy_max' /\n"
     Path("case.nml").write_text(text)
     assert main(["ensemble", "case.nml", "-o", "all.nc", "--quiet"]) == 0

@@ -452,7 +452,7 @@ def test_every_text_of_the_figure_is_translated(language, wide):
     assert not set(said.caption.split(". ")) & set(english.caption.split(". "))
 
 
-def test_a_page_has_the_section(result, tmp_path):
+def test_a_page_has_the_section(result, tmp_path, blank_figures):
     pytest.importorskip("jinja2", reason="the report extra is not installed")
     path = tmp_path / "page.html"
     with pytest.warns(UserWarning, match="elevations of the run came from an array"):

@@ -113,7 +113,7 @@ def test_runs_are_those_of_the_cases_by_hand(tmp_path):
     assert stopped > 0 and found["today"]["start_x"].equals(found["net"]["start_x"])
 
 
-def test_one_command_makes_results_comparison_and_page(here, capsys):
+def test_one_command_makes_results_comparison_and_page(here, capsys, blank_figures):
     pytest.importorskip("jinja2", reason="the report extra is not installed")
     case = site(here, GROUPS)
     words = ["variants", "case.nml", "-o", "out", "--report", "--yearly", "0.2"]

@@ -2,6 +2,7 @@
 """`rockfall hazard`: files that a GIS opens, in the coordinates of the terrain; what it refuses."""
 
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -25,6 +26,7 @@ from rockfall.simulation import simulate
 from rockfall.text.hazard import hazard_warnings
 from scenes import CALM_SETS
 from slope_case import CASE as SLOPE
+from slope_case import write_slope
 
 pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
@@ -41,28 +43,52 @@ ROAD = shapely.LineString([(600000, 4999905), (600120, 4999930)])
 ARGUMENTS = ["hazard", "case.nml", "-o", "out", "--objects", "objects.gpkg", "--quiet"]
 
 
-@pytest.fixture(autouse=True)
-def no_figures(monkeypatch):
+@pytest.fixture(scope="module", autouse=True)
+def no_figures():
     """Drawing takes longer than all else."""
-    monkeypatch.setattr("rockfall.cli.hazard.hazard_figures", lambda *_: [])
-    sheet = "rockfall.cli.hazard.hazard_sheet"
-    monkeypatch.setattr(sheet, lambda *_: matplotlib.Figure(figsize=(1, 1)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rockfall.cli.hazard.hazard_figures", lambda *_: [])
+        sheet = "rockfall.cli.hazard.hazard_sheet"
+        patch.setattr(sheet, lambda *_: matplotlib.Figure(figsize=(1, 1)))
+        yield
 
 
-@pytest.fixture
-def hazard_case(place):
-    """The slope with scenarios and two objects."""
+def write_case():
+    """The slope with scenarios and two objects, in the current folder."""
+    write_slope()
     Path("case.nml").write_text(CASE + SCENARIOS)
     columns = {"name": ["house", "road"], "vulnerability": [0.5, 1.0], "value": [100.0, 1.0]}
     make_layer("objects.gpkg", [HOUSE, ROAD], **columns)
-    return place
 
 
 @pytest.fixture
-def found(hazard_case):
-    """What the command writes, and what Python has."""
-    assert main(ARGUMENTS) == 0
-    return rockfall.hazard(rockfall.read_case("case.nml"), objects="objects.gpkg")
+def hazard_case(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_case()
+
+
+@pytest.fixture(scope="module")
+def made(no_figures, tmp_path_factory):
+    """A folder in which the command has written, and what Python has; both to be read only."""
+    folder = tmp_path_factory.mktemp("made")
+    with pytest.MonkeyPatch.context() as here:
+        here.chdir(folder)
+        write_case()
+        assert main(ARGUMENTS) == 0
+        return folder, rockfall.hazard(rockfall.read_case("case.nml"), objects="objects.gpkg")
+
+
+@pytest.fixture
+def found(made, monkeypatch):
+    """What Python has, in the folder in which the command has written."""
+    monkeypatch.chdir(made[0])
+    return made[1]
+
+
+@pytest.fixture
+def written(hazard_case, made):
+    """The case, and a copy of what the command writes."""
+    shutil.copytree(made[0] / "out", "out")
 
 
 def test_gdal_opens_every_map_where_the_terrain_lies(found):
@@ -259,8 +285,7 @@ def test_a_hazard_says_what_a_run_of_each_scenario_says(hazard_case, capsys):
     assert "run the hazard again" in next(hazard_warnings(old))
 
 
-def test_a_hazard_that_was_killed_goes_on(hazard_case, monkeypatch, capsys):
-    assert main(ARGUMENTS) == 0
+def test_a_hazard_that_was_killed_goes_on(written, monkeypatch, capsys):
     whole = Path("out/hazard_class.tif").read_bytes(), rockfall_counts()
     monkeypatch.setattr(simulate, "FIRST_CHUNK", 3)
     monkeypatch.setattr(simulate, "CHUNK_SECONDS", 0.0)
@@ -344,9 +369,8 @@ def test_bad_places_and_layers_are_one_line(hazard_case, capsys):
     refuses([*ARGUMENTS[:5], "bare.gpkg"], "bare.gpkg: .*EPSG:.*", capsys)
 
 
-def test_scenarios_may_be_run_elsewhere(hazard_case, capsys):
+def test_scenarios_may_be_run_elsewhere(written, capsys):
     """In shards too: the same hazard. The wrong result, or one of other inputs, is refused."""
-    assert main(ARGUMENTS) == 0
     assert main([*ARGUMENTS[:2], *ARGUMENTS[4:], "--write-cases"]) == 0
     cases = ["case_scenario1.nml", "case_scenario2.nml"]
     assert capsys.readouterr().out.split() == cases
@@ -381,16 +405,14 @@ def test_too_little_memory_is_said_before_the_runs(hazard_case, capsys):
     refuses([*ARGUMENTS, "--memory", "80KB"], line, capsys)
 
 
-def test_an_earlier_hazard_is_replaced(hazard_case):
-    assert main(ARGUMENTS) == 0
+def test_an_earlier_hazard_is_replaced(written):
     before = Path("out/hazard.nc").stat().st_mtime_ns
     assert main([*ARGUMENTS, "--seed", "3", "--overwrite"]) == 0
     assert Path("out/hazard.nc").stat().st_mtime_ns > before
 
 
-def test_a_library_user_writes_the_same(hazard_case):
-    assert main(ARGUMENTS) == 0
-    found = rockfall.hazard(rockfall.read_case("case.nml"), objects="objects.gpkg")
+def test_a_library_user_writes_the_same(written, made):
+    _, found = made
     paths = rockfall.write_hazard(found, "mine")
     assert {path.name for path in paths} == {
         path.name for path in Path("out").iterdir() if path.suffix not in (".png", ".pdf")

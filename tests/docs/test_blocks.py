@@ -87,8 +87,8 @@ SMALL = {
     "models": ["--boulders", "5"],
     "variants": ["--boulders", "5"],
     "ensemble": ["--boulders", "5", "--runs", "8"],
-    "back": ["--boulders", "20", "--members", "64", "--effective", "2"],
-    "convergence": ["--boulders", "10", "40", "--reference", "5000"],
+    "back": ["--boulders", "20", "--members", "32", "--effective", "2"],
+    "convergence": ["--boulders", "10", "40", "--reference", "320"],
 }
 
 
@@ -192,6 +192,7 @@ def page_site(site, tmp_path, monkeypatch, blank_figures):
     folder = shutil.copytree(site, tmp_path / "site")
     monkeypatch.chdir(folder)
     monkeypatch.setattr("rockfall.analysis.back.study.ROUND", 16)
+    monkeypatch.setattr("rockfall.analysis.convergence.MIN_REFERENCE", 1)  # not the turns
     return folder
 
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 import rockfall
 import scenes
-from made import PLACE, UTM, make_raster, refused, write_ascii
+from made import PLACE, UTM, leave_pictures_blank, make_raster, refused, write_ascii
 from rockfall.case_files import input_files
 from rockfall.cli import main
 from rockfall.io.files import atomic_write
@@ -56,6 +56,7 @@ def place(ready, tmp_path, monkeypatch):
     drawn = [Drawing(name, name, name, Figure) for name in ("passing", "profile", "stops")]
     monkeypatch.setattr("rockfall.products.figures_of", lambda *_: drawn)
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: drawn)
+    leave_pictures_blank(monkeypatch)
     return tmp_path
 
 
@@ -86,7 +87,8 @@ COMMANDS = {  # words, a file that is written, and what the command reads
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_replaces_a_file_if_told_to_but_no_input(name, place, capsys):
     words, target, read = COMMANDS[name]
-    assert main(words) == 0, capsys.readouterr().err
+    Path(target).parent.mkdir(exist_ok=True)
+    Path(target).write_text("of before")
     before = contents(place)
     capsys.readouterr()
     assert main(words) == 2
@@ -96,6 +98,7 @@ def test_a_command_replaces_a_file_if_told_to_but_no_input(name, place, capsys):
     assert contents(place) == before
     words = [*words, "--overwrite"]
     assert main(words) == 0, capsys.readouterr().err
+    assert Path(target).read_bytes() != b"of before"
     for message, put in (
         ("is an input", os.link),
         ("is an input", lambda file, target: os.symlink(Path(file).absolute(), target)),

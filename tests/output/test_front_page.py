@@ -9,6 +9,8 @@ from html import unescape
 import pytest
 
 import rockfall
+from made import leave_pictures_blank
+from rockfall.analysis.return_levels import return_levels
 from rockfall.cli import main
 from scenes import grid, make_case, rough, sets
 
@@ -41,9 +43,17 @@ def result(tmp_path_factory):
     return found.assign_attrs(date_created="2026-11-23T14:05:06+01:00")
 
 
+@pytest.fixture(scope="module")
+def levels(result):
+    """Return levels, which follow page 1, once for all pages."""
+    return return_levels(result)
+
+
 @pytest.fixture
-def bare(monkeypatch):
+def bare(monkeypatch, levels):
     """A page without the figures that follow page 1."""
+    leave_pictures_blank(monkeypatch)
+    monkeypatch.setattr("rockfall.html_report.page.return_levels", lambda _: levels)
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     monkeypatch.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))
 
@@ -61,11 +71,13 @@ def page_1(result, language="en", **about):
 
 
 @pytest.fixture(scope="module")
-def pages(result, tmp_path_factory):
+def pages(result, levels, tmp_path_factory):
     """The page in each language, of a report with more warnings than page 1 has room for; and one
     without any, as for paper."""
     folder = tmp_path_factory.mktemp("pages")
     with pytest.MonkeyPatch.context() as here:
+        leave_pictures_blank(here)
+        here.setattr("rockfall.html_report.page.return_levels", lambda _: levels)
         here.setattr("rockfall.html_report.page.figures", lambda *_: [])
         here.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))
         here.setattr("rockfall.html_report.page.warnings", lambda *_: WARNINGS)

@@ -209,15 +209,14 @@ def test_without_terrain_there_is_no_relief_and_it_is_said(site, capsys):
     assert not Path("flat/elevation_m.tif").exists()
 
 
-def test_a_refused_project_leaves_nothing(site, capsys):
+def test_a_refused_project_leaves_nothing(project, capsys):
     assert main(["export", "out.nc", "new", "--hazard", "hazard_hazard/hazard.nc"]) == 2
     assert capsys.readouterr().err == "rockfall: --hazard requires --qgis\n"
     assert main(["export", "out.nc", "new", "--qgis", "--hazard", "out.nc"]) == 2
     assert "is no hazard" in capsys.readouterr().err
     assert main(["export", "out.nc", "new", "--qgis", "--language", "xx"]) == 2
     assert not Path("new").exists()
-    assert main(["export", "out.nc", "new", "--qgis"]) == 0
-    assert main(["export", "out.nc", "new", "--qgis"]) == 2
+    assert main(["export", "out.nc", "gis", "--qgis"]) == 2
     assert "not overwritten" in capsys.readouterr().err
 
 

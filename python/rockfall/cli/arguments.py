@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -71,8 +72,9 @@ def _command(module: str, name: str) -> Callable[[argparse.Namespace], int]:
     return run
 
 
+@functools.cache
 def make_parser() -> argparse.ArgumentParser:
-    """Parser of the complete command line; its `command` takes the parsed arguments."""
+    """Parser of the complete command line, made once: its `command` takes the parsed arguments."""
     parser = _Parser(
         prog="rockfall", description="Where falling rocks go, how fast, how high and how often."
     )

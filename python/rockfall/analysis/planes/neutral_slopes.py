@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -91,14 +91,21 @@ def _by_size(radii: np.ndarray, tangents: np.ndarray) -> Iterator[Rocks]:
             yield Rocks(name, np.median(radii[some], axis=0), tangents[some])
 
 
+@lru_cache
+def _neutral_slope(means: bytes, covariances: bytes, weights: tuple[float, ...]) -> float:
+    """Neutral slope of sets (5, 9) and (5, 9, 9) as bytes: variants of a case often share them."""
+    sets = np.frombuffer(means).reshape(-1, 9), np.frombuffer(covariances).reshape(-1, 9, 9)
+    rebounds = [set_rebound(mean, c) for mean, c in zip(*sets, strict=True)]
+    return neutral_slope(mixed_rebound(rebounds, np.array(weights)), BOULDERS)
+
+
 class NeutralSlopes:
     """Neutral slopes of the impact sets of a scene, computed on first use."""
 
     def __init__(self, scene: Scene) -> None:
         sets = scene.coefficients.mean.T, scene.coefficients.covariance.T
-        self._rebounds = [set_rebound(mean, c) for mean, c in zip(*sets, strict=True)]
+        self._means, self._covariances = (values.tobytes() for values in sets)
         self._between = scene.case.impact["ratio"] == "between"
-        self._slope = cache(self._find)
 
     def weights(self, radius: float, radii: np.ndarray) -> np.ndarray:
         """Weights (5,) of the sets for a boulder of this radius [m], without absorbing rock
@@ -115,7 +122,5 @@ class NeutralSlopes:
     def of(self, radius: float, radii: np.ndarray) -> float:
         """Neutral slope [degree] of boulders of this radius on rocks of these radii [m], from 5 to
         75."""
-        return self._slope(tuple(self.weights(radius, radii).tolist()))
-
-    def _find(self, weights: tuple[float, ...]) -> float:
-        return neutral_slope(mixed_rebound(self._rebounds, np.array(weights)), BOULDERS)
+        weights = tuple(self.weights(radius, radii).tolist())
+        return _neutral_slope(self._means, self._covariances, weights)
