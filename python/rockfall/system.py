@@ -7,6 +7,7 @@ import os
 import signal
 import socket
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -53,6 +54,9 @@ if sys.platform == "win32":
             finally:
                 os.close(descriptor)
 
+    def before_fork(call: Callable[[], object]) -> None:
+        """Call a function before the process forks, which it cannot here."""
+
 else:
     import fcntl
     import resource
@@ -83,6 +87,10 @@ else:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+    def before_fork(call: Callable[[], object]) -> None:
+        """Call a function before the process forks."""
+        os.register_at_fork(before=call)
 
 
 def signal_channel() -> tuple[socket.socket, socket.socket]:
