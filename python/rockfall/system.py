@@ -17,15 +17,26 @@ STOPS: tuple[signal.Signals, ...] = (signal.SIGINT, signal.SIGTERM)
 NO_FOLLOW = getattr(os, "O_NOFOLLOW", 0)
 
 if sys.platform == "win32":
+    import ctypes
     import msvcrt
-
-    import psutil
 
     STOPS = (*STOPS, signal.SIGBREAK)
 
+    class _MemoryStatus(ctypes.Structure):
+        """MEMORYSTATUSEX of Windows."""
+
+        _fields_ = [
+            ("dwLength", ctypes.c_uint32),
+            ("dwMemoryLoad", ctypes.c_uint32),
+            ("ullTotalPhys", ctypes.c_uint64),
+            ("others", ctypes.c_uint64 * 6),
+        ]
+
     def physical_memory() -> int:
         """Memory of the machine [bytes]."""
-        return psutil.virtual_memory().total
+        status = _MemoryStatus(dwLength=ctypes.sizeof(_MemoryStatus))
+        ctypes.windll.kernel32.GlobalMemoryStatusEx(ctypes.byref(status))
+        return int(status.ullTotalPhys)
 
     def memory_limits() -> list[int]:
         """Limits on the memory of this process other than that of the machine [bytes]."""
