@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "python/rockfall"
 #: Each imports from its own level and those before it.
 LEVELS = [
-    ["errors", "interrupts", "language", "limits", "version"],
+    ["errors", "interrupts", "language", "limits", "system", "version"],
     ["io"],
     ["field", "terrain"],
     [

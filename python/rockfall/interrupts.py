@@ -4,13 +4,15 @@ work."""
 
 import os
 import signal
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-STOPS = signal.SIGINT, signal.SIGTERM
+from rockfall.system import STOPS, signal_channel
+
 #: Seconds in which signals count as one: `timeout` signals both a process and its group.
 TOGETHER = 0.1
 
@@ -38,11 +40,10 @@ def interrupts() -> Iterator[Callable[[], bool]]:
         _number = number
         hit.set()
 
-    # Python's own handlers wait for the kernel to return; this pipe does not.
-    reader, writer = os.pipe()
-    os.set_blocking(writer, False)
+    # Python's own handlers wait for the kernel to return; this channel does not.
+    reader, writer = signal_channel()
     threading.Thread(target=_end_at_second, args=(reader,), daemon=True).start()
-    woken = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+    woken = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
     before = {number: signal.signal(number, note) for number in STOPS}
     try:
         yield hit.is_set
@@ -50,14 +51,14 @@ def interrupts() -> Iterator[Callable[[], bool]]:
         for number, handler in before.items():
             signal.signal(number, handler)
         signal.set_wakeup_fd(woken)
-        os.close(writer)
+        writer.close()
         _hit = None
 
 
-def _end_at_second(reader: int) -> None:
-    """Read the numbers of signals from a pipe until it is closed."""
+def _end_at_second(reader: socket.socket) -> None:
+    """Read the numbers of signals from a channel until it is closed."""
     first = None
-    while numbers := os.read(reader, 64):
+    while numbers := reader.recv(64):
         stops = [number for number in numbers if number in STOPS]
         if not stops:
             continue
@@ -65,7 +66,7 @@ def _end_at_second(reader: int) -> None:
             first = time.monotonic()
         elif time.monotonic() - first > TOGETHER:
             os._exit(128 + stops[-1])
-    os.close(reader)
+    reader.close()
 
 
 @contextmanager

@@ -59,7 +59,7 @@ def test_saves_take_a_twentieth_of_the_time_at_most(scene, tmp_path, monkeypatch
 
     monkeypatch.setattr(checkpoint, "REST", 20.0)
     monkeypatch.setattr(checkpoint.time, "monotonic", lambda: now[0])
-    for name in "put_netcdf", "_sync":
+    for name in "put_netcdf", "sync":
         monkeypatch.setattr(checkpoint, name, slow if name == "put_netcdf" else lambda _: None)
     monkeypatch.setattr(checkpoint.os, "replace", lambda *_: None)
     saved, tally = Checkpoint(tmp_path / "c", 0.5), simulate.start(scene, 1)

@@ -1,11 +1,15 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Stack size of the current thread, and whether the process can map more memory, on Linux and macOS. */
+/* Stack size of the current thread, and whether the process can map more memory, on Linux, macOS and Windows. */
 #define _GNU_SOURCE
-#include <pthread.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
+#if defined(_WIN32)
+#include <windows.h>
+#else
+#include <pthread.h>
 #include <sys/mman.h>
+#endif
 #if defined(__linux__)
 #include <sys/resource.h>
 #include <sys/syscall.h>
@@ -15,7 +19,12 @@
 /* Stack size of the calling thread in bytes; 0 if unknown. */
 int64_t rockfall_stack(void)
 {
-#if defined(__APPLE__)
+#if defined(_WIN32)
+    ULONG_PTR low, high;
+
+    GetCurrentThreadStackLimits(&low, &high);
+    return (int64_t)(high - low);
+#elif defined(__APPLE__)
     return (int64_t)pthread_get_stacksize_np(pthread_self());
 #else
     pthread_attr_t attributes;
@@ -39,9 +48,15 @@ int64_t rockfall_stack(void)
 /* Check whether the process can map this many more bytes; none are kept. */
 int rockfall_fits(int64_t bytes)
 {
+#if defined(_WIN32)
+    void *at = VirtualAlloc(NULL, (SIZE_T)bytes, MEM_RESERVE, PAGE_NOACCESS);
+
+    return at != NULL && VirtualFree(at, 0, MEM_RELEASE);
+#else
     void *at = mmap(NULL, (size_t)bytes, PROT_NONE, MAP_PRIVATE | MAP_ANON | MAP_NORESERVE, -1, 0);
 
     return at != MAP_FAILED && munmap(at, (size_t)bytes) == 0;
+#endif
 }
 
 /* Allocate zeroed memory lazily, in huge pages as NumPy does, because boulders access cells at random.

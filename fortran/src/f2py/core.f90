@@ -4,9 +4,10 @@
 !> A scene is built once, by `new_scene`, `pass_array` and `build_scene`, and identified by a handle until
 !> `close_scene`; it refers to the arrays passed in, which the caller must keep unchanged. Runs only read it, so several
 !> may use it concurrently. A run also has a handle; its arrays belong to the kernel, and the caller gets views of them.
+!> Handles and addresses have 64 bits; c_intptr_t is a C long for f2py, which has 32 bits on Windows.
 module rockfall_f2py
    use ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-   use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_intptr_t, c_ptr, &
+   use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_ptr, &
                             c_loc, c_f_pointer
    use rockfall_error, only: error_t, give_error
    use rockfall_text, only: joined, max_text
@@ -89,7 +90,7 @@ contains
       real(c_double), intent(in) :: west, north, cell       !! outer edges, cell size [m]
       integer(c_int), intent(in) :: nodes(2), first(2)      !! columns, rows of the raster; first ones of the arrays
       integer(c_int), intent(in) :: draw                    !! draw of the impact sets; 0: the only one
-      integer(c_intptr_t), intent(out) :: handle
+      integer(c_int64_t), intent(out) :: handle
       type(open_scene_t), pointer :: opened
 
       allocate (opened)
@@ -102,7 +103,7 @@ contains
 
    !> Pass an array to a scene: its name, kind, lengths (the first varies fastest), and address.
    subroutine pass_array(handle, name, kind, length, address)
-      integer(c_intptr_t), intent(in) :: handle, address
+      integer(c_int64_t), intent(in) :: handle, address
       character(len=*), intent(in) :: name, kind
       integer(c_int64_t), intent(in) :: length(3)
       type(open_scene_t), pointer :: opened
@@ -113,7 +114,7 @@ contains
 
    !> Build a scene from the text of a case and the arrays passed; on error it is closed.
    subroutine build_scene(handle, text, name, code, message)
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       character(len=*), intent(in) :: text, name            !! of the case, and its name in messages
       integer(c_int), intent(out) :: code                   !! 0 = success
       character(len=1024), intent(out) :: message
@@ -132,7 +133,7 @@ contains
    !> Restrict boulders to these columns and rows, those of the maps: identical for all runs of a scene, and before
    !> them.
    subroutine limit_terrain(handle, map_at, map_last)
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       integer(c_int), intent(in) :: map_at(2), map_last(2)  !! first and last column, row
       type(open_scene_t), pointer :: opened
       type(terrain_t) :: dem
@@ -145,7 +146,7 @@ contains
 
    !> Close a scene; the handle becomes invalid.
    subroutine close_scene(handle)
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       type(open_scene_t), pointer :: opened
 
       opened => scene_of(handle)
@@ -154,7 +155,7 @@ contains
 
    !> Set the execution mode, as in rockfall_scene_type; results do not depend on it, as tests verify.
    subroutine carry_in_lanes(handle, lanes)
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       integer(c_int), intent(in) :: lanes
       type(open_scene_t), pointer :: opened
 
@@ -163,13 +164,13 @@ contains
    end subroutine carry_in_lanes
 
    pure type(c_ptr) function pointer_of(address) result(place)
-      integer(c_intptr_t), intent(in) :: address
+      integer(c_int64_t), intent(in) :: address
 
       place = transfer(address, place)
    end function pointer_of
 
    function scene_of(handle) result(opened)
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       type(open_scene_t), pointer :: opened
 
       call c_f_pointer(pointer_of(handle), opened)
@@ -178,11 +179,11 @@ contains
    !> Open a run of a scene, or of `boulders` of its boulders after the first `before`, with maps of a window (first
    !> column and row, numbers of columns and rows).
    subroutine open_run(handle, before, boulders, window, threads, most_columns, run, code, message)
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: before, boulders
       integer(c_int), intent(in) :: window(4), threads
       integer(c_int64_t), intent(in) :: most_columns  !! maximum columns of bin counts
-      integer(c_intptr_t), intent(out) :: run  !! 0 on error
+      integer(c_int64_t), intent(out) :: run  !! 0 on error
       integer(c_int), intent(out) :: code      !! 0 = success
       character(len=1024), intent(out) :: message
       type(open_scene_t), pointer :: scene
@@ -206,7 +207,7 @@ contains
       integer(c_int64_t), intent(in) :: boulders(3)  !! of the complete run, before the part, in it
       integer(c_int), intent(in) :: window(4), grounds, features
       integer(c_int32_t), intent(in) :: part_last(np), group_part(ng)  !! as in layout_t
-      integer(c_intptr_t), intent(out) :: run
+      integer(c_int64_t), intent(out) :: run
       integer(c_int), intent(out) :: code
       character(len=1024), intent(out) :: message
       type(open_run_t), pointer :: opened
@@ -226,8 +227,8 @@ contains
 
    !> Open a run of a scene that continues another run, which then cannot continue itself.
    subroutine continue_run(handle, other, run, code, message)
-      integer(c_intptr_t), intent(in) :: handle, other
-      integer(c_intptr_t), intent(out) :: run
+      integer(c_int64_t), intent(in) :: handle, other
+      integer(c_int64_t), intent(out) :: run
       integer(c_int), intent(out) :: code
       character(len=1024), intent(out) :: message
       type(open_scene_t), pointer :: scene
@@ -244,7 +245,7 @@ contains
    !> Add a part to a run, both from open_joined_run.
    subroutine merge_run(run, part, code, message)
       !f2py threadsafe
-      integer(c_intptr_t), intent(in) :: run, part
+      integer(c_int64_t), intent(in) :: run, part
       integer(c_int), intent(out) :: code
       character(len=1024), intent(out) :: message
       type(open_run_t), pointer :: joined, other
@@ -260,7 +261,7 @@ contains
    subroutine return_run_handle(opened, error, run, code, message)
       type(open_run_t), pointer, intent(in) :: opened
       type(error_t), allocatable, intent(inout) :: error
-      integer(c_intptr_t), intent(out) :: run
+      integer(c_int64_t), intent(out) :: run
       integer(c_int), intent(out) :: code
       character(len=1024), intent(out) :: message
 
@@ -274,7 +275,7 @@ contains
 
    !> Close a run; the handle becomes invalid.
    subroutine close_run(run)
-      integer(c_intptr_t), intent(in) :: run
+      integer(c_int64_t), intent(in) :: run
       type(open_run_t), pointer :: opened
 
       opened => run_of(run)
@@ -283,7 +284,7 @@ contains
    end subroutine close_run
 
    function run_of(run) result(opened)
-      integer(c_intptr_t), intent(in) :: run
+      integer(c_int64_t), intent(in) :: run
       type(open_run_t), pointer :: opened
 
       call c_f_pointer(pointer_of(run), opened)
@@ -293,7 +294,7 @@ contains
    !> the number of boulders that left it and must be rerun.
    subroutine advance(run, handle, first, step, n, left, code, message)
       !f2py threadsafe
-      integer(c_intptr_t), intent(in) :: run, handle
+      integer(c_int64_t), intent(in) :: run, handle
       integer(c_int64_t), intent(in) :: first, step, n
       integer(c_int), intent(out) :: left
       integer(c_int), intent(out) :: code
@@ -313,11 +314,11 @@ contains
    !> Array k of a run, from 1: description as from row_text, lengths of its dimensions (the first varies fastest), and
    !> address; blank past the end. k = 1 builds a new list.
    subroutine array(run, k, text, length, address)
-      integer(c_intptr_t), intent(in) :: run
+      integer(c_int64_t), intent(in) :: run
       integer(c_int), intent(in) :: k
       character(len=256), intent(out) :: text
       integer(c_int64_t), intent(out) :: length(4)
-      integer(c_intptr_t), intent(out) :: address
+      integer(c_int64_t), intent(out) :: address
       type(open_run_t), pointer :: opened
 
       opened => run_of(run)
@@ -337,7 +338,7 @@ contains
    !> cluster that may behave alike (1: independent).
    subroutine map(run, name, boulders, address)
       !f2py threadsafe
-      integer(c_intptr_t), intent(in) :: run, address
+      integer(c_int64_t), intent(in) :: run, address
       character(len=*), intent(in) :: name
       integer(c_int64_t), intent(in) :: boulders(2)
       type(open_run_t), pointer :: opened
@@ -355,7 +356,7 @@ contains
 
    !> Numbers of passages for a cell of a map: minimum for a value, and below which a value is unreliable.
    subroutine map_passages(run, name, per_cluster, passages)
-      integer(c_intptr_t), intent(in) :: run
+      integer(c_int64_t), intent(in) :: run
       character(len=*), intent(in) :: name
       integer(c_int64_t), intent(in) :: per_cluster
       integer(c_int), intent(out) :: passages(2)
@@ -368,7 +369,7 @@ contains
    !> Free the tallies and samples of a run once all results are computed; counts, sums and maxima of maps if `go` is 1.
    !> Views of them become invalid.
    subroutine forget_tallies(run, go)
-      integer(c_intptr_t), intent(in) :: run
+      integer(c_int64_t), intent(in) :: run
       integer(c_int), intent(in) :: go(3)
       type(open_run_t), pointer :: opened
 
@@ -378,7 +379,7 @@ contains
 
    !> Count in the maps of a run only the boulders done of partial sources (sign 1), or revert this (-1).
    subroutine settle_sources(run, handle, done, sign)
-      integer(c_intptr_t), intent(in) :: run, handle
+      integer(c_int64_t), intent(in) :: run, handle
       integer(c_int64_t), intent(in) :: done
       integer(c_int), intent(in) :: sign
       type(open_scene_t), pointer :: scene
@@ -393,7 +394,7 @@ contains
    !> Restore the cells of sources that the boulders done cut; good: 1 or 0.
    subroutine restore_sources(run, handle, done, cell, source, boulders, good, n)
       integer(c_int), intent(in) :: n
-      integer(c_intptr_t), intent(in) :: run, handle
+      integer(c_int64_t), intent(in) :: run, handle
       integer(c_int64_t), intent(in) :: done, cell(n)
       integer(c_int32_t), intent(in) :: source(n), boulders(n)
       integer(c_int), intent(out) :: good
@@ -486,7 +487,7 @@ contains
    subroutine trajectory(handle, number, vertex, recorded, boulder, counts, max_vertices)
       !f2py threadsafe
       integer(c_int), intent(in) :: max_vertices
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: number
       real(c_double), intent(inout) :: vertex(14, max_vertices)  !! vertex_fields
       integer(c_int), intent(out) :: recorded
@@ -514,7 +515,7 @@ contains
    subroutine scan_rows(handle, first, last, minima, max_head, code, message, nbx, nby)
       !f2py threadsafe
       integer(c_int), intent(in) :: nbx, nby
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       integer(c_int), intent(in) :: first, last
       real(c_double), intent(inout) :: minima(nbx, nby), max_head(1)  !! [m]
       integer(c_int), intent(out) :: code
@@ -530,7 +531,7 @@ contains
 
    !> The terrain of a scene that was given its elevations, and is not built.
    function terrain_of(handle) result(dem)
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       type(terrain_t) :: dem
       type(open_scene_t), pointer :: opened
 
@@ -544,7 +545,7 @@ contains
    subroutine reachable_box(handle, minima, max_head, box, nbx, nby)
       !f2py threadsafe
       integer(c_int), intent(in) :: nbx, nby
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       real(c_double), intent(in) :: minima(nbx, nby), max_head
       integer(c_int), intent(out) :: box(4)
       type(open_scene_t), pointer :: opened
@@ -597,7 +598,7 @@ contains
    !> Reject a run whose maps could overflow; `fall` is the height from the maximum energy head to the minimum elevation
    !> [m].
    subroutine check_maps(handle, fall, code, message)
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       real(c_double), intent(in) :: fall
       integer(c_int), intent(out) :: code
       character(len=1024), intent(out) :: message
@@ -698,7 +699,7 @@ contains
    subroutine steep_cells(handle, threshold, first, cells, nx, ny)
       !f2py threadsafe
       integer(c_int), intent(in) :: nx, ny, first
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       real(c_double), intent(in) :: threshold  !! [degree]
       integer(c_int16_t), intent(inout) :: cells(nx, ny)
 
@@ -709,7 +710,7 @@ contains
    subroutine area_ratios(handle, source_x, source_y, ratio, ns)
       !f2py threadsafe
       integer(c_int), intent(in) :: ns
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       real(c_double), intent(in) :: source_x(ns), source_y(ns)
       real(c_double), intent(out) :: ratio(ns)
       type(terrain_t) :: dem
@@ -721,7 +722,7 @@ contains
    !> Return whether boulders can start from points, in map coordinates [m].
    subroutine known_at(handle, x, y, known, n)
       integer(c_int), intent(in) :: n
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       real(c_double), intent(in) :: x(n), y(n)
       integer(c_int), intent(out) :: known(n)             !! 1 or 0
       type(open_scene_t), pointer :: opened
@@ -744,7 +745,7 @@ contains
 
    !> Number of boulders of a scene.
    subroutine boulders(handle, number)
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       integer(c_int64_t), intent(out) :: number
       type(open_scene_t), pointer :: opened
 
@@ -754,7 +755,7 @@ contains
 
    !> First and last boulder of a source, from 1.
    subroutine boulders_of_source(handle, source, first, last)
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: source
       integer(c_int64_t), intent(out) :: first, last
       type(open_scene_t), pointer :: opened
@@ -766,7 +767,7 @@ contains
 
    !> Numbers of the n boulders in first..last whose trajectories are recorded, if `room` of all are.
    subroutine recorded_numbers(handle, first, last, number, n, requested)
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: first, last
       integer, intent(in) :: requested
       integer(c_int64_t), intent(out) :: number(requested)
@@ -801,7 +802,7 @@ contains
    !> Sources of boulders, from 1.
    subroutine sources_of_boulders(handle, boulder, source, n)
       integer(c_int), intent(in) :: n
-      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: boulder(n)
       integer(c_int64_t), intent(out) :: source(n)
       type(open_scene_t), pointer :: opened

@@ -17,6 +17,7 @@ from rockfall.errors import RockfallError
 from rockfall.result.dataset import put_netcdf
 from rockfall.simulation.part_file import CLOCKS, LAYOUT_OF, boulders_in, make_part, read_part
 from rockfall.simulation.tally import Tally, origin_of
+from rockfall.system import sync
 
 REST = 20.0  # minimum pause between saves, as a multiple of the duration of the last save
 
@@ -96,9 +97,9 @@ class Checkpoint:
         try:
             self.part.unlink(missing_ok=True)  # left by a run that was killed while saving
             put_netcdf(make_part(tally), self.part, self.path)
-            _sync(self.part)
+            sync(self.part)
             os.replace(self.part, self.path)
-            _sync(self.path.parent)
+            sync(self.path.parent)
             self.saved = tally.done
         except (OSError, RockfallError, MemoryError) as error:
             with suppress(OSError):
@@ -115,12 +116,3 @@ class Checkpoint:
         for path in self.path, self.part:
             with suppress(OSError):
                 path.unlink()
-
-
-def _sync(path: Path) -> None:
-    """Flush a file, or the entries of a folder, to disk."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -2,14 +2,14 @@
 """Locks that let one run at a time write an output, since two would destroy each other's files. The
 same as in io/system.c."""
 
-import fcntl
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from rockfall.errors import RockfallError
 from rockfall.io.files import check_regular
+from rockfall.system import NO_FOLLOW, lock, remove_locked
 
 
 @contextmanager
@@ -27,22 +27,20 @@ def locked(output: Path, say: Callable[[str], None]) -> Iterator[None]:
     try:
         yield
     finally:
-        with suppress(OSError):  # another process has removed it
-            path.unlink()
-        os.close(descriptor)
+        remove_locked(path, descriptor)
 
 
 def _open(path: Path) -> int:
     check_regular(path)
     if path.exists() and (path.is_dir() or path.stat().st_size):
         raise RockfallError(f"{path}: is there, and no lock; choose another output")
-    return os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+    return os.open(path, os.O_RDWR | os.O_CREAT | NO_FOLLOW, 0o666)
 
 
 def _hold(descriptor: int, path: Path, say: Callable[[str], None]) -> bool:
     """Try to lock; False if the lock file was replaced in the meantime."""
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(descriptor)
     except BlockingIOError:
         os.close(descriptor)
         raise RockfallError(

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import re
-import resource
 from contextlib import suppress
 from pathlib import Path
 
 from rockfall.errors import RockfallError
 from rockfall.limits import MACHINE_MEMORY
 from rockfall.result.variables import LINE
+from rockfall.system import memory_limits
 
 BYTES_AT_LINE = 8 * len(LINE)  # of a boulder at an evaluation line
 ROOM = 0.5  # fraction of the memory for boulders at lines
@@ -20,8 +20,7 @@ UNITS = {"": 1, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12}
 def machine_memory() -> float:
     """Bytes that this process may use: limited by the machine, its job (control group) and its
     shell."""
-    limits = [MACHINE_MEMORY]
-    limits += [limit for limit in resource.getrlimit(resource.RLIMIT_AS)[:1] if limit > 0]
+    limits = [MACHINE_MEMORY, *memory_limits()]
     with suppress(OSError):
         for file in limit_files(Path("/proc/self/cgroup").read_text()):
             with suppress(OSError, ValueError):  # no such limit, or "max"

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable
 from functools import cached_property
@@ -28,6 +27,7 @@ from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.run_state import Run
 from rockfall.simulation.tally import Tally, shard_range
 from rockfall.simulation.tally_dataset import make_result
+from rockfall.system import before_fork
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from rockfall.simulation.checkpoint import Checkpoint
 
 # A forked child would wait forever for the idle threads that a run leaves in its parent.
-os.register_at_fork(before=_core.end_team)
+before_fork(_core.end_team)
 
 CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
 FIRST_CHUNK = 64  # boulders

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What differs between operating systems: memory, locks, durable files, signals."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+#: Signals that ask a process to stop: Ctrl-C, and what batch systems send at a time limit.
+STOPS: tuple[signal.Signals, ...] = (signal.SIGINT, signal.SIGTERM)
+#: Flag of os.open that refuses symbolic links, where there is one.
+NO_FOLLOW = getattr(os, "O_NOFOLLOW", 0)
+
+if sys.platform == "win32":
+    import ctypes
+    import msvcrt
+
+    STOPS = (*STOPS, signal.SIGBREAK)
+
+    class _MemoryStatus(ctypes.Structure):
+        """MEMORYSTATUSEX of Windows."""
+
+        _fields_ = [
+            ("dwLength", ctypes.c_uint32),
+            ("dwMemoryLoad", ctypes.c_uint32),
+            ("ullTotalPhys", ctypes.c_uint64),
+            ("others", ctypes.c_uint64 * 6),
+        ]
+
+    def physical_memory() -> int:
+        """Memory of the machine [bytes]."""
+        status = _MemoryStatus(dwLength=ctypes.sizeof(_MemoryStatus))
+        ctypes.windll.kernel32.GlobalMemoryStatusEx(ctypes.byref(status))
+        return int(status.ullTotalPhys)
+
+    def memory_limits() -> list[int]:
+        """Limits on the memory of this process other than that of the machine [bytes]."""
+        return []
+
+    def lock(descriptor: int) -> None:
+        """Lock an open file until it is closed; a BlockingIOError if another process has locked
+        it."""
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        except PermissionError as error:
+            raise BlockingIOError(error.errno, error.strerror) from None
+
+    def remove_locked(path: Path, descriptor: int) -> None:
+        """Close a locked file and remove it; an open one cannot be removed."""
+        os.close(descriptor)
+        with suppress(OSError):  # another process has opened or removed it
+            path.unlink()
+
+    def sync(path: Path) -> None:
+        """Flush a file to disk; entries of folders are flushed by the file system itself."""
+        if path.is_file():
+            descriptor = os.open(path, os.O_RDWR)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+
+    def before_fork(call: Callable[[], object]) -> None:
+        """Call a function before the process forks, which it cannot here."""
+
+else:
+    import fcntl
+    import resource
+
+    def physical_memory() -> int:
+        """Memory of the machine [bytes]."""
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+    def memory_limits() -> list[int]:
+        """Limits on the memory of this process other than that of the machine [bytes]."""
+        return [limit for limit in resource.getrlimit(resource.RLIMIT_AS)[:1] if limit > 0]
+
+    def lock(descriptor: int) -> None:
+        """Lock an open file until it is closed; a BlockingIOError if another process has locked
+        it."""
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+    def remove_locked(path: Path, descriptor: int) -> None:
+        """Remove a locked file and close it; no other process may lock it in between."""
+        with suppress(OSError):  # another process has removed it
+            path.unlink()
+        os.close(descriptor)
+
+    def sync(path: Path) -> None:
+        """Flush a file, or the entries of a folder, to disk."""
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+    def before_fork(call: Callable[[], object]) -> None:
+        """Call a function before the process forks."""
+        os.register_at_fork(before=call)
+
+
+def signal_channel() -> tuple[socket.socket, socket.socket]:
+    """Reader and writer of the numbers of signals, for `signal.set_wakeup_fd`: sockets, which every
+    system takes there."""
+    reader, writer = socket.socketpair()
+    writer.setblocking(False)
+    return reader, writer

