@@ -18,6 +18,7 @@ import pandas as pd
 import pytest
 
 import rockfall
+from browser import open_browser, resize
 from made import leave_pictures_blank
 from rockfall.analysis.observations import read_observed
 from rockfall.analysis.precision.intervals import (
@@ -613,18 +614,7 @@ def test_without_the_extra_one_line_says_what_to_install(stored, capsys, monkeyp
 @pytest.fixture(scope="module")
 def browser():
     """Headless Chromium without a network."""
-    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-    names = ("chromium", "chromium-browser", "google-chrome")
-    found = next(filter(None, map(shutil.which, names)), None)
-    driver = shutil.which("chromedriver")
-    if not found or not driver:
-        pytest.skip("no chromium and chromedriver here")
-    options = webdriver.ChromeOptions()
-    options.binary_location = found
-    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu"):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    one = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    one = open_browser("--disable-gpu")
     one.execute_cdp_cmd("Network.enable", {})
     one.execute_cdp_cmd("Network.emulateNetworkConditions", {
         "offline": True, "latency": 0, "downloadThroughput": 0, "uploadThroughput": 0,
@@ -634,9 +624,7 @@ def browser():
 
 
 def opened(browser, page, width):
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
-        "width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600,
-    })  # fmt: skip
+    resize(browser, width)
     browser.get(page.as_uri())
     return browser
 

@@ -1,0 +1,346 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The live window in a real browser: what an engineer does there, and what must not happen."""
+
+import json
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("starlette", reason="the app extra is not installed")
+pytest.importorskip("uvicorn", reason="the app extra is not installed")
+pytest.importorskip("selenium", reason="selenium is not installed")
+pytest.importorskip("shapely", reason="the vector extra is not installed")
+from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
+from selenium.webdriver.common.actions.action_builder import ActionBuilder  # noqa: E402
+from selenium.webdriver.common.by import By  # noqa: E402
+from selenium.webdriver.common.keys import Keys  # noqa: E402
+
+import rockfall  # noqa: E402
+import scenes  # noqa: E402
+from browser import open_browser, resize  # noqa: E402
+from made import make_raster  # noqa: E402
+from rockfall.app.room import Room  # noqa: E402
+from rockfall.app.server import Server, bind  # noqa: E402
+from rockfall.app.show import PAGE, show  # noqa: E402
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::UserWarning"),
+    pytest.mark.skipif(not (PAGE / "app.js").exists(), reason="the page is made by ./run page"),
+]
+
+W, N = 600000.0, 5000000.0
+CASE = f"""&case title = 'Hang', boulders_total = 200, seed = 7, threads = 1 /
+&terrain dem = 'dem.tif' /
+&surface uniform_mean_radius = 0.25 /
+&impact sets = 'sets.nml' /
+&boulder volume = 'normal', volume_mean = 0.8, volume_std = 0.2 /
+&release x = {W + 150}, y = {N - 40}, drop_height = 5.0 /
+&line name = 'L', x = {W}, {W + 300}, y = {N - 200}, {N - 200} /
+"""
+PATIENCE = 60.0  # [s] at most, on a machine that does other things
+
+
+@pytest.fixture(scope="module")
+def browser():
+    one = open_browser("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+    yield one
+    one.quit()
+
+
+@pytest.fixture(autouse=True)
+def place(tmp_path, monkeypatch):
+    """A case on a lively slope, and a list of recent files of its own."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.chdir(tmp_path)
+    make_raster("dem.tif", scenes.rough(dtype="f4"))
+    scenes.write_sets(tmp_path / "sets.nml", *scenes.sets(2.0), scenes.usual)
+    Path("case.nml").write_text(CASE, encoding="utf-8")
+
+
+@contextmanager
+def served(path):
+    server = Server(Room(Path(path)), bind(0), keep=True)
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    try:
+        yield server
+    finally:
+        server.stop()
+        thread.join(20)
+
+
+@pytest.fixture
+def window(browser):
+    """The window of the case, with complete results."""
+    with served("case.nml") as server:
+        resize(browser, 1280, 800)
+        yield open_window(browser, server)
+        errors = [one for one in browser.get_log("browser") if one["level"] == "SEVERE"]
+        browser.get("about:blank")
+    assert errors == []
+
+
+def open_window(browser, server):
+    browser.get("about:blank")
+    browser.get(server.url)
+    page = Window(browser)
+    page.complete()
+    return page
+
+
+class Window:
+    """What a hand and an eye do in the page."""
+
+    def __init__(self, browser):
+        self.browser = browser
+
+    def until(self, what, script, *values):
+        """Wait until a script returns something true, and return it."""
+        end = time.monotonic() + PATIENCE
+        while not (found := self.browser.execute_script(f"return {script}", *values)):
+            assert time.monotonic() < end, f"{what} did not come: {self.text('body')[:400]}"
+            time.sleep(0.05)
+        return found
+
+    def complete(self, revision=0):
+        """Wait for all results of a revision or a later one; those of each line by its name."""
+        ready = "window.rockfall && !rockfall.preliminary && rockfall.batch?.complete"
+        self.until("a complete run", f"{ready} && rockfall.revision >= arguments[0]", revision)
+        batch = self.browser.execute_script("return rockfall.batch")
+        return {line["name"]: line for line in batch["lines"]}
+
+    def changed(self, act):
+        """Results after an act that changes the document."""
+        before = self.revision
+        act()
+        self.until("a revision", "rockfall.revision > arguments[0]", before)
+        return self.complete(before + 1)
+
+    @property
+    def revision(self):
+        return self.browser.execute_script("return rockfall.revision")
+
+    @property
+    def layers(self):
+        return self.browser.execute_script("return rockfall.document")["layers"]
+
+    def find(self, selector):
+        return self.browser.find_element(By.CSS_SELECTOR, selector)
+
+    def text(self, selector):
+        return self.find(selector).text
+
+    def click(self, selector):
+        self.until(selector, "document.querySelector(arguments[0])", selector)
+        self.find(selector).click()
+
+    def pixel(self, place):
+        return [
+            round(one) for one in self.until("the map", "rockfall.pixelOf(arguments[0])", place)
+        ]
+
+    def touch(self, *places, drag=False, double=False):
+        """Click at places of the map [m], or drag from one to the next."""
+        builder = ActionBuilder(self.browser, duration=20)
+        mouse = builder.pointer_action
+        for number, place in enumerate(places):
+            mouse.move_to_location(*self.pixel(place))
+            if drag and not number:
+                mouse.pointer_down()
+            elif not drag:
+                mouse.click()
+        if drag:
+            mouse.pointer_up()
+        elif double:
+            mouse.click()
+        builder.perform()
+
+    def draw(self, tool, *places):
+        self.click(f'[data-tool="{tool}"]')
+        self.touch(*places, double=len(places) > 1)
+
+    def fill(self, name, value):
+        """Type a value into the field of a key."""
+        shown = "[...document.querySelectorAll(arguments[0])].find((one) => one.offsetParent)"
+        field = self.until(name, shown, f'[data-field="{name}"]')
+        field.clear()
+        field.send_keys(f"{value}{Keys.TAB}")
+
+    def undo(self):
+        chain = ActionChains(self.browser).key_down(Keys.CONTROL).send_keys("z")
+        chain.key_up(Keys.CONTROL).perform()
+
+    def save(self, name):
+        self.click('[data-action="save"]')
+        field = self.find("dialog[open] input")
+        field.clear()
+        field.send_keys(name)
+        self.click('dialog[open] [data-action="write"]')
+        self.until("a saved file", "document.querySelector('dialog[open] .files')")
+        self.click('[data-action="close-dialog"]')
+
+
+def agrees(lines, case):
+    """Check that the lines of a window have the numbers of a run of a case, to the last bit."""
+    found = rockfall.line_statistics(rockfall.run(rockfall.read_case(case)))
+    assert {*found["line"]} == {*lines}
+    for row in found.itertuples():
+        if row.quantity not in (shown := lines[row.line]["quantities"]):
+            continue
+        one = shown[row.quantity]
+        assert lines[row.line]["n"] == row.n
+        assert lines[row.line]["fraction"][0] == row.fraction
+        if one["mean"][0] is not None:
+            assert one["mean"][0] == row.mean * one["factor"]
+            assert one["max"] == row.max * one["factor"]
+
+
+def test_a_case_opens_with_its_statistics(window):
+    lines = window.complete()
+    assert 0 < lines["L"]["n"] <= 200
+    agrees(lines, "case.nml")
+    shown = window.text('[data-line="L"]')
+    assert f"{lines['L']['n']} boulders" in shown.replace("\u202f", "")
+    assert [one["properties"]["name"] for one in window.layers["lines"]] == ["L"]
+
+
+def test_a_source_is_drawn_dragged_and_saved_as_what_the_command_line_runs(window):
+    first = window.complete()
+    drawn = window.changed(lambda: window.draw("source", [W + 90, N - 60]))
+    assert len(window.layers["sources"]) == 2
+    window.click('[data-tool="select"]')
+    dragged = window.changed(
+        lambda: window.touch([W + 90, N - 60], [W + 120, N - 70], [W + 200, N - 80], drag=True)
+    )
+    dragged = window.complete(window.revision)
+    x, y = window.layers["sources"][1]["coordinates"]
+    assert abs(x - W - 200) < 10 and abs(y - N + 80) < 10
+    means = [one["L"]["quantities"]["speed"]["mean"][0] for one in (first, drawn, dragged)]
+    assert len({*means}) == 3
+    window.save("drawn")
+    agrees(dragged, "drawn.nml")
+
+
+def test_undo_takes_back_a_net_and_the_numbers_with_it(window):
+    before = window.complete()
+    across = [W + 60, N - 150], [W + 240, N - 150]
+    window.click('[data-tool="net"]')
+    window.touch(*across, double=True)
+    window.until("a net", "rockfall.document.layers.barriers.length === 1")
+    window.fill("height", 4)
+    window.fill("capacity", 2000)
+    after = window.complete(window.revision)
+    assert len(after) == 2
+    assert after["L"]["n"] < before["L"]["n"]
+    while window.layers["barriers"]:
+        window.find("body").click()
+        revision = window.revision
+        window.undo()
+        window.until("a revision", "rockfall.revision > arguments[0]", revision)
+    assert window.complete(window.revision) == before
+
+
+def test_an_error_stands_at_its_field(window):
+    window.click('[data-tab="settings"]')
+    window.fill("density", -1)
+    window.until("an error", "document.querySelector('.field-error:not([hidden])')")
+    assert "> 0" in window.text(".field-error:not([hidden])")
+    assert window.browser.execute_script("return rockfall.preliminary")
+    window.fill("density", 2700)
+    window.complete(window.revision)
+    assert not window.browser.find_elements(By.CSS_SELECTOR, ".field-error:not([hidden])")
+
+
+def test_a_long_run_is_paused_and_gives_way_to_an_edit(window):
+    window.click('[data-tab="settings"]')
+    window.fill("boulders_total", 100_000_000)
+    running = "!rockfall.preliminary && rockfall.batch.total === 1e8"
+    window.until("a long run", f"{running} && rockfall.batch.boulders > 0")
+    window.click('[data-action="pause"]')
+    window.until("a pause", "!rockfall.batch.running")
+    paused = window.browser.execute_script("return rockfall.batch.boulders")
+    time.sleep(0.5)
+    assert window.browser.execute_script("return rockfall.batch.boulders") == paused
+    window.fill("boulders_total", 150)
+    window.click('[data-action="pause"]')
+    window.complete(window.revision)
+    assert window.browser.execute_script("return rockfall.batch.boulders") == 150
+
+
+def test_a_second_page_reads_until_it_takes_over(browser):
+    with served("case.nml") as server:
+        resize(browser, 1280, 800)
+        first = open_window(browser, server)
+        home = browser.current_window_handle
+        browser.switch_to.new_window("tab")
+        try:
+            second = open_window(browser, server)
+            assert not second.find('[data-tool="source"]').is_enabled()
+            second.click('[data-action="take-over"]')
+            tool = "document.querySelector('[data-tool=source]')"
+            second.until("a tool", f"!{tool}.disabled")
+            browser.switch_to.window(home)
+            first.until("the loss of it", f"{tool}.disabled")
+            browser.switch_to.new_window("tab")
+            browser.close()
+        finally:
+            for handle in browser.window_handles[1:]:
+                browser.switch_to.window(handle)
+                browser.close()
+            browser.switch_to.window(home)
+            browser.get("about:blank")
+
+
+def test_no_request_leaves_the_machine(browser):
+    browser.get_log("performance")
+    with served("case.nml") as server:
+        resize(browser, 1280, 800)
+        window = open_window(browser, server)
+        window.click('[data-view="scene"]')
+        time.sleep(0.5)
+        browser.get("about:blank")
+    log = [json.loads(one["message"])["message"] for one in browser.get_log("performance")]
+    asked = [one["params"] for one in log if one["method"] == "Network.requestWillBeSent"]
+    sockets = [one["params"] for one in log if one["method"] == "Network.webSocketCreated"]
+    urls = [one["request"]["url"] for one in asked] + [one["url"] for one in sockets]
+    own = f"http://127.0.0.1:{server.port}/", f"ws://127.0.0.1:{server.port}/live"
+    assert {"app.js", "live"} <= {url.rpartition("/")[2] for url in urls}
+    assert [url for url in urls if not url.startswith((*own, "data:", "blob:", "about:"))] == []
+    assert all(server.key not in url.partition("#")[0] for url in urls)
+
+
+@pytest.mark.parametrize("width", [390, 1280, 1920])
+def test_nothing_is_wider_than_the_page(width, window):
+    resize(window.browser, width, 800)
+    window.until("the map", "rockfall.pixelOf(arguments[0])", [W + 150, N - 150])
+    sizes = "[document.documentElement.scrollWidth, innerWidth]"
+    wide, inner = window.browser.execute_script(f"return {sizes}")
+    assert wide <= inner == width
+
+
+def test_the_page_speaks_the_language_that_is_chosen(window):
+    english = window.text("body")
+    choose = """
+    const select = document.querySelector('[data-action="language"]');
+    select.value = 'de'; select.dispatchEvent(new Event('change', {bubbles: true}));"""
+    window.browser.execute_script(choose)
+    window.until("German", "document.documentElement.lang === 'de'")
+    window.complete()
+    assert window.text("body") != english
+    assert "app." not in window.text("body")
+
+
+def test_a_result_is_looked_at_without_tools(browser):
+    result = rockfall.run(rockfall.read_case("case.nml").replace(output={"trajectories": 5}))
+    rockfall.write_result(result, "result.nc")
+    show(result).save("view.html")
+    with served("result.nc") as server:
+        resize(browser, 1280, 800)
+        lines = open_window(browser, server).complete()
+        assert not browser.find_elements(By.CSS_SELECTOR, '[data-tool="source"]')
+        assert lines["L"]["n"] == rockfall.line_statistics(result)["n"].max()
+    browser.get(Path("view.html").resolve().as_uri())
+    assert Window(browser).complete() == lines
