@@ -12,8 +12,8 @@ module lab_step
    use lab_neighbours, only: box_t, pair_t, neighbours_t, find_neighbours, outdated, find_pair
    implicit none
    private
-   public :: assembly_t, assemble, set_tilt, set_absorbing_base, stiffen, advance, watch_energy, total_energy, &
-      deepest_share, safe_step, energy_tolerance, trouble_text
+   public :: assembly_t, assemble, set_tilt, set_absorbing_base, stiffen, advance, shorten_step, lengthen_step, &
+      watch_energy, total_energy, deepest_share, safe_step, energy_tolerance, trouble_text
    public :: sound, leapt, too_soft, step_too_long, energy_grew
 
    !> Trouble codes; the first one that occurs is kept.
@@ -25,6 +25,9 @@ module lab_step
    real(wp), parameter :: deepest_overlap = 1 !! / smaller radius; Hertz's law fails long before
    ! A body held by several such contacts oscillates up to 2.5 times as fast, its spin 1.7 times; Verlet requires < 2.
    real(wp), parameter :: greatest_phase = 0.4_wp     !! maximum sqrt(k/m*) dt of a contact
+   real(wp), parameter :: shortest_step = 1.0_wp/64   !! of a step that adapts / the first one
+   ! sqrt(k/m*) goes with overlap**(1/4): after doubling the step every phase is at most 0.84 of the limit.
+   real(wp), parameter :: shallow = 1.0_wp/32         !! maximum overlap / its limit for a longer step
    real(wp), parameter :: energy_tolerance = 0.02_wp  !! maximum relative growth of the energy input
 
    !> Body supported by an absorbing base.
@@ -49,7 +52,7 @@ module lab_step
       real(wp) :: gravity = 9.81_wp                !! [m/s2]
       real(wp) :: tilt(3) = 0                      !! additional gravity of the last body [m/s2]
       real(wp) :: tilt_work = 0                    !! work of the tilt so far [J]
-      real(wp) :: dt = 0                           !! [s]
+      real(wp) :: dt = 0, first_dt = 0             !! step, and that at the start [s]
       type(neighbours_t) :: near
       type(law_t), allocatable :: law(:)           !! per pair
       type(touch_t), allocatable :: touch(:)
@@ -91,6 +94,7 @@ contains
       s%material = material
       s%gravity = gravity
       s%dt = dt
+      s%first_dt = dt
       s%near%skin = skin
       s%near%n_large = n_large
       if (allocated(bodies%owner)) s%near%owner = bodies%owner
@@ -129,6 +133,35 @@ contains
          if (allocated(b%clump)) call accelerate_clumps(s, 0.5_wp*s%dt)
       end associate
    end subroutine advance
+
+   !> Halve a step that the last one has found too long: the limit of the phase is well within that of stability.
+   pure subroutine shorten_step(s)
+      type(assembly_t), intent(inout) :: s
+
+      if (s%trouble /= step_too_long .or. s%dt < 2*shortest_step*s%first_dt) return
+      s%trouble = sound
+      call set_step(s, 0.5_wp*s%dt)
+   end subroutine shorten_step
+
+   !> Double a step that has been shortened, if all contacts permit it.
+   pure subroutine lengthen_step(s)
+      type(assembly_t), intent(inout) :: s
+      integer :: n
+
+      n = s%near%n_pairs
+      if (2*s%dt > s%first_dt) return
+      if (any(s%touch(:n)%root**2 > shallow*s%max_overlap(:n))) return
+      if (any(s%floor_touch%root**2 > shallow*s%floor_max_overlap)) return
+      call set_step(s, 2*s%dt)
+   end subroutine lengthen_step
+
+   pure subroutine set_step(s, dt)
+      type(assembly_t), intent(inout) :: s
+      real(wp), intent(in) :: dt  !! [s]
+
+      s%dt = dt
+      call set_limits(s)
+   end subroutine set_step
 
    !> Move clumps, and place their spheres, which have moved as bodies of their own.
    pure subroutine move_clumps(s)
@@ -506,7 +539,6 @@ contains
          associate (b => s%bodies, i => s%near%pair(k)%i, j => s%near%pair(k)%j)
             s%law(k) = pair_law(s%material, b%radius(i), b%mass(i), b%radius(j), b%mass(j), &
                                 merge(s%material%boulder_rolling, s%material%rolling, j > b%n - s%near%n_large))
-            s%max_overlap(k) = overlap_limit(s%law(k), min(b%radius(i), b%radius(j)), s%dt)
          end associate
       end do
       n = size(s%near%low)
@@ -516,10 +548,27 @@ contains
             s%floor_law(k) = plane_law(s%material, b%radius(i), b%mass(i), &
                                        merge(s%material%boulder_rolling, s%material%rolling, &
                                              i > b%n - s%near%n_large))
-            s%floor_max_overlap(k) = overlap_limit(s%floor_law(k), b%radius(i), s%dt)
          end associate
       end do
+      call set_limits(s)
    end subroutine make_laws
+
+   !> Set the limits of the overlaps, which depend on the step.
+   pure subroutine set_limits(s)
+      type(assembly_t), intent(inout) :: s
+      integer :: k
+
+      associate (r => s%bodies%radius)
+         do k = 1, s%near%n_pairs
+            associate (i => s%near%pair(k)%i, j => s%near%pair(k)%j)
+               s%max_overlap(k) = overlap_limit(s%law(k), min(r(i), r(j)), s%dt)
+            end associate
+         end do
+         do k = 1, size(s%near%low)
+            s%floor_max_overlap(k) = overlap_limit(s%floor_law(k), r(s%near%low(k)), s%dt)
+         end do
+      end associate
+   end subroutine set_limits
 
    !> Stiffen the material: springs keep their lengths.
    pure subroutine stiffen(s, young)
