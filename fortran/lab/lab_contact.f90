@@ -216,7 +216,7 @@ contains
    pure subroutine move_springs(count, n, rotation, kept, gain, rate, max_force, spring)
       integer, intent(in) :: count
       real(wp), intent(in), dimension(batch_size, 3) :: n, rotation, rate  !! [-], [rad], [m/s] or [rad/s]
-      real(wp), intent(in), dimension(batch_size) :: kept, gain, max_force !! [-], per rate, and of the force [N] or [N m]
+      real(wp), intent(in), dimension(batch_size) :: kept, gain, max_force !! [-], force per rate, [N] or [N m]
       real(wp), intent(inout) :: spring(batch_size, 3)  !! [N] or [N m]
       real(wp) :: x, y, z, ux, uy, uz, mx, my, mz, along, square, factor
       integer :: k

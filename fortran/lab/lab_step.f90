@@ -26,8 +26,9 @@ module lab_step
    ! A body held by several such contacts oscillates up to 2.5 times as fast, its spin 1.7 times; Verlet requires < 2.
    real(wp), parameter :: greatest_phase = 0.4_wp     !! maximum sqrt(k/m*) dt of a contact
    real(wp), parameter :: shortest_step = 1.0_wp/64   !! of a step that adapts / the first one
-   ! sqrt(k/m*) goes with overlap**(1/4): after doubling the step every phase is at most 0.84 of the limit.
-   real(wp), parameter :: shallow = 1.0_wp/32         !! maximum overlap / its limit for a longer step
+   ! sqrt(k/m*) goes with overlap**(1/4): after lengthening the step every phase is at most 0.84 of the limit.
+   real(wp), parameter :: step_ratio = sqrt(2.0_wp)   !! of steps that adapt
+   real(wp), parameter :: shallow = 1.0_wp/8          !! maximum overlap / its limit for a longer step
    real(wp), parameter :: energy_tolerance = 0.02_wp  !! maximum relative growth of the energy input
 
    !> Body supported by an absorbing base.
@@ -134,25 +135,25 @@ contains
       end associate
    end subroutine advance
 
-   !> Halve a step that the last one has found too long: the limit of the phase is well within that of stability.
+   !> Shorten a step that the last one has found too long: the limit of the phase is well within that of stability.
    pure subroutine shorten_step(s)
       type(assembly_t), intent(inout) :: s
 
-      if (s%trouble /= step_too_long .or. s%dt < 2*shortest_step*s%first_dt) return
+      if (s%trouble /= step_too_long .or. s%dt < shortest_step*s%first_dt) return
       s%trouble = sound
-      call set_step(s, 0.5_wp*s%dt)
+      call set_step(s, s%dt/step_ratio)
    end subroutine shorten_step
 
-   !> Double a step that has been shortened, if all contacts permit it.
+   !> Lengthen a step that has been shortened, if all contacts permit it.
    pure subroutine lengthen_step(s)
       type(assembly_t), intent(inout) :: s
       integer :: n
 
       n = s%near%n_pairs
-      if (2*s%dt > s%first_dt) return
+      if (step_ratio*s%dt > s%first_dt) return
       if (any(s%touch(:n)%root**2 > shallow*s%max_overlap(:n))) return
       if (any(s%floor_touch%root**2 > shallow*s%floor_max_overlap)) return
-      call set_step(s, 2*s%dt)
+      call set_step(s, step_ratio*s%dt)
    end subroutine lengthen_step
 
    pure subroutine set_step(s, dt)

@@ -43,7 +43,7 @@ module lab_tables
       "slope_min", "slope_max", "speed_min", "speed_median", "speed_max", "angle_min", "angle_median", "angle_max", &
       "spin_min", "spin_median", "spin_max", "gravity"]
    character(len=long), parameter :: boulder_keys(7) = [character(len=long) :: &
-      "radius", "density", "relief", "step_factor", "retries", "shape", "adaptive"]  ! the shape by its index in `shape_names`
+      "radius", "density", "relief", "step_factor", "retries", "shape", "adaptive"]  ! an index in `shape_names`
    character(len=long), parameter :: contact_fields(16) = [character(len=long) :: &
       "slope", "downhill", "heading", "speed", "incidence", "spin", "s", "vt_out", "vn_out", "w_out", "lateral", &
       "duration", "advance", "rise", "height", "energy_out"]

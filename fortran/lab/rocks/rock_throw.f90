@@ -112,10 +112,10 @@ contains
    !> Compute the first contacts of a throw, as many as fit; `complete` is false if the time limit was reached, or if no
    !> step was stable: then there are no contacts. A pure function of its arguments.
    !>
-   !> A throw whose step is too long is repeated with half of it. If the throw is adaptive, the step is halved at once,
-   !> and doubled where all contacts permit it; and where two bodies overlap by more than a radius, which Hertz's law
-   !> does not describe, it is repeated at rocks four times as stiff: overlaps / radius depend on rho v**2/E alone where
-   !> gravity is weak, and go with its power 2/5 in a collision, so they are 0.57 of what they were.
+   !> A throw whose step is too long is repeated with half of it. If the throw is adaptive, the step is shortened at
+   !> once, and lengthened where all contacts permit it; and where two bodies overlap by more than a radius,
+   !> which Hertz's law does not describe, it is repeated at rocks four times as stiff: where gravity is weak,
+   !> overlaps / radius depend on rho v**2/E alone, in a collision as its power 2/5, and so are 0.57 of what they were.
    pure subroutine follow_on_rocks(layer, packing, material, boulder, throw, key, number, contacts, n, complete)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
