@@ -4,9 +4,9 @@
     python -m benchmarks.lab.ratios CONTACTS.nc ... --at 4 --ratios 1 2 8
 
 CONTACTS are what `rockfall lab impact` has written for cases that throw. Prints, for boulders at
-R_b/R_m = AT by a table of RATIOS, on planes of 30 and 38 degrees up to 8 contacts: mean speed
-before a contact, R_n of contacts steeper than 3 degrees, and the fraction that stops; standard
-errors leave out fifths of the throws in turn.
+R_b/R_m = AT by a table of RATIOS, on planes of SLOPES (30 and 38 degrees) up to 8 contacts: mean
+speed before a contact, R_n of contacts steeper than 3 degrees, and the fraction that stops;
+standard errors leave out fifths of the throws in turn.
 """
 
 import argparse
@@ -24,9 +24,8 @@ from rockfall.lab.sequences import open_sequences
 from rockfall.lab.tables import table_of
 from rockfall.result.trajectories import vertices_of
 
-SLOPES = 30.0, 38.0  # [degree]
 PARTS = 5  # of the throws, left out one after the other
-RADIUS, SPEED, CONTACTS, BOULDERS = 0.4, 8.0, 8, 1500  # [m], [m/s]
+RADIUS, SPEED, BOULDERS = 0.4, 8.0, 1500  # [m], [m/s]
 FLATTEST = 0.05  # sine of the incidence from which R_n counts
 CELL, COLUMNS, ROWS, TOP = 2.5, 40, 200, 480.0  # [m]
 
@@ -41,14 +40,14 @@ def selected(files: list[xr.Dataset], ratios: list[float], without: int = -1) ->
     return [xr.concat(parts, "contact", combine_attrs="override")]
 
 
-def on_plane(table: Path, ratio: float, slope: float) -> np.ndarray:
+def on_plane(table: Path, ratio: float, slope: float, contacts: int) -> np.ndarray:
     """Mean speed [m/s], R_n and fraction that stops, of boulders by a table down a plane."""
     angle = np.radians(slope)
     y = np.mgrid[ROWS - 1 : -1 : -1, 0:COLUMNS][0] * CELL
     case = rockfall.Case(
         folder=table.parent,
         case={"boulders": BOULDERS, "seed": 11},
-        impact={"form": "table", "table": table.name, "impact_limit": CONTACTS},
+        impact={"form": "table", "table": table.name, "impact_limit": contacts},
         surface={"uniform_mean_radius": RADIUS / ratio},
         boulder={"volume": "fixed", "volume_mean": 4 / 3 * np.pi * RADIUS**3, "density": 2650.0},
         release={
@@ -69,12 +68,12 @@ def on_plane(table: Path, ratio: float, slope: float) -> np.ndarray:
 
 
 def numbers(
-    files: list[xr.Dataset], ratios: list[float], ratio: float, slope: float, without: int = -1
+    files: list[xr.Dataset], given: argparse.Namespace, slope: float, without: int = -1
 ) -> np.ndarray:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "table.nc"
-        save_table(table_of(selected(files, ratios, without)), path)
-        return on_plane(path, ratio, slope)
+        save_table(table_of(selected(files, given.ratios, without)), path)
+        return on_plane(path, given.at, slope, given.up_to)
 
 
 def main() -> None:
@@ -82,13 +81,15 @@ def main() -> None:
     parser.add_argument("contacts", type=Path, nargs="+")
     parser.add_argument("--at", type=float, required=True)
     parser.add_argument("--ratios", type=float, nargs="+", required=True)
+    parser.add_argument("--slopes", type=float, nargs="+", default=[30.0, 38.0])
+    parser.add_argument("--up-to", type=int, default=8, help="contacts")
     given = parser.parse_args()
     warnings.simplefilter("ignore")  # a table of one ratio asks for no rocks
     files = [open_sequences(path) for path in given.contacts]
     print("| slope | speed [m/s] | R_n | stopped |\n|---|---|---|---|")
-    for slope in SLOPES:
-        whole = numbers(files, given.ratios, given.at, slope)
-        left = [numbers(files, given.ratios, given.at, slope, part) for part in range(PARTS)]
+    for slope in given.slopes:
+        whole = numbers(files, given, slope)
+        left = [numbers(files, given, slope, part) for part in range(PARTS)]
         error = np.sqrt((PARTS - 1) * np.var(left, axis=0))
         cells = [f"{one:.2f} ± {of:.2f}" for one, of in zip(whole, error, strict=True)]
         print(f"| {slope:g} | " + " | ".join(cells) + " |", flush=True)

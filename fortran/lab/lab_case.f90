@@ -43,7 +43,7 @@ module lab_case
       key_t("throw", "throws", "list"), key_t("throw", "on_layer", "integer"), &
       key_t("throw", "contacts", "integer"), key_t("throw", "radius", "real"), &
       key_t("throw", "max_depth", "real"), key_t("throw", "relief", "real"), &
-      key_t("throw", "shape", "text"), &
+      key_t("throw", "shape", "text"), key_t("throw", "adaptive", "logical"), &
       key_t("throw", "slope", "range"), key_t("throw", "speed", "range"), &
       key_t("throw", "angle", "range"), key_t("throw", "spin", "range")]
 
@@ -181,14 +181,15 @@ contains
       type(group_t), intent(in) :: group
       type(lab_case_t), intent(inout) :: case
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: numbers(3)
+      real(wp) :: numbers(4)
 
-      numbers = [case%boulder%radius, case%boulder%relief, case%max_depth]
-      call take_row(group, key_table, [character(len=9) :: "radius", "relief", "max_depth"], numbers, error)
+      numbers = [case%boulder%radius, case%boulder%relief, case%max_depth, merge(1.0_wp, 0.0_wp, case%boulder%adaptive)]
+      call take_row(group, key_table, [character(len=9) :: "radius", "relief", "max_depth", "adaptive"], numbers, error)
       if (.not. allocated(error)) then
          case%boulder%radius = numbers(1)
          case%boulder%relief = numbers(2)
          case%max_depth = numbers(3)
+         case%boulder%adaptive = numbers(4) > 0
          call get_real(group, "throws", case%throws, error)
       end if
       if (.not. allocated(error)) call take_shape(group, case%boulder%kind, error)

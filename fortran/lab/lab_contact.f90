@@ -9,6 +9,7 @@ module lab_contact
    implicit none
    private
    public :: material_t, law_t, touch_t, pair_law, plane_law, press, stored_energy
+   public :: batch_t, batch_size, put_contact, touch_in, press_batch
    public :: check_material, reduced_modulus, cross, in_plane, collision_time, rayleigh_time
 
    !> One material for all bodies and planes.
@@ -39,6 +40,16 @@ module lab_contact
       real(wp) :: shear(3) = 0   !! tangential force on the first body [N]
       real(wp) :: moment(3) = 0  !! rolling moment on the first body [N m]
    end type touch_t
+
+   integer, parameter :: batch_size = 16
+
+   !> Contacts that are advanced together: components of `law_t` and `touch_t`, and arguments of `press`.
+   type :: batch_t
+      integer :: count = 0
+      real(wp), dimension(batch_size) :: hertz, mindlin, viscous, bending, friction, rolling
+      real(wp), dimension(batch_size) :: overlap, closing, root, normal
+      real(wp), dimension(batch_size, 3) :: n, slip, turn, rotation, shear, moment
+   end type batch_t
 
    ! Beyond these, the viscous or rolling part of a contact is stiffer than its normal spring, which determines the
    ! step, and the motion becomes wrong without notice.
@@ -115,9 +126,7 @@ contains
       reduced_modulus = material%young/(2*(1 - material%poisson**2))
    end function reduced_modulus
 
-   !> Advance a contact by one time step. The normal force is that of the state at the end of the step, the increments
-   !> of the springs use the rates at its middle: both of second order. A spring keeps its force while the overlap grows
-   !> and its length while it shrinks, so that no cycle of load and slip yields energy. It rotates with the contact.
+   !> Advance one contact by one time step, see `press_batch`.
    pure subroutine press(law, n, overlap, closing, slip, turn, rotation, dt, touch, normal)
       type(law_t), intent(in) :: law
       real(wp), intent(in) :: n(3)     !! unit normal at the end of the step, first to second [-]
@@ -129,41 +138,113 @@ contains
       real(wp), intent(in) :: dt       !! [s]
       type(touch_t), intent(inout) :: touch
       real(wp), intent(out) :: normal  !! force between the bodies, never attractive [N]
-      real(wp) :: root, before, mean, kept, time
+      type(batch_t) :: b
 
-      root = sqrt(overlap)
-      normal = law%hertz*overlap*root
-      if (law%viscous > 0) normal = max(0.0_wp, normal + law%viscous*sqrt(root)*closing)
-      if (law%friction > 0) then
-         before = touch%root
-         kept = 1
-         mean = root
-         if (root < before) then
-            kept = root/before
-         else  ! mean of sqrt(d) for a linear growth of d
-            mean = 2*(overlap + before*(root + before))/(3*(root + before))
-         end if
-         time = dt
-         ! the contact began within the step
-         if (before <= 0 .and. closing*dt > overlap) time = overlap/closing
-         touch%shear = in_plane(moved(kept*touch%shear, (-law%mindlin*mean*time)*slip, rotation), n)
-         call limit(touch%shear, law%friction*normal)
-         if (law%rolling > 0) then
-            touch%moment = in_plane(moved(kept*touch%moment, (-law%bending*mean*time)*turn, rotation), n)
-            call limit(touch%moment, law%rolling*normal)
-         end if
-      end if
-      touch%root = root
+      b%count = 1
+      call put_contact(b, 1, law, touch)
+      b%n(1, :) = n
+      b%overlap(1) = overlap
+      b%closing(1) = closing
+      b%slip(1, :) = slip
+      b%turn(1, :) = turn
+      b%rotation(1, :) = rotation
+      call press_batch(b, dt)
+      touch = touch_in(b, 1)
+      normal = b%normal(1)
    end subroutine press
 
-   !> Vector that changes linearly while it rotates, to second order in the rotation.
-   pure function moved(before, change, rotation) result(now)
-      real(wp), intent(in) :: before(3), change(3)  !! [N] or [N m]
-      real(wp), intent(in) :: rotation(3)           !! [rad]
-      real(wp) :: now(3)
+   !> Put law and state of a contact into a place of a batch.
+   pure subroutine put_contact(b, place, law, touch)
+      type(batch_t), intent(inout) :: b
+      integer, intent(in) :: place
+      type(law_t), intent(in) :: law
+      type(touch_t), intent(in) :: touch
 
-      now = before + change + cross(rotation, before + 0.5_wp*(change + cross(rotation, before)))
-   end function moved
+      b%hertz(place) = law%hertz
+      b%mindlin(place) = law%mindlin
+      b%viscous(place) = law%viscous
+      b%bending(place) = law%bending
+      b%friction(place) = law%friction
+      b%rolling(place) = law%rolling
+      b%root(place) = touch%root
+      b%shear(place, :) = touch%shear
+      b%moment(place, :) = touch%moment
+   end subroutine put_contact
+
+   !> State of a contact in a batch.
+   pure type(touch_t) function touch_in(b, place) result(touch)
+      type(batch_t), intent(in) :: b
+      integer, intent(in) :: place
+
+      touch%root = b%root(place)
+      touch%shear = b%shear(place, :)
+      touch%moment = b%moment(place, :)
+   end function touch_in
+
+   !> Advance the contacts of a batch by one time step. The normal force is that of the state at the end of the step,
+   !> the increments of the springs use the rates at its middle: both of second order. A spring keeps its force while
+   !> the overlap grows and its length while it shrinks, so that no cycle of load and slip yields energy. It rotates
+   !> with the contact. Loops over contacts, whose conditions are choices of values, become vector instructions.
+   pure subroutine press_batch(b, dt)
+      type(batch_t), intent(inout) :: b
+      real(wp), intent(in) :: dt  !! [s]
+      real(wp) :: root, before, mean, time
+      real(wp), dimension(batch_size) :: kept, shear_gain, moment_gain, max_shear, max_moment
+      integer :: k
+
+      do k = 1, b%count
+         before = b%root(k)
+         root = sqrt(b%overlap(k))
+         b%normal(k) = max(0.0_wp, b%hertz(k)*b%overlap(k)*root + b%viscous(k)*sqrt(root)*b%closing(k))
+         kept(k) = merge(root/max(before, tiny(before)), 1.0_wp, root < before)
+         ! where it grows, the mean of sqrt(d) for a linear growth of d
+         mean = merge(root, 2*(b%overlap(k) + before*(root + before))/(3*(root + before)), root < before)
+         ! the contact may have begun within the step
+         time = merge(b%overlap(k)/max(b%closing(k), tiny(dt)), dt, before <= 0 .and. b%closing(k)*dt > b%overlap(k))
+         shear_gain(k) = -b%mindlin(k)*mean*time
+         moment_gain(k) = -b%bending(k)*mean*time
+         max_shear(k) = b%friction(k)*b%normal(k)
+         max_moment(k) = b%rolling(k)*b%normal(k)
+         b%root(k) = root
+      end do
+      call move_springs(b%count, b%n, b%rotation, kept, shear_gain, b%slip, max_shear, b%shear)
+      call move_springs(b%count, b%n, b%rotation, kept, moment_gain, b%turn, max_moment, b%moment)
+   end subroutine press_batch
+
+   !> Move tangential springs: their forces change linearly while they rotate, to second order in the rotation, stay in
+   !> the plane of the contact, and are limited.
+   pure subroutine move_springs(count, n, rotation, kept, gain, rate, max_force, spring)
+      integer, intent(in) :: count
+      real(wp), intent(in), dimension(batch_size, 3) :: n, rotation, rate  !! [-], [rad], [m/s] or [rad/s]
+      real(wp), intent(in), dimension(batch_size) :: kept, gain, max_force !! [-], force per rate, [N] or [N m]
+      real(wp), intent(inout) :: spring(batch_size, 3)  !! [N] or [N m]
+      real(wp) :: x, y, z, ux, uy, uz, mx, my, mz, along, square, factor
+      integer :: k
+
+      do k = 1, count
+         x = kept(k)*spring(k, 1)
+         y = kept(k)*spring(k, 2)
+         z = kept(k)*spring(k, 3)
+         ux = gain(k)*rate(k, 1)
+         uy = gain(k)*rate(k, 2)
+         uz = gain(k)*rate(k, 3)
+         mx = x + 0.5_wp*(ux + (rotation(k, 2)*z - rotation(k, 3)*y))
+         my = y + 0.5_wp*(uy + (rotation(k, 3)*x - rotation(k, 1)*z))
+         mz = z + 0.5_wp*(uz + (rotation(k, 1)*y - rotation(k, 2)*x))
+         x = x + ux + (rotation(k, 2)*mz - rotation(k, 3)*my)
+         y = y + uy + (rotation(k, 3)*mx - rotation(k, 1)*mz)
+         z = z + uz + (rotation(k, 1)*my - rotation(k, 2)*mx)
+         along = x*n(k, 1) + y*n(k, 2) + z*n(k, 3)
+         x = x - along*n(k, 1)
+         y = y - along*n(k, 2)
+         z = z - along*n(k, 3)
+         square = x*x + y*y + z*z
+         factor = merge(max_force(k)/sqrt(max(square, tiny(square))), 1.0_wp, square > max_force(k)**2)
+         spring(k, 1) = x*factor
+         spring(k, 2) = y*factor
+         spring(k, 3) = z*factor
+      end do
+   end subroutine move_springs
 
    !> Component of a vector in the plane of a normal.
    pure function in_plane(v, n)
@@ -179,16 +260,6 @@ contains
 
       cross = [a(2)*b(3) - a(3)*b(2), a(3)*b(1) - a(1)*b(3), a(1)*b(2) - a(2)*b(1)]
    end function cross
-
-   !> Limit the length of a vector.
-   pure subroutine limit(v, length)
-      real(wp), intent(inout) :: v(3)  !! any [unit]
-      real(wp), intent(in) :: length   !! >= 0, the same [unit]
-      real(wp) :: square
-
-      square = dot_product(v, v)
-      if (square > length**2) v = v*(length/sqrt(square))
-   end subroutine limit
 
    !> Elastic energy stored in a contact [J].
    elemental real(wp) function stored_energy(law, touch) result(energy)

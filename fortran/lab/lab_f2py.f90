@@ -322,7 +322,7 @@ contains
                              layer, number, contacts, rows, counts, found, complete, code, message, room, nl, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: room, nl, n, contacts         !! contacts: maximum per throw
-      real(c_double), intent(in) :: material(6), packing(12), boulder(6), ranges(12)
+      real(c_double), intent(in) :: material(6), packing(12), boulder(7), ranges(12)
       integer(c_int64_t), intent(in) :: seed
       integer(c_int), intent(in) :: threads                       !! 0: all
       real(c_double), intent(in) :: x(3, room, nl), radius(room, nl), facts(6, nl)  !! from `pack`
@@ -372,7 +372,7 @@ contains
 
    !> Mean principal moment of inertia of a boulder that is thrown at rocks / (m R_b**2).
    subroutine inertia_factor(boulder, factor)
-      real(c_double), intent(in) :: boulder(6)
+      real(c_double), intent(in) :: boulder(7)
       real(c_double), intent(out) :: factor
       type(boulder_t) :: thrown
 

@@ -31,7 +31,9 @@ module lab_neighbours
       real(wp), allocatable :: x0(:, :)     !! centres when the list was made [m]
    end type neighbours_t
 
+   real(wp), parameter :: slack = 1.0e-12_wp  !! relative, for rounding
    integer, parameter :: far = 2  !! range in grid cells of the largest small body
+   integer, parameter :: max_spans = ((2*far + 1)**3 + 1)/2
 
 contains
 
@@ -74,7 +76,7 @@ contains
             call add_if_near(list, box, x, radius, i, j, pairs, count)
          end do
       end do
-      call sort_by_first_body(list, n, pairs(:count))
+      call sort_pairs(list, n, pairs(:count))
       list%low = pack([(i, i=1, n)], box%floor .and. x(3, :) - radius < list%skin)
       list%x0 = x
    end subroutine find_neighbours
@@ -97,7 +99,8 @@ contains
       if (box%width > 0) shift = merge(-sign(box%width, d), 0.0_wp, abs(d) > 0.5_wp*box%width)
    end function nearest_image
 
-   !> Find pairs among small bodies with a grid of cells half as wide as the range of the largest.
+   !> Find pairs among small bodies with a grid of cells half as wide as the range of the largest. Each body is
+   !> compared with the later ones in its cell and with those in the cells around it that come after it.
    pure subroutine pair_small_bodies(list, box, x, radius, n_small, pairs, count)
       type(neighbours_t), intent(in) :: list
       type(box_t), intent(in) :: box
@@ -105,9 +108,9 @@ contains
       integer, intent(in) :: n_small
       type(pair_t), allocatable, intent(inout) :: pairs(:)
       integer, intent(inout) :: count
-      integer, allocatable :: head(:, :, :), next(:)
-      real(wp) :: side, origin(3), extent(3), size_of(3)
-      integer :: cells(3), c(3), columns(-far:far), rows(-far:far), k, dx, dy, z, j
+      real(wp) :: side, origin(3), extent(3), size_of(3), d(3), sorted_x(3, n_small), sorted_radius(n_small)
+      integer :: cells(3), cell(3, n_small), place(n_small), order(n_small), spans(2, max_spans), n_spans, k, l, m
+      integer, allocatable :: first(:), next(:)
 
       if (n_small < 2) return
       side = (2*maxval(radius(:n_small)) + list%skin)/far
@@ -120,28 +123,61 @@ contains
       cells = min(max(1, int(extent/side)), 200)
       if (box%width > 0 .and. minval(cells(1:2)) < 2*far + 1) cells = 1  ! otherwise a cell would be visited twice
       size_of = max(extent/cells, tiny(side))
-      allocate (head(cells(1), cells(2), cells(3)), next(n_small), source=0)
-      do k = 1, n_small  ! each is compared with the bodies already in the cells
-         c = min(1 + int((x(:, k) - origin)/size_of), cells)
-         columns = cells_around(c(1), cells(1), box)
-         rows = cells_around(c(2), cells(2), box)
-         do z = max(1, c(3) - far), min(cells(3), c(3) + far)
-            do dy = -far, far
-               if (rows(dy) == 0) cycle
-               do dx = -far, far
-                  if (columns(dx) == 0) cycle
-                  j = head(columns(dx), rows(dy), z)
-                  do while (j > 0)
-                     call add_if_near(list, box, x, radius, j, k, pairs, count)
-                     j = next(j)
-                  end do
-               end do
+      do k = 1, n_small
+         cell(:, k) = min(1 + int((x(:, k) - origin)/size_of), cells)
+      end do
+      place = cell(1, :) + cells(1)*(cell(2, :) - 1 + cells(2)*(cell(3, :) - 1))
+      first = row_starts(product(cells), place)
+      next = first
+      do k = 1, n_small
+         order(next(place(k))) = k
+         next(place(k)) = next(place(k)) + 1
+      end do
+      sorted_x = x(:, order)
+      sorted_radius = radius(order)
+      do l = 1, n_small
+         call spans_after(box, cells, cell(:, order(l)), first, spans, n_spans)
+         spans(1, 1) = l + 1  ! of its own cell
+         do k = 1, n_spans
+            do m = spans(1, k), spans(2, k)
+               d = abs(sorted_x(:, m) - sorted_x(:, l))
+               if (box%width > 0) d(1:2) = min(d(1:2), box%width - d(1:2))
+               if (d(1)**2 + d(2)**2 + d(3)**2 > (1 + slack)*(sorted_radius(m) + sorted_radius(l) + list%skin)**2) cycle
+               call add_if_near(list, box, x, radius, min(order(l), order(m)), max(order(l), order(m)), pairs, count)
             end do
          end do
-         next(k) = head(c(1), c(2), c(3))
-         head(c(1), c(2), c(3)) = k
       end do
    end subroutine pair_small_bodies
+
+   !> Places, in the order of cells, of the bodies in a cell and in the half of the cells around it that comes after it,
+   !> as spans from first to last. Those of neighbouring cells along x follow each other.
+   pure subroutine spans_after(box, cells, c, first, spans, n)
+      type(box_t), intent(in) :: box
+      integer, intent(in) :: cells(3), c(3), first(:)
+      integer, intent(out) :: spans(2, max_spans), n
+      integer :: columns(-far:far), rows(-far:far), dx, dy, dz, p
+
+      columns = cells_around(c(1), cells(1), box)
+      rows = cells_around(c(2), cells(2), box)
+      n = 0
+      do dz = 0, min(far, cells(3) - c(3))
+         do dy = merge(-far, 0, dz > 0), far
+            if (rows(dy) == 0) cycle
+            do dx = merge(-far, 0, dz > 0 .or. dy > 0), far
+               if (columns(dx) == 0) cycle
+               p = columns(dx) + cells(1)*(rows(dy) - 1 + cells(2)*(c(3) + dz - 1))
+               if (n > 0) then
+                  if (spans(2, n) + 1 == first(p)) then
+                     spans(2, n) = first(p + 1) - 1
+                     cycle
+                  end if
+               end if
+               n = n + 1
+               spans(:, n) = [first(p), first(p + 1) - 1]
+            end do
+         end do
+      end do
+   end subroutine spans_after
 
    !> Cells along one direction around a cell; 0: none.
    pure function cells_around(cell, cells, box) result(near)
@@ -177,12 +213,13 @@ contains
       pairs(count) = pair_t(i, j, shift, reach)
    end subroutine add_if_near
 
-   !> Sort pairs by their first body, for locality and fast search.
-   pure subroutine sort_by_first_body(list, n, pairs)
+   !> Sort pairs by their first body, then by their second, for locality, fast search, and sums of forces in one order.
+   pure subroutine sort_pairs(list, n, pairs)
       type(neighbours_t), intent(inout) :: list
       integer, intent(in) :: n
       type(pair_t), intent(in) :: pairs(:)
-      integer :: next(n), k, i
+      type(pair_t) :: by_second(size(pairs))
+      integer :: row(n + 1)
 
       if (.not. allocated(list%row)) allocate (list%row(n + 1))
       if (allocated(list%pair)) then
@@ -190,21 +227,41 @@ contains
       end if
       if (.not. allocated(list%pair)) allocate (list%pair(size(pairs) + size(pairs)/4))
       list%n_pairs = size(pairs)
-      list%row = 0
+      call sort_by_body(n, pairs, pairs%j, row, by_second)
+      call sort_by_body(n, by_second, by_second%i, list%row, list%pair)
+   end subroutine sort_pairs
+
+   !> Sort pairs by one of their bodies, the others in their order: those of body k are row(k) to row(k + 1) - 1.
+   pure subroutine sort_by_body(n, pairs, body, row, sorted)
+      integer, intent(in) :: n
+      type(pair_t), intent(in) :: pairs(:)
+      integer, intent(in) :: body(:)
+      integer, intent(out) :: row(:)
+      type(pair_t), intent(inout) :: sorted(:)
+      integer :: next(n), k
+
+      row = row_starts(n, body)
+      next = row(:n)
       do k = 1, size(pairs)
-         list%row(pairs(k)%i + 1) = list%row(pairs(k)%i + 1) + 1
+         sorted(next(body(k))) = pairs(k)
+         next(body(k)) = next(body(k)) + 1
       end do
-      list%row(1) = 1
-      do i = 1, n
-         list%row(i + 1) = list%row(i) + list%row(i + 1)
+   end subroutine sort_by_body
+
+   !> First places of n groups in their order, and the end of the last.
+   pure function row_starts(n, group) result(row)
+      integer, intent(in) :: n, group(:)
+      integer :: row(n + 1), k
+
+      row = 0
+      do k = 1, size(group)
+         row(group(k) + 1) = row(group(k) + 1) + 1
       end do
-      next = list%row(:n)
-      do k = 1, size(pairs)
-         i = pairs(k)%i
-         list%pair(next(i)) = pairs(k)
-         next(i) = next(i) + 1
+      row(1) = 1
+      do k = 1, n
+         row(k + 1) = row(k) + row(k + 1)
       end do
-   end subroutine sort_by_first_body
+   end function row_starts
 
    !> Index of the pair (i, j), i < j, in the list; 0: not in the list.
    pure integer function find_pair(list, i, j) result(place)

@@ -16,7 +16,7 @@ module lab_packing
       energy_tolerance, trouble_text, sound
    implicit none
    private
-   public :: packing_t, layer_t, pack_layer, check_packing, max_spheres, size_limits, draw_radius, &
+   public :: packing_t, layer_t, pack_layer, stiffen_layer, check_packing, max_spheres, size_limits, draw_radius, &
       box_width, skin_factor, rocks_at_rest, largest_extent
 
    integer(i8), parameter :: for_layer = 65, for_rock_attitude = 72  !! purposes of random numbers
@@ -180,14 +180,35 @@ contains
       layer%box = box_t(box_width(packing))
       if (packing%clumps) layer%rock = tetrahedral_clump()
       call hang(packing, layer%rock, key, number, b)
-      call start(packing, material, layer%box, b, s)
+      call start(packing, material, softness, layer%box, b, s)
       call settle(packing, drag, fallen, s, layer%steps, error)
       if (allocated(error)) return
-      call harden(packing, material, s, layer%steps)
+      call harden(packing, material, softness, s, layer%steps)
       call settle(packing, resting_drag, at_rest, s, layer%steps, error)
       if (allocated(error)) return
       call describe(layer, packing%density, s)
    end subroutine pack_layer
+
+   !> Settle a layer again with stiffer rocks.
+   pure subroutine stiffen_layer(packing, material, young, layer, error)
+      type(packing_t), intent(in) :: packing
+      type(material_t), intent(in) :: material  !! that of the layer
+      real(wp), intent(in) :: young             !! above that of the material [Pa]
+      type(layer_t), intent(inout) :: layer
+      type(error_t), allocatable, intent(out) :: error
+      type(assembly_t) :: s
+      type(material_t) :: stiff
+      type(bodies_t) :: b
+
+      b = rocks_at_rest(layer, packing%density, reshape([real(wp) ::], [3, 0]), [real(wp) ::], packing%density)
+      call start(packing, material, 1.0_wp, layer%box, b, s)
+      stiff = s%material
+      stiff%young = young
+      call harden(packing, stiff, material%young/young, s, layer%steps)
+      call settle(packing, resting_drag, at_rest, s, layer%steps, error)
+      if (allocated(error)) return
+      call describe(layer, packing%density, s)
+   end subroutine stiffen_layer
 
    !> Place bodies in loose rows above the floor, without overlap, enough to fill the depth.
    pure subroutine hang(packing, rock, key, number, b)
@@ -337,9 +358,10 @@ contains
       max_spheres = spheres_per_rock(packing)*max_spheres
    end function max_spheres
 
-   pure subroutine start(packing, material, box, b, s)
+   pure subroutine start(packing, material, softness, box, b, s)
       type(packing_t), intent(in) :: packing
       type(material_t), intent(in) :: material
+      real(wp), intent(in) :: softness  !! Young's modulus at the start / that of the material [-]
       type(box_t), intent(in) :: box
       type(bodies_t), intent(in) :: b
       type(assembly_t), intent(out) :: s
@@ -396,9 +418,10 @@ contains
    end subroutine settle
 
    !> Raise Young's modulus to that of the material, in stages, so that the layer springs back without being thrown up.
-   pure subroutine harden(packing, material, s, steps)
+   pure subroutine harden(packing, material, softness, s, steps)
       type(packing_t), intent(in) :: packing
       type(material_t), intent(in) :: material
+      real(wp), intent(in) :: softness  !! Young's modulus before / that of the material [-]
       type(assembly_t), intent(inout) :: s
       integer, intent(inout) :: steps
       real(wp) :: rate, factor
@@ -427,8 +450,8 @@ contains
       type(assembly_t), intent(in) :: s
 
       associate (b => s%bodies)
-         allocate (layer%x, source=b%x)
-         allocate (layer%radius, source=b%radius)
+         layer%x = b%x
+         layer%radius = b%radius
          call fold_into_box(layer%box, layer%x)
          layer%top = maxval(b%x(3, :) + b%radius)
          layer%surface = mean_surface(layer)

@@ -4,6 +4,7 @@
 module lab_step
    use rockfall_kinds, only: wp
    use lab_contact, only: material_t, law_t, touch_t, pair_law, plane_law, press, stored_energy, &
+      batch_t, batch_size, put_contact, touch_in, press_batch, &
       collision_time, rayleigh_time, cross, in_plane
    use lab_clump, only: move_clump, place_spheres, accelerate_clump
    use lab_bodies, only: bodies_t, sphere_mass, update_spheres, in_clump, kinetic_energy, mass_moment, body_mass, &
@@ -11,8 +12,8 @@ module lab_step
    use lab_neighbours, only: box_t, pair_t, neighbours_t, find_neighbours, outdated, find_pair
    implicit none
    private
-   public :: assembly_t, assemble, set_tilt, set_absorbing_base, stiffen, advance, watch_energy, total_energy, &
-      deepest_share, safe_step, energy_tolerance, trouble_text
+   public :: assembly_t, assemble, set_tilt, set_absorbing_base, stiffen, advance, shorten_step, lengthen_step, &
+      watch_energy, total_energy, deepest_share, safe_step, energy_tolerance, trouble_text
    public :: sound, leapt, too_soft, step_too_long, energy_grew
 
    !> Trouble codes; the first one that occurs is kept.
@@ -24,6 +25,10 @@ module lab_step
    real(wp), parameter :: deepest_overlap = 1 !! / smaller radius; Hertz's law fails long before
    ! A body held by several such contacts oscillates up to 2.5 times as fast, its spin 1.7 times; Verlet requires < 2.
    real(wp), parameter :: greatest_phase = 0.4_wp     !! maximum sqrt(k/m*) dt of a contact
+   real(wp), parameter :: shortest_step = 1.0_wp/64   !! of a step that adapts / the first one
+   ! sqrt(k/m*) goes with overlap**(1/4): after lengthening the step every phase is at most 0.84 of the limit.
+   real(wp), parameter :: step_ratio = sqrt(2.0_wp)   !! of steps that adapt
+   real(wp), parameter :: shallow = 1.0_wp/8          !! maximum overlap / its limit for a longer step
    real(wp), parameter :: energy_tolerance = 0.02_wp  !! maximum relative growth of the energy input
 
    !> Body supported by an absorbing base.
@@ -33,6 +38,14 @@ module lab_step
       real(wp) :: drag = 0   !! [N s/m]
    end type base_t
 
+   !> Pairs in contact that are advanced together.
+   type :: pairs_t
+      real(wp), dimension(batch_size) :: d, radius, fraction  !! of the centres; of the first, and of the overlap in it
+      real(wp), dimension(batch_size, 3) :: separation        !! of the centres, first to second [m]
+      real(wp), dimension(batch_size, 3) :: u, pull           !! velocity and acceleration of the second to the first
+      real(wp), dimension(batch_size, 3) :: spin, other_spin  !! [rad/s]
+   end type pairs_t
+
    type :: assembly_t
       type(bodies_t) :: bodies
       type(box_t) :: box
@@ -40,7 +53,7 @@ module lab_step
       real(wp) :: gravity = 9.81_wp                !! [m/s2]
       real(wp) :: tilt(3) = 0                      !! additional gravity of the last body [m/s2]
       real(wp) :: tilt_work = 0                    !! work of the tilt so far [J]
-      real(wp) :: dt = 0                           !! [s]
+      real(wp) :: dt = 0, first_dt = 0             !! step, and that at the start [s]
       type(neighbours_t) :: near
       type(law_t), allocatable :: law(:)           !! per pair
       type(touch_t), allocatable :: touch(:)
@@ -82,6 +95,7 @@ contains
       s%material = material
       s%gravity = gravity
       s%dt = dt
+      s%first_dt = dt
       s%near%skin = skin
       s%near%n_large = n_large
       if (allocated(bodies%owner)) s%near%owner = bodies%owner
@@ -120,6 +134,35 @@ contains
          if (allocated(b%clump)) call accelerate_clumps(s, 0.5_wp*s%dt)
       end associate
    end subroutine advance
+
+   !> Shorten a step that the last one has found too long: the limit of the phase is well within that of stability.
+   pure subroutine shorten_step(s)
+      type(assembly_t), intent(inout) :: s
+
+      if (s%trouble /= step_too_long .or. s%dt < shortest_step*s%first_dt) return
+      s%trouble = sound
+      call set_step(s, s%dt/step_ratio)
+   end subroutine shorten_step
+
+   !> Lengthen a step that has been shortened, if all contacts permit it.
+   pure subroutine lengthen_step(s)
+      type(assembly_t), intent(inout) :: s
+      integer :: n
+
+      n = s%near%n_pairs
+      if (step_ratio*s%dt > s%first_dt) return
+      if (any(s%touch(:n)%root**2 > shallow*s%max_overlap(:n))) return
+      if (any(s%floor_touch%root**2 > shallow*s%floor_max_overlap)) return
+      call set_step(s, step_ratio*s%dt)
+   end subroutine lengthen_step
+
+   pure subroutine set_step(s, dt)
+      type(assembly_t), intent(inout) :: s
+      real(wp), intent(in) :: dt  !! [s]
+
+      s%dt = dt
+      call set_limits(s)
+   end subroutine set_step
 
    !> Move clumps, and place their spheres, which have moved as bodies of their own.
    pure subroutine move_clumps(s)
@@ -256,59 +299,105 @@ contains
       type(touch_t), intent(inout) :: touch(n_pairs)
       real(wp), intent(out) :: f(6, n)  !! [N] and [N m]
       logical, intent(out) :: beyond
-      real(wp) :: d, normal_at(3), u(3), overlap, closing, arm, force(3), moment(3), normal
-      real(wp) :: distance(n_pairs)
-      integer :: place(n_pairs), count, c, k, i, j
+      type(batch_t) :: b
+      type(pairs_t) :: p
+      real(wp) :: distance(n_pairs), arm, force(3), moment(3), normal_at(3), shear(3), rolling(3)
+      integer :: place(n_pairs), count, first, c, k, i, j
 
       call find_touching(n, n_pairs, pair, x, touch, count, place, distance)
       beyond = .false.
       f = 0
-      do c = 1, count
-         k = place(c)
-         i = pair(k)%i
-         j = pair(k)%j
-         d = distance(c)
-         overlap = pair(k)%reach - d
-         beyond = beyond .or. .not. overlap <= max_overlap(k)
-         normal_at = x(:, j) - x(:, i)
-         normal_at(1:2) = normal_at(1:2) + pair(k)%shift
-         normal_at = normal_at*(1/d)
-         u = v(1:3, j) - v(1:3, i)
-         closing = -dot_product(u + 0.5_wp*dt*(a(1:3, j) - a(1:3, i)), normal_at)
-         call press_pair(law(k), normal_at, d, overlap, closing, u, v(4:6, i), v(4:6, j), radius(i), dt, &
-                         touch(k), normal)
-         arm = radius(i) - law(k)%overlap_fraction*overlap
-         force = touch(k)%shear - normal*normal_at
-         moment = cross(normal_at, touch(k)%shear)
-         f(1:3, i) = f(1:3, i) + force
-         f(4:6, i) = f(4:6, i) + arm*moment + touch(k)%moment
-         f(1:3, j) = f(1:3, j) - force
-         f(4:6, j) = f(4:6, j) + (d - arm)*moment - touch(k)%moment
+      do first = 1, count, batch_size
+         b%count = min(batch_size, count - first + 1)
+         do c = 1, b%count
+            k = place(first + c - 1)
+            i = pair(k)%i
+            j = pair(k)%j
+            p%d(c) = distance(first + c - 1)
+            b%overlap(c) = pair(k)%reach - p%d(c)
+            beyond = beyond .or. .not. b%overlap(c) <= max_overlap(k)
+            p%separation(c, :) = x(:, j) - x(:, i)
+            p%separation(c, 1:2) = p%separation(c, 1:2) + pair(k)%shift
+            p%u(c, :) = v(1:3, j) - v(1:3, i)
+            p%pull(c, :) = a(1:3, j) - a(1:3, i)
+            p%spin(c, :) = v(4:6, i)
+            p%other_spin(c, :) = v(4:6, j)
+            p%radius(c) = radius(i)
+            p%fraction(c) = law(k)%overlap_fraction
+            call put_contact(b, c, law(k), touch(k))
+         end do
+         call find_rates(p, dt, b)
+         call press_batch(b, dt)
+         do c = 1, b%count
+            k = place(first + c - 1)
+            i = pair(k)%i
+            j = pair(k)%j
+            touch(k) = touch_in(b, c)
+            normal_at = b%n(c, :)
+            shear = b%shear(c, :)
+            rolling = b%moment(c, :)
+            arm = p%radius(c) - p%fraction(c)*b%overlap(c)
+            force = shear - b%normal(c)*normal_at
+            moment = cross(normal_at, shear)
+            f(1:3, i) = f(1:3, i) + force
+            f(4:6, i) = f(4:6, i) + arm*moment + rolling
+            f(1:3, j) = f(1:3, j) - force
+            f(4:6, j) = f(4:6, j) + (p%d(c) - arm)*moment - rolling
+         end do
       end do
    end subroutine pair_forces
 
-   !> Compute the force of a pair, from its geometry at the end of the step and its motion at the middle: the slip is
-   !> that of the surfaces at the middle, where the normal was different.
-   pure subroutine press_pair(law, n, d, overlap, closing, u, spin, other_spin, radius, dt, touch, normal)
-      type(law_t), intent(in) :: law
-      real(wp), intent(in) :: n(3), d, overlap, closing  !! [-], [m], [m], [m/s]
-      real(wp), intent(in) :: u(3)                       !! velocity of the second body less the first's [m/s]
-      real(wp), intent(in) :: spin(3), other_spin(3)     !! [rad/s]
-      real(wp), intent(in) :: radius, dt                 !! of the first body [m], [s]
-      type(touch_t), intent(inout) :: touch
-      real(wp), intent(out) :: normal                    !! force [N]
-      real(wp) :: middle(3), across(3), distance, inverse, arm, rotation(3)
+   !> Compute normals and rates of the contacts of pairs, from their geometry at the end of the step and their motion at
+   !> the middle: the slip is that of the surfaces at the middle, where the normal was different.
+   pure subroutine find_rates(p, dt, b)
+      type(pairs_t), intent(in) :: p
+      real(wp), intent(in) :: dt           !! [s]
+      type(batch_t), intent(inout) :: b
+      real(wp) :: inverse, nx, ny, nz, ux, uy, uz, mx, my, mz, ax, ay, az, sx, sy, sz, distance, arm, far_arm, twist
+      integer :: k
 
-      middle = d*n - 0.5_wp*dt*u
-      distance = max(sqrt(dot_product(middle, middle)), tiny(d))
-      inverse = 1/distance
-      middle = inverse*middle
-      across = cross(middle, u)
-      arm = radius - law%overlap_fraction*(overlap + d - distance)
-      rotation = (dt*inverse)*across + (0.5_wp*dt*dot_product(spin + other_spin, middle))*middle
-      call press(law, n, overlap, closing, cross(arm*spin + (distance - arm)*other_spin - across, middle), &
-                 spin - other_spin, rotation, dt, touch, normal)
-   end subroutine press_pair
+      do k = 1, b%count
+         inverse = 1/p%d(k)
+         nx = p%separation(k, 1)*inverse
+         ny = p%separation(k, 2)*inverse
+         nz = p%separation(k, 3)*inverse
+         b%n(k, 1) = nx
+         b%n(k, 2) = ny
+         b%n(k, 3) = nz
+         ux = p%u(k, 1)
+         uy = p%u(k, 2)
+         uz = p%u(k, 3)
+         b%closing(k) = -((ux + 0.5_wp*dt*p%pull(k, 1))*nx + (uy + 0.5_wp*dt*p%pull(k, 2))*ny &
+                          + (uz + 0.5_wp*dt*p%pull(k, 3))*nz)
+         mx = p%d(k)*nx - 0.5_wp*dt*ux  ! normal at the middle
+         my = p%d(k)*ny - 0.5_wp*dt*uy
+         mz = p%d(k)*nz - 0.5_wp*dt*uz
+         distance = max(sqrt(mx*mx + my*my + mz*mz), tiny(dt))
+         inverse = 1/distance
+         mx = inverse*mx
+         my = inverse*my
+         mz = inverse*mz
+         ax = my*uz - mz*uy
+         ay = mz*ux - mx*uz
+         az = mx*uy - my*ux
+         arm = p%radius(k) - p%fraction(k)*(b%overlap(k) + p%d(k) - distance)
+         far_arm = distance - arm
+         twist = 0.5_wp*dt*((p%spin(k, 1) + p%other_spin(k, 1))*mx + (p%spin(k, 2) + p%other_spin(k, 2))*my &
+                            + (p%spin(k, 3) + p%other_spin(k, 3))*mz)
+         b%rotation(k, 1) = (dt*inverse)*ax + twist*mx
+         b%rotation(k, 2) = (dt*inverse)*ay + twist*my
+         b%rotation(k, 3) = (dt*inverse)*az + twist*mz
+         sx = arm*p%spin(k, 1) + far_arm*p%other_spin(k, 1) - ax
+         sy = arm*p%spin(k, 2) + far_arm*p%other_spin(k, 2) - ay
+         sz = arm*p%spin(k, 3) + far_arm*p%other_spin(k, 3) - az
+         b%slip(k, 1) = sy*mz - sz*my
+         b%slip(k, 2) = sz*mx - sx*mz
+         b%slip(k, 3) = sx*my - sy*mx
+         b%turn(k, 1) = p%spin(k, 1) - p%other_spin(k, 1)
+         b%turn(k, 2) = p%spin(k, 2) - p%other_spin(k, 2)
+         b%turn(k, 3) = p%spin(k, 3) - p%other_spin(k, 3)
+      end do
+   end subroutine find_rates
 
    !> Compute the forces of the rigid floor.
    pure subroutine floor_forces(s, beyond)
@@ -451,7 +540,6 @@ contains
          associate (b => s%bodies, i => s%near%pair(k)%i, j => s%near%pair(k)%j)
             s%law(k) = pair_law(s%material, b%radius(i), b%mass(i), b%radius(j), b%mass(j), &
                                 merge(s%material%boulder_rolling, s%material%rolling, j > b%n - s%near%n_large))
-            s%max_overlap(k) = overlap_limit(s%law(k), min(b%radius(i), b%radius(j)), s%dt)
          end associate
       end do
       n = size(s%near%low)
@@ -461,10 +549,27 @@ contains
             s%floor_law(k) = plane_law(s%material, b%radius(i), b%mass(i), &
                                        merge(s%material%boulder_rolling, s%material%rolling, &
                                              i > b%n - s%near%n_large))
-            s%floor_max_overlap(k) = overlap_limit(s%floor_law(k), b%radius(i), s%dt)
          end associate
       end do
+      call set_limits(s)
    end subroutine make_laws
+
+   !> Set the limits of the overlaps, which depend on the step.
+   pure subroutine set_limits(s)
+      type(assembly_t), intent(inout) :: s
+      integer :: k
+
+      associate (r => s%bodies%radius)
+         do k = 1, s%near%n_pairs
+            associate (i => s%near%pair(k)%i, j => s%near%pair(k)%j)
+               s%max_overlap(k) = overlap_limit(s%law(k), min(r(i), r(j)), s%dt)
+            end associate
+         end do
+         do k = 1, size(s%near%low)
+            s%floor_max_overlap(k) = overlap_limit(s%floor_law(k), r(s%near%low(k)), s%dt)
+         end do
+      end associate
+   end subroutine set_limits
 
    !> Stiffen the material: springs keep their lengths.
    pure subroutine stiffen(s, young)

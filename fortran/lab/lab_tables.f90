@@ -42,8 +42,8 @@ module lab_tables
    character(len=long), parameter :: throw_keys(12) = [character(len=long) :: &
       "slope_min", "slope_max", "speed_min", "speed_median", "speed_max", "angle_min", "angle_median", "angle_max", &
       "spin_min", "spin_median", "spin_max", "gravity"]
-   character(len=long), parameter :: boulder_keys(6) = [character(len=long) :: &
-      "radius", "density", "relief", "step_factor", "retries", "shape"]  ! the shape by its index in `shape_names`
+   character(len=long), parameter :: boulder_keys(7) = [character(len=long) :: &
+      "radius", "density", "relief", "step_factor", "retries", "shape", "adaptive"]  ! an index in `shape_names`
    character(len=long), parameter :: contact_fields(16) = [character(len=long) :: &
       "slope", "downhill", "heading", "speed", "incidence", "spin", "s", "vt_out", "vn_out", "w_out", "lateral", &
       "duration", "advance", "rise", "height", "energy_out"]
@@ -168,13 +168,14 @@ contains
 
       boulder_of = boulder_t(radius=v(1), density=v(2), relief=v(3), step_factor=v(4), retries=nint(v(5)))
       boulder_of%kind = nint(v(6))
+      boulder_of%adaptive = is_true(v(7))
    end function boulder_of
 
    pure function boulder_row(b) result(row)
       type(boulder_t), intent(in) :: b
       real(wp) :: row(size(boulder_keys))
 
-      row = [b%radius, b%density, b%relief, b%step_factor, real([b%retries, b%kind], wp)]
+      row = [b%radius, b%density, b%relief, b%step_factor, real([b%retries, b%kind], wp), one_if(b%adaptive)]
    end function boulder_row
 
    !> Row of contact k of a throw, velocities over the speed before it, lengths over R_b.

@@ -145,6 +145,23 @@ def test_a_table_of_several_ratios_is_made_again(place, capsys):
     assert "the same in every bit" in capsys.readouterr().out
 
 
+def test_a_table_of_two_cases_is_made_again_of_both(place, capsys):
+    case = SMALL.replace(lab={"ratios": [1]}, throw={"throws": [40], "slope": [25, 45]})
+    Path("t.nml").write_text(case.text())
+    soft = {"lab": {"ratios": [2]}, "material": {"young": 2e7}, "throw": {"adaptive": True}}
+    Path("u.nml").write_text(case.replace(**soft).text())
+    for name in "tu":
+        assert main(["lab", "impact", f"{name}.nml", "-o", f"{name}c.nc", "--quiet"]) == 0
+    assert open_sequences("uc.nc").attrs["unfinished"] == 0
+    assert main(["lab", "table", "tc.nc", "uc.nc", "-o", "both.nc"]) == 0
+    about = open_table(place / "both.nc").about
+    assert "adaptive" not in about["lab_case"]
+    assert "adaptive" in about["lab_case_2"]
+    capsys.readouterr()
+    assert main(["lab", "remake", "both.nc", "--quiet"]) == 0
+    assert "the same in every bit" in capsys.readouterr().out
+
+
 def test_a_ratio_with_few_contacts_has_few_bins_and_takes_none_from_the_others():
     case = SMALL.replace(throw={"throws": [100, 30], "slope": [25, 45]})
     data = run_sequences(case)
@@ -207,6 +224,7 @@ def test_a_case_without_throws_has_no_group_of_them():
         ("&throw radius=0 /", "radius must be 0.01 to 10 m"),
         ("&throw max_depth=0 /", "max_depth: must be > 0"),
         ("&throw contacts=0 /", "contacts: must be 1 to 1000"),
+        ("&throw adaptive=1 /", "&throw adaptive = 1: must be .true. or .false."),
         ("&throw on_layer=0 /", "on_layer: must be 1 to"),
         ("&throw slope=5, 60 /", "slope must be min and max, 0 to 45"),
         ("&throw speed=5, 3, 9 /", "must be min, median and max, in this order"),
@@ -256,7 +274,7 @@ def test_a_platy_boulder_has_the_moment_of_a_plate():
 
 
 def test_cases_of_spheres_keep_their_text():
-    assert "clumps" not in SMALL.text() and "shape" not in SMALL.text()
+    assert not re.search("clumps|shape|adaptive", SMALL.text())
     assert lab_case_of(ANGULAR.text(), "angular") == ANGULAR
 
 

@@ -23,9 +23,9 @@ module lab_rock_throw
    use lab_rotation, only: product_of, conjugate
    use lab_bodies, only: bodies_t, set_clumps, in_clump, body_energy, body_mass, body_position, body_velocity, &
       is_touched
-   use lab_packing, only: packing_t, layer_t, skin_factor, rocks_at_rest
-   use lab_step, only: assembly_t, assemble, set_tilt, set_absorbing_base, advance, watch_energy, safe_step, sound, &
-      leapt, step_too_long, energy_grew
+   use lab_packing, only: packing_t, layer_t, skin_factor, rocks_at_rest, stiffen_layer
+   use lab_step, only: assembly_t, assemble, set_tilt, set_absorbing_base, advance, shorten_step, lengthen_step, &
+      watch_energy, safe_step, sound, leapt, too_soft, step_too_long, energy_grew
    use lab_impact, only: will_meet, fits
    use lab_contact_record, only: throw_t, contact_t, instant_t, record, fall_line_gravity, thrown_velocity, &
       from_flight, from_rolling, flies, rolls_on, stops, cut, hop_time, hop_height, rest_energy, max_time
@@ -42,6 +42,7 @@ module lab_rock_throw
       real(wp) :: step_factor = 1.4_wp  !! step relative to `safe_step`
       integer :: retries = 3            !! maximum number of halvings of a step found too long
       integer :: kind = sphere_shape    !! index in `shape_names`; R_b is that of the sphere of the same volume
+      logical :: adaptive = .false.    !! step and stiffness adapt, see `follow_on_rocks`
       type(clump_shape_t), allocatable :: shape  !! of its kind, see `shape_boulder`; absent: a sphere
    end type boulder_t
 
@@ -79,6 +80,8 @@ module lab_rock_throw
    real(wp), parameter :: inside_step = 0.05_wp     !! when leaving a volume that the layer had filled / R_b
    integer, parameter :: max_looks = 20000          !! maximum number of gap evaluations up to a contact
    real(wp), parameter :: retry_time = 0.1_wp       !! between attempts to find another facet / sqrt(R_b/g)
+   real(wp), parameter :: stiffening = 4            !! of rocks that are too soft
+   integer, parameter :: max_stiffenings = 4        !! maximum number for a throw
    integer, parameter :: watch_interval = 32        !! steps between checks of the energy and of the exit path
 
 contains
@@ -108,6 +111,11 @@ contains
 
    !> Compute the first contacts of a throw, as many as fit; `complete` is false if the time limit was reached, or if no
    !> step was stable: then there are no contacts. A pure function of its arguments.
+   !>
+   !> A throw whose step is too long is repeated with half of it. If the throw is adaptive, the step is shortened at
+   !> once, and lengthened where all contacts permit it; and where two bodies overlap by more than a radius,
+   !> which Hertz's law does not describe, it is repeated at rocks four times as stiff: where gravity is weak,
+   !> overlaps / radius depend on rho v**2/E alone, in a collision as its power 2/5, and so are 0.57 of what they were.
    pure subroutine follow_on_rocks(layer, packing, material, boulder, throw, key, number, contacts, n, complete)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
@@ -119,12 +127,44 @@ contains
       type(contact_t), intent(out) :: contacts(:)
       integer, intent(out) :: n              !! number of contacts
       logical, intent(out) :: complete
+      type(layer_t) :: stiff_layer
+      type(material_t) :: stiff
+      type(error_t), allocatable :: error
       integer :: k, trouble
 
-      n = 0
-      trouble = sound
       complete = .false.
+      n = 0
       if (.not. fits(layer, packing, extent(boulder))) return
+      call follow_by_any_step(layer, packing, material, boulder, throw, key, number, contacts, n, complete, trouble)
+      if (.not. boulder%adaptive) return
+      do k = 1, max_stiffenings
+         if (trouble /= too_soft) return
+         stiff = material
+         stiff%young = stiffening**k*material%young
+         stiff_layer = layer
+         call stiffen_layer(packing, material, stiff%young, stiff_layer, error)
+         if (allocated(error)) return
+         call follow_by_any_step(stiff_layer, packing, stiff, boulder, throw, key, number, contacts, n, complete, &
+                                 trouble)
+      end do
+   end subroutine follow_on_rocks
+
+   !> Follow a throw with shorter and shorter steps.
+   pure subroutine follow_by_any_step(layer, packing, material, boulder, throw, key, number, contacts, n, complete, &
+                                      trouble)
+      type(layer_t), intent(in) :: layer
+      type(packing_t), intent(in) :: packing
+      type(material_t), intent(in) :: material
+      type(boulder_t), intent(in) :: boulder
+      type(throw_t), intent(in) :: throw
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: number
+      type(contact_t), intent(out) :: contacts(:)
+      integer, intent(out) :: n, trouble
+      logical, intent(out) :: complete
+      integer :: k
+
+      trouble = sound
       do k = 0, boulder%retries
          call follow(layer, packing, material, boulder, throw, key, number, 0.5_wp**k, contacts, n, complete, trouble)
          if (.not. any(trouble == [step_too_long, leapt, energy_grew])) exit
@@ -132,7 +172,7 @@ contains
       if (trouble == sound) return
       n = 0
       complete = .false.
-   end subroutine follow_on_rocks
+   end subroutine follow_by_any_step
 
    !> Follow a throw with a given step; trouble ends it.
    pure subroutine follow(layer, packing, material, boulder, thrown, key, number, factor, contacts, n, complete, &
@@ -167,6 +207,7 @@ contains
          call step_on(c%s, c%facet, c%m)
          c%steps = c%steps + 1
          if (mod(c%steps, watch_interval) == 0) call watch_energy(c%s)
+         if (boulder%adaptive) call adapt_step(c)
          trouble = c%s%trouble
          if (trouble /= sound) return
          if (touches(c%s)) then
@@ -248,6 +289,13 @@ contains
          c%wait = 0
          c%landed = .not. allocated(boulder%shape)
       end subroutine begin
+
+      pure subroutine adapt_step(c)
+         type(course_t), intent(inout) :: c
+
+         call shorten_step(c%s)
+         if (c%s%trouble == sound .and. mod(c%steps, watch_interval) == 0) call lengthen_step(c%s)
+      end subroutine adapt_step
 
       !> A clump is placed where the sphere around it touches the layer: its flight ends at its own first touch.
       pure subroutine await_touch(c)

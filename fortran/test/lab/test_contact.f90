@@ -11,7 +11,7 @@ program test_lab_contact
       stored_energy, check_material, reduced_modulus, cross, in_plane, collision_time, rayleigh_time
    use lab_bodies, only: bodies_t, bodies
    use lab_neighbours, only: box_t
-   use lab_step, only: assembly_t, assemble, advance, total_energy, safe_step, sound
+   use lab_step, only: assembly_t, assemble, advance, shorten_step, lengthen_step, total_energy, safe_step, sound
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -20,6 +20,7 @@ program test_lab_contact
 
    call test_hertz()
    call test_elastic_energy()
+   call test_adaptive_step()
    call test_restitution()
    call test_gross_slip()
    call test_gross_slip_of_pair()
@@ -125,6 +126,33 @@ contains
          call check_close("and momentum", after(k), momentum(k), 1.0e-12_wp)
       end do
    end subroutine test_elastic_energy
+
+   !> A step that is too long for the collision is shortened within it, which costs some of the energy, and is
+   !> lengthened after it.
+   subroutine test_adaptive_step()
+      type(assembly_t) :: s
+      type(material_t) :: material
+      real(wp) :: before, first, shortest
+      integer :: k
+
+      material%friction = 0
+      s = pair(material, head_on(5.0_wp), 2.8_wp*safe_step(material, 0.4_wp, density, 5.0_wp))
+      first = s%dt
+      shortest = first
+      before = total_energy(s)
+      do k = 1, 100
+         call advance(s)
+         call shorten_step(s)
+         shortest = min(shortest, s%dt)
+         if (mod(k, 4) == 0) call lengthen_step(s)
+      end do
+      print "(a, es9.1, a, f5.2)", "adaptive step: error of the energy", total_energy(s)/before - 1, &
+         ", shortest step", shortest/first
+      call check("the spheres have parted, without trouble", overlap_of(s) < 0 .and. s%trouble == sound)
+      call check("the step was shortened in the collision", shortest < 0.8_wp*first)
+      call check("and lengthened after it, to at most the first", s%dt > 0.9_wp*first .and. s%dt <= first)
+      call check_close("the energy is nearly kept", total_energy(s), before, 5.0e-2_wp)
+   end subroutine test_adaptive_step
 
    !> In terms of overlap**1.25 the collision is that of a linear oscillator, which lets go when its
    !> force is zero (Schwager & Poeschel 2007): the same restitution at every speed.

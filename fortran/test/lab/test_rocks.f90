@@ -9,7 +9,7 @@ program test_lab_rocks
    use rockfall_random, only: random_key
    use lab_contact, only: material_t
    use lab_bodies, only: bodies_t, bodies
-   use lab_packing, only: packing_t, layer_t, pack_layer, skin_factor
+   use lab_packing, only: packing_t, layer_t, pack_layer, stiffen_layer, skin_factor
    use lab_step, only: assembly_t, assemble, set_absorbing_base, advance, safe_step
    use lab_impact, only: shot_t, outcome_t, fire, rebounded
    use lab_contact_record, only: throw_t, contact_t, thrown_t, from_flight, from_rolling, flies, rolls_on, stops
@@ -36,6 +36,8 @@ program test_lab_rocks
    call test_flight()
    call test_mirrored()
    call test_flat()
+   call test_adaptive()
+   call test_stiffer_layer()
    call test_touch()
    call test_facets()
    call test_flow()
@@ -196,6 +198,50 @@ contains
       end do
       call check("no contact on level ground gains energy", most <= 1.0_wp)
    end subroutine test_flat
+
+   !> Rocks too soft for a throw lose it, unless it adapts: then it is that at rocks four times as stiff.
+   subroutine test_adaptive()
+      type(boulder_t) :: adaptive
+      type(throw_t) :: throw
+      type(material_t) :: soft, stiff
+      type(layer_t) :: other
+      type(contact_t) :: found(2), again(2)
+      type(error_t), allocatable :: error
+      integer :: n, m
+      logical :: complete
+
+      throw = aimed(3, 0.0_wp)
+      throw%speed = 60
+      throw%angle = 60
+      soft = stone
+      soft%young = 0.1_wp*stone%young
+      call follow_on_rocks(layer, packing, soft, boulder, throw, random_key(3_i8), 1_i8, found, n, complete)
+      call check("a throw at rocks that are too soft is lost", n == 0)
+      adaptive = boulder
+      adaptive%adaptive = .true.
+      call follow_on_rocks(layer, packing, soft, adaptive, throw, random_key(3_i8), 1_i8, found, n, complete)
+      call check("an adaptive one is not", n == 2 .and. complete)
+      call check("and loses energy", found(1)%energy < 1)
+      stiff = soft
+      stiff%young = 4*soft%young
+      other = layer
+      call stiffen_layer(packing, soft, stiff%young, other, error)
+      call follow_on_rocks(other, packing, stiff, adaptive, throw, random_key(3_i8), 1_i8, again, m, complete)
+      call check("it is the throw at stiffer rocks", all(found%energy == again%energy) .and. m == n)
+   end subroutine test_adaptive
+
+   !> A layer of stiffer rocks carries its weight with smaller overlaps, in nearly the same place.
+   subroutine test_stiffer_layer()
+      type(layer_t) :: other
+      type(error_t), allocatable :: error
+
+      other = layer
+      call stiffen_layer(packing, stone, 4*stone%young, other, error)
+      call check("a layer settles again with stiffer rocks", .not. allocated(error))
+      call check_close("its floor carries its weight", other%floor_share, 1.0_wp, 2.0e-2_wp)
+      call check("it springs back", other%surface > layer%surface)
+      call check_close("by little", other%surface, layer%surface, 1.0e-2_wp)
+   end subroutine test_stiffer_layer
 
    !> Where a path first touches the layer nothing was touched before, on a straight path and on a parabola.
    subroutine test_touch()

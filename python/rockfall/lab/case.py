@@ -21,9 +21,9 @@ from rockfall.errors import RockfallError
 from rockfall.io.files import read_text
 
 COEFFICIENTS = tuple(f"a{k}" for k in range(1, 10))
-SWITCHES = "rigid_base", "by_mass", "clumps"
+SWITCHES = "rigid_base", "by_mass", "clumps", "adaptive"
 WHOLE = "retries", "seed", "layers", "points", "impacts", "on_layer", "contacts"
-SHAPED = ("packing", "clumps"), ("throw", "shape")
+ADDED = ("packing", "clumps"), ("throw", "shape"), ("throw", "adaptive")  # after the first tables
 RANGED = "speed", "angle", "spin"  # random, for an impact: min, median, max
 ENDS = "min", "median", "max"
 THROW, BOULDER, IMPACT_ALONE, SHAPES = 10, 15, 16, 17  # kinds of the kernel's rows and names
@@ -67,6 +67,7 @@ def _throw_defaults() -> dict[str, Any]:
     plan = {"throws": [throws], "on_layer": on_layer, "contacts": contacts}
     plan |= {"radius": boulder["radius"], "max_depth": max_depth, "relief": boulder["relief"]}
     plan["shape"] = names(SHAPES)[int(boulder["shape"]) - 1]
+    plan["adaptive"] = boulder["adaptive"]
     return plan | {key: [limits[f"{key}_{end}"] for end in ends] for key, ends in THROWN.items()}
 
 
@@ -167,10 +168,10 @@ class LabCase:
         return LabCase(name=self.name, **changed)
 
     def text(self) -> str:
-        """The complete case as the text of a namelist file; the keys of angular rocks and boulders
-        only where there are any, so that older cases keep their text."""
+        """The complete case as the text of a namelist file; keys that were added since only
+        where they are not the default, so that older cases keep their text."""
         groups = {group: dict(values) for group, values in self._groups.items()}
-        for group, key in SHAPED:
+        for group, key in ADDED:
             if group in groups and groups[group][key] == _defaults()[group][key]:
                 del groups[group][key]
         return namelist_text(groups, indent=2)

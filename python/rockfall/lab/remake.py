@@ -20,7 +20,7 @@ from rockfall.lab.experiment import run_impacts
 from rockfall.lab.fit import fit_impacts
 from rockfall.lab.sequences import rebounds_of, run_sequences, sequences_provenance
 from rockfall.lab.setfile import origin, provenance, write_sets
-from rockfall.lab.tables import KEPT, table_of
+from rockfall.lab.tables import KEPT, cases_of, table_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -58,18 +58,20 @@ def remake(
 def _is_made_again(path: Path, table: ImpactTable, threads: int, progress: bool) -> bool:
     """Return True if a table is reproduced bit for bit."""
     kept = int(table.about.get("kept", KEPT))
-    again = table_of([_contacts(path, table, threads, progress)], kept)
+    again = table_of(list(_contacts(path, table, threads, progress)), kept)
     return again.pack() == table.pack()
 
 
-def _contacts(path: Path, table: ImpactTable, threads: int, progress: bool) -> xr.Dataset:
-    """Laboratory contacts from which a table was made."""
-    text = str(table.about.get("lab_case", ""))
-    if not text:
+def _contacts(path: Path, table: ImpactTable, threads: int, progress: bool) -> Iterator[xr.Dataset]:
+    """Laboratory contacts from which a table was made, of each case."""
+    texts = cases_of(table.about)
+    if not texts:
         raise RockfallError(f"{path}: does not say which case of the laboratory made it")
-    if names_ground(text, str(path)):
-        return run_throws(block_case_of(text, str(path)), progress=progress, threads=threads)
-    return run_sequences(lab_case_of(text, str(path)), progress=progress, threads=threads)
+    for text in texts:
+        if names_ground(text, str(path)):
+            yield run_throws(block_case_of(text, str(path)), progress=progress, threads=threads)
+        else:
+            yield run_sequences(lab_case_of(text, str(path)), progress=progress, threads=threads)
 
 
 def _source(path: Path) -> Contacts | list[ImpactTable] | tuple[LabCase, str]:

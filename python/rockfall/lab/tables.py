@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -115,9 +116,20 @@ def _provenance(files: list[xr.Dataset]) -> dict[str, str | int]:
         "shape": str(first["shape"]),
         "contacts": int(sum(data.sizes["contact"] for data in files)),
         "contacts_sha256": digest.hexdigest(),
-        "lab_case": str(first["lab_case"]),
+        **_case_attributes(files),
         "version": __version__,
     }
+
+
+def _case_attributes(files: list[xr.Dataset]) -> dict[str, str]:
+    """Attributes `lab_case`, `lab_case_2`, ...: the cases of the laboratory behind a table."""
+    cases = dict.fromkeys(str(data.attrs["lab_case"]) for data in files)
+    return {f"lab_case_{k}" if k > 1 else "lab_case": text for k, text in enumerate(cases, 1)}
+
+
+def cases_of(about: Mapping[str, Any]) -> list[str]:
+    """Texts of the cases of the laboratory behind a table, from its attributes."""
+    return [str(text) for name, text in about.items() if re.fullmatch(r"lab_case(_\d+)?", name)]
 
 
 def _dimensionless(data: xr.Dataset) -> _Contacts:
