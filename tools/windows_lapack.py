@@ -20,7 +20,7 @@ PLAIN = {"dlamch"}
 def main(folder: str) -> None:
     place = Path(folder).resolve()
     place.mkdir(parents=True, exist_ok=True)
-    subprocess.run(["apt-get", "-qq", "source", "--download-only", "lapack"], cwd=place, check=True)
+    fetch(place)
     (archive,) = place.glob("lapack_*.orig.tar.gz")
     with tarfile.open(archive) as packed:
         packed.extractall(place, filter="data")
@@ -31,15 +31,32 @@ def main(folder: str) -> None:
         for path in (tree / part).iterdir()
         if path.suffix.lower() in (".f", ".f90")
     }
-    order = sorted(needed(sources), key=lambda name: (not name.startswith("la_"), name))  # modules first
+    order = sorted(needed(sources), key=lambda name: (not name.startswith("la_"), name))  # modules
     objects = [compiled(sources[name], place) for name in order]
     library = place / "liblapack.a"
     library.unlink(missing_ok=True)
     subprocess.run(["x86_64-w64-mingw32-ar", "rcs", library, *objects], check=True)
     (place / "lapack.pc").write_text(
-        f"Name: lapack\nDescription: reference LAPACK\nVersion: {tree.name.removeprefix('lapack-')}\n"
+        f"Name: lapack\nDescription: reference LAPACK\nVersion: {tree.name.partition('-')[2]}\n"
         f"Libs: -L{place} -llapack\n"
     )
+
+
+def fetch(place: Path) -> None:
+    """Download Debian's source package, from the places of the binary ones."""
+    folder = place / "apt"
+    for part in ("lists/partial", "sources"):
+        (folder / part).mkdir(parents=True, exist_ok=True)
+    for path in Path("/etc/apt/sources.list.d").glob("*.sources"):
+        text = path.read_text().replace("Types: deb\n", "Types: deb-src\n")
+        (folder / "sources" / path.name).write_text(text)
+    options = [
+        f"-oDir::State::Lists={folder}/lists", f"-oDir::Etc::SourceParts={folder}/sources",
+        "-oDir::Etc::SourceList=/dev/null", f"-oDir::Cache={folder}", "-oAPT::Sandbox::User=",
+    ]  # fmt: skip
+    subprocess.run(["apt-get", "-qq", *options, "update"], check=True)
+    download = "source", "--download-only", "lapack"
+    subprocess.run(["apt-get", "-qq", *options, *download], cwd=place, check=True)
 
 
 def needed(sources: dict[str, Path]) -> set[str]:

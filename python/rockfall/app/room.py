@@ -193,6 +193,8 @@ class Room:
         if not isinstance(layers, dict) or not isinstance(settings, dict):
             raise Refused(say("app.server_wrong_type", name="edit"))
         self._live().edit(revision, layers, settings)
+        if self._task is None:
+            self._run(True)  # each change runs at once, also after a pause
 
     def _view(self, message: dict[str, Any]) -> None:
         name, number = message.get("map", ""), message.get("trajectories", 0)
