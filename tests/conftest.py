@@ -60,7 +60,7 @@ def blank_figures(monkeypatch):
         return figure.Figure(figsize=(1, 1))
 
     monkeypatch.setattr(figure.Figure, "savefig", blank)
-    for name in ("page.convergence_figure", "front.map_figure", "front.stops_figure"):
+    for name in ("page.history_figure", "front.map_figure", "front.stops_figure"):
         monkeypatch.setattr(f"rockfall.html_report.{name}", empty)
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     monkeypatch.setattr("rockfall.plots.figures.DRAWN", ("speed",))
