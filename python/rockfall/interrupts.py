@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Handling of Ctrl-C, and of SIGTERM, which batch systems send at a time limit, without loss of
-work."""
+work; and stops of work that another thread does."""
 
 import os
 import signal
@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from types import FrameType
 
 from rockfall.system import STOPS, signal_channel
@@ -16,6 +17,7 @@ from rockfall.system import STOPS, signal_channel
 #: Seconds in which signals count as one: `timeout` signals both a process and its group.
 TOGETHER = 0.1
 
+_is_stopped: ContextVar[Callable[[], bool]] = ContextVar("is_stopped", default=lambda: False)
 _number: int = signal.SIGINT  # the last signal received
 _hit: threading.Event | None = None  # within `interrupts`
 
@@ -94,3 +96,23 @@ def stoppable() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+class Stopped(Exception):
+    """Work was stopped on request, see `stopped_by`."""
+
+
+@contextmanager
+def stopped_by(is_wanted: Callable[[], bool]) -> Iterator[None]:
+    """Let `check_stop` raise Stopped within the block once `is_wanted` returns True."""
+    token = _is_stopped.set(is_wanted)
+    try:
+        yield
+    finally:
+        _is_stopped.reset(token)
+
+
+def check_stop() -> None:
+    """Raise Stopped if this is wanted."""
+    if _is_stopped.get()():
+        raise Stopped

@@ -35,10 +35,11 @@ from rockfall.app.document import runnable  # noqa: E402
 from rockfall.app.messages import MAX_BYTES, binary_message  # noqa: E402
 from rockfall.app.opening import open_site  # noqa: E402
 from rockfall.app.outbox import Outbox  # noqa: E402
-from rockfall.app.room import Room  # noqa: E402
+from rockfall.app.room import Client, Room  # noqa: E402
 from rockfall.app.saving import save  # noqa: E402
 from rockfall.app.server import FILES, Server, bind  # noqa: E402
 from rockfall.errors import RockfallError  # noqa: E402
+from rockfall.plots import style  # noqa: E402
 from same import same_bits  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
@@ -189,7 +190,7 @@ def same_variables(one, other):
 
 def test_hello_without_the_key_is_refused(serve, visit):
     server = serve()
-    for key in "", "x", server.key[:-1], 5:
+    for key in "", "x", server.key[:-1], 5, "\ud800":
         page = visit(server, {"key": key})
         with pytest.raises(ConnectionClosed) as closed:
             page.get()
@@ -267,6 +268,7 @@ HOSTILE = {
     "many": '{"type": "view", "map": "", "trajectories": 1e9}',
     "no name": '{"type": "save"}', "index": '{"type": "open_recent", "index": -1}',
     "layers": '{"type": "edit", "revision": 1, "layers": []}',
+    "half a character": r'{"type": "\ud800"}',
 }  # fmt: skip
 
 
@@ -279,6 +281,15 @@ def test_hostile_messages_get_one_line_and_the_server_lives(serve, visit):
         assert "\n" not in refused["text"] and 0 < len(refused["text"]) < 200, about
     page.socket.send(b"\0\1\2")
     page.until("refused")
+    assert page.edit(1)["errors"] == []
+
+
+def test_an_internal_error_is_told_and_closes_no_page(serve, visit, monkeypatch):
+    page = visit(serve())
+    page.until("batch", complete=True)
+    monkeypatch.setattr("rockfall.app.room.check_name", lambda _: 1 / 0)
+    page.send("save", name="x")
+    assert page.get()["text"] == "internal error: ZeroDivisionError: division by zero"
     assert page.edit(1)["errors"] == []
 
 
@@ -314,6 +325,7 @@ WRONG = {
     "a shape": ({"lines": [point(9, 9)]}, {}, {"layer": "lines", "id": "p1"}),
     "two shapes": ({"sources": [point(9, 9), polygon(1, 9, 9, 1)]}, {}, {"layer": "sources"}),
     "a name": ({"lines": [line(250, file="x")]}, {}, {"layer": "lines", "id": "l1"}),
+    "half a character": ({"lines": [line(250, **{"\ud800": 1})]}, {}, {"id": "l1"}),
     "a value": (
         {"barriers": [line(250, height="3")]}, {},
         {"layer": "barriers", "id": "l1", "key": "height"},
@@ -748,6 +760,47 @@ def test_the_report_is_that_of_a_fresh_run(serve, visit, blank_figures):
     assert '<html lang="fr"' in Path("rapport.html").read_text(encoding="utf-8")
 
 
+def test_nothing_is_written_through_a_link_to_a_folder(serve, place, visit):
+    (place / "elsewhere").mkdir()
+    os.symlink(place / "elsewhere", "out_layers")
+    os.symlink(place / "sets.nml", "out.nc")
+    page, sets = visit(serve()), Path("sets.nml").read_text()
+    page.send("export", name="out", overwrite=True)
+    assert "out_layers: is a link" in page.until("refused")["text"]
+    assert not Path("out.nml").exists() and not [*(place / "elsewhere").iterdir()]
+    assert Path("sets.nml").read_text() == sets
+
+
+def test_drawing_a_report_can_be_cancelled(serve, visit, monkeypatch):
+    figure = pytest.importorskip("matplotlib.figure", reason="the report extra is not installed")
+
+    def report(*_, **__):
+        while True:
+            style.save(figure.Figure((1, 1)), "x.png")
+
+    monkeypatch.setattr("rockfall.products.report", report)
+    page = visit(serve())
+    page.send("report", name="x")
+    page.until("progress", total=0)
+    page.send("cancel")
+    assert page.until("refused", task="report")["text"] == "cancelled"
+    assert page.edit(1)["errors"] == []
+
+
+def test_a_case_that_is_being_run_is_not_saved_over(serve, visit):
+    page = visit(serve())
+    page.edit(1, settings=LONG)
+    page.send("export", name="long")
+    page.until("progress")
+    page.edit(2, settings={"case": {"boulders_total": 5}})
+    page.send("save", name="long", overwrite=True)
+    assert page.until("refused")["task"] == "save"
+    page.send("save", name="other")
+    assert page.until("saved")["document_revision"] == 2
+    page.send("cancel")
+    page.until("refused", task="export")
+
+
 def test_a_task_can_be_cancelled_and_leaves_no_result(serve, visit):
     page = visit(serve())
     page.edit(1, settings=LONG)
@@ -766,6 +819,8 @@ def test_the_second_page_reads_until_it_takes_over(serve, visit):
     welcome = second.until("welcome")
     assert not welcome["writer"] and welcome["language"] == "de"
     first.edit(3, layers={"lines": [line(260, name="M")]})
+    document = second.until("document", revision=3)["document"]
+    assert document["layers"]["lines"][0]["properties"] == {"name": "M"}
     batch = second.until("batch", revision=3, complete=True)
     assert [one["name"] for one in batch["lines"]] == ["M"]
     for kind in "edit", "save", "stop", "view":
@@ -839,6 +894,20 @@ def test_a_reload_does_not_end_the_server(serve, visit):
     assert server._left is None
 
 
+def test_a_page_that_comes_while_another_leaves_keeps_the_server(place):
+    with bind(0) as bound:
+        server = Server(Room(Path("dem.tif")), bound, page=place / "page", grace=0.0)
+
+        async def leave_and_come():
+            server._end_later()
+            server._room.enter(Client(lambda *_: None), {})
+            await asyncio.sleep(0.01)
+
+        asyncio.run(leave_and_come())
+        assert not server._server.should_exit
+        server._room.close()
+
+
 def test_files_opened_before_are_offered(serve, place, visit):
     serve("dem.tif")
     serve("case.nml")
@@ -848,6 +917,7 @@ def test_files_opened_before_are_offered(serve, place, visit):
     assert [one["name"] for one in welcome["recent"]] == ["case.nml", "dem.tif"]
     page.send("edit", revision=1)
     page.until("refused")
+    visit(serve("dem.tif")).get()  # is now the first of the list, but not of the one on this page
     page.send("open_recent", index=0)
     assert page.until("welcome")["mode"] == "case"
     page.until("batch", complete=True)

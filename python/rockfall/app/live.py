@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import os
 import time
-import traceback
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from threading import Condition, Event, Thread
@@ -15,7 +13,7 @@ import numpy as np
 
 from rockfall.app.document import Document, Runnable, Site, runnable, with_output
 from rockfall.app.features import Frame
-from rockfall.app.messages import Message, Refused, text_message
+from rockfall.app.messages import Message, Refused, fault_message, text_message
 from rockfall.app.pictures import (
     BY_SOURCE,
     Ground,
@@ -148,12 +146,9 @@ class Live:
             work()
             return True
         except RockfallError as error:  # files have changed since they were opened
-            text = without_files(str(error), self.site)
+            self._send("fault", text_message("fault", text=without_files(str(error), self.site)))
         except Exception as error:
-            if os.environ.get("ROCKFALL_TRACEBACK"):
-                traceback.print_exc()
-            text = f"internal error: {type(error).__name__}: {error}"
-        self._send("fault", text_message("fault", text=" ".join(text.splitlines())))
+            self._send("fault", fault_message(error))
         return False
 
     def _show_terrain(self) -> None:

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import struct
+import traceback
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 
@@ -41,6 +43,14 @@ class Refused(Exception):
 def text_message(type: str, /, **content: Any) -> str:
     """Text message of a type. Numbers that are not finite become null."""
     return _json({"type": type, **content})
+
+
+def fault_message(error: Exception) -> str:
+    """Message `fault` of an internal error."""
+    if os.environ.get("ROCKFALL_TRACEBACK"):
+        traceback.print_exception(error)
+    text = f"internal error: {type(error).__name__}: {error}"
+    return text_message("fault", text=" ".join(text.splitlines()))
 
 
 def binary_message(type: str, /, arrays: Mapping[str, np.ndarray], **content: Any) -> bytes:
@@ -81,7 +91,8 @@ def _finite(token: str) -> float:
 
 
 def _json(content: Any) -> str:
-    return json.dumps(_plain(content), allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+    # In ASCII: names of files, and what a page sends, may have code points that UTF-8 has not.
+    return json.dumps(_plain(content), allow_nan=False, separators=(",", ":"))
 
 
 def _plain(value: Any) -> Any:

@@ -28,6 +28,7 @@ from rockfall.io.layers import (
 from rockfall.io.raster import dem_header
 from rockfall.io.tables import decimal, read_columns
 from rockfall.io.zone_table import NAMES, RADII
+from rockfall.result.dataset import DAMAGED
 from rockfall.scene.frames import GROUPS
 from rockfall.scene.layers import Inputs
 from rockfall.scene.lines import read_lines
@@ -55,7 +56,7 @@ def is_result(path: Path) -> bool:
     try:
         with netCDF4.Dataset(path) as file:
             return {"case", "case_file"} <= set(file.ncattrs())
-    except (OSError, RuntimeError):
+    except DAMAGED:
         return False
 
 

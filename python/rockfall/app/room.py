@@ -13,7 +13,14 @@ from rockfall.app.exhibit import Exhibit
 from rockfall.app.features import MAX_FEATURES, MAX_VERTICES
 from rockfall.app.forms import Form
 from rockfall.app.live import Live
-from rockfall.app.messages import MAX_BYTES, Message, Refused, read_message, text_message
+from rockfall.app.messages import (
+    MAX_BYTES,
+    Message,
+    Refused,
+    fault_message,
+    read_message,
+    text_message,
+)
 from rockfall.app.opening import is_result, open_site
 from rockfall.app.pictures import MAX_TRAJECTORIES, View, map_choices
 from rockfall.app.places import without_files
@@ -36,6 +43,7 @@ class Client:
 
     def __init__(self, send: Callable[[str, Message], None]) -> None:
         self.send, self.language = send, LANGUAGES[0]
+        self.recent: list[Path] = []  # as offered to it
 
 
 class Room:
@@ -105,6 +113,8 @@ class Room:
                 about = error.entry() if isinstance(error, Refused) else self._entry(error)
                 about |= {"task": task, "exists": isinstance(error, Exists)}  # type: ignore[dict-item]
                 client.send("refused", text_message("refused", **about))
+            except Exception as error:  # the page is to know of it, and to stay connected
+                client.send("fault", fault_message(error))
 
     def _entry(self, error: RockfallError) -> dict[str, str]:
         text = str(error)
@@ -120,7 +130,7 @@ class Room:
             raise Refused(say("app.server_unknown", name=kind[:40]))
         if client is not self._writer:
             raise Refused(say("app.server_reader"))
-        _ACTIONS[kind](self, message)
+        _ACTIONS[kind](self, client, message)
 
     def _set_writer(self, client: Client) -> None:
         """Let a page write, which gets the document as the one before left it."""
@@ -129,9 +139,7 @@ class Room:
             before.send("role", text_message("role", writer=False))
         if self._shown is not None:
             self._shown.language = client.language
-            content = self._shown.document.content()
-            about = {"document": content, "revision": self._shown.revision}
-            client.send("document", text_message("document", **about))
+            client.send("document", document_message(self._shown))
         client.send("role", text_message("role", writer=True))
 
     def _open(self, path: Path) -> None:
@@ -170,7 +178,8 @@ class Room:
 
     def _welcome(self, client: Client) -> None:
         """Send a page all that it needs to know."""
-        recent = [{"name": one.name, "folder": str(one.parent)} for one in recent_files()]
+        client.recent = recent_files()
+        recent = [{"name": one.name, "folder": str(one.parent)} for one in client.recent]
         limits = {
             "features": MAX_FEATURES, "vertices": MAX_VERTICES, "bytes": MAX_BYTES,
             "trajectories": MAX_TRAJECTORIES,
@@ -185,18 +194,24 @@ class Room:
             for message in self._last.get(kind, []):
                 client.send("kept", message)
 
-    def _edit(self, message: dict[str, Any]) -> None:
+    def _edit(self, client: Client, message: dict[str, Any]) -> None:
         revision = message.get("revision")
         layers, settings = message.get("layers", {}), message.get("settings", {})
         if type(revision) is not int or not 0 < revision <= MAX_REVISION:
             raise Refused(say("app.server_wrong_type", name="revision"))
         if not isinstance(layers, dict) or not isinstance(settings, dict):
             raise Refused(say("app.server_wrong_type", name="edit"))
-        self._live().edit(revision, layers, settings)
+        with self._lock:  # its results come after it
+            live = self._live()
+            live.edit(revision, layers, settings)
+            if readers := [one for one in self._clients if one is not client]:
+                content = document_message(live)
+                for one in readers:
+                    one.send("document", content)
         if self._task is None:
-            self._run(True)  # each change runs at once, also after a pause
+            live.run(True)  # each change runs at once, also after a pause
 
-    def _view(self, message: dict[str, Any]) -> None:
+    def _view(self, _: Client, message: dict[str, Any]) -> None:
         name, number = message.get("map", ""), message.get("trajectories", 0)
         if self._shown is None:
             raise Refused(say("app.server_nothing_open"))
@@ -217,14 +232,17 @@ class Room:
         if not isinstance(overwrite, bool):
             raise Refused(say("app.server_wrong_type", name="overwrite"))
         document, revision = live.latest()
-        check_free(live.site.folder, others(name), overwrite)
-        files = save(live.site, document, name, overwrite)
+        with self._lock:
+            if self._task is not None and self._task.name == name:
+                raise Refused(say("app.server_busy"))  # it runs the case of this name
+            check_free(live.site.folder, others(name), overwrite)
+            files = save(live.site, document, name, overwrite)
         note_recent(files[0])
         names = [one.name for one in files]
         self._send("saved", text_message("saved", files=names, document_revision=revision))
         return name
 
-    def _start_task(self, message: dict[str, Any]) -> None:
+    def _start_task(self, _: Client, message: dict[str, Any]) -> None:
         kind, live = message["type"], self._live()
         with self._lock:
             if self.is_busy:
@@ -246,8 +264,8 @@ class Room:
         if (task := self._task) is not None:
             task.cancel()
 
-    def _open_recent(self, message: dict[str, Any]) -> None:
-        index, files = message.get("index"), recent_files()
+    def _open_recent(self, client: Client, message: dict[str, Any]) -> None:
+        index, files = message.get("index"), client.recent
         if type(index) is not int or not 0 <= index < len(files):
             raise Refused(say("app.server_wrong_type", name="index"))
         if self.is_busy:
@@ -284,14 +302,20 @@ def _forms(forms: dict[str, Form]) -> dict[str, list[dict[str, Any]]]:
     return {name: [field.about() for field in form.values()] for name, form in forms.items()}
 
 
-_ACTIONS: dict[str, Callable[[Room, dict[str, Any]], object]] = {
+def document_message(shown: Shown) -> str:
+    """Message `document`: what is edited, and its revision."""
+    content = shown.document.content()
+    return text_message("document", document=content, revision=shown.revision)
+
+
+_ACTIONS: dict[str, Callable[[Room, Client, dict[str, Any]], object]] = {
     "edit": Room._edit,
     "view": Room._view,
-    "run": lambda room, _: room._run(True),
-    "stop": lambda room, _: room._run(False),
-    "save": lambda room, message: room._save(message, lambda _: []),
+    "run": lambda room, *_: room._run(True),
+    "stop": lambda room, *_: room._run(False),
+    "save": lambda room, _, message: room._save(message, lambda _: []),
     REPORT: Room._start_task,
     EXPORT: Room._start_task,
-    "cancel": lambda room, _: room._cancel(),
+    "cancel": lambda room, *_: room._cancel(),
     "open_recent": Room._open_recent,
 }

@@ -35,8 +35,12 @@ def check_name(name: object) -> str:
 
 
 def check_free(folder: Path, names: list[str], overwrite: bool) -> None:
-    """Refuse names of existing files or folders, unless they are to be replaced."""
+    """Refuse names of existing files or folders, unless they are to be replaced; and links to
+    folders, through which files elsewhere would be replaced."""
     taken = [name for name in names if os.path.lexists(folder / name)]
+    for name in taken:
+        if (folder / name).is_symlink() and (folder / name).is_dir():
+            raise Refused(say("app.server_link", name=name))
     if taken and not overwrite:
         raise Exists(say("app.server_exists", files=", ".join(taken)))
 

@@ -134,7 +134,7 @@ class Server:
         except (TimeoutError, Refused):
             return None
         key = given.get("key")
-        known = isinstance(key, str) and secrets.compare_digest(key.encode(), self.key.encode())
+        known = isinstance(key, str) and key.isascii() and secrets.compare_digest(key, self.key)
         return given if known and given["type"] == "hello" else None
 
     async def _serve(self, socket: WebSocket, hello: dict[str, Any]) -> None:
@@ -160,6 +160,8 @@ class Server:
         """Stop after some seconds in which no page comes; what is being made is made first."""
 
         def end() -> None:
+            if not self._room.is_empty:  # one came while another was leaving
+                return
             if self._room.is_busy:
                 self._end_later()
             else:

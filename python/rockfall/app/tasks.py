@@ -13,10 +13,11 @@ from threading import Event, Thread
 from typing import Any
 
 from rockfall.app.document import Site
-from rockfall.app.messages import Message, text_message
+from rockfall.app.messages import Message, fault_message, text_message
 from rockfall.app.places import without_files
 from rockfall.case import read_case
 from rockfall.errors import RockfallError
+from rockfall.interrupts import Stopped, check_stop, stopped_by
 from rockfall.io.output_files import overwriting
 from rockfall.language import say, speaking
 from rockfall.result.dataset import write_result
@@ -39,7 +40,7 @@ class Task:
         self, kind: str, site: Site, name: str, overwrite: bool, language: str,
         send: Callable[[str, Message], None], then: Callable[[], None],
     ) -> None:  # fmt: skip
-        self._kind, self._site, self._name, self._overwrite = kind, site, name, overwrite
+        self._kind, self._site, self.name, self._overwrite = kind, site, name, overwrite
         self._language, self._send, self._then = language, send, then
         self._cancel = Event()
         self._thread = Thread(target=self._work, name=kind, daemon=True)
@@ -60,19 +61,19 @@ class Task:
         with speaking(self._language), overwriting(self._overwrite), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # those of the case are shown already
             try:
-                files = self._make()
-                self._tell("done", files=files)
+                with stopped_by(self._cancel.is_set):
+                    end = self._about("done", files=self._make())
             except RockfallError as error:
-                self._refuse(without_files(str(error), self._site))
-            except _Cancelled:
-                self._refuse(say("app.server_cancelled"))
+                end = self._refusal(without_files(str(error), self._site))
+            except Stopped:
+                end = self._refusal(say("app.server_cancelled"))
             except Exception as error:  # the page is to know of it, and the server to live
-                self._tell("fault", text=f"{type(error).__name__}: {error}")
-            finally:
-                self._then()
+                end = "fault", fault_message(error)
+            self._then()
+            self._send(*end)
 
     def _make(self) -> list[str]:
-        folder, name = self._site.folder, self._name
+        folder, name = self._site.folder, self.name
         result, product = outputs(self._kind, name)
         path = folder / result
         write_result(self._run(folder / f"{name}.nml"), path)
@@ -93,20 +94,16 @@ class Task:
                 self._phase(what, batch.boulders, total, left)
                 if batch.complete:
                     return batch.dataset()
-        raise _Cancelled
+        raise Stopped
 
     def _phase(self, text: str, done: int = 0, total: int = 0, left: float | None = None) -> None:
         """Tell how far the work is; total 0: not known. End it if it is cancelled."""
-        if self._cancel.is_set():
-            raise _Cancelled
-        self._tell("progress", phase=text, done=done, total=total, seconds_left=left)
+        check_stop()
+        self._send(*self._about("progress", phase=text, done=done, total=total, seconds_left=left))
 
-    def _refuse(self, text: str) -> None:
-        self._tell("refused", text=text, exists=False)
+    def _refusal(self, text: str) -> tuple[str, str]:
+        return self._about("refused", text=text, exists=False)
 
-    def _tell(self, kind: str, **content: Any) -> None:
-        self._send(kind, text_message(kind, task=self._kind, **content))
-
-
-class _Cancelled(Exception):
-    """The page wants no more of it."""
+    def _about(self, kind: str, **content: Any) -> tuple[str, str]:
+        """Kind and message on the task."""
+        return kind, text_message(kind, task=self._kind, **content)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.errors import RockfallError
+from rockfall.interrupts import check_stop
 from rockfall.io.files import atomic_write
 from rockfall.language import localised, spoken
 
@@ -86,9 +87,10 @@ def draw_bars(axes: Axes, fraction: np.ndarray, edges: np.ndarray) -> None:
 
 
 def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
-    """Write a figure atomically, with reproducible bytes."""
+    """Write a figure atomically, with reproducible bytes; Stopped if no more are wanted."""
     import matplotlib
 
+    check_stop()
     dpi = dpi or (300 if Path(path).suffix == ".png" else 200)  # vectors with dense parts as dots
     about = {
         ".png": {"Software": "rockfall"},
