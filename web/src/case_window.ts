@@ -122,6 +122,7 @@ export class CaseWindow {
       onReplaced: (count) => this.shell.say(say('app.replaced', { n: count })),
     });
     this.toolbar = new Toolbar(this.tools, (tool) => {
+      this.show('map');
       this.drawer.use(tool);
       this.shell.mapTarget.focus({ preventScroll: true });
     });
@@ -235,10 +236,12 @@ export class CaseWindow {
         this.load(message);
         return;
       case 'progress':
-        this.output.progress(message);
+        if (this.chooser) this.output.progress(message);
+        return;
+      case 'saved':
+        this.output.written(message.files);
         return;
       case 'done':
-      case 'saved':
         this.output.done(message.files);
         return;
       case 'refused':
