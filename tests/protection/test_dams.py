@@ -84,10 +84,11 @@ def test_too_coarse_is_refused_unless_allowed(tmp_path):
     case = plane(tmp_path, 2.0).replace(dam=[DAM])
     with refused(
         "case: &dam height = 4, slope = 55: its face is 1.8 m wide, 0.91 cells of 2 m, which makes "
-        "a bump of it: resample the terrain to cells of 0.45 m or less, or say allow_coarse = "
-        ".true."
+        "a bump of it: resample the terrain to cells of 0.45 m or less, make it about 9 m high, or "
+        "say allow_coarse = .true."
     ):
         read_scene(case)
+    assert COARSE <= shape_of(case.replace(dam=[DAM | {"height": 9.0}])).face_cells < COARSE + 0.2
     allowed = case.replace(dam=[DAM | {"allow_coarse": True}])
     assert shape_of(allowed).face_cells < COARSE
     assert (
