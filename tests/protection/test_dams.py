@@ -84,11 +84,16 @@ def test_too_coarse_is_refused_unless_allowed(tmp_path):
     case = plane(tmp_path, 2.0).replace(dam=[DAM])
     with refused(
         "case: &dam height = 4, slope = 55: its face is 1.8 m wide, 0.91 cells of 2 m, which makes "
-        "a bump of it: resample the terrain to cells of 0.45 m or less, or say allow_coarse = "
-        ".true."
+        "a bump of it: resample the terrain to cells of 0.45 m or less, make it about 9 m high, or "
+        "say allow_coarse = .true."
     ):
         read_scene(case)
     allowed = case.replace(dam=[DAM | {"allow_coarse": True}])
+    low, high = (
+        shape_of(case.replace(dam=[DAM | {"allow_coarse": True, "height": height}]))
+        for height in (8.0, 9.0)
+    )
+    assert low.face_cells < COARSE <= high.face_cells
     assert shape_of(allowed).face_cells < COARSE
     assert (
         "its face is 1.8 m wide, 0.91 cells of 2 m: on fewer than 4"

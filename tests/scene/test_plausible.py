@@ -358,7 +358,7 @@ ABSURD = {  # refused at the door
     "dam by a ratio": (dam(height=4.0, slope=1.5), "&dam slope = 1.5: must be 5 to 89 [degree]"),
     "dam on coarse cells": (dam(height=5.0, slope=60.0), "&dam height = 5, slope = 60: its face is "
         "1.9 m wide, 0.37 cells of 5 m, which makes a bump of it: resample the terrain to cells of "
-        "0.46 m or less, or say allow_coarse = .true."),
+        "0.46 m or less, make it about 27 m high, or say allow_coarse = .true."),
     "thresholds in J": (put("hazard", thresholds=[30_000.0, 300_000.0]),
         "&hazard thresholds (value 2) = 300000.0: must be 0 to 100000 [kJ]"),
     "frequencies": (put("hazard", return_periods=[0.0033, 0.01, 0.033]),

@@ -50,7 +50,7 @@ const INITIAL: Readonly<Record<Layer, Readonly<Record<string, Value>>>> = {
   lines: {},
   zones: { mean_radius: 0.3 },
   barriers: { height: 4, capacity: 1000 },
-  dams: { height: 5, crest_width: 2 },
+  dams: { height: 5, crest_width: 2 }, // higher on coarse cells, see damHeight
 };
 const LETTERS: Readonly<Partial<Record<Layer, string>>> = {
   lines: 'L',
@@ -59,6 +59,11 @@ const LETTERS: Readonly<Partial<Record<Layer, string>>> = {
   zones: 'Z',
   sources: 'S',
 };
+
+/** Height of a new dam [m] whose faces are as wide as cells need, up to a slope of the terrain of about 30 degrees. */
+function damHeight(cell: number): number {
+  return Math.min(10, Math.max(5, Math.ceil(3 * cell)));
+}
 
 export class CaseWindow {
   private readonly store = new DocumentStore();
@@ -85,6 +90,7 @@ export class CaseWindow {
 
   private chooser: boolean; // may choose the map; in a case also edit
   private terrain: Terrain | null = null;
+  private cell = 1; // of the terrain as it is simulated [m]
   private shade: Shade | null = null;
   private state: State = { type: 'state', revision: 0, errors: [], warnings: [] };
   private batch: Binary<BatchMessage> | null = null;
@@ -116,6 +122,7 @@ export class CaseWindow {
       onReplaced: (count) => this.shell.say(say('app.replaced', { n: count })),
     });
     this.toolbar = new Toolbar(this.tools, (tool) => {
+      this.show('map');
       this.drawer.use(tool);
       this.shell.mapTarget.focus({ preventScroll: true });
     });
@@ -229,10 +236,12 @@ export class CaseWindow {
         this.load(message);
         return;
       case 'progress':
-        this.output.progress(message);
+        if (this.chooser) this.output.progress(message);
+        return;
+      case 'saved':
+        this.output.written(message.files);
         return;
       case 'done':
-      case 'saved':
         this.output.done(message.files);
         return;
       case 'refused':
@@ -278,7 +287,8 @@ export class CaseWindow {
   // What is shown
 
   private setTerrain(message: Binary<Extract<Binary['header'], { type: 'terrain' }>>): void {
-    const { west, north, cell, nx, ny, crs, shade_cell } = message.header;
+    const { west, north, cell, nx, ny, crs, shade_cell, full_cell } = message.header;
+    this.cell = full_cell;
     const heights = message.f4('heights');
     const shade = message.u1('shade');
     if (!heights) return;
@@ -302,7 +312,6 @@ export class CaseWindow {
     this.view.setStops(message.f4('stops')?.values ?? null);
     this.legend.setResult(header.overlay);
     this.statistics.update(header.lines);
-    this.shell.root.style.setProperty('--lines', String(header.lines.length)); // height of the table
     this.showEnded(header);
     this.scene.update('drape');
     this.refresh();
@@ -342,13 +351,16 @@ export class CaseWindow {
       preliminary,
       failed ? say(empty ? 'app.run.no_sources' : 'app.run.failed') : '',
       this.writer,
+      this.state.running === false,
     );
     this.shell.mark(!this.batch ? '' : failed ? say('app.not_current') : preliminary ? say('app.preliminary') : '');
     this.shell.hint(
       this.drawer.tool !== 'select' ? say(`app.hint.${this.drawer.tool}`) : empty ? say('app.hint.begin') : '',
     );
     this.view.dim(preliminary || failed);
-    this.messages.update(errors, this.batchHeader?.warnings ?? [], this.state.warnings);
+    this.shell.fitDock(this.batchHeader?.lines.length || this.store.layer('lines').length);
+    // Without sources the hint says what to do; with errors the warnings are those of an older state.
+    this.messages.update(empty ? [] : errors, failed ? [] : (this.batchHeader?.warnings ?? []), this.state.warnings);
     this.features.update(errors, this.writer);
     this.settings.update(errors, this.writer);
     this.tabs.mark(
@@ -432,8 +444,9 @@ export class CaseWindow {
     const fields = new Set(this.welcome.forms.layers[layer]?.map(({ name }) => name));
     const used = new Set(LAYERS.flatMap((one) => this.store.layer(one).map(({ properties }) => properties['name'])));
     const free = (n: number): string => (used.has(`${LETTERS[layer]}${n}`) ? free(n + 1) : `${LETTERS[layer]}${n}`);
+    const own = layer === 'dams' ? { height: damHeight(this.cell) } : {};
     return Object.fromEntries(
-      Object.entries({ name: free(1), ...INITIAL[layer] }).filter(([name]) => fields.has(name)),
+      Object.entries({ name: free(1), ...INITIAL[layer], ...own }).filter(([name]) => fields.has(name)),
     );
   }
 

@@ -66,6 +66,7 @@ export function read(field: Field, text: string): SettingValue | undefined | nul
 class Row {
   readonly root: HTMLElement;
   private readonly control: Control;
+  private unreadable = ''; // what is wrong with a text that is no value
   private readonly message = element('p', {
     class: 'field-error',
     id: uniqueId('error'),
@@ -103,7 +104,11 @@ class Row {
       if (text && ![...control.options].some((option) => option.value === text))
         control.append(element('option', { attributes: { value: text } }, text));
       control.value = text;
-    } else if (control !== document.activeElement || control.dataset['committed'] !== shown(value)) {
+    } else if (
+      control.dataset['committed'] !== shown(value) ||
+      (control !== document.activeElement && !this.unreadable)
+    ) {
+      this.unreadable = '';
       control.value = shown(value);
       control.dataset['committed'] = control.value;
     }
@@ -111,7 +116,7 @@ class Row {
       control.readOnly = !editable || this.field.read_only;
     else control.disabled = !editable || this.field.read_only;
     this.root.classList.toggle('given', value !== undefined);
-    this.complain(error);
+    this.complain(error ?? this.unreadable);
   }
 
   private makeControl(): Control {
@@ -136,8 +141,8 @@ class Row {
     return input;
   }
 
-  private complain(error: string | undefined): void {
-    this.message.textContent = error ?? '';
+  private complain(error: string): void {
+    this.message.textContent = error;
     this.message.hidden = !error;
     this.control.setAttribute('aria-invalid', String(Boolean(error)));
     if (error) this.control.setAttribute('aria-errormessage', this.message.id);
@@ -152,9 +157,12 @@ class Row {
     }
     const value = read(this.field, control.value);
     if (value === null) {
-      this.complain(say(this.field.kind === 'integer' ? 'app.form.no_integer' : 'app.form.no_number'));
+      this.unreadable = say(this.field.kind === 'integer' ? 'app.form.no_integer' : 'app.form.no_number');
+      this.complain(this.unreadable);
       return;
     }
+    this.unreadable = '';
+    this.complain(''); // until the server answers
     control.dataset['committed'] = shown(value);
     this.change(value);
   }

@@ -13,7 +13,8 @@ export class Legend {
   private readonly speeds = element('div', { class: 'ramp-box' });
   private readonly zones = element('details', { class: 'zone-legend' });
 
-  constructor(maps: readonly MapName[], shown: string, onMap: (name: string) => void) {
+  /** Without maps to choose from, the legend names the one that is shown. */
+  constructor(private readonly maps: readonly MapName[], shown: string, onMap: (name: string) => void) {
     this.choice = element(
       'select',
       { attributes: { 'aria-label': say('app.legend.map'), 'data-action': 'map' } },
@@ -34,7 +35,8 @@ export class Legend {
 
   setResult(header: OverlayHeader | null): void {
     if (header && this.choice.disabled) this.choice.value = header.name;
-    this.ramp.replaceChildren(...(header ? [ramp(header, header.unit, viridis)] : []));
+    const name = header && !this.maps.length ? [element('p', {}, withUnit(nameOfMap(header), header.unit))] : [];
+    this.ramp.replaceChildren(...(header ? [...name, ramp(header, header.unit, viridis)] : []));
   }
 
   setSpeeds(fastest: number | null): void {

@@ -8,6 +8,8 @@ import { duration, say } from './texts';
 export class Output {
   readonly dialog = element('dialog', { class: 'output' });
   private task: Task = 'save';
+  private saved: readonly string[] = []; // by a task that goes on
+  private cancelled = false;
   private readonly title = element('h2', { id: uniqueId('dialog') });
   private readonly name = element('input', {
     id: uniqueId('name'),
@@ -57,7 +59,8 @@ export class Output {
 
   refused(text: string, exists: boolean): void {
     this.name.readOnly = false;
-    this.tell(element('p', { class: `alert ${exists ? 'amber' : 'red'}` }, text));
+    this.tell(element('p', { class: `alert ${exists || this.cancelled ? 'amber' : 'red'}` }, text));
+    this.cancelled = false;
     this.offer(
       exists
         ? button(say('app.output.overwrite'), () => this.send(true), {
@@ -70,19 +73,24 @@ export class Output {
 
   progress({ task, phase, done, total, seconds_left }: Progress): void {
     if (!this.dialog.open) this.open(task);
+    if (this.cancelled) return;
     this.name.readOnly = true;
     const bar = element('progress', { attributes: { max: String(total || 1) } });
     if (total) bar.value = done;
     const left = seconds_left === null ? '' : say('app.run.left', { time: duration(seconds_left) });
     this.tell(element('p', {}, phase), bar, element('p', { class: 'hint' }, left));
-    this.buttons.replaceChildren(
-      button(say('app.cancel'), () => this.connection.send({ type: 'cancel' }), {
-        attributes: { 'data-action': 'cancel' },
-      }),
-    );
+    this.buttons.replaceChildren(this.stop());
+  }
+
+  /** The case has been written; a report or an export goes on with it. */
+  written(files: readonly string[]): void {
+    if (isLong(this.task)) this.saved = files;
+    else this.done(files);
   }
 
   done(files: readonly string[]): void {
+    files = [...this.saved, ...files];
+    this.saved = [];
     this.tell(
       element('p', { class: 'alert good' }, say('app.output.written', { folder: this.folder })),
       element('ul', { class: 'files' }, ...files.map((file) => element('li', {}, file))),
@@ -110,9 +118,24 @@ export class Output {
     this.name.readOnly = true;
     this.connection.send({ type: this.task, name, overwrite });
     this.tell(element('p', { class: 'hint' }, say('app.output.working')));
-    this.buttons.replaceChildren(
-      this.task === 'save' ? '' : button(say('app.cancel'), () => this.connection.send({ type: 'cancel' })),
+    this.cancelled = false;
+    this.saved = [];
+    this.buttons.replaceChildren(this.task === 'save' ? '' : this.stop());
+  }
+
+  /** A button that cancels the task, which goes on until its present step is done. */
+  private stop(): HTMLButtonElement {
+    const made = button(
+      say('app.cancel'),
+      () => {
+        this.cancelled = true;
+        made.disabled = true;
+        this.connection.send({ type: 'cancel' });
+        this.tell(element('p', { class: 'hint' }, say('app.output.cancelling')));
+      },
+      { attributes: { 'data-action': 'cancel' } },
     );
+    return made;
   }
 
   private submit(): HTMLButtonElement {

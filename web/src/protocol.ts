@@ -97,6 +97,7 @@ export interface CaseError {
 }
 export interface State {
   type: 'state';
+  running?: boolean; // false while paused
   revision: number;
   errors: CaseError[];
   warnings: string[];

@@ -39,23 +39,25 @@ export class RunBar {
   }
 
   /** Show a batch; without one, or with one of an older state, results are awaited, unless a reason says why none will come. */
-  update(batch: BatchMessage | null, preliminary: boolean, reason: string, writer: boolean): void {
+  update(batch: BatchMessage | null, preliminary: boolean, reason: string, writer: boolean, paused: boolean): void {
     const failed = reason !== '';
     const current = batch !== null && !preliminary;
-    this.running = current ? batch.running : !failed;
+    this.running = current ? batch.running : !failed && !paused;
     const state = failed
       ? 'failed'
       : !current
-        ? 'waiting'
+        ? paused
+          ? 'paused'
+          : 'waiting'
         : batch.complete
           ? 'complete'
           : batch.running
             ? 'running'
             : 'paused';
     this.root.dataset['state'] = this.live ? state : 'complete';
-    this.text.textContent = failed ? reason : current ? this.describe(batch) : say('app.run.waiting');
+    this.text.textContent = failed ? reason : current ? this.describe(batch) : say(paused ? 'app.run.paused' : 'app.run.waiting');
     if (current) this.bar.value = batch.total ? batch.boulders / batch.total : 0;
-    else if (!failed) this.bar.removeAttribute('value');
+    else if (!failed && !paused) this.bar.removeAttribute('value');
     else this.bar.value = 0;
     const label = say(this.running ? 'app.run.pause' : 'app.run.go_on');
     this.toggle.replaceChildren(icon(this.running ? 'pause' : 'play'));
@@ -71,9 +73,9 @@ export class RunBar {
         ? say('app.run.complete', { n: boulders, time: duration(seconds) })
         : say('app.run.of_result', { n: boulders });
     const left =
-      this.running && seconds_left !== null && seconds_left > 1
+      seconds_left !== null && seconds_left > 1
         ? say('app.run.left', { time: duration(seconds_left) })
         : duration(seconds);
-    return `${say('app.run.part', { n: boulders, total })} · ${left}`;
+    return `${say('app.run.part', { n: boulders, total })} · ${this.running ? left : say('app.run.paused')}`;
   }
 }

@@ -71,6 +71,11 @@ export class Shell {
     this.dockBody.replaceChildren(...content);
   }
 
+  /** Give the table of statistics the height that its lines need; without lines the map has the room. */
+  fitDock(lines: number): void {
+    this.root.style.setProperty('--dock', `${lines ? 134 + 43 * lines : 104}px`);
+  }
+
   show(mode: Mode): void {
     this.mapPane.hidden = mode !== 'map';
     this.scenePane.hidden = mode !== 'scene';

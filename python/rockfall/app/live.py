@@ -202,8 +202,8 @@ class Live:
                 errors = [refused.entry()]
             except RockfallError as refusal:
                 errors = [entry_of(str(refusal), self.site, document)]
-        state = text_message("state", revision=revision, errors=errors, warnings=warnings)
-        self._send("state", state)
+        about = {"revision": revision, "errors": errors, "warnings": warnings}
+        self._send("state", text_message("state", **about, running=self.running))
         if not errors:
             assert self._session is not None and self._ground is not None
             self._show_background(made)

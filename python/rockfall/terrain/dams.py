@@ -72,8 +72,8 @@ def with_dam(
         raise RockfallError(
             f"{name}: &dam height = {dam['height']:g}, slope = {dam['slope']:g}: its face is "
             f"{shape.face:.2g} m wide, {shape.face_cells:.2g} cells of {grid.cell:g} m, which "
-            f"makes a bump of it: resample the terrain to cells of {finer(shape):g} m or less, or "
-            "say allow_coarse = .true."
+            f"makes a bump of it: resample the terrain to cells of {finer(shape):g} m or less, "
+            f"make it about {higher(shape)} m high, or say allow_coarse = .true."
         )
     return raised, shape
 
@@ -94,6 +94,11 @@ def finer(shape: DamShape) -> float:
     cell = max(shape.face, 1e-3) / FINE
     unit = 10.0 ** (math.floor(math.log10(cell)) - 1)
     return math.floor(cell / unit) * unit
+
+
+def higher(shape: DamShape) -> int:
+    """Height with just enough cells across the face [m], which is as wide as the dam is high."""
+    return math.ceil(shape.requested[0] * COARSE / max(shape.face_cells, 1e-3))
 
 
 def _shape(

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Palette of the trajectories, and the legend.
+// Palette of the trajectories, which is that of the map, and the legend.
+import { css, LAYER_COLOURS, plasma } from '../colours';
 import type { Say } from './types';
 
 /** What colours a trajectory. */
@@ -9,25 +10,14 @@ export const QUANTITIES: readonly Quantity[] = ['speed', 'energy', 'height'];
 export const UNITS: Record<Quantity, string> = { speed: 'm/s', energy: 'kJ', height: 'm' };
 
 /** Colours of what is drawn besides terrain and trajectories. */
-export const KINDS = { line: '#111827', barrier: '#c2185b', dam: '#7a4a1e' } as const;
+export const KINDS = { line: LAYER_COLOURS.lines, barrier: LAYER_COLOURS.barriers, dam: LAYER_COLOURS.dams } as const;
 
-// Evenly bright steps of viridis, which colour-blind readers and grey prints order alike.
-const STEPS = ['#440154', '#472d7b', '#3b528b', '#2c728e', '#21918c', '#28ae80', '#5ec962', '#addc30', '#fde725'];
-const RGB = STEPS.map((step) => [1, 3, 5].map((at) => parseInt(step.slice(at, at + 2), 16)));
-
-/** Red, green, blue (0..255) of a position (0..1) in the palette. */
-export function paletteColour(position: number): [number, number, number] {
-  const at = Math.min(Math.max(position, 0), 1) * (RGB.length - 1);
-  const low = RGB[Math.min(Math.floor(at), RGB.length - 2)]!;
-  const high = RGB[Math.min(Math.floor(at), RGB.length - 2) + 1]!;
-  const part = at - Math.min(Math.floor(at), RGB.length - 2);
-  return [0, 1, 2].map((k) => low[k]! + part * (high[k]! - low[k]!)) as [number, number, number];
-}
+const STEPS = 16; // of the bar
 
 /** The palette as RGBA bytes of a texture one pixel high. */
 export function paletteBytes(size: number): Uint8Array<ArrayBuffer> {
   const bytes = new Uint8Array(4 * size).fill(255);
-  for (let k = 0; k < size; k++) bytes.set(paletteColour(k / (size - 1)).map(Math.round), 4 * k);
+  for (let k = 0; k < size; k++) bytes.set(plasma(k / (size - 1)), 4 * k);
   return bytes;
 }
 
@@ -54,7 +44,8 @@ export class Legend {
     this.choice.addEventListener('change', () => choose(this.choice.value as Quantity));
     const bar = document.createElement('div');
     bar.className = 'view3d-bar';
-    bar.style.background = `linear-gradient(to right, ${STEPS.join(', ')})`;
+    const steps = Array.from({ length: STEPS }, (_, k) => css(plasma(k / (STEPS - 1))));
+    bar.style.background = `linear-gradient(to right, ${steps.join(', ')})`;
     this.ticks.className = 'view3d-ticks';
     this.note.className = 'view3d-note';
     this.note.textContent = say('app.view3d_enlarged');

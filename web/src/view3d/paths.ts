@@ -3,7 +3,8 @@
 import {
   BufferAttribute, Color, DodecahedronGeometry, Group, InstancedMesh, Matrix4, MeshLambertMaterial, Quaternion, Vector3, type PerspectiveCamera,
 } from 'three';
-import { paletteColour, scaleEnd, type Quantity } from './colours';
+import { plasma } from '../colours';
+import { scaleEnd, type Quantity } from './colours';
 import type { Ground } from './ground';
 import { Ribbons, STRIDE } from './ribbons';
 import type { Trajectories } from './types';
@@ -113,7 +114,7 @@ export class Paths {
       turn.setFromAxisAngle(axis, path + along(this.length[k]!, this.length[next]!) / (2 * radius));
       place.z += 0.8 * radius; // a trajectory runs along the underside of its boulder
       this.boulders.setMatrixAt(path, matrix.compose(place, turn, size.setScalar(radius)));
-      const [red, green, blue] = paletteColour(along(points[a + 4]!, points[b + 4]!) / this.end);
+      const [red, green, blue] = plasma(along(points[a + 4]!, points[b + 4]!) / this.end);
       this.boulders.setColorAt(path, colour.setRGB(red / 255, green / 255, blue / 255, 'srgb').lerp(WHITE, 0.12));
     }
     this.boulders.instanceMatrix.needsUpdate = true;
