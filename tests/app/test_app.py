@@ -8,6 +8,7 @@ import json
 import os
 import re
 import signal
+import socket
 import struct
 import subprocess
 import sys
@@ -248,7 +249,7 @@ def test_only_the_files_of_the_page_are_served(serve, place):
     assert fetched(server, "/app.js", method="POST")[0] == 405
 
 
-def test_the_socket_is_bound_to_this_machine_only():
+def test_the_connectionis_bound_to_this_machine_only():
     with bind(0) as bound:
         host, port = bound.getsockname()
         assert host == "127.0.0.1"
@@ -314,6 +315,39 @@ def test_a_slow_page_gets_the_latest_results():
         return [await box.get() for _ in range(6)]
 
     assert asyncio.run(through()) == ["w", "x", "s2", "t3", "b4", "t4"]
+
+
+def mute(server):
+    """A page that takes nothing."""
+    connection = socket.create_connection(("127.0.0.1", server.port))
+    ours = f"127.0.0.1:{server.port}"
+    connection.sendall(
+        f"GET /live HTTP/1.1\r\nHost: {ours}\r\nOrigin: http://{ours}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+        "Sec-WebSocket-Version: 13\r\n\r\n".encode()
+    )
+    assert connection.recv(4096).startswith(b"HTTP/1.1 101 ")
+    hello = json.dumps({"type": "hello", "key": server.key}).encode()
+    assert len(hello) < 126
+    connection.sendall(bytes([0x81, 0x80 | len(hello), 0, 0, 0, 0]) + hello)
+    while server._room.is_empty:
+        time.sleep(0.01)
+    for _ in range(2):  # the second waits for the first, which waits in buffers
+        server._room._clients[0].send("x", b"x" * 20_000_000)
+    return connection
+
+
+def test_a_page_that_takes_nothing_is_left(serve, visit, monkeypatch, capfd):
+    monkeypatch.setattr("rockfall.app.server.TAKE_SECONDS", 0.1)
+    server = serve("dem.tif")
+    with mute(server):
+        while not server._room.is_empty:
+            time.sleep(0.01)
+        assert visit(server).until("welcome")["writer"]
+        server.stop()
+        while not server._bound._closed:
+            time.sleep(0.01)
+    assert capfd.readouterr().err == ""
 
 
 WRONG = {

@@ -34,6 +34,7 @@ FILES = {  # of the page, by path
     "/app.css": ("app.css", "text/css"), "/licences.txt": ("licences.txt", "text/plain"),
 }  # fmt: skip
 HELLO_SECONDS = 5.0  # for the first message
+TAKE_SECONDS = 30.0  # for a page to take a message; below uvicorn's 40 for an answer to a ping
 GRACE_SECONDS = 10.0  # after the last page has closed, for a reload
 WRONG_KEY = 4401  # code with which a socket is closed
 
@@ -138,7 +139,7 @@ class Server:
         return given if known and given["type"] == "hello" else None
 
     async def _serve(self, socket: WebSocket, hello: dict[str, Any]) -> None:
-        """Pass messages both ways until the page closes."""
+        """Pass messages both ways until the page closes or takes no more."""
         outbox = Outbox(asyncio.get_running_loop())
         client = Client(outbox.put)
         if self._left is not None:
@@ -147,14 +148,24 @@ class Server:
         sender = asyncio.ensure_future(_send_all(socket, outbox))
         try:
             await asyncio.to_thread(self._room.enter, client, hello)
-            while True:
-                text = await _text(socket)
-                await asyncio.to_thread(self._room.take, client, text)
+            listener = asyncio.ensure_future(self._listen(socket, client))
+            both = sender, listener
+            done, others = await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
+            for one in others:
+                one.cancel()
+            for one in done - {sender}:
+                one.result()
         finally:
             sender.cancel()
             await asyncio.shield(asyncio.to_thread(self._room.leave, client))
             if not self._keep and self._room.is_empty:
                 self._end_later()
+
+    async def _listen(self, socket: WebSocket, client: Client) -> None:
+        """Do what a page asks for, one message after the other."""
+        while True:
+            text = await _text(socket)
+            await asyncio.to_thread(self._room.take, client, text)
 
     def _end_later(self) -> None:
         """Stop after some seconds in which no page comes; what is being made is made first."""
@@ -181,13 +192,11 @@ async def _text(socket: WebSocket) -> str:
 
 
 async def _send_all(socket: WebSocket, outbox: Outbox) -> None:
-    """Send messages as fast as the page takes them."""
+    """Send messages as fast as the page takes them, until it takes none for long."""
     while True:
         message: Message = await outbox.get()
-        if isinstance(message, str):
-            await socket.send_text(message)
-        else:
-            await socket.send_bytes(message)
+        sent = socket.send_text(message) if isinstance(message, str) else socket.send_bytes(message)
+        await asyncio.wait_for(sent, TAKE_SECONDS)
 
 
 class _Guard:
