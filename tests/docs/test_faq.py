@@ -12,7 +12,11 @@ MESSAGES = re.findall(r"^### `(.+)`$", (ROOT / "docs/faq.md").read_text("utf-8")
 
 
 def texts():
-    """The texts of the program: those of Python one by one, those of a Fortran file together."""
+    """The texts of the program: those of Python and of the English catalogue one by one, those of a
+    Fortran file together."""
+    catalogue = (ROOT / "python/rockfall/locale/en.po").read_text(encoding="utf-8")
+    for text in re.findall(r'^msgstr(?:\[\d\])? (".*")$', catalogue, re.MULTILINE):
+        yield re.sub(r"\{.*?\}", "\0", ast.literal_eval(text))
     for path in (ROOT / "python/rockfall").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.JoinedStr):
