@@ -10,7 +10,8 @@ import pytest
 import rockfall
 from rockfall.scene.read import read_scene
 
-LIBRARY = Path(__file__).parents[2] / "build-quick/fortran/librockfall.so"
+ROOT = Path(__file__).parents[2]
+LIBRARY = ROOT / "build-quick/fortran/librockfall.so"
 pytestmark = pytest.mark.skipif(
     not LIBRARY.exists(), reason="build-quick has no library: meson test builds it"
 )
@@ -70,7 +71,7 @@ class Library:
 
 @pytest.mark.parametrize("maps", [[], ["passages", "energy_q95", "speed_mean"]])
 def test_a_run_by_the_library_has_the_bits_of_a_run_by_the_package(maps):
-    case = rockfall.read_case("cases/vaujany/case.nml").replace(
+    case = rockfall.read_case(ROOT / "cases/vaujany/case.nml").replace(
         case={"boulders": 300}, output={"maps": maps or None, "trajectories": 0}
     )
     expected = rockfall.run(case)
