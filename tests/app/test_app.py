@@ -25,7 +25,6 @@ pytest.importorskip("starlette", reason="the app extra is not installed")
 pytest.importorskip("uvicorn", reason="the app extra is not installed")
 client = pytest.importorskip("websockets.sync.client", reason="the app extra is not installed")
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
-pytest.importorskip("babel", reason="the report extra is not installed")
 from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 
 import rockfall  # noqa: E402

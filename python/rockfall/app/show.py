@@ -41,7 +41,7 @@ def show(result: xr.Dataset | str | Path, language: str = "en") -> View:
     >>> rockfall.show(result).save("view.html").name
     'view.html'
     """
-    need("a view needs", "app", "babel", "shapely")
+    need("a view needs", "app", "shapely")
     check_page(PAGE)
     file = Path(result) if isinstance(result, str | Path) else None
     data: Any = result if file is None else read_result(file)

@@ -16,7 +16,7 @@ LOOK_SECONDS = 0.1  # between looks for Ctrl-C
 
 
 def app_command(arguments: argparse.Namespace) -> int:
-    need("the window needs", "app", "starlette", "uvicorn", "websockets", "babel", "shapely")
+    need("the window needs", "app", "starlette", "uvicorn", "websockets", "shapely")
     bound = bind(arguments.port)
     server = Server(Room(arguments.path, arguments.language), bound, keep=arguments.keep)
     with interrupts() as interrupted:  # uvicorn heeds no signals outside the main thread
