@@ -33,7 +33,7 @@ from affine import Affine
 
 import rockfall
 import scenes
-from made import make_layer, make_raster, make_rockyfor3d, surveyed_blocks
+from made import make_layer, make_page, make_raster, make_rockyfor3d, surveyed_blocks
 from programs import ROOT, find_program
 from rockfall.cli import main
 from rockfall.cli.arguments import make_parser
@@ -193,6 +193,7 @@ def page_site(site, tmp_path, monkeypatch, blank_figures):
     monkeypatch.chdir(folder)
     monkeypatch.setattr("rockfall.analysis.back.study.ROUND", 16)
     monkeypatch.setattr("rockfall.analysis.convergence.MIN_REFERENCE", 1)  # not the turns
+    monkeypatch.setattr("rockfall.app.show.PAGE", make_page(tmp_path / "page"))
     return folder
 
 

@@ -21,6 +21,7 @@ from rockfall.app.pictures import (
     View,
     batch_message,
     masses,
+    sampled_rows,
     trajectory_message,
 )
 from rockfall.case import case_of, given_groups
@@ -115,8 +116,7 @@ class Exhibit:
         """Message with the places from which boulders started."""
         places = np.column_stack([self.result[f"start_{axis}"].values for axis in "xy"])
         places = np.unique(places, axis=0)
-        step = max(1, -(-len(places) // MAX_SOURCES))
-        arrays = {"sources": places[::step].astype("f8")}
+        arrays = {"sources": sampled_rows(MAX_SOURCES, *places.T)}
         return binary_message("background", arrays, zones=[], sources=len(places), trees=0)
 
 

@@ -102,16 +102,16 @@ def background_message(
             for k, (id, zone) in enumerate(zones.items(), start=1)
         ]
     if sources:
-        arrays["sources"] = _sample(MAX_SOURCES, scene.x, scene.y)
+        arrays["sources"] = sampled_rows(MAX_SOURCES, scene.x, scene.y)
     if scene.trees is not None:
-        arrays["trees"] = _sample(MAX_TREES, scene.trees.x, scene.trees.y, scene.trees.dbh)
+        arrays["trees"] = sampled_rows(MAX_TREES, scene.trees.x, scene.trees.y, scene.trees.dbh)
     number = {"sources": scene.x.size if sources else 0, "trees": 0}
     if scene.trees is not None:
         number["trees"] = len(scene.trees.x)
     return binary_message("background", arrays, zones=known, **number)
 
 
-def _sample(most: int, *columns: np.ndarray) -> np.ndarray:
+def sampled_rows(most: int, *columns: np.ndarray) -> np.ndarray:
     """At most this number of rows of columns, evenly selected."""
     step = max(1, -(-len(columns[0]) // most))
     return np.column_stack([one[::step] for one in columns]).astype("f8")
