@@ -6,7 +6,7 @@ module rockfall_random
    use rockfall_math, only: logarithm, real_of
    implicit none
    private
-   public :: random_key_t, random_key, philox4x32, philox, set_counter, random_words, uniform, side_of
+   public :: random_key_t, random_key, philox4x32, philox, set_counter, last_counter, random_words, uniform, side_of
    public :: normal_table_t, normal_table, normal, normal_quantile
    public :: for_release, for_impact, for_scramble, for_ground, for_forest, for_tree, for_breakage, purpose_bit
    public :: fragment_number, boulder_number
@@ -124,8 +124,15 @@ contains
       c0 = iand(boulder, low32)
       c1 = shiftr(boulder, 32)
       c2 = iand(impact, low32)
-      c3 = ior(shiftl(purpose, purpose_bit), draw)
+      c3 = last_counter(purpose, draw)
    end subroutine set_counter
+
+   !> Last word of the counter.
+   elemental integer(i8) function last_counter(purpose, draw)
+      integer(i8), intent(in) :: purpose, draw  !! as for random_words
+
+      last_counter = ior(shiftl(purpose, purpose_bit), draw)
+   end function last_counter
 
    !> Number of a fragment among boulders: its random numbers are its own. Boulders have numbers below 2**32, and
    !> fragment 0 is the boulder itself.

@@ -247,17 +247,20 @@ contains
       fitted%sine2 = squared_sine(angle)
    end function fitted
 
-   !> Check whether an incoming velocity lies outside the fitted ranges of speed and angle.
-   pure subroutine beyond_fit(this, v_in, speed, angle)
+   !> Return 1 where an incoming velocity lies outside the fitted range of speed, or of angle, else 0; numbers, so that
+   !> loops vectorise.
+   elemental subroutine beyond_fit(this, t, n, speed, angle)
       type(fitted_t), intent(in) :: this
-      real(wp), intent(in) :: v_in(2)  !! V_t, V_n [m/s]
-      logical, intent(out) :: speed, angle
+      real(wp), intent(in) :: t, n          !! V_t, V_n [m/s]
+      real(wp), intent(out) :: speed, angle
       real(wp) :: speed2, normal2
 
-      normal2 = v_in(2)*v_in(2)
-      speed2 = v_in(1)*v_in(1) + normal2
-      speed = speed2 < this%speed2(1) .or. speed2 > this%speed2(2)
-      angle = normal2 < this%sine2(1)*speed2 .or. normal2 > this%sine2(2)*speed2
+      normal2 = n*n
+      speed2 = t*t + normal2
+      speed = merge(1.0_wp, 0.0_wp, speed2 < this%speed2(1))
+      speed = merge(1.0_wp, speed, speed2 > this%speed2(2))
+      angle = merge(1.0_wp, 0.0_wp, normal2 < this%sine2(1)*speed2)
+      angle = merge(1.0_wp, angle, normal2 > this%sine2(2)*speed2)
    end subroutine beyond_fit
 
    !> Impact set of a ratio R_b/R_m: rounded, within 1..5 (theory, chapter 5); `outside`: beyond 0.5..5.5, where no set
@@ -331,7 +334,7 @@ contains
       call draw_velocity(velocity_distribution(set, t_in, n_in, w_in), z1, z2, z3, t, n, w)
    end subroutine draw_rebound
 
-   !> Redraw after a first draw that was not admissible.
+   !> Redraw after the draws `out%draws`, which were not admissible.
    pure subroutine redraw_rebound(set, table, key, boulder, impact, v_in, out)
       type(impact_set_t), intent(in) :: set
       type(normal_table_t), intent(in) :: table
@@ -346,7 +349,7 @@ contains
 
       energy_in = twice_energy(v_in)
       distribution = velocity_distribution(set, v_in(1), v_in(2), v_in(3))
-      do draw = 1, max_draws - 1
+      do draw = out%draws, max_draws - 1
          again = random_words(key, for_impact, boulder, impact, int(draw, i8))
          z = normal(table, again(:rebound_words))
          out%v = drawn_velocity(distribution, z)

@@ -7,8 +7,8 @@ module rockfall_terrain
    implicit none
    private
    public :: terrain_t, patch_t, terrain, set_window, in_window, locate, patch_position, on_terrain, is_known_at, &
-             read_patch
-   public :: fraction_of, height, height_at, node_height, gradient, slope_at, cell_of, cell_descent, read_window, horn
+             read_patch, read_corners, find_coefficients
+   public :: fraction_of, height, height_at, node_height, gradient, slope_at, cell_of, cell_descent, has_neighbours, read_window, horn
    public :: is_pit, steepness_of, max_elevation
 
    real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] maximum absolute elevation; above it: undeclared nodata
@@ -168,25 +168,45 @@ contains
       type(terrain_t), intent(in) :: dem
       integer, intent(in) :: i, j
       type(patch_t), intent(out) :: patch
-      real(wp) :: z10, z01, z11
-      integer :: r
+      real(wp) :: z10, z01, z11, known
 
       patch%i = i
       patch%j = j
       if (.not. in_window(dem, i, j)) return
+      call read_corners(dem, i, j, patch%z00, z10, z01, z11)
+      call find_coefficients(patch%z00, z10, z01, z11, patch%a, patch%b, patch%c, known)
+      patch%known = known > 0
+   end subroutine read_patch
+
+   !> Elevations of the corners of a patch in the window [m].
+   pure subroutine read_corners(dem, i, j, z00, z10, z01, z11)
+      type(terrain_t), intent(in) :: dem
+      integer, intent(in) :: i, j
+      real(wp), intent(out) :: z00, z10, z01, z11
+      integer :: r
+
       r = dem%ny + 1 - j
       if (associated(dem%z8)) then
-         patch%z00 = dem%z8(i, r); z10 = dem%z8(i + 1, r)
+         z00 = dem%z8(i, r); z10 = dem%z8(i + 1, r)
          z01 = dem%z8(i, r - 1); z11 = dem%z8(i + 1, r - 1)
       else
-         patch%z00 = dem%z4(i, r); z10 = dem%z4(i + 1, r)
+         z00 = dem%z4(i, r); z10 = dem%z4(i + 1, r)
          z01 = dem%z4(i, r - 1); z11 = dem%z4(i + 1, r - 1)
       end if
-      patch%a = z10 - patch%z00
-      patch%b = z01 - patch%z00
-      patch%c = (z11 - z10) - patch%b
-      patch%known = patch%a + z11 == patch%a + z11 .and. patch%b == patch%b  ! NaN differs from itself
-   end subroutine read_patch
+   end subroutine read_corners
+
+   !> Coefficients of a patch from the elevations of its corners [m]; `known` is 1, or 0 if one of them is not.
+   elemental subroutine find_coefficients(z00, z10, z01, z11, a, b, c, known)
+      real(wp), intent(in) :: z00, z10, z01, z11
+      real(wp), intent(out) :: a, b, c  !! as in patch_t
+      real(wp), intent(out) :: known
+
+      a = z10 - z00
+      b = z01 - z00
+      c = (z11 - z10) - b
+      known = merge(1.0_wp, 0.0_wp, a + z11 == a + z11)  ! NaN differs from itself
+      known = merge(known, 0.0_wp, b == b)
+   end subroutine find_coefficients
 
    !> Elevation at a position in a patch [m].
    pure real(wp) function height(patch, u, w)
@@ -266,12 +286,12 @@ contains
       real(wp), intent(out) :: descent(2)       !! [-]
       logical, intent(out) :: pit
       real(wp) :: z(3, 3), horns(2), lowest
-      logical :: complete
 
       descent = -patch_gradient
       pit = .false.
-      call read_window(dem, at, z, complete)
-      if (.not. complete) return
+      if (.not. has_neighbours(dem, at)) return
+      call read_window(dem, at, z)
+      if (.not. sum(z) == sum(z)) return  ! NaN differs from itself
       call horn(z(1, 1), z(2, 1), z(3, 1), z(1, 2), z(3, 2), z(1, 3), z(2, 3), z(3, 3), dem%per_cell, &
                 horns(1), horns(2), lowest)
       descent = horns
@@ -285,25 +305,25 @@ contains
       is_pit = merge(1.0_wp, 0.0_wp, lowest >= middle)
    end function is_pit
 
-   !> Elevations of a raster cell and its eight neighbours [m]; all zero next to an edge of the raster or to nodata.
-   pure subroutine read_window(dem, at, z, complete)
+   !> Return whether a raster cell has all of its eight neighbours.
+   pure logical function has_neighbours(dem, at)
+      type(terrain_t), intent(in) :: dem
+      integer, intent(in) :: at(2)  !! from cell_of
+
+      has_neighbours = .not. (at(1) < 2 .or. at(2) < 2 .or. at(1) >= dem%nx .or. at(2) >= dem%ny)
+   end function has_neighbours
+
+   !> Elevations of a raster cell and its eight neighbours [m].
+   pure subroutine read_window(dem, at, z)
       type(terrain_t), intent(in) :: dem
       integer, intent(in) :: at(2)         !! from cell_of
       real(wp), intent(out) :: z(3, 3)     !! columns west to east, rows north to south
-      logical, intent(out) :: complete
-      integer :: i, r
 
-      i = at(1); r = at(2)
-      z = 0
-      complete = .not. (i < 2 .or. r < 2 .or. i >= dem%nx .or. r >= dem%ny)
-      if (.not. complete) return
       if (associated(dem%z8)) then
-         z = dem%z8(i - 1:i + 1, r - 1:r + 1)
+         z = dem%z8(at(1) - 1:at(1) + 1, at(2) - 1:at(2) + 1)
       else
-         z = dem%z4(i - 1:i + 1, r - 1:r + 1)
+         z = dem%z4(at(1) - 1:at(1) + 1, at(2) - 1:at(2) + 1)
       end if
-      complete = sum(z) == sum(z)  ! NaN differs from itself
-      if (.not. complete) z = 0
    end subroutine read_window
 
    !> Downhill vector of a cell from its eight neighbours, named by direction, and the elevation of the lowest one.

@@ -45,8 +45,8 @@ contains
       type(scratch_t), intent(inout) :: scratch
       integer(i8) :: word(words_per_block)
       integer :: cell(2), set, ground
-      logical :: outside, fast, steep, slow
-      real(wp) :: radius, obstacle, ratio, v_in(3), heading(2), g(2), steepness
+      logical :: outside, slow
+      real(wp) :: radius, obstacle, ratio, fast, steep, v_in(3), heading(2), g(2), steepness
       real(wp) :: u_ground(words_per_block)
       type(rebound_t) :: out
       type(turning_t) :: turning
@@ -77,9 +77,9 @@ contains
       else
          call rebound(scene%sets(set), scene%table, scene%key, number, int(result%impacts, i8), &
                       word(:rebound_words), v_in, out)
-         call beyond_fit(scene%sets(set)%fitted, v_in(1:2), fast, steep)
+         call beyond_fit(scene%sets(set)%fitted, v_in(1), v_in(2), fast, steep)
       end if
-      call count_outcome(out, outside, fast, steep, result)
+      call count_outcome(out, outside, fast > 0, steep > 0, result)
       if (level >= with_lines .and. scene%histograms_requested) call count_rebound(scratch%histograms, v_in, out%v)
       turning = turning_t(scene%turning, uniform(word(turn_word)), side_of(word(turn_word)))
       if (turning%rule == by_lab) turning%lateral = lateral_angle(scene%lateral(set), v_in(1:2), turning%u)
@@ -189,13 +189,13 @@ contains
       integer, intent(in) :: set
       real(wp), intent(in) :: v_in(3)      !! V_t, V_n, W [m/s]
       logical, intent(inout) :: outside    !! outside the calibrated ratios
-      logical, intent(out) :: fast, steep
+      real(wp), intent(out) :: fast, steep !! 1 or 0
       real(wp), intent(inout) :: ratio     !! R_b/R_m [-]
 
-      fast = .false.
-      steep = .false.
+      fast = 0
+      steep = 0
       if (is_stochastic(ground)) then
-         call beyond_fit(ground%sets(set)%fitted, v_in(1:2), fast, steep)
+         call beyond_fit(ground%sets(set)%fitted, v_in(1), v_in(2), fast, steep)
       else
          outside = .false.
          ratio = -1

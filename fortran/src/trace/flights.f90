@@ -1,12 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Flights of several boulders at a time. In each round all flights cross their current patch; those that reach the
-!> ground are removed, and the others are compacted. Each flight performs the operations of `fly` in the same order, so
+!> Flights of several boulders at a time. In each round all flights cross their current patch; those that end are
+!> removed, and the last ones take their places. Each flight performs the operations of `fly` in the same order, so
 !> results are bitwise identical.
 !>
 !> Compiled twice, like rockfall_lanes.
 module rockfall_flights
    use rockfall_kinds, only: wp
-   use rockfall_terrain, only: terrain_t, patch_t, read_patch
+   use rockfall_terrain, only: terrain_t, patch_t, read_corners, find_coefficients
    use rockfall_flight, only: flight_t, landing_t, inverse_speed, side_time, curvature, strikes_ground, strike_time, &
                               max_height, enter_patch, place_on_patch
    use rockfall_boulder, only: inertia_factor
@@ -15,11 +15,10 @@ module rockfall_flights
    implicit none
    private
    public :: flights_t, landings_t, take_off, take_off_again, take_off_from, fly_to_landings, flight_of, landing_of
-   public :: replace_landing, lanes, padded
+   public :: replace_landing, lanes, width, padded
 
-   integer, parameter :: lanes = 64  !! number of simultaneous flights; a multiple of `width`
+   integer, parameter :: lanes = 128  !! number of simultaneous flights; a multiple of `width`
    integer, parameter :: width = 4   !! flights per instruction on the widest processors
-   integer, parameter :: refill_below = 12  !! number of flights in the air below which landed boulders are handled
 
    !> Cell that each flight leaves.
    type :: cell_t
@@ -34,6 +33,7 @@ module rockfall_flights
    type :: flights_t
       integer :: n = 0
       integer :: n_started = 0                                        !! flights that have already been started
+      integer :: refill_below = 12  !! number of flights in the air below which landed boulders are handled
       integer :: lane(lanes) = 0                                      !! lane of the boulder
       real(wp), dimension(lanes) :: x = 0, y = 0, z = 0               !! start [m]
       real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0            !! velocity at the start [m/s]
@@ -45,6 +45,8 @@ module rockfall_flights
       real(wp), dimension(lanes) :: next_i = 0, next_j = 0            !! the next patch [-]
       real(wp), dimension(lanes) :: next_t = 0                        !! time of entering it, or of the contact [s]
       real(wp), dimension(lanes) :: contact = 0                       !! 1 or 0
+      real(wp), dimension(lanes) :: known = 1                         !! the next patch is known: 1 or 0
+      real(wp), dimension(lanes) :: z10 = 0, z01 = 0, z11 = 0         !! its other corners [m]
       ! Only if cells are recorded:
       real(wp), dimension(lanes) :: d2 = 0, end = 0                   !! [m2/s2]; end of the span over the patch [s]
       real(wp), dimension(lanes) :: cell_i = 0, cell_j = 0            !! current cell, as in axis_t [-]
@@ -188,15 +190,16 @@ contains
 
       call start_flights(f, dem, scratch, cells)
       l%n = 0
-      do while (f%n > 0 .and. (l%n == 0 .or. f%n > refill_below))
+      do while (f%n > 0 .and. (l%n == 0 .or. f%n > f%refill_below))
          call cross_patches(f, gravity, dem%cell, dem%per_cell)
          if (cells) then
             call leave_cells(f, gravity, dem%cell, heights)
             call record_left_cells(f%left(1), f, dem%ny, w, scratch)
             call record_left_cells(f%left(2), f, dem%ny, w, scratch)
          end if
-         call split_landed(dem, gravity, w, f, l, scratch, cells)
-         call enter_patch_heights(f, gravity, dem%per_cell)
+         call remove_landed(dem, gravity, w, f, l, scratch, cells)
+         call enter_patches(dem, gravity, f)
+         call remove_departed(dem, gravity, w, f, l, scratch, cells)
       end do
       f%n_started = f%n
    end subroutine fly_patches
@@ -206,7 +209,7 @@ contains
       type(flights_t), intent(inout) :: f
       type(terrain_t), intent(in) :: dem
       type(scratch_t), intent(inout) :: scratch(:)
-      logical, intent(in) :: cells  !! as in fly_rounds
+      logical, intent(in) :: cells  !! as in fly_patches
       integer :: k
 
       !$omp simd
@@ -269,7 +272,7 @@ contains
    subroutine leave_cells(f, gravity, cell, heights)
       type(flights_t), intent(inout) :: f
       real(wp), intent(in) :: gravity, cell  !! [m/s2], [m]
-      logical, intent(in) :: heights         !! as in fly_rounds
+      logical, intent(in) :: heights         !! as in fly_patches
       real(wp) :: plan2, v3, before, t, end, i, j, left_cell, first, second, left_first, left_second, last, top, &
                   top1, top2, top3
       integer :: k
@@ -362,7 +365,7 @@ contains
       integer :: flight(lanes + 1), n, k, m
 
       n = 0
-      do k = 1, f%n  ! branchless, as in `split_landed`
+      do k = 1, f%n  ! branchless, as in `remove_landed`
          flight(n + 1) = k
          n = n + int(left%left_cell(k))
       end do
@@ -398,62 +401,110 @@ contains
       call raise_values(scratch%visits, f%speed2(k), inertia_factor*w**2, f%top(k))
    end subroutine record_last_cell
 
-   !> Separate the flights that have landed or left the known terrain from the others.
-   subroutine split_landed(dem, gravity, w, f, l, scratch, cells)
+   !> Remove the flights that reach the ground on their patch.
+   subroutine remove_landed(dem, gravity, w, f, l, scratch, cells)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity, w(:)
       type(flights_t), intent(inout) :: f
       type(landings_t), intent(inout) :: l
       type(scratch_t), intent(inout) :: scratch(:)
-      logical, intent(in) :: cells  !! as in fly_rounds
-      type(patch_t) :: patch
-      integer :: ended(lanes + 1), flying(lanes + 1), n_ended, n_flying, k, m, n
+      logical, intent(in) :: cells  !! as in fly_patches
+      integer :: ended(lanes + 1), n_ended, k, m
 
       n_ended = 0
-      n_flying = 0
       do k = 1, f%n  ! branchless: the outcome is unpredictable
          ended(n_ended + 1) = k
-         flying(n_flying + 1) = k
-         n = int(f%contact(k))
-         n_ended = n_ended + n
-         n_flying = n_flying + 1 - n
+         n_ended = n_ended + int(f%contact(k))
       end do
-      do m = 1, n_ended
-         k = ended(m)
-         call set_landing(f, k, 1.0_wp, l)
-         if (cells) call record_last_cell(f, k, dem, gravity, w(f%lane(k)), scratch(f%lane(k)))
+      do m = n_ended, 1, -1
+         call remove_flight(ended(m), 1.0_wp, dem, gravity, w, f, l, scratch, cells)
       end do
-      n = 0
-      do m = 1, n_flying
-         k = flying(m)
-         call read_patch(dem, int(f%next_i(k)), int(f%next_j(k)), patch)
-         if (.not. patch%known) then
-            call set_patch(f, k, patch_t(patch%i, patch%j))
-            call set_landing(f, k, 0.0_wp, l)
-            if (cells) call record_last_cell(f, k, dem, gravity, w(f%lane(k)), scratch(f%lane(k)))
-            cycle
-         end if
-         n = n + 1
-         f%lane(n) = f%lane(k)
-         f%x(n) = f%x(k)
-         f%y(n) = f%y(k)
-         f%z(n) = f%z(k)
-         f%v1(n) = f%v1(k)
-         f%v2(n) = f%v2(k)
-         f%v3(n) = f%v3(k)
-         f%inverse1(n) = f%inverse1(k)
-         f%inverse2(n) = f%inverse2(k)
-         f%jump_height(n) = f%jump_height(k)
-         f%t(n) = f%next_t(k)
-         call set_patch(f, n, patch)
-         if (.not. cells) cycle
-         f%cell_i(n) = f%cell_i(k)
-         f%cell_j(n) = f%cell_j(k)
-         f%v3_in(n) = f%v3_in(k)
-         f%top(n) = f%top(k)
+   end subroutine remove_landed
+
+   !> Remove the flights that left the known terrain.
+   subroutine remove_departed(dem, gravity, w, f, l, scratch, cells)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: gravity, w(:)
+      type(flights_t), intent(inout) :: f
+      type(landings_t), intent(inout) :: l
+      type(scratch_t), intent(inout) :: scratch(:)
+      logical, intent(in) :: cells  !! as in fly_patches
+      real(wp) :: known
+      integer :: k
+
+      known = 1
+      !$omp simd reduction(min: known)
+      do k = 1, f%n
+         known = min(known, f%known(k))
       end do
-      f%n = n
-   end subroutine split_landed
+      if (known > 0) return
+      do k = f%n, 1, -1
+         if (f%known(k) > 0) cycle
+         call set_patch(f, k, patch_t(int(f%i(k)), int(f%j(k))))
+         call remove_flight(k, 0.0_wp, dem, gravity, w, f, l, scratch, cells)
+         if (k <= f%n) call move_patch(f, f%n + 1, k)
+      end do
+   end subroutine remove_departed
+
+   !> Store the end of a flight; the last flight takes its place.
+   subroutine remove_flight(k, contact, dem, gravity, w, f, l, scratch, cells)
+      integer, intent(in) :: k
+      real(wp), intent(in) :: contact  !! as in landings_t
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: gravity, w(:)
+      type(flights_t), intent(inout) :: f
+      type(landings_t), intent(inout) :: l
+      type(scratch_t), intent(inout) :: scratch(:)
+      logical, intent(in) :: cells  !! as in fly_patches
+
+      call set_landing(f, k, contact, l)
+      if (cells) call record_last_cell(f, k, dem, gravity, w(f%lane(k)), scratch(f%lane(k)))
+      if (k < f%n) call move_flight(f, f%n, k, cells)
+      f%n = f%n - 1
+   end subroutine remove_flight
+
+   !> Move a flight between two patches to another place.
+   subroutine move_flight(f, from, to, cells)
+      type(flights_t), intent(inout) :: f
+      integer, intent(in) :: from, to
+      logical, intent(in) :: cells  !! as in fly_patches
+
+      f%lane(to) = f%lane(from)
+      f%x(to) = f%x(from)
+      f%y(to) = f%y(from)
+      f%z(to) = f%z(from)
+      f%v1(to) = f%v1(from)
+      f%v2(to) = f%v2(from)
+      f%v3(to) = f%v3(from)
+      f%inverse1(to) = f%inverse1(from)
+      f%inverse2(to) = f%inverse2(from)
+      f%jump_height(to) = f%jump_height(from)
+      f%next_i(to) = f%next_i(from)
+      f%next_j(to) = f%next_j(from)
+      f%next_t(to) = f%next_t(from)
+      if (.not. cells) return
+      f%cell_i(to) = f%cell_i(from)
+      f%cell_j(to) = f%cell_j(from)
+      f%v3_in(to) = f%v3_in(from)
+      f%speed2(to) = f%speed2(from)
+      f%top(to) = f%top(from)
+   end subroutine move_flight
+
+   !> Move the patch of a flight to another place, and the height above it.
+   subroutine move_patch(f, from, to)
+      type(flights_t), intent(inout) :: f
+      integer, intent(in) :: from, to
+
+      f%i(to) = f%i(from)
+      f%j(to) = f%j(from)
+      f%z00(to) = f%z00(from)
+      f%a(to) = f%a(from)
+      f%b(to) = f%b(from)
+      f%c(to) = f%c(from)
+      f%t(to) = f%t(from)
+      f%d0(to) = f%d0(from)
+      f%d1(to) = f%d1(from)
+   end subroutine move_patch
 
    !> Store the end of a flight.
    subroutine set_landing(f, k, contact, l)
@@ -483,18 +534,38 @@ contains
       l%contact(n) = contact
    end subroutine set_landing
 
-   !> Heights over the patches that flights enter.
-   subroutine enter_patch_heights(f, gravity, per_cell)
+   !> Enter the next patches: read them, and find the heights above them.
+   subroutine enter_patches(dem, gravity, f)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: gravity  !! [m/s2]
       type(flights_t), intent(inout) :: f
-      real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
+      real(wp) :: low(2), high(2), inside, known
       integer :: k
 
-      !$omp simd
+      low = dem%lo
+      high = dem%hi
+      !$omp simd private(inside)
       do k = 1, padded(f%n)
-         call enter_patch(f%x(k), f%y(k), f%z(k), f%v1(k), f%v2(k), f%v3(k), gravity, per_cell, f%t(k), &
+         inside = merge(1.0_wp, 0.0_wp, f%next_i(k) >= low(1))
+         inside = merge(inside, 0.0_wp, f%next_j(k) >= low(2))
+         inside = merge(inside, 0.0_wp, f%next_i(k) <= high(1))
+         f%known(k) = merge(inside, 0.0_wp, f%next_j(k) <= high(2))
+      end do
+      do k = 1, f%n
+         if (f%known(k) > 0) &
+            call read_corners(dem, int(f%next_i(k)), int(f%next_j(k)), f%z00(k), f%z10(k), f%z01(k), f%z11(k))
+      end do
+      !$omp simd private(known)
+      do k = 1, padded(f%n)
+         call find_coefficients(f%z00(k), f%z10(k), f%z01(k), f%z11(k), f%a(k), f%b(k), f%c(k), known)
+         f%known(k) = min(f%known(k), known)
+         f%i(k) = f%next_i(k)
+         f%j(k) = f%next_j(k)
+         f%t(k) = f%next_t(k)
+         call enter_patch(f%x(k), f%y(k), f%z(k), f%v1(k), f%v2(k), f%v3(k), gravity, dem%per_cell, f%t(k), &
                           f%i(k), f%j(k), f%z00(k), f%a(k), f%b(k), f%c(k), f%d0(k), f%d1(k))
       end do
-   end subroutine enter_patch_heights
+   end subroutine enter_patches
 
    !> Place landings exactly on their patches.
    subroutine place_landings(l, gravity, cell, per_cell)

@@ -5,15 +5,16 @@
 !>
 !> Compiled twice: the second time for processors with AVX2, as the module rockfall_wide_lanes.
 module rockfall_lanes
+   use, intrinsic :: iso_c_binding, only: c_int, c_int64_t, c_double
    use rockfall_kinds, only: wp, i8
-   use rockfall_random, only: philox, set_counter, for_impact, words_per_block, turn_word, normal, uniform, side_of
-   use rockfall_terrain, only: patch_t, slope_at, steepness_of, cell_of, read_window, horn, is_pit
+   use rockfall_random, only: for_impact, last_counter, words_per_block, turn_word, uniform, side_of
+   use rockfall_terrain, only: patch_t, slope_at, steepness_of, cell_of, has_neighbours, read_window, horn, is_pit
    use rockfall_flight, only: flight_t, landing_t, parabola_length
    use rockfall_rolling, only: roll_t, touch_t
    use rockfall_flights, only: flights_t, landings_t, take_off, take_off_again, fly_to_landings, flight_of, &
-                               landing_of, take_off_from, replace_landing, lanes, padded
+                               landing_of, take_off_from, replace_landing, lanes, width, padded
    use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, draw_rebound, redraw_rebound, admissible, &
-                              energy_of, beyond_fit
+                              energy_of, beyond_fit, max_draws
    use rockfall_direction, only: turn_past_aspect, divide_by_length, shortest
    use rockfall_table_lanes, only: table_batch_t, clear_batch, add_contact, handle_table_contacts, find_paths_near_lines
    use rockfall_impact_table, only: beyond_ratios
@@ -29,7 +30,7 @@ module rockfall_lanes
    use rockfall_local_frame, only: in_local_frame, signed_w, face_forward, launch_velocity
    use rockfall_ground, only: is_stochastic
    use rockfall_tallies, only: totals_t, prepare_scratch, add_boulder
-   use rockfall_maps, only: maps_t
+   use rockfall_maps, only: maps_t, needs_visits
    use rockfall_travel_maps, only: time_visits
    use rockfall_histogram, only: count_rebound
    implicit none
@@ -37,6 +38,9 @@ module rockfall_lanes
    public :: run_in_lanes
 
    integer, parameter :: batch = 16  !! boulders assigned to a thread at a time
+   !> Number of draws not admissible below which they are redrawn one by one, which then takes less time.
+   integer, parameter :: few = 2
+   integer, parameter :: slots = lanes*width  !! of draws: each may be of another set
 
    !> Boulders of a thread, each in its own lane until it ends.
    type :: pool_t
@@ -63,6 +67,7 @@ module rockfall_lanes
       real(wp), dimension(lanes) :: speed2_in = 0, speed2 = 0    !! at its end; of the next flight [m2/s2]
       integer :: draws(lanes)
       logical :: forced(lanes)
+      real(wp), dimension(lanes) :: fast = 0, steep = 0          !! outside the fitted ranges: 1 or 0
       real(wp), dimension(lanes) :: w = 0, next_w = 0            !! W = R_b omega before it; of the next flight [m/s]
       real(wp), dimension(lanes) :: heading1 = 0, heading2 = 0   !! [-]
       real(wp), dimension(lanes) :: g1 = 0, g2 = 0, steepness = 0  !! of the patch [-]
@@ -79,13 +84,28 @@ module rockfall_lanes
 
    !> Draws of V_out, sorted by impact set.
    type :: draws_t
-      integer :: n = 0
-      integer :: contact(lanes) = 0                              !! contact of each draw
-      real(wp), dimension(lanes) :: tangential = 0, normal = 0, w = 0  !! V_t, V_n, W before the contact [m/s]
-      real(wp), dimension(lanes) :: z1 = 0, z2 = 0, z3 = 0       !! standard normal numbers [-]
-      real(wp), dimension(lanes) :: out1 = 0, out2 = 0, out3 = 0 !! V_t, V_n, W after it [m/s]
-      real(wp), dimension(lanes) :: admissible = 0               !! 1 or 0
+      integer :: contact(slots) = 0                              !! contact of each draw
+      real(wp), dimension(slots) :: tangential = 0, normal = 0, w = 0  !! V_t, V_n, W before the contact [m/s]
+      real(wp), dimension(slots) :: z1 = 0, z2 = 0, z3 = 0       !! standard normal numbers [-]
+      real(wp), dimension(slots) :: out1 = 0, out2 = 0, out3 = 0 !! V_t, V_n, W after it [m/s]
+      real(wp), dimension(slots) :: admissible = 0               !! 1 or 0
+      real(wp), dimension(slots) :: fast = 0, steep = 0          !! outside the fitted ranges: likewise
    end type draws_t
+
+   interface
+      !> Random words of n impacts and standard normal numbers of the first three, in loops of whole vectors.
+      subroutine impact_numbers(round_keys, coefficients, n, number, impact, last, word1, word2, word3, word4, &
+                                z1, z2, z3) bind(c, name="rockfall_impact_numbers")
+         import :: c_int, c_int64_t, c_double
+         integer(c_int64_t), intent(in) :: round_keys(2, *)   !! as in random_key_t
+         real(c_double), intent(in) :: coefficients(6, *)     !! as in normal_table_t
+         integer(c_int), value :: n
+         integer(c_int64_t), intent(in) :: number(*), impact(*)  !! of each, up to a multiple of `width`
+         integer(c_int64_t), value :: last                       !! as from last_counter
+         integer(c_int64_t), intent(inout) :: word1(*), word2(*), word3(*), word4(*)
+         real(c_double), intent(inout) :: z1(*), z2(*), z3(*)    !! [-]
+      end subroutine impact_numbers
+   end interface
 
 contains
 
@@ -109,9 +129,10 @@ contains
       integer :: k
 
       sets = all_sets(scene)
-      pool%n_free = lanes
-      allocate (scratch(lanes))
-      do k = 1, lanes
+      pool%n_free = lanes_of_run(maps)
+      flights%refill_below = pool%n_free*3/16
+      allocate (scratch(pool%n_free))
+      do k = 1, pool%n_free
          call prepare_scratch(scene, maps, scratch(k))
          pool%free(k) = k
       end do
@@ -137,6 +158,13 @@ contains
          call retire_boulders(scene, results, crossings, maps, landings, pool, scratch, totals)
       end do
    end subroutine run_in_lanes
+
+   !> Number of lanes: half of them where maps need the cells that boulders visit, which then fit in the cache.
+   pure integer function lanes_of_run(maps) result(n)
+      type(maps_t), intent(in) :: maps
+
+      n = merge(lanes/2, lanes, needs_visits(maps))
+   end function lanes_of_run
 
    !> Collect the impact sets of the scene: those of the case or of its grounds.
    pure type(set_list_t) function all_sets(scene) result(sets)
@@ -253,7 +281,6 @@ contains
       type(patch_t) :: patch
       real(wp) :: radius, obstacle, u_ground(words_per_block), z(3, 3)
       integer :: cell(2), k, lane, set, row
-      logical :: complete
 
       do k = 1, l%n
          lane = l%lane(k)
@@ -284,8 +311,11 @@ contains
             if (sets%offset(c%ground(k)) < 0) cycle
             call find_impact_set(scene, c%ratio(k), u_ground, set, c%outside(k))
             c%set(k) = sets%offset(c%ground(k)) + set
-            call read_window(scene%dem, cell, z, complete)
-            if (result%impacts == 1 .and. scene%sobol%dimensions > 1) z = 0  ! flat: left to the scalar code
+            if (.not. has_neighbours(scene%dem, cell) .or. (result%impacts == 1 .and. scene%sobol%dimensions > 1)) then
+               c%z(k, :) = 0  ! flat, like a window with nodata: left to the scalar code
+               cycle
+            end if
+            call read_window(scene%dem, cell, z)
             do row = 1, 3
                c%z(k, 3*row - 2) = z(1, row)
                c%z(k, 3*row - 1) = z(2, row)
@@ -350,25 +380,10 @@ contains
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: n
       type(contacts_t), intent(inout) :: c
-      integer(i8) :: w1, w2, w3, w4
       integer :: k
 
-      ! vectors of two take twice as long as scalars, those of four do not; the wide copy omits the next line
-      !GCC$ novector
-      do k = 1, padded(n)
-         call set_counter(for_impact, c%number(k), c%impact(k), 0_i8, w1, w2, w3, w4)
-         call philox(scene%key, w1, w2, w3, w4)
-         c%word(k, 1) = w1
-         c%word(k, 2) = w2
-         c%word(k, 3) = w3
-         c%word(k, 4) = w4
-      end do
-      !$omp simd
-      do k = 1, padded(n)
-         c%z1(k) = normal(scene%table, c%word(k, 1))
-         c%z2(k) = normal(scene%table, c%word(k, 2))
-         c%z3(k) = normal(scene%table, c%word(k, 3))
-      end do
+      call impact_numbers(scene%key%round, scene%table%c, n, c%number, c%impact, last_counter(for_impact, 0_i8), c%word(:, 1), &
+                          c%word(:, 2), c%word(:, 3), c%word(:, 4), c%z1, c%z2, c%z3)
       !$omp simd
       do k = 1, padded(n)
          c%u(k) = uniform(c%word(k, turn_word))
@@ -383,46 +398,41 @@ contains
       integer, intent(in) :: n
       type(contacts_t), intent(inout) :: c
       type(draws_t), intent(inout) :: d
-      integer :: first(size(sets%set) + 2)  !! first draw of each set, and the end
-      integer :: set, k, m
+      integer, dimension(size(sets%set) + 1) :: first, left  !! first draw of each set, their number
+      integer :: set, draw, m
 
-      call group_by_set(sets, n, c, first, d)
+      call group_by_set(n, c, first, left, d)
       do set = 1, size(sets%set)
-         call draw_set_rebounds(sets%set(set), d, first(set), first(set + 1) - 1)
-      end do
-      do m = 1, d%n
-         k = d%contact(m)
-         c%out1(k) = d%out1(m)
-         c%out2(k) = d%out2(m)
-         c%out3(k) = d%out3(m)
-         c%draws(k) = 1
-         c%forced(k) = .false.
-      end do
-      do m = 1, d%n
-         if (.not. d%admissible(m) > 0) call redraw_single(scene, sets, d%contact(m), c)
+         do draw = 1, max_draws
+            if (left(set) < merge(few, 1, draw > 1)) exit
+            if (draw > 1) call draw_again(scene, draw, first(set), left(set), c, d)
+            call draw_set_rebounds(sets%set(set), d, first(set), left(set))
+            call keep_inadmissible(draw, first(set), c, d, left(set))
+         end do
+         do m = first(set), first(set) + left(set) - 1
+            call redraw_single(scene, sets, d%contact(m), c)
+         end do
       end do
    end subroutine draw_rebounds
 
-   !> Sort the draws by impact set.
-   subroutine group_by_set(sets, n, c, first, d)
-      type(set_list_t), intent(in) :: sets
+   !> Sort the draws by impact set; those of each fill vectors of their own.
+   subroutine group_by_set(n, c, first, number, d)
       integer, intent(in) :: n
       type(contacts_t), intent(in) :: c
-      integer, intent(out) :: first(:)
+      integer, intent(out) :: first(:), number(:)  !! the last set: none
       type(draws_t), intent(inout) :: d
       integer :: slot(size(first)), set, k, m
 
-      slot = 0
+      number = 0
       do k = 1, n
-         slot(c%set(k)) = slot(c%set(k)) + 1
+         number(c%set(k)) = number(c%set(k)) + 1
       end do
       m = 1
-      do set = 1, size(sets%set) + 1
+      do set = 1, size(first)
          first(set) = m
-         m = m + slot(set)
+         m = m + padded(number(set))
       end do
       slot = first
-      d%n = first(size(sets%set) + 1) - 1
       do k = 1, n
          m = slot(c%set(k))
          slot(c%set(k)) = m + 1
@@ -436,23 +446,73 @@ contains
       end do
    end subroutine group_by_set
 
-   !> Compute draws first..last of one impact set.
-   subroutine draw_set_rebounds(set, d, first, last)
+   !> Draw new random numbers.
+   subroutine draw_again(scene, draw, first, n, c, d)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: draw      !! 2, 3, ...
+      integer, intent(in) :: first, n  !! first draw, their number
+      type(contacts_t), intent(in) :: c
+      type(draws_t), intent(inout) :: d
+      integer(i8), dimension(lanes) :: number, impact, w1, w2, w3, w4
+      integer :: m
+
+      do m = 1, n
+         number(m) = c%number(d%contact(first + m - 1))
+         impact(m) = c%impact(d%contact(first + m - 1))
+      end do
+      number(n + 1:padded(n)) = 0
+      impact(n + 1:padded(n)) = 0
+      call impact_numbers(scene%key%round, scene%table%c, n, number, impact, last_counter(for_impact, draw - 1_i8), &
+                          w1, w2, w3, w4, d%z1(first:), d%z2(first:), d%z3(first:))
+   end subroutine draw_again
+
+   !> Store draws, and keep those that are not admissible.
+   subroutine keep_inadmissible(draw, first, c, d, n)
+      integer, intent(in) :: draw      !! 1, 2, ...
+      integer, intent(in) :: first     !! first draw
+      type(contacts_t), intent(inout) :: c
+      type(draws_t), intent(inout) :: d
+      integer, intent(inout) :: n      !! their number
+      integer :: k, m, to
+
+      to = first
+      do m = first, first + n - 1
+         k = d%contact(m)
+         c%out1(k) = d%out1(m)
+         c%out2(k) = d%out2(m)
+         c%out3(k) = d%out3(m)
+         c%fast(k) = d%fast(m)
+         c%steep(k) = d%steep(m)
+         c%draws(k) = draw
+         c%forced(k) = .false.
+         if (d%admissible(m) > 0) cycle
+         d%contact(to) = k
+         d%tangential(to) = d%tangential(m)
+         d%normal(to) = d%normal(m)
+         d%w(to) = d%w(m)
+         to = to + 1
+      end do
+      n = to - first
+   end subroutine keep_inadmissible
+
+   !> Compute n draws of one impact set.
+   subroutine draw_set_rebounds(set, d, first, n)
       type(impact_set_t), intent(in) :: set
       type(draws_t), intent(inout) :: d
-      integer, intent(in) :: first, last
+      integer, intent(in) :: first, n
       integer :: k
 
       !$omp simd
-      do k = first, last
+      do k = first, first + padded(n) - 1
          call draw_rebound(set, d%tangential(k), d%normal(k), d%w(k), d%z1(k), d%z2(k), d%z3(k), &
                            d%out1(k), d%out2(k), d%out3(k))
          d%admissible(k) = admissible(d%out1(k), d%out2(k), d%out3(k), &
                                       energy_of(d%tangential(k), d%normal(k), d%w(k)))
+         call beyond_fit(set%fitted, d%tangential(k), d%normal(k), d%fast(k), d%steep(k))
       end do
    end subroutine draw_set_rebounds
 
-   !> Redraw a rebound that was not admissible.
+   !> Go on redrawing a rebound that was not admissible.
    subroutine redraw_single(scene, sets, k, c)
       type(scene_t), intent(in) :: scene
       type(set_list_t), intent(in) :: sets
@@ -460,7 +520,7 @@ contains
       type(contacts_t), intent(inout) :: c
       type(rebound_t) :: out
 
-      out = rebound_t([c%out1(k), c%out2(k), c%out3(k)])
+      out = rebound_t([c%out1(k), c%out2(k), c%out3(k)], c%draws(k))
       call redraw_rebound(sets%set(c%set(k)), scene%table, scene%key, c%number(k), c%impact(k), &
                           [c%tangential(k), c%normal(k), c%w(k)], out)
       c%out1(k) = out%v(1)
@@ -516,7 +576,7 @@ contains
       type(scratch_t), intent(inout) :: scratch(:)
       type(flight_t) :: flight
       type(roll_t) :: roll
-      logical :: fast, steep, slow
+      logical :: slow
       integer :: k, lane
 
       do k = 1, l%n
@@ -535,9 +595,8 @@ contains
                cycle
             end if
             if (allocated(by_table)) scratch(lane)%touch = touch_t()
-            call beyond_fit(sets%set(c%set(k))%fitted, [c%tangential(k), c%normal(k)], fast, steep)
-            call count_outcome(rebound_t([0.0_wp, 0.0_wp, 0.0_wp], c%draws(k), c%forced(k)), c%outside(k), fast, &
-                               steep, result)
+            call count_outcome(rebound_t([0.0_wp, 0.0_wp, 0.0_wp], c%draws(k), c%forced(k)), c%outside(k), &
+                               c%fast(k) > 0, c%steep(k) > 0, result)
             if (allocated(scene%grounds)) call count_ground(c%ground(k), scratch(lane))
             if (scene%histograms_requested) &
                call count_rebound(scratch(lane)%histograms, [c%tangential(k), c%normal(k), c%w(k)], &

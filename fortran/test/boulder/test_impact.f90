@@ -515,32 +515,31 @@ contains
       real(wp), parameter :: speeds(6) = [2.0_wp, 2 - near, 2 + near, 20.0_wp, 20 + near, 20 - near]
       real(wp), parameter :: angles(4) = [5 + near, 5 - near, 60 - near, 60 + near]
       type(fitted_t) :: this, any_
-      real(wp) :: v(2)
-      logical :: speed, angle
+      real(wp) :: v(2), speed, angle  ! 1 or 0
       integer :: k
 
       this = fitted([2.0_wp, 20.0_wp], [5.0_wp, 60.0_wp])
       do k = 1, size(speeds)
-         call beyond_fit(this, [speeds(k)*0.8_wp, -speeds(k)*0.6_wp], speed, angle)
-         if (mod(k, 3) /= 1) call check("beyond in speed", speed .eqv. mod(k, 3) == 2)
-         call check("but not in angle", .not. angle)
+         call beyond_fit(this, speeds(k)*0.8_wp, -speeds(k)*0.6_wp, speed, angle)
+         if (mod(k, 3) /= 1) call check("beyond in speed", (speed > 0) .eqv. mod(k, 3) == 2)
+         call check("but not in angle", .not. angle > 0)
       end do
-      call beyond_fit(this, [0.0_wp, -2.0_wp], speed, angle)
-      call check("the slowest; vertical", .not. speed .and. angle)
-      call beyond_fit(this, [20.0_wp, 0.0_wp], speed, angle)
-      call check("the fastest; along the ground", .not. speed .and. angle)
+      call beyond_fit(this, 0.0_wp, -2.0_wp, speed, angle)
+      call check("the slowest; vertical", .not. speed > 0 .and. angle > 0)
+      call beyond_fit(this, 20.0_wp, 0.0_wp, speed, angle)
+      call check("the fastest; along the ground", .not. speed > 0 .and. angle > 0)
       do k = 1, size(angles)
          v = 7*[cos(angles(k)*degree), -sin(angles(k)*degree)]
-         call beyond_fit(this, v, speed, angle)
-         call check("beyond in angle", .not. speed .and. (angle .eqv. mod(k, 2) == 0))
+         call beyond_fit(this, v(1), v(2), speed, angle)
+         call check("beyond in angle", .not. speed > 0 .and. ((angle > 0) .eqv. mod(k, 2) == 0))
       end do
       do k = -300, 100, 50
-         call beyond_fit(any_, 10.0_wp**k*[1.0_wp, -2.0_wp], speed, angle)
-         call check("everything", .not. speed .and. .not. angle)
-         call beyond_fit(any_, 10.0_wp**k*[0.0_wp, -1.0_wp], speed, angle)
-         call check("vertical, too", .not. speed .and. .not. angle)
+         call beyond_fit(any_, 10.0_wp**k, -2*10.0_wp**k, speed, angle)
+         call check("everything", .not. speed > 0 .and. .not. angle > 0)
+         call beyond_fit(any_, 0.0_wp, -10.0_wp**k, speed, angle)
+         call check("vertical, too", .not. speed > 0 .and. .not. angle > 0)
       end do
-      call beyond_fit(fitted([0.0_wp, 1.0e100_wp], [0.0_wp, 90.0_wp]), [0.0_wp, 0.0_wp], speed, angle)
-      call check("and at rest", .not. speed .and. .not. angle)
+      call beyond_fit(fitted([0.0_wp, 1.0e100_wp], [0.0_wp, 90.0_wp]), 0.0_wp, 0.0_wp, speed, angle)
+      call check("and at rest", .not. speed > 0 .and. .not. angle > 0)
    end subroutine test_beyond_fit
 end program test_impact

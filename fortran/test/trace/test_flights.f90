@@ -72,13 +72,14 @@ contains
    subroutine test_parabolas()
       type(flights_t) :: f
       real(wp) :: time, above, v(3)
-      integer :: k
+      integer :: k, m
 
       z = 7
       dem = terrain(0.0_wp, 0.0_wp, cell, z8=z)
       do k = 1, lanes
-         above = 0.1_wp*k
-         v = [0.3_wp*k - 10, 5 - 0.1_wp*k, 0.2_wp*k - 6]
+         m = mod(k, 64)
+         above = 0.1_wp*(m + 1)
+         v = [0.3_wp*m - 10, 5 - 0.1_wp*m, 0.2_wp*m - 6]
          start(k) = flight_at(70.0_wp, 55.0_wp, above, v)
          call take_off(f, k, start(k))
       end do
