@@ -14,6 +14,7 @@ module rockfall_scene
    use rockfall_surface, only: method_a
    use rockfall_sources, only: last_boulders, last_boulders_by_weight, proportional_part
    use rockfall_line, only: line, object_line
+   use rockfall_line_index, only: line_index, worth_indexing
    use rockfall_barrier, only: barrier_t
    use rockfall_boulder, only: release_t, volume_distribution_t, fixed_volume, last_of, max_volume, mean_volume
    use rockfall_ground, only: ground_t, rest_slope_of
@@ -304,6 +305,7 @@ contains
             end if
          end associate
       end do
+      if (size(scene%lines) >= worth_indexing) scene%line_index = line_index(scene%lines)
       if (all(case%lines%height <= 0)) return
       scene%barriers = pack([(barrier_t(k, case%lines(k)%height, case%lines(k)%capacity), k=1, size(case%lines))], &
                             case%lines%height > 0)

@@ -6,6 +6,7 @@ module rockfall_crossings
    use rockfall_flight, only: flight_t, landing_t
    use rockfall_boulder, only: boulder_t
    use rockfall_line, only: first_meeting
+   use rockfall_line_index, only: buckets_of
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t
    implicit none
@@ -36,18 +37,45 @@ contains
       real(wp), intent(in) :: omega_r  !! W [m/s]
       type(crossing_t), intent(inout) :: crossings(:)
       real(wp), intent(in), optional :: until  !! since the start of the flight [s]
-      real(wp) :: fraction
-      integer :: k
+      integer :: columns(2), rows(2), k, j
 
-      do k = 1, size(scene%lines)
-         if (crossings(k)%crossed) cycle
-         fraction = first_meeting(scene%lines(k), [flight%x, flight%y], [landing%x, landing%y], result%boulder%radius)
-         if (present(until)) then
-            if (fraction*landing%time > until) cycle
-         end if
-         if (fraction <= 1) crossings(k) = crossing(scene, gravity, result, flight, fraction*landing%time, omega_r)
-      end do
+      if (.not. allocated(scene%line_index)) then
+         do k = 1, size(scene%lines)
+            call record_crossing(scene, gravity, result, flight, landing, omega_r, k, crossings(k), until)
+         end do
+         return
+      end if
+      associate (index => scene%line_index)
+         call buckets_of(index, [flight%x, flight%y], [landing%x, landing%y], columns, rows)
+         do j = (rows(1) - 1)*index%n(1), (rows(2) - 1)*index%n(1), index%n(1)
+            do k = index%first(j + columns(1)), index%first(j + columns(2) + 1) - 1
+               call record_crossing(scene, gravity, result, flight, landing, omega_r, index%line(k), &
+                                    crossings(index%line(k)), until)
+            end do
+         end do
+      end associate
    end subroutine record_crossings
+
+   !> Record the first crossing of a line, unless an earlier flight crossed it.
+   pure subroutine record_crossing(scene, gravity, result, flight, landing, omega_r, line, crossed, until)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: gravity
+      type(boulder_result_t), intent(in) :: result
+      type(flight_t), intent(in) :: flight
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: omega_r
+      integer, intent(in) :: line  !! its index
+      type(crossing_t), intent(inout) :: crossed
+      real(wp), intent(in), optional :: until
+      real(wp) :: fraction
+
+      if (crossed%crossed) return
+      fraction = first_meeting(scene%lines(line), [flight%x, flight%y], [landing%x, landing%y], result%boulder%radius)
+      if (present(until)) then
+         if (fraction*landing%time > until) return
+      end if
+      if (fraction <= 1) crossed = crossing(scene, gravity, result, flight, fraction*landing%time, omega_r)
+   end subroutine record_crossing
 
    !> State of a boulder `t` after the start of a flight.
    !>

@@ -259,7 +259,7 @@ contains
       real(wp) :: near(lanes)
       integer :: k, lane
 
-      call find_paths_near_lines(scene%lines, l%n, l%x0, l%y0, l%x, l%y, near)
+      call find_paths_near_lines(scene, l%n, l%x0, l%y0, l%x, l%y, near)
       do k = 1, l%n
          if (.not. near(k) > 0) cycle
          lane = l%lane(k)

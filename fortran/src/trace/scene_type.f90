@@ -11,6 +11,7 @@ module rockfall_scene_type
    use rockfall_ground, only: ground_t
    use rockfall_direction, only: lateral_t, past_aspect
    use rockfall_line, only: line_t
+   use rockfall_line_index, only: line_index_t
    use rockfall_barrier, only: barrier_t
    use rockfall_forest, only: forest_t
    use rockfall_breakage, only: breakage_t
@@ -40,6 +41,7 @@ module rockfall_scene_type
       type(feature_t), allocatable :: features(:)          !! if a layer has release attributes
       type(release_t) :: release
       type(line_t), allocatable :: lines(:)        !! evaluation lines, then barriers
+      type(line_index_t), allocatable :: line_index  !! if there are many
       type(barrier_t), allocatable :: barriers(:)
       type(forest_t), allocatable :: forest
       type(breakage_t), allocatable :: breakage    !! if boulders may break

@@ -16,7 +16,8 @@ module rockfall_table_lanes
    use rockfall_impact_table, only: approach_t, outcome_t, flies, stops
    use rockfall_table_contact, only: side_u, update_touch, resolve_on_plane, find_pull, draw_record, apply_record, &
                                      limit_energy, after_fall, scale_to_energy, compute_departure, takeoff_height
-   use rockfall_line, only: line_t, boxes_touch
+   use rockfall_line, only: boxes_touch
+   use rockfall_line_index, only: is_near_lines
    use rockfall_flights, only: landings_t, landing_of, lanes, padded
    use rockfall_scene_type, only: scene_t
    implicit none
@@ -113,7 +114,7 @@ contains
       call draw_records(scene, word, b)
       call follow_records(scene, b)
       call slide_on_patches(l, scene%gravity, scene%dem%per_cell, b)
-      if (allocated(scene%lines)) call find_paths_near_lines(scene%lines, l%n, l%x, l%y, b%x, b%y, b%near)
+      if (allocated(scene%lines)) call find_paths_near_lines(scene, l%n, l%x, l%y, b%x, b%y, b%near)
       call walk_terrain(scene, l, g1, g2, paths, b)
       call set_departures(l, g1, g2, steepness, b)
    end subroutine handle_table_contacts
@@ -240,20 +241,26 @@ contains
    end subroutine slide_on_patches
 
    !> Find the straight paths that may cross a line.
-   subroutine find_paths_near_lines(lines, n, x0, y0, x, y, near)
-      type(line_t), intent(in) :: lines(:)
+   subroutine find_paths_near_lines(scene, n, x0, y0, x, y, near)
+      type(scene_t), intent(in) :: scene
       integer, intent(in) :: n
       real(wp), dimension(lanes), intent(in) :: x0, y0, x, y  !! both ends [m]
       real(wp), dimension(lanes), intent(out) :: near         !! 1 or 0
       real(wp) :: low1, low2, high1, high2
       integer :: line, k
 
+      if (allocated(scene%line_index)) then
+         do k = 1, n
+            near(k) = merge(1.0_wp, 0.0_wp, is_near_lines(scene%line_index, [x0(k), y0(k)], [x(k), y(k)]))
+         end do
+         return
+      end if
       near = 0
-      do line = 1, size(lines)
-         low1 = lines(line)%low(1)
-         low2 = lines(line)%low(2)
-         high1 = lines(line)%high(1)
-         high2 = lines(line)%high(2)
+      do line = 1, size(scene%lines)
+         low1 = scene%lines(line)%low(1)
+         low2 = scene%lines(line)%low(2)
+         high1 = scene%lines(line)%high(1)
+         high2 = scene%lines(line)%high(2)
          !$omp simd
          do k = 1, padded(n)
             near(k) = max(near(k), boxes_touch(low1, low2, high1, high2, x0(k), y0(k), x(k), y(k)))
