@@ -157,6 +157,7 @@ def instructions(program: Path, case: Path, boulders: int) -> tuple[int, int]:
     output = case.parent / "counted.nc"
     command = ["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null", program, case]
     command += ["--boulders", str(boulders), "--threads", "1", "-o", output, "--checkpoint", "0"]
+    command += ["--overwrite"]
     done = subprocess.run(command, capture_output=True, text=True)
     collected = re.search(r"Collected : (\d+)", done.stderr)
     if done.returncode or not collected:

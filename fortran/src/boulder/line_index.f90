@@ -39,7 +39,7 @@ contains
       index%n = max(1, min(max_buckets, int(4*sqrt(real(size(lines), wp)))))
       where (high > index%low)
          index%per_bucket = index%n/(high - index%low)
-      elsewhere
+      else where
          index%n = 1
       end where
       allocate (index%first(product(index%n) + 1), source=0)

@@ -3,6 +3,7 @@
 !> any order, and read its arrays through the table of `arrays_of`; without a scene it is joined from parts.
 module rockfall_run_state
    use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_associated, c_f_pointer
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
@@ -449,11 +450,12 @@ contains
       type(boulder_result_t), allocatable :: results(:)
       type(crossing_t), allocatable :: crossings(:, :)
       type(maps_t) :: maps
-      integer(i8) :: k, row, number
+      integer(i8), allocatable :: row(:)  !! of each boulder; 0: none is kept
+      integer(i8) :: k, number
       integer :: status
       logical :: has_row
 
-      allocate (results(n), crossings(size(run%line, 2), n), stat=status)
+      allocate (results(n), crossings(size(run%line, 2), n), row(n), stat=status)
       if (status /= 0) then
          call fail(error, integer_text(n)//" boulders of a chunk do not fit in memory")
          return
@@ -467,14 +469,16 @@ contains
       end if
       do k = 1, n
          number = first + (k - 1)*step
-         row = rows_before(run, number) + 1
+         row(k) = rows_before(run, number) + 1
          has_row = .not. allocated(run%number)
-         if (.not. has_row .and. row <= size(run%status, kind=i8)) has_row = run%number(row) == number
-         if (has_row) call store_row(run, scene, results(k), crossings(:, k), row)
+         if (.not. has_row .and. row(k) <= size(run%status, kind=i8)) has_row = run%number(row(k)) == number
+         if (.not. has_row) row(k) = 0
+         if (has_row) call store_row(run, scene, results(k), crossings(:, k), row(k))
          if (results(k)%status == left_window) cycle
          call add_counts(run, results(k))
          if (allocated(run%number)) call add_sample(run, scene, results(k), crossings(:, k))
       end do
+      call store_line_rows(run, scene, results, crossings, row)
       run%left = pack([(first + (k - 1)*step, k=1, n)], results%status == left_window)
       if (allocated(run%left_at)) deallocate (run%left_at)
       allocate (run%left_at(size(run%left), 2))
@@ -500,22 +504,39 @@ contains
       type(crossing_t), intent(in) :: crossings(:)
       integer(i8), intent(in) :: row
       real(wp) :: reals(size(row_reals))
-      integer :: integers(size(row_integers)), k
+      integer :: integers(size(row_integers))
 
       reals = real_row(scene%dem, result)
       integers = integer_row(scene%release, result)
       run%reals(row, :) = reals(run%real_columns)
       run%status(row) = int(result%status, i1)
       run%integers(row, :) = integers(run%integer_columns)
-      do k = 1, size(crossings)
-         run%line(row, k, :) = line_row(scene%dem, result, crossings(k))
-      end do
       if (allocated(scene%breakage)) then
-         run%line_volume(row, :) = merge(crossings%fragment%volume, run%line(row, :, 1), crossings%crossed)
+         run%line_volume(row, :) = merge(crossings%fragment%volume, ieee_value(0.0_wp, ieee_quiet_nan), &
+                                         crossings%crossed)
          run%line_fragments(row, :) = crossings%fragments
       end if
       if (allocated(scene%barriers)) run%outcome(row, :) = crossings(scene%barriers%line)%outcome
    end subroutine store_row
+
+   !> Store the rows of boulders at lines, those of some boulders line by line: they are neighbours in memory.
+   subroutine store_line_rows(run, scene, results, crossings, row)
+      type(run_t), intent(inout) :: run
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: results(:)
+      type(crossing_t), intent(in) :: crossings(:, :)  !! (lines, boulders)
+      integer(i8), intent(in) :: row(:)                !! of each boulder; 0: none is kept
+      integer, parameter :: block = 16
+      integer :: from, line, k
+
+      do from = 1, size(results), block
+         do line = 1, size(crossings, 1)
+            do k = from, min(from + block - 1, size(results))
+               if (row(k) > 0) run%line(row(k), line, :) = line_row(scene%dem, results(k), crossings(line, k))
+            end do
+         end do
+      end do
+   end subroutine store_line_rows
 
    !> Add a boulder to the samples.
    subroutine add_sample(run, scene, result, crossings)

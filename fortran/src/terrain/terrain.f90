@@ -8,8 +8,8 @@ module rockfall_terrain
    private
    public :: terrain_t, patch_t, terrain, set_window, in_window, locate, patch_position, on_terrain, is_known_at, &
              read_patch, read_corners, find_coefficients
-   public :: fraction_of, height, height_at, node_height, gradient, slope_at, cell_of, cell_descent, has_neighbours, read_window, horn
-   public :: is_pit, steepness_of, max_elevation
+   public :: fraction_of, height, height_at, node_height, gradient, slope_at, cell_of, cell_descent
+   public :: has_neighbours, read_window, horn, is_pit, steepness_of, max_elevation
 
    real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] maximum absolute elevation; above it: undeclared nodata
 

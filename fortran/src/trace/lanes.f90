@@ -35,7 +35,7 @@ module rockfall_lanes
    use rockfall_histogram, only: count_rebound
    implicit none
    private
-   public :: run_in_lanes
+   public :: run_in_lanes, impact_numbers
 
    integer, parameter :: batch = 16  !! boulders assigned to a thread at a time
    !> Number of draws not admissible below which they are redrawn one by one, which then takes less time.
@@ -382,8 +382,8 @@ contains
       type(contacts_t), intent(inout) :: c
       integer :: k
 
-      call impact_numbers(scene%key%round, scene%table%c, n, c%number, c%impact, last_counter(for_impact, 0_i8), c%word(:, 1), &
-                          c%word(:, 2), c%word(:, 3), c%word(:, 4), c%z1, c%z2, c%z3)
+      call impact_numbers(scene%key%round, scene%table%c, n, c%number, c%impact, last_counter(for_impact, 0_i8), &
+                          c%word(:, 1), c%word(:, 2), c%word(:, 3), c%word(:, 4), c%z1, c%z2, c%z3)
       !$omp simd
       do k = 1, padded(n)
          c%u(k) = uniform(c%word(k, turn_word))
@@ -405,7 +405,7 @@ contains
       do set = 1, size(sets%set)
          do draw = 1, max_draws
             if (left(set) < merge(few, 1, draw > 1)) exit
-            if (draw > 1) call draw_again(scene, draw, first(set), left(set), c, d)
+            if (draw > 1) call draw_other_numbers(scene, draw, first(set), left(set), c, d)
             call draw_set_rebounds(sets%set(set), d, first(set), left(set))
             call keep_inadmissible(draw, first(set), c, d, left(set))
          end do
@@ -447,7 +447,7 @@ contains
    end subroutine group_by_set
 
    !> Draw new random numbers.
-   subroutine draw_again(scene, draw, first, n, c, d)
+   subroutine draw_other_numbers(scene, draw, first, n, c, d)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: draw      !! 2, 3, ...
       integer, intent(in) :: first, n  !! first draw, their number
@@ -464,7 +464,7 @@ contains
       impact(n + 1:padded(n)) = 0
       call impact_numbers(scene%key%round, scene%table%c, n, number, impact, last_counter(for_impact, draw - 1_i8), &
                           w1, w2, w3, w4, d%z1(first:), d%z2(first:), d%z3(first:))
-   end subroutine draw_again
+   end subroutine draw_other_numbers
 
    !> Store draws, and keep those that are not admissible.
    subroutine keep_inadmissible(draw, first, c, d, n)

@@ -1,0 +1,51 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Random numbers of impacts, several at a time: those of rockfall_random to the bit, in both copies.
+program test_impact_numbers
+   use, intrinsic :: iso_c_binding, only: c_int
+   use rockfall_kinds, only: wp, i8
+   use rockfall_random, only: random_key_t, random_key, random_words, normal_table_t, normal_table, normal, &
+                              for_impact, last_counter, fragment_number
+   use rockfall_lanes, only: narrow_numbers => impact_numbers
+   use rockfall_wide_lanes, only: wide_numbers => impact_numbers
+   use check_m, only: check, finish
+   implicit none
+
+   interface
+      integer(c_int) function is_wide() bind(c, name="rockfall_is_wide")
+         import :: c_int
+      end function is_wide
+   end interface
+
+   integer, parameter :: n = 4096
+   integer(i8) :: number(n), impact(n), word(n, 4), expected(4)
+   real(wp) :: z(n, 3)
+   type(normal_table_t) :: table
+   type(random_key_t) :: key
+   integer :: copy, draw, k
+
+   table = normal_table()
+   key = random_key(1234567890123_i8)
+   number = [(k*7919_i8, k=1, n)]
+   number(n/2:) = fragment_number(number(n/2:), 3_i8)
+   impact = [(1_i8 + mod(k, 321), k=1, n)]
+   impact(n) = huge(1)
+   do copy = 1, merge(2, 1, is_wide() == 1)
+      do draw = 0, 31
+         word = -1
+         if (copy == 1) then
+            call narrow_numbers(key%round, table%c, n - 2, number, impact, last_counter(for_impact, int(draw, i8)), &
+                                word(:, 1), word(:, 2), word(:, 3), word(:, 4), z(:, 1), z(:, 2), z(:, 3))
+         else
+            call wide_numbers(key%round, table%c, n - 2, number, impact, last_counter(for_impact, int(draw, i8)), &
+                              word(:, 1), word(:, 2), word(:, 3), word(:, 4), z(:, 1), z(:, 2), z(:, 3))
+         end if
+         do k = 1, n - 2
+            expected = random_words(key, for_impact, number(k), impact(k), int(draw, i8))
+            if (all(word(k, :) == expected) .and. all(abs(z(k, :) - normal(table, expected(:3))) <= 0)) cycle
+            call check("the words and numbers of one impact", .false.)
+         end do
+         call check("all", all(word(:n - 2, :) >= 0))
+      end do
+   end do
+   call finish()
+end program test_impact_numbers
