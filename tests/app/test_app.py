@@ -529,7 +529,7 @@ def test_what_is_run_is_what_is_saved(place, about):
     frames = {name: layer.frame(site.grid.crs) for name, layer in made.layers.items()}
     with rockfall.open(made.case, **frames) as session:
         live = [*session.run()][-1].dataset()
-    names = [one.name for one in save(site, document, "Größe 1.2", False)]
+    names = [one.name for one in save(site, document, "Größe 1.2", False).files]
     assert names == ["Größe 1.2.nml", "Größe 1.2.gpkg"]
     for _ in range(2):
         saved = rockfall.run(rockfall.read_case(names[0]))
@@ -719,6 +719,74 @@ def test_zones_with_numbers_of_their_own_get_more_of_them(place):
     assert [one.properties["zone"] for one in zones] == [2, 7, 8]
     save(site, document, "more", False)
     assert rockfall.run(rockfall.read_case("more.nml")).sizes["boulder"] == 120
+
+
+VARIANTS = f"""&barrier name = 'Netz', x = {W}, {W + 300}, y = {N - 150}, {N - 150}, height = 4.0,
+    capacity = 2000.0 /
+&barrier name = 'Zaun', x = {W}, {W + 300}, y = {N - 180}, {N - 180}, height = 1.0,
+    capacity = 100.0 /
+&variant name = 'bare', without = 'barrier', cost = 0.0 /
+&variant name = 'net', barriers = 'Netz', release_drop_height = 9.0 /
+&variant name = 'dug', terrain_dem = 'other.tif' /
+"""
+
+
+def same_ends(one, other):
+    """Check that boulders of two cases end alike, and return the result of the second."""
+    one, other = rockfall.run(one), rockfall.run(other)
+    for name in "stop_x", "stop_y", "travel_time", "status":
+        assert same_bits(one[name].values, other[name].values), name
+    return other
+
+
+@pytest.fixture
+def varied(place):
+    make_raster("other.tif", scenes.rough(dtype="f4") - 1)
+    path = Path("varied.nml")
+    path.write_text(CASE + VARIANTS, encoding="utf-8")
+    return path
+
+
+def test_variants_of_a_case_are_listed_run_and_taken_as_the_document(serve, varied, visit):
+    cases = rockfall.variants(rockfall.read_case(varied))
+    page = visit(serve(varied))
+    bare, net = page.until("welcome")["variants"]
+    assert [bare["variant"], net["variant"]] == ["bare", "net"]
+    assert "variant dug is not in the list" in page.until("state")["warnings"][0]
+    page.until("batch", complete=True)
+    for name in "net", "bare":
+        page.send("compare", variant=name)
+    for name in "net", "bare":
+        fresh = rockfall.line_statistics(rockfall.run(cases[name]), quantities=["speed"])
+        lines = page.until("batch", variant=name, complete=True)["lines"]
+        assert [one["n"] for one in lines] == fresh["n"].tolist()
+        assert lines[0]["quantities"]["speed"]["mean"][0] == fresh["mean"][0]
+    state = page.edit(1, layers=net["layers"], settings=net["settings"], variant="net")
+    assert state["errors"] == []
+    taken = page.until("batch", revision=1, complete=True)
+    assert [one["name"] for one in taken["lines"]] == ["L", "Netz"]
+    page.send("save", name="one")
+    saved = page.until("saved")
+    assert saved["remark"].startswith("written without the &variant groups: this state is based on")
+    same_ends(cases["net"], rockfall.read_case("one.nml"))
+    for kind in "compare", "edit":
+        page.send(kind, variant="dug", revision=2)
+        page.until("refused" if kind == "compare" else "state")
+
+
+def test_variants_are_saved_with_what_they_name(varied, place):
+    site, document = open_site(varied)
+    drawn = [one._asdict() for one in document.layers["lines"]] + [line(100, id="m", name="M")]
+    saved = save(site, site.edited(document, {"lines": drawn}, {}), "more", False)
+    assert saved.remark == ""
+    cases = rockfall.variants(rockfall.read_case("more.nml"))
+    assert [*cases] == ["bare", "net", "dug"]
+    for name, one in rockfall.variants(rockfall.read_case(varied)).items():
+        assert same_ends(one, cases[name])["line"].values.tolist()[:2] == ["L", "M"], name
+    nets = [one._asdict() for one in document.layers["barriers"][1:]]
+    saved = save(site, site.edited(document, {"barriers": nets}, {}), "less", False)
+    assert "&variant name = 'net' barriers: no &barrier is called 'Netz'" in saved.remark
+    assert rockfall.read_case("less.nml").variant == []
 
 
 # What goes out.

@@ -269,6 +269,24 @@ def test_a_long_run_is_paused_and_gives_way_to_an_edit(window):
     assert window.browser.execute_script("return rockfall.batch.boulders") == 150
 
 
+def test_variants_of_the_case_are_compared_and_made_current(browser):
+    net = f"name = 'N', x = {W}, {W + 300}, y = {N - 150}, {N - 150}, height = 4.0, capacity = 2e3"
+    groups = f"&barrier {net} /\n&variant name = 'bare', without = 'barrier' /\n"
+    Path("varied.nml").write_text(CASE + groups, encoding="utf-8")
+    with served("varied.nml") as server:
+        resize(browser, 1280, 800)
+        window = open_window(browser, server)
+        assert "N" in window.complete()
+        window.click('[data-tab="variants"]')
+        window.click('[data-variant="bare"] [data-action="compare"]')
+        difference = "[...document.querySelectorAll('.compare-table td.difference')]"
+        window.until("a comparison", f"{difference}.some((one) => /^[+−]/.test(one.innerText))")
+        window.click('[data-action="close-compare"]')
+        bare = window.changed(lambda: window.click('[data-variant="bare"] [data-action="restore"]'))
+        assert [*bare] == ["L"] and window.layers["barriers"] == []
+        browser.get("about:blank")
+
+
 def test_a_second_page_reads_until_it_takes_over(browser):
     with served("case.nml") as server:
         resize(browser, 1280, 800)

@@ -20,6 +20,7 @@ import { VariantPanel } from './panels/variants';
 import {
   isOf,
   LAYERS,
+  variantOf,
   type BatchMessage,
   type Binary,
   type CaseDocument,
@@ -38,8 +39,8 @@ import { Shell, type Mode } from './shell';
 import { decimal, say, sayOr } from './texts';
 import { Toolbar } from './toolbar';
 import { TopBar } from './top_bar';
-import { joined, trajectoriesOf } from './trajectories';
-import type { Snapshot } from './variants';
+import { extended } from './trajectories';
+import { unrun, withResults, type Snapshot } from './variants';
 import type { Shade, Terrain, Trajectories } from './view3d/view3d';
 
 const OPACITY = 0.85; // of results, at first
@@ -83,7 +84,10 @@ export class CaseWindow {
   private readonly display: DisplayPanel;
   private readonly tabs: Tabs;
   private readonly output: Output;
-  private readonly compare = new CompareView(() => this.show('map'));
+  private readonly compare = new CompareView(
+    () => this.show('map'),
+    (chosen) => this.runVariant(chosen),
+  );
   private readonly topBar: TopBar;
   private readonly scene: ScenePane;
   private readonly ended = new AbortController();
@@ -95,6 +99,7 @@ export class CaseWindow {
   private state: State = { type: 'state', revision: 0, errors: [], warnings: [] };
   private batch: Binary<BatchMessage> | null = null;
   private trajectories: Trajectories | null = null;
+  private variants: Snapshot[];
   private mode: Mode = 'map';
   private bySpeed = false;
   private wanted: Welcome['view'];
@@ -103,8 +108,9 @@ export class CaseWindow {
     parent: HTMLElement,
     private readonly welcome: Welcome,
     private readonly connection: Connection,
-    private variants: Snapshot[],
+    kept: Snapshot[] | null,
   ) {
+    this.variants = kept ?? welcome.variants.map(unrun);
     const { forms, mode } = welcome;
     this.chooser = welcome.writer && !connection.standalone;
     this.wanted = welcome.view;
@@ -200,9 +206,9 @@ export class CaseWindow {
     return this.store.document;
   }
   /** Variants kept, if a window of the same file takes the place of this one. */
-  variantsFor({ file, folder, mode }: Welcome): Snapshot[] {
+  variantsFor({ file, folder, mode }: Welcome): Snapshot[] | null {
     const same = file === this.welcome.file && folder === this.welcome.folder && mode === this.welcome.mode;
-    return same ? this.variants : [];
+    return same ? this.variants : null;
   }
   pixelOf(place: [number, number]): [number, number] | null {
     const [x, y] = this.view.map.getPixelFromCoordinate(place) ?? [];
@@ -239,7 +245,7 @@ export class CaseWindow {
         if (this.chooser) this.output.progress(message);
         return;
       case 'saved':
-        this.output.written(message.files);
+        this.output.written(message.files, message.remark);
         return;
       case 'done':
         this.output.done(message.files);
@@ -272,15 +278,14 @@ export class CaseWindow {
       this.display.offer('zones', cells !== null);
       this.display.offer('background_sources', sources > 0);
       this.display.offer('trees', trees > 0);
+    } else if (variantOf(message)) {
+      this.variants = withResults(this.variants, message);
+      this.refresh();
+      if (this.mode === 'compare') this.compare.update(this.states());
     } else if (message.header.type === 'batch' || message.header.type === 'trajectories') {
       if (message.header.revision < this.sender.revision) return; // of an older state
       if (isOf(message, 'batch')) this.setBatch(message);
-      else if (isOf(message, 'trajectories')) {
-        const added = trajectoriesOf(message);
-        this.setTrajectories(
-          added && message.header.append && this.trajectories ? joined(this.trajectories, added) : added,
-        );
-      }
+      else if (isOf(message, 'trajectories')) this.setTrajectories(extended(this.trajectories, message));
     }
   }
 
@@ -490,6 +495,12 @@ export class CaseWindow {
     this.variants = [...this.variants, kept];
     this.refresh();
     return true;
+  }
+
+  /** Run a variant of the case, unless it has results of the map that is shown. */
+  private runVariant({ name, document, batch }: Snapshot): void {
+    if (name === document.variant && !(batch && (batch.overlay?.name ?? '') === this.wanted.map))
+      this.connection.send({ type: 'compare', variant: name });
   }
 
   private restore(index: number): void {

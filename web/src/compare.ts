@@ -29,7 +29,9 @@ class Side {
 
   show(snapshot: Snapshot, scale: ColourScale | null): void {
     this.view.showDocument(snapshot.document.layers);
-    this.view.setResult(snapshot.batch.overlay, snapshot.overlay?.values ?? null, snapshot.overlay?.shape ?? []);
+    const { batch, overlay } = snapshot;
+    this.view.setResult(batch?.overlay ?? null, overlay?.values ?? null, overlay?.shape ?? []);
+    this.view.dim(!batch?.complete);
     if (scale) this.view.paintResult(scale);
     this.view.setTrajectories(snapshot.trajectories);
   }
@@ -56,7 +58,10 @@ export class CompareView {
   private chosen: [number, number] = [0, 0];
   private readonly legend = new Legend([], '', () => undefined);
 
-  constructor(private readonly onClose: () => void) {
+  constructor(
+    private readonly onClose: () => void,
+    private readonly onChoice: (chosen: Snapshot) => void,
+  ) {
     this.legend.root.classList.add('small');
   }
 
@@ -73,6 +78,7 @@ export class CompareView {
       this.root.append(left.root, right.root, this.legend.root, close);
     }
     this.chosen = [a, b];
+    for (const one of [states[a], states[b]]) if (one) this.onChoice(one);
     this.update(states);
     this.sides.forEach(({ view }) => view.map.updateSize());
     this.sides[0].view.fitResults();
@@ -84,12 +90,14 @@ export class CompareView {
     const [i, j] = this.chosen;
     const [a, b] = [states[i], states[j]];
     if (!this.sides || !a || !b) return;
-    const scale = common(a.batch.overlay, b.batch.overlay);
+    const scale = common(a.batch?.overlay ?? null, b.batch?.overlay ?? null);
     const names = states.map(({ name }) => name);
     this.sides.forEach((side, k) => {
       side.show(k === 0 ? a : b, scale);
       side.offer(names, this.chosen[k] ?? 0, (index) => {
+        const chosen = this.states[index];
         this.chosen[k] = index;
+        if (chosen) this.onChoice(chosen);
         this.update(this.states);
       });
     });
@@ -118,9 +126,11 @@ interface Row {
 }
 
 function tableOf(a: Snapshot, b: Snapshot): HTMLElement {
-  const names = [...new Set([...a.batch.lines, ...b.batch.lines].map(({ name }) => name))];
+  if (!a.batch || !b.batch) return element('p', { class: 'empty' }, say('app.variants.running'));
+  const [of, other] = [a.batch.lines, b.batch.lines];
+  const names = [...new Set([...of, ...other].map(({ name }) => name))];
   if (!names.length) return element('p', { class: 'empty' }, say('app.statistics.none'));
-  const rows = rowsOf([...a.batch.lines, ...b.batch.lines]);
+  const rows = rowsOf([...of, ...other]);
   const head = element(
     'thead',
     {},
@@ -136,7 +146,7 @@ function tableOf(a: Snapshot, b: Snapshot): HTMLElement {
     ),
   );
   const bodies = names.map((name) => {
-    const [left, right] = [a, b].map(({ batch }) => batch.lines.find((line) => line.name === name));
+    const [left, right] = [of, other].map((lines) => lines.find((line) => line.name === name));
     return element(
       'tbody',
       { attributes: { 'data-line': name } },

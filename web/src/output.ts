@@ -9,6 +9,7 @@ export class Output {
   readonly dialog = element('dialog', { class: 'output' });
   private task: Task = 'save';
   private saved: readonly string[] = []; // by a task that goes on
+  private remark = ''; // on what was saved
   private cancelled = false;
   private readonly title = element('h2', { id: uniqueId('dialog') });
   private readonly name = element('input', {
@@ -83,7 +84,8 @@ export class Output {
   }
 
   /** The case has been written; a report or an export goes on with it. */
-  written(files: readonly string[]): void {
+  written(files: readonly string[], remark: string): void {
+    this.remark = remark;
     if (isLong(this.task)) this.saved = files;
     else this.done(files);
   }
@@ -94,6 +96,7 @@ export class Output {
     this.tell(
       element('p', { class: 'alert good' }, say('app.output.written', { folder: this.folder })),
       element('ul', { class: 'files' }, ...files.map((file) => element('li', {}, file))),
+      ...(this.remark ? [element('p', { class: 'alert amber' }, this.remark)] : []),
     );
     this.buttons.replaceChildren(
       button(say('app.close'), () => this.dialog.close(), {

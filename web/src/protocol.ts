@@ -26,6 +26,7 @@ export type Layers = Readonly<Record<Layer, readonly Feature[]>>;
 export interface CaseDocument {
   readonly settings: Settings;
   readonly layers: Layers;
+  readonly variant: string; // name of the variant of the case from which it comes; '': the case without them
 }
 
 /** A key of the case, or a property of a feature. */
@@ -63,7 +64,9 @@ export type Request =
       revision: number;
       layers?: Partial<Record<Layer, readonly Feature[]>>;
       settings?: Record<string, Group>;
+      variant: string;
     }
+  | { type: 'compare'; variant: string }
   | { type: 'view'; map: string; trajectories: number }
   | { type: 'run' | 'stop' | 'cancel' | 'take_over' }
   | { type: Task; name: string; overwrite: boolean }
@@ -82,6 +85,7 @@ export interface Welcome {
   texts: Record<string, string>;
   recent: { name: string; folder: string }[];
   document: CaseDocument;
+  variants: CaseDocument[];
   revision: number;
   forms: Forms;
   maps: MapName[];
@@ -118,7 +122,7 @@ export type Text =
   | { type: 'document'; document: CaseDocument; revision: number } // as another window left it
   | { type: 'done'; task: LongTask; files: string[] }
   | { type: 'refused'; task: string; text: string; exists: boolean }
-  | { type: 'saved'; files: string[]; document_revision: number }
+  | { type: 'saved'; files: string[]; remark: string; document_revision: number }
   | { type: 'fault'; text: string };
 
 export interface TerrainMessage {
@@ -177,6 +181,7 @@ export interface OverlayHeader {
 export interface BatchMessage {
   type: 'batch';
   revision: number;
+  variant?: string; // of the case, run besides the document
   boulders: number;
   total: number;
   complete: boolean;
@@ -192,6 +197,7 @@ export interface BatchMessage {
 export interface TrajectoriesMessage {
   type: 'trajectories';
   revision: number;
+  variant?: string;
   append: boolean;
   count: number;
 }
@@ -254,6 +260,11 @@ export function decode(message: ArrayBuffer): Binary {
     arrays.set(name, { values: new KINDS[dtype](message, payload + offset, size), shape });
   }
   return new Binary(header, arrays);
+}
+
+/** Name of the variant of the case that results are of; '' for those of the document. */
+export function variantOf({ header }: Binary): string {
+  return (header.type === 'batch' || header.type === 'trajectories' ? header.variant : undefined) ?? '';
 }
 
 /** Narrow a binary message to those of a type. */

@@ -197,13 +197,14 @@ class Room:
     def _edit(self, client: Client, message: dict[str, Any]) -> None:
         revision = message.get("revision")
         layers, settings = message.get("layers", {}), message.get("settings", {})
+        variant = message.get("variant", "")
         if type(revision) is not int or not 0 < revision <= MAX_REVISION:
             raise Refused(say("app.server_wrong_type", name="revision"))
         if not isinstance(layers, dict) or not isinstance(settings, dict):
             raise Refused(say("app.server_wrong_type", name="edit"))
         with self._lock:  # its results come after it
             live = self._live()
-            live.edit(revision, layers, settings)
+            live.edit(revision, layers, settings, variant)
             if readers := [one for one in self._clients if one is not client]:
                 content = document_message(live)
                 for one in readers:
@@ -221,6 +222,12 @@ class Room:
             raise Refused(say("app.server_wrong_type", name="trajectories"))
         self._shown.look(View(name, number))
 
+    def _compare(self, _: Client, message: dict[str, Any]) -> None:
+        live, variant = self._live(), message.get("variant")
+        if not isinstance(variant, str) or variant not in live.site.variants.documents:
+            raise Refused(say("app.server_wrong_type", name="variant"))
+        live.compare(variant)
+
     def _run(self, running: bool) -> None:
         self._live().run(running)
 
@@ -236,10 +243,10 @@ class Room:
             if self._task is not None and self._task.name == name:
                 raise Refused(say("app.server_busy"))  # it runs the case of this name
             check_free(live.site.folder, others(name), overwrite)
-            files = save(live.site, document, name, overwrite)
-        note_recent(files[0])
-        names = [one.name for one in files]
-        self._send("saved", text_message("saved", files=names, document_revision=revision))
+            saved = save(live.site, document, name, overwrite)
+        note_recent(saved.files[0])
+        about = {"files": [one.name for one in saved.files], "remark": saved.remark}
+        self._send("saved", text_message("saved", **about, document_revision=revision))
         return name
 
     def _start_task(self, _: Client, message: dict[str, Any]) -> None:
@@ -286,6 +293,7 @@ def about_shown(shown: Shown | None) -> dict[str, Any]:
         return {
             "mode": "start", "title": "", "file": "", "folder": "", "revision": 0, "maps": [],
             "document": Document().content(), "forms": {"settings": {}, "layers": {}},
+            "variants": [],
             "view": View("", 0)._asdict(),
         }  # fmt: skip
     site, document = shown.site, shown.document
@@ -295,6 +303,7 @@ def about_shown(shown: Shown | None) -> dict[str, Any]:
         "maps": map_choices(shown.maps), "document": document.content(),
         "forms": {"settings": _forms(site.settings_forms), "layers": _forms(site.layer_forms)},
         "view": shown.view._asdict(),
+        "variants": [one.content() for one in site.variants.documents.values()],
     }  # fmt: skip
 
 
@@ -311,6 +320,7 @@ def document_message(shown: Shown) -> str:
 _ACTIONS: dict[str, Callable[[Room, Client, dict[str, Any]], object]] = {
     "edit": Room._edit,
     "view": Room._view,
+    "compare": Room._compare,
     "run": lambda room, *_: room._run(True),
     "stop": lambda room, *_: room._run(False),
     "save": lambda room, _, message: room._save(message, lambda _: []),

@@ -87,7 +87,8 @@ class Task:
     def _run(self, path: Path) -> Any:
         """Result of the case in a file."""
         begun, what = time.perf_counter(), say("app.server_simulating")
-        with open_session(read_case(path)) as session:
+        case = read_case(path).replace(variant=[])
+        with open_session(case) as session:
             for batch in session.run(cancel=self._cancel, batch_seconds=TELL_SECONDS):
                 spent, total = time.perf_counter() - begun, batch.total
                 left = spent / batch.boulders * (total - batch.boulders)
