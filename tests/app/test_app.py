@@ -14,9 +14,10 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from subprocess import PIPE
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -38,6 +39,7 @@ from rockfall.app.outbox import Outbox  # noqa: E402
 from rockfall.app.room import Client, Room  # noqa: E402
 from rockfall.app.saving import save  # noqa: E402
 from rockfall.app.server import FILES, Server, bind  # noqa: E402
+from rockfall.cli.command_line import main  # noqa: E402
 from rockfall.errors import RockfallError  # noqa: E402
 from rockfall.plots import style  # noqa: E402
 from same import same_bits  # noqa: E402
@@ -914,6 +916,86 @@ def test_a_task_can_be_cancelled_and_leaves_no_result(serve, visit):
     assert not Path("long.nc").exists() and not Path("long_layers").exists()
 
 
+PROGRAM = """
+import sys
+from pathlib import Path
+from rockfall.app import server, tasks
+from rockfall.cli.command_line import main
+server.PAGE = Path("page")
+tasks.SAVE_SECONDS = 0.01
+sys.exit(main(["app", "case.nml", "--no-browser"]))
+"""
+
+
+@contextmanager
+def program():
+    """The window as a process of its own, which is killed at the end, and how to enter it."""
+    command = [sys.executable, "-c", PROGRAM]
+    with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as child:
+        address = child.stdout.readline()
+        port, key = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/#key=([\w-]{32})\n", address).groups()
+        try:
+            yield child, SimpleNamespace(port=int(port), key=key)
+        finally:
+            child.kill()
+
+
+def test_a_run_to_a_file_has_the_bits_of_the_command_line(serve, visit):
+    page = visit(serve())
+    assert page.until("unfinished")["runs"] == []
+    page.send("simulate", name="long")
+    found = page.all_until("done", task="simulate")
+    assert found[-1]["files"] == ["long.nc"]
+    told = [(one["done"], one["total"]) for one in found if one["type"] == "progress"]
+    assert told[-1] == (120, 120)
+    assert main(["run", "long.nml", "--quiet", "--output", "other.nc"]) == 0
+    same_variables(rockfall.read_result("long.nc"), rockfall.read_result("other.nc"))
+    assert sorted(one.name for one in Path().glob("long.*")) == ["long.gpkg", "long.nc", "long.nml"]
+
+
+def test_a_run_to_a_file_that_is_stopped_goes_on(serve, visit):
+    page = visit(serve())
+    page.edit(1, settings={"case": {"boulders_total": 40_000}})
+    page.send("stop")
+    page.send("simulate", name="long")
+    page.until("progress")
+    page.send("cancel")
+    *_, (run,), _ = [one.get("runs") for one in page.all_until("refused", task="simulate")]
+    assert run["name"] == "long" and 0 < run["boulders"] < 40_000
+    assert not Path("long.nc").exists()
+    page.send("simulate", name="long", overwrite=False)
+    assert page.until("refused")["exists"]
+    later = visit(serve())
+    assert later.until("unfinished")["runs"] == [run]
+    for name in "other", "../long", 5:
+        later.send("resume", name=name)
+        assert later.until("refused", task="resume")
+    later.send("resume", name="long")
+    found = later.all_until("done", task="simulate")
+    assert min(one["done"] for one in found if one["type"] == "progress") >= run["boulders"]
+    assert found[-2] == {"type": "unfinished", "runs": []}
+    fresh = rockfall.run(rockfall.read_case("long.nml"))
+    same_variables(fresh, rockfall.read_result("long.nc"))
+
+
+def test_a_run_to_a_file_outlives_its_window(serve, visit):
+    with program() as (child, server):
+        page = visit(server)
+        page.edit(1, settings={"case": {"boulders_total": 40_000}})
+        page.send("simulate", name="long")
+        page.until("saved")
+        while not Path("long.nc.checkpoint").exists():
+            time.sleep(0.01)
+        child.kill()
+    assert not Path("long.nc").exists()
+    page = visit(serve())
+    (run,) = page.until("unfinished")["runs"]
+    assert run["name"] == "long" and run["boulders"] > 0
+    page.send("resume", name="long")
+    page.until("done", task="simulate")
+    assert rockfall.read_result("long.nc").sizes["boulder"] == 40_000
+
+
 def test_the_second_page_reads_until_it_takes_over(serve, visit):
     server = serve()
     first, second = visit(server), visit(server, {"language": "de"})
@@ -947,7 +1029,7 @@ def test_a_page_that_comes_later_gets_what_is_known(serve, visit):
     first.until("trajectories", append=False)
     second = visit(server)
     kinds = [one["type"] for one in second.all_until("trajectories")]
-    assert kinds == ["welcome", "terrain", "state", "batch", "trajectories"]
+    assert kinds == ["welcome", "unfinished", "terrain", "state", "batch", "trajectories"]
 
 
 def test_the_server_ends_when_the_last_page_has_closed(place, visit):
@@ -965,22 +1047,9 @@ def test_the_server_ends_when_the_last_page_has_closed(place, visit):
     assert not thread.is_alive()
 
 
-INTERRUPTED = """
-import sys
-from pathlib import Path
-from rockfall.app import server
-from rockfall.cli.command_line import main
-server.PAGE = Path("page")
-sys.exit(main(["app", "case.nml", "--no-browser"]))
-"""
-
-
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_ends_the_server_quietly(place, stop):
-    command = [sys.executable, "-c", INTERRUPTED]
-    with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as child:
-        address = child.stdout.readline()
-        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/#key=[\w-]{32}\n", address)
+    with program() as (child, _):
         child.send_signal(stop)
         said, errors = child.communicate(timeout=30)
     assert (said, errors, child.returncode) == ("", "", 0)

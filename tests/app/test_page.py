@@ -25,6 +25,9 @@ from made import make_raster  # noqa: E402
 from rockfall.app.room import Room  # noqa: E402
 from rockfall.app.server import Server, bind  # noqa: E402
 from rockfall.app.show import PAGE, show  # noqa: E402
+from rockfall.scene.read import read_scene  # noqa: E402
+from rockfall.simulation.checkpoint import Checkpoint  # noqa: E402
+from rockfall.simulation.simulate import simulate  # noqa: E402
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::UserWarning"),
@@ -285,6 +288,21 @@ def test_variants_of_the_case_are_compared_and_made_current(browser):
         bare = window.changed(lambda: window.click('[data-variant="bare"] [data-action="restore"]'))
         assert [*bare] == ["L"] and window.layers["barriers"] == []
         browser.get("about:blank")
+
+
+def test_a_run_that_was_stopped_is_offered_and_goes_on(browser):
+    Path("long.nml").write_text(CASE, encoding="utf-8")
+    scene = read_scene(rockfall.read_case("long.nml"))
+    simulate(scene, checkpoint=Checkpoint("long.nc", 1e9, keep=True))
+    with served("case.nml") as server:
+        resize(browser, 1280, 800)
+        window = open_window(browser, server)
+        window.click('[data-action="resume"]')
+        window.until("the result", "document.querySelector('dialog[open] .files')")
+        assert window.text("dialog[open] .files") == "long.nc"
+        assert browser.find_elements(By.CSS_SELECTOR, '[data-action="resume"]') == []
+        browser.get("about:blank")
+    assert rockfall.read_result("long.nc").sizes["boulder"] == 200
 
 
 def test_a_second_page_reads_until_it_takes_over(browser):

@@ -100,6 +100,7 @@ export class CaseWindow {
   private batch: Binary<BatchMessage> | null = null;
   private trajectories: Trajectories | null = null;
   private variants: Snapshot[];
+  private unfinished: readonly { name: string; boulders: number }[] = [];
   private mode: Mode = 'map';
   private bySpeed = false;
   private wanted: Welcome['view'];
@@ -250,8 +251,12 @@ export class CaseWindow {
       case 'done':
         this.output.done(message.files);
         return;
+      case 'unfinished':
+        this.unfinished = message.runs;
+        this.offerUnfinished();
+        return;
       case 'refused':
-        if (message.task === 'save' || isLong(message.task)) this.output.refused(message.text, message.exists);
+        if (message.task === 'save' || message.task === 'resume' || isLong(message.task)) this.output.refused(message.text, message.exists);
         else this.shell.notice('refused', 'red', message.text);
         return;
       case 'fault':
@@ -576,6 +581,20 @@ export class CaseWindow {
     this.refresh();
   }
 
+  /** Offer runs to go on that were stopped. */
+  private offerUnfinished(): void {
+    const known = new Set(this.unfinished.map(({ name }) => `unfinished ${name}`));
+    this.shell.clearNotices((name) => name.startsWith('unfinished ') && !known.has(name));
+    if (!this.writer) return;
+    for (const { name, boulders } of this.unfinished)
+      this.shell.notice(
+        `unfinished ${name}`,
+        'amber',
+        say('app.unfinished', { name, n: boulders }),
+        button(say('app.resume'), () => this.output.resume(name), { attributes: { 'data-action': 'resume' } }),
+      );
+  }
+
   private showRole(): void {
     this.legend.enable(this.chooser);
     this.display.enable(this.chooser);
@@ -592,6 +611,7 @@ export class CaseWindow {
         }),
       );
     else this.shell.clearNotice('role');
+    this.offerUnfinished();
   }
 
   private picture(): void {

@@ -58,6 +58,14 @@ export class Output {
     this.name.select();
   }
 
+  /** Let a run go on that was stopped. */
+  resume(name: string): void {
+    this.name.value = name;
+    this.open('simulate');
+    this.connection.send({ type: 'resume', name });
+    this.wait();
+  }
+
   refused(text: string, exists: boolean): void {
     this.name.readOnly = false;
     this.tell(element('p', { class: `alert ${exists || this.cancelled ? 'amber' : 'red'}` }, text));
@@ -118,8 +126,12 @@ export class Output {
       this.name.focus();
       return;
     }
-    this.name.readOnly = true;
     this.connection.send({ type: this.task, name, overwrite });
+    this.wait();
+  }
+
+  private wait(): void {
+    this.name.readOnly = true;
     this.tell(element('p', { class: 'hint' }, say('app.output.working')));
     this.cancelled = false;
     this.saved = [];
@@ -164,5 +176,5 @@ export class Output {
 
 /** True for tasks that report progress. */
 export function isLong(task: string): task is LongTask {
-  return task === 'report' || task === 'export';
+  return task === 'report' || task === 'export' || task === 'simulate';
 }

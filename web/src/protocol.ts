@@ -53,8 +53,8 @@ export interface MapName {
   unit: string;
 }
 
-export type Task = 'save' | 'report' | 'export';
-export type LongTask = 'report' | 'export';
+export type LongTask = 'report' | 'export' | 'simulate';
+export type Task = 'save' | LongTask;
 
 /** From the page to the server. */
 export type Request =
@@ -70,6 +70,7 @@ export type Request =
   | { type: 'view'; map: string; trajectories: number }
   | { type: 'run' | 'stop' | 'cancel' | 'take_over' }
   | { type: Task; name: string; overwrite: boolean }
+  | { type: 'resume'; name: string }
   | { type: 'open_recent'; index: number };
 
 export interface Welcome {
@@ -121,6 +122,7 @@ export type Text =
   | { type: 'role'; writer: boolean }
   | { type: 'document'; document: CaseDocument; revision: number } // as another window left it
   | { type: 'done'; task: LongTask; files: string[] }
+  | { type: 'unfinished'; runs: { name: string; boulders: number }[] } // that can be resumed
   | { type: 'refused'; task: string; text: string; exists: boolean }
   | { type: 'saved'; files: string[]; remark: string; document_revision: number }
   | { type: 'fault'; text: string };

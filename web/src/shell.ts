@@ -123,7 +123,12 @@ export class Shell {
   }
 
   clearNotice(name: string): void {
-    this.notices.querySelector(`[data-notice="${name}"]`)?.remove();
+    this.clearNotices((one) => one === name);
+  }
+
+  clearNotices(those: (name: string) => boolean): void {
+    for (const one of this.notices.querySelectorAll<HTMLElement>('[data-notice]'))
+      if (those(one.dataset['notice'] ?? '')) one.remove();
   }
 }
 

@@ -13,6 +13,7 @@ REPLACED = {
     "batch": ("batch",), "state": ("state", "batch", "trajectories"),
     "trajectories": ("trajectories",), "terrain": ("terrain",), "progress": ("progress",),
     "background": ("background",), "document": ("document",), "variant batch": ("variant batch",),
+    "unfinished": ("unfinished",),
 }  # fmt: skip
 
 

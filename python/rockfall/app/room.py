@@ -26,7 +26,7 @@ from rockfall.app.pictures import MAX_TRAJECTORIES, View, map_choices
 from rockfall.app.places import without_files
 from rockfall.app.recent import note_recent, recent_files
 from rockfall.app.saving import Exists, check_free, check_name, save
-from rockfall.app.tasks import EXPORT, REPORT, Task, outputs
+from rockfall.app.tasks import EXPORT, REPORT, SIMULATE, Task, outputs, unfinished
 from rockfall.errors import RockfallError
 from rockfall.language import LANGUAGES, say, speaking, texts_of
 from rockfall.result.dataset import read_result
@@ -190,6 +190,8 @@ class Room:
             "texts": texts_of(client.language, "app"),
         }  # fmt: skip
         client.send("welcome", text_message("welcome", **about, **about_shown(self._shown)))
+        if isinstance(self._shown, Live) and not self.is_busy:
+            self._offer_unfinished(self._shown, client.send)
         for kind in KEPT:
             for message in self._last.get(kind, []):
                 client.send("kept", message)
@@ -255,16 +257,35 @@ class Room:
             if self.is_busy:
                 raise Refused(say("app.server_busy"))
             name = self._save(message, lambda name: outputs(kind, name))
-            was_running, self._task = live.running, Task(
-                kind, live.site, name, message.get("overwrite", False), live.language,
-                self._send, lambda: self._end_task(live, was_running),
-            )  # fmt: skip
-            live.run(False)
-            self._task.start()
+            self._begin_task(live, kind, name, message.get("overwrite", False))
 
-    def _end_task(self, live: Live, was_running: bool) -> None:
+    def _resume(self, _: Client, message: dict[str, Any]) -> None:
+        live, name = self._live(), check_name(message.get("name"))
+        with self._lock:
+            if self.is_busy:
+                raise Refused(say("app.server_busy"))
+            if name not in unfinished(live.site.folder):
+                raise Refused(say("app.server_unknown", name=name))
+            self._begin_task(live, SIMULATE, name, True, resume=True)
+
+    def _begin_task(self, live: Live, kind: str, name: str, overwrite: bool, **how: bool) -> None:
+        was_running, self._task = live.running, Task(
+            kind, live.site, name, overwrite, live.language, self._send,
+            lambda: self._end_task(live, kind, was_running), **how,
+        )  # fmt: skip
+        live.run(False)
+        self._task.start()
+
+    def _offer_unfinished(self, live: Live, send: Callable[[str, Message], None]) -> None:
+        """Send the runs of the folder that were stopped, and can be resumed."""
+        runs = [{"name": name, "boulders": n} for name, n in unfinished(live.site.folder).items()]
+        send("unfinished", text_message("unfinished", runs=runs))
+
+    def _end_task(self, live: Live, kind: str, was_running: bool) -> None:
         with self._lock:
             self._task = None
+            if kind == SIMULATE:
+                self._offer_unfinished(live, self._send)
         live.run(was_running)
 
     def _cancel(self) -> None:
@@ -326,6 +347,8 @@ _ACTIONS: dict[str, Callable[[Room, Client, dict[str, Any]], object]] = {
     "save": lambda room, _, message: room._save(message, lambda _: []),
     REPORT: Room._start_task,
     EXPORT: Room._start_task,
+    SIMULATE: Room._start_task,
+    "resume": Room._resume,
     "cancel": lambda room, *_: room._cancel(),
     "open_recent": Room._open_recent,
 }
