@@ -365,7 +365,7 @@ class _Progress:
 
     def _tell_trajectories(self, batch: Batch) -> None:
         number = self._view.trajectories
-        new = [one for one in batch.trajectories(number) if one.boulder not in self._sent]
+        new = batch.trajectories(number, skip=self._sent)
         if not new and self._sent:
             return
         append = bool(self._sent)
