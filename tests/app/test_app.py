@@ -577,6 +577,26 @@ def test_trajectories_come_once_each_and_thinned(serve, visit):
     assert found["count"] == 7
 
 
+def test_masses_are_those_of_each_source(serve, visit):
+    page = visit(serve())
+    settings = {"boulder": {"volume": "fixed", "volume_mean": 2.0}}
+    sources = [point(150, 40, density=2000.0), point(90, 40, id="p2")]
+    page.edit(1, layers={"sources": sources}, settings=settings)
+    live = page.until("trajectories", revision=1)["arrays"]
+    assert {*live["mass"].tolist()} == {4000.0, 5600.0}
+    page.send("save", name="dense")
+    page.until("saved")
+    result = rockfall.run(rockfall.read_case("dense.nml"))
+    shown = dict((decoded(one)["type"], one) for _, one in exhibit.Exhibit(result, None).messages())
+    kept = decoded(shown["trajectories"])["arrays"]
+    known = dict(zip(live["boulder"].tolist(), live["mass"].tolist(), strict=True))
+    assert all(known.get(k, m) == m for k, m in zip(kept["boulder"], kept["mass"], strict=True))
+    assert {*kept["mass"].tolist()} == {4000.0, 5600.0}
+    older = exhibit.Exhibit(result.drop_vars("mass"), None)
+    (unknown,) = [decoded(one) for kind, one in older.messages() if kind == "trajectories"]
+    assert np.isnan(unknown["arrays"]["mass"]).all()
+
+
 def test_another_map_is_another_run_of_the_same_revision(serve, visit):
     page = visit(serve())
     page.until("batch", complete=True)

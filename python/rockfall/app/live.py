@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from threading import Condition, Event, Thread
 from typing import Any
 
-import numpy as np
-
 from rockfall.app.document import Document, Runnable, Site, runnable, with_output
 from rockfall.app.features import Frame
 from rockfall.app.messages import Message, Refused, fault_message, text_message
@@ -230,7 +228,7 @@ class Live:
         if not errors:
             assert self._session is not None and self._ground is not None
             self._show_background(made)
-            self._progress = self._begin(made, self._cancel, {"revision": revision}, self._send)
+            self._progress = self._begin(self._cancel, {"revision": revision}, self._send)
 
     def _begin_aside(self, variant: Document) -> None:
         """Begin the run of a variant that is compared."""
@@ -243,16 +241,14 @@ class Live:
             return
         about = {"revision": 0, "variant": variant.variant}
         self._aside = self._begin(
-            made, self._closing, about, lambda kind, message: self._send(f"variant {kind}", message)
+            self._closing, about, lambda kind, message: self._send(f"variant {kind}", message)
         )
 
-    def _begin(self, made: Runnable, cancel: Event, about: dict[str, Any], send: Send) -> _Progress:
+    def _begin(self, cancel: Event, about: dict[str, Any], send: Send) -> _Progress:
         """Begin a run of the session."""
         assert self._session is not None and self._ground is not None
         batches = self._session.run(cancel=cancel, batch_seconds=STEP)
-        return _Progress(
-            batches, about, self.view, self._ground, _densities(made), send, self.language
-        )
+        return _Progress(batches, about, self.view, self._ground, send, self.language)
 
     def _show_background(self, made: Runnable) -> None:
         """Send what of the case is no feature, if it has changed."""
@@ -293,23 +289,16 @@ def _changes(before: Case, after: Case) -> dict[str, Any]:
     return changes
 
 
-def _densities(made: Runnable) -> np.ndarray:
-    """Density of the case, and that of each source."""
-    usual = made.case.boulder["density"]
-    sources = made.layers["sources"].features if "sources" in made.layers else ()
-    return np.array([usual, *(one.properties.get("density", usual) for one in sources)])
-
-
 class _Progress:
     """A run, and what of it has been sent."""
 
     def __init__(
         self, batches: Iterator[Batch], about: dict[str, Any], view: View, ground: Ground,
-        density: np.ndarray, send: Send, language: str,
+        send: Send, language: str,
     ) -> None:  # fmt: skip
         self.over, self.told_running = False, True
         self._batches, self._about, self._view = batches, about, view
-        self._ground, self._density, self._send = ground, density, send
+        self._ground, self._send = ground, send
         self._language = language
         self._sent: set[int] = set()  # numbers of the boulders whose trajectories were sent
         self._begun = time.perf_counter()
@@ -370,6 +359,6 @@ class _Progress:
             return
         append = bool(self._sent)
         self._sent |= {one.boulder for one in new}
-        mass = masses(batch.dataset(), [one.boulder for one in new], self._density)
+        mass = masses(batch.dataset(), [one.boulder for one in new], batch.case)
         message = trajectory_message(new, mass, self._ground, **self._about, append=append)
         self._send("more" if append else "trajectories", message)

@@ -240,17 +240,19 @@ def _points(path: Trajectory, ground: Ground) -> np.ndarray:
     return np.column_stack([plan, path.z[chosen], path.time[chosen], path.speed[chosen]])
 
 
-def masses(result: xr.Dataset, boulders: Sequence[int], density: np.ndarray) -> np.ndarray:
-    """Mass of boulders by their numbers [kg]; NaN without rows. `density` is that of the case, and
-    of each feature of its sources, if these have one."""
+def masses(result: xr.Dataset, boulders: Sequence[int], case: Case) -> np.ndarray:
+    """Mass of boulders by their numbers [kg]; NaN without rows, and where sources may have given
+    densities to a version that did not record masses."""
     known = result["boulder"].values
     order = np.argsort(known)
     place = np.searchsorted(known, boulders, sorter=order).clip(max=max(known.size - 1, 0))
     if not known.size:
         return np.full(len(boulders), np.nan)
     row = order[place]
-    feature = np.zeros(row.size, int)
-    if density.size > 1 and "source_feature" in result:
-        feature = result["source_feature"].values[row]
-    mass = result["volume"].values[row] * density[feature]
-    return np.where(known[row] == boulders, mass, np.nan)
+    if "mass" in result:
+        mass = result["mass"].values
+    else:
+        known_density = "source_feature" not in result and "rock_density" not in case.boulder
+        density = case.boulder["density"] if known_density else np.nan
+        mass = density * result["volume"].values
+    return np.where(known[row] == boulders, mass[row], np.nan)
