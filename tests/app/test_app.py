@@ -796,6 +796,30 @@ def test_variants_of_a_case_are_listed_run_and_taken_as_the_document(serve, vari
         page.until("refused" if kind == "compare" else "state")
 
 
+def test_a_variant_that_is_compared_brings_its_trees(serve, place, visit):
+    Path("trees.csv").write_text(f"x,y,dbh,species\n{W + 50},{N - 300},40,Picea\n")
+    groups = "&forest trees = 'trees.csv' /\n&variant name = 'felled', without = 'forest' /\n"
+    Path("wood.nml").write_text(CASE + groups, encoding="utf-8")
+    page = visit(serve("wood.nml"))
+    present = page.until("background")
+    assert "variant" not in present and present["arrays"]["trees"].tolist() == [
+        [W + 50, N - 300, 40]
+    ]
+    page.until("batch", complete=True)
+    page.send("compare", variant="felled")
+    assert page.until("background", variant="felled")["trees"] == 0
+
+
+def test_all_maps_have_names_in_the_language_of_the_page(serve, visit):
+    server = serve()
+    english, german = (
+        {one["name"]: one["label"] for one in visit(server, {"language": tongue}).get()["maps"]}
+        for tongue in ("en", "de")
+    )
+    assert {*english} == {*german} and len(english) > 50
+    assert [name for name in english if english[name] == german[name]] == []
+
+
 def test_variants_are_saved_with_what_they_name(varied, place):
     site, document = open_site(varied)
     drawn = [one._asdict() for one in document.layers["lines"]] + [line(100, id="m", name="M")]

@@ -5,6 +5,7 @@ import json
 import threading
 import time
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ pytest.importorskip("starlette", reason="the app extra is not installed")
 pytest.importorskip("uvicorn", reason="the app extra is not installed")
 pytest.importorskip("selenium", reason="selenium is not installed")
 pytest.importorskip("shapely", reason="the vector extra is not installed")
+imread = pytest.importorskip("matplotlib.image", reason="the report extra is not installed").imread
 from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
 from selenium.webdriver.common.actions.action_builder import ActionBuilder  # noqa: E402
 from selenium.webdriver.common.by import By  # noqa: E402
@@ -35,6 +37,7 @@ pytestmark = [
 ]
 
 W, N = 600000.0, 5000000.0
+TREES = 0x00, 0x7A, 0x59  # their colour
 CASE = f"""&case title = 'Hang', boulders_total = 200, seed = 7, threads = 1 /
 &terrain dem = 'dem.tif' /
 &surface uniform_mean_radius = 0.25 /
@@ -288,6 +291,32 @@ def test_variants_of_the_case_are_compared_and_made_current(browser):
         bare = window.changed(lambda: window.click('[data-variant="bare"] [data-action="restore"]'))
         assert [*bare] == ["L"] and window.layers["barriers"] == []
         browser.get("about:blank")
+
+
+def test_states_are_compared_with_their_trees_and_counts_with_whole_numbers(browser):
+    rows = [f"{W + 20 + 5 * k},{N - 20 - 7 * k},50,Picea" for k in range(50)]
+    Path("trees.csv").write_text("\n".join(["x,y,dbh,species", *rows]))
+    groups = "&forest trees = 'trees.csv' /\n&variant name = 'felled', without = 'forest' /\n"
+    few = CASE.replace("boulders_total = 200", "boulders_total = 3")
+    Path("wood.nml").write_text(few + groups, encoding="utf-8")
+    with served("wood.nml") as server:
+        resize(browser, 1280, 800)
+        window = open_window(browser, server)
+        ticks = window.text(".legend .ticks").split()
+        assert len(ticks) > 1 and {*ticks} <= {*"123"}
+        window.click('[data-tab="variants"]')
+        window.click('[data-variant="felled"] [data-action="compare"]')
+        window.until("a comparison", "document.querySelector('.compare-table td.difference')")
+        time.sleep(0.5)
+        felled, present = browser.find_elements(By.CSS_SELECTOR, ".compare-side .map")
+        assert green(felled) == 0 < green(present)
+        browser.get("about:blank")
+
+
+def green(element):
+    """Number of pixels of an element whose colour is near that of trees."""
+    pixels = 255 * imread(BytesIO(element.screenshot_as_png))[..., :3]
+    return (abs(pixels - TREES).max(axis=-1) < 40).sum()
 
 
 def test_a_run_that_was_stopped_is_offered_and_goes_on(browser):

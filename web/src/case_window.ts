@@ -21,6 +21,7 @@ import {
   isOf,
   LAYERS,
   variantOf,
+  type BackgroundMessage,
   type BatchMessage,
   type Binary,
   type CaseDocument,
@@ -96,6 +97,7 @@ export class CaseWindow {
   private terrain: Terrain | null = null;
   private cell = 1; // of the terrain as it is simulated [m]
   private shade: Shade | null = null;
+  private background: Binary<BackgroundMessage> | null = null;
   private state: State = { type: 'state', revision: 0, errors: [], warnings: [] };
   private batch: Binary<BatchMessage> | null = null;
   private trajectories: Trajectories | null = null;
@@ -269,24 +271,19 @@ export class CaseWindow {
 
   receiveBinary(message: Binary): void {
     if (isOf(message, 'terrain')) this.setTerrain(message);
-    else if (isOf(message, 'background')) {
+    else if (variantOf(message)) {
+      this.variants = withResults(this.variants, message);
+      this.refresh();
+      if (this.mode === 'compare') this.compare.update(this.states());
+    } else if (isOf(message, 'background')) {
       const { zones, sources, trees } = message.header;
       const cells = message.u1('zones');
-      this.view.setBackground(
-        message.header,
-        cells,
-        this.shade,
-        message.f8('sources')?.values ?? null,
-        message.f8('trees')?.values ?? null,
-      );
+      this.background = message;
+      this.view.setBackground(message, this.shade?.cell ?? 1);
       this.legend.setZones(cells ? zones : null);
       this.display.offer('zones', cells !== null);
       this.display.offer('background_sources', sources > 0);
       this.display.offer('trees', trees > 0);
-    } else if (variantOf(message)) {
-      this.variants = withResults(this.variants, message);
-      this.refresh();
-      if (this.mode === 'compare') this.compare.update(this.states());
     } else if (message.header.type === 'batch' || message.header.type === 'trajectories') {
       if (message.header.revision < this.sender.revision) return; // of an older state
       if (isOf(message, 'batch')) this.setBatch(message);
@@ -491,6 +488,7 @@ export class CaseWindow {
       batch: this.batch.header,
       overlay: this.batch.f4('overlay'),
       trajectories: this.trajectories,
+      background: this.background,
     };
   }
 

@@ -5,7 +5,7 @@ import { button, element, select } from './dom';
 import { Legend } from './legend';
 import { MapView } from './map/map_view';
 import { estimate, percent, QUANTITIES } from './panels/statistics';
-import type { Estimate, LineStatistics, OverlayHeader } from './protocol';
+import type { BackgroundMessage, Binary, Estimate, LineStatistics, OverlayHeader } from './protocol';
 import { decimal, rounded, say, sayOr, supportedDecimals } from './texts';
 import { difference, type Snapshot } from './variants';
 import type { Shade, Terrain } from './view3d/view3d';
@@ -16,11 +16,12 @@ class Side {
   private readonly target = element('div', { class: 'map' });
   private readonly choice = element('div', { class: 'compare-choice' });
   private offered = '';
+  private background: Binary<BackgroundMessage> | null = null;
 
   constructor(
     private readonly letter: string,
     terrain: Terrain,
-    shade: Shade | null,
+    private readonly shade: Shade | null,
   ) {
     this.root.append(this.target, this.choice);
     this.view = new MapView(this.target);
@@ -29,7 +30,9 @@ class Side {
 
   show(snapshot: Snapshot, scale: ColourScale | null): void {
     this.view.showDocument(snapshot.document.layers);
-    const { batch, overlay } = snapshot;
+    const { batch, overlay, background } = snapshot;
+    if (background !== this.background) this.view.setBackground(background, this.shade?.cell ?? 1);
+    this.background = background;
     this.view.setResult(batch?.overlay ?? null, overlay?.values ?? null, overlay?.shape ?? []);
     this.view.dim(!batch?.complete);
     if (scale) this.view.paintResult(scale);

@@ -144,6 +144,7 @@ export interface TerrainMessage {
 }
 export interface BackgroundMessage {
   type: 'background';
+  variant?: string;
   zones: { value: number; name: string }[];
   sources: number;
   trees: number;
@@ -179,6 +180,7 @@ export interface OverlayHeader {
   low: number;
   high: number;
   scale: 'linear' | 'log';
+  whole: boolean; // counts
 }
 export interface BatchMessage {
   type: 'batch';
@@ -266,7 +268,7 @@ export function decode(message: ArrayBuffer): Binary {
 
 /** Name of the variant of the case that results are of; '' for those of the document. */
 export function variantOf({ header }: Binary): string {
-  return (header.type === 'batch' || header.type === 'trajectories' ? header.variant : undefined) ?? '';
+  return (header.type === 'terrain' ? undefined : header.variant) ?? '';
 }
 
 /** Narrow a binary message to those of a type. */

@@ -1,6 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Variants: states that were kept, with their document, statistics and picture; and how two differ.
-import { isOf, variantOf, type BatchMessage, type Binary, type CaseDocument, type Estimate } from './protocol';
+import {
+  isOf,
+  variantOf,
+  type BackgroundMessage,
+  type BatchMessage,
+  type Binary,
+  type CaseDocument,
+  type Estimate,
+} from './protocol';
 import { extended } from './trajectories';
 import type { Trajectories } from './view3d/view3d';
 
@@ -11,11 +19,12 @@ export interface Snapshot {
   batch: BatchMessage | null; // null for a variant of the case that has not been run
   overlay: { values: Float32Array; shape: number[] } | null;
   trajectories: Trajectories | null;
+  background: Binary<BackgroundMessage> | null;
 }
 
 /** A variant of the case, until it is run. */
 export function unrun(document: CaseDocument): Snapshot {
-  return { name: document.variant, document, batch: null, overlay: null, trajectories: null };
+  return { name: document.variant, document, batch: null, overlay: null, trajectories: null, background: null };
 }
 
 /** Snapshots in which results of a variant of the case are those of a message. */
@@ -28,7 +37,7 @@ export function withResults(snapshots: readonly Snapshot[], message: Binary): Sn
       const trajectories = extended(one.trajectories, message);
       return { ...one, trajectories };
     }
-    return one;
+    return isOf(message, 'background') ? { ...one, background: message } : one;
   });
 }
 

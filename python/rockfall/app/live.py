@@ -240,6 +240,7 @@ class Live:
             self._send("refused", text_message("refused", task="compare", text=text, exists=False))
             return
         about = {"revision": 0, "variant": variant.variant}
+        self._send("variant background", self._background(made, variant=variant.variant)[1])
         self._aside = self._begin(
             self._closing, about, lambda kind, message: self._send(f"variant {kind}", message)
         )
@@ -252,17 +253,20 @@ class Live:
 
     def _show_background(self, made: Runnable) -> None:
         """Send what of the case is no feature, if it has changed."""
+        seen, message = self._background(made)
+        if not all(one is other for one, other in zip(seen, self._seen, strict=True)):
+            self._seen = seen
+            self._send("background", message)
+
+    def _background(self, made: Runnable, **about: Any) -> tuple[tuple[Any, Any, Any], bytes]:
+        """What of the case is no feature, and its message."""
         assert self._session is not None and self._ground is not None
         scene, drawn = scene_of(self._session), made.layers
         zones = None if "zones" in drawn else scene.rasters.zone
         sources = None if "sources" in drawn else scene.x
-        seen = zones, sources, scene.trees
-        if all(one is other for one, other in zip(seen, self._seen, strict=True)):
-            return
-        self._seen = seen
         rows = {} if zones is None else case_zones(made.case)
-        message = background_message(scene, rows, sources is not None, self._ground)
-        self._send("background", message)
+        message = background_message(scene, rows, sources is not None, self._ground, **about)
+        return (zones, sources, scene.trees), message
 
     def _change(self, made: Runnable) -> None:
         """Open the session, or change it; a layer that is as before keeps its frame."""

@@ -22,6 +22,7 @@ from rockfall.plots.cartography.relief import shade
 from rockfall.plots.extent import of_none
 from rockfall.quantities import QUANTITIES
 from rockfall.result.classes import map_unit, shown_as
+from rockfall.result.map_labels import map_label
 from rockfall.result.samples import has_rows, simulated
 from rockfall.result.trajectories import POINTS, Trajectory, ended
 from rockfall.result.variables import MAP, STATUS, TYPES
@@ -85,7 +86,7 @@ class Ground:
 
 
 def background_message(
-    scene: Scene, zones: dict[int, Zone], sources: bool, ground: Ground
+    scene: Scene, zones: dict[int, Zone], sources: bool, ground: Ground, **about: Any
 ) -> bytes:
     """Message `background`: what of a case is no feature of its document. `zones` are the rows of
     its raster of zones; `sources`: whether it has others than drawn ones."""
@@ -108,7 +109,7 @@ def background_message(
     number = {"sources": scene.x.size if sources else 0, "trees": 0}
     if scene.trees is not None:
         number["trees"] = len(scene.trees.x)
-    return binary_message("background", arrays, zones=known, **number)
+    return binary_message("background", arrays, **about, zones=known, **number)
 
 
 def sampled_rows(most: int, *columns: np.ndarray) -> np.ndarray:
@@ -117,13 +118,16 @@ def sampled_rows(most: int, *columns: np.ndarray) -> np.ndarray:
     return np.column_stack([one[::step] for one in columns]).astype("f8")
 
 
-def map_choices(names: Sequence[str]) -> list[dict[str, str]]:
+def map_choices(names: Sequence[str], language: str) -> list[dict[str, str]]:
     """Maps of these names, with their labels and units."""
-    found = []
-    for name in names:
-        unit, _ = map_unit(name, MAP[name]["units"], np.dtype(TYPES["map"][name]))
-        found.append({"name": name, "label": MAP[name]["long_name"], "unit": unit})
-    return found
+    with speaking(language):
+        return [_about_map(name) for name in names]
+
+
+def _about_map(name: str) -> dict[str, str]:
+    """Name, label and unit of a map, in the language in force."""
+    unit, _ = map_unit(name, MAP[name]["units"], np.dtype(TYPES["map"][name]))
+    return {"name": name, "label": map_label(name, MAP[name]["long_name"]), "unit": unit}
 
 
 def batch_message(
@@ -136,7 +140,8 @@ def batch_message(
     arrays = _stops(result, ground)
     overlay = None
     if shown and shown in result:
-        overlay, arrays["overlay"] = _overlay(result, shown)
+        with speaking(language):
+            overlay, arrays["overlay"] = _overlay(result, shown)
     return binary_message(
         "batch", arrays, **about, warnings=warnings, ended=ended(result), statuses=STATUS,
         lines=_lines(result, statistics), overlay=overlay,
@@ -156,7 +161,7 @@ def _stops(result: xr.Dataset, ground: Ground) -> dict[str, np.ndarray]:
 def _overlay(result: xr.Dataset, shown: str) -> tuple[dict[str, Any], np.ndarray]:
     """A map in its shown unit, thinned by maxima; NaN where no boulder passed."""
     data = result[shown]
-    (unit, factor), (grid, flipped) = shown_as(data), grid_of(data)
+    (_, factor), (grid, flipped) = shown_as(data), grid_of(data)
     values = data.values[::-1] if flipped else data.values
     values = np.where(values > of_none(result, shown), values * factor, np.nan).astype("f4")
     step = int(max(values.shape) / MAX_OVERLAY) + 1
@@ -164,11 +169,11 @@ def _overlay(result: xr.Dataset, shown: str) -> tuple[dict[str, Any], np.ndarray
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     about = {
-        "name": shown, "label": MAP[shown]["long_name"], "unit": unit, "west": grid.west,
-        "north": grid.north, "cell": grid.cell * step, "low": low, "high": high,
+        "west": grid.west, "north": grid.north, "cell": grid.cell * step, "low": low, "high": high,
         "scale": "log" if low > 0 and high > WIDE * low else "linear",
+        "whole": data.dtype.kind in "iu",
     }  # fmt: skip
-    return about, values
+    return _about_map(shown) | about, values
 
 
 def _lines(result: xr.Dataset, statistics: pd.DataFrame) -> list[dict[str, Any]]:

@@ -189,7 +189,8 @@ class Room:
             "language": client.language, "languages": LANGUAGES, "limits": limits,
             "texts": texts_of(client.language, "app"),
         }  # fmt: skip
-        client.send("welcome", text_message("welcome", **about, **about_shown(self._shown)))
+        about |= about_shown(self._shown, client.language)
+        client.send("welcome", text_message("welcome", **about))
         if isinstance(self._shown, Live) and not self.is_busy:
             self._offer_unfinished(self._shown, client.send)
         for kind in KEPT:
@@ -308,8 +309,8 @@ class Room:
         return self._shown
 
 
-def about_shown(shown: Shown | None) -> dict[str, Any]:
-    """Part of the welcome that depends on the opened file."""
+def about_shown(shown: Shown | None, language: str) -> dict[str, Any]:
+    """Part of the welcome that depends on the opened file, in a language."""
     if shown is None:
         return {
             "mode": "start", "title": "", "file": "", "folder": "", "revision": 0, "maps": [],
@@ -321,7 +322,7 @@ def about_shown(shown: Shown | None) -> dict[str, Any]:
     return {
         "mode": site.mode, "title": document.settings.get("case", {}).get("title", ""),
         "file": site.file.name, "folder": str(site.folder), "revision": shown.revision,
-        "maps": map_choices(shown.maps), "document": document.content(),
+        "maps": map_choices(shown.maps, language), "document": document.content(),
         "forms": {"settings": _forms(site.settings_forms), "layers": _forms(site.layer_forms)},
         "view": shown.view._asdict(),
         "variants": [one.content() for one in site.variants.documents.values()],
