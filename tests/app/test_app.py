@@ -967,15 +967,16 @@ from rockfall.app import server, tasks
 from rockfall.cli.command_line import main
 server.PAGE = Path("page")
 tasks.SAVE_SECONDS = 0.01
-sys.exit(main(["app", "case.nml", "--no-browser"]))
+sys.exit(main(["app", "case.nml", *sys.argv[1:]]))
 """
 
 
 @contextmanager
-def program():
+def program(*options, **environment):
     """The window as a process of its own, which is killed at the end, and how to enter it."""
-    command = [sys.executable, "-c", PROGRAM]
-    with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as child:
+    command = [sys.executable, "-c", PROGRAM, *(options or ("--no-browser",))]
+    about = {"stdout": PIPE, "stderr": PIPE, "text": True, "env": os.environ | environment}
+    with subprocess.Popen(command, **about) as child:
         address = child.stdout.readline()
         port, key = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/#key=([\w-]{32})\n", address).groups()
         try:
@@ -1089,6 +1090,26 @@ def test_the_server_ends_when_the_last_page_has_closed(place, visit):
     second.close()
     thread.join(20)
     assert not thread.is_alive()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="modes of files are POSIX's")
+def test_command_lines_have_no_key(place, visit):
+    browser = place / "browser"
+    browser.write_text('#!/bin/sh\necho "$@" >asked.new\nmv asked.new asked\n')
+    browser.chmod(0o755)
+    with program("--keep", BROWSER=f"{browser} %s") as (_, server):
+        while not Path("asked").exists():
+            time.sleep(0.01)
+        asked = Path("asked").read_text().strip()
+        assert server.key not in asked
+        file = Path(asked.removeprefix("file://"))
+        assert (file.stat().st_mode & 0o777, file.parent.stat().st_mode & 0o777) == (0o600, 0o700)
+        assert f'url=http://127.0.0.1:{server.port}/#key={server.key}"' in file.read_text()
+        visit(server).until("welcome")
+        end = time.monotonic() + 20
+        while file.parent.exists():
+            assert time.monotonic() < end
+            time.sleep(0.01)
 
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])

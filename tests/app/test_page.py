@@ -24,6 +24,7 @@ import rockfall  # noqa: E402
 import scenes  # noqa: E402
 from browser import open_browser, resize  # noqa: E402
 from made import make_raster  # noqa: E402
+from rockfall.app import server as server_module  # noqa: E402
 from rockfall.app.room import Room  # noqa: E402
 from rockfall.app.server import Server, bind  # noqa: E402
 from rockfall.app.show import PAGE, show  # noqa: E402
@@ -211,6 +212,14 @@ def test_a_case_opens_with_its_statistics(window):
     shown = window.text('[data-line="L"]')
     assert f"{lines['L']['n']} boulders" in shown.replace("\u202f", "")
     assert [one["properties"]["name"] for one in window.layers["lines"]] == ["L"]
+
+
+def test_the_file_that_opens_the_browser_leads_to_the_page(browser, monkeypatch):
+    monkeypatch.setattr("webbrowser.open", browser.get)
+    with served("case.nml") as server, server_module.open_browser(server.url):
+        assert "L" in Window(browser).complete()
+        assert server.key not in browser.current_url
+        browser.get("about:blank")
 
 
 def test_a_source_is_drawn_dragged_and_saved_as_what_the_command_line_runs(window):
