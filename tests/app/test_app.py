@@ -961,12 +961,29 @@ def test_a_task_can_be_cancelled_and_leaves_no_result(serve, visit):
 
 
 PROGRAM = """
+import os
 import sys
+import time
 from pathlib import Path
 from rockfall.app import server, tasks
 from rockfall.cli.command_line import main
 server.PAGE = Path("page")
 tasks.SAVE_SECONDS = 0.01
+
+
+def replace(source, target, rename=os.replace):
+    if str(target).endswith(os.environ.get("HELD", "/")):
+        print("held", flush=True)
+        time.sleep(1000)
+    rename(source, target)
+
+
+os.replace = replace
+if os.environ.get("HELD", "").endswith(".html"):
+    import pytest
+    from made import leave_pictures_blank
+
+    leave_pictures_blank(pytest.MonkeyPatch())
 sys.exit(main(["app", "case.nml", *sys.argv[1:]]))
 """
 
@@ -975,7 +992,9 @@ sys.exit(main(["app", "case.nml", *sys.argv[1:]]))
 def program(*options, **environment):
     """The window as a process of its own, which is killed at the end, and how to enter it."""
     command = [sys.executable, "-c", PROGRAM, *(options or ("--no-browser",))]
-    about = {"stdout": PIPE, "stderr": PIPE, "text": True, "env": os.environ | environment}
+    path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    about = {"stdout": PIPE, "stderr": PIPE, "text": True}
+    about["env"] = os.environ | {"PYTHONPATH": path} | environment
     with subprocess.Popen(command, **about) as child:
         address = child.stdout.readline()
         port, key = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/#key=([\w-]{32})\n", address).groups()
@@ -1039,6 +1058,21 @@ def test_a_run_to_a_file_outlives_its_window(serve, visit):
     page.send("resume", name="long")
     page.until("done", task="simulate")
     assert rockfall.read_result("long.nc").sizes["boulder"] == 40_000
+
+
+@pytest.mark.parametrize("name", ["x.nc", "x.html", "x_layers"])
+def test_a_killed_task_leaves_no_half_file_of_its_name(name, visit):
+    """Killed before the last step, once all has been written."""
+    kind = "export" if name == "x_layers" else "report"
+    with program(HELD="rockfall.gpkg" if kind == "export" else name) as (child, server):
+        page = visit(server)
+        page.send(kind, name="x")
+        assert child.stdout.readline() == "held\n"
+        child.kill()
+    assert not Path(name).exists()
+    assert rockfall.read_case("x.nml").case["boulders_total"] == 120
+    if name != "x.nc":
+        assert rockfall.read_result("x.nc").sizes["boulder"] == 120
 
 
 def test_the_second_page_reads_until_it_takes_over(serve, visit):

@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The live window in a real browser: what an engineer does there, and what must not happen."""
 
+import base64
 import json
+import re
+import shutil
+import subprocess
 import threading
 import time
 from contextlib import contextmanager
@@ -383,6 +387,26 @@ def test_no_request_leaves_the_machine(browser):
     assert {"app.js", "live"} <= {url.rpartition("/")[2] for url in urls}
     assert [url for url in urls if not url.startswith((*own, "data:", "blob:", "about:"))] == []
     assert all(server.key not in url.partition("#")[0] for url in urls)
+
+
+@pytest.mark.parametrize("view", ["map", "scene"])
+def test_paper_has_the_map_and_the_table(view, window, tmp_path):
+    if not shutil.which("pdftotext"):
+        pytest.skip("no pdftotext here: ./run browser")
+    window.click(f'[data-view="{view}"]')
+    printed = window.browser.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})
+    Path("page.pdf").write_bytes(base64.b64decode(printed["data"]))
+    commands = ["pdftotext", "-layout", "page.pdf", "-"], ["pdfimages", "-list", "page.pdf"]
+    text, images = (
+        subprocess.run(command, check=True, capture_output=True, text=True).stdout
+        for command in commands
+    )
+    assert text.count("\f") == 1  # a page
+    boulders = window.complete()["L"]["n"]
+    assert re.search(rf" L \S+ .*{boulders} boulders", re.sub(r"\s+", " ", text))
+    assert "3-D" not in text
+    assert max(int(line.split()[3]) for line in images.splitlines()[2:]) > 500  # pixels
+    window.until("the view of before", f"document.querySelector('[data-mode={view}]')")
 
 
 @pytest.mark.parametrize("width", [390, 1280, 1920])

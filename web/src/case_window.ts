@@ -563,6 +563,7 @@ export class CaseWindow {
       },
       this.ended.signal,
     );
+    window.addEventListener('beforeprint', () => this.print(), { signal: this.ended.signal });
     const sizes = new ResizeObserver(() => this.view.map.updateSize());
     sizes.observe(this.shell.mapTarget);
     this.ended.signal.addEventListener('abort', () => sizes.disconnect());
@@ -613,6 +614,20 @@ export class CaseWindow {
   }
 
   private picture(): void {
+    download(this.drawPicture(), `${this.welcome.file.replace(/\.[^.]*$/, '') || 'map'}.png`);
+  }
+
+  /** Put a picture of the map on the sheet, whatever is shown; the browser prints it with the table. */
+  private print(): void {
+    const { mode } = this;
+    this.show('map');
+    this.view.map.renderSync();
+    for (const one of this.messages.root.querySelectorAll('details')) one.open = true;
+    this.shell.printed(this.drawPicture());
+    window.addEventListener('afterprint', () => this.show(mode), { once: true });
+  }
+
+  private drawPicture(): HTMLCanvasElement {
     const { title, file } = this.welcome;
     const batch = this.batchHeader;
     const notes = [
@@ -620,12 +635,11 @@ export class CaseWindow {
       this.preliminary ? say('app.preliminary') : '',
       new Date().toLocaleDateString(this.welcome.language, { dateStyle: 'long' }),
     ];
-    const picture = drawPicture(this.view, {
+    return drawPicture(this.view, {
       title: title || file,
       notes: [notes.filter(Boolean).join(' · ')],
       result: batch?.overlay ?? null,
       north: say('app.map.north_letter'),
     });
-    download(picture, `${file.replace(/\.[^.]*$/, '') || 'map'}.png`);
   }
 }
