@@ -22,13 +22,13 @@ from rockfall.plots.cartography.relief import shade
 from rockfall.plots.extent import of_none
 from rockfall.quantities import QUANTITIES
 from rockfall.result.classes import map_unit, shown_as
+from rockfall.result.contents import Contents
 from rockfall.result.map_labels import map_label
 from rockfall.result.samples import has_rows, simulated
 from rockfall.result.trajectories import POINTS, Trajectory, ended
 from rockfall.result.variables import MAP, STATUS, TYPES
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
     from rockfall.io.zone_table import Zone
@@ -136,7 +136,7 @@ def batch_message(
     """Message `batch` of the results so far, with the map of a name if there is one."""
     with speaking(language):
         warnings = [f"{one.text}." for one in model_remarks(result, case) if one.is_warning]
-    statistics = line_statistics(result, quantities=SHOWN)
+    lines = _lines(_without_maps(result))
     arrays = _stops(result, ground)
     overlay = None
     if shown and shown in result:
@@ -144,7 +144,7 @@ def batch_message(
             overlay, arrays["overlay"] = _overlay(result, shown)
     return binary_message(
         "batch", arrays, **about, warnings=warnings, ended=ended(result), statuses=STATUS,
-        lines=_lines(result, statistics), overlay=overlay,
+        lines=lines, overlay=overlay,
     )  # fmt: skip
 
 
@@ -176,13 +176,24 @@ def _overlay(result: xr.Dataset, shown: str) -> tuple[dict[str, Any], np.ndarray
     return _about_map(shown) | about, values
 
 
-def _lines(result: xr.Dataset, statistics: pd.DataFrame) -> list[dict[str, Any]]:
+def _without_maps(result: xr.Dataset) -> Contents:
+    """Result without its maps. Of thousands of lines each is looked up many times, which takes most
+    of the time in a Dataset."""
+    held = {
+        str(name): (one.dims, one.values, one.attrs)
+        for name, one in result.variables.items() if "x" not in one.dims
+    }  # fmt: skip
+    return Contents(held, result.attrs, map(str, result.coords))
+
+
+def _lines(result: Contents) -> list[dict[str, Any]]:
     """Statistics of each line, in shown units; null where the package withholds them."""
     found = []
     names = line_names(result)
+    numbers = line_statistics(result, quantities=SHOWN).to_dict("records")
     height = result["barrier_height"].values if "barrier_height" in result else None
     for k, name in enumerate(names):
-        rows = statistics.iloc[k * len(SHOWN) : (k + 1) * len(SHOWN)].to_dict("records")
+        rows = numbers[k * len(SHOWN) : (k + 1) * len(SHOWN)]
         barrier = height is not None and np.isfinite(height[k])
         first = rows[0]
         found.append({
@@ -193,7 +204,7 @@ def _lines(result: xr.Dataset, statistics: pd.DataFrame) -> list[dict[str, Any]]
     return found
 
 
-def _numbers(result: xr.Dataset, line: int, row: dict[str, Any]) -> dict[str, Any]:
+def _numbers(result: Contents, line: int, row: dict[str, Any]) -> dict[str, Any]:
     """Numbers of a quantity at a line, and its histogram."""
     about = QUANTITIES[row["quantity"]]
     withheld, factor = str(row["withheld"]).split(", "), about.factor
@@ -209,7 +220,7 @@ def _numbers(result: xr.Dataset, line: int, row: dict[str, Any]) -> dict[str, An
     return found | {"counts": counts, "edges": factor * edges}
 
 
-def _histogram(result: xr.Dataset, line: int, quantity: str) -> tuple[np.ndarray, np.ndarray]:
+def _histogram(result: Contents, line: int, quantity: str) -> tuple[np.ndarray, np.ndarray]:
     """Counts in equal bins from 0, or the minimum if negative, to the maximum; none without rows
     of the boulders that passed."""
     if result.sizes["boulder"] < simulated(result):
