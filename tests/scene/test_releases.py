@@ -61,7 +61,7 @@ def total(case, n):
 
 def only(result):
     """A result without what says from where it has its sources."""
-    names = [name for name in ("source_feature", "feature") if name in result.variables]
+    names = [name for name in ("source_feature", "feature", "mass") if name in result.variables]
     attrs = {"input_checksums": "", "source_features": "", "decoded_checksums": ""}
     return result.drop_vars(names).assign_attrs(attrs)
 
@@ -121,6 +121,8 @@ def test_attributes_are_those_of_the_feature_or_else_of_the_case(case):
         heights = result["start_z"].values[::2000] - rockfall.run(ground)["start_z"].values
     assert np.allclose(heights, [1.0, 9.0, 5.0, 0.0])
     assert result["feature"].values.tolist() == ["left", "left", "tower", "4"]
+    densities = (result["mass"] / result["volume"]).values.reshape(4, -1)
+    assert np.allclose(densities.T, [2600, 2800, 2500, 2800], rtol=1e-15)
     assert values_of(case, read_scene(case).features).tolist() == [
         [2600, 1, 0, 0, 0], [2800, 9, 0, 0, 0], [2500, 5, 0, 0, 0], [2800, 0, 2, -3, 0],
     ]  # fmt: skip

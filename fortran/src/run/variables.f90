@@ -16,11 +16,12 @@ module rockfall_variables
 
    !> Variable of a result.
    type :: variable_t
-      !> boulder, count (over all boulders), ground (per ground type), energy (per boulder, on request), tree (per
-      !> boulder, if there are trees), breakage (per boulder, if they may break), line (first crossing), fragment (at
-      !> lines, if boulders may break), line_vertex, barrier, map, histogram, vertex (of a
-      !> trajectory), tally (per cell, in part files), kept and sample (if not all rows are kept); or status and
-      !> outcome: values of the status of a boulder and of the outcome at a barrier.
+      !> boulder, count (over all boulders), ground (per ground type), energy (per boulder, on request), feature (per
+      !> boulder, if sources come from a layer), mass (there, too, and if they give densities), tree (per boulder, if
+      !> there are trees), breakage (per boulder, if they may break), line (first crossing), fragment (at lines, if
+      !> boulders may break), line_vertex, barrier, map, histogram, vertex (of a trajectory), tally (per cell, in part
+      !> files), kept and sample (if not all rows are kept); or status and outcome: values of the status of a boulder
+      !> and of the outcome at a barrier.
       character(len=11) :: group
       character(len=27) :: name       !! in files prefixed by line_, trajectory_, tally_, followed by _histogram
       character(len=7) :: kind        !! real, integer, word
@@ -92,6 +93,7 @@ module rockfall_variables
       variable_t("energy", "energy_left", "real", "J", "kinetic energy at the end"), &
       variable_t("feature", "source_feature", "integer", "1", "number of the feature that the source is of", &
                  "counts from 1", "i4"), &
+      variable_t("mass", "mass", "real", "kg", "mass of the boulder"), &
       variable_t("tree", "trees_hit", "integer", "1", "hits of trees", "each counts", "i4"), &
       variable_t("breakage", "fines_volume", "real", "m3", "volume that broke into pieces below min_volume"), &
       variable_t("breakage", "energy_breakage", "real", "J", "energy that breaking took, with that of fines"), &
@@ -265,7 +267,7 @@ module rockfall_variables
    !> Columns of rows, each with its group; the group of the first is present in every run.
    logical, parameter :: is_row_real(*) = variable_table%kind == "real" &
       .and. (variable_table%group == "boulder" .or. variable_table%group == "energy" &
-             .or. variable_table%group == "breakage")
+             .or. variable_table%group == "mass" .or. variable_table%group == "breakage")
    character(len=27), parameter :: row_reals(*) = pack(variable_table%name, is_row_real)
    character(len=11), parameter :: real_groups(*) = pack(variable_table%group, is_row_real)
    logical, parameter :: is_row_integer(*) = variable_table%kind == "integer" .and. variable_table%name /= "status" &

@@ -107,8 +107,7 @@ class Exhibit:
             batch_message(result, self.case, view.map, self._ground, self.language, **about),
         )
         some = trajectories(result, view.trajectories) if view.trajectories else []
-        density = np.array([self.case.boulder["density"]])
-        mass = masses(result, [one.boulder for one in some], density)
+        mass = masses(result, [one.boulder for one in some], self.case)
         message = trajectory_message(some, mass, self._ground, revision=0, append=False)
         yield "trajectories", message
 

@@ -5,7 +5,7 @@ in a live run and in a saved file."""
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -156,6 +156,12 @@ class Layer:
             if any(one is not None for one in values):
                 found[name] = _column(kind, values)
         return found
+
+    def groups(self) -> Iterator[dict[str, Any]]:
+        """Lines as groups of a case."""
+        for one in self.features:
+            x, y = (list(axis) for axis in zip(*one.coordinates, strict=True))
+            yield {**one.properties, "x": x, "y": y}
 
     def frame(self, crs: Any) -> Frame:
         """Layer as `rockfall.open` takes it."""

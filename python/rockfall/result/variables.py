@@ -16,6 +16,7 @@ COUNT = _TABLE["count"]  # over all boulders
 GROUND = _TABLE["ground"]  # the same, on each ground
 ENERGY = _TABLE["energy"]  # of each boulder, on request
 FEATURE = _TABLE["feature"]  # of each boulder, where its source comes from a layer
+MASS = _TABLE["mass"]  # of each boulder, there, and where sources give its density
 TREE = _TABLE["tree"]  # of each boulder, where there are trees
 BREAKAGE = _TABLE["breakage"]  # of each boulder, where they may break
 FRAGMENT = _TABLE["fragment"]  # at lines, where boulders may break: line_volume, ...

@@ -50,8 +50,8 @@ LAYOUT = int(_core.constant("part_layout"))  # layout version of the file
 STACKS = ("counts", "sums", "maxima")  # of maps, by layer
 BEFORE = "tally_"  # prefix of the names of tallies
 GROUPS = (  # of the table of variables
-    "kept", "boulder", "energy", "feature", "tree", "breakage", "line", "fragment", "barrier",
-    "count", "ground", "histogram",
+    "kept", "boulder", "energy", "feature", "mass", "tree", "breakage", "line", "fragment",
+    "barrier", "count", "ground", "histogram",
 )  # fmt: skip
 CLOCKS = ("wall_seconds", "cpu_seconds")
 NUMBERS = ("boulders_requested", "boulder_first", "boulder_last", "threads")

@@ -30,7 +30,8 @@ MAXIMA = {
 def make_result(tally: Tally, maps: bool = True) -> Contents:
     """Complete results of a run, named as in `variables`; with or without its maps, whose tallies
     are used up (`settle` comes before) unless the run goes on."""
-    data = table_variables(tally, "boulder", "count", "energy", "feature", "tree", "breakage")
+    groups = "boulder", "count", "energy", "feature", "mass", "tree", "breakage"
+    data = table_variables(tally, *groups)
     data["boulder"] = ("boulder", tally.numbers(), variables.KEPT["boulder"])
     data |= sample_variables(tally)
     data |= _grounds_themselves(tally) | table_variables(tally, "ground")
