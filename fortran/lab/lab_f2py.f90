@@ -3,6 +3,7 @@
 module lab_f2py
    use iso_c_binding, only: c_double, c_int, c_int32_t, c_int64_t
    use rockfall_error, only: error_t, fail, give_error
+   use rockfall_sizes, only: max_message, max_list
    use rockfall_random, only: random_key
    use rockfall_text, only: joined
    use rockfall_threads, only: team_size
@@ -42,7 +43,7 @@ contains
    !> boulders thrown at rocks 15 boulder, 16 keys that do not apply to them, 17 their shapes.
    subroutine names(kind, text)
       integer(c_int), intent(in) :: kind
-      character(len=512), intent(out) :: text
+      character(len=max_list), intent(out) :: text
 
       select case (kind)
       case (1); text = joined(material_keys, " ")
@@ -100,7 +101,7 @@ contains
    subroutine check_case(text, name, code, message)
       character(len=*), intent(in) :: text, name
       integer(c_int), intent(out) :: code
-      character(len=512), intent(out) :: message
+      character(len=max_message), intent(out) :: message
       type(lab_case_t) :: case
       type(error_t), allocatable :: error
 
@@ -120,7 +121,7 @@ contains
    subroutine check_block_case(text, name, code, message)
       character(len=*), intent(in) :: text, name
       integer(c_int), intent(out) :: code
-      character(len=512), intent(out) :: message
+      character(len=max_message), intent(out) :: message
       type(block_case_t) :: case
       type(error_t), allocatable :: error
 
@@ -139,7 +140,7 @@ contains
    !> Description of the trouble code of an outcome.
    subroutine trouble_text(trouble, text)
       integer(c_int), intent(in) :: trouble
-      character(len=512), intent(out) :: text
+      character(len=max_list), intent(out) :: text
 
       text = trouble_words(trouble)
    end subroutine trouble_text
@@ -148,7 +149,7 @@ contains
    subroutine room_for_layer(packing, room, code, message)
       real(c_double), intent(in) :: packing(12)
       integer(c_int), intent(out) :: room, code
-      character(len=512), intent(out) :: message
+      character(len=max_message), intent(out) :: message
       type(error_t), allocatable :: error
 
       room = 0
@@ -170,7 +171,7 @@ contains
       integer(c_int32_t), intent(out) :: bodies(n)    !! per layer
       real(c_double), intent(out) :: facts(6, n)      !! names(7)
       integer(c_int), intent(out) :: code
-      character(len=512), intent(out) :: message
+      character(len=max_message), intent(out) :: message
       type(layer_t), allocatable :: layers(:)
       type(error_t), allocatable :: error
       integer :: k
@@ -217,7 +218,7 @@ contains
       real(c_double), intent(out) :: outcome(26, n)    !! names(5)
       integer(c_int32_t), intent(out) :: counts(4, n)  !! names(6)
       integer(c_int), intent(out) :: code
-      character(len=512), intent(out) :: message
+      character(len=max_message), intent(out) :: message
       type(layer_t), allocatable :: layers(:)
       type(identity_t), allocatable :: ids(:)
       type(shot_t), allocatable :: shots(:)
@@ -269,7 +270,7 @@ contains
       integer(c_int32_t), intent(out) :: found(n), complete(n)    !! number of contacts; 0: time limit reached
       real(c_double), intent(out) :: inertia(nb)                  !! mean principal moment/(m R_b**2)
       integer(c_int), intent(out) :: code
-      character(len=512), intent(out) :: message
+      character(len=max_message), intent(out) :: message
       type(block_t), allocatable :: blocks(:)
       type(relief_t), allocatable :: reliefs(:)
       type(thrown_t), allocatable :: thrown(:)
@@ -333,7 +334,7 @@ contains
       integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! names(12)
       integer(c_int32_t), intent(out) :: found(n), complete(n)    !! number of contacts; 0: incomplete
       integer(c_int), intent(out) :: code
-      character(len=512), intent(out) :: message
+      character(len=max_message), intent(out) :: message
       type(layer_t), allocatable :: layers(:)
       type(boulder_t) :: thrown_boulder
       type(thrown_t), allocatable :: thrown(:)

@@ -10,6 +10,7 @@ import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
+from rockfall.errors import check_kernel
 from rockfall.io.grid import row_blocks
 from rockfall.result import variables
 from rockfall.result.contents import Contents
@@ -177,7 +178,7 @@ def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, in
                 values[rows][values[rows] == 0] = np.nan
         return values, 0, 0
     values, run = np.empty(tally.box.shape, "f4"), tally.run.handle
-    _core.map(run, name, (tally.done, per_cluster), values.ctypes.data)
+    check_kernel(*_core.map(run, name, (tally.done, per_cluster), values.ctypes.data))
     fewest, thin = map(int, _core.map_passages(run, name, per_cluster))
     return values, fewest, thin
 
