@@ -974,20 +974,19 @@ contains
       end select
    end subroutine constant
 
-   !> Names of the columns of rows: 1 boulder, 2 counts, 3 crossing, 4 vertex, 5 energy; of samples: 6 at lines, 7 at
-   !> ends; blank past the end.
-   subroutine fields(what, text)
-      integer(c_int), intent(in) :: what
+   !> Names of the columns of rows, and of the quantities of samples.
+   subroutine fields(rows, text)
+      character(len=*), intent(in) :: rows
       character(len=max_list), intent(out) :: text
 
-      select case (what)
-      case (1); text = joined(boulder_fields, " ")
-      case (2); text = joined(boulder_counts, " ")
-      case (3); text = joined(line_fields, " ")
-      case (4); text = joined(vertex_fields, " ")
-      case (5); text = joined(energy_fields, " ")
-      case (6); text = joined(line_quantity, " ")
-      case (7); text = joined(end_quantity, " ")
+      select case (rows)
+      case ("boulder"); text = joined(boulder_fields, " ")
+      case ("count"); text = joined(boulder_counts, " ")
+      case ("line"); text = joined(line_fields, " ")
+      case ("vertex"); text = joined(vertex_fields, " ")
+      case ("energy"); text = joined(energy_fields, " ")
+      case ("line_quantity"); text = joined(line_quantity, " ")
+      case ("end_quantity"); text = joined(end_quantity, " ")
       case default; text = ""
       end select
    end subroutine fields

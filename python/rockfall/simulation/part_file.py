@@ -184,7 +184,9 @@ class Part:
         """Vertices by boulder number."""
         if "trajectory_boulder" not in self.arrays:
             return {}
-        rows = np.stack([self.arrays[f"trajectory_{name}"] for name in variables.fields(4)], axis=1)
+        rows = np.stack(
+            [self.arrays[f"trajectory_{name}"] for name in variables.fields("vertex")], axis=1
+        )
         numbers, begins = np.unique(self.arrays["trajectory_boulder"], return_index=True)
         return dict(zip(numbers.tolist(), np.split(rows, begins[1:]), strict=True))
 

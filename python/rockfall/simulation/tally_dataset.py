@@ -218,7 +218,7 @@ def trajectory_variables(recorded: dict[int, np.ndarray]) -> dict[str, Any]:
     if not recorded:
         return {}
     vertices = np.concatenate([*recorded.values()])
-    columns = dict(zip(fields(4), vertices.T, strict=True))
+    columns = dict(zip(fields("vertex"), vertices.T, strict=True))
     columns["boulder"] = np.repeat([*recorded], [len(one) for one in recorded.values()])
     return {
         f"trajectory_{name}": ("trajectory_vertex", columns[name], about)

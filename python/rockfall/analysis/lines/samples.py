@@ -104,7 +104,7 @@ class LineSamples:
     def _counts(self, line: int, quantity: str, parts: np.ndarray | None) -> Counts:
         """Counts at the line of this index; -1: at the end."""
         result, kind = self.result, int(line < 0)
-        number = fields(6 + kind).index(quantity)
+        number = fields("end_quantity" if kind else "line_quantity").index(quantity)
         all_parts = np.full(result.sizes["sample_part"], True)
         mine = np.flatnonzero(all_parts if parts is None else parts)
         chosen = np.isin(result["sample_group_part"].values - 1, mine)

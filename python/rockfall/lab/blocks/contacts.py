@@ -11,9 +11,8 @@ import numpy as np
 from rockfall._lab import lab_f2py as _lab
 from rockfall.errors import check_kernel
 from rockfall.interrupts import interrupts
-from rockfall.lab.blocks.case import GROUND, BlockCase
+from rockfall.lab.blocks.case import BlockCase
 from rockfall.lab.blocks.relief import patches
-from rockfall.lab.case import THROW
 from rockfall.lab.contact_records import contact_columns, contact_dataset
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import check_team
@@ -55,7 +54,7 @@ def run_throws(
                 raise KeyboardInterrupt
             n = min(chunk, total + 1 - first)
             rows, counts, found, complete, inertia, code, message = _lab.throw(
-                case.row(GROUND), case.row(THROW), **block, **ground, **plan, first=first,
+                case.row("ground"), case.row("throw"), **block, **ground, **plan, first=first,
                 threads=threads, n=n,
             )  # fmt: skip
             check_kernel(code, message, case.name)
