@@ -648,7 +648,7 @@ contains
       slope = usual_threshold(cell)
    end subroutine slope_threshold
 
-   !> Of the cells above zero in rows `first` (1..) and following, set those to zero that are not steep; of terrain_of.
+   !> Set cells above zero to zero, in rows `first` (1..) and following, if they are not steep; of terrain_of.
    subroutine steep_cells(handle, threshold, first, cells, nx, ny)
       !f2py threadsafe
       integer(c_int), intent(in) :: nx, ny, first

@@ -638,10 +638,10 @@ contains
    subroutine add_sample_arrays(run, table)
       type(run_t), intent(in), target :: run
       type(table_t), intent(inout) :: table
-      character(len=*), parameter :: of(*) = [character(len=15) :: "sample_quantity", "sample_part", "sample_place"]
-      character(len=*), parameter :: bins(*) = [character(len=15) :: "sample_fine", of], &
-                                     coarse(*) = [character(len=15) :: "sample_coarse", of(1), "sample_group", of(3)], &
-                                     sums(*) = [character(len=15) :: "sample_word", of], &
+      character(len=*), parameter :: by(*) = [character(len=15) :: "sample_quantity", "sample_part", "sample_place"]
+      character(len=*), parameter :: bins(*) = [character(len=15) :: "sample_fine", by], &
+                                     coarse(*) = [character(len=15) :: "sample_coarse", by(1), "sample_group", by(3)], &
+                                     sums(*) = [character(len=15) :: "sample_word", by], &
                                      largest(*) = [character(len=15) :: "sample_rank", "sample_tail", "sample_line"]
 
       call table%add("work", "bins", bins, run%samples%bins, "i4")

@@ -87,8 +87,8 @@ def contact_dataset(
 
     data: dict[str, tuple] = {}
     for name, values in columns.items():
-        about: dict[str, Any] = {"units": UNITS.get(name, "1"), "long_name": MEANING[name]}
-        data[name] = ("contact", values.astype(TYPES.get(name, "f4")), about)
+        attrs: dict[str, Any] = {"units": UNITS.get(name, "1"), "long_name": MEANING[name]}
+        data[name] = ("contact", values.astype(TYPES.get(name, "f4")), attrs)
     for name, meanings in ("entry", ENTRIES), ("exit", EXITS):
         flags = {"flag_values": np.arange(len(meanings), dtype="i1")}
         data[name][2].update(flags | {"flag_meanings": " ".join(meanings)})

@@ -191,8 +191,8 @@ def _blank(case: LabCase) -> xr.Dataset:
             name: (dims, np.zeros(sizes, "i4"), _about(name)) for name in names("outcome_counts")
         }
     except (MemoryError, ValueError) as error:
-        about = f"{case.name}: {np.prod(sizes)} impacts"
-        raise RockfallError(f"{about} do not fit in memory") from error
+        text = f"{case.name}: {np.prod(sizes)} impacts"
+        raise RockfallError(f"{text} do not fit in memory") from error
     for name in names("layer")[:-1]:
         data[name] = (dims[:2], np.full(sizes[:2], np.nan), _about(name))
     flags = {"flag_values": np.array(list(STATUS.values()), "i4")}

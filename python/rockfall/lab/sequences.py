@@ -204,7 +204,9 @@ def sequences_provenance(data: xr.Dataset, contacts: Contacts) -> list[str]:
     ]
     given = contacts.by_ratio()
     for ratio in RATIOS:
-        some = f"{len(given[ratio].v_in)} rebounds" if ratio in given else "the set of the nearest"
-        lines.append(f"R_b/R_m = {ratio}: {some}")
+        rebounds = (
+            f"{len(given[ratio].v_in)} rebounds" if ratio in given else "the set of the nearest"
+        )
+        lines.append(f"R_b/R_m = {ratio}: {rebounds}")
     lines += ["The laboratory case:"]
     return lines + [CASE_MARK[2:] + line for line in case.text().splitlines()]

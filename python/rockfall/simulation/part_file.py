@@ -415,7 +415,7 @@ def _check_values(part: Part) -> None:
     boulders = part.last - part.first + 1
     if "sample_bin" in arrays:
         shape = lengths(part.origin.case, part.origin.boulders)
-        shape |= {of: arrays[name].size for of, name in LAYOUT_OF.items()}
+        shape |= {dim: arrays[name].size for dim, name in LAYOUT_OF.items()}
         if damaged := possible(arrays, shape, boulders):
             raise _damaged(part, damaged)
         if not are_numbers(arrays["boulder"], part.first, part.last):

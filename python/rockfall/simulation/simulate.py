@@ -175,11 +175,11 @@ def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
     return Tally(scene, run, box, len(numbers), numbers.start, threads=threads)
 
 
-def check_tallies(scene: Scene, found: Survey) -> None:
+def check_tallies(scene: Scene, survey: Survey) -> None:
     """Refuse a run whose boulders could overflow the numbers in a cell of a map."""
     if "maps" in scene.case.output:
         kernel = scene.kernel
-        kernel.check(*_core.check_maps(kernel.handle, found.head[0] - found.minima.min()))
+        kernel.check(*_core.check_maps(kernel.handle, survey.head[0] - survey.minima.min()))
 
 
 def run_chunks(

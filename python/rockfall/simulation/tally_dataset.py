@@ -63,12 +63,12 @@ def table_variables(tally: Tally, *groups: str) -> dict[str, Any]:
     """Kernel arrays of some groups of the table of variables, for rows of completed boulders."""
     data: dict[str, tuple] = {}
     for array in sorted(tally.arrays(*groups), key=lambda array: groups.index(array.group)):
-        about: dict[str, Any] = {**variables.about(array.group, array.name)}
+        attrs: dict[str, Any] = {**variables.about(array.group, array.name)}
         if array.name == "status":
-            about |= _flags(variables.STATUS)
+            attrs |= _flags(variables.STATUS)
         if array.group == "histogram":
-            about |= {"units": "1", "long_name": f"rebounds by {about['long_name']}"}
-        data[array.file_name] = (array.dims, array.values, about)
+            attrs |= {"units": "1", "long_name": f"rebounds by {attrs['long_name']}"}
+        data[array.file_name] = (array.dims, array.values, attrs)
     return data
 
 
@@ -99,7 +99,7 @@ def sample_variables(tally: Tally) -> dict[str, Any]:
 def _grounds_themselves(tally: Tally) -> dict[str, Any]:
     """Names and models of the grounds."""
     words = {"ground": "name of the ground", "ground_model": "what rebounds on the ground follow"}
-    columns = zip(*((one.name, one.model) for one in tally.scene.grounds), strict=True)
+    columns = zip(*((ground.name, ground.model) for ground in tally.scene.grounds), strict=True)
     return {
         name: ("ground", np.array(column, dtype=object), {"long_name": long_name})
         for (name, long_name), column in zip(words.items(), columns, strict=False)
@@ -116,8 +116,8 @@ def _line_itself(tally: Tally) -> dict[str, Any]:
         "x": np.concatenate([line["x"] for line in lines]),
         "y": np.concatenate([line["y"] for line in lines]),
     }
-    for name, about in variables.LINE_VERTEX.items():
-        data[f"line_vertex_{name}"] = ("line_vertex", vertices[name], about)
+    for name, attrs in variables.LINE_VERTEX.items():
+        data[f"line_vertex_{name}"] = ("line_vertex", vertices[name], attrs)
     return data
 
 
@@ -128,12 +128,12 @@ def _barrier_variables(tally: Tally) -> dict[str, Any]:
     outcome = np.zeros((len(height), tally.rows), "i1")
     outcome[height > 0] = tally.arrays("barrier")[0].values
     height[capacity == 0] = capacity[capacity == 0] = np.nan
-    about = {**variables.BARRIER}
-    about["outcome"] = about["outcome"] | _flags({"not_met": 0, **variables.OUTCOME})
+    attrs = {**variables.BARRIER}
+    attrs["outcome"] = attrs["outcome"] | _flags({"not_met": 0, **variables.OUTCOME})
     return {
-        "barrier_height": ("line", height, about["height"]),
-        "barrier_capacity": ("line", capacity, about["capacity"]),
-        "barrier_outcome": (("line", "boulder"), outcome, about["outcome"]),
+        "barrier_height": ("line", height, attrs["height"]),
+        "barrier_capacity": ("line", capacity, attrs["capacity"]),
+        "barrier_outcome": (("line", "boulder"), outcome, attrs["outcome"]),
     }
 
 
@@ -230,7 +230,7 @@ def _ground_attributes(tally: Tally) -> dict[str, str]:
     """Names and models of the grounds, one per line."""
     if not (grounds := tally.scene.grounds):
         return {}
-    names, models = zip(*((one.name, one.model) for one in grounds), strict=True)
+    names, models = zip(*((ground.name, ground.model) for ground in grounds), strict=True)
     return {"grounds": "\n".join(names), "ground_models": "\n".join(models)}
 
 

@@ -64,6 +64,6 @@ def volumes_at_line(result: Held, line: int) -> np.ndarray:
 
 def _along(result: Held, line: int) -> np.ndarray:
     """Distance along a line, from its first vertex, at which each boulder crossed."""
-    mine = result["line_vertex_line"].values == line
-    vertices = (result[f"line_vertex_{axis}"].values[mine] for axis in "xy")
+    on_line = result["line_vertex_line"].values == line
+    vertices = (result[f"line_vertex_{axis}"].values[on_line] for axis in "xy")
     return places_along(*vertices, *(result[f"line_{axis}"].values[line] for axis in "xy"))

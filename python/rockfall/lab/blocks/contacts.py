@@ -37,10 +37,10 @@ def run_throws(
     radius, density = case.block["radius"], case.block["density"]
     block = {
         "radius": radius, "density": density,
-        "x": np.concatenate([one.vertices for one in surfaces]).T,
-        "corner": np.concatenate([one.triangles for one in surfaces]).T + 1,
-        "vertices": [len(one.vertices) for one in surfaces],
-        "facets": [len(one.triangles) for one in surfaces],
+        "x": np.concatenate([surface.vertices for surface in surfaces]).T,
+        "corner": np.concatenate([surface.triangles for surface in surfaces]).T + 1,
+        "vertices": [len(surface.vertices) for surface in surfaces],
+        "facets": [len(surface.triangles) for surface in surfaces],
     }  # fmt: skip
     ground = {"heights": radius * heights, "width": radius * width}
     plan = {"seed": case.lab["seed"], "contacts": case.lab["contacts"]}
