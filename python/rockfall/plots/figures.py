@@ -14,7 +14,7 @@ import numpy as np
 from rockfall.analysis.ensemble.study import is_ensemble
 from rockfall.analysis.lines.envelopes import fewest_for
 from rockfall.analysis.lines.profile import line_profile
-from rockfall.analysis.precision.intervals import fraction_interval, sources
+from rockfall.analysis.precision.intervals import passing_percent
 from rockfall.case import case_of
 from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import set_path
@@ -191,12 +191,11 @@ def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[F
     """Distributions at the evaluation lines (paper, Figs 8 and 11), several per figure."""
     if not which:
         return
-    source, passed = sources(result), {}
+    passed = {}
     for k in which:
-        crossed, name = np.isfinite(result["line_x"].values[k]), result["line"].values[k]
-        fraction, low, high = (number(100 * f) for f in fraction_interval(crossed, source))
-        style = {"fraction": fraction, "low": low, "high": high}
-        passed[k] = say("figures.passed", line=str(name), n=crossed.sum(), **style)
+        n, *percents = passing_percent(result, k)
+        limits = dict(zip(("fraction", "low", "high"), map(number, percents), strict=True))
+        passed[k] = say("figures.passed", line=str(result["line"].values[k]), n=n, **limits)
     shown = say("figures.some_lines", part=len(which), n=result.sizes["line"])
     some_ = [shown] if len(which) < result.sizes["line"] else []
     blocks = [which[k : k + PER_FIGURE] for k in range(0, len(which), PER_FIGURE)]

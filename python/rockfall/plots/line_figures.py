@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.lines.values import line_values
-from rockfall.analysis.precision.intervals import fraction_interval, sources
+from rockfall.analysis.precision.intervals import passing_percent
 from rockfall.analysis.run_out import passing
 from rockfall.language import say, say_count, word
 from rockfall.plots.style import (
@@ -233,7 +233,7 @@ def _draw_rows(axes: Axes, rows: list[Row], deepest: int) -> None:
 def _passing(result: xr.Dataset, line: int) -> str:
     """Number of boulders that pass a line or reach a barrier, and their fraction with its 95 %
     confidence interval."""
-    crossed = np.isfinite(result["line_speed"].values[line])
-    fraction, low, high = (number(100 * f) for f in fraction_interval(crossed, sources(result)))
+    n, *percents = passing_percent(result, line)
+    fraction, low, high = map(number, percents)
     key = "axis.come" if line in barriers_of(result) else "axis.pass"
-    return say(key, n=crossed.sum(), fraction=fraction, low=low, high=high)
+    return say(key, n=n, fraction=fraction, low=low, high=high)

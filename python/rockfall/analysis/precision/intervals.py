@@ -273,6 +273,14 @@ def fraction_interval(holds: np.ndarray, source: Sources) -> tuple[float, float,
     return fraction, *fraction_limits(fraction, effective_number(holds.astype(float), source))
 
 
+def passing_percent(result: Held, line: int) -> tuple[int, float, float, float]:
+    """Number of boulders that pass the line of this index, and their fraction with the limits of
+    its 95 % interval [%]."""
+    crossed = np.isfinite(result["line_speed"].values[line])
+    fraction, low, high = fraction_interval(crossed, sources(result))
+    return int(crossed.sum()), 100 * fraction, 100 * low, 100 * high
+
+
 def effective_number(indicator: np.ndarray, source: Sources) -> float:
     """Effective number of independent boulders for the fraction of an indicator."""
     fraction = indicator.mean()
