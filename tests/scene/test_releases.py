@@ -198,9 +198,9 @@ def test_a_polygon_shares_its_frequency_among_its_cells_by_area_if_asked(case):
     make_layer("cliff.gpkg", CLIFFS, frequency=[3.0, 1.0])
     for by_area in False, True:
         scene = read_scene(total(at(case, "cliff.gpkg", by_area=by_area), 10_000))
-        of = np.bincount(scene.features.of, released(scene))[1:]
+        of = np.bincount(scene.features.number, released(scene))[1:]
         assert np.allclose(of, [7500, 2500], atol=scene.x.size)
-        west = released(scene)[scene.features.of == 1]
+        west = released(scene)[scene.features.number == 1]
         assert (np.ptp(west) > 1) == by_area
     with pytest.warns(UserWarning, match="frequency is not used: &case boulders come from each"):
         rockfall.run(at(case.replace(case={"boulders": 1}), "cliff.gpkg"))

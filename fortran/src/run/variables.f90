@@ -2,6 +2,7 @@
 !> Table of all variables of a result, with units and descriptions, used by both programs.
 module rockfall_variables
    use rockfall_kinds, only: i8
+   use rockfall_sizes, only: n_boulder_fields, n_boulder_counts, n_line_fields, n_vertex_fields
    implicit none
    private
    public :: variable_t, variable_table, variable_of, variable_text, stored_as, name_in_files
@@ -256,10 +257,10 @@ module rockfall_variables
       variable_t("outcome", "broken_through", "word", "", "went on with what the barrier did not take"), &
       variable_t("outcome", "passed_over", "word", "", "its centre was above the top edge each time")]
 
-   character(len=27), parameter :: boulder_fields(*) = pack(variable_table%name, &
+   character(len=27), parameter :: boulder_fields(n_boulder_fields) = pack(variable_table%name, &
       variable_table%group == "boulder" .and. variable_table%kind == "real")
    !> Integers per boulder; the last six are summed over all boulders.
-   character(len=27), parameter :: boulder_counts(*) = pack(variable_table%name, &
+   character(len=27), parameter :: boulder_counts(n_boulder_counts) = pack(variable_table%name, &
       (variable_table%group == "boulder" .and. variable_table%kind == "integer") &
       .or. variable_table%group == "count")
    character(len=27), parameter :: energy_fields(*) = pack(variable_table%name, &
@@ -275,9 +276,9 @@ module rockfall_variables
              .or. variable_table%group == "tree" .or. variable_table%group == "breakage")
    character(len=27), parameter :: row_integers(*) = pack(variable_table%name, is_row_integer)
    character(len=11), parameter :: integer_groups(*) = pack(variable_table%group, is_row_integer)
-   character(len=27), parameter :: line_fields(*) = pack(variable_table%name, &
+   character(len=27), parameter :: line_fields(n_line_fields) = pack(variable_table%name, &
       variable_table%group == "line")
-   character(len=27), parameter :: vertex_fields(*) = pack(variable_table%name, &
+   character(len=27), parameter :: vertex_fields(n_vertex_fields) = pack(variable_table%name, &
       variable_table%group == "vertex" .and. variable_table%kind == "real")
    character(len=27), parameter :: map_fields(*) = pack(variable_table%name, &
       variable_table%group == "map")

@@ -45,6 +45,7 @@ def map_dims(name: str) -> tuple[str, ...]:
     return ("threshold", "y", "x") if name in EXCEEDED else ("y", "x")
 
 
-def fields(what: int) -> list[str]:
-    """Names of the kernel's columns: 1 boulder, 2 counts, 3 crossing, 4 vertex, 5 energy."""
-    return _core.fields(what).decode().split()
+def fields(rows: str) -> list[str]:
+    """Names of the kernel's columns: of a boulder, its counts, a line, a vertex, an energy, and of
+    the quantities of samples."""
+    return _core.fields(rows).decode().split()

@@ -158,7 +158,7 @@ class Batch:
         True
         """
         remarks = model_remarks(self._rows, self.case)
-        return [one.text for one in remarks if one.is_warning]
+        return [remark.text for remark in remarks if remark.is_warning]
 
     def line_statistics(
         self,
