@@ -172,6 +172,10 @@ rows of their own runs.
 
 KINDS = {
     "Boulders: dimension `boulder`": ("", variables.BOULDER),
+    "Mass, where sources come from a layer or give densities: dimension `boulder`": (
+        "",
+        variables.MASS,
+    ),
     "Trees, where the case has some: dimension `boulder`": ("", variables.TREE),
     "Breakage, where boulders may break (breakage.md): dimension `boulder`": (
         "",

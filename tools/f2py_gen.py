@@ -9,11 +9,11 @@ from pathlib import Path
 DOUBT = re.compile(r"is mapped to C|could not crack|could not parse|ignoring", re.IGNORECASE)
 
 
-def main(source: str, module: str, folder: str) -> int:
-    """Write the C and Fortran wrappers of `source` to `folder`; return the exit status."""
+def main(module: str, folder: str, *sources: str) -> int:
+    """Write the C and Fortran wrappers of `sources` to `folder`; return the exit status."""
     f2py = [sys.executable, "-m", "numpy.f2py", "--lower"]
     done = subprocess.run(
-        [*f2py, source, "-m", module, "--build-dir", folder],
+        [*f2py, *sources, "-m", module, "--build-dir", folder],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

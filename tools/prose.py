@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Style of the documents: lines of at most 100 columns, and the field's words in place of ours;
-these also in comments, docstrings and messages of the code.
+these also in comments, docstrings and messages of the code; and names of variables that say
+nothing, docstrings without a head.
 
 python tools/prose.py           says what is not so (exit status 0 or 1); spelling is codespell's
 python tools/prose.py --wrap    wraps what is too long
 """
 
+import ast
 import re
 import sys
 import tokenize
@@ -60,6 +62,11 @@ ODD_IN_KERNEL = [
     (re.compile(rf"\b(?:{word})\b", re.IGNORECASE), said) for word, said in KERNEL_WORDS.items()
 ]
 KERNEL = ROOT / "fortran/src"
+PACKAGE = ROOT / "python/rockfall"
+#: Names of variables and arguments of the package that do not name the thing.
+EMPTY_NAMES = {"its", "mine", "of", "said", "some"}
+#: A docstring that begins so is no sentence and no noun phrase.
+HEADLESS = re.compile(r"(?:What|Of|How|Whether|Where|Those|The same|Which|Who)\b")
 FENCE = re.compile(r"^\s*(```|~~~|\$\$)")
 FIXED = re.compile(r"^(\||#|<|:::|!\[|\[[^\]]+\]:|&nbsp;|    |---)")  # these keep their lines
 ITEM = re.compile(r"^( *(?:[-*+]|\d+\.) +|> ?)")
@@ -110,12 +117,30 @@ def wrong_in_code(path: Path) -> Iterator[str]:
             for word, said in ODD:
                 if found := word.search(line):
                     yield f"{place}:{number}: '{found[0]}': {said}"
+    if PACKAGE in path.parents:
+        yield from empty_names(path)
     if KERNEL not in path.parents:
         return
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
         for word, said in ODD_IN_KERNEL:
             if found := word.search(line):
                 yield f"{place}:{number}: '{found[0]}': {said}"
+
+
+def empty_names(path: Path) -> Iterator[str]:
+    """Variables and arguments that do not name the thing, and docstrings without a head."""
+    place = path.relative_to(ROOT)
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            name = node.id
+        else:
+            name = node.arg if isinstance(node, ast.arg) else ""
+        if name in EMPTY_NAMES:
+            yield f"{place}:{node.lineno}: '{name}': name the thing"
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef, ast.Module)):
+            if HEADLESS.match(ast.get_docstring(node) or ""):
+                name = getattr(node, "name", "module")
+                yield f"{place}: docstring of {name}: begin with a verb or a noun phrase"
 
 
 def wrapped(text: str) -> str:

@@ -84,7 +84,7 @@ def link(name: str, python: Path) -> Path:
     door, libraries = EXTENSIONS[name]
     folder, kernel = BUILD / name, BUILD / "kernel"
     folder.mkdir(exist_ok=True)
-    run(sys.executable, "tools/f2py_gen.py", door, name, folder)
+    run(sys.executable, "tools/f2py_gen.py", name, folder, "fortran/src/base/sizes.f90", door)
     source = Path(numpy.f2py.get_include())
     modules = sorted({path.parent for path in kernel.rglob("*.mod")})
     flags = ["-O2", "-ffp-contract=off", "-fopenmp"]

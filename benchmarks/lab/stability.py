@@ -134,7 +134,7 @@ def fire(case: LabCase) -> tuple[str, bool]:
     status, trouble = data["status"], data["trouble"].values
     ended = status.isin([STATUS[name] for name in ENDED])
     counts = "".join(f"{int((status == STATUS[name]).sum()):10d}" for name in ENDS)
-    nan = sum(int((~np.isfinite(data[name]) & ended).sum()) for name in names(5))
+    nan = sum(int((~np.isfinite(data[name]) & ended).sum()) for name in names("outcome"))
     fall = data["depth"] + data["top"] - data["surface"]
     before, after = energy(data, "in").where(ended), energy(data, "peak").where(ended)
     raw = float((after / before).max())

@@ -299,7 +299,7 @@ def costs(
             counted = f"{per_rebound(program, prepared / 'case.nml'):.0f}"
         bytes_ = "".join(f"{value:9.1f}" for value in held(scene).values())
         print(f"{name:34}{1e9 * took / rebounds:8.0f}{counted:>10}{bytes_}", flush=True)
-    print(f"A vertex of a trajectory: {8 * len(fields(4))} bytes.")
+    print(f"A vertex of a trajectory: {8 * len(fields('vertex'))} bytes.")
 
 
 def cuts(scenes: dict[str, rockfall.Case], z: np.ndarray, grid: Grid, folder: Path) -> bool:

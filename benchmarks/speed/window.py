@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How long the live window's server takes from an edit to its results.
+"""How long the live window takes from an edit to its results, and from its command to the map.
 
-    python -m benchmarks.speed.window [--repeat 15] [--side 2000] [--trajectories 100]
+    python -m benchmarks.speed.window [--repeat 15] [--side 2000] [--trajectories 100] [--page]
 
 A websocket client, in place of the page, moves the release of `cases/vaujany`, and one on a made
 relief of 2000 x 2000 cells. Milliseconds of wall clock, least and median of `--repeat` edits, from
 sending one to its state, its first results, and those of all 10,000 boulders, with a map and
 without; and once, from the hello to the terrain. The server is another process; on an idle machine.
+
+With `--page` the page itself is timed instead, in a headless Chromium that draws by software and is
+open already: from the start of `rockfall app` to the first terrain on the map and to the end of the
+run, for both cases, and for the second one with thousands of lines, and of sources; there also a
+click into the list, which selects a feature and moves the map, until the page has drawn again.
 """
 
 from __future__ import annotations
@@ -15,8 +20,11 @@ import argparse
 import json
 import multiprocessing
 import os
+import shutil
 import statistics
 import struct
+import subprocess
+import sys
 import tempfile
 import time
 import warnings
@@ -37,6 +45,14 @@ from rockfall.io.grid import Grid
 from rockfall.io.raster import write_geotiff
 
 BOULDERS = 10_000
+STARTS = 3
+PHASES = ("command to terrain", "command to all boulders", "click")
+TERRAIN_DRAWN = """[...document.querySelectorAll('#map canvas')].some((one) => one.width > 0
+    && one.getContext('2d').getImageData(one.width / 2, one.height / 2, 1, 1).data[3] > 0)"""
+RUN_COMPLETE = "window.rockfall && !rockfall.preliminary && rockfall.batch?.complete"
+CLICK = """const done = arguments[0], begun = performance.now();
+document.querySelector('[data-feature]').click();
+requestAnimationFrame(() => requestAnimationFrame(() => done(performance.now() - begun)));"""
 WHAT = ("state", "first results", f"{BOULDERS:,} boulders")
 
 
@@ -130,16 +146,90 @@ def made(folder: Path, side: int) -> tuple[Path, np.ndarray]:
     return path, place
 
 
+def measure_page(name: str, path: Path, environment: dict[str, str]) -> None:
+    """Print the times of the page of a case, each of the least of three starts."""
+    browser = _chromium()
+    starts = [_start(browser, path, environment) for _ in range(STARTS)]
+    browser.quit()
+    for what, *values in zip(PHASES, *starts, strict=True):
+        print(f"{name + ', ' + what:<60}{min(values):9.0f}")
+
+
+def _chromium() -> Any:
+    """Driver of a headless Chromium."""
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = str(shutil.which("chromium") or shutil.which("google-chrome"))
+    for one in "headless=new", "no-sandbox", "window-size=1280,800", "use-angle=swiftshader":
+        options.add_argument(f"--{one}")
+    service = webdriver.ChromeService(str(shutil.which("chromedriver")))
+    return webdriver.Chrome(options=options, service=service)
+
+
+def _start(browser: Any, path: Path, environment: dict[str, str]) -> list[float]:
+    """Milliseconds from the command to each of PHASES, the last one of them from the click."""
+    browser.get("about:blank")
+    command = [sys.executable, "-m", "rockfall", "app", str(path), "--no-browser"]
+    begun = time.perf_counter()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as server:
+        try:
+            assert server.stdout is not None
+            browser.get(server.stdout.readline().strip())
+            found = []
+            for script in TERRAIN_DRAWN, RUN_COMPLETE:
+                while not browser.execute_script(f"return {script}"):
+                    time.sleep(0.005)
+                found.append(1e3 * (time.perf_counter() - begun))
+            found.append(browser.execute_async_script(CLICK))
+            browser.get("about:blank")
+        finally:
+            server.terminate()
+    return found
+
+
+def time_page(folder: Path, side: int) -> None:
+    """Print the times of the page of each case [ms]."""
+    environment = os.environ | {"XDG_STATE_HOME": str(folder), "PYTHONWARNINGS": "ignore"}
+    made_case, _ = made(folder, side)
+    cases = {
+        "cases/vaujany": VAUJANY, f"{side} x {side} cells": made_case,
+        "2,000 lines": many(made_case, 2000, 0), "5,000 sources": many(made_case, 0, 5000),
+    }  # fmt: skip
+    for name, path in cases.items():
+        measure_page(name, path, environment)
+
+
+def many(path: Path, lines: int, sources: int) -> Path:
+    """The made case with many short lines, or with many points as sources."""
+    case, dem = rockfall.read_case(path), Grid(0.0, 0.0, CELL, 1, 1)
+    x, y, line = case.release["x"][0], case.release["y"][0], case.line[0]
+    rows = [
+        {"name": f"L{k}", "x": [x - 300.0, x + 300.0], "y": [y - 2.0 * k - 40] * 2}
+        for k in range(lines)
+    ]
+    at = np.arange(max(sources, 1))
+    places = {"x": [*(x + at % 100 * dem.cell)], "y": [*(y + at // 100 * dem.cell)]}
+    several = case.replace(line=rows or [line], release=places, output={"maps": ["passages"]})
+    found = path.with_name(f"lines{lines}_sources{sources}.nml")
+    found.write_text(several.text())
+    return found
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--repeat", type=int, default=15)
     parser.add_argument("--side", type=int, default=2000)
     parser.add_argument("--trajectories", type=int, default=100)
+    parser.add_argument("--page", action="store_true")
     given = parser.parse_args()
     print(machine())
     steps = np.linspace(0.0, 5.0, given.repeat + 1)[:, None] * (1.0, 0.0)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
+        if given.page:
+            time_page(folder, given.side)
+            return
         for file, _ in FILES.values():
             (folder / file).touch()
         print("cases/vaujany [ms]")

@@ -61,7 +61,7 @@ def crossings(start: np.ndarray, speed: np.ndarray, time: np.ndarray, cell: floa
 
 def deepest(z: np.ndarray, grid, vertices: list[np.ndarray]) -> tuple[float, int]:
     """Greatest depth [m] below the surface along the flights of trajectories; number of flights."""
-    column = {name: k for k, name in enumerate(fields(4))}
+    column = {name: k for k, name in enumerate(fields("vertex"))}
     start = np.concatenate([v[:-1] for v in vertices])
     end = np.concatenate([v[1:] for v in vertices])
     time = end[:, column["time"]] - start[:, column["time"]]

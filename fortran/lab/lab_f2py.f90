@@ -3,6 +3,7 @@
 module lab_f2py
    use iso_c_binding, only: c_double, c_int, c_int32_t, c_int64_t
    use rockfall_error, only: error_t, fail, give_error
+   use rockfall_sizes, only: max_message, max_list
    use rockfall_random, only: random_key
    use rockfall_text, only: joined
    use rockfall_threads, only: team_size
@@ -37,39 +38,38 @@ module lab_f2py
 
 contains
 
-   !> Names in the order of the arrays: 1 material, 2 packing, 3 shot, 4 ranges, 5 outcome, 6 its counts, 7 layer; 8 the
-   !> statuses of an outcome, from 1; of blocks 9 ground, 10 ranges of throws, 11 contact, 12 its counts, 13 plan; of
-   !> boulders thrown at rocks 15 boulder, 16 keys that do not apply to them, 17 their shapes.
+   !> Names in the order of the arrays of a kind; of `status`, from 1; `impact_alone`: keys that do
+   !> not apply to boulders thrown at rocks.
    subroutine names(kind, text)
-      integer(c_int), intent(in) :: kind
-      character(len=512), intent(out) :: text
+      character(len=*), intent(in) :: kind
+      character(len=max_list), intent(out) :: text
 
       select case (kind)
-      case (1); text = joined(material_keys, " ")
-      case (2); text = joined(packing_keys, " ")
-      case (3); text = joined(shot_keys, " ")
-      case (4); text = joined(range_keys, " ")
-      case (5); text = joined(outcome_fields, " ")
-      case (6); text = joined(outcome_counts, " ")
-      case (7); text = joined(layer_fields, " ")
-      case (8); text = joined(status_names, " ")
-      case (9); text = joined(ground_keys, " ")
-      case (10); text = joined(throw_keys, " ")
-      case (11); text = joined(contact_fields, " ")
-      case (12); text = joined(contact_counts, " ")
-      case (13); text = joined(plan_keys, " ")
-      case (15); text = joined(boulder_keys, " ")
-      case (16); text = joined(impact_alone, " ")
-      case (17); text = joined(shape_names, " ")
+      case ("material"); text = joined(material_keys, " ")
+      case ("packing"); text = joined(packing_keys, " ")
+      case ("shot"); text = joined(shot_keys, " ")
+      case ("range"); text = joined(range_keys, " ")
+      case ("outcome"); text = joined(outcome_fields, " ")
+      case ("outcome_counts"); text = joined(outcome_counts, " ")
+      case ("layer"); text = joined(layer_fields, " ")
+      case ("status"); text = joined(status_names, " ")
+      case ("ground"); text = joined(ground_keys, " ")
+      case ("throw"); text = joined(throw_keys, " ")
+      case ("contact"); text = joined(contact_fields, " ")
+      case ("contact_counts"); text = joined(contact_counts, " ")
+      case ("plan"); text = joined(plan_keys, " ")
+      case ("boulder"); text = joined(boulder_keys, " ")
+      case ("impact_alone"); text = joined(impact_alone, " ")
+      case ("shape"); text = joined(shape_names, " ")
       case default; text = ""
       end select
    end subroutine names
 
-   !> Defaults in the order of `names(kind)`, for its kinds 1 to 4, 10 and 13; 5 is the plan: seed, five ratios, layers,
-   !> points, impacts; 14 that of throws: seed, throws, contacts; 15 of a boulder, 16 of its throws: throws, throws at a
-   !> layer, contacts, maximum depth of a layer.
+   !> Defaults in the order of `names(kind)`; of a `case`: seed, five ratios, layers, points, impacts;
+   !> of a `block_case`: seed, throws, contacts; of `throws` at rocks: throws, throws at a layer,
+   !> contacts, maximum depth of a layer.
    subroutine defaults(kind, row)
-      integer(c_int), intent(in) :: kind
+      character(len=*), intent(in) :: kind
       real(c_double), intent(out) :: row(16)
       type(material_t) :: material
       type(packing_t) :: packing
@@ -82,17 +82,18 @@ contains
 
       row = 0
       select case (kind)
-      case (1); row(:size(material_keys)) = material_row(material)
-      case (2); row(:size(packing_keys)) = packing_row(packing)
-      case (3); row(:size(shot_keys)) = shot_row(shot)
-      case (4); row(:size(range_keys)) = range_row(range)
-      case (5); row(:9) = real([case%seed, int(default_ratios, c_int64_t), case%layers, case%points, case%impacts], &
-                              c_double)
-      case (10); row(:size(throw_keys)) = throw_range_row(range_of_throws)
-      case (13); row(:size(plan_keys)) = plan_row(block_case%plan)
-      case (15); row(:size(boulder_keys)) = boulder_row(boulder)
-      case (16); row(:4) = [500.0_c_double, real([case%on_layer, case%contacts], c_double), case%max_depth]
-      case (14); row(:3) = real([block_case%seed, block_case%throws, block_case%contacts], c_double)
+      case ("material"); row(:size(material_keys)) = material_row(material)
+      case ("packing"); row(:size(packing_keys)) = packing_row(packing)
+      case ("shot"); row(:size(shot_keys)) = shot_row(shot)
+      case ("range"); row(:size(range_keys)) = range_row(range)
+      case ("case")
+         row(:9) = real([case%seed, int(default_ratios, c_int64_t), case%layers, case%points, &
+                         case%impacts], c_double)
+      case ("throw"); row(:size(throw_keys)) = throw_range_row(range_of_throws)
+      case ("plan"); row(:size(plan_keys)) = plan_row(block_case%plan)
+      case ("boulder"); row(:size(boulder_keys)) = boulder_row(boulder)
+      case ("throws"); row(:4) = [500.0_c_double, real([case%on_layer, case%contacts], c_double), case%max_depth]
+      case ("block_case"); row(:3) = real([block_case%seed, block_case%throws, block_case%contacts], c_double)
       end select
    end subroutine defaults
 
@@ -100,7 +101,7 @@ contains
    subroutine check_case(text, name, code, message)
       character(len=*), intent(in) :: text, name
       integer(c_int), intent(out) :: code
-      character(len=512), intent(out) :: message
+      character(len=max_message), intent(out) :: message
       type(lab_case_t) :: case
       type(error_t), allocatable :: error
 
@@ -120,7 +121,7 @@ contains
    subroutine check_block_case(text, name, code, message)
       character(len=*), intent(in) :: text, name
       integer(c_int), intent(out) :: code
-      character(len=512), intent(out) :: message
+      character(len=max_message), intent(out) :: message
       type(block_case_t) :: case
       type(error_t), allocatable :: error
 
@@ -139,7 +140,7 @@ contains
    !> Description of the trouble code of an outcome.
    subroutine trouble_text(trouble, text)
       integer(c_int), intent(in) :: trouble
-      character(len=512), intent(out) :: text
+      character(len=max_list), intent(out) :: text
 
       text = trouble_words(trouble)
    end subroutine trouble_text
@@ -148,7 +149,7 @@ contains
    subroutine room_for_layer(packing, room, code, message)
       real(c_double), intent(in) :: packing(12)
       integer(c_int), intent(out) :: room, code
-      character(len=512), intent(out) :: message
+      character(len=max_message), intent(out) :: message
       type(error_t), allocatable :: error
 
       room = 0
@@ -170,7 +171,7 @@ contains
       integer(c_int32_t), intent(out) :: bodies(n)    !! per layer
       real(c_double), intent(out) :: facts(6, n)      !! names(7)
       integer(c_int), intent(out) :: code
-      character(len=512), intent(out) :: message
+      character(len=max_message), intent(out) :: message
       type(layer_t), allocatable :: layers(:)
       type(error_t), allocatable :: error
       integer :: k
@@ -217,7 +218,7 @@ contains
       real(c_double), intent(out) :: outcome(26, n)    !! names(5)
       integer(c_int32_t), intent(out) :: counts(4, n)  !! names(6)
       integer(c_int), intent(out) :: code
-      character(len=512), intent(out) :: message
+      character(len=max_message), intent(out) :: message
       type(layer_t), allocatable :: layers(:)
       type(identity_t), allocatable :: ids(:)
       type(shot_t), allocatable :: shots(:)
@@ -269,7 +270,7 @@ contains
       integer(c_int32_t), intent(out) :: found(n), complete(n)    !! number of contacts; 0: time limit reached
       real(c_double), intent(out) :: inertia(nb)                  !! mean principal moment/(m R_b**2)
       integer(c_int), intent(out) :: code
-      character(len=512), intent(out) :: message
+      character(len=max_message), intent(out) :: message
       type(block_t), allocatable :: blocks(:)
       type(relief_t), allocatable :: reliefs(:)
       type(thrown_t), allocatable :: thrown(:)
@@ -333,7 +334,7 @@ contains
       integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! names(12)
       integer(c_int32_t), intent(out) :: found(n), complete(n)    !! number of contacts; 0: incomplete
       integer(c_int), intent(out) :: code
-      character(len=512), intent(out) :: message
+      character(len=max_message), intent(out) :: message
       type(layer_t), allocatable :: layers(:)
       type(boulder_t) :: thrown_boulder
       type(thrown_t), allocatable :: thrown(:)

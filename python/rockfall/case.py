@@ -54,7 +54,7 @@ def key_table() -> tuple[Key, ...]:
 def varied_key(name: str) -> tuple[str, str] | None:
     """Group and key whose value a key of &variant replaces; None for its other keys."""
     group, _, key = name.partition("_")
-    known = {(one.group, one.name) for one in key_table()}
+    known = {(row.group, row.name) for row in key_table()}
     return (group, key) if (group, key) in known else None
 
 

@@ -28,10 +28,10 @@ class Group(NamedTuple):
 
 def case_text(head: Iterable[str], groups: Iterable[Group], foot: Iterable[str]) -> str:
     """Text of a case between comments."""
-    lines = [_comment(one) for one in head]
+    lines = [_comment(line) for line in head]
     for group in groups:
         lines += ["", *_group_lines(group)]
-    foot = [_comment(one) for one in foot]
+    foot = [_comment(line) for line in foot]
     return "\n".join([*lines, *([""] if foot else []), *foot, ""])
 
 

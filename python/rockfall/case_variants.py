@@ -47,7 +47,7 @@ def chosen_variant(case: Case, name: str | None) -> Case:
 def check_single(case: Case) -> None:
     """Refuse a case with variants, of which a run needs one."""
     if case.variant:
-        names = ", ".join(one["name"] for one in case.variant)
+        names = ", ".join(variant["name"] for variant in case.variant)
         raise RockfallError(
             f"{case.name}: &variant: has the variants {names}: `rockfall variants` runs all, "
             "--variant NAME (in Python rockfall.variants(case)[NAME]) takes one"

@@ -80,7 +80,9 @@ def parameters() -> tuple[Parameter, ...]:
 @cache
 def repose() -> float:
     """Rest angle of rocky ground [degree], also the default."""
-    return next(float(one.default) for one in parameters() if one.name == "rest_angle")
+    return next(
+        float(parameter.default) for parameter in parameters() if parameter.name == "rest_angle"
+    )
 
 
 def shipped_grounds() -> Path:
@@ -108,7 +110,7 @@ class GroundTable:
     def __init__(self, path: Path) -> None:
         self.path = path
         where, columns, rows = read_table(path)
-        known = (*WORDS, *(one.name for one in parameters()))
+        known = (*WORDS, *(parameter.name for parameter in parameters()))
         check_columns(where, columns, known)
         for needed in "name", "model", "source":
             if needed not in columns:
@@ -137,7 +139,7 @@ class GroundTable:
         """A row of the table. The kernel checks its numbers."""
         row = self.rows[name]
         model = row.choice("model", [one for one in models() if one not in (IMPACT_SETS, *TABLES)])
-        given = [one.name for one in parameters() if row.cells.get(one.name)]
+        given = [parameter.name for parameter in parameters() if row.cells.get(parameter.name)]
         for column in given:
             row.number(column)
         values = "".join(f" {column} = {row.cells[column]}" for column in given)

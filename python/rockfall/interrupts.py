@@ -30,10 +30,12 @@ def exit_status() -> int:
 @contextmanager
 def interrupts() -> Iterator[Callable[[], bool]]:
     """Defer a first Ctrl-C or SIGTERM within the block; the yielded function returns True after
-    one. A second ends the process at once, even while the kernel runs. Nested blocks act as one."""
+    one. A second ends the process at once, even while the kernel runs. Nested blocks act as one;
+    one of another thread ends by `stopped_by`, too."""
     global _hit
     if threading.current_thread() is not threading.main_thread() or _hit is not None:
-        yield (_hit or threading.Event()).is_set
+        signalled, stopped = (_hit or threading.Event()).is_set, _is_stopped.get()
+        yield lambda: signalled() or stopped()
         return
     hit = _hit = threading.Event()
 
@@ -104,7 +106,8 @@ class Stopped(Exception):
 
 @contextmanager
 def stopped_by(is_wanted: Callable[[], bool]) -> Iterator[None]:
-    """Let `check_stop` raise Stopped within the block once `is_wanted` returns True."""
+    """Let `check_stop` raise Stopped within the block once `is_wanted` returns True, and a run of
+    this thread end as on Ctrl-C."""
     token = _is_stopped.set(is_wanted)
     try:
         yield

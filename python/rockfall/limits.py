@@ -28,5 +28,6 @@ SAMPLE_WORDS = int(_core.constant("sample_words"))
 SAMPLE_QUANTITIES = int(_core.constant("sample_quantities"))
 SAMPLE_TAILS = int(_core.constant("sample_tails"))
 SAMPLE_LARGEST = int(_core.constant("sample_largest"))
-SAMPLE_EDGES = _core.sample_edges()  # of bins, in units
-SAMPLE_UNITS = _core.sample_units().T  # in one of the quantity: (at lines, at ends; quantities)
+SAMPLE_EDGES = _core.sample_edges(SAMPLE_BINS + 1)  # of bins, in units
+#: Units in one of the quantity: (at lines, at ends; quantities).
+SAMPLE_UNITS = _core.sample_units(SAMPLE_QUANTITIES).T

@@ -55,7 +55,7 @@ NO_COSTS: Mapping[str, float] = {}
 
 
 class Added(NamedTuple):
-    """What is added to an export: a project of QGIS, with its DEM, hazard and imprint; tables in
+    """Additions to an export: a project of QGIS, with its DEM, hazard and imprint; tables in
     these formats; and the language of both."""
 
     project: bool = False

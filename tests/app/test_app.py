@@ -14,9 +14,10 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from subprocess import PIPE
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -38,6 +39,7 @@ from rockfall.app.outbox import Outbox  # noqa: E402
 from rockfall.app.room import Client, Room  # noqa: E402
 from rockfall.app.saving import save  # noqa: E402
 from rockfall.app.server import FILES, Server, bind  # noqa: E402
+from rockfall.cli.command_line import main  # noqa: E402
 from rockfall.errors import RockfallError  # noqa: E402
 from rockfall.plots import style  # noqa: E402
 from same import same_bits  # noqa: E402
@@ -529,7 +531,7 @@ def test_what_is_run_is_what_is_saved(place, about):
     frames = {name: layer.frame(site.grid.crs) for name, layer in made.layers.items()}
     with rockfall.open(made.case, **frames) as session:
         live = [*session.run()][-1].dataset()
-    names = [one.name for one in save(site, document, "Größe 1.2", False)]
+    names = [one.name for one in save(site, document, "Größe 1.2", False).files]
     assert names == ["Größe 1.2.nml", "Größe 1.2.gpkg"]
     for _ in range(2):
         saved = rockfall.run(rockfall.read_case(names[0]))
@@ -573,6 +575,26 @@ def test_trajectories_come_once_each_and_thinned(serve, visit):
     page.send("view", map="passages", trajectories=7)
     found = page.until("trajectories", append=False)
     assert found["count"] == 7
+
+
+def test_masses_are_those_of_each_source(serve, visit):
+    page = visit(serve())
+    settings = {"boulder": {"volume": "fixed", "volume_mean": 2.0}}
+    sources = [point(150, 40, density=2000.0), point(90, 40, id="p2")]
+    page.edit(1, layers={"sources": sources}, settings=settings)
+    live = page.until("trajectories", revision=1)["arrays"]
+    assert {*live["mass"].tolist()} == {4000.0, 5600.0}
+    page.send("save", name="dense")
+    page.until("saved")
+    result = rockfall.run(rockfall.read_case("dense.nml"))
+    shown = dict((decoded(one)["type"], one) for _, one in exhibit.Exhibit(result, None).messages())
+    kept = decoded(shown["trajectories"])["arrays"]
+    known = dict(zip(live["boulder"].tolist(), live["mass"].tolist(), strict=True))
+    assert all(known.get(k, m) == m for k, m in zip(kept["boulder"], kept["mass"], strict=True))
+    assert {*kept["mass"].tolist()} == {4000.0, 5600.0}
+    older = exhibit.Exhibit(result.drop_vars("mass"), None)
+    (unknown,) = [decoded(one) for kind, one in older.messages() if kind == "trajectories"]
+    assert np.isnan(unknown["arrays"]["mass"]).all()
 
 
 def test_another_map_is_another_run_of_the_same_revision(serve, visit):
@@ -721,6 +743,98 @@ def test_zones_with_numbers_of_their_own_get_more_of_them(place):
     assert rockfall.run(rockfall.read_case("more.nml")).sizes["boulder"] == 120
 
 
+VARIANTS = f"""&barrier name = 'Netz', x = {W}, {W + 300}, y = {N - 150}, {N - 150}, height = 4.0,
+    capacity = 2000.0 /
+&barrier name = 'Zaun', x = {W}, {W + 300}, y = {N - 180}, {N - 180}, height = 1.0,
+    capacity = 100.0 /
+&variant name = 'bare', without = 'barrier', cost = 0.0 /
+&variant name = 'net', barriers = 'Netz', release_drop_height = 9.0 /
+&variant name = 'dug', terrain_dem = 'other.tif' /
+"""
+
+
+def same_ends(one, other):
+    """Check that boulders of two cases end alike, and return the result of the second."""
+    one, other = rockfall.run(one), rockfall.run(other)
+    for name in "stop_x", "stop_y", "travel_time", "status":
+        assert same_bits(one[name].values, other[name].values), name
+    return other
+
+
+@pytest.fixture
+def varied(place):
+    make_raster("other.tif", scenes.rough(dtype="f4") - 1)
+    path = Path("varied.nml")
+    path.write_text(CASE + VARIANTS, encoding="utf-8")
+    return path
+
+
+def test_variants_of_a_case_are_listed_run_and_taken_as_the_document(serve, varied, visit):
+    cases = rockfall.variants(rockfall.read_case(varied))
+    page = visit(serve(varied))
+    bare, net = page.until("welcome")["variants"]
+    assert [bare["variant"], net["variant"]] == ["bare", "net"]
+    assert "variant dug is not in the list" in page.until("state")["warnings"][0]
+    page.until("batch", complete=True)
+    for name in "net", "bare":
+        page.send("compare", variant=name)
+    for name in "net", "bare":
+        fresh = rockfall.line_statistics(rockfall.run(cases[name]), quantities=["speed"])
+        lines = page.until("batch", variant=name, complete=True)["lines"]
+        assert [one["n"] for one in lines] == fresh["n"].tolist()
+        assert lines[0]["quantities"]["speed"]["mean"][0] == fresh["mean"][0]
+    state = page.edit(1, layers=net["layers"], settings=net["settings"], variant="net")
+    assert state["errors"] == []
+    taken = page.until("batch", revision=1, complete=True)
+    assert [one["name"] for one in taken["lines"]] == ["L", "Netz"]
+    page.send("save", name="one")
+    saved = page.until("saved")
+    assert saved["remark"].startswith("written without the &variant groups: this state is based on")
+    same_ends(cases["net"], rockfall.read_case("one.nml"))
+    for kind in "compare", "edit":
+        page.send(kind, variant="dug", revision=2)
+        page.until("refused" if kind == "compare" else "state")
+
+
+def test_a_variant_that_is_compared_brings_its_trees(serve, place, visit):
+    Path("trees.csv").write_text(f"x,y,dbh,species\n{W + 50},{N - 300},40,Picea\n")
+    groups = "&forest trees = 'trees.csv' /\n&variant name = 'felled', without = 'forest' /\n"
+    Path("wood.nml").write_text(CASE + groups, encoding="utf-8")
+    page = visit(serve("wood.nml"))
+    present = page.until("background")
+    assert "variant" not in present and present["arrays"]["trees"].tolist() == [
+        [W + 50, N - 300, 40]
+    ]
+    page.until("batch", complete=True)
+    page.send("compare", variant="felled")
+    assert page.until("background", variant="felled")["trees"] == 0
+
+
+def test_all_maps_have_names_in_the_language_of_the_page(serve, visit):
+    server = serve()
+    english, german = (
+        {one["name"]: one["label"] for one in visit(server, {"language": tongue}).get()["maps"]}
+        for tongue in ("en", "de")
+    )
+    assert {*english} == {*german} and len(english) > 50
+    assert [name for name in english if english[name] == german[name]] == []
+
+
+def test_variants_are_saved_with_what_they_name(varied, place):
+    site, document = open_site(varied)
+    drawn = [one._asdict() for one in document.layers["lines"]] + [line(100, id="m", name="M")]
+    saved = save(site, site.edited(document, {"lines": drawn}, {}), "more", False)
+    assert saved.remark == ""
+    cases = rockfall.variants(rockfall.read_case("more.nml"))
+    assert [*cases] == ["bare", "net", "dug"]
+    for name, one in rockfall.variants(rockfall.read_case(varied)).items():
+        assert same_ends(one, cases[name])["line"].values.tolist()[:2] == ["L", "M"], name
+    nets = [one._asdict() for one in document.layers["barriers"][1:]]
+    saved = save(site, site.edited(document, {"barriers": nets}, {}), "less", False)
+    assert "&variant name = 'net' barriers: no &barrier is called 'Netz'" in saved.remark
+    assert rockfall.read_case("less.nml").variant == []
+
+
 # What goes out.
 
 
@@ -846,6 +960,121 @@ def test_a_task_can_be_cancelled_and_leaves_no_result(serve, visit):
     assert not Path("long.nc").exists() and not Path("long_layers").exists()
 
 
+PROGRAM = """
+import os
+import sys
+import time
+from pathlib import Path
+from rockfall.app import server, tasks
+from rockfall.cli.command_line import main
+server.PAGE = Path("page")
+tasks.SAVE_SECONDS = 0.01
+
+
+def replace(source, target, rename=os.replace):
+    if str(target).endswith(os.environ.get("HELD", "/")):
+        print("held", flush=True)
+        time.sleep(1000)
+    rename(source, target)
+
+
+os.replace = replace
+if os.environ.get("HELD", "").endswith(".html"):
+    import pytest
+    from made import leave_pictures_blank
+
+    leave_pictures_blank(pytest.MonkeyPatch())
+sys.exit(main(["app", "case.nml", *sys.argv[1:]]))
+"""
+
+
+@contextmanager
+def program(*options, **environment):
+    """The window as a process of its own, which is killed at the end, and how to enter it."""
+    command = [sys.executable, "-c", PROGRAM, *(options or ("--no-browser",))]
+    path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    about = {"stdout": PIPE, "stderr": PIPE, "text": True}
+    about["env"] = os.environ | {"PYTHONPATH": path} | environment
+    with subprocess.Popen(command, **about) as child:
+        address = child.stdout.readline()
+        port, key = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/#key=([\w-]{32})\n", address).groups()
+        try:
+            yield child, SimpleNamespace(port=int(port), key=key)
+        finally:
+            child.kill()
+
+
+def test_a_run_to_a_file_has_the_bits_of_the_command_line(serve, visit):
+    page = visit(serve())
+    assert page.until("unfinished")["runs"] == []
+    page.send("simulate", name="long")
+    found = page.all_until("done", task="simulate")
+    assert found[-1]["files"] == ["long.nc"]
+    told = [(one["done"], one["total"]) for one in found if one["type"] == "progress"]
+    assert told[-1] == (120, 120)
+    assert main(["run", "long.nml", "--quiet", "--output", "other.nc"]) == 0
+    same_variables(rockfall.read_result("long.nc"), rockfall.read_result("other.nc"))
+    assert sorted(one.name for one in Path().glob("long.*")) == ["long.gpkg", "long.nc", "long.nml"]
+
+
+def test_a_run_to_a_file_that_is_stopped_goes_on(serve, visit):
+    page = visit(serve())
+    page.edit(1, settings={"case": {"boulders_total": 40_000}})
+    page.send("stop")
+    page.send("simulate", name="long")
+    page.until("progress")
+    page.send("cancel")
+    *_, (run,), _ = [one.get("runs") for one in page.all_until("refused", task="simulate")]
+    assert run["name"] == "long" and 0 < run["boulders"] < 40_000
+    assert not Path("long.nc").exists()
+    page.send("simulate", name="long", overwrite=False)
+    assert page.until("refused")["exists"]
+    later = visit(serve())
+    assert later.until("unfinished")["runs"] == [run]
+    for name in "other", "../long", 5:
+        later.send("resume", name=name)
+        assert later.until("refused", task="resume")
+    later.send("resume", name="long")
+    found = later.all_until("done", task="simulate")
+    assert min(one["done"] for one in found if one["type"] == "progress") >= run["boulders"]
+    assert found[-2] == {"type": "unfinished", "runs": []}
+    fresh = rockfall.run(rockfall.read_case("long.nml"))
+    same_variables(fresh, rockfall.read_result("long.nc"))
+
+
+def test_a_run_to_a_file_outlives_its_window(serve, visit):
+    with program() as (child, server):
+        page = visit(server)
+        page.edit(1, settings={"case": {"boulders_total": 40_000}})
+        page.send("simulate", name="long")
+        page.until("saved")
+        while not Path("long.nc.checkpoint").exists():
+            time.sleep(0.01)
+        child.kill()
+    assert not Path("long.nc").exists()
+    page = visit(serve())
+    (run,) = page.until("unfinished")["runs"]
+    assert run["name"] == "long" and run["boulders"] > 0
+    page.send("resume", name="long")
+    page.until("done", task="simulate")
+    assert rockfall.read_result("long.nc").sizes["boulder"] == 40_000
+
+
+@pytest.mark.parametrize("name", ["x.nc", "x.html", "x_layers"])
+def test_a_killed_task_leaves_no_half_file_of_its_name(name, visit):
+    """Killed before the last step, once all has been written."""
+    kind = "export" if name == "x_layers" else "report"
+    with program(HELD="rockfall.gpkg" if kind == "export" else name) as (child, server):
+        page = visit(server)
+        page.send(kind, name="x")
+        assert child.stdout.readline() == "held\n"
+        child.kill()
+    assert not Path(name).exists()
+    assert rockfall.read_case("x.nml").case["boulders_total"] == 120
+    if name != "x.nc":
+        assert rockfall.read_result("x.nc").sizes["boulder"] == 120
+
+
 def test_the_second_page_reads_until_it_takes_over(serve, visit):
     server = serve()
     first, second = visit(server), visit(server, {"language": "de"})
@@ -879,7 +1108,7 @@ def test_a_page_that_comes_later_gets_what_is_known(serve, visit):
     first.until("trajectories", append=False)
     second = visit(server)
     kinds = [one["type"] for one in second.all_until("trajectories")]
-    assert kinds == ["welcome", "terrain", "state", "batch", "trajectories"]
+    assert kinds == ["welcome", "unfinished", "terrain", "state", "batch", "trajectories"]
 
 
 def test_the_server_ends_when_the_last_page_has_closed(place, visit):
@@ -897,22 +1126,29 @@ def test_the_server_ends_when_the_last_page_has_closed(place, visit):
     assert not thread.is_alive()
 
 
-INTERRUPTED = """
-import sys
-from pathlib import Path
-from rockfall.app import server
-from rockfall.cli.command_line import main
-server.PAGE = Path("page")
-sys.exit(main(["app", "case.nml", "--no-browser"]))
-"""
+@pytest.mark.skipif(os.name == "nt", reason="modes of files are POSIX's")
+def test_command_lines_have_no_key(place, visit):
+    browser = place / "browser"
+    browser.write_text('#!/bin/sh\necho "$@" >asked.new\nmv asked.new asked\n')
+    browser.chmod(0o755)
+    with program("--keep", BROWSER=f"{browser} %s") as (_, server):
+        while not Path("asked").exists():
+            time.sleep(0.01)
+        asked = Path("asked").read_text().strip()
+        assert server.key not in asked
+        file = Path(asked.removeprefix("file://"))
+        assert (file.stat().st_mode & 0o777, file.parent.stat().st_mode & 0o777) == (0o600, 0o700)
+        assert f'url=http://127.0.0.1:{server.port}/#key={server.key}"' in file.read_text()
+        visit(server).until("welcome")
+        end = time.monotonic() + 20
+        while file.parent.exists():
+            assert time.monotonic() < end
+            time.sleep(0.01)
 
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_ends_the_server_quietly(place, stop):
-    command = [sys.executable, "-c", INTERRUPTED]
-    with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as child:
-        address = child.stdout.readline()
-        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/#key=[\w-]{32}\n", address)
+    with program() as (child, _):
         child.send_signal(stop)
         said, errors = child.communicate(timeout=30)
     assert (said, errors, child.returncode) == ("", "", 0)

@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The live window in a real browser: what an engineer does there, and what must not happen."""
 
+import base64
 import json
+import re
+import shutil
+import subprocess
 import threading
 import time
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 
 import pytest
@@ -13,6 +18,7 @@ pytest.importorskip("starlette", reason="the app extra is not installed")
 pytest.importorskip("uvicorn", reason="the app extra is not installed")
 pytest.importorskip("selenium", reason="selenium is not installed")
 pytest.importorskip("shapely", reason="the vector extra is not installed")
+imread = pytest.importorskip("matplotlib.image", reason="the report extra is not installed").imread
 from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
 from selenium.webdriver.common.actions.action_builder import ActionBuilder  # noqa: E402
 from selenium.webdriver.common.by import By  # noqa: E402
@@ -22,9 +28,13 @@ import rockfall  # noqa: E402
 import scenes  # noqa: E402
 from browser import open_browser, resize  # noqa: E402
 from made import make_raster  # noqa: E402
+from rockfall.app import server as server_module  # noqa: E402
 from rockfall.app.room import Room  # noqa: E402
 from rockfall.app.server import Server, bind  # noqa: E402
 from rockfall.app.show import PAGE, show  # noqa: E402
+from rockfall.scene.read import read_scene  # noqa: E402
+from rockfall.simulation.checkpoint import Checkpoint  # noqa: E402
+from rockfall.simulation.simulate import simulate  # noqa: E402
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::UserWarning"),
@@ -32,6 +42,7 @@ pytestmark = [
 ]
 
 W, N = 600000.0, 5000000.0
+TREES = 0x00, 0x7A, 0x59  # their colour
 CASE = f"""&case title = 'Hang', boulders_total = 200, seed = 7, threads = 1 /
 &terrain dem = 'dem.tif' /
 &surface uniform_mean_radius = 0.25 /
@@ -207,6 +218,14 @@ def test_a_case_opens_with_its_statistics(window):
     assert [one["properties"]["name"] for one in window.layers["lines"]] == ["L"]
 
 
+def test_the_file_that_opens_the_browser_leads_to_the_page(browser, monkeypatch):
+    monkeypatch.setattr("webbrowser.open", browser.get)
+    with served("case.nml") as server, server_module.open_browser(server.url):
+        assert "L" in Window(browser).complete()
+        assert server.key not in browser.current_url
+        browser.get("about:blank")
+
+
 def test_a_source_is_drawn_dragged_and_saved_as_what_the_command_line_runs(window):
     first = window.complete()
     drawn = window.changed(lambda: window.draw("source", [W + 90, N - 60]))
@@ -269,6 +288,65 @@ def test_a_long_run_is_paused_and_gives_way_to_an_edit(window):
     assert window.browser.execute_script("return rockfall.batch.boulders") == 150
 
 
+def test_variants_of_the_case_are_compared_and_made_current(browser):
+    net = f"name = 'N', x = {W}, {W + 300}, y = {N - 150}, {N - 150}, height = 4.0, capacity = 2e3"
+    groups = f"&barrier {net} /\n&variant name = 'bare', without = 'barrier' /\n"
+    Path("varied.nml").write_text(CASE + groups, encoding="utf-8")
+    with served("varied.nml") as server:
+        resize(browser, 1280, 800)
+        window = open_window(browser, server)
+        assert "N" in window.complete()
+        window.click('[data-tab="variants"]')
+        window.click('[data-variant="bare"] [data-action="compare"]')
+        difference = "[...document.querySelectorAll('.compare-table td.difference')]"
+        window.until("a comparison", f"{difference}.some((one) => /^[+−]/.test(one.innerText))")
+        window.click('[data-action="close-compare"]')
+        bare = window.changed(lambda: window.click('[data-variant="bare"] [data-action="restore"]'))
+        assert [*bare] == ["L"] and window.layers["barriers"] == []
+        browser.get("about:blank")
+
+
+def test_states_are_compared_with_their_trees_and_counts_with_whole_numbers(browser):
+    rows = [f"{W + 20 + 5 * k},{N - 20 - 7 * k},50,Picea" for k in range(50)]
+    Path("trees.csv").write_text("\n".join(["x,y,dbh,species", *rows]))
+    groups = "&forest trees = 'trees.csv' /\n&variant name = 'felled', without = 'forest' /\n"
+    few = CASE.replace("boulders_total = 200", "boulders_total = 3")
+    Path("wood.nml").write_text(few + groups, encoding="utf-8")
+    with served("wood.nml") as server:
+        resize(browser, 1280, 800)
+        window = open_window(browser, server)
+        ticks = window.text(".legend .ticks").split()
+        assert len(ticks) > 1 and {*ticks} <= {*"123"}
+        window.click('[data-tab="variants"]')
+        window.click('[data-variant="felled"] [data-action="compare"]')
+        window.until("a comparison", "document.querySelector('.compare-table td.difference')")
+        time.sleep(0.5)
+        felled, present = browser.find_elements(By.CSS_SELECTOR, ".compare-side .map")
+        assert green(felled) == 0 < green(present)
+        browser.get("about:blank")
+
+
+def green(element):
+    """Number of pixels of an element whose colour is near that of trees."""
+    pixels = 255 * imread(BytesIO(element.screenshot_as_png))[..., :3]
+    return (abs(pixels - TREES).max(axis=-1) < 40).sum()
+
+
+def test_a_run_that_was_stopped_is_offered_and_goes_on(browser):
+    Path("long.nml").write_text(CASE, encoding="utf-8")
+    scene = read_scene(rockfall.read_case("long.nml"))
+    simulate(scene, checkpoint=Checkpoint("long.nc", 1e9, keep=True))
+    with served("case.nml") as server:
+        resize(browser, 1280, 800)
+        window = open_window(browser, server)
+        window.click('[data-action="resume"]')
+        window.until("the result", "document.querySelector('dialog[open] .files')")
+        assert window.text("dialog[open] .files") == "long.nc"
+        assert browser.find_elements(By.CSS_SELECTOR, '[data-action="resume"]') == []
+        browser.get("about:blank")
+    assert rockfall.read_result("long.nc").sizes["boulder"] == 200
+
+
 def test_a_second_page_reads_until_it_takes_over(browser):
     with served("case.nml") as server:
         resize(browser, 1280, 800)
@@ -309,6 +387,26 @@ def test_no_request_leaves_the_machine(browser):
     assert {"app.js", "live"} <= {url.rpartition("/")[2] for url in urls}
     assert [url for url in urls if not url.startswith((*own, "data:", "blob:", "about:"))] == []
     assert all(server.key not in url.partition("#")[0] for url in urls)
+
+
+@pytest.mark.parametrize("view", ["map", "scene"])
+def test_paper_has_the_map_and_the_table(view, window, tmp_path):
+    if not shutil.which("pdftotext"):
+        pytest.skip("no pdftotext here: ./run browser")
+    window.click(f'[data-view="{view}"]')
+    printed = window.browser.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})
+    Path("page.pdf").write_bytes(base64.b64decode(printed["data"]))
+    commands = ["pdftotext", "-layout", "page.pdf", "-"], ["pdfimages", "-list", "page.pdf"]
+    text, images = (
+        subprocess.run(command, check=True, capture_output=True, text=True).stdout
+        for command in commands
+    )
+    assert text.count("\f") == 1  # a page
+    boulders = window.complete()["L"]["n"]
+    assert re.search(rf" L \S+ .*{boulders} boulders", re.sub(r"\s+", " ", text))
+    assert "3-D" not in text
+    assert max(int(line.split()[3]) for line in images.splitlines()[2:]) > 500  # pixels
+    window.until("the view of before", f"document.querySelector('[data-mode={view}]')")
 
 
 @pytest.mark.parametrize("width", [390, 1280, 1920])

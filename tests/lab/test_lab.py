@@ -34,7 +34,7 @@ from rockfall.lab.setfile import origin, provenance
 from rockfall.text import lab as summary
 
 VAUJANY = Path(__file__).parents[2] / "cases" / "vaujany"
-ROWS = *names(5), *names(6)  # of an impact
+ROWS = *names("outcome"), *names("outcome_counts")  # of an impact
 GROUPS = "lab", "material", "packing", "impact"
 SMALL = LabCase(
     lab={"layers": 3, "points": 2, "impacts": 3, "ratios": [1, 2, 1.5]},
@@ -342,7 +342,7 @@ def test_layers_lie_in_their_box():
     layers = pack_layers(SMALL, 2, count=2)
     for k in range(len(layers)):
         x, radius, facts = layers.one(k)
-        fact = dict(zip(names(7), facts, strict=True))
+        fact = dict(zip(names("layer"), facts, strict=True))
         width = fact["width"]
         assert width == pytest.approx(1.0)
         assert len(x) == len(radius) == layers.bodies[k]
@@ -397,11 +397,18 @@ def test_every_key_goes_through_the_text_of_a_case(tmp_path):
 
 def test_the_kernel_gets_what_the_case_says():
     case = SMALL.replace(packing={"rigid_base": True, "depth": 5}, impact={"wait": 3})
-    rows = {kind: dict(zip(names(kind), case.row(kind, 4.0), strict=True)) for kind in (1, 2, 3, 4)}
-    assert rows[1] == case.material
-    assert rows[2] == case.packing | {"ratio": 4} and rows[2]["rigid_base"] == 1
-    assert rows[3]["radius"] == 0.4 and rows[3]["wait"] == 3 and rows[3]["gravity"] == 9.81
-    assert rows[4] == {
+    rows = {
+        kind: dict(zip(names(kind), case.row(kind, 4.0), strict=True))
+        for kind in ("material", "packing", "shot", "range")
+    }
+    assert rows["material"] == case.material
+    assert rows["packing"] == case.packing | {"ratio": 4} and rows["packing"]["rigid_base"] == 1
+    assert (
+        rows["shot"]["radius"] == 0.4
+        and rows["shot"]["wait"] == 3
+        and rows["shot"]["gravity"] == 9.81
+    )
+    assert rows["range"] == {
         "speed_min": 2, "speed_median": 10, "speed_max": 25, "angle_min": 3, "angle_median": 20,
         "angle_max": 60, "spin_min": -0.5, "spin_median": 0.25, "spin_max": 1,
     }  # fmt: skip

@@ -269,7 +269,7 @@ def test_a_platy_boulder_has_the_moment_of_a_plate():
     a, b, c = 1.0, 0.8, 0.42
     radius = (3 * a * b * c / (4 * np.pi)) ** (1 / 3)
     box = (a * a + b * b + c * c) / 18 / radius**2
-    row = ANGULAR.row(15)
+    row = ANGULAR.row("boulder")
     assert lab_f2py.inertia_factor(row) == pytest.approx(box, rel=0.05)
 
 

@@ -61,7 +61,7 @@ def total(case, n):
 
 def only(result):
     """A result without what says from where it has its sources."""
-    names = [name for name in ("source_feature", "feature") if name in result.variables]
+    names = [name for name in ("source_feature", "feature", "mass") if name in result.variables]
     attrs = {"input_checksums": "", "source_features": "", "decoded_checksums": ""}
     return result.drop_vars(names).assign_attrs(attrs)
 
@@ -121,6 +121,8 @@ def test_attributes_are_those_of_the_feature_or_else_of_the_case(case):
         heights = result["start_z"].values[::2000] - rockfall.run(ground)["start_z"].values
     assert np.allclose(heights, [1.0, 9.0, 5.0, 0.0])
     assert result["feature"].values.tolist() == ["left", "left", "tower", "4"]
+    densities = (result["mass"] / result["volume"]).values.reshape(4, -1)
+    assert np.allclose(densities.T, [2600, 2800, 2500, 2800], rtol=1e-15)
     assert values_of(case, read_scene(case).features).tolist() == [
         [2600, 1, 0, 0, 0], [2800, 9, 0, 0, 0], [2500, 5, 0, 0, 0], [2800, 0, 2, -3, 0],
     ]  # fmt: skip
@@ -196,9 +198,9 @@ def test_a_polygon_shares_its_frequency_among_its_cells_by_area_if_asked(case):
     make_layer("cliff.gpkg", CLIFFS, frequency=[3.0, 1.0])
     for by_area in False, True:
         scene = read_scene(total(at(case, "cliff.gpkg", by_area=by_area), 10_000))
-        of = np.bincount(scene.features.of, released(scene))[1:]
+        of = np.bincount(scene.features.number, released(scene))[1:]
         assert np.allclose(of, [7500, 2500], atol=scene.x.size)
-        west = released(scene)[scene.features.of == 1]
+        west = released(scene)[scene.features.number == 1]
         assert (np.ptp(west) > 1) == by_area
     with pytest.warns(UserWarning, match="frequency is not used: &case boulders come from each"):
         rockfall.run(at(case.replace(case={"boulders": 1}), "cliff.gpkg"))

@@ -97,6 +97,7 @@ def test_each_source_has_boulders_of_its_own(tmp_path):
         assert crossed.sum() > 10
         masses = (2 * energy / speed**2)[crossed]
         assert np.allclose(masses, density * volume, rtol=1e-12)
+        assert np.allclose(result.mass[mine], density * volume, rtol=1e-15)
         released = result.energy_released[mine]
         parts = sum(
             result[f"energy_{name}"][mine] for name in ("ground", "trees", "barriers", "left")

@@ -196,6 +196,8 @@ def test_trajectories_of_a_batch_are_those_of_the_result(case):
             assert same_bits(column, other)
         assert (np.diff(mine.time) >= 0).all()
     assert batch.trajectories(0) == [] and len(batch.trajectories(10**6)) == 300
+    first, *others = (one.boulder for one in batch.trajectories(5))
+    assert [one.boulder for one in batch.trajectories(5, skip={first, 999})] == others
 
 
 def test_a_change_reads_only_what_depends_on_it(case, monkeypatch):

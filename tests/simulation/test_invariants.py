@@ -106,7 +106,7 @@ def test_a_boulder_alone_is_that_of_the_crowd(folder, crowd, number):
         assert np.array_equal(values[..., number - 1], met, equal_nan=True), name
     row = {name: values[number - 1] for name, values in found.items() if values.ndim == 1}
     way = simulate.trajectory(scene, number)
-    last = dict(zip(simulate.fields(4), way[-1], strict=True))
+    last = dict(zip(simulate.fields("vertex"), way[-1], strict=True))
     assert [last[axis] for axis in "xyz"] == [row[f"stop_{axis}"] for axis in "xyz"]
     assert last["time"] == row["travel_time"]
 

@@ -20,6 +20,8 @@ import { VariantPanel } from './panels/variants';
 import {
   isOf,
   LAYERS,
+  variantOf,
+  type BackgroundMessage,
   type BatchMessage,
   type Binary,
   type CaseDocument,
@@ -38,8 +40,8 @@ import { Shell, type Mode } from './shell';
 import { decimal, say, sayOr } from './texts';
 import { Toolbar } from './toolbar';
 import { TopBar } from './top_bar';
-import { joined, trajectoriesOf } from './trajectories';
-import type { Snapshot } from './variants';
+import { extended } from './trajectories';
+import { unrun, withResults, type Snapshot } from './variants';
 import type { Shade, Terrain, Trajectories } from './view3d/view3d';
 
 const OPACITY = 0.85; // of results, at first
@@ -83,7 +85,10 @@ export class CaseWindow {
   private readonly display: DisplayPanel;
   private readonly tabs: Tabs;
   private readonly output: Output;
-  private readonly compare = new CompareView(() => this.show('map'));
+  private readonly compare = new CompareView(
+    () => this.show('map'),
+    (chosen) => this.runVariant(chosen),
+  );
   private readonly topBar: TopBar;
   private readonly scene: ScenePane;
   private readonly ended = new AbortController();
@@ -92,9 +97,12 @@ export class CaseWindow {
   private terrain: Terrain | null = null;
   private cell = 1; // of the terrain as it is simulated [m]
   private shade: Shade | null = null;
+  private background: Binary<BackgroundMessage> | null = null;
   private state: State = { type: 'state', revision: 0, errors: [], warnings: [] };
   private batch: Binary<BatchMessage> | null = null;
   private trajectories: Trajectories | null = null;
+  private variants: Snapshot[];
+  private unfinished: readonly { name: string; boulders: number }[] = [];
   private mode: Mode = 'map';
   private bySpeed = false;
   private wanted: Welcome['view'];
@@ -103,8 +111,9 @@ export class CaseWindow {
     parent: HTMLElement,
     private readonly welcome: Welcome,
     private readonly connection: Connection,
-    private variants: Snapshot[],
+    kept: Snapshot[] | null,
   ) {
+    this.variants = kept ?? welcome.variants.map(unrun);
     const { forms, mode } = welcome;
     this.chooser = welcome.writer && !connection.standalone;
     this.wanted = welcome.view;
@@ -200,9 +209,9 @@ export class CaseWindow {
     return this.store.document;
   }
   /** Variants kept, if a window of the same file takes the place of this one. */
-  variantsFor({ file, folder, mode }: Welcome): Snapshot[] {
+  variantsFor({ file, folder, mode }: Welcome): Snapshot[] | null {
     const same = file === this.welcome.file && folder === this.welcome.folder && mode === this.welcome.mode;
-    return same ? this.variants : [];
+    return same ? this.variants : null;
   }
   pixelOf(place: [number, number]): [number, number] | null {
     const [x, y] = this.view.map.getPixelFromCoordinate(place) ?? [];
@@ -239,13 +248,17 @@ export class CaseWindow {
         if (this.chooser) this.output.progress(message);
         return;
       case 'saved':
-        this.output.written(message.files);
+        this.output.written(message.files, message.remark);
         return;
       case 'done':
         this.output.done(message.files);
         return;
+      case 'unfinished':
+        this.unfinished = message.runs;
+        this.offerUnfinished();
+        return;
       case 'refused':
-        if (message.task === 'save' || isLong(message.task)) this.output.refused(message.text, message.exists);
+        if (message.task === 'save' || message.task === 'resume' || isLong(message.task)) this.output.refused(message.text, message.exists);
         else this.shell.notice('refused', 'red', message.text);
         return;
       case 'fault':
@@ -258,16 +271,15 @@ export class CaseWindow {
 
   receiveBinary(message: Binary): void {
     if (isOf(message, 'terrain')) this.setTerrain(message);
-    else if (isOf(message, 'background')) {
+    else if (variantOf(message)) {
+      this.variants = withResults(this.variants, message);
+      this.refresh();
+      if (this.mode === 'compare') this.compare.update(this.states());
+    } else if (isOf(message, 'background')) {
       const { zones, sources, trees } = message.header;
       const cells = message.u1('zones');
-      this.view.setBackground(
-        message.header,
-        cells,
-        this.shade,
-        message.f8('sources')?.values ?? null,
-        message.f8('trees')?.values ?? null,
-      );
+      this.background = message;
+      this.view.setBackground(message, this.shade?.cell ?? 1);
       this.legend.setZones(cells ? zones : null);
       this.display.offer('zones', cells !== null);
       this.display.offer('background_sources', sources > 0);
@@ -275,12 +287,7 @@ export class CaseWindow {
     } else if (message.header.type === 'batch' || message.header.type === 'trajectories') {
       if (message.header.revision < this.sender.revision) return; // of an older state
       if (isOf(message, 'batch')) this.setBatch(message);
-      else if (isOf(message, 'trajectories')) {
-        const added = trajectoriesOf(message);
-        this.setTrajectories(
-          added && message.header.append && this.trajectories ? joined(this.trajectories, added) : added,
-        );
-      }
+      else if (isOf(message, 'trajectories')) this.setTrajectories(extended(this.trajectories, message));
     }
   }
 
@@ -481,6 +488,7 @@ export class CaseWindow {
       batch: this.batch.header,
       overlay: this.batch.f4('overlay'),
       trajectories: this.trajectories,
+      background: this.background,
     };
   }
 
@@ -490,6 +498,12 @@ export class CaseWindow {
     this.variants = [...this.variants, kept];
     this.refresh();
     return true;
+  }
+
+  /** Run a variant of the case, unless it has results of the map that is shown. */
+  private runVariant({ name, document, batch }: Snapshot): void {
+    if (name === document.variant && !(batch && (batch.overlay?.name ?? '') === this.wanted.map))
+      this.connection.send({ type: 'compare', variant: name });
   }
 
   private restore(index: number): void {
@@ -549,6 +563,7 @@ export class CaseWindow {
       },
       this.ended.signal,
     );
+    window.addEventListener('beforeprint', () => this.print(), { signal: this.ended.signal });
     const sizes = new ResizeObserver(() => this.view.map.updateSize());
     sizes.observe(this.shell.mapTarget);
     this.ended.signal.addEventListener('abort', () => sizes.disconnect());
@@ -563,6 +578,20 @@ export class CaseWindow {
     if (!document.layers.lines.length && !document.layers.barriers.length) this.statistics.update([]);
     this.showRole();
     this.refresh();
+  }
+
+  /** Offer runs to go on that were stopped. */
+  private offerUnfinished(): void {
+    const known = new Set(this.unfinished.map(({ name }) => `unfinished ${name}`));
+    this.shell.clearNotices((name) => name.startsWith('unfinished ') && !known.has(name));
+    if (!this.writer) return;
+    for (const { name, boulders } of this.unfinished)
+      this.shell.notice(
+        `unfinished ${name}`,
+        'amber',
+        say('app.unfinished', { name, n: boulders }),
+        button(say('app.resume'), () => this.output.resume(name), { attributes: { 'data-action': 'resume' } }),
+      );
   }
 
   private showRole(): void {
@@ -581,9 +610,24 @@ export class CaseWindow {
         }),
       );
     else this.shell.clearNotice('role');
+    this.offerUnfinished();
   }
 
   private picture(): void {
+    download(this.drawPicture(), `${this.welcome.file.replace(/\.[^.]*$/, '') || 'map'}.png`);
+  }
+
+  /** Put a picture of the map on the sheet, whatever is shown; the browser prints it with the table. */
+  private print(): void {
+    const { mode } = this;
+    this.show('map');
+    this.view.map.renderSync();
+    for (const one of this.messages.root.querySelectorAll('details')) one.open = true;
+    this.shell.printed(this.drawPicture());
+    window.addEventListener('afterprint', () => this.show(mode), { once: true });
+  }
+
+  private drawPicture(): HTMLCanvasElement {
     const { title, file } = this.welcome;
     const batch = this.batchHeader;
     const notes = [
@@ -591,12 +635,11 @@ export class CaseWindow {
       this.preliminary ? say('app.preliminary') : '',
       new Date().toLocaleDateString(this.welcome.language, { dateStyle: 'long' }),
     ];
-    const picture = drawPicture(this.view, {
+    return drawPicture(this.view, {
       title: title || file,
       notes: [notes.filter(Boolean).join(' · ')],
       result: batch?.overlay ?? null,
       north: say('app.map.north_letter'),
     });
-    download(picture, `${file.replace(/\.[^.]*$/, '') || 'map'}.png`);
   }
 }

@@ -86,6 +86,7 @@ export interface ColourScale {
   low: number;
   high: number;
   scale: 'linear' | 'log';
+  whole?: boolean; // has whole numbers only
 }
 
 export function placeOf(value: number, { low, high, scale }: ColourScale): number {
@@ -94,7 +95,7 @@ export function placeOf(value: number, { low, high, scale }: ColourScale): numbe
 }
 
 /** Round numbers for a legend: 1, 2, 5 times powers of ten, at most about six. */
-export function ticks({ low, high, scale }: ColourScale): number[] {
+export function ticks({ low, high, scale, whole }: ColourScale): number[] {
   if (!(high > low)) return [high];
   if (scale === 'log') {
     const found: number[] = [];
@@ -104,7 +105,7 @@ export function ticks({ low, high, scale }: ColourScale): number[] {
       for (const f of factors) found.push(f * 10 ** e);
     return found.filter((value) => value >= low * 0.999 && value <= high * 1.001);
   }
-  const rough = (high - low) / 5;
+  const rough = Math.max((high - low) / 5, whole ? 1 : 0);
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = power * ([1, 2, 5].find((f) => f * power >= rough) ?? 10);
   const found: number[] = [];

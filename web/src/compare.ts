@@ -5,7 +5,7 @@ import { button, element, select } from './dom';
 import { Legend } from './legend';
 import { MapView } from './map/map_view';
 import { estimate, percent, QUANTITIES } from './panels/statistics';
-import type { Estimate, LineStatistics, OverlayHeader } from './protocol';
+import type { BackgroundMessage, Binary, Estimate, LineStatistics, OverlayHeader } from './protocol';
 import { decimal, rounded, say, sayOr, supportedDecimals } from './texts';
 import { difference, type Snapshot } from './variants';
 import type { Shade, Terrain } from './view3d/view3d';
@@ -16,11 +16,12 @@ class Side {
   private readonly target = element('div', { class: 'map' });
   private readonly choice = element('div', { class: 'compare-choice' });
   private offered = '';
+  private background: Binary<BackgroundMessage> | null = null;
 
   constructor(
     private readonly letter: string,
     terrain: Terrain,
-    shade: Shade | null,
+    private readonly shade: Shade | null,
   ) {
     this.root.append(this.target, this.choice);
     this.view = new MapView(this.target);
@@ -29,7 +30,11 @@ class Side {
 
   show(snapshot: Snapshot, scale: ColourScale | null): void {
     this.view.showDocument(snapshot.document.layers);
-    this.view.setResult(snapshot.batch.overlay, snapshot.overlay?.values ?? null, snapshot.overlay?.shape ?? []);
+    const { batch, overlay, background } = snapshot;
+    if (background !== this.background) this.view.setBackground(background, this.shade?.cell ?? 1);
+    this.background = background;
+    this.view.setResult(batch?.overlay ?? null, overlay?.values ?? null, overlay?.shape ?? []);
+    this.view.dim(!batch?.complete);
     if (scale) this.view.paintResult(scale);
     this.view.setTrajectories(snapshot.trajectories);
   }
@@ -56,7 +61,10 @@ export class CompareView {
   private chosen: [number, number] = [0, 0];
   private readonly legend = new Legend([], '', () => undefined);
 
-  constructor(private readonly onClose: () => void) {
+  constructor(
+    private readonly onClose: () => void,
+    private readonly onChoice: (chosen: Snapshot) => void,
+  ) {
     this.legend.root.classList.add('small');
   }
 
@@ -73,6 +81,7 @@ export class CompareView {
       this.root.append(left.root, right.root, this.legend.root, close);
     }
     this.chosen = [a, b];
+    for (const one of [states[a], states[b]]) if (one) this.onChoice(one);
     this.update(states);
     this.sides.forEach(({ view }) => view.map.updateSize());
     this.sides[0].view.fitResults();
@@ -84,12 +93,14 @@ export class CompareView {
     const [i, j] = this.chosen;
     const [a, b] = [states[i], states[j]];
     if (!this.sides || !a || !b) return;
-    const scale = common(a.batch.overlay, b.batch.overlay);
+    const scale = common(a.batch?.overlay ?? null, b.batch?.overlay ?? null);
     const names = states.map(({ name }) => name);
     this.sides.forEach((side, k) => {
       side.show(k === 0 ? a : b, scale);
       side.offer(names, this.chosen[k] ?? 0, (index) => {
+        const chosen = this.states[index];
         this.chosen[k] = index;
+        if (chosen) this.onChoice(chosen);
         this.update(this.states);
       });
     });
@@ -118,9 +129,11 @@ interface Row {
 }
 
 function tableOf(a: Snapshot, b: Snapshot): HTMLElement {
-  const names = [...new Set([...a.batch.lines, ...b.batch.lines].map(({ name }) => name))];
+  if (!a.batch || !b.batch) return element('p', { class: 'empty' }, say('app.variants.running'));
+  const [of, other] = [a.batch.lines, b.batch.lines];
+  const names = [...new Set([...of, ...other].map(({ name }) => name))];
   if (!names.length) return element('p', { class: 'empty' }, say('app.statistics.none'));
-  const rows = rowsOf([...a.batch.lines, ...b.batch.lines]);
+  const rows = rowsOf([...of, ...other]);
   const head = element(
     'thead',
     {},
@@ -136,7 +149,7 @@ function tableOf(a: Snapshot, b: Snapshot): HTMLElement {
     ),
   );
   const bodies = names.map((name) => {
-    const [left, right] = [a, b].map(({ batch }) => batch.lines.find((line) => line.name === name));
+    const [left, right] = [of, other].map((lines) => lines.find((line) => line.name === name));
     return element(
       'tbody',
       { attributes: { 'data-line': name } },

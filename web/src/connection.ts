@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The socket to the server, or the messages that a stand-alone page brings with it.
-import { decode, isOf, type Binary, type Request, type Text } from './protocol';
+import { decode, isOf, variantOf, type Binary, type Request, type Text } from './protocol';
 
 export interface Receiver {
   text(message: Text): void;
@@ -96,8 +96,8 @@ class Frame {
 }
 
 function replaces(message: Binary, earlier: Binary): boolean {
-  if (isOf(message, 'trajectories')) return !message.header.append && isOf(earlier, 'trajectories');
-  return message.header.type === earlier.header.type;
+  if (isOf(message, 'trajectories') && message.header.append) return false;
+  return message.header.type === earlier.header.type && variantOf(message) === variantOf(earlier);
 }
 
 /** The key, from the address at first, then from the store of this tab. */

@@ -11,7 +11,11 @@ import {
 } from './protocol';
 
 const KEPT = 200; // steps back
-const EMPTY: CaseDocument = { settings: {}, layers: { sources: [], lines: [], barriers: [], dams: [], zones: [] } };
+const EMPTY: CaseDocument = {
+  settings: {},
+  layers: { sources: [], lines: [], barriers: [], dams: [], zones: [] },
+  variant: '',
+};
 
 /** Layers and groups in which two documents differ. */
 export interface Difference {
@@ -43,7 +47,7 @@ export class DocumentStore {
   /** Begin with a document of the server: there is nothing to undo, and no listener to tell. */
   load(document: CaseDocument): void {
     const layers = { ...EMPTY.layers, ...document.layers };
-    this.now = { settings: document.settings, layers };
+    this.now = { ...document, layers };
     this.past = [];
     this.future = [];
     this.gesture = '';

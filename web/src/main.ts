@@ -58,7 +58,7 @@ function welcome(message: Welcome): void {
   setTexts(message.texts, message.language);
   document.documentElement.lang = message.language;
   document.title = message.title ? `${message.title} – rockfall` : 'rockfall';
-  const variants = current?.variantsFor(message) ?? []; // after a lost connection
+  const variants = current?.variantsFor(message) ?? null; // after a lost connection
   current?.dispose();
   current = null;
   if (message.mode === 'start')

@@ -9,6 +9,7 @@ export class Output {
   readonly dialog = element('dialog', { class: 'output' });
   private task: Task = 'save';
   private saved: readonly string[] = []; // by a task that goes on
+  private remark = ''; // on what was saved
   private cancelled = false;
   private readonly title = element('h2', { id: uniqueId('dialog') });
   private readonly name = element('input', {
@@ -57,6 +58,14 @@ export class Output {
     this.name.select();
   }
 
+  /** Let a run go on that was stopped. */
+  resume(name: string): void {
+    this.name.value = name;
+    this.open('simulate');
+    this.connection.send({ type: 'resume', name });
+    this.wait();
+  }
+
   refused(text: string, exists: boolean): void {
     this.name.readOnly = false;
     this.tell(element('p', { class: `alert ${exists || this.cancelled ? 'amber' : 'red'}` }, text));
@@ -83,7 +92,8 @@ export class Output {
   }
 
   /** The case has been written; a report or an export goes on with it. */
-  written(files: readonly string[]): void {
+  written(files: readonly string[], remark: string): void {
+    this.remark = remark;
     if (isLong(this.task)) this.saved = files;
     else this.done(files);
   }
@@ -94,6 +104,7 @@ export class Output {
     this.tell(
       element('p', { class: 'alert good' }, say('app.output.written', { folder: this.folder })),
       element('ul', { class: 'files' }, ...files.map((file) => element('li', {}, file))),
+      ...(this.remark ? [element('p', { class: 'alert amber' }, this.remark)] : []),
     );
     this.buttons.replaceChildren(
       button(say('app.close'), () => this.dialog.close(), {
@@ -115,8 +126,12 @@ export class Output {
       this.name.focus();
       return;
     }
-    this.name.readOnly = true;
     this.connection.send({ type: this.task, name, overwrite });
+    this.wait();
+  }
+
+  private wait(): void {
+    this.name.readOnly = true;
     this.tell(element('p', { class: 'hint' }, say('app.output.working')));
     this.cancelled = false;
     this.saved = [];
@@ -161,5 +176,5 @@ export class Output {
 
 /** True for tasks that report progress. */
 export function isLong(task: string): task is LongTask {
-  return task === 'report' || task === 'export';
+  return task === 'report' || task === 'export' || task === 'simulate';
 }

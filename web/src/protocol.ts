@@ -26,6 +26,7 @@ export type Layers = Readonly<Record<Layer, readonly Feature[]>>;
 export interface CaseDocument {
   readonly settings: Settings;
   readonly layers: Layers;
+  readonly variant: string; // name of the variant of the case from which it comes; '': the case without them
 }
 
 /** A key of the case, or a property of a feature. */
@@ -52,8 +53,8 @@ export interface MapName {
   unit: string;
 }
 
-export type Task = 'save' | 'report' | 'export';
-export type LongTask = 'report' | 'export';
+export type LongTask = 'report' | 'export' | 'simulate';
+export type Task = 'save' | LongTask;
 
 /** From the page to the server. */
 export type Request =
@@ -63,10 +64,13 @@ export type Request =
       revision: number;
       layers?: Partial<Record<Layer, readonly Feature[]>>;
       settings?: Record<string, Group>;
+      variant: string;
     }
+  | { type: 'compare'; variant: string }
   | { type: 'view'; map: string; trajectories: number }
   | { type: 'run' | 'stop' | 'cancel' | 'take_over' }
   | { type: Task; name: string; overwrite: boolean }
+  | { type: 'resume'; name: string }
   | { type: 'open_recent'; index: number };
 
 export interface Welcome {
@@ -82,6 +86,7 @@ export interface Welcome {
   texts: Record<string, string>;
   recent: { name: string; folder: string }[];
   document: CaseDocument;
+  variants: CaseDocument[];
   revision: number;
   forms: Forms;
   maps: MapName[];
@@ -117,8 +122,9 @@ export type Text =
   | { type: 'role'; writer: boolean }
   | { type: 'document'; document: CaseDocument; revision: number } // as another window left it
   | { type: 'done'; task: LongTask; files: string[] }
+  | { type: 'unfinished'; runs: { name: string; boulders: number }[] } // that can be resumed
   | { type: 'refused'; task: string; text: string; exists: boolean }
-  | { type: 'saved'; files: string[]; document_revision: number }
+  | { type: 'saved'; files: string[]; remark: string; document_revision: number }
   | { type: 'fault'; text: string };
 
 export interface TerrainMessage {
@@ -138,6 +144,7 @@ export interface TerrainMessage {
 }
 export interface BackgroundMessage {
   type: 'background';
+  variant?: string;
   zones: { value: number; name: string }[];
   sources: number;
   trees: number;
@@ -173,10 +180,12 @@ export interface OverlayHeader {
   low: number;
   high: number;
   scale: 'linear' | 'log';
+  whole: boolean; // counts
 }
 export interface BatchMessage {
   type: 'batch';
   revision: number;
+  variant?: string; // of the case, run besides the document
   boulders: number;
   total: number;
   complete: boolean;
@@ -192,6 +201,7 @@ export interface BatchMessage {
 export interface TrajectoriesMessage {
   type: 'trajectories';
   revision: number;
+  variant?: string;
   append: boolean;
   count: number;
 }
@@ -254,6 +264,11 @@ export function decode(message: ArrayBuffer): Binary {
     arrays.set(name, { values: new KINDS[dtype](message, payload + offset, size), shape });
   }
   return new Binary(header, arrays);
+}
+
+/** Name of the variant of the case that results are of; '' for those of the document. */
+export function variantOf({ header }: Binary): string {
+  return (header.type === 'terrain' ? undefined : header.variant) ?? '';
 }
 
 /** Narrow a binary message to those of a type. */

@@ -55,7 +55,7 @@ export class Sender {
 
   private flush(): void {
     if (!this.pending) return;
-    const { layers, settings } = this.store.document;
+    const { layers, settings, variant } = this.store.document;
     const changed: Partial<Record<Layer, readonly Feature[]>> = {};
     for (const layer of this.layers) changed[layer] = layers[layer];
     const groups: Record<string, Group> = {};
@@ -65,7 +65,7 @@ export class Sender {
     this.revision += 1;
     this.sent = performance.now();
     this.answered = false;
-    this.connection.send({ type: 'edit', revision: this.revision, layers: changed, settings: groups });
+    this.connection.send({ type: 'edit', revision: this.revision, layers: changed, settings: groups, variant });
     this.onSent();
   }
 }

@@ -35,6 +35,7 @@ export class Shell {
   readonly dockTag = element('span', { class: 'tag', hidden: true });
   private readonly dockBody = element('div', { class: 'dock-body' });
   private readonly toast = element('div', { class: 'toast', attributes: { role: 'status' } });
+  private readonly sheet = element('div', { class: 'sheet' });
   private timer = 0;
 
   constructor(parent: HTMLElement) {
@@ -63,8 +64,13 @@ export class Shell {
       this.dockBody,
     );
     this.mapPane.append(this.tag);
-    this.root.append(this.top, this.notices, this.tools, this.stage, this.dock, this.side, this.toast);
+    this.root.append(this.top, this.notices, this.tools, this.stage, this.sheet, this.dock, this.side, this.toast);
     parent.replaceChildren(this.root);
+  }
+
+  /** What a sheet of paper has in place of the map. */
+  printed(picture: HTMLCanvasElement): void {
+    this.sheet.replaceChildren(picture);
   }
 
   fillDock(...content: HTMLElement[]): void {
@@ -123,7 +129,12 @@ export class Shell {
   }
 
   clearNotice(name: string): void {
-    this.notices.querySelector(`[data-notice="${name}"]`)?.remove();
+    this.clearNotices((one) => one === name);
+  }
+
+  clearNotices(those: (name: string) => boolean): void {
+    for (const one of this.notices.querySelectorAll<HTMLElement>('[data-notice]'))
+      if (those(one.dataset['notice'] ?? '')) one.remove();
   }
 }
 

@@ -89,6 +89,7 @@ export class TopBar {
     if (!live) return found;
     if (mode === 'case')
       found.unshift(
+        action('simulate', say('app.output.simulate'), () => write('simulate')),
         action('report', say('app.output.report'), () => write('report')),
         action('export', say('app.output.export'), () => write('export')),
       );

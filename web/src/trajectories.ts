@@ -3,7 +3,7 @@
 import type { Binary, TrajectoriesMessage } from './protocol';
 import type { Trajectories } from './view3d/view3d';
 
-export function trajectoriesOf(message: Binary<TrajectoriesMessage>): Trajectories | null {
+function trajectoriesOf(message: Binary<TrajectoriesMessage>): Trajectories | null {
   const [points, first, boulder, mass] = [
     message.f4('points'),
     message.u4('first'),
@@ -14,8 +14,13 @@ export function trajectoriesOf(message: Binary<TrajectoriesMessage>): Trajectori
   return { points: points.values, first: first.values, boulder: boulder.values, mass: mass.values };
 }
 
-/** Trajectories with more of the same run behind them. */
-export function joined(a: Trajectories, b: Trajectories): Trajectories {
+/** Trajectories of a message, behind those known of the same run if it continues them. */
+export function extended(known: Trajectories | null, message: Binary<TrajectoriesMessage>): Trajectories | null {
+  const added = trajectoriesOf(message);
+  return added && message.header.append && known ? joined(known, added) : added;
+}
+
+function joined(a: Trajectories, b: Trajectories): Trajectories {
   const points = new Float32Array(a.points.length + b.points.length);
   points.set(a.points);
   points.set(b.points, a.points.length);

@@ -1,15 +1,44 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Variants: states that were kept, with their document, statistics and picture; and how two differ.
-import type { BatchMessage, CaseDocument, Estimate } from './protocol';
+import {
+  isOf,
+  variantOf,
+  type BackgroundMessage,
+  type BatchMessage,
+  type Binary,
+  type CaseDocument,
+  type Estimate,
+} from './protocol';
+import { extended } from './trajectories';
 import type { Trajectories } from './view3d/view3d';
 
 /** A state of the page that can be looked at. */
 export interface Snapshot {
   name: string;
   document: CaseDocument;
-  batch: BatchMessage;
+  batch: BatchMessage | null; // null for a variant of the case that has not been run
   overlay: { values: Float32Array; shape: number[] } | null;
   trajectories: Trajectories | null;
+  background: Binary<BackgroundMessage> | null;
+}
+
+/** A variant of the case, until it is run. */
+export function unrun(document: CaseDocument): Snapshot {
+  return { name: document.variant, document, batch: null, overlay: null, trajectories: null, background: null };
+}
+
+/** Snapshots in which results of a variant of the case are those of a message. */
+export function withResults(snapshots: readonly Snapshot[], message: Binary): Snapshot[] {
+  const variant = variantOf(message);
+  return snapshots.map((one) => {
+    if (one.document.variant !== variant || one.name !== variant) return one;
+    if (isOf(message, 'batch')) return { ...one, batch: message.header, overlay: message.f4('overlay') };
+    if (isOf(message, 'trajectories')) {
+      const trajectories = extended(one.trajectories, message);
+      return { ...one, trajectories };
+    }
+    return isOf(message, 'background') ? { ...one, background: message } : one;
+  });
 }
 
 /**

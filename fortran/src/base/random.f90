@@ -53,7 +53,7 @@ module rockfall_random
       real(wp) :: c(6, 0:32*8 - 1)  !! ascending powers of (t - middle), t the scaled tail probability, 1..2
    end type normal_table_t
 
-   !> Of the 52 fraction bits, the first three select the eighth of the octave, the other 49 the position in it.
+   !> The first three of the 52 fraction bits select the eighth of the octave, the other 49 the position in it.
    integer, parameter :: within_bits = 49
    integer(i8), parameter :: within_mask = 2_i8**within_bits - 1, bits_of_one = int(z"3FF0000000000000", i8)
    integer, parameter :: first_piece = 1023*8  !! exponent of 1.0 and three fraction bits

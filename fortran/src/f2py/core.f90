@@ -10,48 +10,45 @@ module rockfall_f2py
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_ptr, &
                             c_loc, c_f_pointer
    use rockfall_error, only: error_t, give_error
+   use rockfall_sizes, only: max_message, max_list, max_array_row, &
+                             n_boulder_fields, n_boulder_counts, n_line_fields, n_vertex_fields
    use rockfall_text, only: joined, max_text
    use rockfall_grid, only: grid_t, is_outside
-   use rockfall_terrain, only: terrain_t, terrain, set_window, is_known_at, max_elevation
+   use rockfall_terrain, only: terrain_t, is_known_at, max_elevation
    use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor
    use rockfall_shape, only: shape_volume, shape_inertia, shapes
    use rockfall_surface, only: size_weights
    use rockfall_barrier, only: barrier_outcome, ead_energy
    use rockfall_breakage, only: split_t, area_ratio, split_volume
    use rockfall_impact, only: ratio_weights, find_nearest_set, is_admissible, limit_rebound, max_draws, min_normal
-   use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, left_window
    use rockfall_scratch, only: scratch_t
-   use rockfall_scene, only: scene_arrays_t, build_scene_of_case, check_sources, boulder_count, max_volumes, &
-                             object_reach, max_tree_hits
+   use rockfall_scene, only: check_sources, boulder_count, max_volumes, object_reach, max_tree_hits
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model
    use rockfall_reach, only: block_side, update_block_minima, reach_box
    use rockfall_stand, only: stems_in_cell, stem_numbers, thinning_numbers
    use rockfall_random, only: random_key
    use rockfall_sources, only: usual_threshold, keep_steep_cells, surface_ratios, proportional_part
-   use rockfall_maps, only: maps_t
-   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_row, map_min_count, &
-                                  map_thin_below, fraction_limit, z_95, min_for_mean, min_for_std, max_columns
+   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_min_count, map_thin_below, &
+                                   fraction_limit, z_95, min_for_mean, min_for_std, max_columns
    use rockfall_limits, only: check_tallies
    use rockfall_threads, only: team_size, check_team, release_team
    use rockfall_ensemble, only: trace_boulder, recorded_boulders
    use rockfall_result, only: boulder_row, boulder_count_row, vertex_row
    use rockfall_samples, only: sample_edge, n_sample_bins, n_coarse_bins, n_words, n_largest
-   use rockfall_line_samples, only: layout_t, all_quantities => line_quantities, place_along, &
+   use rockfall_line_samples, only: all_quantities => line_quantities, place_along, &
                                     line_quantity, end_quantity, units_of, n_quantities, n_tails => tails
    use rockfall_line, only: line_t, new_line => line
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
-   use rockfall_case_keys, only: key_text, key_table, broken_rule, n_keys, repeatable, map_names, max_real
+   use rockfall_case_keys, only: key_text, key_table, broken_rule, n_keys, repeatable, max_real
    use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
-   use rockfall_state_table, only: table_t, row_text
-   use rockfall_run_state, only: run_t, arrays_of, map_tallies, begin_run => open_run, &
-                                 begin_joined_run => open_joined_run, extend_run => continue_run, &
-                                 add_part => merge_run, &
-                                 end_run => close_run, advance_run => advance, settle_run => settle_partial_sources, &
+   use rockfall_state_table, only: array_t, row_text
+   use rockfall_run_state, only: plan_of, add_part => merge_run, settle_run => settle_partial_sources, &
                                  restore_run => restore_sources, forget_tallies_of => forget_tallies
+   use rockfall_handles, only: scene_handle_t, run_handle_t, scene_at, run_at, empty_scene => new_scene, close_handle
    implicit none
    private
    public :: new_scene, pass_array, build_scene, limit_terrain, close_scene, carry_in_lanes, trajectory, scan_rows, &
@@ -69,20 +66,6 @@ module rockfall_f2py
    public :: sample_edges, sample_units, line_quantities, places_along
    public :: check_numbers, ground_model, barriers, barrier_outcomes, ead_energies, split_blocks
 
-   !> Scene behind a handle.
-   type :: open_scene_t
-      type(scene_t) :: scene
-      type(terrain_t) :: dem  !! its terrain, as far as the arrays extend
-      type(case_t) :: case
-      type(scene_arrays_t), allocatable :: arrays  !! until it is built
-   end type open_scene_t
-
-   !> Run behind a handle.
-   type :: open_run_t
-      type(run_t) :: run
-      type(table_t) :: table  !! table of its arrays
-   end type open_run_t
-
 contains
 
    !> Create an empty scene; it receives the arrays of scene_arrays_t before it is built.
@@ -91,14 +74,8 @@ contains
       integer(c_int), intent(in) :: nodes(2), first(2)      !! columns, rows of the raster; first ones of the arrays
       integer(c_int), intent(in) :: draw                    !! draw of the impact sets; 0: the only one
       integer(c_int64_t), intent(out) :: handle
-      type(open_scene_t), pointer :: opened
 
-      allocate (opened)
-      allocate (opened%arrays)
-      opened%arrays%grid = grid_t(west, north, cell, nodes(1), nodes(2))
-      opened%arrays%first = first
-      opened%arrays%draw = draw
-      handle = transfer(c_loc(opened), handle)
+      handle = transfer(c_loc(empty_scene(grid_t(west, north, cell, nodes(1), nodes(2)), first, draw)), handle)
    end subroutine new_scene
 
    !> Pass an array to a scene: its name, kind, lengths (the first varies fastest), and address.
@@ -106,10 +83,10 @@ contains
       integer(c_int64_t), intent(in) :: handle, address
       character(len=*), intent(in) :: name, kind
       integer(c_int64_t), intent(in) :: length(3)
-      type(open_scene_t), pointer :: opened
+      type(scene_handle_t), pointer :: opened
 
       opened => scene_of(handle)
-      call opened%arrays%set_array(name, kind, length, pointer_of(address))
+      call opened%give(name, kind, length, pointer_of(address))
    end subroutine pass_array
 
    !> Build a scene from the text of a case and the arrays passed; on error it is closed.
@@ -117,15 +94,12 @@ contains
       integer(c_int64_t), intent(in) :: handle
       character(len=*), intent(in) :: text, name            !! of the case, and its name in messages
       integer(c_int), intent(out) :: code                   !! 0 = success
-      character(len=1024), intent(out) :: message
-      type(open_scene_t), pointer :: opened
+      character(len=max_message), intent(out) :: message
+      type(scene_handle_t), pointer :: opened
       type(error_t), allocatable :: error
 
       opened => scene_of(handle)
-      call read_case(text, name, opened%case, error)
-      if (.not. allocated(error)) call build_scene_of_case(opened%case, opened%arrays, opened%scene, error)
-      opened%dem = opened%scene%dem
-      deallocate (opened%arrays)
+      call opened%build(text, name, error)
       if (allocated(error)) call close_scene(handle)
       call give_error(error, code, message)
    end subroutine build_scene
@@ -135,19 +109,16 @@ contains
    subroutine limit_terrain(handle, map_at, map_last)
       integer(c_int64_t), intent(in) :: handle
       integer(c_int), intent(in) :: map_at(2), map_last(2)  !! first and last column, row
-      type(open_scene_t), pointer :: opened
-      type(terrain_t) :: dem
+      type(scene_handle_t), pointer :: opened
 
       opened => scene_of(handle)
-      dem = opened%dem
-      call set_window(dem, map_at, map_last)
-      opened%scene%dem = dem
+      call opened%limit(map_at, map_last)
    end subroutine limit_terrain
 
    !> Close a scene; the handle becomes invalid.
    subroutine close_scene(handle)
       integer(c_int64_t), intent(in) :: handle
-      type(open_scene_t), pointer :: opened
+      type(scene_handle_t), pointer :: opened
 
       opened => scene_of(handle)
       deallocate (opened)
@@ -157,7 +128,7 @@ contains
    subroutine carry_in_lanes(handle, lanes)
       integer(c_int64_t), intent(in) :: handle
       integer(c_int), intent(in) :: lanes
-      type(open_scene_t), pointer :: opened
+      type(scene_handle_t), pointer :: opened
 
       opened => scene_of(handle)
       opened%scene%lanes = lanes
@@ -171,9 +142,9 @@ contains
 
    function scene_of(handle) result(opened)
       integer(c_int64_t), intent(in) :: handle
-      type(open_scene_t), pointer :: opened
+      type(scene_handle_t), pointer :: opened
 
-      call c_f_pointer(pointer_of(handle), opened)
+      opened => scene_at(pointer_of(handle))
    end function scene_of
 
    !> Open a run of a scene, or of `boulders` of its boulders after the first `before`, with maps of a window (first
@@ -185,17 +156,13 @@ contains
       integer(c_int64_t), intent(in) :: most_columns  !! maximum columns of bin counts
       integer(c_int64_t), intent(out) :: run  !! 0 on error
       integer(c_int), intent(out) :: code      !! 0 = success
-      character(len=1024), intent(out) :: message
-      type(open_scene_t), pointer :: scene
-      type(open_run_t), pointer :: opened
+      character(len=max_message), intent(out) :: message
+      type(run_handle_t), pointer :: opened
       type(error_t), allocatable :: error
 
-      scene => scene_of(handle)
       allocate (opened)
-      opened%run%threads = threads
-      opened%run%max_columns = most_columns
-      call begin_run(scene%case, scene%scene, before, boulders, window, opened%run, error)
-      call return_run_handle(opened, error, run, code, message)
+      call opened%begin(scene_of(handle), before, boulders, threads, error, window, most_columns)
+      call return_run(opened, error, run, code, message)
    end subroutine open_run
 
    !> Open a run without a scene, to be joined from parts, or a part of one: from a valid case, with the number of
@@ -209,20 +176,13 @@ contains
       integer(c_int32_t), intent(in) :: part_last(np), group_part(ng)  !! as in layout_t
       integer(c_int64_t), intent(out) :: run
       integer(c_int), intent(out) :: code
-      character(len=1024), intent(out) :: message
-      type(open_run_t), pointer :: opened
-      type(layout_t) :: layout
-      type(case_t) :: case
+      character(len=max_message), intent(out) :: message
+      type(run_handle_t), pointer :: opened
       type(error_t), allocatable :: error
 
       allocate (opened)
-      layout%part_last = part_last
-      layout%group_part = group_part
-      call read_case(text, "", case, error)
-      if (.not. allocated(error)) &
-         call begin_joined_run(case, boulders(1), boulders(2), boulders(3), window, grounds, features /= 0, layout, &
-                               opened%run, error)
-      call return_run_handle(opened, error, run, code, message)
+      call opened%begin_joined(text, boulders, window, grounds, features /= 0, part_last, group_part, error)
+      call return_run(opened, error, run, code, message)
    end subroutine open_joined_run
 
    !> Open a run of a scene that continues another run, which then cannot continue itself.
@@ -230,25 +190,38 @@ contains
       integer(c_int64_t), intent(in) :: handle, other
       integer(c_int64_t), intent(out) :: run
       integer(c_int), intent(out) :: code
-      character(len=1024), intent(out) :: message
-      type(open_scene_t), pointer :: scene
-      type(open_run_t), pointer :: opened, before
+      character(len=max_message), intent(out) :: message
+      type(run_handle_t), pointer :: opened
       type(error_t), allocatable :: error
 
-      scene => scene_of(handle)
-      before => run_of(other)
       allocate (opened)
-      call extend_run(scene%case, scene%scene, before%run, opened%run, error)
-      call return_run_handle(opened, error, run, code, message)
+      call opened%begin_continued(scene_of(handle), run_of(other), error)
+      call return_run(opened, error, run, code, message)
    end subroutine continue_run
+
+   !> Return the address of a run, unless there is an error.
+   subroutine return_run(opened, error, run, code, message)
+      type(run_handle_t), pointer, intent(inout) :: opened
+      type(error_t), allocatable, intent(in) :: error
+      integer(c_int64_t), intent(out) :: run
+      integer(c_int), intent(out) :: code
+      character(len=max_message), intent(out) :: message
+
+      run = transfer(c_loc(opened), run)
+      if (allocated(error)) then
+         call close_handle(opened)
+         run = 0
+      end if
+      call give_error(error, code, message)
+   end subroutine return_run
 
    !> Add a part to a run, both from open_joined_run.
    subroutine merge_run(run, part, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run, part
       integer(c_int), intent(out) :: code
-      character(len=1024), intent(out) :: message
-      type(open_run_t), pointer :: joined, other
+      character(len=max_message), intent(out) :: message
+      type(run_handle_t), pointer :: joined, other
       type(error_t), allocatable :: error
 
       joined => run_of(run)
@@ -257,37 +230,20 @@ contains
       call give_error(error, code, message)
    end subroutine merge_run
 
-   !> Return the handle of a run, unless there is an error.
-   subroutine return_run_handle(opened, error, run, code, message)
-      type(open_run_t), pointer, intent(in) :: opened
-      type(error_t), allocatable, intent(inout) :: error
-      integer(c_int64_t), intent(out) :: run
-      integer(c_int), intent(out) :: code
-      character(len=1024), intent(out) :: message
-
-      run = transfer(c_loc(opened), run)
-      if (allocated(error)) then
-         call close_run(run)
-         run = 0
-      end if
-      call give_error(error, code, message)
-   end subroutine return_run_handle
-
    !> Close a run; the handle becomes invalid.
    subroutine close_run(run)
       integer(c_int64_t), intent(in) :: run
-      type(open_run_t), pointer :: opened
+      type(run_handle_t), pointer :: opened
 
       opened => run_of(run)
-      call end_run(opened%run)
-      deallocate (opened)
+      call close_handle(opened)
    end subroutine close_run
 
    function run_of(run) result(opened)
       integer(c_int64_t), intent(in) :: run
-      type(open_run_t), pointer :: opened
+      type(run_handle_t), pointer :: opened
 
-      call c_f_pointer(pointer_of(run), opened)
+      opened => run_at(pointer_of(run))
    end function run_of
 
    !> Run n boulders, every `step`-th from the first on, on a scene, which may be a window of that of the run; `left` is
@@ -298,14 +254,14 @@ contains
       integer(c_int64_t), intent(in) :: first, step, n
       integer(c_int), intent(out) :: left
       integer(c_int), intent(out) :: code
-      character(len=1024), intent(out) :: message
-      type(open_scene_t), pointer :: scene
-      type(open_run_t), pointer :: opened
+      character(len=max_message), intent(out) :: message
+      type(scene_handle_t), pointer :: scene
+      type(run_handle_t), pointer :: opened
       type(error_t), allocatable :: error
 
       scene => scene_of(handle)
       opened => run_of(run)
-      call advance_run(opened%run, scene%scene, first, step, n, error)
+      call opened%advance(scene%scene, first, step, n, error)
       left = 0
       if (.not. allocated(error)) left = size(opened%run%left)
       call give_error(error, code, message)
@@ -316,42 +272,40 @@ contains
    subroutine array(run, k, text, length, address)
       integer(c_int64_t), intent(in) :: run
       integer(c_int), intent(in) :: k
-      character(len=256), intent(out) :: text
+      character(len=max_array_row), intent(out) :: text
       integer(c_int64_t), intent(out) :: length(4)
       integer(c_int64_t), intent(out) :: address
-      type(open_run_t), pointer :: opened
+      type(run_handle_t), pointer :: opened
+      type(array_t), pointer :: row
 
       opened => run_of(run)
-      if (k == 1) opened%table = arrays_of(opened%run)
+      row => opened%list(k)
       text = ""
       length = 1
       address = 0
-      if (k > size(opened%table%row)) return
-      associate (row => opened%table%row(k))
-         text = row_text(row)
-         length = row%length
-         address = transfer(row%at, address)
-      end associate
+      if (.not. associated(row)) return
+      text = row_text(row)
+      length = row%length
+      address = transfer(row%at, address)
    end subroutine array
 
    !> Write a real map of a run to the address of an array of its cells. Of `boulders`, the second number is that of a
    !> cluster that may behave alike (1: independent).
-   subroutine map(run, name, boulders, address)
+   subroutine map(run, name, boulders, address, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run, address
       character(len=*), intent(in) :: name
       integer(c_int64_t), intent(in) :: boulders(2)
-      type(open_run_t), pointer :: opened
-      type(maps_t) :: maps
+      integer(c_int), intent(out) :: code
+      character(len=max_message), intent(out) :: message
+      type(run_handle_t), pointer :: opened
       real(c_float), pointer, contiguous :: values(:, :)
-      integer :: j
+      type(error_t), allocatable :: error
 
       opened => run_of(run)
       call c_f_pointer(pointer_of(address), values, opened%run%nodes)
-      maps = map_tallies(opened%run, [1, 1])
-      do j = 1, size(values, 2)
-         call map_row(maps, name, j, boulders(1), boulders(2), opened%run%min_passages, values(:, j))
-      end do
+      call opened%write_map(name, boulders(1), boulders(2), values, error)
+      call give_error(error, code, message)
    end subroutine map
 
    !> Numbers of passages for a cell of a map: minimum for a value, and below which a value is unreliable.
@@ -360,7 +314,7 @@ contains
       character(len=*), intent(in) :: name
       integer(c_int64_t), intent(in) :: per_cluster
       integer(c_int), intent(out) :: passages(2)
-      type(open_run_t), pointer :: opened
+      type(run_handle_t), pointer :: opened
 
       opened => run_of(run)
       passages = [map_min_count(name, opened%run%min_passages), map_thin_below(name, per_cluster)]
@@ -371,7 +325,7 @@ contains
    subroutine forget_tallies(run, go)
       integer(c_int64_t), intent(in) :: run
       integer(c_int), intent(in) :: go(3)
-      type(open_run_t), pointer :: opened
+      type(run_handle_t), pointer :: opened
 
       opened => run_of(run)
       call forget_tallies_of(opened%run, go /= 0)
@@ -382,8 +336,8 @@ contains
       integer(c_int64_t), intent(in) :: run, handle
       integer(c_int64_t), intent(in) :: done
       integer(c_int), intent(in) :: sign
-      type(open_scene_t), pointer :: scene
-      type(open_run_t), pointer :: opened
+      type(scene_handle_t), pointer :: scene
+      type(run_handle_t), pointer :: opened
 
       scene => scene_of(handle)
       opened => run_of(run)
@@ -398,8 +352,8 @@ contains
       integer(c_int64_t), intent(in) :: done, cell(n)
       integer(c_int32_t), intent(in) :: source(n), boulders(n)
       integer(c_int), intent(out) :: good
-      type(open_scene_t), pointer :: scene
-      type(open_run_t), pointer :: opened
+      type(scene_handle_t), pointer :: scene
+      type(run_handle_t), pointer :: opened
       logical :: is_good
 
       scene => scene_of(handle)
@@ -413,16 +367,18 @@ contains
    end subroutine restore_sources
 
    !> Bin edges of samples, in units.
-   subroutine sample_edges(edges)
-      real(c_double), intent(out) :: edges(13057)
+   subroutine sample_edges(edges, n)
+      integer(c_int), intent(in) :: n
+      real(c_double), intent(out) :: edges(n)
       integer :: k
 
-      edges = [(sample_edge(k), k=1, size(edges))]
+      edges = [(sample_edge(k), k=1, n)]
    end subroutine sample_edges
 
    !> Units of the quantities of samples, at lines and at ends, relative to their SI unit.
-   subroutine sample_units(units)
-      real(c_double), intent(out) :: units(12, 2)
+   subroutine sample_units(units, n)
+      integer(c_int), intent(in) :: n
+      real(c_double), intent(out) :: units(n, 2)
 
       units = units_of
    end subroutine sample_units
@@ -430,7 +386,7 @@ contains
    !> Quantities at a line, except the last, of boulders with these rows.
    subroutine line_quantities(crossing, volume, quantities, n)
       integer(c_int), intent(in) :: n
-      real(c_double), intent(in) :: crossing(12, n)  !! line_fields
+      real(c_double), intent(in) :: crossing(n_line_fields, n)  !! line_fields
       real(c_double), intent(in) :: volume(n)        !! [m3]
       real(c_double), intent(out) :: quantities(11, n)
       integer :: k
@@ -489,11 +445,11 @@ contains
       integer(c_int), intent(in) :: max_vertices
       integer(c_int64_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: number
-      real(c_double), intent(inout) :: vertex(14, max_vertices)  !! vertex_fields
+      real(c_double), intent(inout) :: vertex(n_vertex_fields, max_vertices)  !! vertex_fields
       integer(c_int), intent(out) :: recorded
-      real(c_double), intent(out) :: boulder(12)                 !! boulder_fields
-      integer(c_int32_t), intent(out) :: counts(9)               !! boulder_counts
-      type(open_scene_t), pointer :: opened
+      real(c_double), intent(out) :: boulder(n_boulder_fields)           !! boulder_fields
+      integer(c_int32_t), intent(out) :: counts(n_boulder_counts)       !! boulder_counts
+      type(scene_handle_t), pointer :: opened
       type(boulder_result_t) :: result
       type(scratch_t) :: scratch
       integer :: k
@@ -519,8 +475,8 @@ contains
       integer(c_int), intent(in) :: first, last
       real(c_double), intent(inout) :: minima(nbx, nby), max_head(1)  !! [m]
       integer(c_int), intent(out) :: code
-      character(len=1024), intent(out) :: message
-      type(open_scene_t), pointer :: opened
+      character(len=max_message), intent(out) :: message
+      type(scene_handle_t), pointer :: opened
       type(error_t), allocatable :: error
 
       opened => scene_of(handle)
@@ -529,16 +485,14 @@ contains
       if (code == 0 .and. size(minima) > 1) call update_block_minima(opened%dem, first, last, minima)
    end subroutine scan_rows
 
-   !> The terrain of a scene that was given its elevations, and is not built.
+   !> Terrain of a scene that has its elevations and is not built.
    function terrain_of(handle) result(dem)
       integer(c_int64_t), intent(in) :: handle
       type(terrain_t) :: dem
-      type(open_scene_t), pointer :: opened
+      type(scene_handle_t), pointer :: opened
 
       opened => scene_of(handle)
-      associate (arrays => opened%arrays, grid => opened%arrays%grid)
-         dem = terrain(grid%west, grid%north, grid%cell, arrays%z8, arrays%z4, [grid%nx, grid%ny], arrays%first)
-      end associate
+      dem = opened%terrain_given()
    end function terrain_of
 
    !> The first column and row and the last column and row, from 1, of the cells that boulders can reach.
@@ -548,7 +502,7 @@ contains
       integer(c_int64_t), intent(in) :: handle
       real(c_double), intent(in) :: minima(nbx, nby), max_head
       integer(c_int), intent(out) :: box(4)
-      type(open_scene_t), pointer :: opened
+      type(scene_handle_t), pointer :: opened
 
       opened => scene_of(handle)
       box = reach_box(opened%dem, minima, max_head, opened%scene%release%x, opened%scene%release%y, &
@@ -601,14 +555,13 @@ contains
       integer(c_int64_t), intent(in) :: handle
       real(c_double), intent(in) :: fall
       integer(c_int), intent(out) :: code
-      character(len=1024), intent(out) :: message
-      type(open_scene_t), pointer :: opened
+      character(len=max_message), intent(out) :: message
+      type(scene_handle_t), pointer :: opened
       type(error_t), allocatable :: error
 
       opened => scene_of(handle)
       associate (scene => opened%scene)
-         call check_tallies(plan_maps(pack(map_names, opened%case%map), size(opened%case%thresholds)), &
-                            max_volumes(scene), scene%gravity, fall, boulder_count(scene), &
+         call check_tallies(plan_of(opened%case), max_volumes(scene), scene%gravity, fall, boulder_count(scene), &
                             max_tree_hits(scene), error)
       end associate
       call give_error(error, code, message)
@@ -695,7 +648,7 @@ contains
       slope = usual_threshold(cell)
    end subroutine slope_threshold
 
-   !> Of the cells above zero in rows `first` (1..) and following, set those to zero that are not steep; of terrain_of.
+   !> Set cells above zero to zero, in rows `first` (1..) and following, if they are not steep; of terrain_of.
    subroutine steep_cells(handle, threshold, first, cells, nx, ny)
       !f2py threadsafe
       integer(c_int), intent(in) :: nx, ny, first
@@ -725,7 +678,7 @@ contains
       integer(c_int64_t), intent(in) :: handle
       real(c_double), intent(in) :: x(n), y(n)
       integer(c_int), intent(out) :: known(n)             !! 1 or 0
-      type(open_scene_t), pointer :: opened
+      type(scene_handle_t), pointer :: opened
       integer :: k
 
       opened => scene_of(handle)
@@ -747,10 +700,10 @@ contains
    subroutine boulders(handle, number)
       integer(c_int64_t), intent(in) :: handle
       integer(c_int64_t), intent(out) :: number
-      type(open_scene_t), pointer :: opened
+      type(scene_handle_t), pointer :: opened
 
       opened => scene_of(handle)
-      number = boulder_count(opened%scene)
+      number = opened%boulders()
    end subroutine boulders
 
    !> First and last boulder of a source, from 1.
@@ -758,7 +711,7 @@ contains
       integer(c_int64_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: source
       integer(c_int64_t), intent(out) :: first, last
-      type(open_scene_t), pointer :: opened
+      type(scene_handle_t), pointer :: opened
 
       opened => scene_of(handle)
       first = first_of(opened%scene%release, source)
@@ -772,7 +725,7 @@ contains
       integer, intent(in) :: requested
       integer(c_int64_t), intent(out) :: number(requested)
       integer(c_int), intent(out) :: n
-      type(open_scene_t), pointer :: opened
+      type(scene_handle_t), pointer :: opened
 
       opened => scene_of(handle)
       associate (numbers => recorded_boulders(opened%scene%release, int(requested, c_int64_t), first, last))
@@ -805,7 +758,7 @@ contains
       integer(c_int64_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: boulder(n)
       integer(c_int64_t), intent(out) :: source(n)
-      type(open_scene_t), pointer :: opened
+      type(scene_handle_t), pointer :: opened
       integer :: k
 
       opened => scene_of(handle)
@@ -818,7 +771,7 @@ contains
       character(len=*), intent(in) :: group, name
       real(c_double), intent(in) :: values(n)
       integer(c_int), intent(out) :: first
-      character(len=120), intent(out) :: rule
+      character(len=max_list), intent(out) :: rule
       integer :: key
 
       do key = 1, n_keys
@@ -835,7 +788,7 @@ contains
    subroutine check_case(text, name, code, message)
       character(len=*), intent(in) :: text, name
       integer(c_int), intent(out) :: code
-      character(len=1024), intent(out) :: message
+      character(len=max_message), intent(out) :: message
       type(case_t) :: case
       type(error_t), allocatable :: error
 
@@ -879,7 +832,7 @@ contains
    subroutine table_row(table, k, text)
       character(len=*), intent(in) :: table
       integer(c_int), intent(in) :: k
-      character(len=512), intent(out) :: text
+      character(len=max_list), intent(out) :: text
 
       text = ""
       if (table == "keys" .and. k >= 1 .and. k <= n_keys) text = key_text(k)
@@ -890,7 +843,7 @@ contains
    !> Model k of grounds, and the rock data that it requires, as in rockfall_grounds; blank past the end.
    subroutine ground_model(k, text, rocks)
       integer(c_int), intent(in) :: k
-      character(len=32), intent(out) :: text
+      character(len=max_list), intent(out) :: text
       integer(c_int), intent(out) :: rocks
 
       text = ""
@@ -902,7 +855,7 @@ contains
 
    !> Names of groups that may occur several times in a case.
    subroutine repeatable_groups(text)
-      character(len=512), intent(out) :: text
+      character(len=max_list), intent(out) :: text
 
       text = joined(repeatable, " ")
    end subroutine repeatable_groups
@@ -915,7 +868,7 @@ contains
       real(c_double), intent(out) :: mean(9, 5), covariance(9, 9, 5), incidence(8, 5), lateral(13, 9, 5)
       real(c_double), intent(out) :: ranges(2, 5, 2)  !! of speeds, of angles
       integer(c_int), intent(out) :: draws, code
-      character(len=1024), intent(out) :: message
+      character(len=max_message), intent(out) :: message
       type(coefficients_t) :: sets
       type(error_t), allocatable :: error
 
@@ -1021,20 +974,19 @@ contains
       end select
    end subroutine constant
 
-   !> Names of the columns of rows: 1 boulder, 2 counts, 3 crossing, 4 vertex, 5 energy; of samples: 6 at lines, 7 at
-   !> ends; blank past the end.
-   subroutine fields(what, text)
-      integer(c_int), intent(in) :: what
-      character(len=512), intent(out) :: text
+   !> Names of the columns of rows, and of the quantities of samples.
+   subroutine fields(rows, text)
+      character(len=*), intent(in) :: rows
+      character(len=max_list), intent(out) :: text
 
-      select case (what)
-      case (1); text = joined(boulder_fields, " ")
-      case (2); text = joined(boulder_counts, " ")
-      case (3); text = joined(line_fields, " ")
-      case (4); text = joined(vertex_fields, " ")
-      case (5); text = joined(energy_fields, " ")
-      case (6); text = joined(line_quantity, " ")
-      case (7); text = joined(end_quantity, " ")
+      select case (rows)
+      case ("boulder"); text = joined(boulder_fields, " ")
+      case ("count"); text = joined(boulder_counts, " ")
+      case ("line"); text = joined(line_fields, " ")
+      case ("vertex"); text = joined(vertex_fields, " ")
+      case ("energy"); text = joined(energy_fields, " ")
+      case ("line_quantity"); text = joined(line_quantity, " ")
+      case ("end_quantity"); text = joined(end_quantity, " ")
       case default; text = ""
       end select
    end subroutine fields
@@ -1051,7 +1003,7 @@ contains
    subroutine team_fits(threads, code, message)
       integer(c_int), intent(in) :: threads
       integer(c_int), intent(out) :: code
-      character(len=1024), intent(out) :: message
+      character(len=max_message), intent(out) :: message
       type(error_t), allocatable :: error
 
       call check_team(threads, error)

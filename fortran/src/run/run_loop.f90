@@ -7,19 +7,17 @@ module rockfall_run_loop
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t
    use rockfall_scratch, only: scratch_t
-   use rockfall_map_values, only: map_plan
    use rockfall_limits, only: check_tallies
    use rockfall_variables, only: vertex_fields
    use rockfall_result, only: vertex_row
    use rockfall_threads, only: team_size
    use rockfall_ensemble, only: trace_boulder, recorded_boulders
    use rockfall_sources, only: proportional_part
-   use rockfall_case_keys, only: map_names
    use rockfall_case, only: case_t
    use rockfall_grid, only: grid_t
    use rockfall_terrain, only: set_window
    use rockfall_reach, only: block_side, update_block_minima, reach_box
-   use rockfall_run_state, only: run_t, open_run, advance
+   use rockfall_run_state, only: run_t, open_run, advance, plan_of
    use rockfall_scene, only: check_sources, boulder_count, max_volumes, object_reach, max_tree_hits
    implicit none
    private
@@ -104,8 +102,8 @@ contains
          side = block_side([dem%nx, dem%ny])
          allocate (minima((dem%nx - 1)/side + 1, (dem%ny - 1)/side + 1), source=huge(1.0_wp))
          call update_block_minima(dem, 1, dem%ny, minima)
-         call check_tallies(map_plan(pack(map_names, case%map), size(case%thresholds)), max_volumes(scene), &
-                            case%gravity, max_head - minval(minima), boulder_count(scene), max_tree_hits(scene), error)
+         call check_tallies(plan_of(case), max_volumes(scene), case%gravity, max_head - minval(minima), &
+                            boulder_count(scene), max_tree_hits(scene), error)
          if (allocated(error) .or. case%full_maps) return
          box = reach_box(dem, minima, max_head, release%x, release%y, object_reach(scene, case))
          window = [box(:2), box(3:) - box(:2) + 1]

@@ -20,7 +20,7 @@ module rockfall_run_state
                                  row_integers, real_groups, integer_groups
    use rockfall_result, only: boulder_row, boulder_count_row, real_row, integer_row, line_row
    use rockfall_ensemble, only: run_boulders, recorded_boulders
-   use rockfall_case_keys, only: map_names
+   use rockfall_case_keys, only: map_names, n_maps
    use rockfall_case, only: case_t, keeps_all
    use rockfall_samples, only: merge_samples, merge_tails, samples_t, n_sample_bins, n_coarse_bins, n_words, n_largest
    use rockfall_line, only: line_t
@@ -30,7 +30,7 @@ module rockfall_run_state
    implicit none
    private
    public :: run_t, open_run, open_joined_run, continue_run, merge_run, close_run, advance, arrays_of, rows_of
-   public :: map_tallies
+   public :: map_tallies, plan_of
    public :: settle_partial_sources, restore_sources, forget_tallies
 
    integer(i8), parameter :: no_row = huge(1_i8)           !! number of a row that is still empty
@@ -63,6 +63,7 @@ module rockfall_run_state
       integer(i8), allocatable :: vertex_boulder(:)       !! where the run loop records them
       ! Maps of the cells of a window.
       integer :: at(2) = 1, nodes(2) = 0                  !! its first column and row; columns and rows
+      logical :: map(n_maps) = .false.                    !! requested, in the order of map_names
       type(map_plan_t) :: plan                            !! where maps stand in these stacks
       real(wp), allocatable :: thresholds(:)              !! of energy [J]
       integer(i4), pointer, contiguous :: counts(:, :, :) => null()
@@ -127,11 +128,27 @@ contains
          run%number = recorded_boulders(scene%release, case%kept, before + 1, before + boulders)
          run%layout = layout_of(scene%release, size(case%lines) + 1)
       end if
-      run%plan = map_plan(pack(map_names, case%map), size(case%thresholds))
-      run%thresholds = case%thresholds
-      run%min_passages = case%min_passages
+      call set_maps(case, run)
       if (any(run%plan%count(3:4) > 0)) run%first_partial = first_partial(scene%release, before + 1)
    end subroutine set_dimensions
+
+   !> Set what the maps of a run need.
+   subroutine set_maps(case, run)
+      type(case_t), intent(in) :: case
+      type(run_t), intent(inout) :: run
+
+      run%map = case%map
+      run%plan = plan_of(case)
+      run%thresholds = case%thresholds
+      run%min_passages = case%min_passages
+   end subroutine set_maps
+
+   !> Tallies that the maps of a case need.
+   pure type(map_plan_t) function plan_of(case) result(plan)
+      type(case_t), intent(in) :: case
+
+      plan = map_plan(pack(map_names, case%map), size(case%thresholds))
+   end function plan_of
 
    !> Open a run without a scene: one to be joined from parts, whose rows may arrive in any order, or a part.
    subroutine open_joined_run(case, total, before, boulders, window, grounds, features, layout, run, error)
@@ -153,9 +170,7 @@ contains
       run%nodes = window(3:)
       run%layout = layout
       if (case%kept /= keeps_all) allocate (run%number(min(case%kept, boulders)), source=no_row)
-      run%plan = map_plan(pack(map_names, case%map), size(case%thresholds))
-      run%thresholds = case%thresholds
-      run%min_passages = case%min_passages
+      call set_maps(case, run)
       if (any(run%plan%count(3:4) > 0)) allocate (run%shared%cell(0), run%shared%source(0), run%shared%boulders(0))
       call allocate_rows(case, grounds, features, run, error)
       if (.not. allocated(error)) call allocate_tallies(run, error)
@@ -316,6 +331,7 @@ contains
 
       run%real_columns = pack([(k, k=1, size(row_reals))], real_groups == "boulder" &
                               .or. (real_groups == "energy" .and. case%energy_balance) &
+                              .or. (real_groups == "mass" .and. (features .or. case%source_density)) &
                               .or. (real_groups == "breakage" .and. allocated(case%breakage)))
       run%integer_columns = pack([(k, k=1, size(row_integers))], integer_groups == "boulder" &
                                  .or. (integer_groups == "feature" .and. features) &
@@ -644,10 +660,10 @@ contains
    subroutine add_sample_arrays(run, table)
       type(run_t), intent(in), target :: run
       type(table_t), intent(inout) :: table
-      character(len=*), parameter :: of(*) = [character(len=15) :: "sample_quantity", "sample_part", "sample_place"]
-      character(len=*), parameter :: bins(*) = [character(len=15) :: "sample_fine", of], &
-                                     coarse(*) = [character(len=15) :: "sample_coarse", of(1), "sample_group", of(3)], &
-                                     sums(*) = [character(len=15) :: "sample_word", of], &
+      character(len=*), parameter :: by(*) = [character(len=15) :: "sample_quantity", "sample_part", "sample_place"]
+      character(len=*), parameter :: bins(*) = [character(len=15) :: "sample_fine", by], &
+                                     coarse(*) = [character(len=15) :: "sample_coarse", by(1), "sample_group", by(3)], &
+                                     sums(*) = [character(len=15) :: "sample_word", by], &
                                      largest(*) = [character(len=15) :: "sample_rank", "sample_tail", "sample_line"]
 
       call table%add("work", "bins", bins, run%samples%bins, "i4")

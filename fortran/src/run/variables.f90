@@ -2,6 +2,7 @@
 !> Table of all variables of a result, with units and descriptions, used by both programs.
 module rockfall_variables
    use rockfall_kinds, only: i8
+   use rockfall_sizes, only: n_boulder_fields, n_boulder_counts, n_line_fields, n_vertex_fields
    implicit none
    private
    public :: variable_t, variable_table, variable_of, variable_text, stored_as, name_in_files
@@ -16,11 +17,12 @@ module rockfall_variables
 
    !> Variable of a result.
    type :: variable_t
-      !> boulder, count (over all boulders), ground (per ground type), energy (per boulder, on request), tree (per
-      !> boulder, if there are trees), breakage (per boulder, if they may break), line (first crossing), fragment (at
-      !> lines, if boulders may break), line_vertex, barrier, map, histogram, vertex (of a
-      !> trajectory), tally (per cell, in part files), kept and sample (if not all rows are kept); or status and
-      !> outcome: values of the status of a boulder and of the outcome at a barrier.
+      !> boulder, count (over all boulders), ground (per ground type), energy (per boulder, on request), feature (per
+      !> boulder, if sources come from a layer), mass (there, too, and if they give densities), tree (per boulder, if
+      !> there are trees), breakage (per boulder, if they may break), line (first crossing), fragment (at lines, if
+      !> boulders may break), line_vertex, barrier, map, histogram, vertex (of a trajectory), tally (per cell, in part
+      !> files), kept and sample (if not all rows are kept); or status and outcome: values of the status of a boulder
+      !> and of the outcome at a barrier.
       character(len=11) :: group
       character(len=27) :: name       !! in files prefixed by line_, trajectory_, tally_, followed by _histogram
       character(len=7) :: kind        !! real, integer, word
@@ -92,6 +94,7 @@ module rockfall_variables
       variable_t("energy", "energy_left", "real", "J", "kinetic energy at the end"), &
       variable_t("feature", "source_feature", "integer", "1", "number of the feature that the source is of", &
                  "counts from 1", "i4"), &
+      variable_t("mass", "mass", "real", "kg", "mass of the boulder"), &
       variable_t("tree", "trees_hit", "integer", "1", "hits of trees", "each counts", "i4"), &
       variable_t("breakage", "fines_volume", "real", "m3", "volume that broke into pieces below min_volume"), &
       variable_t("breakage", "energy_breakage", "real", "J", "energy that breaking took, with that of fines"), &
@@ -254,10 +257,10 @@ module rockfall_variables
       variable_t("outcome", "broken_through", "word", "", "went on with what the barrier did not take"), &
       variable_t("outcome", "passed_over", "word", "", "its centre was above the top edge each time")]
 
-   character(len=27), parameter :: boulder_fields(*) = pack(variable_table%name, &
+   character(len=27), parameter :: boulder_fields(n_boulder_fields) = pack(variable_table%name, &
       variable_table%group == "boulder" .and. variable_table%kind == "real")
    !> Integers per boulder; the last six are summed over all boulders.
-   character(len=27), parameter :: boulder_counts(*) = pack(variable_table%name, &
+   character(len=27), parameter :: boulder_counts(n_boulder_counts) = pack(variable_table%name, &
       (variable_table%group == "boulder" .and. variable_table%kind == "integer") &
       .or. variable_table%group == "count")
    character(len=27), parameter :: energy_fields(*) = pack(variable_table%name, &
@@ -265,7 +268,7 @@ module rockfall_variables
    !> Columns of rows, each with its group; the group of the first is present in every run.
    logical, parameter :: is_row_real(*) = variable_table%kind == "real" &
       .and. (variable_table%group == "boulder" .or. variable_table%group == "energy" &
-             .or. variable_table%group == "breakage")
+             .or. variable_table%group == "mass" .or. variable_table%group == "breakage")
    character(len=27), parameter :: row_reals(*) = pack(variable_table%name, is_row_real)
    character(len=11), parameter :: real_groups(*) = pack(variable_table%group, is_row_real)
    logical, parameter :: is_row_integer(*) = variable_table%kind == "integer" .and. variable_table%name /= "status" &
@@ -273,9 +276,9 @@ module rockfall_variables
              .or. variable_table%group == "tree" .or. variable_table%group == "breakage")
    character(len=27), parameter :: row_integers(*) = pack(variable_table%name, is_row_integer)
    character(len=11), parameter :: integer_groups(*) = pack(variable_table%group, is_row_integer)
-   character(len=27), parameter :: line_fields(*) = pack(variable_table%name, &
+   character(len=27), parameter :: line_fields(n_line_fields) = pack(variable_table%name, &
       variable_table%group == "line")
-   character(len=27), parameter :: vertex_fields(*) = pack(variable_table%name, &
+   character(len=27), parameter :: vertex_fields(n_vertex_fields) = pack(variable_table%name, &
       variable_table%group == "vertex" .and. variable_table%kind == "real")
    character(len=27), parameter :: map_fields(*) = pack(variable_table%name, &
       variable_table%group == "map")

@@ -41,7 +41,7 @@ module rockfall_scratch
       type(contact_t), allocatable :: path(:)  !! these, as far as they are kept
    end type piece_t
 
-   !> What a boulder that may break leaves in addition to what others leave: `visits` and `hits` are then with energies,
+   !> Record of a boulder that may break, in addition to that of others: `visits` and `hits` are then with energies,
    !> as of `merge_visits`.
    type :: gathered_t
       type(visits_t) :: passing            !! as of merge_passing

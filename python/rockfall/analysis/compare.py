@@ -105,7 +105,7 @@ def compare(
     method = case_of(result).surface["method"]
     source = sources(result)
     distances, notes = _observed_distances(result, seen, source)
-    which, said = compared(result, seen)
+    which, difference = compared(result, seen)
     ours = result.isel(boulder=np.flatnonzero(which))  # the same boulders in all numbers of run-out
     stopped = samples(result, seen)
     share = np.ones(which.sum()) if stopped is None else weights(*stopped)
@@ -118,11 +118,11 @@ def compare(
         at_rest=_at_rest(result, seen),
         stops=stops_table(result, seen),
         contacts=contacts_table(result, seen),
-        notes=(*([said] if said else []), *notes, *_notes(result, seen, source)),
+        notes=(*([difference] if difference else []), *notes, *_notes(result, seen, source)),
     )
     if not any(len(getattr(done, name)) for name in TABLES):
-        about = f"nothing to compare: no row is observed, or of the result's method {method}."
-        raise RockfallError(" ".join([about, *done.notes]))
+        text = f"nothing to compare: no row is observed, or of the result's method {method}."
+        raise RockfallError(" ".join([text, *done.notes]))
     return done
 
 
@@ -152,19 +152,32 @@ def _errors(
         return line_numbers(result, names.index(line), quantity, source)
 
     rows = []
-    for one in sorted(references, key=lambda one: order((one["line"], one["quantity"]))):
+    for reference in sorted(
+        references, key=lambda reference: order((reference["line"], reference["quantity"]))
+    ):
         for name in STATISTICS:
-            about = [one["line"], one["quantity"], name, one["method"], one["n"]]
+            about = [
+                reference["line"],
+                reference["quantity"],
+                name,
+                reference["method"],
+                reference["n"],
+            ]
             beside = [
                 numbers.get(f"{name}{end}", np.nan)
-                for numbers in (one, simulated(one["line"], one["quantity"]))
+                for numbers in (reference, simulated(reference["line"], reference["quantity"]))
                 for end in ("", "_low", "_high")
             ]
             theirs = np.nan
-            if one["method"] == method and (one["line"], one["quantity"]) in field.index:
-                theirs = _error(one[name], field.loc[(one["line"], one["quantity"]), name])
+            if (
+                reference["method"] == method
+                and (reference["line"], reference["quantity"]) in field.index
+            ):
+                theirs = _error(
+                    reference[name], field.loc[(reference["line"], reference["quantity"]), name]
+                )
             error, (within, consistent) = _error(beside[3], beside[0]), _verdicts(*beside)
-            consistent = None if one["n"] < MIN_OBSERVED.get(name, 0) else consistent
+            consistent = None if reference["n"] < MIN_OBSERVED.get(name, 0) else consistent
             rows.append([*about, *beside, error, within, consistent, theirs])
     columns = ["line", "quantity", "statistic", "against", "n_observed", *_BESIDE, "error_percent"]
     table = pd.DataFrame(rows, columns=[*columns, *_VERDICTS, "printed_error_percent"])
@@ -187,8 +200,8 @@ def _with_interval(printed: dict) -> dict:
 def _summary_of(sample: tuple[tuple[str, str], np.ndarray]) -> dict:
     """The numbers of a sample with their intervals."""
     (line, quantity), v = sample
-    about = {"line": line, "quantity": quantity, "method": "sample", "n": v.size}
-    return {**about, **sample_numbers(v, Sources.alone(v.size), quantity in SIGNED)}
+    attrs = {"line": line, "quantity": quantity, "method": "sample", "n": v.size}
+    return {**attrs, **sample_numbers(v, Sources.alone(v.size), quantity in SIGNED)}
 
 
 def _verdicts(
@@ -227,7 +240,7 @@ def _ks(
     import pandas as pd
 
     own = seen.tests[seen.tests["method"] == method]
-    printed = {(one.line, one.quantity): one.p for one in own.itertuples()}
+    printed = {(row.line, row.quantity): row.p for row in own.itertuples()}
     rows = []
     for line, quantity in sorted({*seen.samples, *printed}, key=_order(names)):
         found = np.nan, np.nan, np.nan, np.nan

@@ -107,36 +107,45 @@ def converge(
     nothing = {"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"}
     scene = read_scene(case.replace(output=nothing))
     refuse_by_area(scene.case, scene, "a study of convergence")
-    of = scene.x.size
-    sizes = sorted(set(_sizes(of) if boulders is None else boulders))
-    fewest = max(MIN_TURNS, -(-MIN_REFERENCE // of))
-    many = max(fewest, -(-REFERENCE // of)) if reference is None else reference
+    sources = scene.x.size
+    sizes = sorted(set(_sizes(sources) if boulders is None else boulders))
+    fewest = max(MIN_TURNS, -(-MIN_REFERENCE // sources))
+    many = max(fewest, -(-REFERENCE // sources)) if reference is None else reference
     if many < fewest:
         raise RockfallError(
             f"reference = {many}: must be at least {fewest} boulders from each source; there are "
-            f"{of:,}"
+            f"{sources:,}"
         )
     paired = -(-many // 10)
     seed = case.case["seed"]
-    with progress_bar(of * (sizes[-1] + 2 * many + 4 * paired), shown=progress) as advance:
+    with progress_bar(sources * (sizes[-1] + 2 * many + 4 * paired), shown=progress) as advance:
         study = _study(scene, sizes, advance)
         blocks, seconds = _sample(scene, many, seed + 1, advance)
         others, again = _sample(scene, many, seed + 1 + many, advance)
         truth, seconds = _numbers(others[:, :, None])[..., 0], (seconds + again) / 2
         del others
-        error = _errors(blocks, truth, of, seconds, scene.case)
+        error = _errors(blocks, truth, sources, seconds, scene.case)
         del blocks
         passed = dict(zip((line["name"] for line in scene.case.lines), truth[:, 0], strict=True))
         cost = _costs(error, seconds, passed)
         numerical, refused = _terrains(scene, paired, cost, advance)
     return Convergence(
-        case.name, study, error, cost, numerical, of, of * many, of * paired, seconds, refused
+        case.name,
+        study,
+        error,
+        cost,
+        numerical,
+        sources,
+        sources * many,
+        sources * paired,
+        seconds,
+        refused,
     )
 
 
-def _sizes(of: int) -> list[int]:
+def _sizes(sources: int) -> list[int]:
     """BOULDERS, or fewer in the same proportions where there are many sources."""
-    most = min(BOULDERS[-1], max(2, REFERENCE // of))
+    most = min(BOULDERS[-1], max(2, REFERENCE // sources))
     return [max(2, size * most // BOULDERS[-1]) for size in BOULDERS]
 
 
@@ -176,22 +185,24 @@ def _limits(found: dict[str, float], statistic: str) -> list[float]:
 def _sample(scene: Scene, boulders: int, seed: int, advance: Advance) -> tuple[np.ndarray, float]:
     """Values of boulders: (lines, quantities, boulders), NaN where they did not cross; CPU seconds
     per boulder. They are simulated in pieces, each with the next seed; the sources take turns."""
-    of = scene.x.size
-    piece = max(1, PIECE // of)
+    sources = scene.x.size
+    piece = max(1, PIECE // sources)
     try:
-        values = np.empty((len(scene.case.lines), len(QUANTITIES), boulders * of))
+        values = np.empty((len(scene.case.lines), len(QUANTITIES), boulders * sources))
     except (MemoryError, ValueError) as error:  # NumPy raises the latter for excessive sizes
-        raise RockfallError(f"reference: {boulders * of} boulders do not fit in memory") from error
+        raise RockfallError(
+            f"reference: {boulders * sources} boulders do not fit in memory"
+        ) from error
     seconds, done = 0.0, 0
     while done < boulders:
         result = _run(scene, min(piece, boulders - done), seed, advance)
-        n, first = result.sizes["boulder"], done * of
+        n, first = result.sizes["boulder"], done * sources
         for k, of_line in enumerate(values):
             for quantity, row in zip(QUANTITIES, of_line, strict=True):
                 found = line_values(result, quantity, k)
-                row[first : first + n] = found.reshape(of, -1).T.ravel()
+                row[first : first + n] = found.reshape(sources, -1).T.ravel()
         seconds += result.attrs["cpu_seconds"]
-        done, seed = done + n // of, seed + 1
+        done, seed = done + n // sources, seed + 1
     return values, seconds / values.shape[2]
 
 
@@ -218,7 +229,7 @@ def _in_blocks(values: np.ndarray, size: int, limit: int) -> np.ndarray:
 
 
 def _errors(
-    values: np.ndarray, truth: np.ndarray, of: int, seconds: float, case: Case
+    values: np.ndarray, truth: np.ndarray, sources: int, seconds: float, case: Case
 ) -> pd.DataFrame:
     """Errors of blocks of 100, 200, 500, ... boulders; `truth` is (lines, numbers)."""
     import pandas as pd
@@ -226,7 +237,7 @@ def _errors(
     rows = []
     steps = (digit * 10**power for power in count(2) for digit in (1, 2, 5))
     for step in steps:
-        size = -(-step // of) * of  # all sources give the same number
+        size = -(-step // sources) * sources  # all sources give the same number
         if size * MIN_BLOCKS > values.shape[2]:
             break
         found = _numbers(_in_blocks(values, size, MAX_BLOCKS))
@@ -248,9 +259,9 @@ def _costs(error: pd.DataFrame, seconds: float, passed: Mapping[str, float]) -> 
     import pandas as pd
 
     rows = []
-    of = dict(list(error[error["error"] > 0].groupby(KEYS)))
+    groups = dict(list(error[error["error"] > 0].groupby(KEYS)))
     keys = ((line, *number) for line in error["line"].unique() for number in NUMBERS)
-    for key, one in ((key, of[key]) for key in keys if key in of):
+    for key, one in ((key, groups[key]) for key in keys if key in groups):
         log_n, log_error = np.log(one["boulders"].values), np.log(one["error"].values)
         precision = np.linalg.inv(_covariance(one["boulders"].values, one["blocks"].values))
         c = np.exp((precision @ (log_error + log_n / 2)).sum() / precision.sum())

@@ -112,16 +112,19 @@ def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
     if seen.stops is None or seen.starts is not None:
         return []
     volume = np.full(len(seen.stops), np.nan) if seen.volumes is None else seen.volumes
-    of = np.array(seen.sources or [ALL] * len(seen.stops), object)
+    sources = np.array(seen.sources or [ALL] * len(seen.stops), object)
     found = starts(result)
     if len(found.places) == 1:
         return []
-    for k in np.flatnonzero(~np.isin(of, [ALL, *found.names]))[:1].tolist():
+    for k in np.flatnonzero(~np.isin(sources, [ALL, *found.names]))[:1].tolist():
         raise RockfallError(
-            f"{seen.where['stops'][k]}: source = {of[k]}: no boulder starts from a source of this "
-            f"name; has: {_some(found.names)}"
+            f"{seen.where['stops'][k]}: source = {sources[k]}: no boulder starts from a source of "
+            f"this name; has: {_some(found.names)}"
         )
-    names = [*dict.fromkeys(name for name in of if name != ALL), *[ALL] * bool((of == ALL).any())]
+    names = [
+        *dict.fromkeys(name for name in sources if name != ALL),
+        *[ALL] * bool((sources == ALL).any()),
+    ]
     if seen.area is not None:
         for k in np.flatnonzero(~_within(seen.area, seen.stops))[:1].tolist():
             x, y = seen.stops[k]
@@ -129,7 +132,10 @@ def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
                 f"{seen.where['stops'][k]}: x = {x:.12g}, y = {y:.12g}: lies outside of the area "
                 "in which blocks were mapped"
             )
-    return [Blocks(name, seen.stops[of == name], volume[of == name], seen.area) for name in names]
+    return [
+        Blocks(name, seen.stops[sources == name], volume[sources == name], seen.area)
+        for name in names
+    ]
 
 
 def _within(area: Any, place: np.ndarray) -> np.ndarray:
@@ -152,8 +158,8 @@ def at_rest(result: xr.Dataset, blocks: Blocks, known: Starts | None = None) -> 
     done = ~(left_terrain(result) | ends(result)["impact_limit"])
     if source != ALL:
         known = starts(result) if known is None else known
-        mine = [k for k, one in enumerate(known.names) if one == source]
-        done = done & np.isin(known.group, mine)
+        sources = [k for k, one in enumerate(known.names) if one == source]
+        done = done & np.isin(known.group, sources)
     place = np.column_stack([result["stop_x"].values, result["stop_y"].values])
     if blocks.area is not None:
         done = done & _within(blocks.area, place)
@@ -169,11 +175,11 @@ def fitted_kernel(blocks: Blocks, rest: Rest, cell: float) -> Kernel:
     if not np.isnan(blocks.volume).all():
         spread = silverman(np.log(rest.volume))
     n = len(rest.place)
-    some = rest.of(np.linspace(0, max(n - 1, 0), min(n, MAX_FITTED)).astype(int))
-    kernel = Kernel(1.0, len(some.place), spread, area, cell)
+    fitted = rest.of(np.linspace(0, max(n - 1, 0), min(n, MAX_FITTED)).astype(int))
+    kernel = Kernel(1.0, len(fitted.place), spread, area, cell)
     if n <= MIN_FITTED:
         return kernel
-    kernel = kernel._replace(neighbours=_likeliest_neighbours(kernel, some))
+    kernel = kernel._replace(neighbours=_likeliest_neighbours(kernel, fitted))
     return kernel._replace(neighbours=_neighbours(kernel, n), boulders=n)
 
 
@@ -226,11 +232,11 @@ def kernel_widths(kernel: Kernel, rest: Rest) -> tuple[np.ndarray, np.ndarray, n
 def kernel_sums(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> Sums:
     """Sums over boulders at rest, for each block."""
     found, widths = np.empty((3, len(blocks.place))), kernel_widths(kernel, rest)[0]
-    for some in _pieces(len(blocks.place), len(rest.place)):
-        place, volume = blocks.place[some], blocks.volume[some]
+    for piece in _pieces(len(blocks.place), len(rest.place)):
+        place, volume = blocks.place[piece], blocks.volume[piece]
         alike = volume_weights(kernel, volume, rest)
         near = alike * _normal(_squares(place, rest), widths)
-        found[:, some] = near.sum(axis=1), (near**2).sum(axis=1), alike.sum(axis=1)
+        found[:, piece] = near.sum(axis=1), (near**2).sum(axis=1), alike.sum(axis=1)
     return Sums(*found)
 
 
@@ -238,13 +244,13 @@ def log_densities_of_own(kernel: Kernel, rest: Rest, chosen: np.ndarray) -> np.n
     """Log-density of some of the simulated boulders, by number, each given the others."""
     widths, without, far = kernel_widths(kernel, rest)
     found = np.empty(chosen.size)
-    for some in _pieces(chosen.size, len(rest.place)):
-        mine = chosen[some]
-        squares = _squares(rest.place[mine], rest)
+    for piece in _pieces(chosen.size, len(rest.place)):
+        rows = chosen[piece]
+        squares = _squares(rest.place[rows], rest)
         near = _normal(squares, np.where(squares <= far, without, widths))
-        alike = volume_weights(kernel, rest.volume[mine], rest)
-        alike[np.arange(mine.size), mine] = 0.0
-        found[some] = log_density(kernel, (alike * near).sum(axis=1), alike.sum(axis=1))
+        alike = volume_weights(kernel, rest.volume[rows], rest)
+        alike[np.arange(rows.size), rows] = 0.0
+        found[piece] = log_density(kernel, (alike * near).sum(axis=1), alike.sum(axis=1))
     return found
 
 

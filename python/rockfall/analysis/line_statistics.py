@@ -83,21 +83,21 @@ def line_statistics(
 
     known_quantities = QUANTITIES + ((FRAGMENTS,) if f"line_{FRAGMENTS}" in result else ())
     chosen_quantities = known_quantities if quantities is None else quantities
-    for one in chosen_quantities:
-        if one not in known_quantities:
+    for chosen_quantity in chosen_quantities:
+        if chosen_quantity not in known_quantities:
             all_ = ", ".join(known_quantities)
-            raise RockfallError(f"quantities: no quantity '{one}'; there are {all_}")
-    known = LineSamples(result)
-    parts = known.groups(by, classes) if by else [("", None)]
+            raise RockfallError(f"quantities: no quantity '{chosen_quantity}'; there are {all_}")
+    samples = LineSamples(result)
+    parts = samples.groups(by, classes) if by else [("", None)]
     rows = []
     for k, line in enumerate(result["line"].values if "line" in result else []):
         for name, chosen in parts:
             for quantity in chosen_quantities:
-                sample = known.sample(k, quantity, chosen)
-                about = {"line": line} | ({by: name, "boulders": sample.released} if by else {})
+                sample = samples.sample(k, quantity, chosen)
+                attrs = {"line": line} | ({by: name, "boulders": sample.released} if by else {})
                 row = numbers(sample, quantity)
-                about |= {"quantity": quantity, "withheld": ", ".join(withheld(row))}
-                rows.append({**about, **row})
+                attrs |= {"quantity": quantity, "withheld": ", ".join(withheld(row))}
+                rows.append({**attrs, **row})
     split = [by, "boulders"] if by else []
     return pd.DataFrame(rows, columns=["line", *split, "quantity", *COLUMNS])
 

@@ -98,7 +98,7 @@ def with_lines_at(scene: Scene, marks: list[Mark]) -> tuple[Scene, list[Mark]]:
     if not marks:
         return scene, marks
     given = list(scene.case.line)
-    taken = {one["name"] for one in scene.case.lines}  # barriers too
+    taken = {line["name"] for line in scene.case.lines}  # barriers too
     objects, names = [], []
     for k, mark in enumerate(marks):
         name = f"{PREFIX} {k + 1}"
@@ -126,7 +126,7 @@ def _with_lines(scene: Scene, lines: list[dict]) -> Scene:
 
 
 def _widths(mark: Mark) -> list[float]:
-    return [mark.diameter, *(one for one in WIDTHS if one > mark.diameter)]
+    return [mark.diameter, *(width for width in WIDTHS if width > mark.diameter)]
 
 
 def _line(

@@ -71,7 +71,10 @@ def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     yield from log_remarks(case)
     yield from breakage_remarks(values, case)
     yield from roll_remarks(values, case)
-    yield from (Remark(one.text, one.is_warning) for one in extrapolations(values))
+    yield from (
+        Remark(extrapolation.text, extrapolation.is_warning)
+        for extrapolation in extrapolations(values)
+    )
 
 
 def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
@@ -90,16 +93,19 @@ def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     yield Remark(text, True)
 
 
-def ground_part(one: GroundRebounds) -> Text:
+def ground_part(rebounds: GroundRebounds) -> Text:
     """Ground, its model, and its fraction of the rebounds."""
     return say(
-        "model.ground_part", name=one.name, model=word(one.model), fraction=percent(one.fraction)
+        "model.ground_part",
+        name=rebounds.name,
+        model=word(rebounds.model),
+        fraction=percent(rebounds.fraction),
     )
 
 
 def _part_of_all(grounds: Iterable[GroundRebounds], values: Variables) -> Text:
     """Rebounds on some grounds, of all."""
-    rebounds = sum(one.rebounds for one in grounds)
+    rebounds = sum(ground.rebounds for ground in grounds)
     return part_of_rebounds(rebounds, max(1, _total(values, "rebounds_by_ground")))
 
 
@@ -109,7 +115,8 @@ def table_remarks(values: Variables) -> Iterator[Remark]:
     if not (tables := table_grounds(values)):
         return
     parts = [
-        say("model.table_part", name=one.name, fraction=percent(one.fraction)) for one in tables
+        say("model.table_part", name=table.name, fraction=percent(table.fraction))
+        for table in tables
     ]
     text = say("model.tables", drawn=_part_of_all(tables, values), grounds=parts)
     yield Remark(text, True)
@@ -129,7 +136,7 @@ def forest_remarks(case: Case) -> Iterator[Remark]:
 
 def log_remarks(case: Case) -> Iterator[Remark]:
     """Remark that capacities of lying logs are unconfirmed; none without logs."""
-    if any("diameter" in one for one in case.barrier):
+    if any("diameter" in barrier for barrier in case.barrier):
         yield Remark(say("model.logs"), True, is_counted=False)
 
 
@@ -175,7 +182,7 @@ def _fragments_at_lines(values: Variables) -> Iterator[Text]:
 
 def forest_text() -> Text:
     """Comparison with the forest experiment (cases/vaujany-forest), and its consequences."""
-    bare, forest = (forest_experiment()["passing", of] for of in ("bare", "forest"))
+    bare, forest = (forest_experiment()["passing", state] for state in ("bare", "forest"))
     return say(
         "model.forest",
         bare=bare["experiment"],
@@ -217,8 +224,8 @@ def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     for name, speed, rolls in zip(lines, speeds, steep & (speeds < SLOW), strict=True):
         passed = np.isfinite(speed)
         if passed.any() and (fraction := float(rolls[passed].mean())) > MAX_SLOW:
-            about = {"line": str(name), "fraction": percent(fraction), "slow": SLOW}
-            yield Remark(say("model.rolling", **about), True)
+            attrs = {"line": str(name), "fraction": percent(fraction), "slow": SLOW}
+            yield Remark(say("model.rolling", **attrs), True)
 
 
 class Extrapolation(NamedTuple):

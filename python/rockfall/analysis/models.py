@@ -114,17 +114,17 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
     return Models(title, own.boulders, tuple(scenes), table, tuple(notes), known)
 
 
-def write_models(found: Models, path: str | Path) -> None:
+def write_models(models: Models, path: str | Path) -> None:
     """Write models as netCDF, with their case, for a report."""
     columns: dict[str, tuple] = {
-        name: ("row", found.table[name].to_numpy(object if name in TEXTS else float), {})
+        name: ("row", models.table[name].to_numpy(object if name in TEXTS else float), {})
         for name in COLUMNS
     }
-    crs = {"crs": ((), np.int32(0), found.case["crs"].attrs)}
-    own: dict[str, Any] = {"models_layout": LAYOUT, "model_boulders": found.boulders}
-    own |= {"models": "\n".join(found.names), "notes": "\n".join(found.notes)}
-    own["note_messages"] = json.dumps([packed(one) for one in found.notes])
-    put_netcdf(Contents(columns | crs, found.case.attrs | own), path, path)
+    crs = {"crs": ((), np.int32(0), models.case["crs"].attrs)}
+    own: dict[str, Any] = {"models_layout": LAYOUT, "model_boulders": models.boulders}
+    own |= {"models": "\n".join(models.names), "notes": "\n".join(models.notes)}
+    own["note_messages"] = json.dumps([packed(note) for note in models.notes])
+    put_netcdf(Contents(columns | crs, models.case.attrs | own), path, path)
 
 
 def read_models(path: str | Path) -> Models:
@@ -133,20 +133,22 @@ def read_models(path: str | Path) -> Models:
 
     check_netcdf(path)
     try:
-        found = xr.load_dataset(path, mask_and_scale=False, decode_times=False, engine="netcdf4")
+        dataset = xr.load_dataset(path, mask_and_scale=False, decode_times=False, engine="netcdf4")
     except OSError as error:
         about = error.strerror or error
         raise RockfallError(f"{path}: cannot be read as models: {about}") from error
-    if "models_layout" not in found.attrs:
+    if "models_layout" not in dataset.attrs:
         raise RockfallError(f"{path}: is no models.nc of `rockfall models`")
-    table = found[COLUMNS].to_dataframe().reset_index(drop=True)[COLUMNS]
-    names, notes = (tuple(str(found.attrs[name]).split("\n")) for name in ("models", "notes"))
+    table = dataset[COLUMNS].to_dataframe().reset_index(drop=True)[COLUMNS]
+    names, notes = (tuple(str(dataset.attrs[name]).split("\n")) for name in ("models", "notes"))
     notes = tuple(filter(None, notes))
-    data = json.loads(found.attrs.get("note_messages", "[]")) or [None] * len(notes)  # older files
+    data = json.loads(dataset.attrs.get("note_messages", "[]")) or [None] * len(
+        notes
+    )  # older files
     notes = tuple(unpacked(one, text) for one, text in zip(data, notes, strict=True))
-    boulders = int(found.attrs["model_boulders"])
-    title = str(found.attrs["title"]) or str(found.attrs["case_file"])
-    return Models(title, boulders, names, table, notes, found[["crs"]])
+    boulders = int(dataset.attrs["model_boulders"])
+    title = str(dataset.attrs["title"]) or str(dataset.attrs["case_file"])
+    return Models(title, boulders, names, table, notes, dataset[["crs"]])
 
 
 def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
@@ -156,7 +158,7 @@ def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[t
     chosen = [find_ground(case, table, name, "--ground") for name in grounds]
     varied = {_usual(own)}
     if not _own_share(own):
-        varied = {one.name for one in own.grounds if one.model != ABSORBS}
+        varied = {ground.name for ground in own.grounds if ground.model != ABSORBS}
         yield AS_GIVEN, own
         yield from _by_sets(own, varied, notes)
     else:
@@ -220,7 +222,7 @@ def _usual(scene: Scene) -> str:
 def _own_share(scene: Scene) -> float:
     """Fraction of the terrain where no zone and no cell names a ground [-]."""
     usual, cells = _usual(scene), scene.rasters
-    own = np.array([0, *(one.name == usual for one in scene.grounds)], bool)
+    own = np.array([0, *(ground.name == usual for ground in scene.grounds)], bool)
     known = ~np.isnan(cells.z)
     if cells.cell_ground is not None:
         return float(own[cells.cell_ground][known].mean())
@@ -236,10 +238,10 @@ def with_rocks(
     names; by default in place of the default ground."""
     cells = scene.rasters
     varied = varied or {_usual(scene)}
-    others = [one for one in scene.grounds if one.name not in varied]
+    others = [ground for ground in scene.grounds if ground.name not in varied]
     rules = dict.fromkeys((small, large))
     number = {one.name: k for k, one in enumerate([*rules, *others], start=1)}
-    names = [one.name for one in scene.grounds] or [_usual(scene)]
+    names = [ground.name for ground in scene.grounds] or [_usual(scene)]
     kept = np.array([0, *(0 if name in varied else number[name] for name in names)], np.int8)
     sizes = cells.sizes[:, 0] if cells.values is None else cells.values[0]
     of_rocks = _choice(scene, sizes, number[small.name], number[large.name])

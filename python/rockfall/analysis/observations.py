@@ -142,7 +142,7 @@ def read_observed(
     passing = frame("passing", "distance", "fraction").sort_values("distance", ignore_index=True)
     return Observed(
         summaries=frame("summaries", "line", "method", "quantity", "mean", "std", "max", "n"),
-        samples={key: np.array(of) for key, of in values.items()},
+        samples={key: np.array(values_) for key, values_ in values.items()},
         tests=frame("tests", "line", "method", "quantity", "p"),
         stops=frame("stops", "x", "y").to_numpy(float) if found["stops"] else None,
         distances=np.sort(distances) if found["distances"] else None,
@@ -153,7 +153,7 @@ def read_observed(
         kept={name: pd.DataFrame(rows) for name, rows in kept.items() if any(rows)},
         passing_n=float(counts[0]) if counts.size else np.nan,
         notes=tuple(notes),
-        sources=tuple(one.get(SOURCE, "") for one in found["stops"]),
+        sources=tuple(stop.get(SOURCE, "") for stop in found["stops"]),
         volumes=volumes if volumes.size and not np.isnan(volumes).all() else None,
         area=area,
         where={name: tuple(one["where"] for one in found[name]) for name in ("stops", "contacts")},
@@ -178,8 +178,8 @@ def _summary(row: Row) -> dict:
     if n % 1 > 0:
         row.refuse("n", "must be an integer")
     method = row.choice("method", METHODS) if "method" in row.cells else "observed"
-    about = {"line": row.text("line"), "method": method, "quantity": quantity}
-    return {**about, "mean": unit * mean, "std": unit * std, "max": unit * max_, "n": n}
+    attrs = {"line": row.text("line"), "method": method, "quantity": quantity}
+    return {**attrs, "mean": unit * mean, "std": unit * std, "max": unit * max_, "n": n}
 
 
 def _sample(row: Row) -> dict:
@@ -211,8 +211,8 @@ def _stop(row: Row) -> dict:
     volume = row.maybe(VOLUME, 0.0)
     if volume == 0:
         row.refuse(VOLUME, "must be > 0 [m3], or empty")
-    about = {SOURCE: row.cells.get(SOURCE, ""), VOLUME: volume}
-    return {"x": row.number("x"), "y": row.number("y"), **places, **about}
+    attrs = {SOURCE: row.cells.get(SOURCE, ""), VOLUME: volume}
+    return {"x": row.number("x"), "y": row.number("y"), **places, **attrs}
 
 
 def _contact(row: Row) -> dict:
@@ -276,12 +276,12 @@ def _refuse_beyond(path: str, area: Any, grid: Grid) -> None:
 
 def _refuse_twice(records: list[dict], keys: tuple[str, ...]) -> None:
     first: dict[tuple, str] = {}
-    for one in records:
-        key = tuple(one[name] for name in keys)
+    for record in records:
+        key = tuple(record[name] for name in keys)
         if key in first:
             about = ", ".join(f"{name} {value}" for name, value in zip(keys, key, strict=True))
-            raise RockfallError(f"{one['where']}: {about}: stands already in {first[key]}")
-        first[key] = one["where"]
+            raise RockfallError(f"{record['where']}: {about}: stands already in {first[key]}")
+        first[key] = record["where"]
 
 
 def _refuse_rise(records: list[dict]) -> None:

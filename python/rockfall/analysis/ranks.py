@@ -51,11 +51,15 @@ def rank_results(results: Mapping[str, xr.Dataset], seen: Observed) -> pd.DataFr
     for name, result in results.items():
         for measure, values in _distances(result, seen):
             by_measure.setdefault(measure, {})[name] = values
-    by_measure = {one: of for one, of in by_measure.items() if len(of) == len(results)}
+    by_measure = {
+        one: numbers for one, numbers in by_measure.items() if len(numbers) == len(results)
+    }
     if not by_measure:
         raise RockfallError("nothing that ranks results: neither stops, samples nor means observed")
-    stacks = {one: np.array([of[name] for name in results]) for one, of in by_measure.items()}
-    known = [one for one in stacks.values() if np.isfinite(one).all()]
+    stacks = {
+        one: np.array([numbers[name] for name in results]) for one, numbers in by_measure.items()
+    }
+    known = [stack for stack in stacks.values() if np.isfinite(stack).all()]
     if len(known) > 1:
         stacks[OVERALL] = np.mean([one / one.mean(axis=0) for one in known], axis=0)
     rows = [row for measure, one in stacks.items() for row in _ranked(measure, [*results], one)]
@@ -77,11 +81,11 @@ def _distances(result: xr.Dataset, seen: Observed) -> Iterator[tuple[str, np.nda
             ours = Sample(made[crossed][:, None], np.zeros(crossed.sum(), int))
             yield f"{line}.{quantity}", _resampled(alike, ours)
     observed = seen.summaries[seen.summaries["method"] == "observed"]
-    for one in observed.to_dict("records"):
-        key = one["line"], one["quantity"]
-        if one["line"] in names and key not in seen.samples and np.isfinite(one["mean"]):
-            made = line_values(result, one["quantity"], names.index(one["line"]))
-            yield f"{key[0]}.{key[1]}.mean", _mean_apart(one, made, source)
+    for row in observed.to_dict("records"):
+        key = row["line"], row["quantity"]
+        if row["line"] in names and key not in seen.samples and np.isfinite(row["mean"]):
+            made = line_values(result, row["quantity"], names.index(row["line"]))
+            yield f"{key[0]}.{key[1]}.mean", _mean_apart(row, made, source)
 
 
 def _resampled(seen: Sample, made: Sample) -> np.ndarray:
@@ -105,9 +109,11 @@ def _mean_apart(printed: dict, values: np.ndarray, source: np.ndarray) -> np.nda
     theirs, ours = np.random.default_rng(0), np.random.default_rng(1)
     error = printed["std"] / np.sqrt(printed["n"])
     means = printed["mean"] + np.nan_to_num(error) * theirs.standard_normal(RESAMPLES)
-    mine = Sample(values[crossed][:, None], source[crossed])
-    made = [np.average(mine.values[:, 0], weights=resampled(mine, ours)) for _ in range(RESAMPLES)]
-    value = mine.values.mean() - printed["mean"]
+    sample = Sample(values[crossed][:, None], source[crossed])
+    made = [
+        np.average(sample.values[:, 0], weights=resampled(sample, ours)) for _ in range(RESAMPLES)
+    ]
+    value = sample.values.mean() - printed["mean"]
     return np.abs([value, *(np.array(made) - means)])
 
 

@@ -35,7 +35,7 @@ def recorded_numbers(
     files, and notes for readers. Energies are taken if their unit, J or kJ, is given."""
     if energy_unit is not None and energy_unit not in ENERGY_UNITS:
         raise RockfallError(f"energy unit {energy_unit}: must be {' or '.join(ENERGY_UNITS)}")
-    recorded = [one for path in paths for one in read_trajectories(path)]
+    recorded = [read_trajectory for path in paths for read_trajectory in read_trajectories(path)]
     if not recorded:
         return [], [], []
     samples: list[dict] = []
@@ -63,13 +63,13 @@ def recorded_numbers(
     return samples, [_stop(one) for one in recorded], notes
 
 
-def crossing(one: Recorded, x: np.ndarray, y: np.ndarray) -> Crossing | None:
+def crossing(recorded: Recorded, x: np.ndarray, y: np.ndarray) -> Crossing | None:
     """First crossing of a polyline in plan; None if there is none.
 
     Between two records velocity and energy are linear in time, and height follows a parabola: exact
     in flight, and no lower than the boulder where it touches the ground in between.
     """
-    place = _first_crossing(one.position[:, :2], np.column_stack([x, y]))
+    place = _first_crossing(recorded.position[:, :2], np.column_stack([x, y]))
     if place is None:
         return None
     k, part = place
@@ -77,11 +77,11 @@ def crossing(one: Recorded, x: np.ndarray, y: np.ndarray) -> Crossing | None:
     def between(values: np.ndarray) -> np.ndarray:
         return values[k] + part * (values[k + 1] - values[k])
 
-    duration = one.time[k + 1] - one.time[k]
+    duration = recorded.time[k + 1] - recorded.time[k]
     rise = GRAVITY / 2 * part * (1 - part) * duration**2
-    height = between(one.position[:, 2]) - between(one.terrain) + rise
-    speed = np.linalg.norm(between(one.velocity))
-    return Crossing(float(speed), float(height), float(between(one.energy)))
+    height = between(recorded.position[:, 2]) - between(recorded.terrain) + rise
+    speed = np.linalg.norm(between(recorded.velocity))
+    return Crossing(float(speed), float(height), float(between(recorded.energy)))
 
 
 def _first_crossing(path: np.ndarray, line: np.ndarray) -> tuple[int, float] | None:
@@ -102,10 +102,10 @@ def _first_crossing(path: np.ndarray, line: np.ndarray) -> tuple[int, float] | N
     return best
 
 
-def _stop(one: Recorded) -> dict:
+def _stop(recorded: Recorded) -> dict:
     """Ends of a trajectory, as a row of stopping places."""
-    (start_x, start_y), (x, y) = (one.position[k, :2].tolist() for k in (0, -1))
-    return {"where": one.where, "x": x, "y": y, "start_x": start_x, "start_y": start_y}
+    (start_x, start_y), (x, y) = (recorded.position[k, :2].tolist() for k in (0, -1))
+    return {"where": recorded.where, "x": x, "y": y, "start_x": start_x, "start_y": start_y}
 
 
 def _unit_note(recorded: Iterable[Recorded]) -> str:
@@ -113,12 +113,12 @@ def _unit_note(recorded: Iterable[Recorded]) -> str:
     speeds = np.concatenate([np.linalg.norm(one.velocity, axis=1) for one in recorded])
     energies = np.concatenate([one.energy for one in recorded])
     fastest = int(np.argmax(speeds))
-    about = "Energies of the trajectories are left out, their unit is not known"
+    text = "Energies of the trajectories are left out, their unit is not known"
     if not speeds[fastest] > 0:
-        return f"{about}."
+        return f"{text}."
     mass = 2 * energies[fastest] / speeds[fastest] ** 2
     masses = (
         f"{unit} would be a block of at most {factor * mass:,.3g} kg"
         for unit, factor in ENERGY_UNITS.items()
     )
-    return f"{about}: --energy-unit gives it ({', '.join(masses)})."
+    return f"{text}: --energy-unit gives it ({', '.join(masses)})."

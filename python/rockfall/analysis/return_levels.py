@@ -98,11 +98,11 @@ def return_levels(result: xr.Dataset, levels: Sequence[int] = LEVELS) -> pd.Data
     import pandas as pd
 
     _check(levels)
-    known = LineSamples(result)
+    samples = LineSamples(result)
     rows = []
     for k, line in enumerate(result["line"].values if "line" in result else []):
         for quantity in QUANTITIES:
-            sample = known.sample(k, quantity)
+            sample = samples.sample(k, quantity)
             row = _row(sample, tail_of(sample, levels))
             rows.append({"line": line, "quantity": quantity, **row})
     limits = [name for N in levels for name in with_limits(f"level_{N}")]

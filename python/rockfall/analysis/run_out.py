@@ -51,8 +51,8 @@ class Sample(NamedTuple):
     source: np.ndarray
 
     def of(self, source: int) -> Sample:
-        mine = self.source == source
-        return Sample(self.values[mine], self.source[mine])
+        from_source = self.source == source
+        return Sample(self.values[from_source], self.source[from_source])
 
 
 def resampled(sample: Sample, random: np.random.Generator) -> np.ndarray:
@@ -60,8 +60,10 @@ def resampled(sample: Sample, random: np.random.Generator) -> np.ndarray:
     source."""
     counts = np.zeros(len(sample.source), int)
     for source in np.unique(sample.source):
-        mine = np.flatnonzero(sample.source == source)
-        counts[mine] = np.bincount(random.integers(mine.size, size=mine.size), minlength=mine.size)
+        from_source = np.flatnonzero(sample.source == source)
+        counts[from_source] = np.bincount(
+            random.integers(from_source.size, size=from_source.size), minlength=from_source.size
+        )
     return counts
 
 
@@ -143,8 +145,10 @@ def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
     source = starts(result).group
     values = np.full((source.size, 2), np.nan)
     for one, frame in found.items():
-        mine = source == one
-        values[mine] = np.column_stack([way_of(result, frame, one, k)[mine] for k in (0, 1)])
+        from_source = source == one
+        values[from_source] = np.column_stack(
+            [way_of(result, frame, one, k)[from_source] for k in (0, 1)]
+        )
     among = np.isin(source, [*found])
     return observed, Sample(values[among], source[among])
 
@@ -251,15 +255,15 @@ def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
         return np.ones(total, bool), ""
     found, nearest = starts(result), _nearest(seen.starts, starts(result).places)
     groups = np.unique(found.group_at[nearest])
-    mine = np.isin(found.group, groups)
+    in_groups = np.isin(found.group, groups)
     apart = np.hypot(*(seen.starts - found.places[nearest]).T).max()
-    said = []
-    if not mine.all():
-        of = ", ".join([*(found.names[k] for k in groups[:10]), *["..."][: groups.size > 10]])
-        said.append(say("compare.same_starts", part=mine.sum(), n=total, names=of))
+    notes = []
+    if not in_groups.all():
+        places = ", ".join([*(found.names[k] for k in groups[:10]), *["..."][: groups.size > 10]])
+        notes.append(say("compare.same_starts", part=in_groups.sum(), n=total, names=places))
     if apart > 3 * _cell(result):
-        said.append(say("compare.release_apart", apart=apart))
-    return mine, " ".join(said)
+        notes.append(say("compare.release_apart", apart=apart))
+    return in_groups, " ".join(notes)
 
 
 def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
@@ -334,8 +338,8 @@ def _rows(name: str, seen: Sample, made: Sample) -> Iterator[list]:
 
     def row(label: str, column: int, statistic: int) -> list:
         values = [
-            [moments(of.values[:, column], w)[statistic] for w in weights_]
-            for of, weights_ in (
+            [moments(sample.values[:, column], w)[statistic] for w in weights_]
+            for sample, weights_ in (
                 (seen, [one, *(a for a, _ in counts)]),
                 (made, [share, *(share * b for _, b in counts)]),
             )
@@ -344,9 +348,9 @@ def _rows(name: str, seen: Sample, made: Sample) -> Iterator[list]:
         apart = simulated - observed
         fewest = MIN_FOR_STD if statistic else MIN_FOR_MEAN
         numbers = [
-            one
-            for of, size in ((observed, sizes[0]), (simulated, sizes[1]), (apart, min(sizes)))
-            for one in _limits(of, size >= fewest)
+            limit
+            for sample, size in ((observed, sizes[0]), (simulated, sizes[1]), (apart, min(sizes)))
+            for limit in _limits(sample, size >= fewest)
         ]
         low, high = numbers[-2:]
         verdict = "larger" if low > 0 else "smaller" if high < 0 else UNDECIDED

@@ -139,7 +139,7 @@ def simulate_until(
             tally.scene.forget_rasters()
         tally.settle()
         result = make_result(tally)
-    result.attrs |= {"until": rules, "until_met": int(all(one.met for one in verdicts))}
+    result.attrs |= {"until": rules, "until_met": int(all(verdict.met for verdict in verdicts))}
     if interrupted():
         raise Interrupted(result)
     return result
@@ -168,7 +168,7 @@ def next_stage(verdicts: list[Verdict], n: int, cap: int) -> int:
     A distant need is approached from below, in steps: the width from which it follows is itself an
     estimate, and boulders cannot be removed.
     """
-    needs = [one.need for one in verdicts if not one.met and not np.isinf(one.need)]
+    needs = [verdict.need for verdict in verdicts if not verdict.met and not np.isinf(verdict.need)]
     if not needs:
         return n
     need = max(MAX_GROWTH * n if np.isnan(one) else one for one in needs)
@@ -185,8 +185,8 @@ def verdicts_of(result: Held) -> list[Verdict]:
 
 def evaluate(rules: list[Rule], result: Held) -> list[Verdict]:
     """Verdict of a result on each rule."""
-    known = LineSamples(result)
-    return [_verdict(rule, known) for rule in rules]
+    samples = LineSamples(result)
+    return [_verdict(rule, samples) for rule in rules]
 
 
 def _verdict(rule: Rule, known: LineSamples) -> Verdict:

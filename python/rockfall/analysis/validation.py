@@ -158,10 +158,14 @@ def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Nu
             and (crossed := _crossed(result, line, quantity)) is not None
         ]
         if values:
-            share = [np.full(len(made), len(some) / max(len(made), 1)) for some, made in values]
+            share = [
+                np.full(len(made), len(accepted) / max(len(made), 1)) for accepted, made in values
+            ]
             each = np.concatenate(share)
-            some, made = (np.concatenate(one) for one in zip(*values, strict=True))
-            at_line = distribution_numbers(some, made, each / (each.mean() if each.size else 1))
+            numerators, made = (np.concatenate(one) for one in zip(*values, strict=True))
+            at_line = distribution_numbers(
+                numerators, made, each / (each.mean() if each.size else 1)
+            )
             found |= {(line, quantity, name): one for name, one in at_line.items()}
     for row in pairs[0][1].summaries.to_dict("records"):
         key = row["line"], row["quantity"]

@@ -106,11 +106,11 @@ def check_variant_scenes(case: Case, **how: Any) -> list[str]:
 
 
 def _starts(scene: Scene) -> dict[str, Any]:
-    """What decides where boulders start, and on their volumes, by its name in messages."""
+    """Inputs that decide on the starts and volumes of boulders, by their names in messages."""
     own = None if scene.source_boulders is None else scene.source_boulders.volume
     features = scene.features
     of_case = {key: value for key, value in scene.case.boulder.items() if "volume" in key}
-    of_layer = () if features is None else (features.of, features.law, features.value)
+    of_layer = () if features is None else (features.number, features.law, features.value)
     return {
         "sources": (scene.x, scene.y),
         "boulders of each source": (scene.boulders, scene.weight),

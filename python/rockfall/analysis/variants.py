@@ -112,7 +112,7 @@ def check_variants(results: Mapping[str, xr.Dataset]) -> None:
         check_rows(other, other_name)
         if other.sizes["boulder"] != first.sizes["boulder"]:
             what = "number of boulders"
-        elif any(not np.array_equal(first[one].values, other[one].values) for one in STARTS):
+        elif any(not np.array_equal(first[start].values, other[start].values) for start in STARTS):
             what = "sources or volumes"
         elif first.attrs["seed"] != other.attrs["seed"]:
             what = "seed"
@@ -149,8 +149,8 @@ def _rows(
     n = int(np.count_nonzero(~np.isnan(here["speed"])))
 
     def row(quantity: str, statistic: str, value: float, *compared: float) -> dict[str, object]:
-        about = {"quantity": quantity, "statistic": statistic, "n": n, "value": value}
-        return about | (_verdict(*compared) if compared else {})
+        attrs = {"quantity": quantity, "statistic": statistic, "n": n, "value": value}
+        return attrs | (_verdict(*compared) if compared else {})
 
     for threshold in dict.fromkeys((0.0, *thresholds)):
         passing = here["energy_total"] >= 1000.0 * threshold
@@ -162,11 +162,11 @@ def _rows(
         yield row("passing", statistic, float(passing.mean()), *compared)
     for quantity in QUANTITIES:
         for statistic, estimate in (("mean", mean_of), ("q95", quantile_of)):
-            mine = estimate(here[quantity])
+            own = estimate(here[quantity])
             compared = ()
             if before is not None:
-                compared = difference(mine, estimate(before[quantity]), source)
-            yield row(quantity, statistic, mine.value, *compared)
+                compared = difference(own, estimate(before[quantity]), source)
+            yield row(quantity, statistic, own.value, *compared)
 
 
 def _verdict(value: float, low: float, high: float) -> dict[str, object]:
@@ -275,8 +275,8 @@ def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray
         ]
         pair = xr.align(first[["passages", *keys]], other[["passages", *keys]], join="outer")
         (p, p_low, p_high), (q, q_low, q_high) = (
-            _fractions(one["passages"].fillna(0).values, of)
-            for one, of in zip(pair, (first, other), strict=True)
+            _fractions(one["passages"].fillna(0).values, result)
+            for one, result in zip(pair, (first, other), strict=True)
         )
         low = q - p - np.hypot(q - q_low, p_high - p)
         high = q - p + np.hypot(q_high - q, p - p_low)
@@ -300,7 +300,7 @@ def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray
 
 def have_passages(results: Mapping[str, xr.Dataset]) -> bool:
     """Return True if all variants have the map on which maps of difference are based."""
-    return all("passages" in one for one in results.values())
+    return all("passages" in result for result in results.values())
 
 
 def on_same_cells(results: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:

@@ -4,7 +4,7 @@ with layers, for a live run and for files alike."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,20 +29,34 @@ SIZES = ("uniform_mean_radius", "uniform_rg")
 
 @dataclass(frozen=True)
 class Document:
-    """What is edited: keys of the case by group, without defaults, and features by layer."""
+    """State under edit: keys of the case by group, without defaults, and features by layer."""
 
     settings: Settings = field(default_factory=dict)
     layers: dict[str, list[Feature]] = field(default_factory=lambda: {name: [] for name in LAYERS})
+    variant: str = ""  # name of the &variant from which it comes; "": the case without them
 
     def content(self) -> dict[str, Any]:
         """Document as the page gets it."""
-        layers = {name: [one._asdict() for one in some] for name, some in self.layers.items()}
-        return {"settings": self.settings, "layers": layers}
+        layers = {
+            name: [feature._asdict() for feature in features]
+            for name, features in self.layers.items()
+        }
+        return {"settings": self.settings, "layers": layers, "variant": self.variant}
+
+
+@dataclass(frozen=True)
+class Variants:
+    """The &variant groups of an opened case."""
+
+    groups: list[dict[str, Any]] = field(default_factory=list)  # as given
+    cases: dict[str, Case] = field(default_factory=dict)
+    documents: dict[str, Document] = field(default_factory=dict)  # of those that can be shown
+    others: dict[str, str] = field(default_factory=dict)  # groups that keep one from being shown
 
 
 @dataclass(frozen=True)
 class Site:
-    """What an opened file determines, and no edit changes."""
+    """Properties of an opened file that no edit changes."""
 
     file: Path  # as opened
     case_name: str  # for messages
@@ -52,17 +66,30 @@ class Site:
     opened: Settings  # as opened; values of keys that name files stay these
     kept: dict[str, Any] = field(default_factory=dict)  # groups and keys that the page never sees
     mode: str = "case"
+    variants: Variants = field(default_factory=Variants)
 
     @property
     def folder(self) -> Path:
         """Folder of the opened file, in which files are saved."""
         return self.file.absolute().parent
 
+    def given(self, group: str, key: str) -> list[Any]:
+        """Values of a key in the case as opened, and in its variants."""
+        documents = self.variants.documents.values()
+        states = (self.opened, *(one.settings for one in documents))
+        return [one[group][key] for one in states if key in one.get(group, {})]
+
     def edited(
-        self, document: Document, layers: Mapping[str, Any], settings: Mapping[str, Any]
+        self,
+        document: Document,
+        layers: Mapping[str, Any],
+        settings: Mapping[str, Any],
+        variant: str = "",
     ) -> Document:
-        """Document in which some layers and groups are replaced by what the page sends; Refused if
-        one of them is not valid."""
+        """Document in which some layers and groups are replaced by what the page sends, and that
+        comes from a variant; Refused if one of them is not valid."""
+        if not isinstance(variant, str) or variant not in ("", *self.variants.documents):
+            raise Refused(say("app.server_wrong_type", name="variant"))
         new_layers, new_settings = dict(document.layers), dict(document.settings)
         for name, given in layers.items():
             if name not in self.layer_forms:
@@ -72,7 +99,7 @@ class Site:
         for group, values in settings.items():
             new_settings[group] = self._group(group, values)
         check_size(new_layers.values())
-        return Document(new_settings, new_layers)
+        return Document(new_settings, new_layers, variant)
 
     def _group(self, group: str, values: Any) -> dict[str, Any]:
         """Keys of a group, checked."""
@@ -87,7 +114,7 @@ class Site:
             if value is None or value == "" or value == []:
                 continue
             if form[key].read_only:
-                if value != self.opened.get(group, {}).get(key):
+                if value not in self.given(group, key):
                     raise Refused(say("app.server_names_file", name=key), **place)
                 found[key] = value
             else:
@@ -101,11 +128,14 @@ class Runnable(NamedTuple):
     case: Case
     layers: dict[str, Layer]
 
-    def named(self, file: str) -> Case:
-        """Case that reads its layers from a file of these names."""
+    def named(self, file: str, inline: Collection[str] = ()) -> Case:
+        """Case that reads its layers from a file of these names, and has others `inline`."""
         groups: dict[str, Any] = {}
         for name, layer in self.layers.items():
-            if name in GROUPS:
+            if name in inline:
+                group = GROUPS[name]
+                groups[group] = [*getattr(self.case, group), *layer.groups()]
+            elif name in GROUPS:
                 group = GROUPS[name]
                 groups[group] = [*getattr(self.case, group), {"file": file, "layer": name}]
             elif name == "zones":
@@ -122,7 +152,7 @@ def runnable(site: Site, document: Document) -> Runnable:
     groups = {group: dict(values) for group, values in document.settings.items()}
     for group, kept in site.kept.items():
         groups[group] = kept if isinstance(kept, list) else {**kept, **groups.get(group, {})}  # type: ignore[assignment]
-    features = {name: [*some] for name, some in document.layers.items() if some}
+    features = {name: [*drawn] for name, drawn in document.layers.items() if drawn}
     if "sources" in features:
         _release_from(features["sources"], groups.setdefault("release", {}))
     elif not {*OTHER_SOURCES, "steep_cells"} & groups.get("release", {}).keys():
@@ -130,7 +160,7 @@ def runnable(site: Site, document: Document) -> Runnable:
     if "zones" in features:
         features["zones"] = _zones_of(features["zones"], groups.setdefault("surface", {}), site)
     layers = {
-        name: Layer.of(some, site.layer_forms[name]) for name, some in features.items()
+        name: Layer.of(drawn, site.layer_forms[name]) for name, drawn in features.items()
     }  # fmt: skip
     case = Case(folder=site.folder, name=site.case_name, **groups)
     return Runnable(case, layers)

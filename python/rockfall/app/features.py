@@ -5,7 +5,7 @@ in a live run and in a saved file."""
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -119,8 +119,9 @@ def _position(given: Any, place: dict[str, str]) -> list[float]:
 
 def check_size(layers: Iterable[Sequence[Feature]]) -> None:
     """Refuse more features or vertices than a page can edit."""
-    some = [one for layer in layers for one in layer]
-    if len(some) > MAX_FEATURES or sum(one.vertices() for one in some) > MAX_VERTICES:
+    features = [feature for layer in layers for feature in layer]
+    vertices = sum(feature.vertices() for feature in features)
+    if len(features) > MAX_FEATURES or vertices > MAX_VERTICES:
         raise Refused(say("app.server_too_large", features=MAX_FEATURES, vertices=MAX_VERTICES))
 
 
@@ -156,6 +157,12 @@ class Layer:
             if any(one is not None for one in values):
                 found[name] = _column(kind, values)
         return found
+
+    def groups(self) -> Iterator[dict[str, Any]]:
+        """Lines as groups of a case."""
+        for one in self.features:
+            x, y = (list(axis) for axis in zip(*one.coordinates, strict=True))
+            yield {**one.properties, "x": x, "y": y}
 
     def frame(self, crs: Any) -> Frame:
         """Layer as `rockfall.open` takes it."""

@@ -28,6 +28,7 @@ DRAWN = {
     "surface": {"zones_layer", "zone_field"},
 }
 GROUND_KEYS = {("surface", "ground")}  # name a ground, and would open a file of another name
+PLACES = OF_LAYER - {"name"}  # keys of lines that are no attributes of features
 REST = "rest"  # attribute of zone polygons that fill the terrain around those drawn
 _RANGE = re.compile(r"(>=?) ([0-9.e+-]+)|([0-9.e+-]+) to ([0-9.e+-]+)")
 
@@ -85,9 +86,8 @@ def layer_forms(case: Case, zones: bool, grounds: tuple[str, ...] | None) -> dic
     sources["frequency"] = _attribute(keys["scenario", "frequency"])
     forms = {"sources": sources}
     for layer, group in GROUPS.items():
-        own = [key for key in key_table() if key.group == group and key.name not in OF_LAYER]
-        named = {} if group == "dam" else {"name": _field(keys[group, "name"])}
-        forms[layer] = named | {key.name: _field(key) for key in own}
+        own = [key for key in key_table() if key.group == group]
+        forms[layer] = {key.name: _field(key) for key in own if key.name not in PLACES}
     if zones:
         forms["zones"] = _zone_form(case, keys, _field(text), grounds)
     return forms
@@ -112,11 +112,13 @@ def _zone_form(
     return form | ({"zone": number} if "default_zone" in case.surface else {})
 
 
-def ground_names(case: Case) -> tuple[str, ...]:
-    """Grounds that can be named without opening another file than those of the case."""
-    tables = table_names() if case.impact["form"] == "table" else []
-    own = [case.surface[key] for _, key in GROUND_KEYS if key in case.surface]
-    known = [*GroundTable(table_path(case)).rows, *shipped_sets(), *tables, *own]
+def ground_names(*cases: Case) -> tuple[str, ...]:
+    """Grounds that can be named without opening another file than those of the cases."""
+    known: list[str] = []
+    for case in cases:
+        tables = table_names() if case.impact["form"] == "table" else []
+        own = [case.surface[key] for _, key in GROUND_KEYS if key in case.surface]
+        known += [*GroundTable(table_path(case)).rows, *shipped_sets(), *tables, *own]
     return tuple(dict.fromkeys(known))
 
 

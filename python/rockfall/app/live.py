@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from threading import Condition, Event, Thread
 from typing import Any
 
-import numpy as np
-
 from rockfall.app.document import Document, Runnable, Site, runnable, with_output
 from rockfall.app.features import Frame
 from rockfall.app.messages import Message, Refused, fault_message, text_message
@@ -28,7 +26,7 @@ from rockfall.case import REPEATABLE, Case, key_table
 from rockfall.case_zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.io.raster import read_dem
-from rockfall.language import speaking, translated
+from rockfall.language import say, speaking, translated
 from rockfall.result.variables import EXCEEDED, MAP
 from rockfall.scene.plausible import input_warnings
 from rockfall.session.batch import Batch
@@ -45,7 +43,7 @@ Send = Callable[[str, Message], None]
 
 @dataclass
 class _Pending:
-    """What has been asked for since the last look."""
+    """Requests since the last look."""
 
     document: Document | None = None
     revision: int = 0
@@ -63,6 +61,7 @@ class Live:
         self.view = View(next((one for one in maps if one in self.maps), FIRST_MAP))
         self.error: Refused | None = None  # of the last edit
         self._send, self._wake, self._cancel = send, Condition(), Event()
+        self._closing = Event()
         self._pending = _Pending(document=document)
         self._closed = False
         self._session: Session | None = None
@@ -71,12 +70,16 @@ class Live:
         self._ground: Ground | None = None
         self._seen: tuple[Any, Any, Any] = (None, None, None)  # in the background
         self._progress: _Progress | None = None
+        self._aside: _Progress | None = None  # of a variant that is compared
+        self._compared: list[Document] = []  # variants that wait for theirs
         self._thread = Thread(target=self._work, name="live", daemon=True)
 
     @property
     def maps(self) -> list[str]:
         """Maps that can be shown; runs in the order of the sources would be no samples."""
-        forest = "forest" in self.site.opened
+        documents = self.site.variants.documents.values()
+        states = (self.site.opened, *(one.settings for one in documents))
+        forest = any("forest" in one for one in states)
         return [
             name for name in MAP
             if name not in (*BY_SOURCE, *EXCEEDED) and (forest or not name.startswith("tree_"))
@@ -91,15 +94,19 @@ class Live:
         with self._wake:
             self._closed = True
             self._cancel.set()
+            self._closing.set()
             self._wake.notify()
         self._thread.join()
 
-    def edit(self, revision: int, layers: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
+    def edit(
+        self, revision: int, layers: Mapping[str, Any], settings: Mapping[str, Any], variant: str
+    ) -> None:
         """Replace layers and groups of the document, and run it; an edit that is refused leaves the
         document as it was, and nothing runs until the next."""
         with self._wake:
             try:
-                self.document, self.error = self.site.edited(self.document, layers, settings), None
+                self.document = self.site.edited(self.document, layers, settings, variant)
+                self.error = None
             except Refused as error:
                 self.error = error
             self._pending.error = self.error
@@ -125,6 +132,12 @@ class Live:
             self.view = self._pending.view = view
             self._wake.notify()
 
+    def compare(self, variant: str) -> None:
+        """Run a variant of the case as opened besides the document, to compare it."""
+        with self._wake:
+            self._compared.append(self.site.variants.documents[variant])
+            self._wake.notify()
+
     def run(self, running: bool) -> None:
         """Go on, or pause."""
         with self._wake:
@@ -135,7 +148,7 @@ class Live:
         if self._works(self._show_terrain):
             while not self._closed:
                 if not self._works(self._step):
-                    self._progress = None
+                    self._progress = self._aside = None
         if self._session is not None:
             self._session.close()
 
@@ -161,8 +174,6 @@ class Live:
         """Take what is pending, or go on with the run."""
         with self._wake:
             while not self._closed and not self._has_work():
-                if self._progress is not None and self._progress.told_running != self.running:
-                    break
                 self._wake.wait()
             if self._closed:
                 return
@@ -174,13 +185,19 @@ class Live:
                 self._take(pending.document, pending.revision, pending.error)
         elif pending.view is not None and self._progress is not None:
             self._progress.look(pending.view)
-        elif self._progress is not None and not self._progress.step(self.running):
-            self._progress.over = True
+        elif self._progress is not None and self._progress.has_work(self.running):
+            self._progress.over = not self._progress.step(self.running)
+        if self._aside is not None:
+            self._aside = self._aside if self._aside.step(True) else None
+        elif self._compared:
+            with speaking(self.language):
+                self._begin_aside(self._compared.pop(0))
 
     def _has_work(self) -> bool:
         pending, progress = self._pending, self._progress
-        goes_on = progress is not None and not progress.over and self.running
-        return goes_on or pending.document is not None or pending.view is not None
+        goes_on = progress is not None and progress.has_work(self.running)
+        wanted = pending.document, pending.view, self._aside
+        return goes_on or bool(self._compared) or any(one is not None for one in wanted)
 
     def _take(self, document: Document, revision: int, error: Refused | None) -> None:
         """Take over a document, tell its errors, and begin its run if there are none."""
@@ -198,6 +215,10 @@ class Live:
                     f"{without_files(where, self.site)}: {translated(text)}"
                     for where, text in input_warnings(scene_of(self._session))
                 ]
+                warnings += [
+                    say("app.server_variant", name=name, group=f"&{group}")
+                    for name, group in self.site.variants.others.items()
+                ]
             except Refused as refused:
                 errors = [refused.entry()]
             except RockfallError as refusal:
@@ -207,25 +228,45 @@ class Live:
         if not errors:
             assert self._session is not None and self._ground is not None
             self._show_background(made)
-            batches = self._session.run(cancel=self._cancel, batch_seconds=STEP)
-            self._progress = _Progress(
-                batches, revision, self.view, self._ground, _densities(made), self._send,
-                self.language,
-            )  # fmt: skip
+            self._progress = self._begin(self._cancel, {"revision": revision}, self._send)
+
+    def _begin_aside(self, variant: Document) -> None:
+        """Begin the run of a variant that is compared."""
+        try:
+            made = runnable(self.site, variant)
+            self._change(made)
+        except (Refused, RockfallError) as refusal:
+            text = without_files(str(refusal), self.site)
+            self._send("refused", text_message("refused", task="compare", text=text, exists=False))
+            return
+        about = {"revision": 0, "variant": variant.variant}
+        self._send("variant background", self._background(made, variant=variant.variant)[1])
+        self._aside = self._begin(
+            self._closing, about, lambda kind, message: self._send(f"variant {kind}", message)
+        )
+
+    def _begin(self, cancel: Event, about: dict[str, Any], send: Send) -> _Progress:
+        """Begin a run of the session."""
+        assert self._session is not None and self._ground is not None
+        batches = self._session.run(cancel=cancel, batch_seconds=STEP)
+        return _Progress(batches, about, self.view, self._ground, send, self.language)
 
     def _show_background(self, made: Runnable) -> None:
         """Send what of the case is no feature, if it has changed."""
+        seen, message = self._background(made)
+        if not all(one is other for one, other in zip(seen, self._seen, strict=True)):
+            self._seen = seen
+            self._send("background", message)
+
+    def _background(self, made: Runnable, **about: Any) -> tuple[tuple[Any, Any, Any], bytes]:
+        """Zones, sources and trees of the case that are not features, and their message."""
         assert self._session is not None and self._ground is not None
         scene, drawn = scene_of(self._session), made.layers
         zones = None if "zones" in drawn else scene.rasters.zone
         sources = None if "sources" in drawn else scene.x
-        seen = zones, sources, scene.trees
-        if all(one is other for one, other in zip(seen, self._seen, strict=True)):
-            return
-        self._seen = seen
         rows = {} if zones is None else case_zones(made.case)
-        message = background_message(scene, rows, sources is not None, self._ground)
-        self._send("background", message)
+        message = background_message(scene, rows, sources is not None, self._ground, **about)
+        return (zones, sources, scene.trees), message
 
     def _change(self, made: Runnable) -> None:
         """Open the session, or change it; a layer that is as before keeps its frame."""
@@ -252,28 +293,25 @@ def _changes(before: Case, after: Case) -> dict[str, Any]:
     return changes
 
 
-def _densities(made: Runnable) -> np.ndarray:
-    """Density of the case, and that of each source."""
-    usual = made.case.boulder["density"]
-    sources = made.layers["sources"].features if "sources" in made.layers else ()
-    return np.array([usual, *(one.properties.get("density", usual) for one in sources)])
-
-
 class _Progress:
     """A run, and what of it has been sent."""
 
     def __init__(
-        self, batches: Iterator[Batch], revision: int, view: View, ground: Ground,
-        density: np.ndarray, send: Send, language: str,
+        self, batches: Iterator[Batch], about: dict[str, Any], view: View, ground: Ground,
+        send: Send, language: str,
     ) -> None:  # fmt: skip
         self.over, self.told_running = False, True
-        self._batches, self._revision, self._view = batches, revision, view
-        self._ground, self._density, self._send = ground, density, send
+        self._batches, self._about, self._view = batches, about, view
+        self._ground, self._send = ground, send
         self._language = language
         self._sent: set[int] = set()  # numbers of the boulders whose trajectories were sent
         self._begun = time.perf_counter()
         self._due = self._begun + FIRST  # of the next message
         self._batch: Batch | None = None
+
+    def has_work(self, running: bool) -> bool:
+        """Return True if there is something to simulate, or to tell."""
+        return (running and not self.over) or self.told_running != running
 
     def step(self, running: bool) -> bool:
         """Advance the run, and send results if they are due; False at its end."""
@@ -309,7 +347,7 @@ class _Progress:
             left = batch.seconds / batch.boulders * (batch.total - batch.boulders)
         message = batch_message(
             result, batch.case, self._view.map, self._ground, self._language,
-            revision=self._revision, boulders=batch.boulders, total=batch.total,
+            **self._about, boulders=batch.boulders, total=batch.total,
             complete=batch.complete, running=running and not batch.complete,
             seconds=batch.seconds, seconds_left=left,
         )  # fmt: skip
@@ -320,12 +358,11 @@ class _Progress:
 
     def _tell_trajectories(self, batch: Batch) -> None:
         number = self._view.trajectories
-        new = [one for one in batch.trajectories(number) if one.boulder not in self._sent]
+        new = batch.trajectories(number, skip=self._sent)
         if not new and self._sent:
             return
         append = bool(self._sent)
         self._sent |= {one.boulder for one in new}
-        mass = masses(batch.dataset(), [one.boulder for one in new], self._density)
-        about = {"revision": self._revision, "append": append}
-        message = trajectory_message(new, mass, self._ground, **about)
+        mass = masses(batch.dataset(), [one.boulder for one in new], batch.case)
+        message = trajectory_message(new, mass, self._ground, **self._about, append=append)
         self._send("more" if append else "trajectories", message)

@@ -4,19 +4,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rockfall.app.document import OTHER_SOURCES, Document, Settings, Site
+from rockfall.app.document import OTHER_SOURCES, Document, Settings, Site, Variants
 from rockfall.app.features import MAX_FEATURES, MAX_VERTICES, Feature
 from rockfall.app.forms import DRAWN, REST, Form, ground_names, layer_forms, settings_forms
 from rockfall.case import FROM_ARRAY, REPEATABLE, Case, default_values, given_groups, read_case
-from rockfall.case_variants import check_single
+from rockfall.case_variants import variants
 from rockfall.draft.groups import RADIUS, VOLUME
 from rockfall.errors import RockfallError
 from rockfall.io.files import NETCDF, check_netcdf, start_of
+from rockfall.io.grid import Grid
 from rockfall.io.layers import (
     EXTENSIONS,
     attribute,
@@ -82,25 +84,55 @@ def _open_dem(path: Path) -> tuple[Site, Document]:
 
 def _open_case(path: Path) -> tuple[Site, Document]:
     case = read_case(path)
-    check_single(case)
     if case.terrain["dem"] == FROM_ARRAY:
         raise RockfallError(f"{path}: &terrain dem is missing: a raster file")
     grid, _ = dem_header(case.path(case.terrain["dem"]))
+    cases = variants(case)
+    grounds = ground_names(case, *cases.values())
+    document, kept, forms = _read(case.replace(variant=[]), grid, grounds)
+    site = Site(
+        path, case.name, grid, settings_forms(grounds), forms, kept=kept,
+        opened={group: dict(values) for group, values in document.settings.items()},
+        variants=Variants(case.variant, cases),
+    )  # fmt: skip
+    for name, one in cases.items():
+        found, kept, forms = _read(one, grid, grounds)
+        if other := _differs(site, one, found, kept, forms):
+            site.variants.others[name] = other
+        else:
+            site.variants.documents[name] = replace(found, variant=name)
+    return site, document
+
+
+def _differs(
+    site: Site, case: Case, document: Document, kept: dict[str, Any], forms: dict[str, Form]
+) -> str:
+    """Group in which a variant differs from its site by more than a document can; "" if none."""
+    if case.terrain != site.opened["terrain"]:
+        return "terrain"
+    if document.layers["zones"] and forms["zones"] != site.layer_forms.get("zones"):
+        return "surface"
+    return next((name for name in kept if kept[name] != site.kept.get(name)), "")
+
+
+def _read(
+    case: Case, grid: Grid, grounds: tuple[str, ...]
+) -> tuple[Document, dict[str, Any], dict[str, Form]]:
+    """Document of a case, what of it is kept as it is, and the forms of its layers."""
     settings, document = given_groups(case), Document()
     kept: dict[str, Any] = {name: getattr(case, name) for name in REPEATABLE}
     inputs = Inputs(case, grid)
     polygons = _has_polygon_zones(case)
     uniform = not {"zones", *RADII} & case.surface.keys()
-    grounds = ground_names(case)
-    forms = settings_forms(grounds), layer_forms(case, polygons or uniform, grounds)
+    forms = layer_forms(case, polygons or uniform, grounds)
     layers = dict(document.layers)
     lines = read_lines(inputs)
     for name, group in GROUPS.items():
-        found = list(line_features(name, getattr(lines, group), forms[1][name]))
+        found = list(line_features(name, getattr(lines, group), forms[name]))
         if _fits(found):
             layers[name], kept[group] = found, []
     release = settings.get("release", {})
-    sources = list(_sources(inputs, forms[1]["sources"]))
+    sources = list(_sources(inputs, forms["sources"]))
     places = {key: release.pop(key) for key in OTHER_SOURCES if key in release and key != "cells"}
     if _fits(sources):
         layers["sources"] = sources
@@ -110,12 +142,10 @@ def _open_case(path: Path) -> tuple[Site, Document]:
         if "name_field" in release:
             kept["release"] |= {"name_field": release.pop("name_field")}
     if polygons:
-        layers["zones"] = list(_zones(inputs, forms[1]["zones"], settings["surface"]))
+        layers["zones"] = list(_zones(inputs, forms["zones"], settings["surface"]))
         for key in ("zones", *DRAWN["surface"]):
             settings["surface"].pop(key, None)
-    opened = {group: dict(values) for group, values in settings.items()}
-    site = Site(path, case.name, grid, *forms, opened=opened, kept=kept)
-    return site, Document(settings, layers)
+    return Document(settings, layers), kept, forms
 
 
 def _fits(features: list[Feature]) -> bool:
@@ -155,9 +185,9 @@ def _sources(inputs: Inputs, form: Form) -> Iterator[Feature]:
     path, layer = case.path(release[key]), release.get(f"{key}_layer")
     if key == "polygons":
         shapes, columns = read_polygons(path, inputs.grid, inputs.remarks, layer, "polygons_layer")
-        parts, of = shapely.get_parts(shapes, return_index=True)
-        columns = {name: column[of] for name, column in columns.items()}
-        columns = _shared(columns, parts, of)
+        parts, owner = shapely.get_parts(shapes, return_index=True)
+        columns = {name: column[owner] for name, column in columns.items()}
+        columns = _shared(columns, parts, owner)
         places = [_rings(one) for one in parts]
     else:
         if path.suffix.lower() in EXTENSIONS:
@@ -175,15 +205,16 @@ def _sources(inputs: Inputs, form: Form) -> Iterator[Feature]:
         yield Feature(f"s{k + 1}", kind, at, _plain_volume(own))
 
 
-def _shared(columns: dict[str, Any], parts: np.ndarray, of: np.ndarray) -> dict[str, Any]:
-    """Columns of the parts of polygons: their frequency is shared by area."""
+def _shared(columns: dict[str, Any], parts: np.ndarray, owner: np.ndarray) -> dict[str, Any]:
+    """Columns of the parts of polygons, `owner` the polygon of each: their frequency is shared by
+    area."""
     import shapely
 
     frequency = attribute(columns, "frequency")
     if frequency is None or frequency.dtype.kind not in "iuf":
         return columns
     area = shapely.area(parts)
-    fraction = area / np.bincount(of, area)[of]
+    fraction = area / np.bincount(owner, area)[owner]
     others = {name: one for name, one in columns.items() if one is not frequency}
     return {**others, "frequency": frequency * fraction}
 
@@ -203,7 +234,7 @@ def _properties(columns: dict[str, Any], form: Form, size: int) -> Iterator[dict
     """Attributes of each feature that are in a form, in the types of its fields where possible."""
     known = {name: attribute(columns, name) for name in form}
     for k in range(size):
-        values = {name: plain(of[k]) for name, of in known.items() if of is not None}
+        values = {name: plain(column[k]) for name, column in known.items() if column is not None}
         yield {
             name: _typed(form[name].kind, value)
             for name, value in values.items() if value is not None
@@ -228,8 +259,8 @@ def _zones(inputs: Inputs, form: Form, surface: dict[str, Any]) -> Iterator[Feat
     own = inputs.case.surface
     path, layer = inputs.case.path(own["zones"]), own.get("zones_layer")
     shapes, columns = read_polygons(path, inputs.grid, inputs.remarks, layer, "zones_layer")
-    parts, of = shapely.get_parts(shapes, return_index=True)
-    columns = {name: column[of] for name, column in columns.items()}
+    parts, owner = shapely.get_parts(shapes, return_index=True)
+    columns = {name: column[owner] for name, column in columns.items()}
     number = attribute(columns, own["zone_field"])
     name = next((one for one in map(columns.get, NAMES) if one is not None), None)
     columns |= {} if number is None else {"zone": number}

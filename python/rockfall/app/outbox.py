@@ -12,7 +12,8 @@ from rockfall.app.messages import Message
 REPLACED = {
     "batch": ("batch",), "state": ("state", "batch", "trajectories"),
     "trajectories": ("trajectories",), "terrain": ("terrain",), "progress": ("progress",),
-    "background": ("background",), "document": ("document",),
+    "background": ("background",), "document": ("document",), "variant batch": ("variant batch",),
+    "unfinished": ("unfinished",),
 }  # fmt: skip
 
 

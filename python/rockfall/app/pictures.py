@@ -22,12 +22,13 @@ from rockfall.plots.cartography.relief import shade
 from rockfall.plots.extent import of_none
 from rockfall.quantities import QUANTITIES
 from rockfall.result.classes import map_unit, shown_as
+from rockfall.result.contents import Contents
+from rockfall.result.map_labels import map_label
 from rockfall.result.samples import has_rows, simulated
 from rockfall.result.trajectories import POINTS, Trajectory, ended
 from rockfall.result.variables import MAP, STATUS, TYPES
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
     from rockfall.io.zone_table import Zone
@@ -45,7 +46,7 @@ BY_SOURCE = ("sources", "reach_probability_by_source")  # maps for which runs go
 
 
 class View(NamedTuple):
-    """What is shown besides statistics."""
+    """Map and number of trajectories shown besides statistics."""
 
     map: str = ""
     trajectories: int = 100
@@ -85,7 +86,7 @@ class Ground:
 
 
 def background_message(
-    scene: Scene, zones: dict[int, Zone], sources: bool, ground: Ground
+    scene: Scene, zones: dict[int, Zone], sources: bool, ground: Ground, **about: Any
 ) -> bytes:
     """Message `background`: what of a case is no feature of its document. `zones` are the rows of
     its raster of zones; `sources`: whether it has others than drawn ones."""
@@ -108,7 +109,7 @@ def background_message(
     number = {"sources": scene.x.size if sources else 0, "trees": 0}
     if scene.trees is not None:
         number["trees"] = len(scene.trees.x)
-    return binary_message("background", arrays, zones=known, **number)
+    return binary_message("background", arrays, **about, zones=known, **number)
 
 
 def sampled_rows(most: int, *columns: np.ndarray) -> np.ndarray:
@@ -117,13 +118,16 @@ def sampled_rows(most: int, *columns: np.ndarray) -> np.ndarray:
     return np.column_stack([one[::step] for one in columns]).astype("f8")
 
 
-def map_choices(names: Sequence[str]) -> list[dict[str, str]]:
+def map_choices(names: Sequence[str], language: str) -> list[dict[str, str]]:
     """Maps of these names, with their labels and units."""
-    found = []
-    for name in names:
-        unit, _ = map_unit(name, MAP[name]["units"], np.dtype(TYPES["map"][name]))
-        found.append({"name": name, "label": MAP[name]["long_name"], "unit": unit})
-    return found
+    with speaking(language):
+        return [_about_map(name) for name in names]
+
+
+def _about_map(name: str) -> dict[str, str]:
+    """Name, label and unit of a map, in the language in force."""
+    unit, _ = map_unit(name, MAP[name]["units"], np.dtype(TYPES["map"][name]))
+    return {"name": name, "label": map_label(name, MAP[name]["long_name"]), "unit": unit}
 
 
 def batch_message(
@@ -132,14 +136,15 @@ def batch_message(
     """Message `batch` of the results so far, with the map of a name if there is one."""
     with speaking(language):
         warnings = [f"{one.text}." for one in model_remarks(result, case) if one.is_warning]
-    statistics = line_statistics(result, quantities=SHOWN)
+    lines = _lines(_without_maps(result))
     arrays = _stops(result, ground)
     overlay = None
     if shown and shown in result:
-        overlay, arrays["overlay"] = _overlay(result, shown)
+        with speaking(language):
+            overlay, arrays["overlay"] = _overlay(result, shown)
     return binary_message(
         "batch", arrays, **about, warnings=warnings, ended=ended(result), statuses=STATUS,
-        lines=_lines(result, statistics), overlay=overlay,
+        lines=lines, overlay=overlay,
     )  # fmt: skip
 
 
@@ -156,7 +161,7 @@ def _stops(result: xr.Dataset, ground: Ground) -> dict[str, np.ndarray]:
 def _overlay(result: xr.Dataset, shown: str) -> tuple[dict[str, Any], np.ndarray]:
     """A map in its shown unit, thinned by maxima; NaN where no boulder passed."""
     data = result[shown]
-    (unit, factor), (grid, flipped) = shown_as(data), grid_of(data)
+    (_, factor), (grid, flipped) = shown_as(data), grid_of(data)
     values = data.values[::-1] if flipped else data.values
     values = np.where(values > of_none(result, shown), values * factor, np.nan).astype("f4")
     step = int(max(values.shape) / MAX_OVERLAY) + 1
@@ -164,20 +169,31 @@ def _overlay(result: xr.Dataset, shown: str) -> tuple[dict[str, Any], np.ndarray
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     about = {
-        "name": shown, "label": MAP[shown]["long_name"], "unit": unit, "west": grid.west,
-        "north": grid.north, "cell": grid.cell * step, "low": low, "high": high,
+        "west": grid.west, "north": grid.north, "cell": grid.cell * step, "low": low, "high": high,
         "scale": "log" if low > 0 and high > WIDE * low else "linear",
+        "whole": data.dtype.kind in "iu",
     }  # fmt: skip
-    return about, values
+    return _about_map(shown) | about, values
 
 
-def _lines(result: xr.Dataset, statistics: pd.DataFrame) -> list[dict[str, Any]]:
+def _without_maps(result: xr.Dataset) -> Contents:
+    """Result without its maps. Of thousands of lines each is looked up many times, which takes most
+    of the time in a Dataset."""
+    held = {
+        str(name): (one.dims, one.values, one.attrs)
+        for name, one in result.variables.items() if "x" not in one.dims
+    }  # fmt: skip
+    return Contents(held, result.attrs, map(str, result.coords))
+
+
+def _lines(result: Contents) -> list[dict[str, Any]]:
     """Statistics of each line, in shown units; null where the package withholds them."""
     found = []
     names = line_names(result)
+    numbers = line_statistics(result, quantities=SHOWN).to_dict("records")
     height = result["barrier_height"].values if "barrier_height" in result else None
     for k, name in enumerate(names):
-        rows = statistics.iloc[k * len(SHOWN) : (k + 1) * len(SHOWN)].to_dict("records")
+        rows = numbers[k * len(SHOWN) : (k + 1) * len(SHOWN)]
         barrier = height is not None and np.isfinite(height[k])
         first = rows[0]
         found.append({
@@ -188,7 +204,7 @@ def _lines(result: xr.Dataset, statistics: pd.DataFrame) -> list[dict[str, Any]]
     return found
 
 
-def _numbers(result: xr.Dataset, line: int, row: dict[str, Any]) -> dict[str, Any]:
+def _numbers(result: Contents, line: int, row: dict[str, Any]) -> dict[str, Any]:
     """Numbers of a quantity at a line, and its histogram."""
     about = QUANTITIES[row["quantity"]]
     withheld, factor = str(row["withheld"]).split(", "), about.factor
@@ -204,7 +220,7 @@ def _numbers(result: xr.Dataset, line: int, row: dict[str, Any]) -> dict[str, An
     return found | {"counts": counts, "edges": factor * edges}
 
 
-def _histogram(result: xr.Dataset, line: int, quantity: str) -> tuple[np.ndarray, np.ndarray]:
+def _histogram(result: Contents, line: int, quantity: str) -> tuple[np.ndarray, np.ndarray]:
     """Counts in equal bins from 0, or the minimum if negative, to the maximum; none without rows
     of the boulders that passed."""
     if result.sizes["boulder"] < simulated(result):
@@ -218,18 +234,18 @@ def _histogram(result: xr.Dataset, line: int, quantity: str) -> tuple[np.ndarray
 
 
 def trajectory_message(
-    some: Sequence[Trajectory], mass: np.ndarray, ground: Ground, **about: Any
+    shown: Sequence[Trajectory], mass: np.ndarray, ground: Ground, **about: Any
 ) -> bytes:
     """Message `trajectories`; `mass` is that of each boulder [kg]."""
-    points = [_points(one, ground) for one in some]
+    points = [_points(one, ground) for one in shown]
     first = np.cumsum([0, *map(len, points)])
     arrays = {
         "points": np.concatenate([np.zeros((0, 5)), *points]).astype("f4"),
         "first": first.astype("u4"),
-        "boulder": np.array([one.boulder for one in some], "u4"),
+        "boulder": np.array([one.boulder for one in shown], "u4"),
         "mass": mass.astype("f4"),
     }
-    return binary_message("trajectories", arrays, **about, count=len(some))
+    return binary_message("trajectories", arrays, **about, count=len(shown))
 
 
 def _points(path: Trajectory, ground: Ground) -> np.ndarray:
@@ -240,17 +256,19 @@ def _points(path: Trajectory, ground: Ground) -> np.ndarray:
     return np.column_stack([plan, path.z[chosen], path.time[chosen], path.speed[chosen]])
 
 
-def masses(result: xr.Dataset, boulders: Sequence[int], density: np.ndarray) -> np.ndarray:
-    """Mass of boulders by their numbers [kg]; NaN without rows. `density` is that of the case, and
-    of each feature of its sources, if these have one."""
+def masses(result: xr.Dataset, boulders: Sequence[int], case: Case) -> np.ndarray:
+    """Mass of boulders by their numbers [kg]; NaN without rows, and where sources may have given
+    densities to a version that did not record masses."""
     known = result["boulder"].values
     order = np.argsort(known)
     place = np.searchsorted(known, boulders, sorter=order).clip(max=max(known.size - 1, 0))
     if not known.size:
         return np.full(len(boulders), np.nan)
     row = order[place]
-    feature = np.zeros(row.size, int)
-    if density.size > 1 and "source_feature" in result:
-        feature = result["source_feature"].values[row]
-    mass = result["volume"].values[row] * density[feature]
-    return np.where(known[row] == boulders, mass, np.nan)
+    if "mass" in result:
+        mass = result["mass"].values
+    else:
+        known_density = "source_feature" not in result and "rock_density" not in case.boulder
+        density = case.boulder["density"] if known_density else np.nan
+        mass = density * result["volume"].values
+    return np.where(known[row] == boulders, mass[row], np.nan)

@@ -26,7 +26,7 @@ from rockfall.app.pictures import MAX_TRAJECTORIES, View, map_choices
 from rockfall.app.places import without_files
 from rockfall.app.recent import note_recent, recent_files
 from rockfall.app.saving import Exists, check_free, check_name, save
-from rockfall.app.tasks import EXPORT, REPORT, Task, outputs
+from rockfall.app.tasks import EXPORT, REPORT, SIMULATE, Task, outputs, unfinished
 from rockfall.errors import RockfallError
 from rockfall.language import LANGUAGES, say, speaking, texts_of
 from rockfall.result.dataset import read_result
@@ -189,7 +189,10 @@ class Room:
             "language": client.language, "languages": LANGUAGES, "limits": limits,
             "texts": texts_of(client.language, "app"),
         }  # fmt: skip
-        client.send("welcome", text_message("welcome", **about, **about_shown(self._shown)))
+        about |= about_shown(self._shown, client.language)
+        client.send("welcome", text_message("welcome", **about))
+        if isinstance(self._shown, Live) and not self.is_busy:
+            self._offer_unfinished(self._shown, client.send)
         for kind in KEPT:
             for message in self._last.get(kind, []):
                 client.send("kept", message)
@@ -197,13 +200,14 @@ class Room:
     def _edit(self, client: Client, message: dict[str, Any]) -> None:
         revision = message.get("revision")
         layers, settings = message.get("layers", {}), message.get("settings", {})
+        variant = message.get("variant", "")
         if type(revision) is not int or not 0 < revision <= MAX_REVISION:
             raise Refused(say("app.server_wrong_type", name="revision"))
         if not isinstance(layers, dict) or not isinstance(settings, dict):
             raise Refused(say("app.server_wrong_type", name="edit"))
         with self._lock:  # its results come after it
             live = self._live()
-            live.edit(revision, layers, settings)
+            live.edit(revision, layers, settings, variant)
             if readers := [one for one in self._clients if one is not client]:
                 content = document_message(live)
                 for one in readers:
@@ -221,6 +225,12 @@ class Room:
             raise Refused(say("app.server_wrong_type", name="trajectories"))
         self._shown.look(View(name, number))
 
+    def _compare(self, _: Client, message: dict[str, Any]) -> None:
+        live, variant = self._live(), message.get("variant")
+        if not isinstance(variant, str) or variant not in live.site.variants.documents:
+            raise Refused(say("app.server_wrong_type", name="variant"))
+        live.compare(variant)
+
     def _run(self, running: bool) -> None:
         self._live().run(running)
 
@@ -236,10 +246,10 @@ class Room:
             if self._task is not None and self._task.name == name:
                 raise Refused(say("app.server_busy"))  # it runs the case of this name
             check_free(live.site.folder, others(name), overwrite)
-            files = save(live.site, document, name, overwrite)
-        note_recent(files[0])
-        names = [one.name for one in files]
-        self._send("saved", text_message("saved", files=names, document_revision=revision))
+            saved = save(live.site, document, name, overwrite)
+        note_recent(saved.files[0])
+        about = {"files": [one.name for one in saved.files], "remark": saved.remark}
+        self._send("saved", text_message("saved", **about, document_revision=revision))
         return name
 
     def _start_task(self, _: Client, message: dict[str, Any]) -> None:
@@ -248,16 +258,35 @@ class Room:
             if self.is_busy:
                 raise Refused(say("app.server_busy"))
             name = self._save(message, lambda name: outputs(kind, name))
-            was_running, self._task = live.running, Task(
-                kind, live.site, name, message.get("overwrite", False), live.language,
-                self._send, lambda: self._end_task(live, was_running),
-            )  # fmt: skip
-            live.run(False)
-            self._task.start()
+            self._begin_task(live, kind, name, message.get("overwrite", False))
 
-    def _end_task(self, live: Live, was_running: bool) -> None:
+    def _resume(self, _: Client, message: dict[str, Any]) -> None:
+        live, name = self._live(), check_name(message.get("name"))
+        with self._lock:
+            if self.is_busy:
+                raise Refused(say("app.server_busy"))
+            if name not in unfinished(live.site.folder):
+                raise Refused(say("app.server_unknown", name=name))
+            self._begin_task(live, SIMULATE, name, True, resume=True)
+
+    def _begin_task(self, live: Live, kind: str, name: str, overwrite: bool, **how: bool) -> None:
+        was_running, self._task = live.running, Task(
+            kind, live.site, name, overwrite, live.language, self._send,
+            lambda: self._end_task(live, kind, was_running), **how,
+        )  # fmt: skip
+        live.run(False)
+        self._task.start()
+
+    def _offer_unfinished(self, live: Live, send: Callable[[str, Message], None]) -> None:
+        """Send the runs of the folder that were stopped, and can be resumed."""
+        runs = [{"name": name, "boulders": n} for name, n in unfinished(live.site.folder).items()]
+        send("unfinished", text_message("unfinished", runs=runs))
+
+    def _end_task(self, live: Live, kind: str, was_running: bool) -> None:
         with self._lock:
             self._task = None
+            if kind == SIMULATE:
+                self._offer_unfinished(live, self._send)
         live.run(was_running)
 
     def _cancel(self) -> None:
@@ -280,21 +309,23 @@ class Room:
         return self._shown
 
 
-def about_shown(shown: Shown | None) -> dict[str, Any]:
-    """Part of the welcome that depends on the opened file."""
+def about_shown(shown: Shown | None, language: str) -> dict[str, Any]:
+    """Part of the welcome that depends on the opened file, in a language."""
     if shown is None:
         return {
             "mode": "start", "title": "", "file": "", "folder": "", "revision": 0, "maps": [],
             "document": Document().content(), "forms": {"settings": {}, "layers": {}},
+            "variants": [],
             "view": View("", 0)._asdict(),
         }  # fmt: skip
     site, document = shown.site, shown.document
     return {
         "mode": site.mode, "title": document.settings.get("case", {}).get("title", ""),
         "file": site.file.name, "folder": str(site.folder), "revision": shown.revision,
-        "maps": map_choices(shown.maps), "document": document.content(),
+        "maps": map_choices(shown.maps, language), "document": document.content(),
         "forms": {"settings": _forms(site.settings_forms), "layers": _forms(site.layer_forms)},
         "view": shown.view._asdict(),
+        "variants": [one.content() for one in site.variants.documents.values()],
     }  # fmt: skip
 
 
@@ -311,11 +342,14 @@ def document_message(shown: Shown) -> str:
 _ACTIONS: dict[str, Callable[[Room, Client, dict[str, Any]], object]] = {
     "edit": Room._edit,
     "view": Room._view,
+    "compare": Room._compare,
     "run": lambda room, *_: room._run(True),
     "stop": lambda room, *_: room._run(False),
     "save": lambda room, _, message: room._save(message, lambda _: []),
     REPORT: Room._start_task,
     EXPORT: Room._start_task,
+    SIMULATE: Room._start_task,
+    "resume": Room._resume,
     "cancel": lambda room, *_: room._cancel(),
     "open_recent": Room._open_recent,
 }

@@ -5,16 +5,21 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from rockfall.app.document import Document, Site, runnable
+from rockfall.app.document import Document, Runnable, Site, runnable
 from rockfall.app.messages import Refused
-from rockfall.case import REPEATABLE, Case, given_groups, namelist_text
+from rockfall.app.places import without_files
+from rockfall.case import REPEATABLE, Case, Key, file_keys, given_groups, namelist_text
 from rockfall.case_files import input_files
+from rockfall.case_variants import CHOSEN, variants
+from rockfall.errors import RockfallError
 from rockfall.io.output_files import atomic_folder, overwriting
 from rockfall.language import say
 from rockfall.result.export import write_geopackage
+from rockfall.scene.frames import GROUPS
 
 if TYPE_CHECKING:
     from rockfall.result.export import Layers
@@ -45,23 +50,73 @@ def check_free(folder: Path, names: list[str], overwrite: bool) -> None:
         raise Exists(say("app.server_exists", files=", ".join(taken)))
 
 
-def save(site: Site, document: Document, name: str, overwrite: bool) -> list[Path]:
+class Saved(NamedTuple):
+    """Files that were written, and a remark on what the case lacks, if it does."""
+
+    files: list[Path]
+    remark: str = ""
+
+
+def save(site: Site, document: Document, name: str, overwrite: bool) -> Saved:
     """Write NAME.nml, and NAME.gpkg with the layers if anything is drawn: all or nothing, and never
-    over a file that the case reads. Returns the files."""
+    over a file that the case reads."""
     made = runnable(site, document)
-    files = [f"{name}.nml", *([f"{name}.gpkg"] if made.layers else [])]
+    case, inline, remark = _with_variants(site, document, made, f"{name}.gpkg")
+    drawn = {name: layer for name, layer in made.layers.items() if name not in inline}
+    files = [f"{name}.nml", *([f"{name}.gpkg"] if drawn else [])]
     check_free(site.folder, files, overwrite)
     crs = site.grid.crs.to_wkt() if site.grid.crs else None
     own, *inputs = input_files(made.case)
+    inputs += [site.folder / path for _, _, path in _files_of_variants(site)]
     with overwriting(overwrite), atomic_folder(site.folder, inputs, last=files[0]) as place:
-        if made.layers:
+        if drawn:
             layers: Layers = {
                 name: (layer.geometry, [(layer.shapes(), layer.columns())])
-                for name, layer in made.layers.items()
+                for name, layer in drawn.items()
             }
             write_geopackage(place / files[1], layers, crs)
-        (place / files[0]).write_text(case_text(made.named(files[-1])), encoding="utf-8")
-    return [site.folder / one for one in files]
+        (place / files[0]).write_text(case_text(case), encoding="utf-8")
+    return Saved([site.folder / one for one in files], remark)
+
+
+def _with_variants(
+    site: Site, document: Document, made: Runnable, file: str
+) -> tuple[Case, set[str], str]:
+    """Case with the &variant groups of the site, and the layers that it has inline, so that these
+    groups can name their features; without the groups, and with a remark, where they would mean
+    something else."""
+    groups = site.variants.groups
+    if not groups:
+        return made.named(file), set(), ""
+    try:
+        if document.variant:
+            raise RockfallError(say("app.server_of_variant", name=document.variant))
+        named = {CHOSEN[key] for one in groups for key in CHOSEN.keys() & one.keys()}
+        inline = {layer for layer in made.layers if GROUPS.get(layer) in named}
+        case = made.named(file, inline).replace(variant=groups)
+        _check_layers(site, variants(case))
+        return case, inline, ""
+    except RockfallError as error:
+        reason = without_files(str(error), site)
+        return made.named(file), set(), say("app.server_without_variants", reason=reason)
+
+
+def _check_layers(site: Site, saved: dict[str, Case]) -> None:
+    """Refuse a variant that names a file, and would get the layer of one that is written."""
+    for name, key, _ in _files_of_variants(site):
+        layer = f"{key.name}_layer"
+        before, after = (getattr(one[name], key.group) for one in (site.variants.cases, saved))
+        if before.get(layer) != after.get(layer):
+            raise RockfallError(f"&variant name = '{name}': {key.group}_{layer} is missing")
+
+
+def _files_of_variants(site: Site) -> Iterator[tuple[str, Key, str]]:
+    """Files that variants name themselves: name of the variant, key and file."""
+    for given in site.variants.groups:
+        for key in file_keys():
+            named = given.get(f"{key.group}_{key.name}", [])
+            for one in named if isinstance(named, list) else [named]:
+                yield given["name"], key, one
 
 
 def case_text(case: Case) -> str:

@@ -9,11 +9,14 @@ be shared by all ports of 127.0.0.1. The page opens no path.
 from __future__ import annotations
 
 import asyncio
+import html
+import os
 import secrets
 import socket
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from rockfall.app.messages import MAX_BYTES, Message, Refused, read_message
@@ -249,6 +252,17 @@ class _Guard:
         return origins == [b"http://" + hosts[0]] if origins or socket else True
 
 
-def open_browser(url: str) -> None:
-    """Open the page in the user's browser, if there is one."""
-    webbrowser.open(url)
+def open_browser(url: str) -> TemporaryDirectory[str]:
+    """Open the page in the user's browser, if there is one, through a file that leads to it: all
+    users of the machine see the command lines of processes, which have no key then. Returns the
+    folder of the file, which only this user can read, and which is to be removed once the page is
+    open."""
+    folder = TemporaryDirectory(prefix="rockfall-")
+    path = Path(folder.name) / "window.html"
+    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+        file.write(
+            '<!doctype html><meta charset="utf-8"><title>rockfall</title>'
+            f'<meta http-equiv="refresh" content="0; url={html.escape(url)}">'
+        )
+    webbrowser.open(path.as_uri())
+    return folder

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Products of a saved case: it is run afresh, so that nothing comes from a live tally, and its
-result is written, with a report or layers."""
+result is written, alone or with a report or layers. A run to a result alone, which may be long, has
+the checkpoints of `rockfall run`, and either resumes from those of the other."""
 
 from __future__ import annotations
 
@@ -15,22 +16,49 @@ from typing import Any
 from rockfall.app.document import Site
 from rockfall.app.messages import Message, fault_message, text_message
 from rockfall.app.places import without_files
-from rockfall.case import read_case
+from rockfall.case import Case, read_case
+from rockfall.case_files import input_files
 from rockfall.errors import RockfallError
 from rockfall.interrupts import Stopped, check_stop, stopped_by
-from rockfall.io.output_files import overwriting
+from rockfall.io.output_files import check_result_path, overwriting
 from rockfall.language import say, speaking
 from rockfall.result.dataset import write_result
 from rockfall.result.export import export
+from rockfall.result.samples import simulated
+from rockfall.scene.read import read_scene
 from rockfall.session.session import open_session
+from rockfall.simulation.checkpoint import Checkpoint, checkpoint_of
+from rockfall.simulation.lock import locked
+from rockfall.simulation.memory import machine_memory
+from rockfall.simulation.part_file import boulders_in
+from rockfall.simulation.simulate import Interrupted, simulate
+from rockfall.simulation.tally import Tally
 
-REPORT, EXPORT = "report", "export"
+REPORT, EXPORT, SIMULATE = "report", "export", "simulate"
 TELL_SECONDS = 0.25  # between messages on the progress
+SAVE_SECONDS = 60.0  # between checkpoints
+MAX_UNFINISHED = 5  # runs that are offered
 
 
 def outputs(task: str, name: str) -> list[str]:
-    """Names of the files and folders that a task writes besides the case."""
-    return [f"{name}.nc", f"{name}.html" if task == REPORT else f"{name}_layers"]
+    """Names of the files and folders that a task writes besides the case, its result first."""
+    result = Path(f"{name}.nc")
+    others = {
+        REPORT: f"{name}.html", EXPORT: f"{name}_layers", SIMULATE: str(checkpoint_of(result)),
+    }  # fmt: skip
+    return [str(result), others[task]]
+
+
+def unfinished(folder: Path) -> dict[str, int]:
+    """Names of the cases in a folder whose runs were stopped, and the boulders that their
+    checkpoints hold; the latest first."""
+    suffix = str(checkpoint_of(Path(".nc")))
+    found = [one for one in folder.glob(f"*{suffix}") if one.is_file()]
+    found.sort(key=lambda one: one.stat().st_mtime, reverse=True)
+    names = {one.name.removesuffix(suffix): one for one in found}
+    runs = [(name, one) for name, one in names.items() if (folder / f"{name}.nml").is_file()]
+    boulders = {name: boulders_in(one) for name, one in runs[:MAX_UNFINISHED]}
+    return {name: number for name, number in boulders.items() if number}
 
 
 class Task:
@@ -38,10 +66,10 @@ class Task:
 
     def __init__(
         self, kind: str, site: Site, name: str, overwrite: bool, language: str,
-        send: Callable[[str, Message], None], then: Callable[[], None],
+        send: Callable[[str, Message], None], then: Callable[[], None], resume: bool = False,
     ) -> None:  # fmt: skip
         self._kind, self._site, self.name, self._overwrite = kind, site, name, overwrite
-        self._language, self._send, self._then = language, send, then
+        self._language, self._send, self._then, self._resume = language, send, then, resume
         self._cancel = Event()
         self._thread = Thread(target=self._work, name=kind, daemon=True)
 
@@ -67,6 +95,9 @@ class Task:
                 end = self._refusal(without_files(str(error), self._site))
             except Stopped:
                 end = self._refusal(say("app.server_cancelled"))
+            except Interrupted as stop:
+                n = simulated(stop.contents)
+                end = self._refusal(say("app.server_stopped" if n else "app.server_cancelled", n=n))
             except Exception as error:  # the page is to know of it, and the server to live
                 end = "fault", fault_message(error)
             self._then()
@@ -75,8 +106,12 @@ class Task:
     def _make(self) -> list[str]:
         folder, name = self._site.folder, self.name
         result, product = outputs(self._kind, name)
-        path = folder / result
-        write_result(self._run(folder / f"{name}.nml"), path)
+        path, case = folder / result, read_case(folder / f"{name}.nml").replace(variant=[])
+        if self._kind == SIMULATE:
+            self._simulate(case, path)
+            return [result]
+        write_result(self._run(case), path)
+        check_stop()
         self._phase(say("app.server_drawing" if self._kind == REPORT else "app.server_writing"))
         if self._kind == REPORT:
             report = import_module("rockfall.products").report  # as long as all else to import
@@ -84,21 +119,29 @@ class Task:
             return [result, product]
         return [result, *(f"{product}/{one.name}" for one in export(path, folder / product))]
 
-    def _run(self, path: Path) -> Any:
-        """Result of the case in a file."""
-        begun, what = time.perf_counter(), say("app.server_simulating")
-        with open_session(read_case(path)) as session:
+    def _simulate(self, case: Case, path: Path) -> None:
+        """Write the result of a case, with checkpoints."""
+        checkpoint = _Watched(path, _Clock(self._phase, say("app.server_simulating")))
+        with overwriting(self._overwrite or self._resume), locked(path, checkpoint.say):
+            check_result_path(path, input_files(case))
+            if not self._resume:
+                checkpoint.remove()
+            scene = read_scene(case, memory=machine_memory())
+            write_result(simulate(scene, checkpoint=checkpoint, keep=False), path)
+            checkpoint.remove()
+
+    def _run(self, case: Case) -> Any:
+        """Result of a case."""
+        clock = _Clock(self._phase, say("app.server_simulating"))
+        with open_session(case) as session:
             for batch in session.run(cancel=self._cancel, batch_seconds=TELL_SECONDS):
-                spent, total = time.perf_counter() - begun, batch.total
-                left = spent / batch.boulders * (total - batch.boulders)
-                self._phase(what, batch.boulders, total, left)
+                clock.tell(batch.boulders, batch.total)
                 if batch.complete:
                     return batch.dataset()
         raise Stopped
 
     def _phase(self, text: str, done: int = 0, total: int = 0, left: float | None = None) -> None:
-        """Tell how far the work is; total 0: not known. End it if it is cancelled."""
-        check_stop()
+        """Tell how far the work is; total 0: not known."""
         self._send(*self._about("progress", phase=text, done=done, total=total, seconds_left=left))
 
     def _refusal(self, text: str) -> tuple[str, str]:
@@ -107,3 +150,41 @@ class Task:
     def _about(self, kind: str, **content: Any) -> tuple[str, str]:
         """Kind and message on the task."""
         return kind, text_message(kind, task=self._kind, **content)
+
+
+class _Clock:
+    """Progress of a run, with the time left by its rate since the first look."""
+
+    def __init__(self, tell: Callable[[str, int, int, float | None], None], what: str) -> None:
+        self._tell, self.what = tell, what
+        self._begun, self._before = time.perf_counter(), 0
+
+    def start(self, done: int) -> None:
+        """Begin a run of which some boulders are done."""
+        self._begun, self._before = time.perf_counter(), done
+
+    def tell(self, done: int, total: int) -> None:
+        """Tell how far the run is."""
+        spent = time.perf_counter() - self._begun
+        left = spent / (done - self._before) * (total - done) if done > self._before else None
+        self._tell(self.what, done, total, left)
+
+
+class _Watched(Checkpoint):
+    """Checkpoint of a run whose progress is told."""
+
+    def __init__(self, output: Path, clock: _Clock) -> None:
+        super().__init__(output, SAVE_SECONDS, self._note)
+        self._clock = clock
+
+    def restore(self, tally: Tally) -> None:
+        super().restore(tally)
+        self._clock.start(tally.done)
+
+    def look(self, tally: Tally) -> None:
+        self._clock.tell(tally.done, tally.boulders)
+        super().look(tally)
+
+    def _note(self, text: str) -> None:
+        """Show from now on that there are no more checkpoints."""
+        self._clock.what = f"{self._clock.what} ({text})"

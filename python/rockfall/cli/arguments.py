@@ -46,8 +46,8 @@ def _add(
     if what:
         one.add_argument(what.lower(), metavar=what, type=Path)
     if what == "CASE" and name != "variants":
-        about = "of a case with &variant groups, the one of this name"
-        one.add_argument("--variant", metavar="NAME", help=about)
+        text = "of a case with &variant groups, the one of this name"
+        one.add_argument("--variant", metavar="NAME", help=text)
     if writes:
         _add_overwrite(one)
     one.set_defaults(command=_command(module, name.replace("-", "_")))
@@ -55,8 +55,8 @@ def _add(
 
 
 def _add_overwrite(command: argparse.ArgumentParser) -> None:
-    about = "replace existing files, never inputs; default: refuse"
-    command.add_argument("--overwrite", action="store_true", help=about)
+    text = "replace existing files, never inputs; default: refuse"
+    command.add_argument("--overwrite", action="store_true", help=text)
 
 
 def _command(module: str, name: str) -> Callable[[argparse.Namespace], int]:
@@ -90,34 +90,34 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _add_draft(commands: _Commands) -> None:
-    about = "write a commented case for a DEM and layers of zones, sources, lines, barriers, trees"
-    new = _add(commands, "draft", "new", about, "DEM", writes=False)
-    about = "GeoPackage, GeoJSON, shapefile: each layer is known by shapes, attributes and name"
-    new.add_argument("layers", metavar="LAYER", type=Path, nargs="*", help=about)
+    text = "write a commented case for a DEM and layers of zones, sources, lines, barriers, trees"
+    new = _add(commands, "draft", "new", text, "DEM", writes=False)
+    text = "GeoPackage, GeoJSON, shapefile: each layer is known by shapes, attributes and name"
+    new.add_argument("layers", metavar="LAYER", type=Path, nargs="*", help=text)
     new.add_argument("-o", "--output", metavar="CASE.nml", type=Path, required=True)
-    about = "make a DEM of surveyed points, or edit one: edits in the order in which they are given"
-    dem = _add(commands, "draft", "dem", about)
-    about = "points.csv with x, y, z; point clouds (.las, .laz, .xyz), several too; or a DEM"
-    dem.add_argument("input", metavar="FILE", type=Path, nargs="+", help=about)
+    text = "make a DEM of surveyed points, or edit one: edits in the order in which they are given"
+    dem = _add(commands, "draft", "dem", text)
+    text = "points.csv with x, y, z; point clouds (.las, .laz, .xyz), several too; or a DEM"
+    dem.add_argument("input", metavar="FILE", type=Path, nargs="+", help=text)
     dem.add_argument("-o", "--output", metavar="DEM.tif", type=Path, required=True)
     points = dem.add_argument_group("points")
-    about = "side of a cell; default: 1, 2, 5, 10..., at most the mean spacing of the points"
-    points.add_argument("--cell", metavar="M", type=float, help=about)
-    about = "points weigh 1/distance**P; default: 2"
-    points.add_argument("--power", metavar="P", type=float, help=about)
-    about = "points of which a cell is made, at most; default: 12"
-    points.add_argument("--neighbours", metavar="N", type=int, help=about)
-    about = "nodata beyond; default: three times the mean spacing"
-    points.add_argument("--within", metavar="M", type=float, help=about)
+    text = "side of a cell; default: 1, 2, 5, 10..., at most the mean spacing of the points"
+    points.add_argument("--cell", metavar="M", type=float, help=text)
+    text = "points weigh 1/distance**P; default: 2"
+    points.add_argument("--power", metavar="P", type=float, help=text)
+    text = "points of which a cell is made, at most; default: 12"
+    points.add_argument("--neighbours", metavar="N", type=int, help=text)
+    text = "nodata beyond; default: three times the mean spacing"
+    points.add_argument("--within", metavar="M", type=float, help=text)
     points.add_argument(
         "--crs",
         metavar="CODE",
         help="of the points, or of a DEM that names none, such as EPSG:2056",
     )
-    about = "of .las and .laz: points of these classes; default: 2, ground"
-    points.add_argument("--classes", metavar="N", type=int, nargs="+", help=about)
-    about = "of point clouds: the mean of the points in each square of M metres"
-    points.add_argument("--thin", metavar="M", type=float, help=about)
+    text = "of .las and .laz: points of these classes; default: 2, ground"
+    points.add_argument("--classes", metavar="N", type=int, nargs="+", help=text)
+    text = "of point clouds: the mean of the points in each square of M metres"
+    points.add_argument("--thin", metavar="M", type=float, help=text)
     edits = dem.add_argument_group("edits")
     for name, metavar, kind, does in (
         ("fill", "M", float, "fill holes, as far as M from their edges"),
@@ -132,199 +132,197 @@ def _add_draft(commands: _Commands) -> None:
 
 
 def _add_app(commands: _Commands) -> None:
-    about = "open a window in the browser, to draw a case on a map and see it run"
-    app = _add(commands, "app", "app", about, writes=False)
-    about = "case, DEM or result; default: a list of those opened before"
-    app.add_argument("path", metavar="PATH", type=Path, nargs="?", help=about)
-    about = "de, en, fr or it; default: that of the browser"
-    app.add_argument("--language", metavar="XX", default="", help=about)
-    about = "port on this machine; default: any that is free"
-    app.add_argument("--port", metavar="N", type=int, default=0, help=about)
-    about = "go on when the last page has closed, until Ctrl-C"
-    app.add_argument("--keep", action="store_true", help=about)
-    about = "print the address only"
-    app.add_argument("--no-browser", action="store_true", help=about)
+    text = "open a window in the browser, to draw a case on a map and see it run"
+    app = _add(commands, "app", "app", text, writes=False)
+    text = "case, DEM or result; default: a list of those opened before"
+    app.add_argument("path", metavar="PATH", type=Path, nargs="?", help=text)
+    text = "de, en, fr or it; default: that of the browser"
+    app.add_argument("--language", metavar="XX", default="", help=text)
+    text = "port on this machine; default: any that is free"
+    app.add_argument("--port", metavar="N", type=int, default=0, help=text)
+    text = "go on when the last page has closed, until Ctrl-C"
+    app.add_argument("--keep", action="store_true", help=text)
+    text = "print the address only"
+    app.add_argument("--no-browser", action="store_true", help=text)
 
 
 def _add_runs(commands: _Commands) -> None:
-    about = "read and check everything, simulate a few boulders, estimate time and memory"
-    check = _add(commands, "check", "check", about, "CASE", writes=False)
+    text = "read and check everything, simulate a few boulders, estimate time and memory"
+    check = _add(commands, "check", "check", text, "CASE", writes=False)
     run = _add(commands, "run", "run", "run a case and write its result as netCDF", "CASE")
     for one in check, run:
         _add_memory(one)
     run.add_argument("-o", "--output", metavar="OUT.nc", type=Path, help="default: CASE.nc, here")
-    about = f"run until 95 %% confidence intervals are narrow enough: {_RULES}"
-    run.add_argument("--until", metavar="RULES", help=about)
+    text = f"run until 95 %% confidence intervals are narrow enough: {_RULES}"
+    run.add_argument("--until", metavar="RULES", help=text)
     run.add_argument("--cap", metavar="N", type=int, help="with --until: maximum from each source")
     run.add_argument("--shard", metavar="I/N", help="the I-th of N parts, for `rockfall merge`")
     run.add_argument("--dask", metavar="WHERE", help="on a Dask cluster: its address, or local:N")
     _add_resume(run, "OUT.nc.checkpoint")
     _add_overrides(run)
-    about = "make a case that rockfall-batch reads without Python"
-    prepare = _add(commands, "parts", "prepare", about, "CASE")
+    text = "make a case that rockfall-batch reads without Python"
+    prepare = _add(commands, "parts", "prepare", text, "CASE")
     prepare.add_argument("folder", metavar="DIR", type=Path, help="is made; for the prepared files")
-    about = "make a case of a folder of Rockyfor3D, whose files stay where they are"
-    rocky = _add(commands, "imports", "import-rockyfor3d", about, "DIR")
+    text = "make a case of a folder of Rockyfor3D, whose files stay where they are"
+    rocky = _add(commands, "imports", "import-rockyfor3d", text, "DIR")
     rocky.add_argument("-o", "--output", metavar="CASEDIR", type=Path, required=True)
     rocky.add_argument("--crs", metavar="CODE", help="of its rasters, such as EPSG:2056")
-    about = "write a Slurm job array for a case, with its merge job"
-    slurm = _add(commands, "parts", "slurm", about, "CASE")
+    text = "write a Slurm job array for a case, with its merge job"
+    slurm = _add(commands, "parts", "slurm", text, "CASE")
     slurm.add_argument("folder", metavar="DIR", type=Path, help="is made; jobs, parts and result")
     slurm.add_argument("--shards", metavar="N", type=int, required=True, help="jobs of the array")
     slurm.add_argument("--program", default="python", help="python (default), or batch")
     slurm.add_argument("--threads", metavar="N", type=int, default=4, help="of each job; default 4")
     slurm.add_argument("--time", default="24:00:00", help="of each job; default 24:00:00")
-    about = "merge the parts of a run; the result is that of a run in one piece, bit for bit"
-    merge = _add(commands, "parts", "merge", about)
+    text = "merge the parts of a run; the result is that of a run in one piece, bit for bit"
+    merge = _add(commands, "parts", "merge", text)
     merge.add_argument("parts", metavar="PART.nc", type=Path, nargs="+")
     merge.add_argument("-o", "--output", metavar="OUT.nc", type=Path, required=True)
 
 
 def _add_memory(command: argparse.ArgumentParser) -> None:
-    about = "of the run; terrain beyond half of it is read in windows; default: the machine's"
-    command.add_argument("--memory", metavar="SIZE", help=about)
+    text = "of the run; terrain beyond half of it is read in windows; default: the machine's"
+    command.add_argument("--memory", metavar="SIZE", help=text)
 
 
 def _add_resume(command: argparse.ArgumentParser, place: str) -> None:
-    about = "go on from the last checkpoint, if any"
-    command.add_argument("--resume", action="store_true", help=about)
-    about = f"between checkpoints, in {place}; default: 60, 0 = none"
-    command.add_argument("--checkpoint", metavar="SECONDS", type=float, default=60.0, help=about)
+    text = "go on from the last checkpoint, if any"
+    command.add_argument("--resume", action="store_true", help=text)
+    text = f"between checkpoints, in {place}; default: 60, 0 = none"
+    command.add_argument("--checkpoint", metavar="SECONDS", type=float, default=60.0, help=text)
 
 
 def _add_overrides(command: argparse.ArgumentParser) -> None:
     """Add the options that replace values of the case."""
     command.add_argument("--boulders", metavar="N", type=int, help="released from each source")
-    about = "released from all sources together"
-    command.add_argument("--boulders-total", metavar="N", type=int, help=about)
+    text = "released from all sources together"
+    command.add_argument("--boulders-total", metavar="N", type=int, help=text)
     command.add_argument("--seed", metavar="N", type=int, help="of the random numbers")
     command.add_argument("--threads", metavar="N", type=int, help="0 = all cores")
     command.add_argument("--quiet", action="store_true", help="no progress, no summary")
 
 
 def _add_studies(commands: _Commands) -> None:
-    about = "run a case over its uncertain inputs, and say which of them matter"
-    vary = _add(commands, "studies", "ensemble", about, "CASE")
+    text = "run a case over its uncertain inputs, and say which of them matter"
+    vary = _add(commands, "studies", "ensemble", text, "CASE")
     vary.add_argument("-o", "--output", metavar="OUT", type=Path, help="OUT.nc, or a table OUT.csv")
     vary.add_argument("--runs", metavar="M", type=int, help="draws of the uncertain inputs")
     _add_overrides(vary)
-    about = "seek the uncertain inputs that make observations likely: a posterior"
-    back = _add(commands, "studies", "back", about, "CASE")
+    text = "seek the uncertain inputs that make observations likely: a posterior"
+    back = _add(commands, "studies", "back", text, "CASE")
     back.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
     back.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_back")
     back.add_argument("--members", metavar="M", type=int, help="runs at most; default: 1024")
-    about = "members that the posterior must be worth; default: 100"
-    back.add_argument("--effective", metavar="N", type=int, help=about)
+    text = "members that the posterior must be worth; default: 100"
+    back.add_argument("--effective", metavar="N", type=int, help=text)
     _add_overrides(back)
-    about = "run the scenarios of a case: annual frequencies, zones of hazard, objects at risk"
-    zone = _add(commands, "hazard", "hazard", about, "CASE")
+    text = "run the scenarios of a case: annual frequencies, zones of hazard, objects at risk"
+    zone = _add(commands, "hazard", "hazard", text, "CASE")
     zone.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_hazard")
     _add_imprint(zone, "on the sheet")
-    about = (
-        "points, lines, polygons, with name, vulnerability, value, persons, aadt, ...; several: "
-    )
-    about += "--objects A --objects B"
+    text = "points, lines, polygons, with name, vulnerability, value, persons, aadt, ...; several: "
+    text += "--objects A --objects B"
     zone.add_argument(
-        "--objects", metavar="LAYER", type=Path, action="append", default=[], help=about
+        "--objects", metavar="LAYER", type=Path, action="append", default=[], help=text
     )
-    about = "of a file with several layers; again for another of them, or one for each file"
-    zone.add_argument("--objects-layer", metavar="NAME", action="append", default=[], help=about)
-    about = "lines of roads, with name, width, chainage: frequencies of each segment"
-    zone.add_argument("--segments", metavar="LAYER", type=Path, help=about)
+    text = "of a file with several layers; again for another of them, or one for each file"
+    zone.add_argument("--objects-layer", metavar="NAME", action="append", default=[], help=text)
+    text = "lines of roads, with name, width, chainage: frequencies of each segment"
+    zone.add_argument("--segments", metavar="LAYER", type=Path, help=text)
     zone.add_argument("--segments-layer", metavar="NAME", help="of a file with several layers")
-    about = "of the segments [m]; default: each line is one"
-    zone.add_argument("--segment-length", metavar="LENGTH", type=float, help=about)
-    about = "curves for the objects: name, energy [kJ], vulnerability, source"
-    zone.add_argument("--vulnerability", metavar="CURVES.csv", type=Path, help=about)
-    about = "write each scenario as a case, CASE_scenarioN.nml, and run nothing"
-    zone.add_argument("--write-cases", action="store_true", help=about)
-    about = "of these cases, one for each scenario, in place of running them"
-    zone.add_argument("--results", metavar="OUT.nc", type=Path, nargs="+", default=[], help=about)
+    text = "of the segments [m]; default: each line is one"
+    zone.add_argument("--segment-length", metavar="LENGTH", type=float, help=text)
+    text = "curves for the objects: name, energy [kJ], vulnerability, source"
+    zone.add_argument("--vulnerability", metavar="CURVES.csv", type=Path, help=text)
+    text = "write each scenario as a case, CASE_scenarioN.nml, and run nothing"
+    zone.add_argument("--write-cases", action="store_true", help=text)
+    text = "of these cases, one for each scenario, in place of running them"
+    zone.add_argument("--results", metavar="OUT.nc", type=Path, nargs="+", default=[], help=text)
     _add_memory(zone)
     _add_resume(zone, "DIR.scenarioN.checkpoint")
     _add_overrides(zone)
-    about = "run the variants of a case, with common random numbers, and compare them"
-    several = _add(commands, "variants", "variants", about, "CASE")
+    text = "run the variants of a case, with common random numbers, and compare them"
+    several = _add(commands, "variants", "variants", text, "CASE")
     several.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_variants")
-    about = "one page, too, with a column for each variant: DIR/variants.html"
-    several.add_argument("--report", action="store_true", help=about)
+    text = "one page, too, with a column for each variant: DIR/variants.html"
+    several.add_argument("--report", action="store_true", help=text)
     several.add_argument("--pdf", action="store_true", help="the page as DIR/variants.pdf")
     _add_yearly(several, "")
     _add_imprint(several, "in the report")
     _add_memory(several)
     _add_resume(several, "DIR.NAME.checkpoint")
     _add_overrides(several)
-    about = "run a case by every rebound model, with common random numbers"
-    every = _add(commands, "studies", "models", about, "CASE")
+    text = "run a case by every rebound model, with common random numbers"
+    every = _add(commands, "studies", "models", text, "CASE")
     every.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_models")
-    about = "a ground, in place of those that stand for rocks; several: --ground A --ground B"
-    every.add_argument("--ground", metavar="NAME", action="append", default=[], help=about)
+    text = "a ground, in place of those that stand for rocks; several: --ground A --ground B"
+    every.add_argument("--ground", metavar="NAME", action="append", default=[], help=text)
     _add_overrides(every)
-    about = "set a case by every law of rebound beside what was observed at its site"
-    site = _add(commands, "studies", "validate", about, "CASE")
+    text = "set a case by every law of rebound beside what was observed at its site"
+    site = _add(commands, "studies", "validate", text, "CASE")
     site.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
     site.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="all numbers as CSV")
-    about = "a table of impacts; several: --table A --table B; default: all that are shipped"
-    site.add_argument("--table", metavar="NAME", action="append", default=[], help=about)
-    about = "runs of each law, by seeds after the case's; default: %(default)s"
-    site.add_argument("--seeds", metavar="N", type=int, default=5, help=about)
+    text = "a table of impacts; several: --table A --table B; default: all that are shipped"
+    site.add_argument("--table", metavar="NAME", action="append", default=[], help=text)
+    text = "runs of each law, by seeds after the case's; default: %(default)s"
+    site.add_argument("--seeds", metavar="N", type=int, default=5, help=text)
     _add_overrides(site)
-    about = "measure how a case's numbers converge, and the cost"
-    converge = _add(commands, "studies", "convergence", about, "CASE")
+    text = "measure how a case's numbers converge, and the cost"
+    converge = _add(commands, "studies", "convergence", text, "CASE")
     converge.add_argument(
         "-o", "--output", metavar="DIR", type=Path, help="default: CASE_convergence"
     )
     converge.add_argument("--boulders", metavar="N", type=int, nargs="+", help="from each source")
-    about = "boulders from each source to measure errors; default: 1000000 over all"
-    converge.add_argument("--reference", metavar="N", type=int, help=about)
+    text = "boulders from each source to measure errors; default: 1000000 over all"
+    converge.add_argument("--reference", metavar="N", type=int, help=text)
 
 
 def _add_results(commands: _Commands) -> None:
     def result(name: str, does: str) -> _Parser:
         return _add(commands, "results", name, does, "OUT.nc")
 
-    about = "write a result as GeoTIFF, GeoPackage and CSV; or as CZML, KML, DXF"
-    export = result("export", about)
+    text = "write a result as GeoTIFF, GeoPackage and CSV; or as CZML, KML, DXF"
+    export = result("export", text)
     export.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
-    about = "some of tif, gpkg, csv (default: these), czml, kml, dxf; of HAZARD.nc: kml, dxf"
-    export.add_argument("--formats", metavar="FORMAT", nargs="+", help=about)
-    about = "of drawn parabolas; default: 0.05"
-    export.add_argument("--tolerance", metavar="M", type=float, help=about)
-    about = "height of the DEM's vertical datum above the ellipsoid, for czml"
-    export.add_argument("--geoid", metavar="M", type=float, help=about)
+    text = "some of tif, gpkg, csv (default: these), czml, kml, dxf; of HAZARD.nc: kml, dxf"
+    export.add_argument("--formats", metavar="FORMAT", nargs="+", help=text)
+    text = "of drawn parabolas; default: 0.05"
+    export.add_argument("--tolerance", metavar="M", type=float, help=text)
+    text = "height of the DEM's vertical datum above the ellipsoid, for czml"
+    export.add_argument("--geoid", metavar="M", type=float, help=text)
     _add_tables(export, "line statistics and return levels")
-    about = "project.qgz, too: a project with groups, styles and layouts on A3"
+    text = "project.qgz, too: a project with groups, styles and layouts on A3"
     project = export.add_argument_group("project of QGIS")
-    project.add_argument("--qgis", action="store_true", help=about)
+    project.add_argument("--qgis", action="store_true", help=text)
     project.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
     project.add_argument("--hazard", metavar="HAZARD.nc", type=Path, help="its zones, too")
     _add_imprint(project, "on layouts", "of the project and of tables: ")
-    about = "compare a result with observations (several: rank them), or variants with the first"
-    compare = _add(commands, "results", "compare", about)
-    about = "results OUT.nc and observations OBSERVED.csv, or trajectories .rts, .pts of RAMMS; "
-    about += "or variants A.nc B.nc ... alone"
-    compare.add_argument("files", metavar="FILE", type=Path, nargs="+", help=about)
+    text = "compare a result with observations (several: rank them), or variants with the first"
+    compare = _add(commands, "results", "compare", text)
+    text = "results OUT.nc and observations OBSERVED.csv, or trajectories .rts, .pts of RAMMS; "
+    text += "or variants A.nc B.nc ... alone"
+    compare.add_argument("files", metavar="FILE", type=Path, nargs="+", help=text)
     compare.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="all tables as CSV")
-    about = "of the trajectories: J or kJ; default: energies are left out"
-    compare.add_argument("--energy-unit", metavar="UNIT", help=about)
-    about = "of variants: maps of the differences, as GeoTIFF"
-    compare.add_argument("--maps", metavar="DIR", type=Path, help=about)
-    about = "of variants: one page (.html, .pdf) with a column for each"
-    compare.add_argument("--report", metavar="FILE", type=Path, help=about)
+    text = "of the trajectories: J or kJ; default: energies are left out"
+    compare.add_argument("--energy-unit", metavar="UNIT", help=text)
+    text = "of variants: maps of the differences, as GeoTIFF"
+    compare.add_argument("--maps", metavar="DIR", type=Path, help=text)
+    text = "of variants: one page (.html, .pdf) with a column for each"
+    compare.add_argument("--report", metavar="FILE", type=Path, help=text)
     _add_yearly(compare, "of variants: ")
-    about = "of variants, for the report: NAME=AMOUNT"
-    compare.add_argument("--costs", metavar="COST", nargs="+", default=[], help=about)
+    text = "of variants, for the report: NAME=AMOUNT"
+    compare.add_argument("--costs", metavar="COST", nargs="+", default=[], help=text)
     _add_imprint(compare, "in the report")
     lines = result("lines", "print line statistics with intervals, and return levels")
     lines.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="write them, too")
-    about = "split them: source or volume"
-    lines.add_argument("--by", metavar="WHAT", help=about)
-    about = "edges between classes of volume [m3], as 0.1,0.5,1; default: quarters of the boulders"
-    lines.add_argument("--classes", metavar="V,V", help=about)
-    about = "what passes where on this line; with -o TABLE.csv also the figure TABLE.png"
-    lines.add_argument("--along", metavar="LINE", help=about)
-    about = "of windows along the line; default: a round one, for about 40"
-    lines.add_argument("--width", metavar="M", type=float, help=about)
+    text = "split them: source or volume"
+    lines.add_argument("--by", metavar="WHAT", help=text)
+    text = "edges between classes of volume [m3], as 0.1,0.5,1; default: quarters of the boulders"
+    lines.add_argument("--classes", metavar="V,V", help=text)
+    text = "what passes where on this line; with -o TABLE.csv also the figure TABLE.png"
+    lines.add_argument("--along", metavar="LINE", help=text)
+    text = "of windows along the line; default: a round one, for about 40"
+    lines.add_argument("--width", metavar="M", type=float, help=text)
     _add_section(commands)
     figures = result("figures", "draw every figure of a result, those of the paper too")
     figures.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
@@ -336,16 +334,16 @@ def _add_results(commands: _Commands) -> None:
         "--3d", dest="view", action="store_true", help="the terrain in three dimensions, too"
     )
     _add_imprint(report, "on page 1")
-    about = "date of the survey of the DEM"
-    report.add_argument("--dem-date", metavar="TEXT", default="", help=about)
+    text = "date of the survey of the DEM"
+    report.add_argument("--dem-date", metavar="TEXT", default="", help=text)
     report.add_argument("--hazard", metavar="HAZARD.nc", type=Path, help="its zones, too")
-    about = "of `rockfall models`: the spread over rebound models, on page 1"
-    report.add_argument("--models", metavar="MODELS.nc", type=Path, help=about)
-    about = "a section along this line, as in `rockfall section`"
-    report.add_argument("--section", metavar="X,Y", nargs="+", help=about)
+    text = "of `rockfall models`: the spread over rebound models, on page 1"
+    report.add_argument("--models", metavar="MODELS.nc", type=Path, help=text)
+    text = "a section along this line, as in `rockfall section`"
+    report.add_argument("--section", metavar="X,Y", nargs="+", help=text)
     report.add_argument("--section-layer", metavar="NAME", help="of a file with several layers")
-    about = "boulders count so far to either side; default: %(default)s"
-    report.add_argument("--section-within", metavar="M", type=float, default=10.0, help=about)
+    text = "boulders count so far to either side; default: %(default)s"
+    report.add_argument("--section-within", metavar="M", type=float, default=10.0, help=text)
     _add_design(commands)
     for one in figures, report:
         one.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
@@ -356,29 +354,29 @@ def _add_results(commands: _Commands) -> None:
         )
 
 
-def _add_yearly(command: argparse.ArgumentParser, of: str) -> None:
-    about = f"{of}boulders that come loose a year, for frequencies in the report"
-    command.add_argument("--yearly", metavar="N", type=float, default=0.0, help=about)
+def _add_yearly(command: argparse.ArgumentParser, unit: str) -> None:
+    text = f"{unit}boulders that come loose a year, for frequencies in the report"
+    command.add_argument("--yearly", metavar="N", type=float, default=0.0, help=text)
 
 
 def _add_section(commands: _Commands) -> None:
-    about = "draw a section along a line: profile, trajectories, envelopes of energy and height"
-    section = _add(commands, "section", "section", about, "OUT.nc")
-    about = "its vertices, in quotes if one is negative, or a layer with one line"
-    section.add_argument("--line", metavar="X,Y", nargs="+", required=True, help=about)
+    text = "draw a section along a line: profile, trajectories, envelopes of energy and height"
+    section = _add(commands, "section", "section", text, "OUT.nc")
+    text = "its vertices, in quotes if one is negative, or a layer with one line"
+    section.add_argument("--line", metavar="X,Y", nargs="+", required=True, help=text)
     section.add_argument("--line-layer", metavar="NAME", help="of a file with several layers")
-    about = "boulders count so far to either side; default: 10"
-    section.add_argument("--within", metavar="M", type=float, help=about)
-    about = "between stations; default: a round one, for about 100"
-    section.add_argument("--every", metavar="M", type=float, help=about)
-    about = "tables NAME.csv, NAME_lines.csv and figure NAME.png; default: OUT_section.csv"
-    section.add_argument("-o", "--output", metavar="NAME.csv", type=Path, help=about)
+    text = "boulders count so far to either side; default: 10"
+    section.add_argument("--within", metavar="M", type=float, help=text)
+    text = "between stations; default: a round one, for about 100"
+    section.add_argument("--every", metavar="M", type=float, help=text)
+    text = "tables NAME.csv, NAME_lines.csv and figure NAME.png; default: OUT_section.csv"
+    section.add_argument("-o", "--output", metavar="NAME.csv", type=Path, help=text)
     section.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
 
 
 def _add_tables(command: argparse.ArgumentParser, what: str) -> None:
-    about = f"{what}, too, as a workbook (xlsx) and a document (docx)"
-    command.add_argument("--tables", metavar="FORMAT", nargs="+", default=[], help=about)
+    text = f"{what}, too, as a workbook (xlsx) and a document (docx)"
+    command.add_argument("--tables", metavar="FORMAT", nargs="+", default=[], help=text)
 
 
 def _add_imprint(command: argparse._ActionsContainer, where: str, what: str = "") -> None:
@@ -393,57 +391,57 @@ def _add_imprint(command: argparse._ActionsContainer, where: str, what: str = ""
 
 
 def _add_design(commands: _Commands) -> None:
-    about = "what barriers at lines of results must be, or the block of a return period"
-    sheet = _add(commands, "protection", "design", about)
+    text = "what barriers at lines of results must be, or the block of a return period"
+    sheet = _add(commands, "protection", "design", text)
     sheet.add_argument("results", metavar="OUT.nc", type=Path, nargs="*")
     sheet.add_argument("-o", "--output", metavar="DIR", type=Path, help="for tables and figures")
     _add_tables(sheet, "the tables")
-    about = "of these tables: en (default), de, fr or it"
-    sheet.add_argument("--language", metavar="XX", default="en", help=about)
+    text = "of these tables: en (default), de, fr or it"
+    sheet.add_argument("--language", metavar="XX", default="en", help=text)
     _add_conditions(sheet)
-    about = "that may pass, of the boulders that come; default: 0.01"
-    sheet.add_argument("--residual", metavar="FRACTION", type=float, help=about)
+    text = "that may pass, of the boulders that come; default: 0.01"
+    sheet.add_argument("--residual", metavar="FRACTION", type=float, help=text)
     sheet.add_argument("--along", metavar="LINE", help="its height and class, metre by metre")
-    about = "of windows along the line; default: 10"
-    sheet.add_argument("--width", metavar="M", type=float, help=about)
-    about = "boulders that a window needs; default: 50"
-    sheet.add_argument("--min-boulders", metavar="N", type=int, help=about)
+    text = "of windows along the line; default: 10"
+    sheet.add_argument("--width", metavar="M", type=float, help=text)
+    text = "boulders that a window needs; default: 50"
+    sheet.add_argument("--min-boulders", metavar="N", type=int, help=text)
     block = sheet.add_argument_group("block of a return period")
-    about = "print the block that is exceeded once in so many years, from the survey --blocks"
-    block.add_argument("--return-period", metavar="YEARS", type=float, help=about)
-    about = "in which each fall of a block was recorded"
-    block.add_argument("--years", metavar="YEARS", type=float, help=about)
-    about = "blocks that fell in these years; default: those of --blocks that have a year"
-    block.add_argument("--events", metavar="CSV", type=Path, help=about)
-    about = "larger blocks count; default: the smallest above which a distribution fits"
-    block.add_argument("--threshold", metavar="M3", type=float, help=about)
-    about = "largest block of the scenario; default: that of ten return periods"
-    block.add_argument("--volume-max", metavar="M3", type=float, help=about)
+    text = "print the block that is exceeded once in so many years, from the survey --blocks"
+    block.add_argument("--return-period", metavar="YEARS", type=float, help=text)
+    text = "in which each fall of a block was recorded"
+    block.add_argument("--years", metavar="YEARS", type=float, help=text)
+    text = "blocks that fell in these years; default: those of --blocks that have a year"
+    block.add_argument("--events", metavar="CSV", type=Path, help=text)
+    text = "larger blocks count; default: the smallest above which a distribution fits"
+    block.add_argument("--threshold", metavar="M3", type=float, help=text)
+    text = "largest block of the scenario; default: that of ten return periods"
+    block.add_argument("--volume-max", metavar="M3", type=float, help=text)
     _add_site(commands)
 
 
 def _add_site(commands: _Commands) -> None:
-    about = "compare alignments of a barrier above a line: loads, requirements, the best of them"
-    site = _add(commands, "protection", "site", about, "CASE")
+    text = "compare alignments of a barrier above a line: loads, requirements, the best of them"
+    site = _add(commands, "protection", "site", text, "CASE")
     site.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_siting")
-    about = "evaluation line of the case that is to be protected"
-    site.add_argument("--line", metavar="NAME", required=True, help=about)
-    about = "between alignments, which are the line shifted towards the sources; default: 10"
-    site.add_argument("--every", metavar="M", type=float, help=about)
-    about = "up to this distance; default: 100"
-    site.add_argument("--to", metavar="M", type=float, help=about)
-    about = "degrees from north, in place of perpendicular to the line"
-    site.add_argument("--direction", metavar="AZIMUTH", type=float, help=about)
-    about = "drawn alignments, in place of shifted ones"
-    site.add_argument("--candidates", metavar="LAYER", type=Path, help=about)
+    text = "evaluation line of the case that is to be protected"
+    site.add_argument("--line", metavar="NAME", required=True, help=text)
+    text = "between alignments, which are the line shifted towards the sources; default: 10"
+    site.add_argument("--every", metavar="M", type=float, help=text)
+    text = "up to this distance; default: 100"
+    site.add_argument("--to", metavar="M", type=float, help=text)
+    text = "degrees from north, in place of perpendicular to the line"
+    site.add_argument("--direction", metavar="AZIMUTH", type=float, help=text)
+    text = "drawn alignments, in place of shifted ones"
+    site.add_argument("--candidates", metavar="LAYER", type=Path, help=text)
     site.add_argument("--candidates-layer", metavar="NAME", help="of a file with several layers")
-    about = "of the barrier"
-    site.add_argument("--max-height", metavar="M", type=float, help=about)
+    text = "of the barrier"
+    site.add_argument("--max-height", metavar="M", type=float, help=text)
     site.add_argument("--max-class", metavar="CLASS", type=int, help="EAD 340059 class, 0 to 7")
-    about = "of the boulders that come to the line, around an alignment; default: 0.01"
-    site.add_argument("--max-bypass", metavar="FRACTION", type=float, help=about)
-    about = "boulders at more alignments than half of it holds take several runs; default: all"
-    site.add_argument("--memory", metavar="SIZE", help=about)
+    text = "of the boulders that come to the line, around an alignment; default: 0.01"
+    site.add_argument("--max-bypass", metavar="FRACTION", type=float, help=text)
+    text = "boulders at more alignments than half of it holds take several runs; default: all"
+    site.add_argument("--memory", metavar="SIZE", help=text)
     _add_conditions(site)
     _add_overrides(site)
 
@@ -458,20 +456,20 @@ def _add_conditions(command: argparse.ArgumentParser) -> None:
         ("limit-state", "MEL", "MEL: one large impact; SEL: several"),
         ("consequence", "CC2", "of a failure, for ONR: CC1, CC2 or CC3"),
     ):
-        about = f"{does}; default: {default}"
-        command.add_argument(f"--{key}", metavar=key.upper().replace("-", "_"), help=about)
-    about = "of the design block; default: a quantile of those that come"
-    command.add_argument("--volume", metavar="M3", type=float, help=about)
-    about = "standard, factor, condition, value, source; default: the shipped table"
-    command.add_argument("--factors", metavar="CSV", type=Path, help=about)
-    about = "class, height, cost of a metre; default: class energy times height"
-    command.add_argument("--costs", metavar="CSV", type=Path, help=about)
+        text = f"{does}; default: {default}"
+        command.add_argument(f"--{key}", metavar=key.upper().replace("-", "_"), help=text)
+    text = "of the design block; default: a quantile of those that come"
+    command.add_argument("--volume", metavar="M3", type=float, help=text)
+    text = "standard, factor, condition, value, source; default: the shipped table"
+    command.add_argument("--factors", metavar="CSV", type=Path, help=text)
+    text = "class, height, cost of a metre; default: class energy times height"
+    command.add_argument("--costs", metavar="CSV", type=Path, help=text)
 
 
 def _add_lab(commands: _Commands) -> None:
     """Add the laboratory to the commands of `rockfall`."""
-    about = "impacts of spheres on rocks or of blocks on a ground, and impact sets from them"
-    lab = commands.add_parser("lab", help=about, description=about.capitalize() + ".")
+    text = "impacts of spheres on rocks or of blocks on a ground, and impact sets from them"
+    lab = commands.add_parser("lab", help=text, description=text.capitalize() + ".")
     verbs = lab.add_subparsers(required=True, metavar="COMMAND")
 
     def verb(name: str, does: str) -> argparse.ArgumentParser:
@@ -490,12 +488,12 @@ def _add_lab(commands: _Commands) -> None:
     impact.add_argument("--resume", action="store_true", help="go on with OUT.nc")
     relief = verb("relief", "give the spectrum of a measured patch, for &ground of blocks")
     relief.add_argument("patch", metavar="PATCH.tif", type=Path, help="elevations in small cells")
-    about = "R_b of the blocks [m]; default: 0.4"
-    relief.add_argument("--radius", metavar="R", type=float, default=0.4, help=about)
-    about = "wave over R_b; default: 2"
-    relief.add_argument("--shortest", metavar="L", type=float, default=2.0, help=about)
-    about = "wave over R_b; default: 16"
-    relief.add_argument("--longest", metavar="L", type=float, default=16.0, help=about)
+    text = "R_b of the blocks [m]; default: 0.4"
+    relief.add_argument("--radius", metavar="R", type=float, default=0.4, help=text)
+    text = "wave over R_b; default: 2"
+    relief.add_argument("--shortest", metavar="L", type=float, default=2.0, help=text)
+    text = "wave over R_b; default: 16"
+    relief.add_argument("--longest", metavar="L", type=float, default=16.0, help=text)
     fit = verb("fit", "make impact sets from impacts, or from measured contacts")
     fit.add_argument(
         "impacts", metavar="IMPACTS", type=Path, help=".nc of the laboratory, or .csv of contacts"

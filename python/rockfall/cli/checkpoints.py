@@ -23,19 +23,19 @@ def study_checkpoints(
     found = []
     for run in runs:
         output = folder.with_name(f"{folder.name}.{run}")
-        one = Checkpoint(output, arguments.checkpoint or math.inf, warn, keep=True)
-        if (done := one.found()) and not arguments.resume:
+        checkpoint = Checkpoint(output, arguments.checkpoint or math.inf, warn, keep=True)
+        if (done := checkpoint.found()) and not arguments.resume:
             raise RockfallError(
-                f"{one.path}: holds {done:,} boulders of {study} that was stopped; go on with "
-                "--resume, or remove it"
+                f"{checkpoint.path}: holds {done:,} boulders of {study} that was stopped; go on "
+                "with --resume, or remove it"
             )
-        found.append(one)
+        found.append(checkpoint)
     return found
 
 
 def study_interrupted(checkpoints: Iterable[Checkpoint]) -> int:
     """Report what the checkpoints hold after Ctrl-C, and return the exit status."""
-    kept = [str(one.path) for one in checkpoints if one.saved]
+    kept = [str(checkpoint.path) for checkpoint in checkpoints if checkpoint.saved]
     if not kept:
         raise KeyboardInterrupt
     return say(

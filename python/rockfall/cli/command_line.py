@@ -75,8 +75,8 @@ def _check_names(arguments: argparse.Namespace) -> None:
 def _fault(error: Exception) -> int:
     if os.environ.get("ROCKFALL_TRACEBACK"):
         traceback.print_exc()
-    about = f"internal error: {type(error).__name__}: {error}"
-    return say(f"{about} (please report; set ROCKFALL_TRACEBACK=1 for the trace)", FAULT)
+    text = f"internal error: {type(error).__name__}: {error}"
+    return say(f"{text} (please report; set ROCKFALL_TRACEBACK=1 for the trace)", FAULT)
 
 
 def _open_closed_streams() -> None:

@@ -36,12 +36,12 @@ def design_block_command(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def _write(found: DesignBlock, folder: Path, inputs: list[Path]) -> list[Path]:
+def _write(block: DesignBlock, folder: Path, inputs: list[Path]) -> list[Path]:
     """Write the table of return periods, and the scenario if there is one; both or none."""
     with atomic_folder(folder, inputs) as part:
-        write_csv(found.levels, part / "design_block.csv")
-        if found.scenario:
-            text = f"! Written by `rockfall design --return-period`.\n{scenario_text(found)}"
+        write_csv(block.levels, part / "design_block.csv")
+        if block.scenario:
+            text = f"! Written by `rockfall design --return-period`.\n{scenario_text(block)}"
             (part / "design_block.nml").write_text(text, encoding="utf-8")
         names = sorted(path.name for path in part.iterdir())
     return [folder / name for name in names]

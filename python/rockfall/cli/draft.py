@@ -35,9 +35,9 @@ def dem_command(arguments: argparse.Namespace) -> int:
     for line in remarks:
         warn(line)
     write_dem(dem, arguments.output, sources, _options(arguments))
-    known = np.count_nonzero(~np.isnan(dem.z))
+    nonzero = np.count_nonzero(~np.isnan(dem.z))
     print(
-        f"{dem.grid.nx} x {dem.grid.ny} cells of {dem.grid.cell:g} m, {known:,} with an elevation"
+        f"{dem.grid.nx} x {dem.grid.ny} cells of {dem.grid.cell:g} m, {nonzero:,} with an elevation"
     )
     print(arguments.output)
     return DONE
@@ -60,12 +60,12 @@ def _source(arguments: argparse.Namespace) -> Dem:
     dem, survey = dem_of_points(*arguments.input, **given)
     print(f"{survey.points:,} points, {survey.spacing:.3g} m apart")
     few = len(survey.errors) < survey.points
-    of = f" of {len(survey.errors):,}" if few else ""
+    total = f" of {len(survey.errors):,}" if few else ""
     if np.isnan(survey.errors).all():
         print("standard error: not known, no point has another that is near enough")
     else:
         print(
-            f"standard error, each point{of} left out: {survey.standard_error:.3g} m "
+            f"standard error, each point{total} left out: {survey.standard_error:.3g} m "
             f"(bias {np.nanmean(survey.errors):+.3g} m, max {np.nanmax(abs(survey.errors)):.3g} m)"
         )
     return dem

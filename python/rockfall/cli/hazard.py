@@ -99,9 +99,9 @@ def _run_to(
         terrain = (rasters.z, rasters.grid) if rasters.z.size else None
         with atomic_folder(folder, inputs) as part:
             paths = list(put_hazard(found, part))
-            for one in hazard_figures(found, terrain):
-                paths.append(part / f"{one.name}.png")
-                save(one.draw(), paths[-1], DOTS)
+            for hazard_figure in hazard_figures(found, terrain):
+                paths.append(part / f"{hazard_figure.name}.png")
+                save(hazard_figure.draw(), paths[-1], DOTS)
             paths.append(part / SHEET)
             with speaking(arguments.language):
                 imprint = Imprint(arguments.project, arguments.client, arguments.author)
@@ -123,6 +123,8 @@ def _check_place(folder: Path, case: Case, inputs: Iterable[str | Path]) -> None
     names = ["hazard.nc", "hazard.gpkg", "objects.csv", "risk.csv", "segments.csv"]
     names += ["hazard_class.png", "risk.png", "segments.png", SHEET]
     names += [f"{name}.{ending}" for name, _ in map_names(case) for ending in ("tif", "qml")]
-    periods = (shown("return_period", one) for one in case.hazard["return_periods"])
+    periods = (
+        shown("return_period", return_period) for return_period in case.hazard["return_periods"]
+    )
     names += [f"intensity_{period}.png" for period in periods]
     check_outputs([folder / name for name in names], inputs)

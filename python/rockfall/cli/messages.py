@@ -25,9 +25,9 @@ def warn(text: str) -> None:
 @contextmanager
 def warnings_told() -> Iterator[None]:
     """Print the warnings of products within the block, and none of libraries."""
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")  # from libraries
         warnings.filterwarnings("always", module=r"rockfall\.(products|result\.export)")
         yield
-    for warning in said:
+    for warning in caught:
         warn(str(warning.message))

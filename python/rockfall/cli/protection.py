@@ -124,12 +124,15 @@ def site_command(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def _features(found: Siting) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def _features(siting: Siting) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Alignments as lines, with their numbers."""
     import shapely
 
-    shapes = [shapely.LineString(np.column_stack([one.x, one.y])) for one in found.alignments]
-    columns = {str(name): column.to_numpy() for name, column in found.table.items()}
+    shapes = [
+        shapely.LineString(np.column_stack([alignment.x, alignment.y]))
+        for alignment in siting.alignments
+    ]
+    columns = {str(name): column.to_numpy() for name, column in siting.table.items()}
     return np.array(shapes, object), {
         name: column if column.dtype.kind == "O" else column.astype(float)
         for name, column in columns.items()
@@ -141,7 +144,7 @@ def design_files(found: Mapping[str, Design], formats: Sequence[str] = ()) -> li
     along = any(one.along is not None for one in found.values())
     files = [f"design_{name}.csv" for name in TABLES if along or name != "along"]
     figures = [f"design_along{k}.png" for k in numbered(found)]
-    office = [f"design.{one}" for one in formats]
+    office = [f"design.{form}" for form in formats]
     return [*files, "design_factors.csv", *(figures if along else []), *office]
 
 
@@ -160,7 +163,7 @@ def write_design(
     """Write the tables of designs, by the names of their results, and the figures along lines; all
     of them or none. `formats` are those of a workbook and a document, in `language`."""
     inputs = [Path(name) for name in found]
-    inputs += [path for one in results.values() for path in files_behind(one)]
+    inputs += [path for result in results.values() for path in files_behind(result)]
     files = design_files(found, formats)
     check_outputs([folder / name for name in files], inputs)
     tables = {f"design_{name}": _joined(found, name) for name in TABLES

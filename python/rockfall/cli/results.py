@@ -65,7 +65,7 @@ def export_command(arguments: argparse.Namespace) -> int:
 
 
 def _chosen(arguments: argparse.Namespace) -> Chosen:
-    """What an export writes, by the options given."""
+    """Choices for an export, by the options given."""
     keys = ("formats", "tolerance", "geoid")
     given = {key: getattr(arguments, key) for key in keys}
     given = {key: value for key, value in given.items() if value is not None}
@@ -112,14 +112,14 @@ def compare_command(arguments: argparse.Namespace) -> int:
     if len(results) == 1:
         (result,) = results.values()
         found = compare(result, seen)
-        table, said = found.table(), text(found)
+        table, report = found.table(), text(found)
     else:
         table = rank_results(results, seen)
-        said = "\n".join([ranks_text(table), *seen.notes])
+        report = "\n".join([ranks_text(table), *seen.notes])
     if arguments.output:
         behind = (path for result in results.values() for path in files_behind(result))
         write_comparison(table, arguments.output, keep=(*arguments.files, *behind))
-    print(said)
+    print(report)
     return DONE
 
 
@@ -129,7 +129,10 @@ def _compare_variants(results: dict[str, xr.Dataset], arguments: argparse.Namesp
         raise RockfallError("compare: variants need different file names")
     variants = dict(zip(names, results.values(), strict=True))
     table = compare_variants(variants)
-    inputs = [*arguments.files, *(path for one in results.values() for path in files_behind(one))]
+    inputs = [
+        *arguments.files,
+        *(path for result in results.values() for path in files_behind(result)),
+    ]
     if arguments.output:
         write_comparison(table, arguments.output, keep=inputs)
     if arguments.maps:

@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 def run_command(arguments: argparse.Namespace) -> int:
     _refuse_contradictions(arguments)
     case = overridden(arguments)
-    which, of = shard = (1, 1) if arguments.shard is None else _shard(arguments.shard)
+    which, parts = shard = (1, 1) if arguments.shard is None else _shard(arguments.shard)
     stem = stem_of(arguments)
-    path = arguments.output or Path(f"{stem}.nc" if of == 1 else f"{stem}.part{which}of{of}")
+    path = arguments.output or Path(f"{stem}.nc" if parts == 1 else f"{stem}.part{which}of{parts}")
     with overwriting(arguments.overwrite or _was_stopped(path, arguments)):
         check_result_path(path, input_files(case))
         with locked(path, warn):
@@ -65,23 +65,23 @@ def _refuse_contradictions(arguments: argparse.Namespace) -> None:
 
 
 def _shard(text: str) -> tuple[int, int]:
-    which, slash, of = text.partition("/")
-    if not (slash and which.isdecimal() and of.isdecimal() and 1 <= int(which) <= int(of)):
+    which, slash, parts = text.partition("/")
+    if not (slash and which.isdecimal() and parts.isdecimal() and 1 <= int(which) <= int(parts)):
         raise RockfallError(f"--shard {text}: must be I/N with I from 1 to N")
-    return int(which), int(of)
+    return int(which), int(parts)
 
 
 def _checkpoint(arguments: argparse.Namespace, path: Path) -> Checkpoint | None:
     """Checkpoint of a run; an existing one is overwritten only on request."""
     if arguments.until is not None or arguments.dask is not None:
         return None
-    found = Checkpoint(path, arguments.checkpoint or math.inf, warn)
-    if (done := found.found()) and not arguments.resume:
+    checkpoint = Checkpoint(path, arguments.checkpoint or math.inf, warn)
+    if (done := checkpoint.found()) and not arguments.resume:
         raise RockfallError(
-            f"{found.path}: holds {done:,} boulders of a run that was stopped; go on with "
+            f"{checkpoint.path}: holds {done:,} boulders of a run that was stopped; go on with "
             "--resume, or remove it"
         )
-    return found
+    return checkpoint
 
 
 def _run_to(

@@ -21,7 +21,7 @@ from rockfall.result.dataset import open_result
 from rockfall.text.section import section_text, with_units
 
 TABLE = ".csv"
-ENDINGS = [TABLE, *(f".{one}" for one in FORMATS)]
+ENDINGS = [TABLE, *(f".{form}" for form in FORMATS)]
 
 
 def section_command(arguments: argparse.Namespace) -> int:

@@ -50,15 +50,17 @@ def ensemble_command(arguments: argparse.Namespace) -> int:
     check_place(path, len(case.lines), input_files(case))
     warn_of_inputs(case)
     try:
-        found = run_ensemble(case, progress=not arguments.quiet)
+        ensemble = run_ensemble(case, progress=not arguments.quiet)
     except StudyInterrupted as stop:
         write_ensemble(stop.result, path)
-        of = case.ensemble["runs"]
-        holds = f"{path} holds the first {stop.runs} of {of} draws, as --runs {stop.runs} has them"
+        runs = case.ensemble["runs"]
+        holds = (
+            f"{path} holds the first {stop.runs} of {runs} draws, as --runs {stop.runs} has them"
+        )
         return say(f"interrupted: {holds}", exit_status())
-    write_ensemble(found, path)
+    write_ensemble(ensemble, path)
     if not arguments.quiet:
-        print(ensemble_summary(found))
+        print(ensemble_summary(ensemble))
         print(path)
     return DONE
 
@@ -92,8 +94,8 @@ def _grid(case: Case, observed: Iterable[Path]) -> Grid | None:
     return dem_header(case.path(case.terrain["dem"]))[0]
 
 
-def _draw_posterior(found: Back, path: Path) -> None:
-    save(posterior_figure(found), path, dpi=200)
+def _draw_posterior(analysis: Back, path: Path) -> None:
+    save(posterior_figure(analysis), path, dpi=200)
 
 
 def convergence_command(arguments: argparse.Namespace) -> int:
@@ -116,14 +118,14 @@ def models_command(arguments: argparse.Namespace) -> int:
     folder = arguments.output or Path(f"{stem_of(arguments)}_models")
     inputs = list(input_files(case))
     _check_folder(folder, MODEL_FILES, "models", inputs)
-    found = run_models(case, arguments.ground, progress=not arguments.quiet)
+    models = run_models(case, arguments.ground, progress=not arguments.quiet)
     warn_of_inputs(case)
     with atomic_folder(folder, inputs) as part:
-        write_csv(found.table, part / "models.csv")
-        save(models_figure(found), part / "models.png", dpi=200)
-        write_models(found, part / "models.nc")
+        write_csv(models.table, part / "models.csv")
+        save(models_figure(models), part / "models.png", dpi=200)
+        write_models(models, part / "models.nc")
     if not arguments.quiet:
-        print(models_text(found))
+        print(models_text(models))
     print(*(folder / name for name in MODEL_FILES), sep="\n")
     return DONE
 
@@ -144,15 +146,15 @@ def validate_command(arguments: argparse.Namespace) -> int:
 
 
 def write_convergence(
-    found: Convergence, folder: Path, inputs: Iterable[str | Path] = ()
+    convergence: Convergence, folder: Path, inputs: Iterable[str | Path] = ()
 ) -> list[Path]:
     """Write all of FILES to a folder, or none; over no file of the `inputs`."""
     inputs = list(inputs)
     check_writable(folder, inputs)
     with atomic_folder(folder, inputs) as part:
         for name in TABLES:
-            write_csv(getattr(found, name), part / f"{name}.csv")
-        figure(found, [part / name for name in DRAWINGS])
+            write_csv(getattr(convergence, name), part / f"{name}.csv")
+        figure(convergence, [part / name for name in DRAWINGS])
     return [folder / name for name in FILES]
 
 

@@ -88,7 +88,7 @@ def _write(
         maps = difference_maps(alike)
         if others := [name for name in results if name not in alike]:
             warn(f"no maps of difference for {', '.join(others)}: other cells than the first")
-    costs = {one["name"]: one["cost"] for one in case.variant if "cost" in one}
+    costs = {variant["name"]: variant["cost"] for variant in case.variant if "cost" in variant}
     title = case.case["title"] or arguments.case.stem
     imprint = {key: getattr(arguments, key) for key in IMPRINT}
     with atomic_folder(folder, inputs) as part:

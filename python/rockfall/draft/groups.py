@@ -62,7 +62,7 @@ def new_text(new: New, place: Path) -> str:
 
 def _entry(group: str, key: str, value: Any, why: str = "", on: bool = True) -> Entry:
     """A key with its chosen value, and its description from the table of keys."""
-    about = next(one for one in key_table() if (one.group, one.name) == (group, key))
+    about = next(row for row in key_table() if (row.group, row.name) == (group, key))
     unit = f" [{about.unit}]" if about.unit else ""
     parts = why, f"{about.meaning}{unit}", about.allowed
     return Entry(key, value, " | ".join(filter(None, parts)), on)
@@ -83,7 +83,7 @@ def _head(new: New) -> Iterator[str]:
     yield f"A first case for {new.dem.name}, by `rockfall new`. It runs as it is; what is marked"
     yield "CHOOSE is a guess that only you can better. Keys in comments are off. All keys:"
     yield "docs/case.md, or `rockfall check` for what this case says."
-    yield from (f"- {one}" for one in new.notes)
+    yield from (f"- {note}" for note in new.notes)
 
 
 def _foot(new: New) -> Iterator[str]:
@@ -145,11 +145,13 @@ def _boulder(new: New) -> Group:
     if new.volumes and new.volumes == new.sources:
         why = f"As the attributes of {new.used[SOURCES][0]} say"
         return Group("boulder", [_entry("boulder", "volume", "source", why), density])
-    of = f", of {new.sources - new.volumes:,} sources that do not say it" if new.volumes else ""
+    remainder = (
+        f", of {new.sources - new.volumes:,} sources that do not say it" if new.volumes else ""
+    )
     return Group(
         "boulder",
         [
-            _entry("boulder", "volume", "fixed", f"CHOOSE{of}"),
+            _entry("boulder", "volume", "fixed", f"CHOOSE{remainder}"),
             _entry("boulder", "volume_mean", VOLUME, "CHOOSE, from blocks on the slope"),
             _entry("boulder", "volume_std", VOLUME / 5, on=False),
             density,
@@ -198,7 +200,7 @@ def _drawn(new: New, place: Path) -> Iterator[Group]:
         for layer in new.used.get(kind, ()):
             entries = [_entry(group, "file", _name(layer.path, place))]
             entries += _layer(layer, group, "layer")
-            field = next((one for one in NAMES if one in layer.columns), None)
+            field = next((name for name in NAMES if name in layer.columns), None)
             if field and new.has_key(group, "field"):
                 entries.append(_entry(group, "field", layer.own_names[field]))
             yield Group(group, entries)

@@ -88,7 +88,7 @@ def _write(new: New, place: Path) -> None:
     new.sources, new.threshold = scene.x.size, threshold(scene.case, scene.grid)
     new.boulders = max(TOTAL, new.sources)
     if scene.features is not None and scene.features.law is not None:
-        new.volumes = int(np.count_nonzero(scene.features.law[scene.features.of - 1]))
+        new.volumes = int(np.count_nonzero(scene.features.law[scene.features.number - 1]))
     new.remarks += [one for one in implausible(scene) if one not in new.remarks]
     path.write_text(new_text(new, new.out.parent), encoding="utf-8")
     read_case(path)

@@ -81,7 +81,7 @@ def read_layers(path: Path, grid: Grid, remarks: list[str]) -> Iterator[Layer]:
     names = layer_names(path)
     for name in names:
         shapes, columns = read_features(path, grid, remarks, name)
-        own = {one.lower(): one for one in columns}
+        own = {column.lower(): column for column in columns}
         lower = {one.lower(): values for one, values in columns.items()}
         yield Layer(path, name, len(names) == 1, shapes, own, lower)
 
@@ -104,7 +104,7 @@ def kind_of(layer: Layer) -> tuple[str, str]:
 
 
 def _polygons(layer: Layer) -> tuple[str, str]:
-    given = [one for one in OF_ZONES if layer.attribute(one)]
+    given = [key for key in OF_ZONES if layer.attribute(key)]
     if given:
         return ZONES, f"polygons with {', '.join(given)}"
     if matching("stems", layer.columns):

@@ -33,7 +33,7 @@ class Zones(NamedTuple):
 def zones_of(layer: Layer, grid: Grid, z: np.ndarray, stem: str, place: Path) -> Zones:
     """Write the zone table of a layer to a folder and, if polygons have no distinct ids, the
     polygons with ids."""
-    columns = [one for one in OF_ZONES if layer.attribute(one)]
+    columns = [key for key in OF_ZONES if layer.attribute(key)]
     rows = [_row(layer, columns, k) for k in range(len(layer.shapes))]
     ids = _own_ids(layer, rows)
     copy, field = None, layer.own_names.get(ID, ID)
@@ -82,8 +82,8 @@ def _names(layer: Layer, ids: list[int]) -> dict[int, str]:
     if column is None:
         return {}
     called = {(number, name) for number, name in zip(ids, column, strict=True)}
-    said = [(number, name) for number, name in called if isinstance(name, str)]
-    texts = {number: spreadsheet_text(name) for number, name in said if name.isprintable()}
+    named = [(number, name) for number, name in called if isinstance(name, str)]
+    texts = {number: spreadsheet_text(name) for number, name in named if name.isprintable()}
     return texts if len(texts) == len(called) == len(set(ids)) else {}
 
 

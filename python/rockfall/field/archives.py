@@ -34,7 +34,7 @@ class Archive:
     @property
     def names(self) -> tuple[str, ...]:
         """Local names of the files."""
-        return tuple(one.name for one in self.files)
+        return tuple(file.name for file in self.files)
 
 
 def _tschamut(name: str, digest: str) -> RemoteFile:

@@ -27,9 +27,9 @@ def fetch(name: str, folder: str | Path | None = None) -> dict[str, Path]:
     archive = ARCHIVES[name]
     given = folder or os.environ.get(FOLDER)
     if given:
-        return {one.name: _local(one, Path(given), name) for one in archive.files}
+        return {file.name: _local(file, Path(given), name) for file in archive.files}
     need("downloading field data needs", "field", "pooch")
-    return {one.name: _downloaded(one, archive, name) for one in archive.files}
+    return {file.name: _downloaded(file, archive, name) for file in archive.files}
 
 
 def _local(file: RemoteFile, folder: Path, name: str) -> Path:
@@ -56,14 +56,14 @@ def _downloaded(file: RemoteFile, archive: Archive, name: str) -> Path:
     """File in the user's cache, downloaded if missing."""
     import pooch
 
-    about = f"{archive.title} (doi:{archive.doi}): {file.url}"
+    text = f"{archive.title} (doi:{archive.doi}): {file.url}"
     try:
         path = pooch.retrieve(
             file.url, file.checksum, fname=file.name, path=pooch.os_cache(CACHE) / name
         )
     except ValueError as error:  # from pooch: another checksum
-        raise RockfallError(f"{about}: {error}") from None
+        raise RockfallError(f"{text}: {error}") from None
     except OSError as error:  # no network, no such file, no space
         advice = f"or give a folder that holds {', '.join(archive.names)} ({FOLDER}, --data)"
-        raise RockfallError(f"{about}: cannot be downloaded: {error}; {advice}") from None
+        raise RockfallError(f"{text}: cannot be downloaded: {error}; {advice}") from None
     return Path(path)

@@ -83,13 +83,13 @@ def range_tables(result: xr.Dataset, rows: Rows) -> list[Table]:
                 say("ensemble.epistemic"))  # fmt: skip
         shown = []
         for name, (quantity, number) in RESULTS.items():
-            about = "fraction" if number == "fraction" else quantity
+            text = "fraction" if number == "fraction" else quantity
             one = at.sel(result=name)
             value, low, high, chance, epistemic = (
-                in_unit(one[key].item(), about)
+                in_unit(one[key].item(), text)
                 for key in ("case_value", "q05", "q95", "monte_carlo_std", "epistemic_std")
             )
-            limits = interval(numbers[quantity], number, about)
+            limits = interval(numbers[quantity], number, text)
             shown.append((_label(name), value, limits, interval_text(low, high), chance, epistemic))
         caption = say("ensemble.both_uncertainties", line=line)
         found += [Table(caption, head, shown), *_indices(at, line)]
@@ -129,6 +129,6 @@ def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
         ),
         *(f"{one}." for one in orders_reversed(result)),
     ]
-    cells = (cell for one in tables for row in one.rows for cell in row)
+    cells = (cell for table in tables for row in table.rows for cell in row)
     undecided = any(isinstance(cell, Text) and cell.key == UNDECIDED for cell in cells)
     return [*words, f"{capital(more_needed(result))}."] if undecided else words

@@ -91,7 +91,7 @@ def _rebounds(result: xr.Dataset) -> str:
     grounds = sorted(rebounds_by_ground(result), key=lambda one: -one.rebounds)
     if not grounds:
         return say("inputs.impact_sets", impact_set=result.attrs["impact_set"])
-    made = [one for one in grounds if one.rebounds]
+    made = [ground for ground in grounds if ground.rebounds]
     return "; ".join(map(ground_part, made)) or say("label.none")
 
 
@@ -124,8 +124,8 @@ def doubtful_inputs(result: xr.Dataset, hazard: xr.Dataset | None) -> list[tuple
     """Likely mistakes in the inputs, as `check`, `run` and `hazard` print them: place and text.
     Reprojected layers are listed with the files."""
     studies = [result] if hazard is None else [result, hazard]
-    texts = (one.attrs.get("input_warnings", "[]") for one in studies)
-    found = dict.fromkeys(InputWarning.of(one) for text in texts for one in json.loads(text))
+    texts = (study.attrs.get("input_warnings", "[]") for study in studies)
+    found = dict.fromkeys(InputWarning.of(row) for text in texts for row in json.loads(text))
     return [one[:2] for one in found if not one.is_reprojection]
 
 
@@ -153,7 +153,7 @@ def zone_table(result: xr.Dataset) -> Iterator[Table]:
     elif any(key.startswith("uniform") for key in surface):
         sizes = np.ravel(surface.get("uniform_mean_radius", surface.get("uniform_rg", [])))
         heads = list(RADII.values())[slice(0, 1) if sizes.size == 1 else slice(1, 4)]
-        values = [number(one) for one in sizes]
+        values = [number(size) for size in sizes]
         row = say("inputs.everywhere"), *values
         yield Table(say("inputs.grounds_and_radii_of_their_rocks"), ("", *heads), [row])
 
@@ -237,4 +237,4 @@ def _radius(sizes: np.ndarray) -> str:
         return f"{name} [m]: -"
     if np.isinf(sizes).any():
         return f"{name} [m]: {word('absorbs')}"
-    return f"{name} [m]: {', '.join(translated(number(one)) for one in sizes)}"
+    return f"{name} [m]: {', '.join(translated(number(size)) for size in sizes)}"

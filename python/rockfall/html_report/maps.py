@@ -158,8 +158,8 @@ def _lines(result: xr.Dataset, window: Window) -> Iterator[Line]:
     for k, (name, *line) in enumerate(lines(result)):
         places = window.place(*line)
         x, y = inside(places[:, 0], places[:, 1], (0, window.nx, 0, window.ny))
-        some = _spread(x.size)
-        may = " ".join(f"{a:.2f} {b:.2f}" for a, b in zip(x[some], y[some], strict=True))
+        shown = _spread(x.size)
+        may = " ".join(f"{a:.2f} {b:.2f}" for a, b in zip(x[shown], y[shown], strict=True))
         yield Line("barrier" if k in nets else "line", name, _path([places]), may)
 
 

@@ -29,9 +29,9 @@ def write_pdf(page: str, path: Path) -> None:
     logging.getLogger("weasyprint").setLevel(logging.ERROR)  # it warns about CSS for screens
     with atomic_write(path) as part:
         fetcher = URLFetcher(allowed_protocols=["data"])
-        about = {"pdf_version": "1.4"}  # later versions hide the creator in a stream
-        document = HTML(string=page, url_fetcher=fetcher).render(**about)
+        attrs = {"pdf_version": "1.4"}  # later versions hide the creator in a stream
+        document = HTML(string=page, url_fetcher=fetcher).render(**attrs)
         if "signature" not in document.pages[0].anchors:
-            said = "the signature is not on page 1; shorten the title and the names of lines"
-            warnings.warn(f"{path}: {said}", stacklevel=3)
-        document.write_pdf(part, **about)
+            reason = "the signature is not on page 1; shorten the title and the names of lines"
+            warnings.warn(f"{path}: {reason}", stacklevel=3)
+        document.write_pdf(part, **attrs)

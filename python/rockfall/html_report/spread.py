@@ -48,7 +48,10 @@ def spread_table(models: Models | None) -> list[Table]:
     """Minimum and maximum over all models for each line, in the columns of the headline."""
     if models is None or not (lines := _lines(models)):
         return []
-    rows = [(line, *(_ends(_at(models, line, of), of[0]) for of in _columns())) for line in lines]
+    rows = [
+        (line, *(_ends(_at(models, line, number), number[0]) for number in _columns()))
+        for line in lines
+    ]
     number = len(models.names)
     about = say("spread.caption", number=number, boulders=models.boulders)
     return [Table(about, (say("label.line_or_barrier"), *map(say, HEADLINE)), rows)]
@@ -68,31 +71,38 @@ def model_tables(models: Models | None) -> Iterator[Table]:
     """Tables for each line with a row for each model, with 95 % confidence intervals."""
     for line in [] if models is None else _lines(models):
         assert models is not None
-        columns = {of: _at(models, line, of).set_index("model") for of in _columns()}
+        columns = {number: _at(models, line, number).set_index("model") for number in _columns()}
         rows = []
         for name in models.names:
-            cells = (in_lines(*_cell(of, one.loc[name])) for of, one in columns.items())
+            cells = (in_lines(*_cell(number, one.loc[name])) for number, one in columns.items())
             rows.append((word(name), *cells))
         yield Table(say("spread.by_each_rebound_model", line=line), ("", *map(say, HEADLINE)), rows)
 
 
 def _columns() -> list[tuple[str, str]]:
     """Quantity and statistic of the columns of the headline, as named in models."""
-    return [("boulders" if of == "fraction" else of, name) for of, name in HEADLINE.values()]
+    return [
+        ("boulders" if quantity == "fraction" else quantity, name)
+        for quantity, name in HEADLINE.values()
+    ]
 
 
 def _lines(models: Models) -> list[str]:
     return [line for line in dict.fromkeys(models.table["line"]) if line]
 
 
-def _at(models: Models, line: str, of: tuple[str, str]) -> pd.DataFrame:
+def _at(models: Models, line: str, number: tuple[str, str]) -> pd.DataFrame:
     table = models.table
-    here = (table["line"] == line) & (table["quantity"] == of[0]) & (table["statistic"] == of[1])
+    here = (
+        (table["line"] == line)
+        & (table["quantity"] == number[0])
+        & (table["statistic"] == number[1])
+    )
     return table[here]
 
 
-def _cell(of: tuple[str, str], row: pd.Series) -> tuple[str, str]:
-    quantity, name = ("fraction", "fraction") if of[0] == "boulders" else of
+def _cell(number: tuple[str, str], row: pd.Series) -> tuple[str, str]:
+    quantity, name = ("fraction", "fraction") if number[0] == "boulders" else number
     return estimate(
         {f"{name}{end}": row[f"{end[1:] or 'value'}"] for end in ("", "_low", "_high")},
         name,
@@ -104,6 +114,6 @@ def _ends(rows: pd.DataFrame, quantity: str) -> str:
     values = rows["value"].to_numpy(float)
     if np.isnan(values).all():
         return "-"
-    about = "fraction" if quantity == "boulders" else quantity
-    low, high = (in_unit(end(values), about) for end in (np.nanmin, np.nanmax))
+    text = "fraction" if quantity == "boulders" else quantity
+    low, high = (in_unit(end(values), text) for end in (np.nanmin, np.nanmax))
     return low if low == high else say("interval.range", low=low, high=high)

@@ -67,7 +67,8 @@ def _line(line: str, numbers: Numbers, is_barrier: bool) -> str:
         return say(f"summary.{kind}_none", line=line, high=high)
     fraction = estimate(row, "fraction", "fraction")[0]
     energy, height = (
-        estimate(numbers[of], "q95", of)[0] for of in ("energy_total", "passing_height")
+        estimate(numbers[quantity], "q95", quantity)[0]
+        for quantity in ("energy_total", "passing_height")
     )
     if row["n"] == 1 or "-" in (energy, height):
         return say(f"summary.{kind}_fraction", line=line, fraction=fraction)
@@ -116,7 +117,7 @@ def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
         yield say("summary.one_boulder_is_an_example_it")
     else:
         yield say_count("summary.simulated", known.sources, boulders=boulders)
-        if any(isinstance(one, Text) and one.key in ONE_SIDED for one in limits):
+        if any(isinstance(limit, Text) and limit.key in ONE_SIDED for limit in limits):
             yield say("summary.where_only_one_limit_is_given")
         if TOO_FEW in limits:
             yield say("summary.a_dash_in_brackets_too_few")
@@ -157,7 +158,9 @@ def technical(result: xr.Dataset) -> Iterator[str]:
     """Technical details of the random numbers, for repeating the run."""
     if case_of(result).case["sampling"] == "sobol":
         yield say("summary.sobol_points_spread_the_boulders_more")
-    rebounds, redrawn, forced = (int(result[f"rebounds{of}"]) for of in ("", "_redrawn", "_forced"))
+    rebounds, redrawn, forced = (
+        int(result[f"rebounds{suffix}"]) for suffix in ("", "_redrawn", "_forced")
+    )
     if redrawn:
         fraction = percent(redrawn / rebounds)
         yield say_count("summary.redrawn", rebounds, redrawn=redrawn, fraction=fraction)

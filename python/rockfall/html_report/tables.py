@@ -198,15 +198,15 @@ def design_tables(found: Design) -> Iterator[Table]:
         yield Table(say("tables.checks_caption", standard=standard), check_head(), rows)
 
 
-def hazard_tables(found: xr.Dataset) -> Iterator[Table]:
+def hazard_tables(data: xr.Dataset) -> Iterator[Table]:
     """Areas of the classes, objects at risk, segments of roads, scenarios."""
     parts: list[tuple[str, Any]] = [(say("tables.classes_of_hazard"), class_rows)]
-    if "object" in found.dims:
+    if "object" in data.dims:
         parts.append((say("tables.objects"), object_rows))
-    if "segment" in found.dims:
+    if "segment" in data.dims:
         parts.append((say("tables.segments"), segment_rows))
     for caption, rows_of_part in (*parts, (say("sheet.scenarios"), scenario_rows)):
-        head, *rows = rows_of_part(found)
+        head, *rows = rows_of_part(data)
         cells = ((translated(cell).replace(" (", "\n(") for cell in row) for row in rows)
         yield Table(caption, head, [[*row] for row in cells])
 
@@ -218,10 +218,10 @@ class Compared(NamedTuple):
     notes: list[str]
 
 
-def compared(found: Comparison) -> Compared:
+def compared(comparison: Comparison) -> Compared:
     """Tables of a comparison, with notes for the reader."""
-    shown = [Table(caption, head, rows) for caption, (head, *rows) in comparison_tables(found)]
-    return Compared(shown, notes(found))
+    shown = [Table(caption, head, rows) for caption, (head, *rows) in comparison_tables(comparison)]
+    return Compared(shown, notes(comparison))
 
 
 def provenance(result: xr.Dataset) -> dict[str, Any]:

@@ -97,11 +97,11 @@ def traces(result: xr.Dataset, terrain: Terrain) -> list[Trace]:
 
 def _curve(name: str, curves: list[Any], corner: np.ndarray, look: dict[str, Any]) -> Trace:
     """Curves (x, y, z) [m] as one trace, with gaps between them."""
-    gaps = [np.column_stack([*one]) for one in curves]
-    parts = [part for one in gaps for part in (one, np.full((1, 3), np.nan))]
+    gaps = [np.column_stack([*curve]) for curve in curves]
+    parts = [part for gap in gaps for part in (gap, np.full((1, 3), np.nan))]
     x, y, z = (np.concatenate(parts) - [*corner, 0.0]).T
-    about = {"type": "scatter3d", "mode": "lines", "name": name, "hoverinfo": "name", "line": look}
-    return about | {axis: _numbers(c) for axis, c in zip("xyz", (x, y, z), strict=True)}
+    attrs = {"type": "scatter3d", "mode": "lines", "name": name, "hoverinfo": "name", "line": look}
+    return attrs | {axis: _numbers(c) for axis, c in zip("xyz", (x, y, z), strict=True)}
 
 
 def _numbers(values: np.ndarray, decimals: int = 1) -> list[float | None]:

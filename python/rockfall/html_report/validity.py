@@ -45,7 +45,11 @@ def warnings(result: xr.Dataset) -> list[str]:
     model."""
     return [
         *_missing(result),
-        *(f"{one.text}." for one in model_remarks(result, case_of(result)) if one.is_warning),
+        *(
+            f"{remark.text}."
+            for remark in model_remarks(result, case_of(result))
+            if remark.is_warning
+        ),
     ]
 
 
@@ -55,7 +59,11 @@ def cautions(result: xr.Dataset, rows: Rows, levels: pd.DataFrame) -> list[str]:
     return [
         *_few(rows),
         *_ended(result),
-        *(f"{one.text}." for one in model_remarks(result, case_of(result)) if not one.is_warning),
+        *(
+            f"{remark.text}."
+            for remark in model_remarks(result, case_of(result))
+            if not remark.is_warning
+        ),
         say(AS_GIVEN),
         *dict.fromkeys(say(SHIPPED.get(name, OWN)) for name in sets_of(result)),
         *_left_out(case_of(result)),
@@ -72,8 +80,8 @@ def sets_of(result: xr.Dataset) -> list[str]:
 def _missing(result: xr.Dataset) -> Iterator[str]:
     boulders, requested = simulated(result), int(result.attrs["boulders_requested"])
     if not result.attrs["complete"]:
-        about = {"requested": requested, "fraction": percent(1 - boulders / requested)}
-        yield say("validity.interrupted", boulders=boulders, **about)
+        attrs = {"requested": requested, "fraction": percent(1 - boulders / requested)}
+        yield say("validity.interrupted", boulders=boulders, **attrs)
         if requested > case_of(result).case.get("boulders", 1):
             yield say("validity.sources_are_run_one_after_the")
 
@@ -134,5 +142,5 @@ def _of_cells(result: xr.Dataset) -> Iterator[str]:
         return
     reached, few = int((passed > 0).sum()), int(((passed > 0) & (passed < FEW_IN_CELL)).sum())
     if few:
-        about = {"fraction": percent(few / reached), "few_in_cell": FEW_IN_CELL}
-        yield say_count("validity.few_in_cells", reached, part=few, **about)
+        attrs = {"fraction": percent(few / reached), "few_in_cell": FEW_IN_CELL}
+        yield say_count("validity.few_in_cells", reached, part=few, **attrs)

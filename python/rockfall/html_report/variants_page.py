@@ -49,7 +49,7 @@ MEAN, Q95 = "variants.mean", "variants.q95"
 
 
 class Given(NamedTuple):
-    """What the results do not know of the variants."""
+    """Facts about the variants that results do not hold."""
 
     yearly: float = 0.0  # boulders that come loose from all sources [1/year]; 0: not known
     costs: Mapping[str, float] = {}  # by variant, in any unit
@@ -136,11 +136,11 @@ def _page(
 
 def _warnings(results: Mapping[str, xr.Dataset]) -> Iterator[str]:
     """Limits of the model and warnings, with the variants that they concern."""
-    said: dict[str, list[str]] = {}
+    notes: dict[str, list[str]] = {}
     for name, result in results.items():
         for text in warnings(result):
-            said.setdefault(text, []).append(name)
-    for text, names in said.items():
+            notes.setdefault(text, []).append(name)
+    for text, names in notes.items():
         yield f"{', '.join(names)}: {text}"
     if have_passages(results) and (others := [*results.keys() - on_same_cells(results).keys()]):
         yield say("variants.other_cells", names=", ".join(sorted(others)))
@@ -158,13 +158,13 @@ def _on_page(of_line: pd.DataFrame, on_paper: bool) -> Iterator[pd.DataFrame]:
 def _line_table(of_line: pd.DataFrame, given: Given) -> Table:
     """Numbers of a line, each with its difference from the first variant."""
     rows = []
-    for (quantity, statistic), of in of_line.groupby(["quantity", "statistic"], sort=False):
+    for (quantity, statistic), group in of_line.groupby(["quantity", "statistic"], sort=False):
         about = QUANTITIES["fraction" if quantity == "passing" else quantity]
         label = _label(str(quantity), str(statistic), about.unit)
-        rows.append([label, *(_cell(row, about.factor) for _, row in of.iterrows())])
+        rows.append([label, *(_cell(row, about.factor) for _, row in group.iterrows())])
         if quantity == "passing" and given.yearly:
             label = _yearly_label(str(statistic))
-            rows.append([label, *(_cell(row, given.yearly) for _, row in of.iterrows())])
+            rows.append([label, *(_cell(row, given.yearly) for _, row in group.iterrows())])
     head = ["", *of_line["variant"].unique()]
     return Table(say("variants.line_caption", line=of_line["line"].iloc[0]), head, rows)
 
@@ -199,7 +199,7 @@ def _cell(row: pd.Series, factor: float) -> str:
 
 
 def _measures(results: Mapping[str, xr.Dataset], given: Given) -> Table:
-    """What each variant is, from its case."""
+    """Measures of each variant, from its case."""
     cases = {name: case_of(result) for name, result in results.items()}
     rows = [[say("variants.terrain"), *(_dem(case) for case in cases.values())]]
     rows.append([say("variants.barriers"), *(_barriers(case) for case in cases.values())])
@@ -207,7 +207,7 @@ def _measures(results: Mapping[str, xr.Dataset], given: Given) -> Table:
     rows.append([say("variants.forest"), *(_forest(case) for case in cases.values())])
     if given.costs:
         costs = (given.costs.get(name) for name in results)
-        shown = ("-" if one is None else localised(f"{one:,.10g}") for one in costs)
+        shown = ("-" if cost is None else localised(f"{cost:,.10g}") for cost in costs)
         rows.append([say("variants.cost"), *shown])
     head = ["", *results]
     return Table(say("variants.measures"), head, rows, "facts")
@@ -240,7 +240,7 @@ def _digits(value: object) -> str:
 
 
 def _forest(case: Case) -> str:
-    """Where the trees come from, the fraction of them that remains, and the layer of clearings."""
+    """Origin of the trees, the fraction of them that remains, and the layer of clearings."""
     if not case.has_forest:
         return "-"
     forest = case.forest

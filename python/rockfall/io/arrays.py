@@ -73,7 +73,7 @@ def check_elevations(name: str, z: np.ndarray) -> None:
 
 def check_known(name: str | None, z: np.ndarray, row: int = 0) -> bool:
     """Return True if any cell has an elevation; refuse absurd ones. The array starts at `row`."""
-    some = False
+    is_known = False
     for rows in row_blocks(z.shape):
         absurd = np.argwhere(np.abs(z[rows]) > MAX_ELEVATION)
         if absurd.size:
@@ -83,8 +83,8 @@ def check_known(name: str | None, z: np.ndarray, row: int = 0) -> bool:
                 f"{name}: row {row + at[0] + 1}, column {at[1] + 1}: elevation {z[at]:g}: "
                 f"must be {rule} or nodata"
             )
-        some = some or not np.isnan(z[rows]).all()
-    return some
+        is_known = is_known or not np.isnan(z[rows]).all()
+    return is_known
 
 
 def grid_of(data: xr.DataArray) -> tuple[Grid, bool]:

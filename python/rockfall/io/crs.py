@@ -119,13 +119,13 @@ def check_metres(grid: Grid, path: str, warp: Callable[[str, str], str] | None =
         raise RockfallError(
             f"{path}: elevations are in {heights} ({crs_name(crs)}), metres are needed"
         )
-    said = f"{path}: cells are in {plan} ({crs_name(crs)}), metres are needed"
+    problem = f"{path}: cells are in {plan} ({crs_name(crs)}), metres are needed"
     if (utm := _utm(grid)) is None:
-        raise RockfallError(said)
+        raise RockfallError(problem)
     cure = f"reproject to {utm}"
     if warp is not None:
         cure = f"reproject with: {warp('utm', f'--dst-crs {utm} --resampling bilinear')}"
-    raise RockfallError(f"{said}; {cure}")
+    raise RockfallError(f"{problem}; {cure}")
 
 
 def _units(crs: pyproj.CRS) -> tuple[str, str]:

@@ -127,7 +127,7 @@ def _part(path: str, layer: str, entity: Any) -> Part:
     if kind not in LINES or (kind == "POLYLINE" and entity.get_mode() not in PLAIN):
         return Part(layer, kind, NOWHERE)
     curve = make_path(entity, segments=CURVES)
-    corners = np.array([tuple(one)[:2] for one in curve.control_vertices()], float)
+    corners = np.array([tuple(vertex)[:2] for vertex in curve.control_vertices()], float)
     if not np.isfinite(corners).all():
         raise RockfallError(f"{path}: layer {layer}: {kind} has coordinates that are not finite")
     size = float(np.ptp(corners, axis=0).max()) if len(corners) else 0.0

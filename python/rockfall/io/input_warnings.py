@@ -33,4 +33,4 @@ class InputWarning(NamedTuple):
 
 def stored_warnings(warnings: Iterable[InputWarning]) -> str:
     """Attribute `input_warnings` of a file: place and English text, with its message."""
-    return json.dumps([[*one, packed(one.text)] for one in warnings])
+    return json.dumps([[*warning, packed(warning.text)] for warning in warnings])

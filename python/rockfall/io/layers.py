@@ -294,8 +294,8 @@ def _drawn(
         remarks.append(remark(where, "input.left_out", **names))
     if grid.crs is not None or drawing.unit:
         key = "input.drawing_in_unit" if drawing.unit else "input.drawing"
-        said = remark(where, key, unit=drawing.unit)
-        remarks += [said] * (said not in remarks)
+        text = remark(where, key, unit=drawing.unit)
+        remarks += [text] * (text not in remarks)
     return shapes
 
 
@@ -319,9 +319,9 @@ def _reprojected(
             f"{crs_name(grid.crs)}, the CRS of the DEM"
         )
     key = "input.reprojected" if way.is_best else "input.reprojected_roughly"
-    said = remark(where, key, crs=crs_name(crs), ours=crs_name(grid.crs))
-    if said not in remarks:
-        remarks.append(said)
+    text = remark(where, key, crs=crs_name(crs), ours=crs_name(grid.crs))
+    if text not in remarks:
+        remarks.append(text)
     return shapes
 
 
@@ -341,22 +341,22 @@ def _read(
     file = _plain_layer(path)
     try:
         layer = _layer(path, pyogrio.list_layers(file), what, layer, key)
-        about = pyogrio.read_info(file, layer=layer, force_feature_count=True)
-        if about["driver"] not in _DRIVERS:
-            raise RockfallError(f"{path}: is read by {about['driver']}: must be {_DRIVERS}")
-        if about["features"] == 0:
+        info = pyogrio.read_info(file, layer=layer, force_feature_count=True)
+        if info["driver"] not in _DRIVERS:
+            raise RockfallError(f"{path}: is read by {info['driver']}: must be {_DRIVERS}")
+        if info["features"] == 0:
             raise RockfallError(f"{path}: the layer is empty, {what} are needed")
-        names = list(about["fields"]) if columns is None else columns
+        names = list(info["fields"]) if columns is None else columns
         for name in names:
-            if name not in about["fields"]:
+            if name not in info["fields"]:
                 raise RockfallError(
-                    f"{path}: no attribute {name}; has: {', '.join(about['fields']) or 'none'}"
+                    f"{path}: no attribute {name}; has: {', '.join(info['fields']) or 'none'}"
                 )
         about_read, _, wkb, values = pyogrio.raw.read(file, layer=layer, columns=names)
         shapes = shapely.from_wkb(wkb)
     except (RuntimeError, UnicodeDecodeError, shapely.errors.ShapelyError) as error:  # from GDAL
         raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
-    return about, shapes, dict(zip(about_read["fields"], values, strict=True))
+    return info, shapes, dict(zip(about_read["fields"], values, strict=True))
 
 
 def _layer(path: str, layers: Iterable[Any], what: str, asked: str | None, key: str) -> str:
@@ -510,7 +510,7 @@ def _collection(data: Any) -> dict[str, Any]:
     else:
         raise ValueError(f"type = {str(kind)[:40]}: must be FeatureCollection, Feature or Polygon")
     plain: dict[str, Any] = {"type": "FeatureCollection"}
-    plain["features"] = [_feature(one) for one in features]
+    plain["features"] = [_feature(feature) for feature in features]
     if "crs" in data:
         plain["crs"] = _crs(data["crs"])
     return plain

@@ -104,10 +104,10 @@ def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> 
     if scale == 0:
         raise RockfallError(f"{path}: {name}: scale_factor = 0: must be another number")
     packing = scale, offset
-    about = _Validity(f"{path}: {name}", dtype, attributes, packing != (1.0, 0.0))
+    validity = _Validity(f"{path}: {name}", dtype, attributes, packing != (1.0, 0.0))
     return NetcdfCells(
-        variable, dtype, variable.shape[-2:], packing, about.missing(_default_fill(variable)),
-        about.range(), bool(y[0] < y[-1]),
+        variable, dtype, variable.shape[-2:], packing, validity.missing(_default_fill(variable)),
+        validity.range(), bool(y[0] < y[-1]),
     )  # fmt: skip
 
 
@@ -145,9 +145,9 @@ class _Validity:
         if key not in self.attributes:
             return np.empty(0, self.dtype)
         given = np.atleast_1d(np.asarray(self.attributes[key]))
-        said = f"{self.where}: {key} = {self.attributes[key]}"
+        problem = f"{self.where}: {key} = {self.attributes[key]}"
         if given.dtype.kind not in "iuf" or many not in (None, given.size):
-            raise RockfallError(f"{said}: must be {f'{many} numbers' if many else 'numbers'}")
+            raise RockfallError(f"{problem}: must be {f'{many} numbers' if many else 'numbers'}")
         alike = given.dtype.kind == self.dtype.kind
         if (given.dtype.kind, self.dtype.kind) == ("i", "u"):  # _Unsigned numbers, or small ones
             alike = True
@@ -156,7 +156,7 @@ class _Validity:
             stored = given.astype(self.dtype)
         same = (stored == given) | (self.dtype.kind == given.dtype.kind == "f")
         if not same.all() or (self.packed and not alike):
-            raise RockfallError(f"{said}: must be of the type of the variable, {self.dtype}")
+            raise RockfallError(f"{problem}: must be of the type of the variable, {self.dtype}")
         return stored
 
 
@@ -205,14 +205,14 @@ def _check_place(path: str, x: np.ndarray, y: np.ndarray, transform: Affine) -> 
 
 def _stored_type(path: str, name: str, stored: np.dtype, attributes: dict[str, Any]) -> np.dtype:
     """Type of the numbers; _Unsigned marks unsigned ones where the format has no such types."""
-    said = str(attributes.get("_Unsigned", "")).lower()
-    if said not in ("", "true", "false") or (said and stored.kind not in "iu"):
+    unsigned = str(attributes.get("_Unsigned", "")).lower()
+    if unsigned not in ("", "true", "false") or (unsigned and stored.kind not in "iu"):
         raise RockfallError(
             f"{path}: {name}: _Unsigned = {attributes['_Unsigned']}: must be 'true' or 'false', of "
             "integers"
         )
-    if said:
-        return np.dtype(f"{'u' if said == 'true' else 'i'}{stored.itemsize}")
+    if unsigned:
+        return np.dtype(f"{'u' if unsigned == 'true' else 'i'}{stored.itemsize}")
     return np.dtype(stored).newbyteorder("=")
 
 

@@ -164,11 +164,11 @@ def _laser_crs(path: str | Path) -> CRS | None:
     from rasterio.crs import CRS
 
     with _Laser(path) as reader:
-        found = reader.header.parse_crs()
+        crs = reader.header.parse_crs()
         records = [*reader.header.vlrs, *(reader.header.evlrs or ())]
-    if found is not None:
-        return CRS.from_wkt(found.to_wkt())
-    if any(one.user_id == "LASF_Projection" for one in records):
+    if crs is not None:
+        return CRS.from_wkt(crs.to_wkt())
+    if any(record.user_id == "LASF_Projection" for record in records):
         raise RockfallError(f"{path}: names a CRS that cannot be read")
     return None
 
@@ -295,11 +295,11 @@ def _layout(path: str | Path) -> tuple[str, tuple[int, int, int], int]:
     )
     separator = r"\s+" if mark.isspace() else mark
     names = [one.strip().lower().lstrip("#/") for one in split(line)]
-    if all(re.fullmatch(r"[-+0-9.eE]+", one) for one in names):
+    if all(re.fullmatch(r"[-+0-9.eE]+", name) for name in names):
         if len(names) < 3:
             raise RockfallError(f"{path}: line 1: {len(names)} columns: x, y and z are needed")
         return separator, (0, 1, 2), 0
-    names = [one for one in names if one]
+    names = [name for name in names if name]
     for axis in "xyz":
         if names.count(axis) != 1:
             raise RockfallError(f"{path}: line 1: must have one column {axis}, or be numbers")

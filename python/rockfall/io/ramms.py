@@ -37,7 +37,7 @@ class Recorded(NamedTuple):
 
 
 def is_trajectory_file(path: str | Path) -> bool:
-    """Whether the name is that of a trajectory file."""
+    """Return True if the name is that of a trajectory file."""
     return Path(path).suffix.lower() in ENDINGS
 
 

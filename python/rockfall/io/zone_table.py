@@ -65,7 +65,9 @@ def zones_of_polygons(
     tells zones apart, else its number in the order of the file, from 1.
     """
     known = {name: attribute(columns, name) for name in (*RADII, "ground", *NAMES)}
-    given = {name: [_text(one) for one in of] for name, of in known.items() if of is not None}
+    given = {
+        name: [_text(one) for one in texts] for name, texts in known.items() if texts is not None
+    }
     if not {*RADII, "ground"} & given.keys():
         raise RockfallError(
             f"{path}: no attribute {', '.join(RADII)} or ground; give polygons one, or a &surface "
@@ -73,7 +75,7 @@ def zones_of_polygons(
         )
     size = len(next(iter(given.values())))
     rows = [
-        Row(f"{path}: feature {k + 1}", {name: of[k] for name, of in given.items()})
+        Row(f"{path}: feature {k + 1}", {name: texts[k] for name, texts in given.items()})
         for k in range(size)
     ]
     kinds = [tuple(row.cells.values()) for row in rows]
@@ -91,7 +93,7 @@ def _own_ids(values: np.ndarray | None, kinds: list[tuple[str, ...]]) -> list[in
     """Ids of polygons, if none stands for different kinds."""
     if values is None or values.dtype.kind not in "iu":
         return None
-    ids = [int(one) for one in values]
+    ids = [int(value) for value in values]
     fits = max(map(abs, ids)) <= np.iinfo(np.int32).max
     return ids if fits and len({*zip(ids, kinds, strict=True)}) == len({*ids}) else None
 

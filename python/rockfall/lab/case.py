@@ -26,29 +26,27 @@ WHOLE = "retries", "seed", "layers", "points", "impacts", "on_layer", "contacts"
 ADDED = ("packing", "clumps"), ("throw", "shape"), ("throw", "adaptive")  # after the first tables
 RANGED = "speed", "angle", "spin"  # random, for an impact: min, median, max
 ENDS = "min", "median", "max"
-THROW, BOULDER, IMPACT_ALONE, SHAPES = 10, 15, 16, 17  # kinds of the kernel's rows and names
 THROWN = {"slope": ("min", "max"), "speed": ENDS, "angle": ENDS, "spin": ENDS}  # of a throw, drawn
 #: Keys of an impact and a packing that follow from the ratio, the point or the packing.
 SET_ELSEWHERE = "radius", "aim_x", "aim_y", "heading_x", "heading_y", "gravity"
 
 
 @cache
-def names(kind: int) -> tuple[str, ...]:
-    """Names in the kernel's rows: 1 material, 2 packing, 3 impact, 4 ranges, 5 outcome, 6 its
-    counts, 7 layer, 8 statuses of an outcome; of throws 10 ranges, 11 contact, 12 its counts;
-    15 boulder that is thrown, 16 keys that only single impacts have, 17 shapes of a boulder."""
+def names(kind: str) -> tuple[str, ...]:
+    """Names in the kernel's rows of a kind, such as `outcome` or `status`."""
     return tuple(_lab.names(kind).decode().split())
 
 
 @cache
 def _defaults() -> dict[str, dict[str, Any]]:
     material, packing, shot, limits = (
-        dict(zip(names(kind), _lab.defaults(kind).tolist(), strict=False)) for kind in range(1, 5)
+        dict(zip(names(kind), _lab.defaults(kind).tolist(), strict=False))
+        for kind in ("material", "packing", "shot", "range")
     )
     impact = {key: value for key, value in shot.items() if key not in (*SET_ELSEWHERE, *RANGED)}
     impact |= {key: [limits[f"{key}_{end}"] for end in ENDS] for key in RANGED}
     del packing["ratio"]
-    seed, *ratios, layers, points, impacts = _lab.defaults(5)[:9].tolist()
+    seed, *ratios, layers, points, impacts = _lab.defaults("case")[:9].tolist()
     plan = {"title": "", "seed": seed, "ratios": ratios}
     plan |= {"layers": layers, "points": points, "impacts": impacts}
     groups = {"lab": plan, "material": material, "packing": packing, "impact": impact}
@@ -61,12 +59,12 @@ def _defaults() -> dict[str, dict[str, Any]]:
 
 def _throw_defaults() -> dict[str, Any]:
     """Defaults of the group &throw."""
-    boulder = dict(zip(names(BOULDER), _lab.defaults(BOULDER).tolist(), strict=False))
-    limits = dict(zip(names(THROW), _lab.defaults(THROW).tolist(), strict=False))
-    throws, on_layer, contacts, max_depth = _lab.defaults(16)[:4].tolist()
+    boulder = dict(zip(names("boulder"), _lab.defaults("boulder").tolist(), strict=False))
+    limits = dict(zip(names("throw"), _lab.defaults("throw").tolist(), strict=False))
+    throws, on_layer, contacts, max_depth = _lab.defaults("throws")[:4].tolist()
     plan = {"throws": [throws], "on_layer": on_layer, "contacts": contacts}
     plan |= {"radius": boulder["radius"], "max_depth": max_depth, "relief": boulder["relief"]}
-    plan["shape"] = names(SHAPES)[int(boulder["shape"]) - 1]
+    plan["shape"] = names("shape")[int(boulder["shape"]) - 1]
     plan["adaptive"] = boulder["adaptive"]
     return plan | {key: [limits[f"{key}_{end}"] for end in ends] for key, ends in THROWN.items()}
 
@@ -134,7 +132,7 @@ class LabCase:
             if group != "throw" or group in given
         }
         if self.throws:
-            for group, key in (one.split(".") for one in names(IMPACT_ALONE)):
+            for group, key in (one.split(".") for one in names("impact_alone")):
                 del self._groups[group][key]
 
     @property
@@ -176,20 +174,20 @@ class LabCase:
                 del groups[group][key]
         return namelist_text(groups, indent=2)
 
-    def row(self, kind: int, ratio: float = 1.0) -> np.ndarray:
+    def row(self, kind: str, ratio: float = 1.0) -> np.ndarray:
         """Kernel row in the order of `names(kind)`; `ratio` is R_b/R_m."""
         values = {
-            1: lambda: self.material,
-            2: lambda: self._packing(ratio),
-            3: lambda: self._shot(ratio),
-            4: lambda: {
+            "material": lambda: self.material,
+            "packing": lambda: self._packing(ratio),
+            "shot": lambda: self._shot(ratio),
+            "range": lambda: {
                 f"{key}_{end}": value
                 for key in RANGED
                 for end, value in zip(ENDS, self.impact[key], strict=True)
             },
-            THROW: lambda: range_values(self.throw) | {"gravity": self.packing["gravity"]},
-            BOULDER: lambda: (
-                self.impact | self.throw | {"shape": 1 + names(SHAPES).index(self.throw["shape"])}
+            "throw": lambda: range_values(self.throw) | {"gravity": self.packing["gravity"]},
+            "boulder": lambda: (
+                self.impact | self.throw | {"shape": 1 + names("shape").index(self.throw["shape"])}
             ),
         }[kind]()
         return np.array([float(values[key]) for key in names(kind)])

@@ -19,7 +19,6 @@ from rockfall.version import __version__
 if TYPE_CHECKING:
     import xarray as xr
 
-CONTACT, COUNTS = 11, 12  # kinds of the kernel's rows
 ENTRIES = "flight", "rolling"
 EXITS = "flies", "rolls_on", "stops"
 ATTRIBUTES = (
@@ -71,12 +70,12 @@ def contact_columns(
     """Columns of the contacts of throws, one throw after the other: rows (fields, contacts,
     throws); `number` (throws,), and `body` is the name of the first count."""
     throw, order = np.nonzero(np.arange(rows.shape[1])[None, :] < found[:, None])
-    counted = body, *names(COUNTS)[1:]
+    counted = body, *names("contact_counts")[1:]
     return {
         "sequence": number[throw],
         "order": order + 1,
         **{name: counts[k][order, throw] for k, name in enumerate(counted)},
-        **{name: rows[k][order, throw] for k, name in enumerate(names(CONTACT))},
+        **{name: rows[k][order, throw] for k, name in enumerate(names("contact"))},
     }
 
 
@@ -88,8 +87,8 @@ def contact_dataset(
 
     data: dict[str, tuple] = {}
     for name, values in columns.items():
-        about: dict[str, Any] = {"units": UNITS.get(name, "1"), "long_name": MEANING[name]}
-        data[name] = ("contact", values.astype(TYPES.get(name, "f4")), about)
+        attrs: dict[str, Any] = {"units": UNITS.get(name, "1"), "long_name": MEANING[name]}
+        data[name] = ("contact", values.astype(TYPES.get(name, "f4")), attrs)
     for name, meanings in ("entry", ENTRIES), ("exit", EXITS):
         flags = {"flag_values": np.arange(len(meanings), dtype="i1")}
         data[name][2].update(flags | {"flag_meanings": " ".join(meanings)})

@@ -23,7 +23,7 @@ from rockfall.version import __version__
 if TYPE_CHECKING:
     import xarray as xr
 
-STATUS = {name: k for k, name in enumerate(("not_done", *names(8)))}
+STATUS = {name: k for k, name in enumerate(("not_done", *names("status")))}
 ENDED = "rebounded", "lifted", "rolled_on"  # results; the others are counted, never averaged in
 STATES = {
     "peak": "at the max upward kinetic energy, at the end if there was none",
@@ -89,10 +89,10 @@ def pack_layers(
     """Layers `first` to `first + count - 1` of the case's seed, deep and wide enough for a boulder
     of this R_b/R_m, dropped and settled."""
     check_team(threads)
-    room, code, message = _lab.room_for_layer(case.row(2, ratio))
+    room, code, message = _lab.room_for_layer(case.row("packing", ratio))
     check_kernel(code, message, case.name)
     *arrays, code, message = _lab.pack(
-        case.row(1), case.row(2, ratio), seed=case.lab["seed"], first=first,
+        case.row("material"), case.row("packing", ratio), seed=case.lab["seed"], first=first,
         threads=threads, room=room, n=count,
     )  # fmt: skip
     check_kernel(code, message, case.name)
@@ -161,7 +161,7 @@ def load_measured(path: str | Path, what: str) -> xr.Dataset:
 def open_impacts(path: str | Path) -> xr.Dataset:
     """Read impacts from a file written by `run_impacts`."""
     data = load_measured(path, "impacts")
-    variables = {*names(5), *names(6), *names(7)[:-1]}
+    variables = {*names("outcome"), *names("outcome_counts"), *names("layer")[:-1]}
     attributes = {"title", "lab_case", "version", "cpu_seconds"}
     if not (variables <= set(data) and attributes <= set(data.attrs)):
         raise RockfallError(f"{path}: is not a file of impacts")
@@ -171,7 +171,7 @@ def open_impacts(path: str | Path) -> xr.Dataset:
 def checksum(data: xr.Dataset) -> str:
     """SHA-256 of all numbers of the outcomes."""
     digest = hashlib.sha256()
-    for name in (*names(5), *names(6)):
+    for name in (*names("outcome"), *names("outcome_counts")):
         digest.update(np.ascontiguousarray(data[name].values).tobytes())
     return digest.hexdigest()
 
@@ -185,13 +185,15 @@ def _blank(case: LabCase) -> xr.Dataset:
     dims = "ratio", "layer", "point", "impact"
     try:
         data: dict[str, tuple] = {
-            name: (dims, np.full(sizes, np.nan), _about(name)) for name in names(5)
+            name: (dims, np.full(sizes, np.nan), _about(name)) for name in names("outcome")
         }
-        data |= {name: (dims, np.zeros(sizes, "i4"), _about(name)) for name in names(6)}
+        data |= {
+            name: (dims, np.zeros(sizes, "i4"), _about(name)) for name in names("outcome_counts")
+        }
     except (MemoryError, ValueError) as error:
-        about = f"{case.name}: {np.prod(sizes)} impacts"
-        raise RockfallError(f"{about} do not fit in memory") from error
-    for name in names(7)[:-1]:
+        text = f"{case.name}: {np.prod(sizes)} impacts"
+        raise RockfallError(f"{text} do not fit in memory") from error
+    for name in names("layer")[:-1]:
         data[name] = (dims[:2], np.full(sizes[:2], np.nan), _about(name))
     flags = {"flag_values": np.array(list(STATUS.values()), "i4")}
     data["status"][2].update(flags | {"flag_meanings": " ".join(STATUS)})
@@ -221,7 +223,7 @@ def _chunks(
                 return
             clock = time.process_time()
             layers = pack_layers(case, ratio, first + 1, these.stop - first, threads)
-            for name, values in zip(names(7)[:-1], layers.facts, strict=False):
+            for name, values in zip(names("layer")[:-1], layers.facts, strict=False):
                 data[name].values[k, these] = values
             data.attrs["cpu_seconds"] += time.process_time() - clock
             for shots in np.array_split(todo, -(-len(todo) // (SHOTS_IN_CHUNK * team))):
@@ -241,12 +243,14 @@ def _fire(
     ratio = case.lab["ratios"][k]
     place, point, number = (shots + 1).T.astype("i8")
     outcome, counts, code, message = _lab.impact(
-        case.row(1), case.row(2, ratio), case.row(3, ratio), case.row(4), seed=case.lab["seed"],
-        threads=threads, x=layers.x, radius=layers.radius, bodies=layers.bodies,
-        facts=layers.facts, place=place.astype("i4"), layer=place + first, point=point,
-        number=number,
+        case.row("material"), case.row("packing", ratio), case.row("shot", ratio),
+        case.row("range"), seed=case.lab["seed"], threads=threads, x=layers.x,
+        radius=layers.radius, bodies=layers.bodies, facts=layers.facts, place=place.astype("i4"),
+        layer=place + first, point=point, number=number,
     )  # fmt: skip
     check_kernel(code, message, case.name)
     at = (k, shots[:, 0] + first, shots[:, 1], shots[:, 2])
-    for name, values in zip(names(5) + names(6), [*outcome, *counts], strict=True):
+    for name, values in zip(
+        names("outcome") + names("outcome_counts"), [*outcome, *counts], strict=True
+    ):
         data[name].values[at] = values

@@ -16,7 +16,7 @@ from rockfall._lab import lab_f2py as _lab
 from rockfall.errors import RockfallError, check_kernel
 from rockfall.grounds import repose
 from rockfall.interrupts import interrupts
-from rockfall.lab.case import BOULDER, THROW, LabCase, lab_case_of
+from rockfall.lab.case import LabCase, lab_case_of
 from rockfall.lab.contact_records import (
     contact_columns,
     contact_dataset,
@@ -126,9 +126,9 @@ def _throw(
     """Contacts of some throws, numbered from 0, and the number of throws that were cut short."""
     layer = numbers // case.throw["on_layer"]
     rows, counts, found, complete, code, message = _lab.throw_at_rocks(
-        case.row(1), case.row(2, ratio), case.row(BOULDER), case.row(THROW), seed=case.lab["seed"],
-        threads=threads, x=layers.x, radius=layers.radius, bodies=layers.bodies,
-        facts=layers.facts, place=(layer - first_layer + 1).astype("i4"),
+        case.row("material"), case.row("packing", ratio), case.row("boulder"), case.row("throw"),
+        seed=case.lab["seed"], threads=threads, x=layers.x, radius=layers.radius,
+        bodies=layers.bodies, facts=layers.facts, place=(layer - first_layer + 1).astype("i4"),
         layer=(layer + 1).astype("i4"), number=numbers + 1, contacts=case.throw["contacts"],
     )  # fmt: skip
     check_kernel(code, message, case.name)
@@ -146,7 +146,7 @@ def _dataset(
         "title": case.lab["title"], "lab_case": case.text(), "ground": GROUND,
         "shape": case.throw["shape"],
         "density": case.impact["density"], "yield_pressure": 0.0, "rest_angle": repose(),
-        "inertia_factor": float(_lab.inertia_factor(case.row(BOULDER))),
+        "inertia_factor": float(_lab.inertia_factor(case.row("boulder"))),
         "ratios": case.lab["ratios"], **about,
     }  # fmt: skip
     return contact_dataset(columns, case.throw["radius"], case.packing["gravity"], attributes)
@@ -204,7 +204,9 @@ def sequences_provenance(data: xr.Dataset, contacts: Contacts) -> list[str]:
     ]
     given = contacts.by_ratio()
     for ratio in RATIOS:
-        some = f"{len(given[ratio].v_in)} rebounds" if ratio in given else "the set of the nearest"
-        lines.append(f"R_b/R_m = {ratio}: {some}")
+        rebounds = (
+            f"{len(given[ratio].v_in)} rebounds" if ratio in given else "the set of the nearest"
+        )
+        lines.append(f"R_b/R_m = {ratio}: {rebounds}")
     lines += ["The laboratory case:"]
     return lines + [CASE_MARK[2:] + line for line in case.text().splitlines()]

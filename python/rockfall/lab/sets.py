@@ -49,10 +49,10 @@ def read_sets(source: str | Path) -> list[Sets]:
     draws = [one.read("past_aspect")[0] for one in draws_in(path, "past_aspect")]  # the matrices do
     return [
         Sets(
-            Path(source).stem, one.mean.T, one.covariance.T, error,
-            _lateral(one.incidence.T, one.lateral.T),
+            Path(source).stem, drawn.mean.T, drawn.covariance.T, error,
+            _lateral(drawn.incidence.T, drawn.lateral.T),
         )
-        for one in draws
+        for drawn in draws
     ]  # fmt: skip
 
 

@@ -146,7 +146,7 @@ def _over_rebounds(sets: Sets, result: xr.Dataset) -> dict[str, float]:
     def over(values: np.ndarray, low: float, high: float) -> float:
         inside = (angle >= low) & (angle < high)
         classes = [values[inside & (ratio == k)] for k in range(1, 6)]
-        enough = np.array([one.size >= MIN_REBOUNDS for one in classes])
+        enough = np.array([class_.size >= MIN_REBOUNDS for class_ in classes])
         if not enough.any():
             return np.nan
         means = [one.mean() for one, known in zip(classes, enough, strict=True) if known]

@@ -97,7 +97,7 @@ def _parts(files: Sequence[xr.Dataset]) -> list[tuple[float, xr.Dataset]]:
         if "ratio" in data:
             ratios = np.unique(data["ratio"].values)
             found += [
-                (float(one), data.isel(contact=data["ratio"].values == one)) for one in ratios
+                (float(ratio), data.isel(contact=data["ratio"].values == ratio)) for ratio in ratios
             ]
         else:
             found.append((float(data.attrs.get("ratio", 0.0)), data))
@@ -217,7 +217,7 @@ def _sort_into_bins(
     edges = []
     for key, size in zip(keys, sizes, strict=True):
         cuts = np.array(
-            [np.quantile(key[one], np.arange(1, size) / size) for one in groups], "f4"
+            [np.quantile(key[group], np.arange(1, size) / size) for group in groups], "f4"
         ).reshape(len(groups), size - 1)
         edges.append(cuts)
         groups = [
@@ -226,7 +226,7 @@ def _sort_into_bins(
             for place in [np.searchsorted(cut.astype(float), key[one])]
             for k in range(size)
         ]
-    if min(len(one) for one in groups) == 0:
+    if min(len(group) for group in groups) == 0:
         raise RockfallError("contacts: too many are alike for a table")
     shapes = (sizes[0] - 1,), (sizes[0], sizes[1] - 1), (*sizes[:2], sizes[2] - 1)
     cut = [one.reshape(shape) for one, shape in zip(edges, shapes, strict=True)]
@@ -266,7 +266,7 @@ def _padded(
     groups: list[np.ndarray], edges: list[np.ndarray], sizes: np.ndarray
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Pad the bins of each R_b/R_m to a common number with unreachable ones of one contact each."""
-    own = [one.shape[-1] + 1 for one in edges]
+    own = [edge.shape[-1] + 1 for edge in edges]
     padded = [
         groups[int(np.ravel_multi_index(at, own))] if np.less(at, own).all() else groups[0][:1]
         for at in np.ndindex(*sizes)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which tables of a result and of designs go into workbooks and documents."""
+"""Tables of a result and of designs for workbooks and documents."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ FORMATS = {"xlsx": "openpyxl", "docx": "docx"}  # endings, and the packages that
 
 def check_tables(formats: Iterable[str], language: str) -> None:
     """Refuse unknown formats and languages, and formats whose package is missing."""
-    for one in formats:
-        if one not in FORMATS:
-            raise RockfallError(f"--tables {one}: must be {' or '.join(FORMATS)}")
-        need(f"tables as {one} need", "office", FORMATS[one])
+    for form in formats:
+        if form not in FORMATS:
+            raise RockfallError(f"--tables {form}: must be {' or '.join(FORMATS)}")
+        need(f"tables as {form} need", "office", FORMATS[form])
     need("tables need", "report", "matplotlib")
     catalogue(language)
 
@@ -106,7 +106,7 @@ def _result_parts(result: xr.Dataset) -> Iterator[Part]:
 
 
 def _facts(result: xr.Dataset, checksum: str) -> Table:
-    """What was run, with the title of the case and the checksum of the result's file."""
+    """The run: the title of the case and the checksum of the result's file."""
     table = provenance(result)["table"]
     first = [(say("office.case"), str(result.attrs["title"]))]
     first += [(say("office.result"), checksum)] if checksum else []

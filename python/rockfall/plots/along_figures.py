@@ -43,23 +43,23 @@ def line_profile_figure(profile: pd.DataFrame) -> Figure:
 
 
 @styled
-def along_figure(found: Design) -> Figure:
+def along_figure(design: Design) -> Figure:
     """Required height and design energy along a line, with 95 % bands, and the usable energies of
     EAD classes; windows with few boulders are blank."""
-    along = found.along
+    along = design.along
     assert along is not None
     figure = new_figure(WIDE, 4.2)
     upper, lower = figure.subplots(2, 1, sharex=True)
     _draw_windows(upper, along, "height_needed", 1.0)
     _draw_windows(lower, along, "E_d", 1e-3)
     for k, capacity in enumerate(EAD_ENERGY):
-        allowed = usable(capacity, found.factors) / 1000
+        allowed = usable(capacity, design.factors) / 1000
         if allowed < lower.get_ylim()[1]:
             lower.axhline(allowed, color=GREY, lw=0.6, linestyle=(0, (5, 2)))
             lower.text(
                 along["end"].iloc[-1], allowed, say("axis.class", number=k), ha="right", va="bottom"
             )
-    upper.set_title(f"{plain(along['line'][0])}, {found.factors.conditions.standard}")
+    upper.set_title(f"{plain(along['line'][0])}, {design.factors.conditions.standard}")
     upper.set(ylabel=say("design.height_needed_vertical"))
     ends = along["start"].iloc[0], along["end"].iloc[-1]
     lower.set(ylabel="E_d [kJ]", xlim=ends, xlabel=QUANTITIES["position"].title)
@@ -74,13 +74,13 @@ def _draw_windows(axes: Axes, along: pd.DataFrame, name: str, factor: float) -> 
     known = np.append(value, high)[np.isfinite(np.append(value, high))]
     top = 1.1 * known.max(initial=0.0) or 1.0
     low = np.where(np.isnan(low), 0.0, low)
-    about: dict[str, Any] = {"fill": True, "color": BLUE, "alpha": 0.25}
-    axes.stairs(np.where(np.isnan(high), value, high), edges, baseline=low, **about)
+    style: dict[str, Any] = {"fill": True, "color": BLUE, "alpha": 0.25}
+    axes.stairs(np.where(np.isnan(high), value, high), edges, baseline=low, **style)
     if (open_ended := np.isnan(high) & np.isfinite(value)).any():
         beyond = np.where(open_ended, top, np.nan)
-        about = {"fill": True, "facecolor": "none", "edgecolor": BLUE, "alpha": 0.4, "lw": 0}
+        style = {"fill": True, "facecolor": "none", "edgecolor": BLUE, "alpha": 0.4, "lw": 0}
         label = say("axis.no_upper_limit")
-        axes.stairs(beyond, edges, baseline=value, hatch="////", label=label, **about)
+        axes.stairs(beyond, edges, baseline=value, hatch="////", label=label, **style)
         axes.legend(loc="lower left", bbox_to_anchor=(0.45, 1.0), borderaxespad=0)
     axes.stairs(value, edges, baseline=None, color=BLUE, lw=1.2)
     axes.set_ylim(0, top)

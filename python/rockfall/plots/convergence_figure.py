@@ -32,17 +32,17 @@ MARKERS = {"boulders": "D", "speed": "o", "passing_height": "s", "energy_total":
 SHOWN = {name: QUANTITIES["fraction" if name == "boulders" else name] for name in MARKERS}
 
 
-def figure(found: Convergence, paths: Sequence[Path]) -> None:
+def figure(convergence: Convergence, paths: Sequence[Path]) -> None:
     """Draw the measured numbers of each line against the number of boulders, and errors below.
     Written to each of `paths`, in the format of its extension."""
-    page = _page(found)
+    page = _page(convergence)
     for path in paths:
         save(page, path, dpi=200)
 
 
 @styled
-def _page(found: Convergence) -> Figure:
-    lines = list(dict.fromkeys(found.study["line"]))
+def _page(convergence: Convergence) -> Figure:
+    lines = list(dict.fromkeys(convergence.study["line"]))
     page = new_figure(9.6, 4.7 * len(lines) + 0.5)
     page.set_layout_engine("constrained", w_pad=0.06, h_pad=0.06)
     blocks = page.add_gridspec(len(lines), 1)
@@ -50,10 +50,10 @@ def _page(found: Convergence) -> Figure:
         rows = blocks[k].subgridspec(2, 1, height_ratios=[1, 1.25])
         panels = rows[0].subgridspec(1, 4).subplots(squeeze=False)[0]
         for axes, quantity in zip(panels, SHOWN, strict=True):
-            _study(axes, _at(found.study, line, quantity), quantity, plain(line))
+            _study(axes, _at(convergence.study, line, quantity), quantity, plain(line))
         left, right = rows[1].subgridspec(1, 2).subplots(sharey=True, squeeze=False)[0]
-        _errors(left, _at(found.error, line), _at(found.cost, line), plain(line))
-        _terrains(right, _at(found.numerical, line), plain(line))
+        _errors(left, _at(convergence.error, line), _at(convergence.cost, line), plain(line))
+        _terrains(right, _at(convergence.numerical, line), plain(line))
         if left.get_yscale() == "log":
             left.set_ylim(bottom=0.01)  # smaller errors are irrelevant
     page.legend(handles=_key(), loc="outside lower center", ncols=5)

@@ -45,7 +45,7 @@ def difference_figure(
         x, y = verdict["x"].values, verdict["y"].values
     sheet = new_sheet(around(x, y, grid.cell, terrain), terrain, key)
     shown = values[::-1] if flipped else values
-    about = {"vmin": -1.5, "vmax": 1.5, "alpha": 0.7}
-    draw_image(sheet.axes, shown, grid, cmap=ListedColormap(list(colours.values())), **about)
+    style = {"vmin": -1.5, "vmax": 1.5, "alpha": 0.7}
+    draw_image(sheet.axes, shown, grid, cmap=ListedColormap(list(colours.values())), **style)
     finish(sheet, verdict.attrs if "crs" not in verdict.coords else verdict["crs"].attrs)
     return sheet.figure

@@ -30,15 +30,15 @@ PANEL, BINS = 1.5, 16  # of a posterior: panel size [inch], and bins of its dens
 
 
 @styled
-def ranges_figure(found: xr.Dataset) -> Figure:
+def ranges_figure(data: xr.Dataset) -> Figure:
     """Row of panels for each line: grey, 90 % of the draws; blue, the unchanged case with the 95 %
     interval of its boulders."""
-    lines = found["line"].values
+    lines = data["line"].values
     figure = new_figure(1.35 * WIDE, 1.1 * len(lines) + 0.4)
     grid = figure.subplots(len(lines), len(NUMBERS), squeeze=False)
     for row, line in zip(grid, lines, strict=True):
         for axes, (quantity, names) in zip(row, NUMBERS.items(), strict=True):
-            _draw(axes, found.sel(line=line), quantity, names)
+            _draw(axes, data.sel(line=line), quantity, names)
         row[0].set_title(plain(str(line)))
     return figure
 
@@ -63,21 +63,21 @@ def _draw(axes: Axes, at: xr.Dataset, quantity: str, names: list[str]) -> None:
 
 
 @styled
-def posterior_figure(found: Back) -> Figure:
+def posterior_figure(analysis: Back) -> Figure:
     """Matrix of panels, one row and column per parameter. On the diagonal densities: grey the
     prior, blue the posterior, lines at its 5, 50 and 95 % quantiles; below it draws of both. Impact
     sets, which have no order, are not shown."""
-    shown, table = list(parameters(found)), posterior_table(found)
-    first = found.members.iloc[: found.inputs.design[..., 0].size]
-    prior, draws = ([of[one.column] * (one.scale or 1.0) for one in shown]
-                    for of in (first, draws_table(found)))  # fmt: skip
+    shown, table = list(parameters(analysis)), posterior_table(analysis)
+    first = analysis.members.iloc[: analysis.inputs.design[..., 0].size]
+    prior, draws = ([table[one.column] * (one.scale or 1.0) for one in shown]
+                    for table in (first, draws_table(analysis)))  # fmt: skip
     figure = new_figure(PANEL * max(len(shown), 2), PANEL * max(len(shown), 1.3))
     panels = figure.add_gridspec(max(len(shown), 1), max(len(shown), 1))
     for i, one in enumerate(shown):
         for j in range(i):
             axes = figure.add_subplot(panels[i, j])
-            for of, colour in ((prior, GREY), (draws, BLUE)):
-                axes.plot(of[j], of[i], ".", ms=1.5, alpha=0.6, color=colour)
+            for sample, colour in ((prior, GREY), (draws, BLUE)):
+                axes.plot(sample[j], sample[i], ".", ms=1.5, alpha=0.6, color=colour)
         axes = figure.add_subplot(panels[i, i])
         _densities(axes, prior[i], draws[i])
         for end in table.loc[i, ["q05", "median", "q95"]]:
@@ -92,7 +92,7 @@ def posterior_figure(found: Back) -> Figure:
 def _densities(axes: Axes, prior: pd.Series, draws: pd.Series) -> None:
     low, high = min(prior.min(), draws.min()), max(prior.max(), draws.max())
     edges = np.linspace(low, high, BINS + 1)
-    for of, colour in ((prior, GREY), (draws, BLUE)):
-        axes.stairs(np.histogram(of, edges, density=True)[0], edges, fill=True, color=colour,
+    for table, colour in ((prior, GREY), (draws, BLUE)):
+        axes.stairs(np.histogram(table, edges, density=True)[0], edges, fill=True, color=colour,
                     alpha=0.5)  # fmt: skip
     axes.set_yticks([])

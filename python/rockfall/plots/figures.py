@@ -14,7 +14,7 @@ import numpy as np
 from rockfall.analysis.ensemble.study import is_ensemble
 from rockfall.analysis.lines.envelopes import fewest_for
 from rockfall.analysis.lines.profile import line_profile
-from rockfall.analysis.precision.intervals import fraction_interval, sources
+from rockfall.analysis.precision.intervals import passing_percent
 from rockfall.case import case_of
 from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import set_path
@@ -191,14 +191,13 @@ def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[F
     """Distributions at the evaluation lines (paper, Figs 8 and 11), several per figure."""
     if not which:
         return
-    source, passed = sources(result), {}
+    passed = {}
     for k in which:
-        crossed, name = np.isfinite(result["line_x"].values[k]), result["line"].values[k]
-        fraction, low, high = (number(100 * f) for f in fraction_interval(crossed, source))
-        about = {"fraction": fraction, "low": low, "high": high}
-        passed[k] = say("figures.passed", line=str(name), n=crossed.sum(), **about)
-    some = say("figures.some_lines", part=len(which), n=result.sizes["line"])
-    some_ = [some] if len(which) < result.sizes["line"] else []
+        n, *percents = passing_percent(result, k)
+        limits = dict(zip(("fraction", "low", "high"), map(number, percents), strict=True))
+        passed[k] = say("figures.passed", line=str(result["line"].values[k]), n=n, **limits)
+    shown = say("figures.some_lines", part=len(which), n=result.sizes["line"])
+    some_ = [shown] if len(which) < result.sizes["line"] else []
     blocks = [which[k : k + PER_FIGURE] for k in range(0, len(which), PER_FIGURE)]
     for name in DRAWN:
         for page, block in enumerate(blocks, start=1):
@@ -220,22 +219,22 @@ def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[F
             )
 
 
-def section_entry(found: Section) -> Figure:
+def section_entry(section: Section) -> Figure:
     """Figure of a section along a drawn line, which says what each of its curves is of."""
-    unknown = found.unknown_energies
-    said = [
+    unknown = section.unknown_energies
+    captions = [
         say_count(
-            "figures.section", found.recorded, total=found.boulders, within=found.line.within
+            "figures.section", section.recorded, total=section.boulders, within=section.line.within
         ),
-        say("figures.section_maps" if found.has_maps else "figures.section_without_maps"),
-        *([say("figures.section_lines")] if len(found.lines) else []),
+        say("figures.section_maps" if section.has_maps else "figures.section_without_maps"),
+        *([say("figures.section_lines")] if len(section.lines) else []),
         say("figures.section_blank", mean=MIN_FOR_MEAN, quantile=fewest_for(0.95)),
-        *([say("figures.section_heights")] if found.lacks_heights else []),
+        *([say("figures.section_heights")] if section.lacks_heights else []),
         *([say_count("figures.section_unknown", unknown)] if unknown else []),
     ]
     return Figure(
-        "section", say("figures.section_title"), " ".join(said),
-        partial(section_figure, found),
+        "section", say("figures.section_title"), " ".join(captions),
+        partial(section_figure, section),
     )  # fmt: skip
 
 
@@ -303,10 +302,10 @@ def _maps(result: xr.Dataset, terrain: Terrain | None, look: Look | None) -> Ite
         title = capital(map_label(name, variable.attrs["long_name"]))
         notes = [say("map.outline") if is_fraction(name) else "", map_note(result, name)]
         notes += ["" if thin_cells(result, name) is None else say("map.hatched_there")]
-        said = "".join(f"; {note}" for note in notes if note)
+        remarks = "".join(f"; {note}" for note in notes if note)
         yield Figure(
             f"map_{name}",
             title,
-            f"{boulders}{said}.",
+            f"{boulders}{remarks}.",
             partial(map_figure, result, name, terrain, look=look),
         )

@@ -39,63 +39,63 @@ OPAQUE = 0.7  # so that the relief remains visible under classes
 HATCH = "/////"
 
 
-def hazard_figures(found: xr.Dataset, terrain: Terrain | None = None) -> list[Figure]:
+def hazard_figures(hazard: xr.Dataset, terrain: Terrain | None = None) -> list[Figure]:
     """Figures of the zones of a hazard, of the intensity at each return period, of the risk of
     objects, if they say what is exposed, and of each road that was cut into segments."""
-    minimum_area = case_in(found.attrs).hazard["minimum_area"]
+    minimum_area = case_in(hazard.attrs).hazard["minimum_area"]
     key = "hazard.classes_of_area" if minimum_area else "hazard.classes"
     shown = [
         Figure(
             "hazard_class",
             say("front.zones_of_hazard"),
             say(key, area=minimum_area),
-            partial(zones_figure, found, terrain),
+            partial(zones_figure, hazard, terrain),
         )
     ]
-    for name, data in layers(found["intensity"]).items():
+    for name, data in layers(hazard["intensity"]).items():
         period = name.removeprefix("intensity_").removesuffix("years")
         title = say("hazard.intensity", period=Number(period))
-        about = f"{capital(map_label(name, data.attrs['long_name']))}."
-        shown.append(Figure(name, title, about, partial(_map_figure, found, data, terrain)))
-    if has_risk(found):
-        draw = partial(_risk_figure, found, terrain)
+        text = f"{capital(map_label(name, data.attrs['long_name']))}."
+        shown.append(Figure(name, title, text, partial(_map_figure, hazard, data, terrain)))
+    if has_risk(hazard):
+        draw = partial(_risk_figure, hazard, terrain)
         shown.append(Figure("risk", say("hazard.risk_title"), say("hazard.risk"), draw))
-    roads = roads_of_segments(found) if has_segments(found) else []
+    roads = roads_of_segments(hazard) if has_segments(hazard) else []
     for k, road in enumerate(roads, start=1):
         name = "segments" if len(roads) == 1 else f"segments_{k}"
-        draw = partial(segment_figure, found, road)
+        draw = partial(segment_figure, hazard, road)
         shown.append(Figure(name, say("hazard.road_title"), say("hazard.road"), draw))
     return shown
 
 
 @styled
 def zones_figure(
-    found: xr.Dataset, terrain: Terrain | None = None, room: Room = PAGE
+    hazard: xr.Dataset, terrain: Terrain | None = None, room: Room = PAGE
 ) -> figure.Figure:
     """Map of the zones of a hazard, hatched where their class is uncertain, and the objects."""
-    sheet = begun(found, terrain, zone_key(found), room)
-    draw_zones(sheet, found)
-    finish(sheet, found["crs"].attrs)
+    sheet = begun(hazard, terrain, zone_key(hazard), room)
+    draw_zones(sheet, hazard)
+    finish(sheet, hazard["crs"].attrs)
     return sheet.figure
 
 
-def draw_zones(sheet: Sheet, found: xr.Dataset) -> None:
+def draw_zones(sheet: Sheet, hazard: xr.Dataset) -> None:
     """Draw the zones of a hazard, hatched where their class is uncertain, and the objects."""
-    zones, colours = zones_of(found), colours_of(found["hazard_class"])
+    zones, colours = zones_of(hazard), colours_of(hazard["hazard_class"])
     for number, colour in colours.items():
-        about = {"facecolor": colour, "edgecolor": INK, "linewidth": 0.4, "alpha": OPAQUE}
-        _draw_polygons(sheet.axes, zones.shapes[zones.number == number], **about)
+        style = {"facecolor": colour, "edgecolor": INK, "linewidth": 0.4, "alpha": OPAQUE}
+        _draw_polygons(sheet.axes, zones.shapes[zones.number == number], **style)
     hatched = {"facecolor": "none", "edgecolor": INK, "linewidth": 0.0, "hatch": HATCH}
-    _draw_polygons(sheet.axes, uncertain_of(found).shapes, **hatched)
-    _draw_objects(sheet, found)
+    _draw_polygons(sheet.axes, uncertain_of(hazard).shapes, **hatched)
+    _draw_objects(sheet, hazard)
 
 
-def zone_key(found: xr.Dataset) -> list[Any]:
+def zone_key(hazard: xr.Dataset) -> list[Any]:
     """Legend of the zones, from the highest class."""
     from matplotlib.patches import Patch
 
     doubtful = Patch(facecolor="none", edgecolor=INK, hatch=HATCH, label=say("hazard.not_certain"))
-    return [*_key(found["hazard_class"]), doubtful]
+    return [*_key(hazard["hazard_class"]), doubtful]
 
 
 def _draw_polygons(axes: Axes, shapes: np.ndarray, **about: Any) -> None:
@@ -110,35 +110,35 @@ def _draw_polygons(axes: Axes, shapes: np.ndarray, **about: Any) -> None:
 
 
 @styled
-def _map_figure(found: xr.Dataset, data: xr.DataArray, terrain: Terrain | None) -> figure.Figure:
-    sheet = begun(found, terrain, _key(data))
+def _map_figure(hazard: xr.Dataset, data: xr.DataArray, terrain: Terrain | None) -> figure.Figure:
+    sheet = begun(hazard, terrain, _key(data))
     grid, flipped = grid_of(data)
     values = data.values[::-1] if flipped else data.values
     _draw_classes(sheet.axes, values, grid, data)
-    _draw_objects(sheet, found)
-    finish(sheet, found["crs"].attrs)
+    _draw_objects(sheet, hazard)
+    finish(sheet, hazard["crs"].attrs)
     return sheet.figure
 
 
 @styled
-def _risk_figure(found: xr.Dataset, terrain: Terrain | None) -> figure.Figure:
-    sheet = begun(found, terrain, risk_key(found))
-    draw_risk(sheet, found)
-    finish(sheet, found["crs"].attrs)
+def _risk_figure(hazard: xr.Dataset, terrain: Terrain | None) -> figure.Figure:
+    sheet = begun(hazard, terrain, risk_key(hazard))
+    draw_risk(sheet, hazard)
+    finish(sheet, hazard["crs"].attrs)
     return sheet.figure
 
 
-def begun(found: xr.Dataset, terrain: Terrain | None, key: list[Any], room: Room = PAGE) -> Sheet:
+def begun(hazard: xr.Dataset, terrain: Terrain | None, key: list[Any], room: Room = PAGE) -> Sheet:
     """New map of everything that boulders reached, and of the objects."""
     import shapely
 
-    passed = found["hit_frequency"].values > 0
-    x, y = found["x"].values[passed.any(axis=0)], found["y"].values[passed.any(axis=1)]
-    if "object" in found.dims:
-        shapes = shapely.from_wkt(found["object_geometry"].values.astype(str))
+    passed = hazard["hit_frequency"].values > 0
+    x, y = hazard["x"].values[passed.any(axis=0)], hazard["y"].values[passed.any(axis=1)]
+    if "object" in hazard.dims:
+        shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))
         west, south, east, north = shapely.total_bounds(shapes)
         x, y = np.append(x, [west, east]), np.append(y, [south, north])
-    extent = around(x, y, grid_of(found["hazard_class"])[0].cell, terrain)
+    extent = around(x, y, grid_of(hazard["hazard_class"])[0].cell, terrain)
     return new_sheet(extent, terrain, key, room=room)
 
 
@@ -153,8 +153,8 @@ def _draw_classes(axes: Axes, numbers: np.ndarray, grid: Any, data: xr.DataArray
     colours = colours_of(data)
     first, last = min(colours), max(colours)
     shown = np.where(np.isin(numbers, list(colours)), numbers, np.nan)
-    about = {"vmin": first - 0.5, "vmax": last + 0.5, "alpha": OPAQUE}
-    draw_image(axes, shown, grid, cmap=_listed(list(colours.values())), **about)
+    style = {"vmin": first - 0.5, "vmax": last + 0.5, "alpha": OPAQUE}
+    draw_image(axes, shown, grid, cmap=_listed(list(colours.values())), **style)
 
 
 def _key(data: xr.DataArray) -> list[Any]:
@@ -167,14 +167,14 @@ def _key(data: xr.DataArray) -> list[Any]:
     ]
 
 
-def _draw_objects(sheet: Sheet, found: xr.Dataset) -> None:
+def _draw_objects(sheet: Sheet, hazard: xr.Dataset) -> None:
     """Draw outlines, lines and points, with their names."""
     import shapely
 
-    if "object" not in found.dims:
+    if "object" not in hazard.dims:
         return
-    shapes = shapely.from_wkt(found["object_geometry"].values.astype(str))
-    for name, shape in zip(found["object"].values, shapes, strict=True):
+    shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))
+    for name, shape in zip(hazard["object"].values, shapes, strict=True):
         for part in getattr(shape, "geoms", [shape]):
             curve = part.exterior if part.geom_type == "Polygon" else part
             x, y = np.array(curve.coords).T

@@ -65,25 +65,25 @@ NOBODY = Imprint()
 
 @styled
 def hazard_sheet(
-    found: xr.Dataset,
+    hazard: xr.Dataset,
     terrain: Terrain | None = None,
     imprint: Imprint = NOBODY,
     warnings: Sequence[str] = (),
 ) -> Figure:
     """Map of the zones of a hazard on A3, with its title block."""
     room = Room(WIDE - 2 * MARGIN - BLOCK - GAP, HIGH - 2 * MARGIN)
-    sheet = begun(found, terrain, [], room)
+    sheet = begun(hazard, terrain, [], room)
     sheet.paper = "A3"
-    draw_zones(sheet, found)
-    finish(sheet, found["crs"].attrs)
+    draw_zones(sheet, hazard)
+    finish(sheet, hazard["crs"].attrs)
     _place_on_paper(sheet)
     block = _Block(sheet.figure)
-    _write_title(block, found, imprint)
+    _write_title(block, hazard, imprint)
     _write_legend(block)
-    _write_matrix(block, found)
-    _write_scenarios(block, found)
-    _write_method(block, found)
-    _write_sources(block, found, sheet)
+    _write_matrix(block, hazard)
+    _write_scenarios(block, hazard)
+    _write_method(block, hazard)
+    _write_sources(block, hazard, sheet)
     _write_warnings(block, warnings)
     return sheet.figure
 
@@ -146,8 +146,8 @@ class _Block:
         self.figure.add_artist(Rectangle(corner, wide, high, **usual | about | self.inches))
 
 
-def _write_title(block: _Block, found: xr.Dataset, imprint: Imprint) -> None:
-    block.write(found.attrs["title"] or Path(found.attrs["case_file"]).stem, LARGE, "bold", 3)
+def _write_title(block: _Block, hazard: xr.Dataset, imprint: Imprint) -> None:
+    block.write(hazard.attrs["title"] or Path(hazard.attrs["case_file"]).stem, LARGE, "bold", 3)
     block.write(say("sheet.title"), NORMAL + 2)
     block.skip()
     for label, value in (
@@ -155,7 +155,7 @@ def _write_title(block: _Block, found: xr.Dataset, imprint: Imprint) -> None:
         (say("sheet.client"), imprint.client),
         (say("sheet.author"), imprint.author),
         (say("sheet.signature"), ""),
-        (say("sheet.computed"), str(found.attrs.get("date_created", ""))[:10]),
+        (say("sheet.computed"), str(hazard.attrs.get("date_created", ""))[:10]),
     ):
         block.write(f"{label}: {value or '_' * 30}", most=2)
     block.skip()
@@ -172,9 +172,9 @@ def _write_legend(block: _Block) -> None:
     block.skip(BOX + 0.06 + BETWEEN)
 
 
-def _write_matrix(block: _Block, found: xr.Dataset) -> None:
+def _write_matrix(block: _Block, hazard: xr.Dataset) -> None:
     """The classes by energy and return period, the strongest at the top."""
-    case = case_in(found.attrs)
+    case = case_in(hazard.attrs)
     matrix, first = Matrix.of(case), 0.34 * block.wide
     column = (block.wide - first) / len(matrix.periods)
     block.write(say("sheet.matrix"), SMALL)
@@ -184,33 +184,33 @@ def _write_matrix(block: _Block, found: xr.Dataset) -> None:
     block.skip(0.18)
     for energy, classes in reversed(list(zip(_energies(case), matrix.classes[1:], strict=True))):
         block.put(block.left, energy, SMALL)
-        for k, of in enumerate(classes.tolist()):
-            about = {"facecolor": HAZARD_COLOURS[of], "alpha": OPAQUE}
-            block.fill(block.left + first + k * column, column, ROW, **about)
+        for k, class_ in enumerate(classes.tolist()):
+            style = {"facecolor": HAZARD_COLOURS[class_], "alpha": OPAQUE}
+            block.fill(block.left + first + k * column, column, ROW, **style)
         block.skip(ROW)
     block.skip()
 
 
 def _energies(case: Any) -> Iterator[str]:
     """Labels of the intensities, from the weakest."""
-    ends = [f"{one:g}" for one in case.hazard["thresholds"]]
+    ends = [f"{threshold:g}" for threshold in case.hazard["thresholds"]]
     yield say("sheet.up_to", high=Number(ends[0]))
     for low, high in zip(ends[:-1], ends[1:], strict=True):
         yield say("sheet.between", low=Number(low), high=Number(high))
     yield say("sheet.above", low=Number(ends[-1]))
 
 
-def _write_scenarios(block: _Block, found: xr.Dataset) -> None:
+def _write_scenarios(block: _Block, hazard: xr.Dataset) -> None:
     block.write(say("sheet.scenarios"), NORMAL, "bold")
-    columns = (found[name].values for name in ("scenario", "frequency", "boulders"))
+    columns = (hazard[name].values for name in ("scenario", "frequency", "boulders"))
     for name, yearly, boulders in zip(*columns, strict=True):
-        about = {"yearly": Number(number(yearly)), "boulders": int(boulders)}
-        block.write(f"{name}: {say('sheet.scenario', **about)}", SMALL, most=2)
+        style = {"yearly": Number(number(yearly)), "boulders": int(boulders)}
+        block.write(f"{name}: {say('sheet.scenario', **style)}", SMALL, most=2)
     block.skip()
 
 
-def _write_method(block: _Block, found: xr.Dataset) -> None:
-    asked = case_in(found.attrs).hazard
+def _write_method(block: _Block, hazard: xr.Dataset) -> None:
+    asked = case_in(hazard.attrs).hazard
     block.write(say("sheet.method"), NORMAL, "bold")
     block.write(say("sheet.frequency", width=Number(f"{asked['object_width']:g}")), SMALL)
     if asked["minimum_width"]:
@@ -220,21 +220,21 @@ def _write_method(block: _Block, found: xr.Dataset) -> None:
     block.skip()
 
 
-def _write_sources(block: _Block, found: xr.Dataset, sheet: Sheet) -> None:
+def _write_sources(block: _Block, hazard: xr.Dataset, sheet: Sheet) -> None:
     block.write(say("sheet.sources"), NORMAL, "bold")
-    named = (name for _, name in case_in(found.attrs).files() if name != FROM_ARRAY)
+    named = (name for _, name in case_in(hazard.attrs).files() if name != FROM_ARRAY)
     files = list(dict.fromkeys(Path(name).name for name in named))
     more = [f"+ {len(files) - MAX_FILES}"] if len(files) > MAX_FILES else []
     block.write(", ".join([*files[:MAX_FILES], *more]) or say("sheet.no_files"), SMALL, most=3)
-    crs = found["crs"].attrs
+    crs = hazard["crs"].attrs
     block.write(crs_text(crs) if named_crs(crs) else say("sheet.no_crs"), SMALL, most=2)
     block.write(f"1:{localised(f'{sheet.scale / INCH:,.0f}')} ({sheet.paper})", SMALL)
-    block.write(str(found.attrs["source"]), SMALL, most=2)
+    block.write(str(hazard.attrs["source"]), SMALL, most=2)
     block.skip()
 
 
 def _write_warnings(block: _Block, warnings: Sequence[str]) -> None:
-    """What must be said of the hazard, cut to the space that is left."""
+    """Write the warnings about the hazard, cut to the space that is left."""
     if not warnings:
         return
     block.write(say("sheet.warnings", n=len(warnings)), NORMAL, "bold")

@@ -64,8 +64,8 @@ def _curve(
     )
     colour, dashes = LOOKS[name]
     label = None if name == "fraction" else statistic(name)
-    about: dict[str, Any] = {"label": label, "color": colour, "ls": dashes}
+    style: dict[str, Any] = {"label": label, "color": colour, "ls": dashes}
     axes.fill_between(n, low, high, color=colour, alpha=0.18, lw=0)
-    axes.plot(n, value, lw=1.1, marker=".", ms=3, **about)
+    axes.plot(n, value, lw=1.1, marker=".", ms=3, **style)
     known = value[np.isfinite(value)]
     return max(2 * known.max(initial=0.0), 1.05 * np.nan_to_num(high[-1]))

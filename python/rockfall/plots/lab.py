@@ -37,7 +37,7 @@ def layer_figure(layers: Layers, path: str | Path) -> None:
 
 @styled
 def _layer(x: np.ndarray, radius: np.ndarray, facts: np.ndarray) -> Figure:
-    width = facts[names(7).index("width")]
+    width = facts[names("layer").index("width")]
     figure = new_figure(7.2, 3.6)
     above, section = figure.subplots(1, 2)
     order = np.argsort(x[:, 2])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.lines.values import line_values
-from rockfall.analysis.precision.intervals import fraction_interval, sources
+from rockfall.analysis.precision.intervals import passing_percent
 from rockfall.analysis.run_out import passing
 from rockfall.language import say, say_count, word
 from rockfall.plots.style import (
@@ -68,7 +68,7 @@ def distribution_figure(
     about, names = QUANTITIES[quantity], [str(result["line"].values[k]) for k in which]
     ours = [about.factor * _finite(line_values(result, quantity, k)) for k in which]
     theirs = [about.factor * _sample(observed, name, quantity) for name in names]
-    rows = [_rows(*of, quantity, observed) for of in zip(names, ours, theirs, strict=True)]
+    rows = [_rows(*sample, quantity, observed) for sample in zip(names, ours, theirs, strict=True)]
     edges = _bins([*ours, *theirs])
     width = edges[1] - edges[0]
     abreast = min(ABREAST, len(names))
@@ -109,8 +109,8 @@ def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
         distance = np.sort(observed.distances)
         fraction = 100 * np.arange(distance.size, 0, -1) / distance.size
         label = say_count("axis.observed_boulders", distance.size)
-        about: dict[str, Any] = {"color": INK, "lw": 1, "linestyle": (0, (4, 2)), "label": label}
-        axes.step(np.append(0, distance), np.append(100, fraction), where="pre", **about)
+        style: dict[str, Any] = {"color": INK, "lw": 1, "linestyle": (0, (4, 2)), "label": label}
+        axes.step(np.append(0, distance), np.append(100, fraction), where="pre", **style)
         furthest = max(furthest, distance[-1])
     if observed is not None and observed.passing is not None:
         table = observed.passing
@@ -139,8 +139,8 @@ def _draw_passing(axes: Axes, result: xr.Dataset) -> None:
     if gone.any():
         label = say_count("axis.left_terrain", int(gone.sum()))
         for bound, words in ((fraction, label), (upper, None)):
-            about: dict[str, Any] = {"color": BLUE, "lw": 1, "linestyle": ":", "label": words}
-            axes.plot(shown[~known], 100 * bound[~known], **about)
+            style: dict[str, Any] = {"color": BLUE, "lw": 1, "linestyle": ":", "label": words}
+            axes.plot(shown[~known], 100 * bound[~known], **style)
     axes.set_ylim(0, 105)
 
 
@@ -157,8 +157,8 @@ def mark_lines(panels: Iterable[Axes], result: xr.Dataset, labels: Axes) -> None
         for axes in panels:
             axes.axvline(where, **(BARRIER if k in barriers else LINE))
         high = 0.02 + 0.08 * (k % 4)  # lines may be near each other
-        about: dict[str, Any] = {"transform": labels.get_xaxis_transform(), "clip_on": True}
-        labels.text(where, high, f" {plain(name)}", **about)
+        style: dict[str, Any] = {"transform": labels.get_xaxis_transform(), "clip_on": True}
+        labels.text(where, high, f" {plain(name)}", **style)
 
 
 def _finite(values: np.ndarray) -> np.ndarray:
@@ -182,11 +182,11 @@ def _rows(
         table = observed.summaries
         scale = QUANTITIES[quantity].factor
         here = (table["line"] == line) & (table["quantity"] == quantity) & table["mean"].notna()
-        for one in table[here].itertuples():
-            is_observed = one.method == "observed"
-            name = word("observed") if is_observed else say("axis.printed", method=one.method)
-            about = OBSERVED if one.method == "observed" else OBSERVED | {"color": GREY}
-            found.append(Row(name, scale * one.mean, scale * one.std, about))
+        for row in table[here].itertuples():
+            is_observed = row.method == "observed"
+            name = word("observed") if is_observed else say("axis.printed", method=row.method)
+            about = OBSERVED if row.method == "observed" else OBSERVED | {"color": GREY}
+            found.append(Row(name, scale * row.mean, scale * row.std, about))
     if theirs.size:
         label = say("axis.observed", n=theirs.size)
         found.append(Row(label, theirs.mean(), _deviation(theirs), OBSERVED))
@@ -233,7 +233,7 @@ def _draw_rows(axes: Axes, rows: list[Row], deepest: int) -> None:
 def _passing(result: xr.Dataset, line: int) -> str:
     """Number of boulders that pass a line or reach a barrier, and their fraction with its 95 %
     confidence interval."""
-    crossed = np.isfinite(result["line_speed"].values[line])
-    fraction, low, high = (number(100 * f) for f in fraction_interval(crossed, sources(result)))
+    n, *percents = passing_percent(result, line)
+    fraction, low, high = map(number, percents)
     key = "axis.come" if line in barriers_of(result) else "axis.pass"
-    return say(key, n=crossed.sum(), fraction=fraction, low=low, high=high)
+    return say(key, n=n, fraction=fraction, low=low, high=high)

@@ -190,8 +190,8 @@ def _draw_trajectories(axes: Axes, result: xr.Dataset) -> None:
     from matplotlib.collections import LineCollection
 
     paths = [xy.T for xy in spread(vertices_of(result, "x", "y"), MAX_TRAJECTORIES)]
-    about: dict[str, Any] = {"colors": VERMILION, "linewidths": 0.5, "alpha": 0.7}
-    axes.add_collection(LineCollection(paths, rasterized=True, **about), autolim=False)
+    style: dict[str, Any] = {"colors": VERMILION, "linewidths": 0.5, "alpha": 0.7}
+    axes.add_collection(LineCollection(paths, rasterized=True, **style), autolim=False)
 
 
 def _draw_stops(axes: Axes, result: xr.Dataset) -> None:
@@ -229,8 +229,8 @@ def _draw_outline(axes: Axes, inside: np.ndarray, grid: Grid) -> None:
     """Draw the edges between cells inside and cells outside."""
     from matplotlib.collections import LineCollection
 
-    about: dict[str, Any] = {"colors": INK, "linewidths": 0.9, "capstyle": "round"}
-    outline = LineCollection(list(edges(inside, grid)), rasterized=True, **about)
+    style: dict[str, Any] = {"colors": INK, "linewidths": 0.9, "capstyle": "round"}
+    outline = LineCollection(list(edges(inside, grid)), rasterized=True, **style)
     axes.add_collection(outline, autolim=False)
 
 

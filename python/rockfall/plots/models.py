@@ -22,38 +22,38 @@ PANELS = {"boulders": ("fraction", "fraction"), **{name: ("mean", name) for name
 
 
 @styled
-def models_figure(found: Models) -> Figure:
+def models_figure(models: Models) -> Figure:
     """Row of panels for each line, and one for the run-out: numbers with 95 % intervals, a row for
     each model; bars are means or fractions, open marks 95 % quantiles."""
-    lines = [line for line in dict.fromkeys(found.table["line"]) if line]
-    deep = 0.55 + 0.17 * len(found.names)
+    lines = [line for line in dict.fromkeys(models.table["line"]) if line]
+    deep = 0.55 + 0.17 * len(models.names)
     figure = new_figure(1.35 * WIDE, (deep + 0.35) * (len(lines) + 1))
     blocks = figure.add_gridspec(len(lines) + 1, 1)
     for k, line in enumerate(lines):
         row = blocks[k].subgridspec(1, len(PANELS)).subplots(sharey=True, squeeze=False)[0]
         for axes, (quantity, (statistic, about)) in zip(row, PANELS.items(), strict=True):
-            _draw(axes, found, line, quantity, statistic, about)
+            _draw(axes, models, line, quantity, statistic, about)
         row[0].set_title(plain(line))
     axes = figure.add_subplot(blocks[-1].subgridspec(1, 2)[0])
-    _draw(axes, found, "", RUN_OUT, "mean", RUN_OUT)
+    _draw(axes, models, "", RUN_OUT, "mean", RUN_OUT)
     return figure
 
 
-def _draw(axes: Axes, found: Models, line: str, quantity: str, statistic: str, about: str) -> None:
+def _draw(axes: Axes, models: Models, line: str, quantity: str, statistic: str, about: str) -> None:
     """Draw a quantity of all models, with a thin line at the first."""
     shown = QUANTITIES[about]
-    here = found.table[(found.table["line"] == line) & (found.table["quantity"] == quantity)]
-    places = np.arange(len(found.names))
-    for of, colour, face in ((statistic, BLUE, BLUE), ("q95", GREY, "white")):
-        rows = here[here["statistic"] == of].set_index("model").reindex(found.names)
+    here = models.table[(models.table["line"] == line) & (models.table["quantity"] == quantity)]
+    places = np.arange(len(models.names))
+    for number, colour, face in ((statistic, BLUE, BLUE), ("q95", GREY, "white")):
+        rows = here[here["statistic"] == number].set_index("model").reindex(models.names)
         if rows["value"].notna().any():
             value, low, high = (shown.factor * rows[name] for name in ("value", "low", "high"))
             ends = _ends(value, low, high)
             about_: dict[str, Any] = {"linestyle": "", "marker": "o", "ms": 3.5, "lw": 1}
             axes.errorbar(value, places, xerr=ends, color=colour, mfc=face, **about_)
-            if of == statistic:
+            if number == statistic:
                 axes.axvline(value.iloc[0], color=INK, lw=0.5, linestyle=(0, (2, 2)))
-    axes.set_yticks(places, [plain(word(name)) for name in found.names])
+    axes.set_yticks(places, [plain(word(name)) for name in models.names])
     axes.set_ylim(len(places) - 0.5, -0.5)
     axes.set_xlim(left=0)
     axes.tick_params(axis="y", length=0)

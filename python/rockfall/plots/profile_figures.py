@@ -33,8 +33,8 @@ def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure
     against the plan distance from the release; without terrain, ground and heights are omitted."""
     curves = trajectories(result, MAX_TRAJECTORIES)
     ground = _ground_below(result, curves, terrain)
-    drop = max((np.ptp(one.z) for one in curves), default=0.0)
-    high, furthest = true_scale(drop, max((one.distance.max() for one in curves), default=0.0))
+    drop = max((np.ptp(curve.z) for curve in curves), default=0.0)
+    high, furthest = true_scale(drop, max((curve.distance.max() for curve in curves), default=0.0))
     tall = [high, 1.3, 1.6]
     tall = tall if ground else [tall[0], tall[2]]
     figure = new_figure(WIDE, sum(tall) + 0.9)
@@ -42,7 +42,7 @@ def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure
     _draw_profile(panels[0], curves, ground)
     if ground:
         _draw_heights(panels[1], curves, ground)
-    draw_curves(panels[-1], [_speeds_in_motion(one) for one in curves])
+    draw_curves(panels[-1], [_speeds_in_motion(curve) for curve in curves])
     panels[-1].set(ylabel=QUANTITIES["speed"].title, ylim=(0, None), xlabel=say(DISTANCE))
     panels[-1].set_xlim(0, furthest)
     mark_lines(panels, result, labels=panels[0])
@@ -65,7 +65,7 @@ def _ground_below(
     for heights above it."""
     if terrain is None or terrain[1].cell > 1.001 * cell_of(result):
         return []
-    return [height(*terrain, one.x, one.y) for one in curves]
+    return [height(*terrain, curve.x, curve.y) for curve in curves]
 
 
 def _speeds_in_motion(curve: Trajectory) -> tuple[np.ndarray, np.ndarray]:
@@ -78,7 +78,7 @@ def _draw_profile(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.
     """Draw trajectories and the ground below them at true scale."""
     below = [(one.distance, z) for one, z in zip(curves, ground, strict=bool(ground))]
     draw_curves(axes, below, color=INK, linewidth=0.8, alpha=1)
-    draw_curves(axes, [(one.distance, one.z) for one in curves])
+    draw_curves(axes, [(curve.distance, curve.z) for curve in curves])
     axes.set_ylabel(say("axis.elevation"))
     axes.ticklabel_format(axis="y", useOffset=False)
     axes.set_aspect("equal", adjustable="datalim")

@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 BROAD: dict[str, Any] = OBJECT | {"linewidth": 3.0}
 
 
-def risk_key(found: xr.Dataset) -> list[Any]:
+def risk_key(hazard: xr.Dataset) -> list[Any]:
     """Legend handles of the classes that objects have, the highest first."""
     from matplotlib.patches import Patch
 
-    numbers = {*found["object_risk_class"].values.tolist()}
+    numbers = {*hazard["object_risk_class"].values.tolist()}
     words = [say("hazard.risk_class", name=name) for name in class_words().tolist()]
     words[0] = say("hazard.no_risk")
     return [
@@ -35,14 +35,14 @@ def risk_key(found: xr.Dataset) -> list[Any]:
     ]
 
 
-def draw_risk(sheet: Sheet, found: xr.Dataset) -> None:
+def draw_risk(sheet: Sheet, hazard: xr.Dataset) -> None:
     """Draw objects in the colours of their classes, with their names and individual risks."""
     import shapely
 
-    shapes = shapely.from_wkt(found["object_geometry"].values.astype(str))
-    numbers, risks = (found[f"object_{name}"].values for name in ("risk_class", "individual_risk"))
+    shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))
+    numbers, risks = (hazard[f"object_{name}"].values for name in ("risk_class", "individual_risk"))
     for name, shape, number, risk in zip(
-        found["object"].values, shapes, numbers, risks, strict=True
+        hazard["object"].values, shapes, numbers, risks, strict=True
     ):
         colour = COLOURS[number]
         for part in getattr(shape, "geoms", [shape]):

@@ -44,23 +44,23 @@ STRENGTH: dict[str, Any] = {"color": INK, "marker": "_", "ms": 9, "mew": 1.8, "l
 
 
 @styled
-def section_figure(found: Section) -> Figure:
+def section_figure(section: Section) -> Figure:
     """Profile at true scale with the recorded trajectories within the corridor; boulders at each
     station; mean, 95 % quantile with its 95 % band, and maximum of total energy, passing height and
     speed: of recorded trajectories, of the cells of the maps, and at the lines that the section
     crosses. Barriers have their height and capacity. Nothing is drawn where too few boulders give
     a number."""
-    length = float(lengths(found.line.vertices)[-1])
-    high, furthest = true_scale(_relief(found), length, TALLEST)
+    length = float(lengths(section.line.vertices)[-1])
+    high, furthest = true_scale(_relief(section), length, TALLEST)
     figure = new_figure(WIDE, high + sum(HEIGHTS) + 1.3)
     panels = figure.subplots(1 + len(HEIGHTS), 1, sharex=True, height_ratios=[high, *HEIGHTS])
-    _draw_profile(panels[0], found)
-    _draw_boulders(panels[1], found)
+    _draw_profile(panels[0], section)
+    _draw_boulders(panels[1], section)
     for axes, quantity in zip(panels[2:], SHOWN, strict=True):
-        _draw_envelopes(axes, found, quantity, DESIGN[quantity])
-    _draw_strength(panels[2], found.lines, "capacity", DESIGN["energy_total"].factor)
-    _draw_strength(panels[3], found.lines, "height", 1.0)
-    _mark_lines(panels, found.lines)
+        _draw_envelopes(axes, section, quantity, DESIGN[quantity])
+    _draw_strength(panels[2], section.lines, "capacity", DESIGN["energy_total"].factor)
+    _draw_strength(panels[3], section.lines, "height", 1.0)
+    _mark_lines(panels, section.lines)
     panels[-1].set_xlabel(say("axis.along_section"))
     panels[-1].set_xlim(0, furthest)
     _draw_key(figure, panels[2:])
@@ -68,38 +68,38 @@ def section_figure(found: Section) -> Figure:
     return figure
 
 
-def _relief(found: Section) -> float:
+def _relief(section: Section) -> float:
     """Difference of the elevations that a profile shows [m]."""
-    shown = [found.table["elevation"].to_numpy(float), *(z for _, z in found.paths)]
+    shown = [section.table["elevation"].to_numpy(float), *(z for _, z in section.paths)]
     values = np.concatenate(shown)
     return float(np.ptp(known)) if (known := values[np.isfinite(values)]).size else 0.0
 
 
-def _draw_profile(axes: Axes, found: Section) -> None:
+def _draw_profile(axes: Axes, section: Section) -> None:
     """Draw the ground, barriers as high as they are, and trajectories, at true scale."""
-    draw_curves(axes, [(along, z) for along, z in found.paths])
-    distance, ground = (found.table[name].to_numpy(float) for name in ("distance", "elevation"))
+    draw_curves(axes, [(along, z) for along, z in section.paths])
+    distance, ground = (section.table[name].to_numpy(float) for name in ("distance", "elevation"))
     axes.plot(distance, ground, color=INK, lw=1.0)
-    for row in found.lines[found.lines["height"].notna()].itertuples():
+    for row in section.lines[section.lines["height"].notna()].itertuples():
         base = np.interp(row.distance, distance, ground)
         if row.kind == "barrier":
             axes.plot([row.distance] * 2, [base, base + row.height], **BARRIER)
     axes.set_ylabel(say("axis.elevation"))
     axes.ticklabel_format(axis="y", useOffset=False)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_title(_bases(found))
+    axes.set_title(_bases(section))
 
 
-def _bases(found: Section) -> str:
+def _bases(section: Section) -> str:
     """Boulders behind the numbers of a section."""
-    about = {"part": found.recorded, "n": found.boulders, "within": found.line.within}
-    return say("axis.recorded_of", **about)
+    style = {"part": section.recorded, "n": section.boulders, "within": section.line.within}
+    return say("axis.recorded_of", **style)
 
 
-def _draw_boulders(axes: Axes, found: Section) -> None:
+def _draw_boulders(axes: Axes, section: Section) -> None:
     """Draw recorded boulders at each station, and the fraction of all boulders in the cell."""
-    table = found.table
-    if found.recorded:
+    table = section.table
+    if section.recorded:
         axes.step(table["distance"], table["recorded_n"], where="mid", color=BLUE, lw=1)
         axes.set_ylim(0, None)
     axes.set_ylabel(say("axis.recorded"), color=BLUE)
@@ -111,9 +111,9 @@ def _draw_boulders(axes: Axes, found: Section) -> None:
         other.set_ylabel(say("axis.all_in_cell"), color=VERMILION)
 
 
-def _draw_envelopes(axes: Axes, found: Section, quantity: str, about: Quantity) -> None:
+def _draw_envelopes(axes: Axes, section: Section, quantity: str, about: Quantity) -> None:
     """Draw the envelopes of a quantity from each of its sources."""
-    table, factor = found.table, about.factor
+    table, factor = section.table, about.factor
     for before, colour in (("recorded", BLUE), ("cell", VERMILION)):
         mean = factor * table[f"{before}_{quantity}_mean"]
         axes.plot(table["distance"], mean, color=colour, label=say(f"axis.{before}_mean"), **MEAN)
@@ -122,9 +122,11 @@ def _draw_envelopes(axes: Axes, found: Section, quantity: str, about: Quantity) 
     for before, colour in (("recorded", BLUE), ("corridor", VERMILION)):
         most = factor * table[f"{before}_{quantity}_max"]
         axes.plot(table["distance"], most, color=colour, label=say(f"axis.{before}_max"), **MAXIMUM)
-    value, low, high = _with_limits(found.lines, f"{quantity}_q95", factor)
+    value, low, high = _with_limits(section.lines, f"{quantity}_q95", factor)
     ends = np.stack([value - low, high - value])
-    axes.errorbar(found.lines["distance"], value, yerr=ends, label=say("axis.at_a_line"), **AT_LINE)
+    axes.errorbar(
+        section.lines["distance"], value, yerr=ends, label=say("axis.at_a_line"), **AT_LINE
+    )
     label = with_unit(about.name.replace(", ", ",\n"), about.unit)
     axes.set(ylabel=label, ylim=(0, None))
 
@@ -140,7 +142,7 @@ def _draw_band(
 
 def _with_limits(table: pd.DataFrame, name: str, factor: float) -> list[np.ndarray]:
     """Column of a number, and those of the limits of its interval."""
-    return [factor * table[one].to_numpy(float) for one in with_limits(name)]
+    return [factor * table[column].to_numpy(float) for column in with_limits(name)]
 
 
 def _draw_strength(axes: Axes, lines: pd.DataFrame, name: str, factor: float) -> None:
@@ -156,8 +158,8 @@ def _mark_lines(panels: np.ndarray, lines: pd.DataFrame) -> None:
         for axes in panels:
             axes.axvline(row.distance, **(LINE | {"lw": 0.6, "zorder": 0}))
         high = 0.03 + 0.1 * (k % 4)  # lines may be near each other
-        about: dict[str, Any] = {"transform": panels[0].get_xaxis_transform(), "clip_on": True}
-        panels[0].text(row.distance, high, f" {plain(str(row.name))}", **about)
+        style: dict[str, Any] = {"transform": panels[0].get_xaxis_transform(), "clip_on": True}
+        panels[0].text(row.distance, high, f" {plain(str(row.name))}", **style)
 
 
 def _draw_key(figure: Figure, panels: np.ndarray) -> None:

@@ -27,19 +27,19 @@ PANELS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # co
 ROOM = 5.0  # of the frequencies, above the highest, for the legend
 
 
-def roads_of_segments(found: xr.Dataset) -> list[str]:
+def roads_of_segments(hazard: xr.Dataset) -> list[str]:
     """Names of the roads of a hazard, in their order."""
-    return list(dict.fromkeys(found["segment_road"].values.tolist()))
+    return list(dict.fromkeys(hazard["segment_road"].values.tolist()))
 
 
 @styled
-def segment_figure(found: xr.Dataset, road: str) -> Figure:
+def segment_figure(hazard: xr.Dataset, road: str) -> Figure:
     """Figure of the segments of a road: class of hazard, annual frequencies with 95 % bands, 95 %
     quantiles of the energy and of the height of the upper edge of the boulders that touch them,
     hatched where too few boulders give an upper limit."""
-    rows = segment_table(found)
+    rows = segment_table(hazard)
     rows = rows[rows["road"] == road].sort_values("chainage_from")
-    thresholds = found["threshold"].values.tolist()
+    thresholds = hazard["threshold"].values.tolist()
     figure = new_figure(WIDE, 5.8)
     panels = figure.subplots(4, 1, sharex=True, height_ratios=[0.25, 3, 2, 2])
     _draw_classes(panels[0], rows)
@@ -61,10 +61,10 @@ def _draw_classes(axes: Axes, rows: pd.DataFrame) -> None:
 
     colours = dict(zip(CLASSES, HAZARD_COLOURS, strict=True))
     for _, row in rows.iterrows():
-        about: dict[str, Any] = {"facecolor": colours[row["hazard"]], "edgecolor": INK, "lw": 0.3}
+        style: dict[str, Any] = {"facecolor": colours[row["hazard"]], "edgecolor": INK, "lw": 0.3}
         if row["hazard_lower"] != row["hazard_upper"]:
-            about["hatch"] = "/////"
-        axes.axvspan(row["chainage_from"], row["chainage_to"], **about)
+            style["hatch"] = "/////"
+        axes.axvspan(row["chainage_from"], row["chainage_to"], **style)
     key = [
         Patch(facecolor=colours[name], edgecolor=INK, lw=0.3, label=word(name))
         for name in reversed(CLASSES)
@@ -79,9 +79,12 @@ def _draw_classes(axes: Axes, rows: pd.DataFrame) -> None:
 def _draw_frequencies(axes: Axes, rows: pd.DataFrame, thresholds: list[float]) -> None:
     """Draw the frequencies of all boulders, and of those above each threshold, by powers of ten."""
     names = ["frequency"]
-    names += [f"frequency_above_{shown('threshold', one)}" for one in thresholds]
-    energies = (Number(shown("threshold", one, " ")) for one in thresholds)
-    labels = [say("axis.all_boulders"), *(say("hazard.above", energy=one) for one in energies)]
+    names += [f"frequency_above_{shown('threshold', threshold)}" for threshold in thresholds]
+    energies = (Number(shown("threshold", threshold, " ")) for threshold in thresholds)
+    labels = [
+        say("axis.all_boulders"),
+        *(say("hazard.above", energy=energy) for energy in energies),
+    ]
     for k, (name, label) in enumerate(zip(names, labels, strict=True)):
         _draw_steps(axes, rows, name, ABOVE[k % len(ABOVE)], label)
     axes.set_yscale("log")
@@ -105,5 +108,5 @@ def _draw_steps(
             lower = low if np.isfinite(low) else 0.0
             axes.fill_between(ends, lower, high, color=colour, alpha=0.2, lw=0)
         elif np.isfinite(value):
-            about: dict[str, Any] = {"facecolor": "none", "edgecolor": colour, "alpha": 0.4}
-            axes.fill_between(ends, value, 1.1 * top, hatch="////", lw=0, **about)
+            style: dict[str, Any] = {"facecolor": "none", "edgecolor": colour, "alpha": 0.4}
+            axes.fill_between(ends, value, 1.1 * top, hatch="////", lw=0, **style)

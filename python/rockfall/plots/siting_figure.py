@@ -23,31 +23,31 @@ LIMIT: dict[str, Any] = {"color": VERMILION, "lw": 0.9, "linestyle": (0, (5, 2))
 
 
 @styled
-def siting_figure(found: Siting) -> Figure:
+def siting_figure(siting: Siting) -> Figure:
     """Energy, height and boulders around each alignment with 95 % intervals, limits as lines; the
     best alignment is marked, and those that are not told apart from it."""
     figure = new_figure(WIDE, 6.2)
     energy, high, round_it = figure.subplots(3, 1, sharex=True, height_ratios=[2, 2, 1])
-    _draw(energy, found.table, "energy_q95", 1e-3, BLUE, "95 % quantile, total")
-    _draw(energy, found.table, "E_d", 1e-3, GREY, "E_d")
+    _draw(energy, siting.table, "energy_q95", 1e-3, BLUE, "95 % quantile, total")
+    _draw(energy, siting.table, "E_d", 1e-3, GREY, "E_d")
     energy.set(ylabel="energy [kJ]", ylim=(0, None))
-    if found.limits.ead_class is not None:
-        allowed = usable(EAD_ENERGY[found.limits.ead_class], found.factors) / 1000
-        energy.axhline(allowed, label=f"class {found.limits.ead_class}", **LIMIT)
-    _draw(high, found.table, "height_q95", 1.0, BLUE, "95 % quantile of the centre")
-    _draw(high, found.table, "height_needed", 1.0, GREY, "height needed")
+    if siting.limits.ead_class is not None:
+        allowed = usable(EAD_ENERGY[siting.limits.ead_class], siting.factors) / 1000
+        energy.axhline(allowed, label=f"class {siting.limits.ead_class}", **LIMIT)
+    _draw(high, siting.table, "height_q95", 1.0, BLUE, "95 % quantile of the centre")
+    _draw(high, siting.table, "height_needed", 1.0, GREY, "height needed")
     high.set(ylabel="height, vertical [m]", ylim=(0, None))
-    if found.limits.height is not None:
-        high.axhline(found.limits.height, label="limit", **LIMIT)
-    _draw(round_it, found.table, "bypass", 100.0, BLUE, "around the alignment")
-    _draw(round_it, found.table, "remaining", 100.0, GREY, "with a barrier there")
-    round_it.axhline(100 * found.limits.bypass, **LIMIT)
+    if siting.limits.height is not None:
+        high.axhline(siting.limits.height, label="limit", **LIMIT)
+    _draw(round_it, siting.table, "bypass", 100.0, BLUE, "around the alignment")
+    _draw(round_it, siting.table, "remaining", 100.0, GREY, "with a barrier there")
+    round_it.axhline(100 * siting.limits.bypass, **LIMIT)
     round_it.set(ylabel="still come [%]", ylim=(0, None))
     for axes in (energy, high, round_it):
-        _mark(axes, found.table)
+        _mark(axes, siting.table)
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0)
-    energy.set_title(f"Above {plain(found.line)}", pad=22)
-    round_it.set(xlabel=f"distance from {plain(found.line)} [m]")
+    energy.set_title(f"Above {plain(siting.line)}", pad=22)
+    round_it.set(xlabel=f"distance from {plain(siting.line)} [m]")
     figure.align_ylabels()
     return figure
 
@@ -59,11 +59,11 @@ def _draw(
     boulders give an upper limit."""
     value, low, high = (factor * table[name + end].to_numpy() for end in ("", "_low", "_high"))
     ends = np.nan_to_num(np.stack([value - low, high - value])).clip(min=0)
-    about: dict[str, Any] = {"marker": "o", "ms": 3, "lw": 0.8, "color": colour, "label": label}
-    axes.errorbar(table["distance"], value, yerr=ends, **about)
+    style: dict[str, Any] = {"marker": "o", "ms": 3, "lw": 0.8, "color": colour, "label": label}
+    axes.errorbar(table["distance"], value, yerr=ends, **style)
     unknown = np.isfinite(value) & ~np.isfinite(high)
-    about = {"linestyle": "", "marker": "^", "ms": 5, "mfc": "none", "color": colour}
-    axes.plot(table["distance"][unknown], value[unknown], **about)
+    style = {"linestyle": "", "marker": "^", "ms": 5, "mfc": "none", "color": colour}
+    axes.plot(table["distance"][unknown], value[unknown], **style)
 
 
 def _mark(axes: Axes, table: pd.DataFrame) -> None:

@@ -92,14 +92,14 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
 
     check_stop()
     dpi = dpi or (300 if Path(path).suffix == ".png" else 200)  # vectors with dense parts as dots
-    about = {
+    style = {
         ".png": {"Software": "rockfall"},
         ".pdf": {"Creator": "rockfall", "CreationDate": None},
         ".svg": {"Creator": "rockfall", "Date": None},
     }
     with matplotlib.rc_context(STYLE), atomic_write(path) as part:
         try:
-            figure.savefig(part, dpi=dpi, metadata=about.get(part.suffix))
+            figure.savefig(part, dpi=dpi, metadata=style.get(part.suffix))
         except ValueError as error:  # not an image extension
             raise RockfallError(f"{path}: cannot be written: {error}") from error
 

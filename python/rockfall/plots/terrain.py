@@ -100,10 +100,10 @@ def _read(result: xr.Dataset, path: Path) -> Terrain:
         step = int(np.sqrt(rows.size * columns.size / MAX_CELLS)) + 1
         rows, columns = rows[step // 2 :: step], columns[step // 2 :: step]
         z = np.full((rows.size, columns.size), np.nan, raster.dtype)
-        for some, block, valid in raster.blocks():
-            mine = (rows >= some.start) & (rows < some.stop)
-            part = np.ix_(rows[mine] - some.start, columns)
-            z[mine] = np.where(valid[part], block[part], np.nan)
+        for block_rows, block, valid in raster.blocks():
+            in_block = (rows >= block_rows.start) & (rows < block_rows.stop)
+            part = np.ix_(rows[in_block] - block_rows.start, columns)
+            z[in_block] = np.where(valid[part], block[part], np.nan)
     cell = step * grid.cell
     corner = grid.x[columns[0]] - cell / 2, grid.y[rows[0]] + cell / 2
     return z, Grid(*corner, cell, columns.size, rows.size, grid.crs, str(path))

@@ -47,7 +47,7 @@ def barrier_rows(result: Held) -> Iterator[dict[str, Any]]:
     if barriers_of(result):
         check_rows(result, "what barriers did")
     for k in barriers_of(result):
-        about = {
+        attrs = {
             "barrier": str(result["line"].values[k]),
             "height": float(result["barrier_height"].values[k]),
             "capacity": float(result["barrier_capacity"].values[k]),
@@ -58,7 +58,7 @@ def barrier_rows(result: Held) -> Iterator[dict[str, Any]]:
                 hit = outcome == number
                 interval = fraction_interval(hit, sources(result))
                 numbers = dict(zip(with_limits("fraction"), interval, strict=True))
-                yield {**about, "outcome": name, "n": int(hit.sum()), **numbers}
+                yield {**attrs, "outcome": name, "n": int(hit.sum()), **numbers}
 
 
 def barriers_of(result: Held) -> list[int]:

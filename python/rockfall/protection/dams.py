@@ -14,4 +14,4 @@ if TYPE_CHECKING:
 
 def dams_of(result: Held) -> list[DamShape]:
     """Dams of a run in the order of its case; empty for results without them."""
-    return [DamShape(**one) for one in json.loads(str(result.attrs.get("dams", "[]")))]
+    return [DamShape(**dam) for dam in json.loads(str(result.attrs.get("dams", "[]")))]

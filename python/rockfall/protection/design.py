@@ -125,7 +125,7 @@ def design(
         checks=_table(barriers, _CHECKS),
         choices=_table(chosen, _CHOICES),
         along=parts,
-        warnings=tuple(one.text for one in model_remarks(result, case) if one.is_warning),
+        warnings=tuple(remark.text for remark in model_remarks(result, case) if remark.is_warning),
     )
 
 
@@ -135,7 +135,7 @@ def unconfirmed_of(result: xr.Dataset, case: Case, factors: Factors) -> str:
     is_fitted = has_own_grounds(case) and factors.conditions.calibration == BACK_ANALYSED
     rebounds = ["rebounds"] if classical_grounds(result) and not is_fitted else []
     forest = ["forest"] if case.has_forest else []
-    logs = ["logs"] if any("diameter" in one for one in case.barrier) else []
+    logs = ["logs"] if any("diameter" in barrier for barrier in case.barrier) else []
     return "; ".join([*rebounds, *forest, *logs])
 
 
@@ -226,11 +226,13 @@ def verdict_of(row: Mapping[str, Any]) -> str:
     failed = [
         what for what in ("height", "energy") if not row[f"{what}_holds"] and what not in unsure
     ]
-    about = {"no": failed, "undecided": unsure}
-    parts = [f"{word(of)}: {', '.join(map(word, what))}" for of, what in about.items() if what]
+    attrs = {"no": failed, "undecided": unsure}
+    parts = [
+        f"{word(answer)}: {', '.join(map(word, what))}" for answer, what in attrs.items() if what
+    ]
     doubt = [] if failed else [one for one in row.get("unconfirmed", "").split("; ") if one]
-    said = "; ".join(parts) or word("undecided" if doubt else "yes")
-    return f"{said}; {word('unconfirmed')}: {'; '.join(map(word, doubt))}" if doubt else said
+    answer = "; ".join(parts) or word("undecided" if doubt else "yes")
+    return f"{answer}; {word('unconfirmed')}: {'; '.join(map(word, doubt))}" if doubt else answer
 
 
 def _verdict(

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 YES, NO, UNDECIDED = "yes", "no", "undecided"
 BEST, NOT_TOLD_APART = "best", "not told apart"
 LEVEL = 0.95  # of the loads
-CONDITIONS = {one.name for one in fields(Conditions)}
+CONDITIONS = {field.name for field in fields(Conditions)}
 NUMBERS = ("fraction", "energy_q95", "height_q95", "bypass", "E_d", "height_needed", "ead_class",
            "remaining", "cost")  # fmt: skip
 COLUMNS = ["alignment", "distance", "elevation", "length", "n"]
@@ -139,9 +139,9 @@ def site(
     design_of = known, case.boulder["density"], volume
     rows: list[dict[str, Any]] = []
     with progress_bar(scene.boulders * len(batches), shown=progress) as advance:
-        for some in batches:
-            result = run_scene(_scene_with(scene, line, alignments, some))
-            rows += [_row(result, line, one, design_of, prices, limits) for one in some]
+        for batch in batches:
+            result = run_scene(_scene_with(scene, line, alignments, batch))
+            rows += [_row(result, line, one, design_of, prices, limits) for one in batch]
             advance(scene.boulders)
             if len(batches) > 1:
                 del result  # before another takes its place
@@ -169,7 +169,7 @@ def in_batches(
 ) -> list[list[Alignment]]:
     """Alignments in batches whose boulders, at these and the other lines of the case, need at most
     half of the memory [bytes]; a RockfallError if those at a single one need more."""
-    others = len(scene.case.lines) - sum(one.name != line for one in alignments)
+    others = len(scene.case.lines) - sum(alignment.name != line for alignment in alignments)
     each = BYTES_AT_LINE * scene.boulders
     most = int(ROOM * memory / each) - others
     if most < 1:
@@ -183,10 +183,10 @@ def in_batches(
 
 
 def _scene_with(
-    scene: Scene, line: str, alignments: Sequence[Alignment], some: Sequence[Alignment]
+    scene: Scene, line: str, alignments: Sequence[Alignment], drawn: Sequence[Alignment]
 ) -> Scene:
     """A scene with only some of the alignments, besides the lines of the case."""
-    left_out = {one.name for one in alignments} - {one.name for one in some} - {line}
+    left_out = {alignment.name for alignment in alignments} - {one.name for one in drawn} - {line}
     if not left_out:
         return scene
     lines = [one for one in scene.case.line if one["name"] not in left_out]
@@ -222,18 +222,18 @@ def _crossed(result: xr.Dataset, line: str) -> np.ndarray:
 def _row(
     result: xr.Dataset,
     line: str,
-    of: Alignment,
+    alignment: Alignment,
     design_of: tuple[Factors, float, float | None],
     prices: Costs | None,
     limits: Limits,
 ) -> dict[str, Any]:
     """Numbers of an alignment."""
-    number = line_names(result).index(of.name)
+    number = line_names(result).index(alignment.name)
     came, source = crossings(result, number), sources(result)
-    crossed = _crossed(result, of.name)
+    crossed = _crossed(result, alignment.name)
     row: dict[str, Any] = {
-        "alignment": of.name, "distance": of.distance, "elevation": of.elevation,
-        "length": of.length, "n": came.n,
+        "alignment": alignment.name, "distance": alignment.distance,
+        "elevation": alignment.elevation, "length": alignment.length, "n": came.n,
     }  # fmt: skip
     row |= _named("fraction", fraction_interval(crossed, source))
     row |= _named("energy_q95", quantile(came.energy_total, LEVEL, came.source))
@@ -241,7 +241,7 @@ def _row(
     asked = demand(came, *design_of)
     for name in ("E_d", "height_needed", "ead_class"):
         row |= {f"{name}{end}": asked[f"{name}{end}"] for end in ENDS}
-    comes, around = _around(result, line, of.name)
+    comes, around = _around(result, line, alignment.name)
     row |= _named("bypass", residual_of(around[comes], source[comes]))
     left = around.copy()
     if (capacity := _capacity(row["ead_class"])) is not None:
@@ -291,7 +291,10 @@ def _verdicts(row: Mapping[str, Any], limits: Limits) -> dict[str, str]:
             continue
         found[name] = NO if value > limit and low > limit else UNDECIDED
     verdict = NO if NO in found.values() else UNDECIDED if found else YES
-    return {"fits": verdict, "fails": ", ".join(k for k, of in found.items() if of == verdict)}
+    return {
+        "fits": verdict,
+        "fails": ", ".join(k for k, answer in found.items() if answer == verdict),
+    }
 
 
 def under_doubt(row: Mapping[str, Any], unconfirmed: str) -> dict[str, str]:
@@ -327,13 +330,13 @@ def choose(rows: list[dict[str, Any]]) -> None:
 def _notes(
     case: Case, line: str, come: int, alignments: list[Alignment], rows: list[dict[str, Any]]
 ) -> Iterator[str]:
-    """What the table alone does not tell."""
+    """Remarks that the table alone does not make."""
     if not come:
         yield f"no boulder comes to {line}: what goes around an alignment is unknown"
     if case.barrier:
         yield "barriers of the case are in the run: alignments below them see what they let pass"
-    own = next((one for one in alignments if one.name == line), None)
-    if own is not None and all(one.elevation <= own.elevation for one in alignments):
+    own = next((alignment for alignment in alignments if alignment.name == line), None)
+    if own is not None and all(alignment.elevation <= own.elevation for alignment in alignments):
         yield f"no alignment is higher than {line}: give the direction in which the slope rises"
     if all(row["fits"] == NO for row in rows):
         yield "no alignment is within the limits"
@@ -341,7 +344,7 @@ def _notes(
 
 def _remarks(result: xr.Dataset, case: Case) -> Iterator[str]:
     """Remarks on the model that limit every number."""
-    return (one.text for one in model_remarks(result, case) if one.is_warning)
+    return (remark.text for remark in model_remarks(result, case) if remark.is_warning)
 
 
 def _table(rows: list[dict[str, Any]]) -> pd.DataFrame:

@@ -14,4 +14,4 @@ if TYPE_CHECKING:
 
 def stands_of(result: Held) -> list[Stand]:
     """Stands of a run in the order of their layer; empty for results without them."""
-    return [Stand(*one) for one in json.loads(str(result.attrs.get("stands", "[]")))]
+    return [Stand(*stand) for stand in json.loads(str(result.attrs.get("stands", "[]")))]

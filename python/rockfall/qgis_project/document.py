@@ -45,9 +45,9 @@ def write_project(project: Project, path: Path) -> Path:
     """Write a project as a .qgz, an archive with the project as XML in it."""
     text = HEAD + ElementTree.tostring(_document(project), encoding="unicode") + "\n"
     with atomic_write(path) as part, zipfile.ZipFile(part, "w") as archive:
-        about = zipfile.ZipInfo(path.with_suffix(".qgs").name, LONG_AGO)
-        about.compress_type, about.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
-        archive.writestr(about, text)
+        info = zipfile.ZipInfo(path.with_suffix(".qgs").name, LONG_AGO)
+        info.compress_type, info.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+        archive.writestr(info, text)
     return path
 
 
@@ -65,12 +65,12 @@ def tree_layer(
 ) -> ElementTree.Element:
     """A layer in a tree, of the project or of a legend, there with a title of its own. A map has
     the rows of its classes, not that of its band, which comes first."""
-    about = {
+    attrs = {
         "id": layer.id, "name": layer.title, "source": layer.source,
         "providerKey": provider(layer), "checked": _checked(visible),
         "expanded": str(int(expanded)),
     }  # fmt: skip
-    element = ElementTree.Element("layer-tree-layer", about)
+    element = ElementTree.Element("layer-tree-layer", attrs)
     rows = sum(one.tag in CLASS_ROWS for one in layer.style.iter())
     own = {"legend/title-label": title} if title else {}
     if layer.is_raster and rows:
@@ -115,9 +115,9 @@ def _document(project: Project) -> ElementTree.Element:
 def _tree(groups: Iterable[Group]) -> ElementTree.Element:
     tree = ElementTree.Element("layer-tree-group")
     for group in groups:
-        about = {"name": group.title, "checked": _checked(True)}
-        about |= {"expanded": str(int(group.expanded))}
-        branch = ElementTree.SubElement(tree, "layer-tree-group", about)
+        attrs = {"name": group.title, "checked": _checked(True)}
+        attrs |= {"expanded": str(int(group.expanded))}
+        branch = ElementTree.SubElement(tree, "layer-tree-group", attrs)
         for layer in group.layers:
             branch.append(tree_layer(layer, layer.visible, layer.visible and layer.in_legend))
     return tree
@@ -129,10 +129,10 @@ def _checked(yes: bool) -> str:
 
 def _layer(layer: Layer, crs: str | None) -> ElementTree.Element:
     """A layer with its style: the children of the style are those of the layer."""
-    about = {"type": "raster" if layer.is_raster else "vector"}
+    attrs = {"type": "raster" if layer.is_raster else "vector"}
     if "labelsEnabled" in layer.style.attrib:
-        about["labelsEnabled"] = layer.style.attrib["labelsEnabled"]
-    element = ElementTree.Element("maplayer", about)
+        attrs["labelsEnabled"] = layer.style.attrib["labelsEnabled"]
+    element = ElementTree.Element("maplayer", attrs)
     for name, text in (
         ("id", layer.id), ("datasource", layer.source), ("layername", layer.title),
     ):  # fmt: skip
@@ -175,12 +175,12 @@ def _properties() -> ElementTree.Element:
 def _themes(project: Project) -> Iterator[ElementTree.Element]:
     groups = [(group.title, {layer.id for layer in group.layers}) for group in project.groups]
     for theme in project.themes:
-        about = {"name": theme.name, "has-expanded-info": "0", "has-checked-group-info": "1"}
-        element = ElementTree.Element("visibility-preset", about)
+        attrs = {"name": theme.name, "has-expanded-info": "0", "has-checked-group-info": "1"}
+        element = ElementTree.Element("visibility-preset", attrs)
         shown = {layer.id for layer in theme.layers}
         for layer in theme.layers:
-            about = {"id": layer.id, "visible": "1", "style": "default"}
-            ElementTree.SubElement(element, "layer", about)
+            attrs = {"id": layer.id, "visible": "1", "style": "default"}
+            ElementTree.SubElement(element, "layer", attrs)
         checked = ElementTree.SubElement(element, "checked-group-nodes")
         for title, members in groups:
             if members & shown:

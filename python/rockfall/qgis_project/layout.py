@@ -62,14 +62,14 @@ def layout(
     name: str, theme: str, extent: Extent, layers: Iterable[Layer], texts: Texts
 ) -> ElementTree.Element:
     """Layout of a theme; `layers` are those of its legend."""
-    about = {"name": name, "units": "mm", "printResolution": "300", "worldFileMap": ""}
-    root = ElementTree.Element("Layout", about)
+    attrs = {"name": name, "units": "mm", "printResolution": "300", "worldFileMap": ""}
+    root = ElementTree.Element("Layout", attrs)
     pages = ElementTree.SubElement(root, "PageCollection")
     pages.append(_page(name))
     chart = _map(name, theme, paper_extent(extent))
     chart_id = chart.attrib["uuid"]
     items = [chart, _frame(name), *_head(name, texts)]
-    y = MARGIN + PAD + sum(_height(*one) for one in _head_texts(texts))
+    y = MARGIN + PAD + sum(_height(*text) for text in _head_texts(texts))
     items.append(_legend(name, chart_id, y, layers))
     items += _foot(name, chart_id, extent, texts)
     root.extend(items)
@@ -120,9 +120,9 @@ def _page(name: str) -> ElementTree.Element:
 
 def _map(name: str, theme: str, extent: Extent) -> ElementTree.Element:
     place = MARGIN, MARGIN, MAP_WIDE, MAP_HIGH
-    about = {"followPreset": "true", "followPresetName": theme, "keepLayerSet": "false"}
-    about |= {"frame": "true", "background": "true", "mapRotation": "0"}
-    item = _item(name, MAP, MAP_ITEM, place, **about)
+    attrs = {"followPreset": "true", "followPresetName": theme, "keepLayerSet": "false"}
+    attrs |= {"frame": "true", "background": "true", "mapRotation": "0"}
+    item = _item(name, MAP, MAP_ITEM, place, **attrs)
     ElementTree.SubElement(item, "Extent", corners(extent))
     return item
 
@@ -172,12 +172,12 @@ def _head(name: str, texts: Texts) -> Iterable[ElementTree.Element]:
 def _legend(name: str, chart: str, y: float, layers: Iterable[Layer]) -> ElementTree.Element:
     """Legend of these layers only."""
     place = LEFT + PAD, y + PAD, BLOCK - 2 * PAD, HIGH - MARGIN - FOOT - y - PAD
-    about = {
+    attrs = {
         "map_uuid": chart, "title": "", "resizeToContents": "1", "wrapChar": "\n",
         "columnCount": "1", "symbolWidth": "6", "symbolHeight": "3.5", "lineSpacing": "1",
         "boxSpace": "0", "legendFilterByAtlas": "0", "splitLayer": "0", "rasterBorder": "1",
     }  # fmt: skip
-    item = _item(name, LEGEND, "legend", place, **about)
+    item = _item(name, LEGEND, "legend", place, **attrs)
     styles = ElementTree.SubElement(item, "styles")
     for style, size, space in (
         ("title", LARGE, {"marginBottom": "2"}), ("group", NORMAL, {"marginTop": "2"}),
@@ -199,9 +199,9 @@ def _foot(name: str, chart: str, extent: Extent, texts: Texts) -> Iterable[Eleme
     """North arrow, scale, coordinate system, data and date, at the bottom of the block."""
     top, left = HIGH - MARGIN - FOOT, LEFT + PAD
     svg = f"base64:{base64.b64encode(NORTH).decode()}"
-    about = {"file": svg, "mode": "0", "mapUuid": chart, "northMode": "0", "northOffset": "0"}
-    about |= {"resizeMode": "0", "anchorPoint": "0", "pictureRotation": "0"}
-    yield _item(name, PICTURE, "north", (LEFT + BLOCK - PAD - 11, top, 11, 16), **about)
+    attrs = {"file": svg, "mode": "0", "mapUuid": chart, "northMode": "0", "northOffset": "0"}
+    attrs |= {"resizeMode": "0", "anchorPoint": "0", "pictureRotation": "0"}
+    yield _item(name, PICTURE, "north", (LEFT + BLOCK - PAD - 11, top, 11, 16), **attrs)
     size = (left, top + 8, BAR + 20, 10)
     yield _scale_bar(name, chart, size, bar_unit(scale_of(extent)))
     scale = f"{texts.scale} 1:{SCALE} (A3)"
@@ -215,7 +215,7 @@ def _foot(name: str, chart: str, extent: Extent, texts: Texts) -> Iterable[Eleme
 
 
 def _scale_bar(name: str, chart: str, place: Sequence[float], unit: float) -> ElementTree.Element:
-    about = {
+    attrs = {
         "mapUuid": chart, "style": "Single Box", "unitType": "meters", "unitLabel": "m",
         "numUnitsPerSegment": f"{unit:g}", "numMapUnitsPerScaleBarUnit": "1", "numSegments": "2",
         "numSegmentsLeft": "0", "segmentSizeMode": "0", "height": "1.8", "labelBarSpace": "1",
@@ -223,7 +223,7 @@ def _scale_bar(name: str, chart: str, place: Sequence[float], unit: float) -> El
         "labelVerticalPlacement": "0", "labelHorizontalPlacement": "0", "lineJoinStyle": "miter",
         "lineCapStyle": "square", "minBarWidth": "10", "maxBarWidth": "50",
     }  # fmt: skip
-    item = _item(name, SCALE_BAR, "scale bar", place, **about)
+    item = _item(name, SCALE_BAR, "scale bar", place, **attrs)
     letters = {"fontFamily": FONT, "fontSize": str(SMALL), "fontSizeUnit": "Point"}
     letters |= {"textColor": "34,34,34,255", "textOpacity": "1", "fontWeight": "50"}
     ElementTree.SubElement(item, "text-style", letters)

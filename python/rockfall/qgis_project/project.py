@@ -118,8 +118,8 @@ def _vectors(path: Path) -> dict[str, Layer]:
     if not path.exists():
         return {}
     with closing(sqlite3.connect(path)) as database:
-        about = "SELECT table_name FROM gpkg_contents WHERE data_type = 'features'"
-        names = {name for (name,) in database.execute(about)}
+        text = "SELECT table_name FROM gpkg_contents WHERE data_type = 'features'"
+        names = {name for (name,) in database.execute(text)}
     styles, titles = vector_styles(path), TITLES[path.name]
     others = sorted(names - titles.keys())
     risk = [name for name in others if name.startswith("risk")]  # small: above the zones
@@ -185,8 +185,8 @@ def _groups(layers: _Layers) -> Iterator[Group]:
     chosen |= {_id(layers.result, "trajectories")}
 
     def group(key: str, found: dict[str, Layer], *names: str, expanded: bool = True):
-        some = [found[name] for name in names if name in found]
-        shown = (one._replace(visible=one.visible or one.id in chosen) for one in some)
+        layers = [found[name] for name in names if name in found]
+        shown = (one._replace(visible=one.visible or one.id in chosen) for one in layers)
         return Group(capital(say(key)), tuple(shown), expanded)
 
     result, maps = layers.result, layers.maps

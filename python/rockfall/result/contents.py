@@ -40,8 +40,8 @@ class Contents:
         self.attrs, named = dict(attrs), {*coords}
         self.coords = {name: one for name, one in self.variables.items() if name in named}
         self.sizes: dict[str, int] = {}  # length of each dimension
-        for one in self.variables.values():
-            self.sizes |= zip(one.dims, one.shape, strict=True)
+        for variable in self.variables.values():
+            self.sizes |= zip(variable.dims, variable.shape, strict=True)
 
     def __contains__(self, name: object) -> bool:
         return name in self.variables

@@ -45,12 +45,12 @@ def _packets(
 ) -> Iterator[dict[str, Any]]:
     """The document, the lines, and the boulders from release to the end of the slowest."""
     start, end = (_iso(time) for time in (0.0, sampled.samples[:, 3].max()))
-    about = (
+    text = (
         f"Heights: of the DEM (vertical datum: {way.heights}) plus {geoid:g} m for the ellipsoid. "
         f"Places: {way.crs} to WGS 84. All boulders start together."
     )
     yield {
-        "id": "document", "name": title, "version": "1.0", "description": about,
+        "id": "document", "name": title, "version": "1.0", "description": text,
         "clock": {"interval": f"{start}/{end}", "currentTime": start, "multiplier": 1,
                   "range": "LOOP_STOP", "step": "SYSTEM_CLOCK_MULTIPLIER"},
     }  # fmt: skip

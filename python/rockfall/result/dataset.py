@@ -49,8 +49,8 @@ def centre_variables(x: np.ndarray, y: np.ndarray) -> dict[str, tuple]:
 def georeference(grid: Grid) -> dict[str, Any]:
     """Attributes of the variable that georeferences a grid (CF, and GDAL's GeoTransform)."""
     transform = f"{grid.west!r} {grid.cell!r} 0.0 {grid.north!r} 0.0 {-grid.cell!r}"
-    about = {"units": "1", "long_name": "coordinate reference system", "GeoTransform": transform}
-    return about | (grid_mapping(grid.crs) if grid.crs else {})
+    attrs = {"units": "1", "long_name": "coordinate reference system", "GeoTransform": transform}
+    return attrs | (grid_mapping(grid.crs) if grid.crs else {})
 
 
 def provenance(scene: Any) -> dict[str, str]:
@@ -60,7 +60,7 @@ def provenance(scene: Any) -> dict[str, str]:
         "input_checksums": json.dumps(scene.checksums, sort_keys=True),
         "decoded_checksums": json.dumps(scene.decoded, sort_keys=True),
         "input_warnings": stored_warnings(scene.warnings or []),
-        "dams": json.dumps([one.rounded() for one in scene.dams]),
+        "dams": json.dumps([dam.rounded() for dam in scene.dams]),
         **({"stands": json.dumps(scene.stands)} if scene.stands else {}),
     }
 

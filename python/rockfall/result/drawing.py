@@ -35,7 +35,7 @@ def write_drawing(path: Path, layers: Mapping[str, tuple], styles: Mapping[str, 
     space = drawing.modelspace()
     for name, (kind, parts) in layers.items():
         style = styles.get(name)
-        field = style.of if style and style.kind == "categorizedSymbol" else ""
+        field = style.field if style and style.kind == "categorizedSymbol" else ""
         colours = _colours(style)
         for shapes, fields in parts:
             shapes = shapely.from_wkb(shapes) if kind.endswith(" ZM") else shapes

@@ -56,7 +56,7 @@ _ROWS = 100_000  # boulders in memory at a time
 
 
 class Chosen(NamedTuple):
-    """What an export writes: its formats, and of drawn parabolas the tolerance [m] and the height
+    """Choices for an export: its formats, and of drawn parabolas the tolerance [m] and the height
     of the DEM's vertical datum above the ellipsoid [m]."""
 
     formats: Sequence[str] = USUAL
@@ -200,11 +200,11 @@ def _put_map(folder: Path, data: xr.Dataset, name: str) -> Iterator[Path]:
     else:
         blank = NO_COUNT
     values = np.where(_passed(data, values), values, values.dtype.type(blank))
-    about = {str(key): text for key, text in data.attrs.items()} | variable.attrs
-    about |= {"variable": name}
-    about |= {"_FillValue": blank} | ({"units": unit} if scale != 1 else {})
+    attrs = {str(key): text for key, text in data.attrs.items()} | variable.attrs
+    attrs |= {"variable": name}
+    attrs |= {"_FillValue": blank} | ({"units": unit} if scale != 1 else {})
     path = folder / f"{stem}.tif"
-    yield write_map(path, variable.copy(data=values).assign_attrs(about))
+    yield write_map(path, variable.copy(data=values).assign_attrs(attrs))
     yield write_classes(path, classes_of(unit), scale / factor)
 
 
@@ -278,8 +278,8 @@ def _boulders(data: xr.Dataset) -> Iterator[xr.Dataset]:
     known = {("boulder",), ("line", "boulder")}
     data = data[[name for name in data.data_vars if data[name].dims in known]]
     for first in range(0, number.size, _ROWS):
-        some = slice(first, first + _ROWS)
-        yield data.isel(boulder=some).assign_coords(boulder=number[some])
+        rows = slice(first, first + _ROWS)
+        yield data.isel(boulder=rows).assign_coords(boulder=number[rows])
 
 
 def _columns(data: xr.Dataset) -> dict[str, xr.DataArray]:
@@ -292,7 +292,7 @@ def _write_lines(folder: Path, data: xr.Dataset) -> Iterator[Path]:
     """One table for each evaluation line: the boulders that crossed it."""
     if "line" in data.dims:
         for k, name in enumerate(_file_names(data)):
-            tables = (_crossings(some, k) for some in _boulders(data))
+            tables = (_crossings(boulder, k) for boulder in _boulders(data))
             yield _write_table(folder / f"line_{name}.csv", tables)
 
 
@@ -416,8 +416,8 @@ def _crossing_points(data: xr.Dataset) -> Iterator[Features]:
     import shapely
 
     for k, name in enumerate(_line_names(data)):
-        for some in _boulders(data):
-            columns = _crossings(some, k)
+        for boulder in _boulders(data):
+            columns = _crossings(boulder, k)
             points = shapely.points(columns["x"].values, columns["y"].values)
             line = {"line": np.full(points.size, name, dtype=object)}
             yield points, line | dict(_field(*column) for column in columns.items())

@@ -32,10 +32,10 @@ def layers(variable: xr.DataArray) -> dict[str, xr.DataArray]:
     found = {}
     for index in product(*(range(variable.sizes[dim]) for dim in beyond)):
         one = variable.isel(dict(zip(beyond, index, strict=True)))
-        of = [(str(dim), float(one[dim])) for dim in beyond]
-        about = ", ".join([one.attrs["long_name"], *(shown(*place, " ") for place in of)])
+        places = [(str(dim), float(one[dim])) for dim in beyond]
+        about = ", ".join([one.attrs["long_name"], *(shown(*place, " ") for place in places)])
         one = one.drop_vars(beyond).assign_attrs(long_name=about)
-        found["_".join([name, *(shown(*place) for place in of)])] = one
+        found["_".join([name, *(shown(*place) for place in places)])] = one
     return found
 
 

@@ -60,8 +60,8 @@ def _bounds(data: xr.Dataset) -> Bounds:
     for axis in "xy":
         names = [axis if name == "x" else f"{name[:-1]}{axis}" for name in EASTINGS]
         values = [data[name].values for name in names if name in data.variables]
-        values = [one[np.isfinite(one)] for one in values if one.size]
-        values = [one for one in values if one.size]
+        values = [value[np.isfinite(value)] for value in values if value.size]
+        values = [value for value in values if value.size]
         if not values:
             raise RockfallError("the result has no places")
         limits.append((min(map(np.min, values)), max(map(np.max, values))))

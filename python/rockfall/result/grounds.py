@@ -47,7 +47,7 @@ def stochastic_fraction(values: Variables) -> float:
     grounds = rebounds_by_ground(values)
     if not grounds:
         return 1.0
-    return sum(one.fraction for one in grounds if one.model in (IMPACT_SETS, *TABLES))
+    return sum(ground.fraction for ground in grounds if ground.model in (IMPACT_SETS, *TABLES))
 
 
 def classical_grounds(values: Variables) -> list[GroundRebounds]:
@@ -71,4 +71,4 @@ def sets_followed(values: Variables, case_set: str) -> list[str]:
     if "rebounds_by_ground" not in values:
         return [case_set]
     grounds = rebounds_by_ground(values)
-    return [one.name for one in grounds if one.rebounds and one.model == IMPACT_SETS]
+    return [ground.name for ground in grounds if ground.rebounds and ground.model == IMPACT_SETS]

@@ -29,14 +29,14 @@ def write_kml(
     styles: Mapping[str, Style],
 ) -> Path:
     """Write layers as folders of one file, atomically: places in degrees, heights unchanged."""
-    about = (
+    text = (
         f"Heights of trajectories are those of the DEM in metres (vertical datum: {way.heights}); "
         "KML takes them for heights above the geoid EGM96. All else lies on the ground. "
         f"Places: {way.crs} to WGS 84."
     )
     with atomic_write(path) as part, open(part, "w", encoding="utf-8") as file:
         file.write(f"{HEAD}<Document><name>{_text(title)}</name>")
-        file.write(f"<description>{_text(about)}</description>\n")
+        file.write(f"<description>{_text(text)}</description>\n")
         for name, (kind, features) in layers.items():
             _write_folder(file, name, kind, features, way, styles.get(name))
         file.write("</Document></kml>\n")
@@ -62,7 +62,7 @@ def _write_folder(
             if shape is None or shape.is_empty:
                 continue
             row = dict(zip(fields, values, strict=True))
-            number = numbers.get(str(row.get(style.of, "")) if style and style.of else "")
+            number = numbers.get(str(row.get(style.field, "")) if style and style.field else "")
             file.write("<Placemark>")
             file.write(f"<name>{_text(_title(row))}</name>")
             if number is not None:

@@ -93,15 +93,15 @@ def _between(columns: np.ndarray, boulder: np.ndarray, vertex: np.ndarray, g: fl
     arrival[3, waits] = start[3, waits] + steady[waits]
     moves = np.flatnonzero(begins | ~ends)
     stands = np.repeat([False, True], [moves.size, waits.size])
-    of = np.append(moves, waits)
+    moves_of = np.append(moves, waits)
     return Motion(
-        np.where(stands, arrival[:, of], start[:, of]),
-        np.where(stands, end[:, of], arrival[:, of]),
-        np.where(stands, 0.0, velocity[:, of]),
-        np.where(stands | straight[of], 0.0, g),
-        boulder[of],
-        vertex[of],
-    ).take(np.argsort(of, kind="stable"))
+        np.where(stands, arrival[:, moves_of], start[:, moves_of]),
+        np.where(stands, end[:, moves_of], arrival[:, moves_of]),
+        np.where(stands, 0.0, velocity[:, moves_of]),
+        np.where(stands | straight[moves_of], 0.0, g),
+        boulder[moves_of],
+        vertex[moves_of],
+    ).take(np.argsort(moves_of, kind="stable"))
 
 
 def _numbers(values: np.ndarray) -> np.ndarray:
@@ -113,7 +113,7 @@ def spins(result: Held, motion: Motion) -> np.ndarray:
     """W = R_b omega [m/s] of each piece of all motion of a result. That of a roll or slide is its
     speed; at vertices without a rebound it follows from the piece before: at a hit of a tree or
     barrier a boulder loses as large a part of W as of the speed."""
-    vertex, first, of = np.unique(motion.vertex, return_index=True, return_inverse=True)
+    vertex, first, indices = np.unique(motion.vertex, return_index=True, return_inverse=True)
     piece = motion.take(first)
     out_w, ratio = (result[f"trajectory_{name}"].values[vertex] for name in ("out_w", "ratio"))
     straight, way = piece.gravity == 0, piece.end[:3] - piece.start[:3]
@@ -125,7 +125,7 @@ def spins(result: Held, motion: Motion) -> np.ndarray:
     kept = np.where(hit, after / np.where(before > 0, before, np.inf), 1.0)
     for k in np.flatnonzero(follows & ~rolled).tolist():
         leaves[k] = leaves[k - 1] * kept[k]
-    return np.where(straight, after, leaves)[of]
+    return np.where(straight, after, leaves)[indices]
 
 
 def _are_parallel(a: np.ndarray, b: np.ndarray) -> np.ndarray:

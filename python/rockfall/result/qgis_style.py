@@ -20,8 +20,8 @@ def write_palette(raster: Path, words: Mapping[int, str], colours: Mapping[int, 
     renderer = ElementTree.Element("rasterrenderer", type="paletted")
     palette = ElementTree.SubElement(renderer, "colorPalette")
     for value, colour in colours.items():
-        about = {"value": str(value), "label": words[value], "color": colour, "alpha": "255"}
-        ElementTree.SubElement(palette, "paletteEntry", about)
+        attrs = {"value": str(value), "label": words[value], "color": colour, "alpha": "255"}
+        ElementTree.SubElement(palette, "paletteEntry", attrs)
     return _written(raster, renderer)
 
 
@@ -29,28 +29,28 @@ def write_classes(raster: Path, classes: Classes, per_unit: float = 1.0) -> Path
     """Write the style of a map in `per_unit` times the unit of its classes (0.01: fractions, not
     per cent)."""
     renderer = ElementTree.Element("rasterrenderer", type="singlebandpseudocolor")
-    about = {"colorRampType": "DISCRETE", "classificationMode": "1", "clip": "0"}
+    attrs = {"colorRampType": "DISCRETE", "classificationMode": "1", "clip": "0"}
     shader = ElementTree.SubElement(renderer, "rastershader")
-    shader = ElementTree.SubElement(shader, "colorrampshader", about)
+    shader = ElementTree.SubElement(shader, "colorrampshader", attrs)
     ends = [f"{per_unit * limit:.10g}" for limit in classes.limits]
     for end, colour, label in zip([*ends, "inf"], classes.colours, classes.labels, strict=True):
-        about = {"value": end, "color": colour, "label": f"{label} {classes.unit}", "alpha": "255"}
-        ElementTree.SubElement(shader, "item", about)
+        attrs = {"value": end, "color": colour, "label": f"{label} {classes.unit}", "alpha": "255"}
+        ElementTree.SubElement(shader, "item", attrs)
     return _written(raster, renderer)
 
 
 def write_relief(raster: Path) -> Path:
     """Write the style of elevations as shaded relief, with light from several directions."""
-    about = {"azimuth": "315", "angle": "45", "zfactor": "1", "multidirection": "1"}
-    renderer = ElementTree.Element("rasterrenderer", {"type": "hillshade", **about})
+    attrs = {"azimuth": "315", "angle": "45", "zfactor": "1", "multidirection": "1"}
+    renderer = ElementTree.Element("rasterrenderer", {"type": "hillshade", **attrs})
     return _written(raster, renderer, RELIEF, smooth=True)
 
 
 def contour_style(interval: float, index: int, colour: str) -> ElementTree.Element:
     """Style of elevations as contour lines, each at a multiple of `index` intervals [m] thicker."""
-    about = {"contour-interval": f"{interval:g}", "contour-index-interval": f"{interval * index:g}"}
-    about |= {"type": "contour", "downscale": "4"}
-    renderer = ElementTree.Element("rasterrenderer", about)
+    attrs = {"contour-interval": f"{interval:g}", "contour-index-interval": f"{interval * index:g}"}
+    attrs |= {"type": "contour", "downscale": "4"}
+    renderer = ElementTree.Element("rasterrenderer", attrs)
     symbols = ElementTree.SubElement(renderer, "symbols")
     for name, width in (("contour", 0.12), ("index", 0.3)):
         line = Symbol({"line_color": rgba(colour), "line_width": width}, 0.6)
@@ -78,9 +78,9 @@ def _style(
     root = ElementTree.Element("qgis", version="3.16", styleCategories="Symbology")
     pipe = ElementTree.SubElement(root, "pipe")
     if smooth:
-        about = {"zoomedInResamplingMethod": "cubic", "zoomedOutResamplingMethod": "bilinear"}
-        about |= {"enabled": "true", "maxOversampling": "2"}
-        ElementTree.SubElement(ElementTree.SubElement(pipe, "provider"), "resampling", about)
+        attrs = {"zoomedInResamplingMethod": "cubic", "zoomedOutResamplingMethod": "bilinear"}
+        attrs |= {"enabled": "true", "maxOversampling": "2"}
+        ElementTree.SubElement(ElementTree.SubElement(pipe, "provider"), "resampling", attrs)
     pipe.append(renderer)
     if smooth:
         ElementTree.SubElement(pipe, "resamplingStage").text = "provider"

@@ -72,9 +72,9 @@ def _check_crs(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
         raise RockfallError(f"{what}: has another coordinate system: {' in place of '.join(names)}")
 
 
-def _crs_name(one: xr.Dataset) -> str:
+def _crs_name(data: xr.Dataset) -> str:
     keys = ("projected_crs_name", "geographic_crs_name")
-    about = one["crs"].attrs
+    about = data["crs"].attrs
     return str(next((about[key] for key in keys if key in about), about.get("crs_wkt", "none")))
 
 
@@ -87,7 +87,7 @@ def _extent(result: xr.Dataset) -> np.ndarray:
         ]
         return np.array(ends).T
     found = [[result[f"{end}_{axis}"].values for end in ("start", "stop")] for axis in "xy"]
-    return np.array([[np.nanmin(of), np.nanmax(of)] for of in found]).T
+    return np.array([[np.nanmin(values), np.nanmax(values)] for values in found]).T
 
 
 def _overlap(one: np.ndarray, other: np.ndarray) -> bool:

@@ -95,11 +95,11 @@ def sample_dims(name: str) -> tuple[str, ...]:
 def possible(arrays: Mapping[str, np.ndarray], shape: Mapping[str, int], boulders: int) -> str:
     """First variable of samples with values impossible for the given number of boulders; "" if
     none."""
-    for before, count, of, fine in (
+    for before, count, bins, fine in (
         ("", "count", "part", "fine"), ("group_", "group_count", "group", "coarse"),
     ):  # fmt: skip
         places, counts = arrays[f"sample_{before}bin"], arrays[f"sample_{count}"]
-        of_bins = shape["place"] * shape[of] * SAMPLE_QUANTITIES * shape[fine]
+        of_bins = shape["place"] * shape[bins] * SAMPLE_QUANTITIES * shape[fine]
         if places.size and not (
             places[0] >= 0 and places[-1] < of_bins and (np.diff(places) > 0).all()
         ):

@@ -107,13 +107,13 @@ def ended(result: Held) -> dict[str, int]:
     """Number of boulders with each status, by name, with or without rows."""
     if "sample_ended" in result:
         return dict(zip(ends(result), result["sample_ended"].values.tolist(), strict=True))
-    return {name: int(of.sum()) for name, of in ends(result).items()}
+    return {name: int(marked.sum()) for name, marked in ends(result).items()}
 
 
 def gone(result: Held) -> int:
     """Number of boulders that left the known terrain, as in `left_terrain`."""
-    of = ended(result)
-    return of["left_domain"] + of["hit_nodata"]
+    end = ended(result)
+    return end["left_domain"] + end["hit_nodata"]
 
 
 def left_terrain(result: xr.Dataset) -> np.ndarray:

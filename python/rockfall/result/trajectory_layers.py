@@ -45,13 +45,13 @@ def flight_features(sampled: Sampled) -> tuple[np.ndarray, dict[str, np.ndarray]
     boulder that starts it, counted from 1, time stamps from `EPOCH`, and the speeds [m/s] after
     that contact and before the next. A slide includes the time that a boulder waits."""
     strings = sampled.strings(sampled.motion.vertex)
-    begin, end = np.array([(one[0, 3], one[-1, 3]) for one in strings]).T
+    begin, end = np.array([(string[0, 3], string[-1, 3]) for string in strings]).T
     _, first = np.unique(sampled.motion.vertex, return_index=True)
     piece = sampled.motion.take(first)
-    _, release, of = np.unique(piece.boulder, return_index=True, return_inverse=True)
+    _, release, indices = np.unique(piece.boulder, return_index=True, return_inverse=True)
     columns = {
         "boulder": piece.boulder.astype(np.int64),
-        "contact": (piece.vertex - piece.vertex[release][of] + 1).astype(np.int64),
+        "contact": (piece.vertex - piece.vertex[release][indices] + 1).astype(np.int64),
         "begin": time_stamps(begin),
         "end": time_stamps(end),
         "speed_m_s": piece.at(0.0)[1],

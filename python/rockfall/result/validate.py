@@ -105,6 +105,7 @@ def _groups() -> Iterator[_Group]:
     on_grounds = ("ground", "ground_model", *variables.GROUND)
     yield {name: ("ground",) for name in on_grounds}
     yield {name: ("boulder",) for name in variables.ENERGY}
+    yield {name: ("boulder",) for name in variables.MASS}
     yield {name: ("boulder",) for name in variables.TREE}
     yield {name: ("boulder",) for name in variables.BREAKAGE}
     yield {f"line_{name}": ("line", "boulder") for name in variables.FRAGMENT}

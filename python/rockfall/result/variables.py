@@ -16,6 +16,7 @@ COUNT = _TABLE["count"]  # over all boulders
 GROUND = _TABLE["ground"]  # the same, on each ground
 ENERGY = _TABLE["energy"]  # of each boulder, on request
 FEATURE = _TABLE["feature"]  # of each boulder, where its source comes from a layer
+MASS = _TABLE["mass"]  # of each boulder, there, and where sources give its density
 TREE = _TABLE["tree"]  # of each boulder, where there are trees
 BREAKAGE = _TABLE["breakage"]  # of each boulder, where they may break
 FRAGMENT = _TABLE["fragment"]  # at lines, where boulders may break: line_volume, ...
@@ -44,6 +45,7 @@ def map_dims(name: str) -> tuple[str, ...]:
     return ("threshold", "y", "x") if name in EXCEEDED else ("y", "x")
 
 
-def fields(what: int) -> list[str]:
-    """Names of the kernel's columns: 1 boulder, 2 counts, 3 crossing, 4 vertex, 5 energy."""
-    return _core.fields(what).decode().split()
+def fields(rows: str) -> list[str]:
+    """Names of the kernel's columns: of a boulder, its counts, a line, a vertex, an energy, and of
+    the quantities of samples."""
+    return _core.fields(rows).decode().split()

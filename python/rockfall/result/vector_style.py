@@ -43,7 +43,7 @@ class Style(NamedTuple):
     expression; each with a label and a symbol. Names from the field `named` are written beside
     them; `times` are the fields between which a feature is shown by the temporal controller."""
 
-    of: str
+    field: str
     symbols: Iterable[tuple[object, str, Symbol]]
     kind: str = "categorizedSymbol"
     times: tuple[str, str] | None = None
@@ -151,8 +151,8 @@ def qml(style: Style, kind: str, layer: str) -> str:
         begin, end = style.times
         shown = {"enabled": "1", "mode": FROM_FIELDS, "startField": begin, "endField": end}
         ElementTree.SubElement(root, "temporal", shown)
-    about = {"type": style.kind, "attr": style.of} if style.of else {"type": style.kind}
-    renderer = ElementTree.SubElement(root, "renderer-v2", about)
+    attrs = {"type": style.kind, "attr": style.field} if style.field else {"type": style.kind}
+    renderer = ElementTree.SubElement(root, "renderer-v2", attrs)
     rules = ElementTree.SubElement(renderer, "ranges" if "grad" in style.kind else "categories")
     symbols = ElementTree.SubElement(renderer, "symbols")
     for k, (value, label, symbol) in enumerate(style.symbols):
@@ -160,7 +160,7 @@ def qml(style: Style, kind: str, layer: str) -> str:
         if style.kind == "graduatedSymbol":
             low, high = map(str, value)  # type: ignore[call-overload]
             ElementTree.SubElement(rules, "range", number | {"lower": low, "upper": high})
-        elif style.of:
+        elif style.field:
             ElementTree.SubElement(rules, "category", number | {"value": str(value)})
         symbols.append(symbol_element(str(k), kind, layer, symbol))
     if style.named:

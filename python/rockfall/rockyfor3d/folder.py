@@ -29,7 +29,7 @@ class Folder:
         if not self.path.is_dir():
             raise RockfallError(f"{self.path}: no such folder")
         files = sorted(one for one in self.path.iterdir() if one.is_file())
-        by_name = {one.name.lower(): one for one in files}
+        by_name = {file.name.lower(): file for file in files}
         self.rasters = {
             name: by_name[f"{name}.asc"] for name in RASTERS if f"{name}.asc" in by_name
         }
@@ -42,11 +42,11 @@ class Folder:
         self.trees = lists[0] if lists else None
         known = {*self.rasters.values(), self.trees}
         self.unread = [
-            one.name
-            for one in files
-            if (one.suffix.lower() == ".asc" or one in lists)
-            and one not in known
-            and not one.name.lower().startswith(OUTPUTS)
+            file.name
+            for file in files
+            if (file.suffix.lower() == ".asc" or file in lists)
+            and file not in known
+            and not file.name.lower().startswith(OUTPUTS)
         ]
         self.grid: Grid = dem_header(self.rasters["dem"])[0]
 

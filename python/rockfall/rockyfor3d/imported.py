@@ -115,8 +115,8 @@ def _surface(made: Import) -> Group:
     entries = [Entry("method", "A", "an obstacle is met at 70, 20 or 10 % of the rebounds")]
     entries += [Entry(name, made.path(name)) for name in ("rg70", "rg20", "rg10")]
     if "soiltype" in made.folder:
-        about = "soil types 0 to 7 are the shipped grounds 0 to 7"
-        entries.append(Entry("ground_map", made.path("soiltype"), about))
+        text = "soil types 0 to 7 are the shipped grounds 0 to 7"
+        entries.append(Entry("ground_map", made.path("soiltype"), text))
         unsure = f"{say('model.quoted_coefficients')}; {say('model.understated')}"
         made.model.append(
             "soiltype.asc: rebounds follow the classical model rockyfor3d of the shipped grounds, "
@@ -152,10 +152,8 @@ def _release(made: Import) -> Group:
     if (np.rint(density) != density)[~np.isnan(density)].any():  # the source raster has integers
         cells = SOURCES
         _write(made, SOURCES, (density > 0).astype("u1"))
-    about = "cells above zero"
-    return Group(
-        "release", [Entry("cells", cells, about), Entry("drop_height", DROP_HEIGHT, "[m]")]
-    )
+    text = "cells above zero"
+    return Group("release", [Entry("cells", cells, text), Entry("drop_height", DROP_HEIGHT, "[m]")])
 
 
 def _forest(made: Import) -> Iterator[Group]:
@@ -180,9 +178,9 @@ def _forest(made: Import) -> Iterator[Group]:
             deviation = Entry("dbh_std", made.path("dbhstd"))
         else:
             made.notes.append("dbhstd.asc is not there: stems of a cell are alike")
-        about = "nrtrees.asc a hectare in place of a cell"
+        text = "nrtrees.asc a hectare in place of a cell"
         entries = [
-            Entry("stems", STEMS, about), Entry("spread", "even", "as many in each cell"),
+            Entry("stems", STEMS, text), Entry("spread", "even", "as many in each cell"),
             Entry("dbh_mean", made.path("dbhmean")), deviation, conifers,
         ]  # fmt: skip
     else:
@@ -234,7 +232,7 @@ def _write_trees(made: Import, path: Path) -> None:
     more = False
     for line, text in enumerate(read_text(path).splitlines(), start=1):
         cells = _cells(text)
-        numbers = [plain_decimal(one) for one in cells[:3]]
+        numbers = [plain_decimal(cell) for cell in cells[:3]]
         head = len(rows) == 1 and np.isnan(numbers).all()
         if not cells or (head and not cells[0][0].isdigit()):
             continue
@@ -255,5 +253,5 @@ def _cells(text: str) -> list[str]:
     """Cells of a line, split at commas only if blanks and semicolons do not split it, since commas
     may be decimal."""
     cells = [one.strip(",") for one in re.split(r"[\s;]+", text)]
-    cells = [one for one in cells if one]
+    cells = [cell for cell in cells if cell]
     return cells if len(cells) > 2 else [one for one in re.split(r"[\s,;]+", text) if one]

@@ -60,8 +60,8 @@ def draws_in(path: Path, turning: str) -> list[SetFile]:
     first = open_sets(path)._replace(draw=1)
     _, number = first.read(turning)
     draws = [first._replace(draw=draw) for draw in range(1, number + 1)]
-    for one in draws[1:]:
-        one.read(turning)
+    for drawn in draws[1:]:
+        drawn.read(turning)
     return draws
 
 

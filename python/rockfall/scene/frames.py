@@ -118,7 +118,7 @@ def with_frames(
         changes.setdefault(group, {})[key] = FROM_ARRAY
     return scene.replace(
         case=scene.case.replace(**changes),
-        remarks=tuple(_of_frames(one, files) for one in scene.remarks),
+        remarks=tuple(_of_frames(remark, files) for remark in scene.remarks),
         checksums={of_frames(key, files): one for key, one in scene.checksums.items()},
     )
 
@@ -173,7 +173,7 @@ def _key(name: str, frame: Any) -> tuple[str, str]:
 
 def _says_ground(frame: Any, field: str) -> bool:
     """Return True if zones say what they are made of, and have no id that a table would need."""
-    columns = {str(one).lower() for one in frame.columns}
+    columns = {str(column).lower() for column in frame.columns}
     return field.lower() not in columns and not columns.isdisjoint((*RADII, "ground"))
 
 

@@ -56,12 +56,12 @@ class Ground:
     def with_sources(self, band: Rasters, box: Box, x: np.ndarray, y: np.ndarray) -> Ground:
         """Statistics with those of the sources in a box, of all at x, y, added."""
         row = ((band.grid.north - y) / band.grid.cell).astype(int).clip(0, band.grid.ny - 1)
-        mine = (row >= box.row) & (row < box.stop_row)
-        if not mine.any():
+        in_box = (row >= box.row) & (row < box.stop_row)
+        if not in_box.any():
             return self
-        x, y = x[mine], y[mine]
+        x, y = x[in_box], y[in_box]
         column = ((x - band.grid.west) / band.grid.cell).astype(int).clip(0, band.grid.nx - 1)
-        z = band.z[row[mine] - band.at[0], column - band.at[1]]
+        z = band.z[row[in_box] - band.at[0], column - band.at[1]]
         return replace(
             self,
             source_z=[*self.source_z, z],
@@ -140,9 +140,9 @@ class Ground:
 
 def ground_of(rasters: Rasters) -> Ground:
     """Statistics of a complete terrain, without sources."""
-    found = Ground()
-    found.take(rasters, rasters.grid.box)
-    return found
+    ground = Ground()
+    ground.take(rasters, rasters.grid.box)
+    return ground
 
 
 def falls_and_rises(sizes: np.ndarray) -> tuple[int, int]:

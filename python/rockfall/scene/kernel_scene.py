@@ -86,13 +86,13 @@ def _new_scene(rasters: Rasters, arrays: Mapping[str, np.ndarray], draw: int = 0
 def raster_arrays(rasters: Rasters) -> dict[str, np.ndarray]:
     """Arrays of terrain and ground. The texts of grounds come before their lengths."""
     grounds = rasters.grounds
-    names = "\n".join(f"{one.name}\n{one.file}" for one in grounds).encode()
+    names = "\n".join(f"{ground.name}\n{ground.file}" for ground in grounds).encode()
     return kernel_arrays({
         "elevation": _elevations(rasters), "cell_size": rasters.values, "zone": rasters.zone,
         "material_size": rasters.sizes,
-        "ground_text": np.frombuffer(b"".join(one.text for one in grounds), "i1"),
+        "ground_text": np.frombuffer(b"".join(ground.text for ground in grounds), "i1"),
         "ground_names": np.frombuffer(names, "i1"),
-        "ground_length": [len(one.text) for one in grounds] or None,
+        "ground_length": [len(ground.text) for ground in grounds] or None,
         "material_ground": rasters.material_ground, "cell_ground": rasters.cell_ground,
     })  # fmt: skip
 

@@ -42,7 +42,7 @@ class Inputs:
         it, or of the file that the case names. `smooth`: see `aligned_blocks`."""
         given = self.arrays.pop(key, None)
         if given is None:
-            group = next(one.group for one in file_keys() if one.name == key)
+            group = next(row.group for row in file_keys() if row.name == key)
             path = self.case.path(getattr(self.case, group)[key])
             remarks = None if key in self.checksums else self.remarks  # once
             if key not in self.checksums:
@@ -83,7 +83,7 @@ def take_inputs(
     given = tuple(one for item in inputs.arrays.items() for one in item)
     found, own = stages.take(name, inputs.case, (inputs.grid, *uses, *given), read)
     inputs.checksums |= own.checksums
-    inputs.remarks += [one for one in own.remarks if one not in inputs.remarks]
+    inputs.remarks += [remark for remark in own.remarks if remark not in inputs.remarks]
     inputs.arrays = {key: one for key, one in inputs.arrays.items() if key in own.arrays}
     return found
 

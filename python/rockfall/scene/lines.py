@@ -92,7 +92,7 @@ def _features(inputs: Inputs, group: str, given: Mapping[str, Any]) -> Iterator[
     attributes = {key: column for key, column in found.items() if column is not None}
     names = None
     if group in RECORDED:
-        names = _names(path, given, columns, [len(of) for of in parts])
+        names = _names(path, given, columns, [len(parts_) for parts_ in parts])
     for k, feature in enumerate(parts):
         values = {name: _plain(column[k], known[name]) for name, column in attributes.items()}
         values = {name: value for name, value in values.items() if value is not None} | own

@@ -27,8 +27,8 @@ class Lowest:
             return
         above = np.fmin.reduce(numbers, axis=None, initial=np.inf, where=numbers > value)
         count = int(np.count_nonzero(numbers == value))
-        mine = self.value, self.count, self.next
-        low, high = sorted([mine, (float(value), count, float(above))])
+        own = self.value, self.count, self.next
+        low, high = sorted([own, (float(value), count, float(above))])
         self.value, self.count, self.next = low
         if low[0] == high[0]:
             self.count += high[1]
@@ -78,7 +78,7 @@ class Features(NamedTuple):
     """Polygons or points of a source layer, and their release attributes."""
 
     names: list[str]
-    of: np.ndarray  # int32: feature of each source, from 1
+    number: np.ndarray  # int32: feature of each source, from 1
     law: np.ndarray | None = None  # int32: distribution, from 1; 0: case's; None: not given
     value: np.ndarray | None = None  # (features, 9): `source_attributes.VALUES`, or NaN
 
@@ -95,14 +95,14 @@ class Sources:
     source_boulders: SourceBoulders | None = None  # where sources define their boulders
     source_values: Lowest = field(default_factory=Lowest)  # negative values of the source cells
 
-    def select(self, some: np.ndarray) -> Self:
+    def select(self, chosen: np.ndarray) -> Self:
         """The sources with these numbers, from 0, or those that are marked."""
         own: list[Any]
         x, y, area, frequency, *own = (
-            None if one is None else one[some]
+            None if one is None else one[chosen]
             for one in (self.x, self.y, self.area, self.frequency, *(self.source_boulders or ()))
         )
         changes: dict[str, Any] = {"x": x, "y": y, "area": area, "frequency": frequency}
         if self.features is not None:
-            changes["features"] = self.features._replace(of=self.features.of[some])
+            changes["features"] = self.features._replace(number=self.features.number[chosen])
         return replace(self, **changes, source_boulders=SourceBoulders(*own) if own else None)

@@ -54,7 +54,7 @@ def warn_of(scene: Scene) -> None:
 
 
 def _lines(scene: Scene) -> Iterator[InputWarning]:
-    barriers = {one["name"] for one in scene.case.barrier}
+    barriers = {barrier["name"] for barrier in scene.case.barrier}
     for name in scene.lines_outside():
         group = "barrier" if name in barriers else "line"
         yield InputWarning(f"&{group} name = '{name}'", say("input.line_outside"))

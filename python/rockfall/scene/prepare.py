@@ -91,7 +91,7 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
 
 
 def _scene_file(scene: Scene) -> Contents:
-    """What the kernel takes beside the case."""
+    """Input of the kernel other than the case."""
     arrays = scene.kernel.arrays()
     if "cell_size" in arrays:
         del arrays["material_size"]

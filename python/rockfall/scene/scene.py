@@ -96,8 +96,8 @@ class Scene(Sources):
             **{f"source_{name}": one for name, one in (own._asdict() if own else {}).items()},
         }  # fmt: skip
         if self.features is not None:
-            _, of, law, value = self.features
-            found |= {"source_feature": of, "feature_law": law, "feature_value": value}
+            _, feature, law, value = self.features
+            found |= {"source_feature": feature, "feature_law": law, "feature_value": value}
         if self.trees is not None:
             found |= {f"tree_{name}": one for name, one in self.trees._asdict().items()}
         return KernelScene(self.case, self.rasters, self.sets.draw, kernel_arrays(found))
@@ -145,9 +145,9 @@ class Scene(Sources):
         grid = self.grid
         place = grid.west, grid.north, grid.cell, (grid.nx, grid.ny)
         return [
-            one["name"]
-            for one in self.case.lines
-            if _core.points_outside(*place, one["x"], one["y"])
+            line["name"]
+            for line in self.case.lines
+            if _core.points_outside(*place, line["x"], line["y"])
         ]
 
     def sources_of(self, numbers: np.ndarray) -> np.ndarray:

@@ -52,11 +52,11 @@ class Table(NamedTuple):
             found = column.astype(float)
         else:
             found = np.array([self.number(k, name, one) for k, one in enumerate(self.values(name))])
-        some = np.flatnonzero(~np.isnan(found))
-        if some.size:
-            first, rule = _core.check_numbers(*_key(name), found[some])
+        given = np.flatnonzero(~np.isnan(found))
+        if given.size:
+            first, rule = _core.check_numbers(*_key(name), found[given])
             if first:
-                k = some[first - 1]
+                k = given[first - 1]
                 raise RockfallError(
                     f"{self.where(k)}: {name} = {found[k]:.10g}: {rule.decode().strip()}"
                 )
@@ -80,7 +80,7 @@ class Table(NamedTuple):
         return float(value)
 
 
-def read_attributes(case: Case, table: Table, of: np.ndarray) -> tuple[Features, np.ndarray]:
+def read_attributes(case: Case, table: Table, feature: np.ndarray) -> tuple[Features, np.ndarray]:
     """Features of a layer, given the feature of each source, and their frequencies (NaN if
     missing)."""
     if attribute(table.columns, "velocity") is not None:
@@ -93,8 +93,8 @@ def read_attributes(case: Case, table: Table, of: np.ndarray) -> tuple[Features,
     _check_source(case, table, law, given)
     names, frequency = _names(case, table), table.numbers("frequency")
     if not law.any() and np.isnan(given).all():
-        return Features(names, of), frequency
-    return Features(names, of, law.astype("i4"), given), frequency
+        return Features(names, feature), frequency
+    return Features(names, feature, law.astype("i4"), given), frequency
 
 
 def values_of(case: Case, features: Features | None) -> np.ndarray | None:
@@ -141,8 +141,8 @@ def _laws(case: Case, table: Table) -> tuple[np.ndarray, np.ndarray]:
     filled = given.copy()
     if boulder["volume"] in LAWS:
         for row, name in zip(filled, VOLUMES, strict=True):
-            mine = (law == 1 + LAWS.index(boulder["volume"])) & np.isnan(row)
-            row[mine] = boulder.get(name, np.nan)
+            lacking = (law == 1 + LAWS.index(boulder["volume"])) & np.isnan(row)
+            row[lacking] = boulder.get(name, np.nan)
     _check_laws(case, table, law, filled)
     return law, given
 
@@ -160,17 +160,17 @@ def _check_laws(case: Case, table: Table, law: np.ndarray, given: np.ndarray) ->
     Features with the same keys share one check; extreme spreads and ranges have their own."""
     patterns = np.vstack([law, ~np.isnan(given)]).T
     firsts = np.unique(patterns[law > 0], axis=0, return_index=True)[1]
-    some = set(np.flatnonzero(law > 0)[firsts].tolist())
+    given_features = set(np.flatnonzero(law > 0)[firsts].tolist())
     wide = np.where(law == 1 + LAWS.index("normal"), given[1] / given[0], np.nan)
     if not np.isnan(wide).all():
-        some.add(int(np.nanargmax(wide)))
+        given_features.add(int(np.nanargmax(wide)))
     spread = given[3] - given[2]
     if not np.isnan(spread).all():
-        some.add(int(np.nanargmin(spread)))
+        given_features.add(int(np.nanargmin(spread)))
     own = {
         key.name: None for key in key_table() if key.group == "boulder" and key.name != "density"
     }
-    for k in sorted(some):
+    for k in sorted(given_features):
         values = {n: None if np.isnan(v) else v for n, v in zip(VOLUMES, given[:, k], strict=True)}
         alone = case.replace()
         alone.name = table.where(k)

@@ -41,8 +41,8 @@ def refuse_by_area(case: Case, sources: Sources, what: str) -> None:
             f"{case.name}: sources have a frequency: {what} needs as many boulders from each"
         )
     if case.release["by_area"]:
-        about = f"{case.name}: &release by_area = .true."
-        raise RockfallError(f"{about}: {what} needs as many boulders from each source")
+        text = f"{case.name}: &release by_area = .true."
+        raise RockfallError(f"{text}: {what} needs as many boulders from each source")
 
 
 def read_sources(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources:
@@ -66,14 +66,14 @@ def _find_cells(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources
     case, grid, release = inputs.case, inputs.grid, inputs.case.release
     found, area, lowest = [], [], Lowest()
     polygons, table = _polygons(inputs)
-    of: list[np.ndarray] = []
+    features: list[np.ndarray] = []
     for band, box in bands:
         parts = _cells(inputs, band, box, polygons, lowest)
         blocks = {rows.start: np.argwhere(block > 0) for rows, block in parts}
         cells = [blocks[start] + (start, 0) for start in sorted(blocks)]
         row, column = np.concatenate(cells).T
         found.append((grid.x[column], grid.y[row]))
-        of += [] if polygons is None else [polygons[row, column].astype("i4")]
+        features += [] if polygons is None else [polygons[row, column].astype("i4")]
         if release["by_area"] and row.size:
             area.append(area_ratios(band, *found[-1]))
     x, y = (np.concatenate(axis) for axis in zip(*found, strict=True))
@@ -86,7 +86,7 @@ def _find_cells(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources
         path = case.path(release.get("polygons") or release["cells"])
         raise RockfallError(f"{path}: no source cells: must have cells above zero")
     sources = Sources(x, y, np.concatenate(area) if area else None, source_values=lowest)
-    return _with_attributes(inputs, sources, table, np.concatenate(of)) if table else sources
+    return _with_attributes(inputs, sources, table, np.concatenate(features)) if table else sources
 
 
 def _polygons(inputs: Inputs) -> tuple[np.ndarray | None, Table | None]:
@@ -122,20 +122,24 @@ def _find_points(inputs: Inputs) -> Sources:
     return _with_attributes(inputs, Sources(x, y), table, np.arange(1, x.size + 1, dtype="i4"))
 
 
-def _with_attributes(inputs: Inputs, sources: Sources, table: Table, of: np.ndarray) -> Sources:
+def _with_attributes(
+    inputs: Inputs, sources: Sources, table: Table, feature: np.ndarray
+) -> Sources:
     """Sources with the release attributes of features; those of each source are given."""
-    features, frequency = read_attributes(inputs.case, table, of)
-    some = ~np.isnan(frequency)
-    if not some.any():
+    features, frequency = read_attributes(inputs.case, table, feature)
+    given = ~np.isnan(frequency)
+    if not given.any():
         return replace(sources, features=features)
     if "boulders" in inputs.case.case:
         inputs.remarks.append(remark(table.path, "input.frequency_not_used"))
-    if not some.all():
-        k = int(np.argmin(some))
+    if not given.all():
+        k = int(np.argmin(given))
         raise RockfallError(f"{table.where(k)}: has no frequency: all must have one, or none")
-    own = np.ones(of.size) if sources.area is None else sources.area
-    together = np.bincount(of, own, minlength=table.size + 1)
-    return replace(sources, features=features, frequency=frequency[of - 1] * own / together[of])
+    own = np.ones(feature.size) if sources.area is None else sources.area
+    together = np.bincount(feature, own, minlength=table.size + 1)
+    return replace(
+        sources, features=features, frequency=frequency[feature - 1] * own / together[feature]
+    )
 
 
 def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
@@ -149,21 +153,21 @@ def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
         )
     else:
         shape = np.full(sources.x.size, SPHERE)
-    some = shape > 0
-    if not some.any():
+    shaped = shape > 0
+    if not shaped.any():
         raise RockfallError(
             f"{inputs.case.path(boulder['shape'])}: 0 at all sources: none has boulders"
         )
-    if not some.all():
-        out = np.count_nonzero(~some)
-        numbers = {"part": int(out), "n": some.size}
+    if not shaped.all():
+        out = np.count_nonzero(~shaped)
+        numbers = {"part": int(out), "n": shaped.size}
         inputs.remarks.append(remark("&boulder shape", "input.no_boulders", **numbers))
-    sources = sources.select(some)
+    sources = sources.select(shaped)
     d = np.array([_at_sources(inputs, sources, key, "sides", np.float64) for key in SIDES])
     for key, side in zip(SIDES, d, strict=True):
         good = (side > 0) & (side <= MAX_SIDE)
         _check(inputs.case, sources, key, side, good, f"> 0 and at most {MAX_SIDE:g} m")
-    volume, inertia = _core.shape_numbers(shape[some], np.asfortranarray(d))
+    volume, inertia = _core.shape_numbers(shape[shaped], np.asfortranarray(d))
     density = None
     if "rock_density" in boulder:
         density = _at_sources(inputs, sources, "rock_density", "densities", np.float64)
@@ -178,8 +182,8 @@ def _at_sources(inputs: Inputs, sources: Sources, key: str, what: str, dtype: An
     row = ((grid.north - sources.y) / grid.cell).astype(int).clip(0, grid.ny - 1)
     column = ((sources.x - grid.west) / grid.cell).astype(int).clip(0, grid.nx - 1)
     for rows, block in inputs.blocks(key, what, dtype, smooth=False):
-        mine = (row >= rows.start) & (row < rows.stop)
-        found[mine] = block[row[mine] - rows.start, column[mine]]
+        in_rows = (row >= rows.start) & (row < rows.stop)
+        found[in_rows] = block[row[in_rows] - rows.start, column[in_rows]]
     return found
 
 

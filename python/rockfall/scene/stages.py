@@ -55,7 +55,10 @@ class _Kept:
         """Return True if the stage would have the same result again."""
         return (
             len(self.uses) == len(uses)
-            and all(mine is its for mine, its in zip(self.uses, uses, strict=True))
+            and all(
+                kept_input is new_input
+                for kept_input, new_input in zip(self.uses, uses, strict=True)
+            )
             and all(getattr(case, group) == value for group, value in self.seen.items())
             and all(_state(path) == state for path, state in self.states.items())
         )
@@ -88,7 +91,9 @@ class KeptStages(Stages):
 
     def find(self, name: str, uses: tuple[Any, ...]) -> Any:
         kept = self._kept.get(name)
-        same = kept and all(mine is its for mine, its in zip(kept.uses, uses, strict=True))
+        same = kept and all(
+            kept_input is new_input for kept_input, new_input in zip(kept.uses, uses, strict=True)
+        )
         return kept.result if kept and same else None
 
     def keep(self, name: str, uses: tuple[Any, ...], result: Any) -> None:
@@ -108,8 +113,11 @@ class WatchedCase(Case):
         if name in REPEATABLE:
             self._note(name, value)
         elif name == "_groups":  # all of them, to make a text or another case
-            for group, one in {**value, **{key: self.__dict__[key] for key in REPEATABLE}}.items():
-                self._note(group, one)
+            for group, attrs in {
+                **value,
+                **{key: self.__dict__[key] for key in REPEATABLE},
+            }.items():
+                self._note(group, attrs)
         return value
 
     def __getattr__(self, group: str) -> dict[str, Any]:

@@ -34,19 +34,19 @@ def read_rasters(inputs: Inputs, z: np.ndarray, box: Box) -> Rasters:
     surface = inputs.case.surface
     columns = size_columns(inputs.case)
     uniform = surface.get("uniform_mean_radius" if surface["method"] == "B" else "uniform_rg")
-    found = Rasters(inputs.grid, z, (box.row, box.column))
-    zones, ids = read_grounds(inputs, found)
+    rasters = Rasters(inputs.grid, z, (box.row, box.column))
+    zones, ids = read_grounds(inputs, rasters)
     if "ground_map" in surface:
-        _read_cell_grounds(inputs, found, box, ids)
+        _read_cell_grounds(inputs, rasters, box, ids)
     if "zones" in surface and uniform is None:
-        _read_zones(inputs, found, box, columns, zones)
+        _read_zones(inputs, rasters, box, columns, zones)
     elif uniform is not None or set(columns).isdisjoint(surface):
         size = np.full(len(columns), np.nan) if uniform is None else uniform
-        found.sizes = np.atleast_2d(np.asarray(size, dtype=float))
-        _check_sizes(inputs, found, columns, f"{inputs.case.name}: &surface", [""])
+        rasters.sizes = np.atleast_2d(np.asarray(size, dtype=float))
+        _check_sizes(inputs, rasters, columns, f"{inputs.case.name}: &surface", [""])
     else:
-        _read_values(inputs, found, box, columns)
-    return found
+        _read_values(inputs, rasters, box, columns)
+    return rasters
 
 
 def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dict[int, str]]:
@@ -146,8 +146,8 @@ def _check_sizes(
             )
         if need and (missing or (need == 2 and not rasters.sizes[k].all())):
             name = rasters.grounds[ground].name if rasters.grounds else inputs.case.impact["sets"]
-            about = f"ground '{name}' needs {', '.join(columns)}"
-            raise RockfallError(f"{where}{names[k]}: {about}{' > 0' if need == 2 else ''}")
+            text = f"ground '{name}' needs {', '.join(columns)}"
+            raise RockfallError(f"{where}{names[k]}: {text}{' > 0' if need == 2 else ''}")
     if rasters.grounds:
         rasters.sizes = np.where(np.isnan(rasters.sizes), 0.0, rasters.sizes)
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -158,7 +158,7 @@ class Batch:
         True
         """
         remarks = model_remarks(self._rows, self.case)
-        return [one.text for one in remarks if one.is_warning]
+        return [remark.text for remark in remarks if remark.is_warning]
 
     def line_statistics(
         self,
@@ -176,9 +176,9 @@ class Batch:
         """
         return line_statistics(self._result or self._rows, by, classes, quantities)
 
-    def trajectories(self, number: int = RECORDED) -> list[Trajectory]:
+    def trajectories(self, number: int = RECORDED, skip: Collection[int] = ()) -> list[Trajectory]:
         """Trajectories of at most this number of the boulders done, evenly spread over all of the
-        run, as in `rockfall.trajectories`. Each is computed once in a run.
+        run, as in `rockfall.trajectories`, without those of the boulders in `skip`: their numbers.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -186,7 +186,8 @@ class Batch:
         >>> len(batch.trajectories(5))
         5
         """
-        vertices = Contents(trajectory_variables(self._recorded(number)), {})
+        recorded = {k: one for k, one in self._recorded(number).items() if k not in skip}
+        vertices = Contents(trajectory_variables(recorded), {})
         return curves(motion_of(vertices, gravity=self.case.flight["gravity"]))
 
     def dataset(self) -> xr.Dataset:

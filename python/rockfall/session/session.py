@@ -169,7 +169,9 @@ class Session:
             if boulders != self._boulders:
                 self._read(self._case, self._arrays, boulders)
                 scene = self._opened()
-            criteria = read_rules(until, [one["name"] for one in scene.case.lines]) if until else []
+            criteria = (
+                read_rules(until, [line["name"] for line in scene.case.lines]) if until else []
+            )
             tally = start(scene, self._team(scene))
         batches = Batches(tally)
         return _batches(batches, until or "", criteria, cancel or Event(), batch_seconds)

@@ -45,12 +45,12 @@ def run_on_cluster(
     case.folder = Path(case.folder).absolute()
     with interrupts() as interrupted, _client(where) as client:
         memory = 2 * scene.windows.bytes if scene.windows else None  # windows of the same size
-        of = parts or PARTS * max(1, sum(client.nthreads().values()))
-        of = max(2, min(of, scene.boulders))
+        n = parts or PARTS * max(1, sum(client.nthreads().values()))
+        n = max(2, min(n, scene.boulders))
         if scene.boulders < 2:
             return simulate(scene)
-        parts = range(1, of + 1)
-        futures = [client.submit(_part, case, memory, k, of, pure=False, retries=2) for k in parts]
+        parts = range(1, n + 1)
+        futures = [client.submit(_part, case, memory, k, n, pure=False, retries=2) for k in parts]
         joined = Joined()
         with progress_bar(scene.boulders, shown=progress) as advance:
             for future in as_completed(futures, loop=client.loop):
@@ -84,10 +84,10 @@ def _client(where: str) -> Iterator[Any]:
     if not number.isdecimal() or int(number) < 1:
         raise RockfallError(f"--dask {where}: must be local:N with N >= 1, or an address")
     need("local processes of Dask need", "cluster", "cryptography")
-    about = {"n_workers": int(number), "threads_per_worker": 1, "dashboard_address": None}
+    attrs = {"n_workers": int(number), "threads_per_worker": 1, "dashboard_address": None}
     # Without credentials any other user of this machine could send code to the workers.
     with (
-        LocalCluster(**about, processes=True, security=Security.temporary()) as cluster,
+        LocalCluster(**attrs, processes=True, security=Security.temporary()) as cluster,
         Client(cluster, **_straight(cluster.scheduler_address)) as client,
     ):
         yield client
@@ -109,11 +109,11 @@ def _result(future: Any) -> Contents:
         raise RockfallError(f"workers died again and again: {error}", code=1) from error
 
 
-def _part(case: Case, memory: float | None, which: int, of: int) -> Contents:
+def _part(case: Case, memory: float | None, which: int, parts: int) -> Contents:
     """Run a part on a worker. Terrain windows move, so they are used by one thread at a time."""
     scene = _scene(case, memory)
     with WINDOWS if scene.windows else nullcontext():
-        return simulate(scene, shard=(which, of))
+        return simulate(scene, shard=(which, parts))
 
 
 @lru_cache(maxsize=1)

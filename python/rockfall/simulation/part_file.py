@@ -50,8 +50,8 @@ LAYOUT = int(_core.constant("part_layout"))  # layout version of the file
 STACKS = ("counts", "sums", "maxima")  # of maps, by layer
 BEFORE = "tally_"  # prefix of the names of tallies
 GROUPS = (  # of the table of variables
-    "kept", "boulder", "energy", "feature", "tree", "breakage", "line", "fragment", "barrier",
-    "count", "ground", "histogram",
+    "kept", "boulder", "energy", "feature", "mass", "tree", "breakage", "line", "fragment",
+    "barrier", "count", "ground", "histogram",
 )  # fmt: skip
 CLOCKS = ("wall_seconds", "cpu_seconds")
 NUMBERS = ("boulders_requested", "boulder_first", "boulder_last", "threads")
@@ -184,7 +184,9 @@ class Part:
         """Vertices by boulder number."""
         if "trajectory_boulder" not in self.arrays:
             return {}
-        rows = np.stack([self.arrays[f"trajectory_{name}"] for name in variables.fields(4)], axis=1)
+        rows = np.stack(
+            [self.arrays[f"trajectory_{name}"] for name in variables.fields("vertex")], axis=1
+        )
         numbers, begins = np.unique(self.arrays["trajectory_boulder"], return_index=True)
         return dict(zip(numbers.tolist(), np.split(rows, begins[1:]), strict=True))
 
@@ -413,7 +415,7 @@ def _check_values(part: Part) -> None:
     boulders = part.last - part.first + 1
     if "sample_bin" in arrays:
         shape = lengths(part.origin.case, part.origin.boulders)
-        shape |= {of: arrays[name].size for of, name in LAYOUT_OF.items()}
+        shape |= {dim: arrays[name].size for dim, name in LAYOUT_OF.items()}
         if damaged := possible(arrays, shape, boulders):
             raise _damaged(part, damaged)
         if not are_numbers(arrays["boulder"], part.first, part.last):

@@ -40,9 +40,9 @@ def _lines(total: int, what: str) -> Callable[..., None]:
     """Function that reports progress as lines on stderr, for a program that displays it."""
     made = 0
 
-    def advance(done: int, of: int | None = None) -> None:
+    def advance(done: int, new_total: int | None = None) -> None:
         nonlocal made, total
-        made, total = made + done, total if of is None else of
+        made, total = made + done, total if new_total is None else new_total
         print(f"rockfall: {made} of {total} {what}", file=sys.stderr, flush=True)
 
     return advance

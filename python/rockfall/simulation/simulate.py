@@ -40,8 +40,8 @@ before_fork(_core.end_team)
 
 CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
 FIRST_CHUNK = 64  # boulders
-STATUS = fields(2).index("status")  # row of the kernel's integers
-STOP = [fields(1).index(name) for name in ("stop_x", "stop_y")]  # rows of its reals
+STATUS = fields("count").index("status")  # row of the kernel's integers
+STOP = [fields("boulder").index(name) for name in ("stop_x", "stop_y")]  # rows of its reals
 LEFT_WINDOW = int(_core.constant("left_window"))  # status: to be repeated in a larger window
 
 
@@ -175,11 +175,11 @@ def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
     return Tally(scene, run, box, len(numbers), numbers.start, threads=threads)
 
 
-def check_tallies(scene: Scene, found: Survey) -> None:
+def check_tallies(scene: Scene, survey: Survey) -> None:
     """Refuse a run whose boulders could overflow the numbers in a cell of a map."""
     if "maps" in scene.case.output:
         kernel = scene.kernel
-        kernel.check(*_core.check_maps(kernel.handle, found.head[0] - found.minima.min()))
+        kernel.check(*_core.check_maps(kernel.handle, survey.head[0] - survey.minima.min()))
 
 
 def run_chunks(
@@ -245,7 +245,7 @@ def recorded_numbers(scene: Scene, wanted: int, first: int, last: int) -> list[i
 
 
 def trajectory(scene: Scene, number: int) -> np.ndarray:
-    """The vertices (release, contacts, end) of one boulder, each with the columns `fields(4)`."""
+    """Vertices (release, contacts, end) of one boulder, with the columns `fields("vertex")`."""
     while True:
         vertex, left = _fly_alone(scene.around(number, 1)[0], number)
         if left is None:
@@ -259,9 +259,9 @@ def _fly_alone(
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
     """Vertices of a boulder, and the place where it left the window, if it did; no tally
     changes."""
-    vertex, recorded = np.empty((0, len(fields(4)))), 256
+    vertex, recorded = np.empty((0, len(fields("vertex")))), 256
     while recorded > len(vertex):
-        vertex = np.empty((recorded, len(fields(4))))
+        vertex = np.empty((recorded, len(fields("vertex"))))
         recorded, boulder, count = _core.trajectory(scene.kernel.handle, number, vertex.T)
     left = tuple(boulder[STOP]) if count[STATUS] == LEFT_WINDOW else None
     return vertex[:recorded], left

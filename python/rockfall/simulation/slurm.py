@@ -106,7 +106,7 @@ def write_jobs(
         raise RockfallError(f"{folder}: #SBATCH lines take no folder with blanks in its name")
     inputs = list(input_files(case))
     check_outputs([folder / f"{Path(path).stem}.nc"], inputs)  # which merge.sh writes
-    about = {
+    attrs = {
         "case": shlex.quote(str(Path(path).absolute())), "folder": shlex.quote(str(folder)),
         "name": "rockfall", "stem": shlex.quote(Path(path).stem), "shards": shards,
         "threads": threads, "time": time,
@@ -116,7 +116,7 @@ def write_jobs(
     scripts = {"run.sh": RUN, "merge.sh": MERGE, "submit.sh": SUBMIT}
     with atomic_folder(folder, inputs) as part:
         for name, text in scripts.items():
-            (part / name).write_text(text.substitute(about))
+            (part / name).write_text(text.substitute(attrs))
             (part / name).chmod(0o755)
     return [folder / name for name in scripts]
 

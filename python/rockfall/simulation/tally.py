@@ -47,12 +47,12 @@ class Origin:
         """First item in which another run differs, "" if none; threads and the layout of the case
         text are ignored."""
         for what in ("version", "boulders", "checksums", "decoded", "grid", "window"):
-            one, its = getattr(self, what), getattr(other, what)
+            one, theirs = getattr(self, what), getattr(other, what)
             if isinstance(one, dict):
-                differ = (key for key in sorted({*one, *its}) if one.get(key) != its.get(key))
+                differ = (key for key in sorted({*one, *theirs}) if one.get(key) != theirs.get(key))
                 if key := next(differ, ""):
                     return key
-            elif one != its:
+            elif one != theirs:
                 return what
         texts = (run.case.replace(case={"threads": 0}).text() for run in (self, other))
         return "" if len({*texts}) == 1 else "case"
@@ -193,14 +193,14 @@ class Tally:
 def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
     """Boulders of the I-th of N shards, counted from 0; the sizes of shards differ by at most
     one."""
-    which, of = shard
-    if not 1 <= which <= of:
-        raise RockfallError(f"shard = {which}/{of}: must be I/N with I from 1 to N")
-    if of > max(1, scene.boulders):
-        raise RockfallError(f"shard = {which}/{of}: there are {scene.boulders} boulders only")
+    which, parts = shard
+    if not 1 <= which <= parts:
+        raise RockfallError(f"shard = {which}/{parts}: must be I/N with I from 1 to N")
+    if parts > max(1, scene.boulders):
+        raise RockfallError(f"shard = {which}/{parts}: there are {scene.boulders} boulders only")
     return range(
-        _core.boulders_in_parts(scene.boulders, which - 1, of),
-        _core.boulders_in_parts(scene.boulders, which, of),
+        _core.boulders_in_parts(scene.boulders, which - 1, parts),
+        _core.boulders_in_parts(scene.boulders, which, parts),
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
+from rockfall.errors import check_kernel
 from rockfall.io.grid import row_blocks
 from rockfall.result import variables
 from rockfall.result.contents import Contents
@@ -30,7 +31,8 @@ MAXIMA = {
 def make_result(tally: Tally, maps: bool = True) -> Contents:
     """Complete results of a run, named as in `variables`; with or without its maps, whose tallies
     are used up (`settle` comes before) unless the run goes on."""
-    data = table_variables(tally, "boulder", "count", "energy", "feature", "tree", "breakage")
+    groups = "boulder", "count", "energy", "feature", "mass", "tree", "breakage"
+    data = table_variables(tally, *groups)
     data["boulder"] = ("boulder", tally.numbers(), variables.KEPT["boulder"])
     data |= sample_variables(tally)
     data |= _grounds_themselves(tally) | table_variables(tally, "ground")
@@ -62,12 +64,12 @@ def table_variables(tally: Tally, *groups: str) -> dict[str, Any]:
     """Kernel arrays of some groups of the table of variables, for rows of completed boulders."""
     data: dict[str, tuple] = {}
     for array in sorted(tally.arrays(*groups), key=lambda array: groups.index(array.group)):
-        about: dict[str, Any] = {**variables.about(array.group, array.name)}
+        attrs: dict[str, Any] = {**variables.about(array.group, array.name)}
         if array.name == "status":
-            about |= _flags(variables.STATUS)
+            attrs |= _flags(variables.STATUS)
         if array.group == "histogram":
-            about |= {"units": "1", "long_name": f"rebounds by {about['long_name']}"}
-        data[array.file_name] = (array.dims, array.values, about)
+            attrs |= {"units": "1", "long_name": f"rebounds by {attrs['long_name']}"}
+        data[array.file_name] = (array.dims, array.values, attrs)
     return data
 
 
@@ -98,7 +100,7 @@ def sample_variables(tally: Tally) -> dict[str, Any]:
 def _grounds_themselves(tally: Tally) -> dict[str, Any]:
     """Names and models of the grounds."""
     words = {"ground": "name of the ground", "ground_model": "what rebounds on the ground follow"}
-    columns = zip(*((one.name, one.model) for one in tally.scene.grounds), strict=True)
+    columns = zip(*((ground.name, ground.model) for ground in tally.scene.grounds), strict=True)
     return {
         name: ("ground", np.array(column, dtype=object), {"long_name": long_name})
         for (name, long_name), column in zip(words.items(), columns, strict=False)
@@ -115,8 +117,8 @@ def _line_itself(tally: Tally) -> dict[str, Any]:
         "x": np.concatenate([line["x"] for line in lines]),
         "y": np.concatenate([line["y"] for line in lines]),
     }
-    for name, about in variables.LINE_VERTEX.items():
-        data[f"line_vertex_{name}"] = ("line_vertex", vertices[name], about)
+    for name, attrs in variables.LINE_VERTEX.items():
+        data[f"line_vertex_{name}"] = ("line_vertex", vertices[name], attrs)
     return data
 
 
@@ -127,12 +129,12 @@ def _barrier_variables(tally: Tally) -> dict[str, Any]:
     outcome = np.zeros((len(height), tally.rows), "i1")
     outcome[height > 0] = tally.arrays("barrier")[0].values
     height[capacity == 0] = capacity[capacity == 0] = np.nan
-    about = {**variables.BARRIER}
-    about["outcome"] = about["outcome"] | _flags({"not_met": 0, **variables.OUTCOME})
+    attrs = {**variables.BARRIER}
+    attrs["outcome"] = attrs["outcome"] | _flags({"not_met": 0, **variables.OUTCOME})
     return {
-        "barrier_height": ("line", height, about["height"]),
-        "barrier_capacity": ("line", capacity, about["capacity"]),
-        "barrier_outcome": (("line", "boulder"), outcome, about["outcome"]),
+        "barrier_height": ("line", height, attrs["height"]),
+        "barrier_capacity": ("line", capacity, attrs["capacity"]),
+        "barrier_outcome": (("line", "boulder"), outcome, attrs["outcome"]),
     }
 
 
@@ -177,7 +179,7 @@ def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, in
                 values[rows][values[rows] == 0] = np.nan
         return values, 0, 0
     values, run = np.empty(tally.box.shape, "f4"), tally.run.handle
-    _core.map(run, name, (tally.done, per_cluster), values.ctypes.data)
+    check_kernel(*_core.map(run, name, (tally.done, per_cluster), values.ctypes.data))
     fewest, thin = map(int, _core.map_passages(run, name, per_cluster))
     return values, fewest, thin
 
@@ -217,7 +219,7 @@ def trajectory_variables(recorded: dict[int, np.ndarray]) -> dict[str, Any]:
     if not recorded:
         return {}
     vertices = np.concatenate([*recorded.values()])
-    columns = dict(zip(fields(4), vertices.T, strict=True))
+    columns = dict(zip(fields("vertex"), vertices.T, strict=True))
     columns["boulder"] = np.repeat([*recorded], [len(one) for one in recorded.values()])
     return {
         f"trajectory_{name}": ("trajectory_vertex", columns[name], about)
@@ -229,7 +231,7 @@ def _ground_attributes(tally: Tally) -> dict[str, str]:
     """Names and models of the grounds, one per line."""
     if not (grounds := tally.scene.grounds):
         return {}
-    names, models = zip(*((one.name, one.model) for one in grounds), strict=True)
+    names, models = zip(*((ground.name, ground.model) for ground in grounds), strict=True)
     return {"grounds": "\n".join(names), "ground_models": "\n".join(models)}
 
 

@@ -164,8 +164,8 @@ def _face(
     above = crest[:, None] - fall * np.maximum(0.0, abs(off) - wide / 2) - before
     found = {}
     for side in (-1, 1):
-        mine = side * off > 0
-        out, over = abs(off[mine])[::side], above[:, mine][:, ::side]
+        on_side = side * off > 0
+        out, over = abs(off[on_side])[::side], above[:, on_side][:, ::side]
         last = np.argmax(over <= 0, axis=1)  # beyond the face
         last[(over > 0).all(axis=1)] = out.size - 1
         row, before_last = np.arange(last.size), np.maximum(last - 1, 0)
@@ -182,8 +182,8 @@ def _slope(
 ) -> float:
     """Median angle of a face [degree]: the chord from 10 to 90 % of the distance from crest to
     toe."""
-    mine = side * off >= 0
-    z, of_dam, out = after[:, mine], own[:, mine], abs(off[mine])
+    on_side = side * off >= 0
+    z, of_dam, out = after[:, on_side], own[:, on_side], abs(off[on_side])
     if side < 0:
         z, of_dam, out = z[:, ::-1], of_dam[:, ::-1], out[::-1]
     toe = np.min(np.where(of_dam, z, np.inf), axis=1)

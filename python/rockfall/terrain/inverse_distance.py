@@ -69,7 +69,7 @@ def _mean(z: np.ndarray, apart: np.ndarray, which: np.ndarray, power: float) -> 
     with np.errstate(invalid="ignore"):  # relative to the nearest, which has weight 1: no overflow
         weight = np.where(nearest > 0, (nearest / apart) ** power, apart == 0)
     weight[np.isinf(apart)] = 0.0
-    of = z[np.minimum(which, len(z) - 1)]  # missing ones, beyond the last, weigh nothing
-    first = of[..., 0]
+    heights = z[np.minimum(which, len(z) - 1)]  # missing ones, beyond the last, weigh nothing
+    first = heights[..., 0]
     with np.errstate(invalid="ignore"):
-        return first + (weight * (of - first[..., None])).sum(-1) / weight.sum(-1)
+        return first + (weight * (heights - first[..., None])).sum(-1) / weight.sum(-1)

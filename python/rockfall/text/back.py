@@ -17,24 +17,24 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def back_text(found: Back) -> str:
+def back_text(analysis: Back) -> str:
     """Parameters and their posterior, the contribution of each set of data, and reasons for
     caution."""
-    members = count(len(found.members), "member")
+    members = count(len(analysis.members), "member")
     text = [
-        f"{found.case.case['title'] or 'rockfall'}: {members} of {found.boulders:,} boulders, "
-        f"worth {found.effective:.0f} of the posterior",
-        table(_parameters(found)),
-        table(_data(found)),
-        *([table(_alone(found))] if len(found.data) > 1 else []),
+        f"{analysis.case.case['title'] or 'rockfall'}: {members} of "
+        f"{analysis.boulders:,} boulders, worth {analysis.effective:.0f} of the posterior",
+        table(_parameters(analysis)),
+        table(_data(analysis)),
+        *([table(_alone(analysis))] if len(analysis.data) > 1 else []),
     ]
-    return "\n".join([*text, *(f"  {one}" for one in (*warnings(found), *found.notes))])
+    return "\n".join([*text, *(f"  {one}" for one in (*warnings(analysis), *analysis.notes))])
 
 
-def _parameters(found: Back) -> Iterator[list[str]]:
+def _parameters(analysis: Back) -> Iterator[list[str]]:
     yield ["  sought", "the case", "prior: median", "5 to 95 %", "posterior: median", "5 to 95 %",
            "of the prior's range", "verdict"]  # fmt: skip
-    for row in posterior_table(found).to_dict("records"):
+    for row in posterior_table(analysis).to_dict("records"):
         unit = f" [{row['units']}]" if row["units"] != "1" else ""
         name, width = f"  {row['parameter']}{unit}", f"{100 * row['ratio']:.0f} %"
         verdict = row["verdict"]
@@ -43,30 +43,32 @@ def _parameters(found: Back) -> Iterator[list[str]]:
             yield [name, "", "", "", "", "", width, verdict]
             continue
         ranges = []
-        for of in ("prior_", ""):
-            low, middle, high = (number(row[f"{of}{name}"]) for name in ("q05", "median", "q95"))
+        for prefix in ("prior_", ""):
+            low, middle, high = (
+                number(row[f"{prefix}{name}"]) for name in ("q05", "median", "q95")
+            )
             ranges += [middle, f"{low} to {high}"]
         yield [name, number(row["case"]), *ranges, width, verdict]
 
 
-def _data(found: Back) -> Iterator[list[str]]:
+def _data(analysis: Back) -> Iterator[list[str]]:
     yield ["  observed", "n", "counts", "as far off or farther, of samples", "lost to the others",
            ""]  # fmt: skip
-    for row in found.data.to_dict("records"):
+    for row in analysis.data.to_dict("records"):
         p, loss = row["predictive_p"], f"{row['loss']:.1f} +- {row['loss_error']:.1f}"
         off = "-" if np.isnan(p) else f"{100 * p:.1f} %"
         lost = [loss, row["agreement"]] if row["agreement"] else ["-", ""]
         yield [f"  {row['data']}", f"{row['n']:,}", f"{row['counts']:.2f}", off, *lost]
 
 
-def _alone(found: Back) -> Iterator[list[str]]:
+def _alone(analysis: Back) -> Iterator[list[str]]:
     """Median and range of each parameter by each set of data alone."""
-    rows = alone_table(found)
+    rows = alone_table(analysis)
     rows = rows[np.isfinite(rows["median"])]
     names = [*dict.fromkeys(rows["parameter"])]
     yield ["  alone: median (5 to 95 %)", *names]
-    for data, of in rows.groupby("data", sort=False):
-        by_name = of.set_index("parameter")
+    for data, members in rows.groupby("data", sort=False):
+        by_name = members.set_index("parameter")
         yield [f"  {data}", *(_range(by_name.loc[name]) for name in names)]
 
 

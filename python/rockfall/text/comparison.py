@@ -68,7 +68,7 @@ def _errors(table: pd.DataFrame) -> Iterable[list[str]]:
         ours, theirs = (_three(row, whose, quantity) for whose in ("simulated", "observed"))
         is_method = against not in ("observed", "sample")
         who = say("compare.method", method=against) if is_method else word(against)
-        errors = (_error(row.loc[one]) for one in STATISTICS)
+        errors = (_error(row.loc[statistic]) for statistic in STATISTICS)
         first = ["", "", "", ""] if name == shown else [name, *ours]
         yield [*first, who, *theirs, *errors]
         shown = name
@@ -177,10 +177,10 @@ def _at_rest(table: pd.DataFrame) -> Iterable[list[str]]:
     for row in table.to_dict("records"):
         is_all = row["source"] == "all"
         name = say("compare.all_sources") if is_all else say("compare.source", name=row["source"])
-        here, own, low = (number(1e4 * row[of]) for of in
+        here, own, low = (number(1e4 * row[name]) for name in
                           ("density", "own_density", "own_density_low"))  # fmt: skip
         verdict = say("compare.down_to_by_chance", verdict=word(row["verdict"]), low=low)
-        numbers = (Number(f"{row[of]:,}") for of in ("n_observed", "n_simulated", "outside"))
+        numbers = (Number(f"{row[name]:,}") for name in ("n_observed", "n_simulated", "outside"))
         yield [name, *numbers, here, own, verdict]
 
 

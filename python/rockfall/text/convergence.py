@@ -25,17 +25,20 @@ TERRAINS = {
 }
 
 
-def text(found: Convergence) -> str:
+def text(convergence: Convergence) -> str:
     """The study, the Monte Carlo and the numerical errors, each as a table and its
     interpretation."""
-    of = f" from each of {found.sources:,} sources" if found.sources > 1 else ""
-    parts = [f"{found.name}\n\nBy number of boulders{of}:\n", table(_study(found.study))]
-    parts += ["", *_study_says(found.study)]
-    seconds = f"{1e6 * found.seconds:.0f} microseconds of CPU a boulder"
-    parts += [f"\nMonte Carlo error against {found.reference:,} boulders, {seconds}:\n"]
-    parts += [table(_cost(found.cost)), "", *_cost_says(found)]
-    parts += [f"\nNumerical error, {found.paired:,} boulders on each terrain:\n"]
-    parts += [table(_numerical(found)), "", *_numerical_says(found)]
+    place = f" from each of {convergence.sources:,} sources" if convergence.sources > 1 else ""
+    parts = [
+        f"{convergence.name}\n\nBy number of boulders{place}:\n",
+        table(_study(convergence.study)),
+    ]
+    parts += ["", *_study_says(convergence.study)]
+    seconds = f"{1e6 * convergence.seconds:.0f} microseconds of CPU a boulder"
+    parts += [f"\nMonte Carlo error against {convergence.reference:,} boulders, {seconds}:\n"]
+    parts += [table(_cost(convergence.cost)), "", *_cost_says(convergence)]
+    parts += [f"\nNumerical error, {convergence.paired:,} boulders on each terrain:\n"]
+    parts += [table(_numerical(convergence)), "", *_numerical_says(convergence)]
     return "\n".join(parts)
 
 
@@ -101,12 +104,12 @@ def _cost(cost: pd.DataFrame) -> Iterator[list[str]]:
         ]
 
 
-def _cost_says(found: Convergence) -> Iterator[str]:
-    if found.cost.empty:
+def _cost_says(convergence: Convergence) -> Iterator[str]:
+    if convergence.cost.empty:
         yield "Too few boulders cross a line to measure errors there."
         return
     percent, tenth = (f"cpu_seconds_{100 * error:g}_percent" for error in ERRORS[-2:])
-    cost = found.cost.set_index(KEYS)
+    cost = convergence.cost.set_index(KEYS)
     for key in (cost[percent].idxmin(), cost[percent].idxmax()):
         one, more = (number(cost.loc[key, name], 2) for name in (percent, tenth))
         yield f"{_rule(key)} to 1 % costs {one} s of CPU; one more digit costs 100 times, {more} s."
@@ -114,7 +117,7 @@ def _cost_says(found: Convergence) -> Iterator[str]:
         "Errors are root mean squares; half an interval of 95 %, as of --until and reports, is "
         "twice as wide: boulders for +- 2 % are for such an interval, over all sources."
     )
-    if found.sources > 1:
+    if convergence.sources > 1:
         yield "The sources are as given: what they differ by is not in these errors."
 
 
@@ -123,8 +126,8 @@ def _changed(value: float, error: float, digits: str) -> str:
     return "-" if np.isnan(value) else f"{value:{digits}} +- {error:{digits.lstrip('+')}}"
 
 
-def _numerical(found: Convergence) -> Iterator[list[str]]:
-    all_ = found.numerical
+def _numerical(convergence: Convergence) -> Iterator[list[str]]:
+    all_ = convergence.numerical
     variants = [name for name in all_["variant"].unique() if name != AS_GIVEN]
     yield ["", f"Monte Carlo, {SIZE:,}", *variants]
     for key, one in all_.groupby(KEYS, sort=False):
@@ -137,9 +140,9 @@ def _numerical(found: Convergence) -> Iterator[list[str]]:
         ]
 
 
-def _numerical_says(found: Convergence) -> Iterator[str]:
+def _numerical_says(convergence: Convergence) -> Iterator[str]:
     """Number of significant changes for each variant, and the largest change."""
-    all_ = found.numerical
+    all_ = convergence.numerical
     for variant, one in all_[all_["variant"] != AS_GIVEN].groupby("variant", sort=False):
         known = one[one["change"].notna()]
         if not len(known):
@@ -154,5 +157,5 @@ def _numerical_says(found: Convergence) -> Iterator[str]:
             f"{about}: {len(sure)} of {len(known)} numbers change by more than three standard "
             f"errors;\n  the largest change: {_rule(largest[KEYS])}, {largest['change']:+.2%}."
         )
-    for variant, why in found.refused.items():
+    for variant, why in convergence.refused.items():
         yield f"{variant}: not run: {why}"

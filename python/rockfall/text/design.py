@@ -28,28 +28,28 @@ ground, vertical (as that of &barrier) and normal to the slope. A sheet is no de
 docs/design.md for what it leaves out."""
 
 
-def design_text(found: Design) -> str:
+def design_text(design: Design) -> str:
     """The tables of a design, line after line."""
-    parts = [ABOUT, *(f"Warning: {text}" for text in found.warnings), *_lines(found)]
-    if len(found.checks):
-        parts += ["", "Barriers", aligned(_checks(found.checks))]
-    if found.along is not None:
-        parts += ["", f"Along {found.along['line'][0]}", aligned(_along(found.along))]
-    return "\n".join([*parts, "", *factor_lines(found.factors)])
+    parts = [ABOUT, *(f"Warning: {text}" for text in design.warnings), *_lines(design)]
+    if len(design.checks):
+        parts += ["", "Barriers", aligned(_checks(design.checks))]
+    if design.along is not None:
+        parts += ["", f"Along {design.along['line'][0]}", aligned(_along(design.along))]
+    return "\n".join([*parts, "", *factor_lines(design.factors)])
 
 
-def _lines(found: Design) -> Iterator[str]:
-    for asked in found.demand.to_dict("records"):
+def _lines(design: Design) -> Iterator[str]:
+    for asked in design.demand.to_dict("records"):
         line = asked["line"]
         yield f"\n{line}: {asked['n']:,} boulders come"
         if asked["n"]:
             loads, choices = (
                 table[table["line"] == line].to_dict("records")
-                for table in (found.loads, found.choices)
+                for table in (design.loads, design.choices)
             )
             yield aligned(load_rows(loads))
-            yield aligned(demand_rows(asked, found.factors.conditions.standard))
-            yield aligned(choice_rows(choices, found.residual))
+            yield aligned(demand_rows(asked, design.factors.conditions.standard))
+            yield aligned(choice_rows(choices, design.residual))
 
 
 def load_rows(loads: Iterable[Mapping[str, Any]]) -> Iterator[list[str]]:

@@ -24,28 +24,28 @@ It takes the blocks of the survey for those that come loose. Where some stop abo
 survey, or are gone from it, more come loose: raise the activity."""
 
 
-def design_block_text(found: DesignBlock) -> str:
+def design_block_text(block: DesignBlock) -> str:
     """Survey, distribution, table of return periods, warnings and scenario."""
-    parts = [ABOUT, "", table(_survey_rows(found)), "", table(_level_rows(found))]
-    parts += [f"Warning: {text}" for text in found.warnings]
-    parts += ["", f"Design sheet of a result: rockfall design OUT.nc --volume {_volume(found)}"]
-    if found.scenario:
-        parts += ["", "Scenario for `rockfall hazard`:", PLACE, "", scenario_text(found).rstrip()]
+    parts = [ABOUT, "", table(_survey_rows(block)), "", table(_level_rows(block))]
+    parts += [f"Warning: {text}" for text in block.warnings]
+    parts += ["", f"Design sheet of a result: rockfall design OUT.nc --volume {_volume(block)}"]
+    if block.scenario:
+        parts += ["", "Scenario for `rockfall hazard`:", PLACE, "", scenario_text(block).rstrip()]
     return "\n".join(parts)
 
 
-def _volume(found: DesignBlock) -> str:
-    return number(found.volume, up=True).replace(",", "")
+def _volume(block: DesignBlock) -> str:
+    return number(block.volume, up=True).replace(",", "")
 
 
-def _survey_rows(found: DesignBlock) -> Iterator[list[str]]:
-    survey, rate, fit, law = found.survey, found.rate, found.fit, found.power_law
+def _survey_rows(block: DesignBlock) -> Iterator[list[str]]:
+    survey, rate, fit, law = block.survey, block.rate, block.fit, block.power_law
     yield [f"{survey.name}: {count(survey.volumes.size, 'block')}"]
     yield ["  threshold [m3]", number(fit.threshold)]
     yield ["  larger blocks", f"{fit.exceedances:,}"]
     yield [f"  of the dated ones, in {survey.years:g} years", f"{rate.dated:,}"]
     yield ["  larger blocks a year", _interval(rate.value, rate.low, rate.high)]
-    shape = _interval(fit.shape, *found.shape_limits)
+    shape = _interval(fit.shape, *block.shape_limits)
     yield ["  generalised Pareto, shape", f"{shape}, {_fits(fit.p_value)}"]
     yield ["  generalised Pareto, scale [m3]", number(fit.scale)]
     exponent = _interval(law.exponent, law.low, law.high)
@@ -60,10 +60,10 @@ def _interval(value: float, low: float, high: float, *, up: bool = False) -> str
     return f"{number(value, up=up)} ({number(low)} to {number(high, up=up)})"
 
 
-def _level_rows(found: DesignBlock) -> Iterator[list[str]]:
+def _level_rows(block: DesignBlock) -> Iterator[list[str]]:
     yield ["return period [year]", "block [m3]", "by the power law [m3]", ""]
-    for row in found.levels.to_dict("records"):
-        yield [f"  {row['return_period']:g}", *_level_cells(row, found.fit.threshold)]
+    for row in block.levels.to_dict("records"):
+        yield [f"  {row['return_period']:g}", *_level_cells(row, block.fit.threshold)]
 
 
 def _level_cells(row: Mapping[str, Any], threshold: float) -> list[str]:
@@ -74,14 +74,14 @@ def _level_cells(row: Mapping[str, Any], threshold: float) -> list[str]:
     return [block, number(row["power_law"]), remark]
 
 
-def scenario_text(found: DesignBlock) -> str:
+def scenario_text(block: DesignBlock) -> str:
     """Scenario of a case by the power law; empty if there is none."""
-    if not found.scenario:
+    if not block.scenario:
         return ""
-    beyond = number(found.power_law.period(found.scenario["volume_max"]))
+    beyond = number(block.power_law.period(block.scenario["volume_max"]))
     comments = {"volume_max": f"m3, a decision: none larger (once in {beyond} years)"}
     entries = [
         Entry(key, value, (COMMENTS | comments).get(key, ""))
-        for key, value in found.scenario.items()
+        for key, value in block.scenario.items()
     ]
     return case_text([], [Group("scenario", entries)], []).lstrip("\n")

@@ -34,39 +34,39 @@ UNDECIDED = "word.undecided"
 LEAST_EXCESS = 0.005  # minimum visible difference of two indices, in whole per cent
 
 
-def ensemble_summary(found: xr.Dataset) -> str:
+def ensemble_summary(data: xr.Dataset) -> str:
     """Table for reading: for each line its results side by side, inputs sorted by fraction."""
-    blocks, variants = found.sizes["run"], found.sizes["variant"]
+    blocks, variants = data.sizes["run"], data.sizes["variant"]
     text = [
-        f"{found.attrs['title'] or 'rockfall'}: {blocks} draws of {variants} runs, "
-        f"{found.sizes['boulder']:,} boulders each"
+        f"{data.attrs['title'] or 'rockfall'}: {blocks} draws of {variants} runs, "
+        f"{data.sizes['boulder']:,} boulders each"
     ]
-    for line in found["line"].values if "line" in found else []:
-        text.append(table(_line_block(found.sel(line=line), str(line))))
-    if "drawn_source_redrawn" in found and found["drawn_source_redrawn"].any():
-        redrawn = int(found["drawn_source_redrawn"].sum())
+    for line in data["line"].values if "line" in data else []:
+        text.append(table(_line_block(data.sel(line=line), str(line))))
+    if "drawn_source_redrawn" in data and data["drawn_source_redrawn"].any():
+        redrawn = int(data["drawn_source_redrawn"].sum())
         text.append(f"  shifts drawn again, as a source left the terrain: {redrawn:,}")
-    text += [f"  {one}" for one in orders_reversed(found)]
+    text += [f"  {one}" for one in orders_reversed(data)]
     if any(say(UNDECIDED) in one for one in text):
-        text.append(f"  {more_needed(found)}")
+        text.append(f"  {more_needed(data)}")
     return "\n".join(text)
 
 
-def more_needed(found: xr.Dataset) -> str:
+def more_needed(data: xr.Dataset) -> str:
     """Runs needed to resolve the undecided indices."""
-    errors = np.stack([found[f"{kind}_error"].values for kind in INDICES])
-    runs = runs_needed(errors, found.sizes["run"])
+    errors = np.stack([data[f"{kind}_error"].values for kind in INDICES])
+    runs = runs_needed(errors, data.sizes["run"])
     return say("ensemble.more_draws", runs=number(runs, 1))
 
 
-def orders_reversed(found: xr.Dataset) -> Iterator[str]:
+def orders_reversed(data: xr.Dataset) -> Iterator[str]:
     """Warnings of a first-order index above the total, which is impossible in theory, with the
     significance of the difference, for the result with the largest one."""
-    for line in map(str, found["line"].values) if "line" in found else ():
+    for line in map(str, data["line"].values) if "line" in data else ():
         within: list[str] = []
         beyond: list[str] = []
-        for name in map(str, found["input"].values):
-            at = found.sel(line=line, input=name)
+        for name in map(str, data["input"].values):
+            at = data.sel(line=line, input=name)
             errors = [at[f"{kind}_error"].values for kind in INDICES]
             first, total = (
                 np.array([limits(*one)[0] for one in zip(at[kind].values, error, strict=True)])
@@ -109,10 +109,10 @@ def sorted_inputs(at: xr.Dataset) -> list[str]:
     return [str(name) for name in at["input"].values[order]]
 
 
-def indices_of(one: xr.Dataset, kind: str) -> Iterator[str]:
+def indices_of(data: xr.Dataset, kind: str) -> Iterator[str]:
     """Indices of an input, for each result, with their intervals [%]; "-" if there is no epistemic
     variance to explain."""
-    for value, error in zip(one[kind].values, one[f"{kind}_error"].values, strict=True):
+    for value, error in zip(data[kind].values, data[f"{kind}_error"].values, strict=True):
         index, low, high = (100 * limit for limit in limits(value, error))
         if np.isnan(value):
             yield "-"

@@ -26,38 +26,38 @@ if TYPE_CHECKING:
 MAX_OBJECTS = 20  # listed individually
 
 
-def hazard_summary(found: xr.Dataset) -> str:
+def hazard_summary(hazard: xr.Dataset) -> str:
     """The scenarios, the area of each class and its certain fraction, the objects, the segments of
     roads, the risk of the objects."""
-    scenarios = count(found.sizes["scenario"], "scenario")
-    lines = [f"{found.attrs['title'] or 'rockfall'}: {scenarios}"]
-    lines.append(table(scenario_rows(found)))
-    lines.append(table(class_rows(found)))
-    if "object" in found.dims:
-        lines.append(table(object_rows(found)))
-        if (more := found.sizes["object"] - MAX_OBJECTS) > 0:
+    scenarios = count(hazard.sizes["scenario"], "scenario")
+    lines = [f"{hazard.attrs['title'] or 'rockfall'}: {scenarios}"]
+    lines.append(table(scenario_rows(hazard)))
+    lines.append(table(class_rows(hazard)))
+    if "object" in hazard.dims:
+        lines.append(table(object_rows(hazard)))
+        if (more := hazard.sizes["object"] - MAX_OBJECTS) > 0:
             lines.append(f"  and {count(more, 'more object')}, in objects.csv")
-    lines += segment_lines(found)
-    lines += risk_lines(found)
-    lines += [f"  warning: {text}" for text in hazard_warnings(found)]
-    wall, cpu = (found.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu"))
+    lines += segment_lines(hazard)
+    lines += risk_lines(hazard)
+    lines += [f"  warning: {text}" for text in hazard_warnings(hazard)]
+    wall, cpu = (hazard.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu"))
     lines.append(f"  {wall:.1f} s, {cpu:.1f} s of CPU")
     return "\n".join(lines)
 
 
-def hazard_warnings(found: xr.Dataset) -> Iterator[str]:
+def hazard_warnings(hazard: xr.Dataset) -> Iterator[str]:
     """Model remarks of `run` for each scenario, merged if all are equal; warnings of too few
     boulders to identify safe cells, and of zones that show less than the map."""
-    yield from _of_model(found)
-    yearly, longest = float(found["frequency"].sum()), float(found["return_period"].max())
-    clusters = (found["boulders"] / found["boulders_per_cluster"]).values.tolist()
-    parts = zip(clusters, found["frequency"].values, strict=True)
-    factor = case_in(found.attrs).hazard["frequency_factor"]
+    yield from _of_model(hazard)
+    yearly, longest = float(hazard["frequency"].sum()), float(hazard["return_period"].max())
+    clusters = (hazard["boulders"] / hazard["boulders_per_cluster"]).values.tolist()
+    parts = zip(clusters, hazard["frequency"].values, strict=True)
+    factor = case_in(hazard.attrs).hazard["frequency_factor"]
     if (limit := unseen(parts, factor)) >= 1 / longest:
         needed = boulders_needed(factor[1] * yearly, longest)
         yield say("hazard.unseen", years=number(1 / limit, 2), longest=longest, needed=needed)
-    minimum_area = case_in(found.attrs).hazard["minimum_area"]
-    lowered = lowered_area(zones_of(found), found)
+    minimum_area = case_in(hazard.attrs).hazard["minimum_area"]
+    lowered = lowered_area(zones_of(hazard), hazard)
     parts = [
         say("hazard.area_of_class", area=number(lowered[k]), name=word(CLASSES[k]))
         for k in reversed(range(len(CLASSES)))
@@ -67,44 +67,44 @@ def hazard_warnings(found: xr.Dataset) -> Iterator[str]:
         yield say("hazard.lowered", minimum_area=minimum_area, parts=parts)
 
 
-def _of_model(found: xr.Dataset) -> Iterator[str]:
+def _of_model(hazard: xr.Dataset) -> Iterator[str]:
     """Remarks common to all scenarios, then those of single ones."""
-    if "scenario_warnings" not in found:
+    if "scenario_warnings" not in hazard:
         yield say("hazard.no_remarks")
         return
-    names = map(str, found["scenario"].values)
-    texts = {name: _remarks_of(found, k) for k, name in enumerate(names)}
-    said = {
+    names = map(str, hazard["scenario"].values)
+    texts = {name: _remarks_of(hazard, k) for k, name in enumerate(names)}
+    details = {
         text: [name for name, own in texts.items() if text in own]
         for own in texts.values()
         for text in own
     }
-    for text, names in said.items():
+    for text, names in details.items():
         yield text if len(names) == len(texts) else f"{'; '.join(names)}: {text}"
 
 
-def _remarks_of(found: xr.Dataset, k: int) -> list[str]:
+def _remarks_of(hazard: xr.Dataset, k: int) -> list[str]:
     """Remarks on the model in a scenario; those of older files are in English only."""
-    texts = str(found["scenario_warnings"].values[k]).splitlines()
-    if "scenario_messages" not in found:
+    texts = str(hazard["scenario_warnings"].values[k]).splitlines()
+    if "scenario_messages" not in hazard:
         return texts
-    data = json.loads(str(found["scenario_messages"].values[k]))
+    data = json.loads(str(hazard["scenario_messages"].values[k]))
     return [unpacked(one, text) for one, text in zip(data, texts, strict=True)]
 
 
-def scenario_rows(found: xr.Dataset) -> Iterator[list[str]]:
+def scenario_rows(hazard: xr.Dataset) -> Iterator[list[str]]:
     """Table of the scenarios: annual frequency and number of boulders."""
     heads = "hazard.a_year", "hazard.years", "hazard.simulated"
     yield [f"  {say('hazard.scenario')}", *map(say, heads)]
-    columns = (found[name].values for name in ("scenario", "frequency", "boulders"))
+    columns = (hazard[name].values for name in ("scenario", "frequency", "boulders"))
     for name, yearly, boulders in zip(*columns, strict=True):
         yield [f"  {name}", number(yearly), number(1 / yearly), Number(f"{boulders:,}")]
 
 
-def class_rows(found: xr.Dataset) -> Iterator[list[str]]:
+def class_rows(hazard: xr.Dataset) -> Iterator[list[str]]:
     """Cells and area of each class present, the highest first."""
-    classes, cell = found["hazard_class"].values, grid_of(found["hazard_class"])[0].cell
-    certain = found["hazard_class_certain"].values > 0
+    classes, cell = hazard["hazard_class"].values, grid_of(hazard["hazard_class"])[0].cell
+    certain = hazard["hazard_class_certain"].values > 0
     heads = "hazard.cells", "hazard.area", "hazard.certain"
     yield [f"  {say('hazard.hazard')}", *map(say, heads)]
     for k in range(len(CLASSES) - 1, 0, -1):
@@ -114,14 +114,14 @@ def class_rows(found: xr.Dataset) -> Iterator[list[str]]:
             yield [f"  {word(CLASSES[k])}", Number(f"{here.sum():,}"), area, certainly]
 
 
-def object_rows(found: xr.Dataset) -> Iterator[list[str]]:
+def object_rows(hazard: xr.Dataset) -> Iterator[list[str]]:
     """Objects, those hit most often first; or those of the highest risk, if available."""
-    rows = object_table(found)
+    rows = object_table(hazard)
     key = "risk" if "risk" in rows else "frequency"
     rows = rows.iloc[np.argsort(-rows[key].to_numpy(), kind="stable")][:MAX_OBJECTS]
-    names, titles = frequency_columns(found)
+    names, titles = frequency_columns(hazard)
     risk = ["risk"] if key == "risk" else []
-    layer = has_layers(found)
+    layer = has_layers(hazard)
     head = [f"  {say('hazard.object')}", *[word("layer")] * layer, *titles, say("hazard.hazard")]
     yield [*head, *(say("hazard.risk_a_year") for _ in risk)]
     for _, row in rows.iterrows():

@@ -67,7 +67,7 @@ def _groups(statistics: pd.DataFrame, by: str) -> Iterator[str]:
         for group, one in rows.groupby(by, sort=False):
             row = {f"{about['quantity']}": about for about in one.to_dict("records")}
             about = row["speed"]
-            shown = (_shown(row[name], of, QUANTITIES[name].factor) for name, of in NUMBERS)
+            shown = (_shown(row[name], number, QUANTITIES[name].factor) for name, number in NUMBERS)
             cells.append([f"  {group}", f"{about['boulders']:,}", f"{about['n']:,}",
                           _shown(about, "fraction", 100.0), *shown])  # fmt: skip
         yield from ("", str(line), aligned(cells))
@@ -77,13 +77,17 @@ def _along(profile: pd.DataFrame) -> Iterator[list[str]]:
     numbers = (("energy_total", "mean"), ("energy_total", "q95"), ("passing_height", "q95"))
     yield ["  from [m]", "to [m]", "pass", "passing a metre [%]", *_titles(numbers)]
     for row in profile.to_dict("records"):
-        shown = (_shown(row, f"{name}_{of}", QUANTITIES[name].factor) for name, of in numbers)
+        shown = (
+            _shown(row, f"{name}_{number}", QUANTITIES[name].factor) for name, number in numbers
+        )
         ends = f"  {number(row['start'], 4)}", number(row["end"], 4)
         yield [*ends, f"{row['n']:,}", _shown(row, "per_metre", 100.0), *shown]
 
 
 def _titles(numbers: Iterable[tuple[str, str]]) -> list[str]:
-    return [with_unit(f"{DESIGN[name].name}, {of}", DESIGN[name].unit) for name, of in numbers]
+    return [
+        with_unit(f"{DESIGN[name].name}, {number}", DESIGN[name].unit) for name, number in numbers
+    ]
 
 
 def _shown(row: Mapping[Any, Any], name: str, factor: float) -> str:

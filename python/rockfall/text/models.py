@@ -25,31 +25,33 @@ ABOUT = QUANTITIES | {AT_REST: Quantity("density at blocks at rest", "m-2", 1)}
 PLACES = {"stopping_distance": "run-out in plan", AT_REST: "density at blocks at rest"}
 
 
-def models_text(found: Models) -> str:
+def models_text(models: Models) -> str:
     """A row per model for each line, and for the run-out; in brackets the difference from the
     first, boulder by boulder."""
-    text = [f"{found.title}: {found.boulders:,} boulders by each model, 95 % intervals"]
-    lines = [line for line in dict.fromkeys(found.table["line"]) if line]
-    text += [table(_at_line(found, line)) for line in lines]
-    text.append(table(_run_out(found)))
-    return "\n".join([*text, *(f"  {note}" for note in found.notes)])
+    text = [f"{models.title}: {models.boulders:,} boulders by each model, 95 % intervals"]
+    lines = [line for line in dict.fromkeys(models.table["line"]) if line]
+    text += [table(_at_line(models, line)) for line in lines]
+    text.append(table(_run_out(models)))
+    return "\n".join([*text, *(f"  {note}" for note in models.notes)])
 
 
-def _at_line(found: Models, line: str) -> Iterator[list[str]]:
+def _at_line(models: Models, line: str) -> Iterator[list[str]]:
     titles = [f"mean {QUANTITIES[name].label} [{QUANTITIES[name].unit}]" for name in AT_LINES]
     yield [f"  {line}", "fraction passing [%]", *titles]
-    numbers = found.table[found.table["line"] == line].set_index(["model", "quantity", "statistic"])
-    for model in found.names:
+    numbers = models.table[models.table["line"] == line].set_index(
+        ["model", "quantity", "statistic"]
+    )
+    for model in models.names:
         cells = [_cell(numbers.loc[model, "boulders", "fraction"], "fraction")]
         cells += [_cell(numbers.loc[model, name, "mean"], name) for name in AT_LINES]
         yield [f"  {model}", *cells]
 
 
-def _run_out(found: Models) -> Iterator[list[str]]:
+def _run_out(models: Models) -> Iterator[list[str]]:
     about = QUANTITIES[RUN_OUT]
     yield ["  run-out in plan", f"mean [{about.unit}]", f"95 % quantile [{about.unit}]"]
-    numbers = found.table[found.table["line"] == ""].set_index(["model", "statistic"])
-    for model in found.names:
+    numbers = models.table[models.table["line"] == ""].set_index(["model", "statistic"])
+    for model in models.names:
         yield [
             f"  {model}",
             *(_cell(numbers.loc[model, name], RUN_OUT) for name in ("mean", "q95")),
@@ -73,18 +75,18 @@ def _cell(row: pd.Series[Any], quantity: str) -> str:
     return within("value") + (f" ({within('difference', '+')})" if apart == apart else "")
 
 
-def validation_text(found: Validation) -> str:
+def validation_text(validation: Validation) -> str:
     """Observed numbers for each place and quantity, and a row for each rebound model: means over
     seeds and their standard errors."""
     mean, std = (percent(BOUNDS[name]) for name in ("mean", "std"))
-    seeds = f"seeds {found.seeds[0]} to {found.seeds[-1]}"
+    seeds = f"seeds {validation.seeds[0]} to {validation.seeds[-1]}"
     text = [
-        f"{found.title}: {found.boulders:,} boulders by each law, {seeds}; bounds: mean within "
-        f"{mean}, std within {std}"
+        f"{validation.title}: {validation.boulders:,} boulders by each law, {seeds}; bounds: mean "
+        f"within {mean}, std within {std}"
     ]
-    for _, rows in found.table.groupby(["line", "quantity"], sort=False):
+    for _, rows in validation.table.groupby(["line", "quantity"], sort=False):
         text.append(table(_at_place(rows)))
-    return "\n".join([*text, *(f"  {note}" for note in found.notes)])
+    return "\n".join([*text, *(f"  {note}" for note in validation.notes)])
 
 
 def _at_place(rows: pd.DataFrame) -> Iterator[list[str]]:

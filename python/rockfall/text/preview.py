@@ -63,8 +63,8 @@ def preview(scene: Scene) -> str:
     values: dict[str, Any] = pilot.tally.columns()
     if scene.grounds:
         values |= {
-            "ground": [one.name for one in scene.grounds],
-            "ground_model": [one.model for one in scene.grounds],
+            "ground": [ground.name for ground in scene.grounds],
+            "ground_model": [ground.model for ground in scene.grounds],
             "rebounds_by_ground": pilot.tally.array("rebounds_by_ground"),
         }
     values |= {array.name: array.values for array in pilot.tally.arrays("breakage")}
@@ -91,9 +91,12 @@ def preview(scene: Scene) -> str:
     ]
     title = f"{case.name}: {case.case['title']}".removesuffix(": ")
     rows += [
-        ("warning", f"in a pilot run {one.text}" if one.is_counted else one.text)
-        for one in model_remarks(values, case)
-        if one.is_warning
+        (
+            "warning",
+            f"in a pilot run {remark.text}" if remark.is_counted else remark.text,
+        )
+        for remark in model_remarks(values, case)
+        if remark.is_warning
     ]
     return "\n".join([title, *(f"  {name:13}{about}" for name, about in rows)])
 
@@ -246,8 +249,8 @@ def _boulders(scene: Scene) -> str:
         each = f"{fewest:,}" if fewest == most else f"{fewest:,} to {most:,}"
         by = "" if scene.weight is None else ", by " + weighing(scene)
         return f"{scene.boulders:,} of all sources together, {each} from each{by}; {sources}"
-    of = "each source" if scene.area is None else "a flat cell, more by area"
-    return f"{scene.boulders:,}, {scene.case.case['boulders']:,} from {of}; {sources}"
+    place = "each source" if scene.area is None else "a flat cell, more by area"
+    return f"{scene.boulders:,}, {scene.case.case['boulders']:,} from {place}; {sources}"
 
 
 def weighing(scene: Scene) -> str:
@@ -266,9 +269,9 @@ def _attributes(scene: Scene) -> Iterator[tuple[str, str]]:
     """Release attributes of a layer."""
     found = scene.features
     if found is not None and found.law is not None and found.value is not None:
-        said = ~np.isnan(found.value).all(axis=0)
-        about = {"density": said[4], "drop height": said[5], "velocity": said[6:].any()}
-        what = ["volumes"] * bool(found.law.any()) + [name for name, one in about.items() if one]
+        given = ~np.isnan(found.value).all(axis=0)
+        attrs = {"density": given[4], "drop height": given[5], "velocity": given[6:].any()}
+        what = ["volumes"] * bool(found.law.any()) + [name for name, one in attrs.items() if one]
         names = ", ".join(dict.fromkeys(found.names[:4])) + (" ..." if len(found.names) > 4 else "")
         if what:
             yield "", f"their layer says {', '.join(what)}; {len(found.names):,} features: {names}"
@@ -281,7 +284,7 @@ def _densities(scene: Scene) -> np.ndarray | float:
         return found.density
     values = values_of(scene.case, scene.features)
     if features is not None and values is not None:
-        return values[features.of - 1, 0]
+        return values[features.number - 1, 0]
     return scene.case.boulder["density"]
 
 
@@ -315,12 +318,12 @@ def _forest(scene: Scene) -> list[tuple[str, str]]:
     trees = scene.trees
     if trees is None:
         return []
-    n, area = trees.x.size, sum(one.area for one in scene.stands) or trees.area()
-    about = (
+    n, area = trees.x.size, sum(stand.area for stand in scene.stands) or trees.area()
+    text = (
         f"{n:,} stems on {area:.3g} ha, {n / area:,.0f} a hectare, mean DBH {trees.dbh.mean():.1f} "
         f"cm, basal area {trees.basal_area() / area:.3g} m2/ha"
     )
-    return [("forest", about), *(("", line) for line in stand_lines(scene.stands))]
+    return [("forest", text), *(("", line) for line in stand_lines(scene.stands))]
 
 
 def _rebounds(values: dict[str, np.ndarray]) -> str:
@@ -338,7 +341,7 @@ def _rocks(scene: Scene, volumes: np.ndarray) -> list[str]:
     for the mean volume, and in brackets for the 5 and 95 % quantiles if they use other sets."""
     grounds, neutral = list(rocks_of(scene)), NeutralSlopes(scene)
     mean, *ends = sphere_radius(np.array([volumes.mean(), *np.quantile(volumes, [0.05, 0.95])]))
-    lines = [_ground(one, neutral, mean, ends) for one in grounds[:MAX_ZONES]]
+    lines = [_ground(ground, neutral, mean, ends) for ground in grounds[:MAX_ZONES]]
     more = len(grounds) - len(lines)
     return [*lines, f"and {more} more zones"] if more else lines
 
@@ -356,7 +359,8 @@ def _ground(rocks: Rocks, neutral: NeutralSlopes, mean: float, ends: list[float]
         [f"{rocks.steeper(slope):.0%}" for slope in slopes],
     )
     ratio, slope, steeper = (
-        one[0] + (f" ({one[1]} to {one[2]})" if len(set(one)) > 1 else "") for one in columns
+        column[0] + (f" ({column[1]} to {column[2]})" if len(set(column)) > 1 else "")
+        for column in columns
     )
     cells = f", {steeper} of cells steeper" if rocks.tangents.size else ""
     return (

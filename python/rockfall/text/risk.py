@@ -20,26 +20,26 @@ if TYPE_CHECKING:
 MAX_OBJECTS = 20  # listed individually
 
 
-def risk_lines(found: xr.Dataset) -> Iterator[str]:
+def risk_lines(hazard: xr.Dataset) -> Iterator[str]:
     """Risk of the objects and of all together, and the assumptions; nothing without any."""
-    if not has_risk(found):
+    if not has_risk(hazard):
         return
-    yield table(risk_rows(found))
-    if (more := found.sizes["object"] - MAX_OBJECTS) > 0:
+    yield table(risk_rows(hazard))
+    if (more := hazard.sizes["object"] - MAX_OBJECTS) > 0:
         yield f"  and {count(more, 'more object')}, in objects.csv"
-    yield from (f"  assumption: {text}" for text in assumptions(found))
+    yield from (f"  assumption: {text}" for text in assumptions(hazard))
 
 
-def assumptions(found: xr.Dataset) -> list[str]:
+def assumptions(hazard: xr.Dataset) -> list[str]:
     """Assumptions of the risk, a line each; none if the objects do not say what is exposed."""
-    return str(found.attrs["risk_assumptions"]).splitlines() if has_risk(found) else []
+    return str(hazard.attrs["risk_assumptions"]).splitlines() if has_risk(hazard) else []
 
 
-def risk_rows(found: xr.Dataset) -> Iterator[list[str]]:
+def risk_rows(hazard: xr.Dataset) -> Iterator[list[str]]:
     """Objects, those of the highest individual risk first, then of the highest damage; and sums."""
-    rows = _rows(found)
+    rows = _rows(hazard)
     keys = [-np.nan_to_num(rows[name].to_numpy()) for name in ("damage", "individual_risk")]
-    layer = ["layer"] * has_layers(found)
+    layer = ["layer"] * has_layers(hazard)
     head = ["damage", "individual", "class", "collective (deaths)"]
     yield ["  risk a year (95 %)", *layer, *head]
     for _, row in rows.iloc[np.lexsort(keys)][:MAX_OBJECTS].iterrows():
@@ -54,7 +54,7 @@ def risk_rows(found: xr.Dataset) -> Iterator[list[str]]:
         )  # fmt: skip
         first = [f"  {row['object']}", *(row[name] for name in layer)]
         yield [*first, damage, individual, of_class, collective]
-    sums = {row["quantity"]: row for row in total_table(found).to_dict("records")}
+    sums = {row["quantity"]: row for row in total_table(hazard).to_dict("records")}
     about = {
         f"{name}{end}": row[key]
         for name, row in sums.items()
@@ -64,18 +64,18 @@ def risk_rows(found: xr.Dataset) -> Iterator[list[str]]:
     yield ["  all objects", *[""] * len(layer), damage, "", "", deaths]
 
 
-def _rows(found: xr.Dataset) -> pd.DataFrame:
+def _rows(hazard: xr.Dataset) -> pd.DataFrame:
     import pandas as pd
 
-    columns = {"object": found["object"].values, **dict(risk_columns(found))}
-    if has_layers(found):
-        columns["layer"] = found["object_layer"].values
+    columns = {"object": hazard["object"].values, **dict(risk_columns(hazard))}
+    if has_layers(hazard):
+        columns["layer"] = hazard["object_layer"].values
     return pd.DataFrame(columns)
 
 
-def has_layers(found: xr.Dataset) -> bool:
+def has_layers(hazard: xr.Dataset) -> bool:
     """Return True if the objects of a hazard are of several layers."""
-    return "object_layer" in found and len({*found["object_layer"].values.tolist()}) > 1
+    return "object_layer" in hazard and len({*hazard["object_layer"].values.tolist()}) > 1
 
 
 def plain(value: float) -> str:

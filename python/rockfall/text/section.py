@@ -63,47 +63,47 @@ def _unit(name: str) -> tuple[str, float]:
     return "", 1.0
 
 
-def section_text(found: Section) -> str:
-    """What a section rests on, the lines that it crosses, and some of its stations."""
-    length = float(lengths(found.line.vertices)[-1])
-    first = f"{number(length, 4)} m, {found.line.within:g} m to either side"
-    parts = [ABOUT, *(f"Warning: {note}" for note in section_notes(found)), "", first]
-    if len(found.lines):
+def section_text(section: Section) -> str:
+    """Basis of a section, the lines that it crosses, and some of its stations."""
+    length = float(lengths(section.line.vertices)[-1])
+    first = f"{number(length, 4)} m, {section.line.within:g} m to either side"
+    parts = [ABOUT, *(f"Warning: {note}" for note in section_notes(section)), "", first]
+    if len(section.lines):
         head = "Lines, barriers and dams that it crosses, with all boulders in the corridor"
-        parts += ["", head, aligned(_lines(found.lines))]
-    if found.recorded:
+        parts += ["", head, aligned(_lines(section.lines))]
+    if section.recorded:
         names = tuple(f"{RECORDED}{name}" for name in AT_LINE)
-        parts += ["", "Recorded trajectories", aligned(_stations(found, f"{RECORDED}n", names))]
-    if found.has_maps:
-        parts += ["", "All boulders, by the maps", aligned(_stations(found, "cell_n", BY_CELL))]
+        parts += ["", "Recorded trajectories", aligned(_stations(section, f"{RECORDED}n", names))]
+    if section.has_maps:
+        parts += ["", "All boulders, by the maps", aligned(_stations(section, "cell_n", BY_CELL))]
     return "\n".join(parts)
 
 
-def section_notes(found: Section) -> Iterator[str]:
+def section_notes(section: Section) -> Iterator[str]:
     """Limits of the numbers of a section."""
-    if found.recorded:
-        most = int(found.table["recorded_n"].max())
+    if section.recorded:
+        most = int(section.table["recorded_n"].max())
         yield (
-            f"{found.recorded:,} of {count(found.boulders, 'boulder')} are recorded, at most "
+            f"{section.recorded:,} of {count(section.boulders, 'boulder')} are recorded, at most "
             f"{most:,} cross a station in the corridor: a mean needs {MIN_FOR_MEAN}, a 95 % "
             f"quantile {fewest_for(0.95)}, and is blank below; more: &output trajectories"
         )
     else:
         yield "no trajectories of boulders that moved are recorded: &output trajectories"
-    if not found.has_maps:
+    if not section.has_maps:
         yield (
             "no maps of speeds, energies or heights: no number along the section is of all "
             "boulders; &output maps = 'passages', 'energy_q95', 'energy_max', 'passing_height_q95' "
             "and so on"
         )
-    if found.lacks_heights:
+    if section.lacks_heights:
         yield (
             "heights of recorded trajectories are blank where the terrain of the run is not known, "
             "or read with fewer cells (--dem)"
         )
-    elif found.table["elevation"].isna().any():
+    elif section.table["elevation"].isna().any():
         yield "the terrain is not known along all of the section"
-    if unknown := found.unknown_energies:
+    if unknown := section.unknown_energies:
         yield (
             f"energies of {unknown:,} recorded passages are left out: the masses of their boulders "
             "are not known"
@@ -113,16 +113,16 @@ def section_notes(found: Section) -> Iterator[str]:
 def _lines(lines: pd.DataFrame) -> Iterator[list[str]]:
     yield ["  crosses", "at [m]", "boulders", *map(_title, AT_LINE)]
     for row in lines.to_dict("records"):
-        about = f", {row['height']:g} m" if np.isfinite(row["height"]) else ""
-        name = f"  {row['name']}" + (f" ({row['kind']}{about})" if row["kind"] != "line" else "")
+        text = f", {row['height']:g} m" if np.isfinite(row["height"]) else ""
+        name = f"  {row['name']}" + (f" ({row['kind']}{text})" if row["kind"] != "line" else "")
         numbers = (_number(row, name) for name in AT_LINE)
         yield [name, number(row["distance"], 4), _count(row["n"]), *numbers]
 
 
-def _stations(found: Section, counted: str, names: tuple[str, ...]) -> Iterator[list[str]]:
+def _stations(section: Section, counted: str, names: tuple[str, ...]) -> Iterator[list[str]]:
     """Stations, evenly selected, with numbers from one source."""
     yield ["  at [m]", "elevation [m]", "boulders", *map(_title, names)]
-    rows = found.table.to_dict("records")
+    rows = section.table.to_dict("records")
     for row in rows[:: -(-len(rows) // ROWS)]:
         place = f"  {number(row['distance'], 4)}", number(row["elevation"], 5)
         yield [*place, _count(row[counted]), *(_number(row, name) for name in names)]
@@ -130,16 +130,16 @@ def _stations(found: Section, counted: str, names: tuple[str, ...]) -> Iterator[
 
 def _title(name: str) -> str:
     """Title of a column: E95 [kJ], corridor: E_max [kJ]."""
-    before, quantity, of = _parsed(name)
+    before, quantity, number = _parsed(name)
     corridor = "corridor: " if before == "corridor_" else ""
-    return corridor + with_unit(f"{SYMBOLS[quantity]}_{of}", QUANTITIES[quantity].unit)
+    return corridor + with_unit(f"{SYMBOLS[quantity]}_{number}", QUANTITIES[quantity].unit)
 
 
 def _parsed(name: str) -> tuple[str, str, str]:
     """Source, quantity and statistic of a column."""
     quantity = next(one for one in OF_SECTION if f"{one}_" in name)
-    before, _, of = name.partition(f"{quantity}_")
-    return before, quantity, of
+    before, _, number = name.partition(f"{quantity}_")
+    return before, quantity, number
 
 
 def _count(n: float) -> str:

@@ -21,23 +21,23 @@ MAX_SEGMENTS = 20  # listed individually
 NUMBERS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}
 
 
-def segment_lines(found: xr.Dataset) -> Iterator[str]:
+def segment_lines(hazard: xr.Dataset) -> Iterator[str]:
     """Table of the segments that are hit most often; nothing without any."""
-    if not has_segments(found):
+    if not has_segments(hazard):
         return
-    yield table(segment_rows(found))
-    if (more := found.sizes["segment"] - MAX_SEGMENTS) > 0:
+    yield table(segment_rows(hazard))
+    if (more := hazard.sizes["segment"] - MAX_SEGMENTS) > 0:
         yield f"  and {count(more, 'more segment')}, in segments.csv"
-    limits = [found[f"segment_{name}_q95_high"].values for name in ("energy", "upper_edge")]
+    limits = [hazard[f"segment_{name}_q95_high"].values for name in ("energy", "upper_edge")]
     if np.isnan(limits).any():
         yield "  -: too few boulders touch the segment to know this limit"
 
 
-def segment_rows(found: xr.Dataset) -> Iterator[list[str]]:
+def segment_rows(hazard: xr.Dataset) -> Iterator[list[str]]:
     """Segments that are hit most often, with their frequencies, class, energies and heights."""
-    rows = segment_table(found).assign(segment=found["segment"].values)
+    rows = segment_table(hazard).assign(segment=hazard["segment"].values)
     order = np.argsort(-rows["frequency"].to_numpy(), kind="stable")
-    names, titles = frequency_columns(found)
+    names, titles = frequency_columns(hazard)
     heads = [f"{QUANTITIES[name].short}, q95" for name in NUMBERS]
     yield [f"  {say('hazard.segment')}", *titles, say("hazard.hazard"), *heads]
     for _, row in rows.iloc[order][:MAX_SEGMENTS].iterrows():
@@ -46,11 +46,14 @@ def segment_rows(found: xr.Dataset) -> Iterator[list[str]]:
         yield [f"  {row['segment']}", *texts, class_within(row), *values]
 
 
-def frequency_columns(found: xr.Dataset) -> tuple[list[str], list[str]]:
+def frequency_columns(hazard: xr.Dataset) -> tuple[list[str], list[str]]:
     """Columns of the annual frequencies, of all boulders and above each threshold; their heads."""
-    thresholds = found["threshold"].values.tolist()
-    names = [f"frequency_above_{shown('threshold', one)}" for one in thresholds]
-    titles = [say("hazard.above", energy=Number(shown("threshold", one))) for one in thresholds]
+    thresholds = hazard["threshold"].values.tolist()
+    names = [f"frequency_above_{shown('threshold', threshold)}" for threshold in thresholds]
+    titles = [
+        say("hazard.above", energy=Number(shown("threshold", threshold)))
+        for threshold in thresholds
+    ]
     return ["frequency", *names], [say("hazard.boulders_a_year"), *titles]
 
 

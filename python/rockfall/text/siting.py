@@ -20,27 +20,29 @@ error. Heights are above the ground, vertical. `round` are those that come to th
 crossing the alignment, `left` those that still come with the barrier that is needed there."""
 
 
-def siting_text(found: Siting) -> str:
+def siting_text(siting: Siting) -> str:
     """Table of alignments, the choice, and what the numbers rest on."""
-    first = f"{found.line}: {found.come:,} of {found.boulders:,} boulders come; {_limits(found)}"
-    parts = [ABOUT, *(f"Warning: {text}" for text in found.notes), "", first]
-    parts += [aligned(_rows(found)), "", *_choice(found), "", *factor_lines(found.factors)]
+    first = (
+        f"{siting.line}: {siting.come:,} of {siting.boulders:,} boulders come; {_limits(siting)}"
+    )
+    parts = [ABOUT, *(f"Warning: {text}" for text in siting.notes), "", first]
+    parts += [aligned(_rows(siting)), "", *_choice(siting), "", *factor_lines(siting.factors)]
     return "\n".join(parts)
 
 
-def _limits(found: Siting) -> str:
-    limits = found.limits
+def _limits(siting: Siting) -> str:
+    limits = siting.limits
     given = [f"height at most {limits.height:g} m"] if limits.height is not None else []
     given += [f"class at most {limits.ead_class}"] if limits.ead_class is not None else []
     return ", ".join([*given, f"at most {100 * limits.bypass:g} % around it"])
 
 
-def _rows(found: Siting) -> Iterator[list[str]]:
-    cost = "cost" if found.priced else "cost [kJ m2]"
+def _rows(siting: Siting) -> Iterator[list[str]]:
+    cost = "cost" if siting.priced else "cost [kJ m2]"
     yield ["  alignment", "up [m]", "elevation [m]", "boulders", "E95 [kJ]", "h95 [m]",
            "E_d [kJ]", "height needed [m]", "class", "round [%]", "left [%]", cost, "fits",
            ""]  # fmt: skip
-    for row in found.table.to_dict("records"):
+    for row in siting.table.to_dict("records"):
         yield [
             f"  {row['alignment']}", number(row["distance"]), number(row["elevation"], 4),
             f"{row['n']:,}", shown(row, "energy_q95", 1e-3), shown(row, "height_q95"),
@@ -55,9 +57,9 @@ def _fits(row: Mapping[str, Any]) -> str:
     return ": ".join(filter(None, [row["fits"], row["fails"]]))
 
 
-def _choice(found: Siting) -> Iterator[str]:
+def _choice(siting: Siting) -> Iterator[str]:
     """The best alignment in a sentence, and those that may be as good."""
-    chosen = {name: rows for name, rows in found.table.groupby("choice")}
+    chosen = {name: rows for name, rows in siting.table.groupby("choice")}
     if BEST not in chosen:
         yield "Best: none"
         return

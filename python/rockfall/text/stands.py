@@ -12,10 +12,10 @@ SHOWN = 12  # stands that are listed
 
 def stand_lines(stands: Sequence[Stand]) -> Iterator[str]:
     """A line for each of the first stands, and one for the others."""
-    for one in stands[:SHOWN]:
+    for stand in stands[:SHOWN]:
         yield (
-            f"stand {one.name}: {one.stems:,} stems on {one.area:.3g} ha, {one.density:,.0f} a "
-            f"hectare; its layer says {one.stated:,.0f}"
+            f"stand {stand.name}: {stand.stems:,} stems on {stand.area:.3g} ha, "
+            f"{stand.density:,.0f} a hectare; its layer says {stand.stated:,.0f}"
         )
     if rest := stands[SHOWN:]:
         yield f"{len(rest):,} more stands: {sum(one.stems for one in rest):,} stems"

@@ -67,9 +67,9 @@ def _passages(result: Held) -> Iterator[list[str]]:
         "fraction",
         *(f"mean {key.replace('_', ' ')}" for key in shown),
     ]
-    known = LineSamples(result)
+    samples = LineSamples(result)
     for k, name in enumerate(result["line"].values):
-        rows = {key: numbers(known.sample(k, key), key) for key in shown}
+        rows = {key: numbers(samples.sample(k, key), key) for key in shown}
         passed = rows["speed"]
         if not passed["n"]:
             yield [f"  {name}", "0", f"0 to {100 * passed['fraction_high']:.2g} %", "", ""]
@@ -108,7 +108,7 @@ def _grounds(grounds: list[GroundRebounds]) -> Iterator[list[str]]:
 def _rebounds(result: Held) -> Iterator[str]:
     """Statistics of the draws of the impact model, and extrapolation."""
     rebounds, redrawn, forced = (
-        int(result[f"rebounds{of}"].values) for of in ("", "_redrawn", "_forced")
+        int(result[f"rebounds{suffix}"].values) for suffix in ("", "_redrawn", "_forced")
     )
     yield f"  {rebounds:,} rebounds" + (f", {redrawn / rebounds:.1%} redrawn" if redrawn else "")
     if forced:

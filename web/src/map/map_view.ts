@@ -8,7 +8,7 @@ import type BaseLayer from 'ol/layer/Base';
 import Projection from 'ol/proj/Projection';
 import { LAYER_COLOURS, type ColourScale } from '../colours';
 import { element } from '../dom';
-import type { BackgroundMessage, Layers, OverlayHeader } from '../protocol';
+import type { BackgroundMessage, Binary, Layers, OverlayHeader } from '../protocol';
 import type { Shade, Terrain, Trajectories } from '../view3d/view3d';
 import { FeatureLayers } from './features';
 import { type Extent, RasterLayer } from './plot_layer';
@@ -111,26 +111,18 @@ export class MapView {
     );
   }
 
-  setBackground(
-    header: BackgroundMessage,
-    zones: { values: Uint8Array; shape: number[] } | null,
-    shade: Shade | null,
-    sources: Float64Array | null,
-    trees: Float64Array | null,
-  ): void {
+  /** Show what of a case is not drawn: zones, whose cells are those of the hillshade, sources, trees. */
+  setBackground(message: Binary<BackgroundMessage> | null, cell: number): void {
     const [, , , north] = this.terrainExtent();
     const { west } = this.terrainOrThrow();
-    if (zones && shade) {
+    const zones = message?.u1('zones');
+    if (message && zones) {
       const [ny = 0, nx = 0] = zones.shape;
-      this.zones.display(zoneRaster(zones.values, nx, ny, header.zones), [
-        west,
-        north - ny * shade.cell,
-        west + nx * shade.cell,
-        north,
-      ]);
-    }
-    this.sources.display(sources ?? new Float64Array(), 2);
-    this.trees.display(trees ?? new Float64Array(), 3);
+      const image = zoneRaster(zones.values, nx, ny, message.header.zones);
+      this.zones.display(image, [west, north - ny * cell, west + nx * cell, north]);
+    } else this.zones.display(null, [0, 0, 1, 1]);
+    this.sources.display(message?.f8('sources')?.values ?? new Float64Array(), 2);
+    this.trees.display(message?.f8('trees')?.values ?? new Float64Array(), 3);
   }
 
   showDocument(layers: Layers): void {

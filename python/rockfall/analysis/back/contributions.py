@@ -52,9 +52,9 @@ def contributions(
     `points` (members, parameters) and `levels` are those of a `Sampler`, `log_prior_weights` the
     logarithms of the weights without a likelihood, `weight` those by all sets."""
     parameters, found = points.shape[1], []
-    for of in log_likelihood:
-        alone = normalised(log_prior_weights + smoothed(points, levels, of))
-        loss, error = loss_of(of, alone, weight)
+    for data_name in log_likelihood:
+        alone = normalised(log_prior_weights + smoothed(points, levels, data_name))
+        loss, error = loss_of(data_name, alone, weight)
         verdict = ""
         if len(log_likelihood) > 1:
             verdict = UNDECIDED

@@ -59,7 +59,7 @@ class Deposited(Witnesses):
     def of_run(cls, sets: list[Blocks], base: xr.Dataset, cell: float) -> Deposited:
         """Blocks with the kernels that the boulders of a run give."""
         known = _starts(base, sets)
-        rests = [at_rest(base, one, known) for one in sets]
+        rests = [at_rest(base, impact_set, known) for impact_set in sets]
         kernels = [fitted_kernel(*pair, cell) for pair in zip(sets, rests, strict=True)]
         widths = [_widths_at(*one) for one in zip(kernels, sets, rests, strict=True)]
         noise = sum(map(_noise, kernels, sets, rests, widths))
@@ -67,7 +67,7 @@ class Deposited(Witnesses):
 
     @property
     def n(self) -> int:
-        return sum(len(one.place) for one in self.sets)
+        return sum(len(impact_set.place) for impact_set in self.sets)
 
     def kept(self, result: xr.Dataset) -> np.ndarray:
         known, random = _starts(result, self.sets), np.random.default_rng(0)
@@ -116,22 +116,22 @@ class Deposited(Witnesses):
         for kernel, blocks, widths in zip(self.kernels, self.sets, self.widths, strict=True):
             last = first + len(blocks.place)
             far = np.flatnonzero(outside(kernel, near[first:last]))
-            of = f" of source {blocks.source}" if blocks.source else ""
-            about = (
-                f"{count(last - first, 'block')} at rest{of}, kernels as wide as the "
+            place = f" of source {blocks.source}" if blocks.source else ""
+            text = (
+                f"{count(last - first, 'block')} at rest{place}, kernels as wide as the "
                 f"{number(kernel.neighbours)} nearest of {kernel.boulders:,} boulders lie, "
                 f"{number(np.median(widths))} m there"
             )
             lost = f": {far.size} outside of all deposits" if far.size else ""
             where = ", ".join(f"{x:.0f} {y:.0f}" for x, y in blocks.place[far[:5]])
-            notes.append(f"{about}{lost}{f' (x y: {where})' if where else ''}.")
+            notes.append(f"{text}{lost}{f' (x y: {where})' if where else ''}.")
             first = last
         return notes
 
 
 def _starts(result: xr.Dataset, sets: list[Blocks]) -> Starts | None:
     """Starts of the boulders of a result, if some blocks are of a known source."""
-    return starts(result) if any(one.source for one in sets) else None
+    return starts(result) if any(impact_set.source for impact_set in sets) else None
 
 
 def _widths_at(kernel: Kernel, blocks: Blocks, rest: Rest) -> np.ndarray:

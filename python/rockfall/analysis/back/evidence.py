@@ -81,7 +81,7 @@ class Counted:
     def _in_bins(self, values: np.ndarray) -> np.ndarray:
         """Boulders in each bin; one on an edge counts half in each."""
         sides = [np.searchsorted(self.edges, values, side) for side in ("left", "right")]
-        both = [np.bincount(one, minlength=self.edges.size + 1) for one in sides]
+        both = [np.bincount(side, minlength=self.edges.size + 1) for side in sides]
         return (both[0] + both[1]) / 2
 
     def kept(self, result: xr.Dataset) -> np.ndarray:
@@ -192,9 +192,11 @@ class Printed:
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
     ) -> tuple[float, np.ndarray]:
         expected, error = self._standing(runs)
-        some = weight > 0
-        centre = weight[some] @ expected[some]
-        scale = np.sqrt(weight[some] @ (error[some] ** 2 + (expected[some] - centre) ** 2))
+        is_weighted = weight > 0
+        centre = weight[is_weighted] @ expected[is_weighted]
+        scale = np.sqrt(
+            weight[is_weighted] @ (error[is_weighted] ** 2 + (expected[is_weighted] - centre) ** 2)
+        )
         again = random.normal(expected[picked], error[picked])
         observed = self._observed(expected.shape[1])
         far = (((np.array([observed, *again]) - centre) / scale) ** 2).sum(axis=1)
@@ -229,17 +231,17 @@ def evidence(
 
 
 def _of_stops(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[Evidence]:
-    if seen.stops is not None and (said := compared(result, seen)[1]):
-        notes.append(said)
+    if seen.stops is not None and (difference := compared(result, seen)[1]):
+        notes.append(difference)
     known, several = observed_boulders(result, seen), len(frames(result, seen)) > 1
     if known is not None and not frames(result, seen):
         yield Counted("stopping distance", known.values[:, 0], _distance)
     elif known is not None:
         for source, frame in frames(result, seen).items():
-            mine = known.of(source).values
+            own = known.of(source).values
             name = f", source {frame.name}" if several else ""
             for column, label in enumerate(("stopping distance", "lateral offset")):
-                yield Counted(f"{label}{name}", mine[:, column], _way(frame, source, column))
+                yield Counted(f"{label}{name}", own[:, column], _way(frame, source, column))
     if seen.passing is not None and known is None:
         if np.isnan(seen.passing_n):
             notes.append("Fractions that come so far are not used: column n, of how many?")
@@ -254,14 +256,15 @@ def _of_witnesses(result: xr.Dataset, seen: Observed, notes: list[str]) -> Itera
     sets = witnesses(result, seen)
     for blocks in sets:
         if (n := len(at_rest(result, blocks).place)) < MIN_FITTED:
-            of = f" of source {blocks.source}" if blocks.source else ""
+            place = f" of source {blocks.source}" if blocks.source else ""
             raise RockfallError(
-                f"{n} boulders{of} of a run come to rest on the terrain: at least {MIN_FITTED} are "
-                "needed beside blocks at rest: more --boulders, or a terrain that reaches farther"
+                f"{n} boulders{place} of a run come to rest on the terrain: at least "
+                f"{MIN_FITTED} are needed beside blocks at rest: more --boulders, or a terrain "
+                "that reaches farther"
             )
     if sets:
         found = Deposited.of_run(sets, result, cell_of(result))
-        if seen.volumes is not None and all(np.isinf(one.of_volume) for one in found.kernels):
+        if seen.volumes is not None and all(np.isinf(kernel.of_volume) for kernel in found.kernels):
             notes.append("Volumes of the blocks are not used: all boulders of the case have one.")
         yield found
 
@@ -282,15 +285,15 @@ def _of_lines(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[
             raise RockfallError(f"{where}: line {line}: is not in the case, which has {has}")
     for (line, quantity), values in seen.samples.items():
         yield Counted(f"{quantity} at {line}", values, _at_line(names.index(line), quantity))
-    for one in seen.summaries[seen.summaries["method"] == "observed"].to_dict("records"):
-        name = f"{one['quantity']} at {one['line']}"
-        if (one["line"], one["quantity"]) in seen.samples:
+    for row in seen.summaries[seen.summaries["method"] == "observed"].to_dict("records"):
+        name = f"{row['quantity']} at {row['line']}"
+        if (row["line"], row["quantity"]) in seen.samples:
             continue
-        if not (one["n"] >= MIN_PRINTED and np.isfinite(one["mean"])):
+        if not (row["n"] >= MIN_PRINTED and np.isfinite(row["mean"])):
             notes.append(f"The printed {name} is not used: mean and n are needed.")
             continue
-        take = _at_line(names.index(one["line"]), one["quantity"])
-        yield Printed(name, one["mean"], one["std"], int(one["n"]), take)
+        take = _at_line(names.index(row["line"]), row["quantity"])
+        yield Printed(name, row["mean"], row["std"], int(row["n"]), take)
 
 
 def _at_line(line: int, quantity: str) -> Take:

@@ -81,10 +81,12 @@ class Marked(Witnesses):
         n = np.maximum(crossed, 1)
         part = near / n
         expected = ((squares / n - part**2) / n).mean(axis=0)
-        some = (expected > 0) & (part.mean(axis=0) > 0)
-        if some.any():
-            scale = part.mean(axis=0)[some] ** 2
-            times = (part.var(axis=0, ddof=1)[some] / scale).sum() / (expected[some] / scale).sum()
+        is_possible = (expected > 0) & (part.mean(axis=0) > 0)
+        if is_possible.any():
+            scale = part.mean(axis=0)[is_possible] ** 2
+            times = (part.var(axis=0, ddof=1)[is_possible] / scale).sum() / (
+                expected[is_possible] / scale
+            ).sum()
             self.worth = worth_of(times)
 
     def discrepancy(
@@ -130,9 +132,9 @@ def _again(
     found = np.empty((2, Marked.AGAIN))
     found[0] = log_density(np.array(near), np.array(below), np.array(n), mark, kernel.top)
     for k, height in enumerate(highest.tolist()):
-        mine = height_sums(kernel, height, np.delete(heights, int(np.argmax(heights == height))))
+        sums = height_sums(kernel, height, np.delete(heights, int(np.argmax(heights == height))))
         hit = Mark("", mark.x, mark.y, height, hits=mark.hits)
         found[1, k] = log_density(
-            np.array(mine[0]), np.array(mine[2]), np.array(n - 1.0), hit, kernel.top
+            np.array(sums[0]), np.array(sums[2]), np.array(n - 1.0), hit, kernel.top
         )
     return found

@@ -52,11 +52,11 @@ class Parameter(NamedTuple):
     scale: float | None
 
 
-def parameters(found: Back) -> Iterator[Parameter]:
+def parameters(analysis: Back) -> Iterator[Parameter]:
     """Parameters in the order of the columns of the cube, without the impact set, since sets have
     no order."""
-    inputs, case = found.inputs, found.case
-    sought = set(found.sought.tolist())
+    inputs, case = analysis.inputs, analysis.case
+    sought = set(analysis.sought.tolist())
     volume, drop, source, sets, _, first, _ = inputs.ends[:7].tolist()
     if volume in sought:
         mean = case.boulder.get("volume_mean")
@@ -69,7 +69,7 @@ def parameters(found: Back) -> Iterator[Parameter]:
     if source in sought:
         yield Parameter("source_east", "source, eastwards", "m", None)
         yield Parameter("source_north", "source, northwards", "m", None)
-    names = _zones(found)
+    names = _zones(analysis)
     for row in range(inputs.radii):
         if first + row in sought:
             column = f"radius_{row + 1}"
@@ -80,14 +80,14 @@ def parameters(found: Back) -> Iterator[Parameter]:
                 yield Parameter(column, f"R_m{names[row]}", "m", size)
 
 
-def _zones(found: Back) -> list[str]:
-    surface = found.case.surface
-    if found.inputs.radii == 1 or "table" not in surface:
-        return [""] * found.inputs.radii
-    return [f", zone {zone}" for zone in read_zone_table(found.case.path(surface["table"]))]
+def _zones(analysis: Back) -> list[str]:
+    surface = analysis.case.surface
+    if analysis.inputs.radii == 1 or "table" not in surface:
+        return [""] * analysis.inputs.radii
+    return [f", zone {zone}" for zone in read_zone_table(analysis.case.path(surface["table"]))]
 
 
-def posterior_table(found: Back) -> pd.DataFrame:
+def posterior_table(analysis: Back) -> pd.DataFrame:
     """Table with a row for each parameter: parameter, units, case (its value there), 5, 50 and 95 %
     quantiles of prior and posterior, ratio (of the posterior's 5-95 % range to the prior's, of
     logarithms for factors), moved (Kolmogorov-Smirnov distance of the two) and verdict. For impact
@@ -95,63 +95,66 @@ def posterior_table(found: Back) -> pd.DataFrame:
     most likely, from 0."""
     import pandas as pd
 
-    rows = [_row(found, one) for one in parameters(found)]
-    if "sets" in found.inputs.names:
-        rows.append(_set_row(found))
-    columns = ["parameter", "units", "case", *(f"{of}{name}" for of in ("prior_", "")
+    rows = [_row(analysis, parameter) for parameter in parameters(analysis)]
+    if "sets" in analysis.inputs.names:
+        rows.append(_set_row(analysis))
+    columns = ["parameter", "units", "case", *(f"{prefix}{name}" for prefix in ("prior_", "")
                for name in ("q05", "median", "q95")), "ratio", "moved", "verdict"]  # fmt: skip
     return pd.DataFrame(rows, columns=[*columns, "set_best"])
 
 
-def alone_table(found: Back) -> pd.DataFrame:
+def alone_table(analysis: Back) -> pd.DataFrame:
     """Rows of `posterior_table` by each set of data alone (column data)."""
     import pandas as pd
 
     tables = []
-    for name, weight in zip(found.data["data"], found.alone, strict=True):
+    for name, weight in zip(analysis.data["data"], analysis.alone, strict=True):
         if weight.any():
-            of = replace(found, members=found.members.assign(weight=weight))
-            table = posterior_table(of)
+            other = replace(analysis, members=analysis.members.assign(weight=weight))
+            table = posterior_table(other)
             table.insert(0, "data", name)
             tables.append(table)
     return pd.concat(tables, ignore_index=True)
 
 
-def _row(found: Back, one: Parameter) -> dict[str, Any]:
+def _row(analysis: Back, parameter: Parameter) -> dict[str, Any]:
     from scipy.special import ndtri
 
-    values = found.members[one.column].to_numpy()
-    scale = 1.0 if one.scale is None else one.scale
-    shift, spread = one.column.startswith("source"), _spread(found, one)
+    values = analysis.members[parameter.column].to_numpy()
+    scale = 1.0 if parameter.scale is None else parameter.scale
+    shift, spread = parameter.column.startswith("source"), _spread(analysis, parameter)
     scores = (values if shift else np.log(values)) / spread
-    mine = np.array([weighted_quantile(scores, found.weight, level) for level in LEVELS])
+    posterior = np.array([weighted_quantile(scores, analysis.weight, level) for level in LEVELS])
     prior, ends = ndtri(LEVELS), (scores < ndtri(LEVELS[0]), scores > ndtri(LEVELS[2]))
-    moved = _moved(found.weight, scores)
-    verdict = _informed(found, moved > KS / np.sqrt(found.effective))
-    if any(found.weight @ beyond > EDGE for beyond in ends):
+    moved = _moved(analysis.weight, scores)
+    verdict = _informed(analysis, moved > KS / np.sqrt(analysis.effective))
+    if any(analysis.weight @ beyond > EDGE for beyond in ends):
         verdict = "at the edge of the prior"
-    ratio = float((mine[2] - mine[0]) / (prior[2] - prior[0]))
-    prior, mine = (spread * of if shift else np.exp(spread * of) for of in (prior, mine))
+    ratio = float((posterior[2] - posterior[0]) / (prior[2] - prior[0]))
+    prior, posterior = (
+        spread * values if shift else np.exp(spread * values) for values in (prior, posterior)
+    )
     names = ("q05", "median", "q95")
     return {
-        "parameter": one.label, "units": one.units, "case": scale if one.scale else 0.0,
+        "parameter": parameter.label, "units": parameter.units,
+        "case": scale if parameter.scale else 0.0,
         **{f"prior_{name}": scale * value for name, value in zip(names, prior, strict=True)},
-        **{name: scale * value for name, value in zip(names, mine, strict=True)},
+        **{name: scale * value for name, value in zip(names, posterior, strict=True)},
         "ratio": ratio, "moved": moved, "verdict": verdict,
     }  # fmt: skip
 
 
-def _informed(found: Back, moved: bool) -> str:
+def _informed(analysis: Back, moved: bool) -> str:
     """Interpretation of a posterior that is, or is not, distinct from the prior."""
-    return "informed" if moved else "not informed" if found.is_enough else "undecided"
+    return "informed" if moved else "not informed" if analysis.is_enough else "undecided"
 
 
-def _spread(found: Back, one: Parameter) -> float:
+def _spread(analysis: Back, parameter: Parameter) -> float:
     """Prior standard deviation of a shift, or of the logarithm of a factor."""
-    given = found.inputs.given
-    if one.column.startswith("source"):
+    given = analysis.inputs.given
+    if parameter.column.startswith("source"):
         return given["source_shift"]
-    key = "radius_factor" if one.column.startswith("radius") else f"{one.column}_factor"
+    key = "radius_factor" if parameter.column.startswith("radius") else f"{parameter.column}_factor"
     return float(np.log(given[key]))
 
 
@@ -164,12 +167,12 @@ def _moved(weight: np.ndarray, scores: np.ndarray) -> float:
     return float(np.maximum(reached - prior, prior - reached + weight[order]).max())
 
 
-def _set_row(found: Back) -> dict[str, Any]:
-    which = found.members["set"].to_numpy(int)
-    chance = np.bincount(which, found.weight, len(found.inputs.sets))
+def _set_row(analysis: Back) -> dict[str, Any]:
+    which = analysis.members["set"].to_numpy(int)
+    chance = np.bincount(which, analysis.weight, len(analysis.inputs.sets))
     known = chance[chance > 0]
     number = float(np.exp(-(known * np.log(known)).sum()))
-    expected, total = 1 / chance.size, found.effective
+    expected, total = 1 / chance.size, analysis.effective
     chi2 = total * ((chance - expected) ** 2 / expected).sum()
     from scipy.stats import chi2 as distribution
 
@@ -177,7 +180,7 @@ def _set_row(found: Back) -> dict[str, Any]:
     return {
         "parameter": f"impact set, of {chance.size}", "units": "1", "ratio": number / chance.size,
         "moved": float(np.abs(chance - expected).sum() / 2),
-        "verdict": _informed(found, bool(informed)), "set_best": int(chance.argmax()),
+        "verdict": _informed(analysis, bool(informed)), "set_best": int(chance.argmax()),
     }  # fmt: skip
 
 
@@ -189,42 +192,42 @@ def weighted_quantile(values: np.ndarray, weight: np.ndarray, level: float) -> f
     return value_at(values, weight, (level * (n + 1) - 0.5) / n)
 
 
-def warnings(found: Back) -> Iterator[str]:
+def warnings(analysis: Back) -> Iterator[str]:
     """Reasons not to trust the posterior."""
-    if not found.is_enough:
-        more = "--boulders" if found.noise > NOISY else "--members"
+    if not analysis.is_enough:
+        more = "--boulders" if analysis.noise > NOISY else "--members"
         yield (
-            f"undecided: {found.effective:.0f} effective members, {found.asked} were asked for; "
-            f"the ranges are those of few: more {more}"
+            f"undecided: {analysis.effective:.0f} effective members, {analysis.asked} were asked "
+            f"for; the ranges are those of few: more {more}"
         )
-    limit = CONTRADICTED / len(found.data)
-    for row in found.data.to_dict("records"):
+    limit = CONTRADICTED / len(analysis.data)
+    for row in analysis.data.to_dict("records"):
         if row["predictive_p"] < limit:
             yield (
                 f"the model does not explain the {row['data']}: of its posterior only "
                 f"{row['predictive_p']:.1%} of samples are as far off as what was observed"
             )
-    for row in found.data.to_dict("records"):
+    for row in analysis.data.to_dict("records"):
         if row["agreement"] == CONFLICT:
             yield (
                 f"conflict: {row['data']}: less likely beside the other data than alone, by "
                 f"exp({row['loss']:.1f} +- {row['loss_error']:.1f}); {ALONE} has each alone"
             )
-    edge = [row["parameter"] for row in posterior_table(found).to_dict("records")
+    edge = [row["parameter"] for row in posterior_table(analysis).to_dict("records")
             if row["verdict"].startswith("at the edge")]  # fmt: skip
     if edge:
         yield f"the data pull beyond the prior, which may be too narrow: {', '.join(edge)}"
 
 
-def draws_table(found: Back) -> pd.DataFrame:
+def draws_table(analysis: Back) -> pd.DataFrame:
     """Draws of the posterior, each with equal probability (systematic resampling), in the form that
     `&ensemble draws` reads."""
-    columns = [name for name in found.members if name.startswith(
+    columns = [name for name in analysis.members if name.startswith(
         ("radius_", "volume", "drop_height", "source_east", "source_north", "set"))]  # fmt: skip
-    random = np.random.default_rng((found.case.case["seed"], DRAWS))
+    random = np.random.default_rng((analysis.case.case["seed"], DRAWS))
     steps = (np.arange(DRAWS) + random.random()) / DRAWS
-    picked = np.searchsorted(np.cumsum(found.weight), steps).clip(max=len(found.weight) - 1)
-    table = found.members.iloc[picked][columns].reset_index(drop=True)
+    picked = np.searchsorted(np.cumsum(analysis.weight), steps).clip(max=len(analysis.weight) - 1)
+    table = analysis.members.iloc[picked][columns].reset_index(drop=True)
     if "set" in table:
         table["set"] = table["set"].astype(int)
     table.insert(0, "draw", np.arange(1, DRAWS + 1))
@@ -232,21 +235,21 @@ def draws_table(found: Back) -> pd.DataFrame:
 
 
 def write_back(
-    found: Back, folder: str | Path, inputs: Iterable[str | Path] = (), draw: Draw | None = None
+    analysis: Back, folder: str | Path, inputs: Iterable[str | Path] = (), draw: Draw | None = None
 ) -> list[Path]:
     """Write TABLE, DRAWN, ALONE, ALL and CASE to a folder, and DRAWING if `draw` is given: all of
     them or none."""
     folder = Path(folder)
-    inputs = [*inputs, *input_files(found.case)]
+    inputs = [*inputs, *input_files(analysis.case)]
     check_back(folder, inputs)
     with atomic_folder(folder, inputs, last=CASE) as part:
-        write_csv(posterior_table(found), part / TABLE)
-        write_csv(draws_table(found), part / DRAWN)
-        write_csv(alone_table(found), part / ALONE)
-        put_netcdf(_contents(found), part / ALL, folder / ALL)
+        write_csv(posterior_table(analysis), part / TABLE)
+        write_csv(draws_table(analysis), part / DRAWN)
+        write_csv(alone_table(analysis), part / ALONE)
+        put_netcdf(_contents(analysis), part / ALL, folder / ALL)
         if draw:
-            draw(found, part / DRAWING)
-        (part / CASE).write_text(_case_text(found, folder), encoding="utf-8")
+            draw(analysis, part / DRAWING)
+        (part / CASE).write_text(_case_text(analysis, folder), encoding="utf-8")
     return [folder / name for name in (TABLE, DRAWN, ALONE, ALL, *[DRAWING] * bool(draw), CASE)]
 
 
@@ -256,8 +259,8 @@ def check_back(folder: Path, inputs: Iterable[str | Path]) -> None:
     check_outputs([folder / name for name in (TABLE, DRAWN, ALONE, ALL, DRAWING, CASE)], inputs)
 
 
-def _contents(found: Back) -> Contents:
-    members, data = found.members, found.data
+def _contents(analysis: Back) -> Contents:
+    members, data = analysis.members, analysis.data
     about = {"log_likelihood": "of what was observed, dependent data counted less",
              "smooth": "log_likelihood without the noise of the runs",
              "weight": "of the member in the posterior"}  # fmt: skip
@@ -274,21 +277,21 @@ def _contents(found: Back) -> Contents:
         one = {"units": "1", "long_name": what}
         variables[f"data_{name}"] = ("data", data[name].to_numpy(float), one)
     about_alone = {"units": "1", "long_name": "weight of the member by each set of data alone"}
-    variables["data_weight"] = ("data", "member"), found.alone, about_alone
+    variables["data_weight"] = ("data", "member"), analysis.alone, about_alone
     attrs = {
-        "title": found.case.case["title"], "source": f"rockfall {__version__}",
-        "case": found.case.text(), "case_file": found.case.name, "back_layout": 1,
-        "boulders": found.boulders, "effective_members": found.effective,
-        "asked_members": found.asked,
+        "title": analysis.case.case["title"], "source": f"rockfall {__version__}",
+        "case": analysis.case.text(), "case_file": analysis.case.name, "back_layout": 1,
+        "boulders": analysis.boulders, "effective_members": analysis.effective,
+        "asked_members": analysis.asked,
     }  # fmt: skip
     return Contents(variables, attrs, ("data",))
 
 
-def _case_text(found: Back, folder: Path) -> str:
+def _case_text(analysis: Back, folder: Path) -> str:
     """Case with the posterior as its uncertain inputs, and file names relative to a folder."""
     known = {"source_shift": 0.0, "draws": DRAWN}
-    known |= {key: 1.0 for key in found.case.ensemble if key.endswith("_factor")}
-    case = _seen_from(folder, found.case).replace(ensemble=known)
+    known |= {key: 1.0 for key in analysis.case.ensemble if key.endswith("_factor")}
+    case = _seen_from(folder, analysis.case).replace(ensemble=known)
     head = f"{MARK} from {case.name}: &ensemble draws has the posterior, for `rockfall ensemble`."
     return f"{' '.join(head.splitlines())}\n{case.text()}"
 

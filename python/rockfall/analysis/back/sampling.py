@@ -70,7 +70,7 @@ class Sampler:
         self.densities = [one(self.points) for one in self._all()]
 
     def _all(self) -> list[Callable[[np.ndarray], np.ndarray]]:
-        return [_log_prior, *(one.log_density for one in self.mixtures)]
+        return [_log_prior, *(mixture.log_density for mixture in self.mixtures)]
 
     def _tempered(self) -> np.ndarray:
         """Weights with the likelihood tempered enough to leave enough points for the kernels."""
@@ -93,10 +93,10 @@ class _Mixture:
     """Mixture of normal kernels and the prior."""
 
     def __init__(self, points: np.ndarray, weight: np.ndarray) -> None:
-        some = weight > 0
-        self.weight, dimensions = weight[some], points.shape[1]
-        centre = self.weight @ points[some]
-        apart = points[some] - centre
+        is_weighted = weight > 0
+        self.weight, dimensions = weight[is_weighted], points.shape[1]
+        centre = self.weight @ points[is_weighted]
+        apart = points[is_weighted] - centre
         spread = (self.weight[:, None] * apart).T @ apart
         n = effective(weight)
         spread += np.diag(np.full(dimensions, 1 / n + 1e-6))  # poor estimate from few points
@@ -117,7 +117,8 @@ class _Mixture:
         from scipy.special import logsumexp
 
         scaled, centres = (
-            solve_triangular(self.factor, of.T, lower=True).T for of in (points, self.centres)
+            solve_triangular(self.factor, points_.T, lower=True).T
+            for points_ in (points, self.centres)
         )
         squares = cdist(scaled, centres, "sqeuclidean")
         volume = np.log(np.diag(self.factor)).sum() + points.shape[1] / 2 * np.log(2 * np.pi)

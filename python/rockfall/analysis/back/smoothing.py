@@ -31,8 +31,8 @@ def smoothed(points: np.ndarray, levels: np.ndarray, log_likelihood: np.ndarray)
         return found
     points, deficit = points[known], log_likelihood[known].max() - log_likelihood[known]
     y = -np.where(deficit < FAR, deficit, FAR * (1 + np.log(np.maximum(deficit, FAR) / FAR)))
-    some = np.unique(np.linspace(0, y.size - 1, FITTED).astype(int))
-    numbers = _process(points[some], levels, y[some]).likeliest()
+    chosen = np.unique(np.linspace(0, y.size - 1, FITTED).astype(int))
+    numbers = _process(points[chosen], levels, y[chosen]).likeliest()
     found[known] = _process(points, levels, y).mean(numbers)
     return found
 
@@ -43,8 +43,8 @@ def _process(points: np.ndarray, levels: np.ndarray, y: np.ndarray) -> _Process:
     ordered = points[:, levels == 0]
     which = np.floor(levels * ndtr(points))
     squares = [
-        (a[:, None] - a) ** 2 if not of else 1.0 * (b[:, None] != b)
-        for a, b, of in zip(points.T, which.T, levels, strict=True)
+        (a[:, None] - a) ** 2 if not level else 1.0 * (b[:, None] != b)
+        for a, b, level in zip(points.T, which.T, levels, strict=True)
     ]
     trend = np.column_stack([np.ones(len(points)), ordered, ordered**2])
     return _Process(y, squares, TREND * trend @ trend.T)
@@ -83,10 +83,10 @@ class _Process:
     def _matern(self, numbers: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
         """The covariance, and its derivatives by the logarithms of the lengths."""
         *lengths, amplitude = np.exp(numbers[:-2])
-        parts = [of / length**2 for of, length in zip(self.squares, lengths, strict=True)]
+        parts = [square / length**2 for square, length in zip(self.squares, lengths, strict=True)]
         r = np.sqrt(5 * sum(parts))
         near = amplitude**2 * np.exp(-r)
-        return near * (1 + r + r**2 / 3), [near * 5 / 3 * (1 + r) * of for of in parts]
+        return near * (1 + r + r**2 / 3), [near * 5 / 3 * (1 + r) * part for part in parts]
 
     def _cost(self, numbers: np.ndarray) -> tuple[float, np.ndarray]:
         """Negative log marginal likelihood, and its gradient."""
@@ -100,5 +100,5 @@ class _Process:
         open_ = inverse - np.outer(pulled, pulled)
         noise, slope = np.exp(numbers[-2:])
         of_noise = [noise * np.trace(open_), -slope * np.diag(open_) @ self.y]
-        gradient = [*((open_ * of).sum() for of in (*by_length, 2 * matern)), *of_noise]
+        gradient = [*((open_ * slope).sum() for slope in (*by_length, 2 * matern)), *of_noise]
         return float(cost), np.array(gradient) / 2

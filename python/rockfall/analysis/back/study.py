@@ -153,7 +153,8 @@ def back_analysis(
                 break
             new = slice(sampler.log_likelihood.size, None)
             known = counts[:, None] * np.array([
-                one.log_likelihood(np.array(of)[new]) for one, of in zip(data, runs, strict=True)
+                one.log_likelihood(np.array(member_runs)[new])
+                for one, member_runs in zip(data, runs, strict=True)
             ])  # fmt: skip
             off = np.array([row.get("source_redrawn", 0) > 0 for row in kept[new]])
             known[:, off] = -np.inf
@@ -172,7 +173,11 @@ def back_analysis(
             cube = np.concatenate([cube, points])
     if not (done := sampler.log_likelihood.size):
         raise KeyboardInterrupt
-    cube, kept, runs = cube[:done], kept[:done], [of[:done] for of in runs]  # complete rounds only
+    cube, kept, runs = (
+        cube[:done],
+        kept[:done],
+        [member_runs[:done] for member_runs in runs],
+    )  # complete rounds only
     if not weight.any():
         raise RockfallError(
             f"{case.name}: in none of {len(cube)} members as many as 20 boulders come to where "
@@ -183,11 +188,12 @@ def back_analysis(
     )
     each = contributions(sampler.points[:done], levels, ahead, weight, by_data)
     found = [
-        as_record(one, count, predictive_p(one, np.array(of), weight, random)) | part.record()
-        for one, count, of, part in zip(data, counts, runs, each, strict=True)
+        as_record(one, count, predictive_p(one, np.array(member_runs), weight, random))
+        | part.record()
+        for one, count, member_runs, part in zip(data, counts, runs, each, strict=True)
     ]
-    for one, of in zip(data, runs, strict=True):
-        notes += one.remarks(np.array(of), weight)
+    for one, member_runs in zip(data, runs, strict=True):
+        notes += one.remarks(np.array(member_runs), weight)
     noise = sum(c * one.noise(scene.boulders) for c, one in zip(counts, data, strict=True))
     back = Back(case, inputs, sought, cube, table, pd.DataFrame(found), tuple(notes), enough,
                 float(noise), scene.boulders, np.array([part.alone for part in each]))  # fmt: skip

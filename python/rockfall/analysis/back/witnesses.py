@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What blocks at rest and marks share: witnesses of boulders that nobody compared one by one."""
+"""Base of blocks at rest and of marks: witnesses of boulders that nobody compared one by one."""
 
 from __future__ import annotations
 

@@ -38,16 +38,16 @@ class MemberMaps:
 
     def variables(self) -> dict[str, Any]:
         """Variables (y, x) by name."""
-        some = np.unique(np.concatenate(self.cells))
+        cells = np.unique(np.concatenate(self.cells))
         size = max(1, AT_ONCE // len(self.cells))
-        parts = [some[k : k + size] for k in range(0, some.size, size)]
+        parts = [cells[k : k + size] for k in range(0, cells.size, size)]
         found: dict[str, Any] = {}
         for name in self.names:
-            for part in parts or [some]:
+            for part in parts or [cells]:
                 for label, (values, long_name, units) in self._maps(name, part).items():
-                    about = {"units": units, "long_name": long_name, "grid_mapping": "crs"}
+                    attrs = {"units": units, "long_name": long_name, "grid_mapping": "crs"}
                     empty = np.zeros(self.shape, "f4")
-                    one = found.setdefault(label, (("y", "x"), empty, about))
+                    one = found.setdefault(label, (("y", "x"), empty, attrs))
                     one[1].ravel()[part] = values
         return found
 
@@ -72,8 +72,8 @@ class MemberMaps:
     ) -> Iterator[tuple[str, tuple[np.ndarray, str, str]]]:
         """Quantiles over the members; the energy is 0 where no boulder passes."""
         for label, level in LEVELS.items():
-            about = f"{long_name}: {level:.0%} quantile over the runs"
-            yield f"{name}_{label}", (np.quantile(members, level, axis=0), about, units)
+            text = f"{long_name}: {level:.0%} quantile over the runs"
+            yield f"{name}_{label}", (np.quantile(members, level, axis=0), text, units)
 
     def _dense(self, name: str, part: np.ndarray) -> np.ndarray:
         """Map of all members in these cells (members, cells), 0 where no boulder passed."""

@@ -124,8 +124,8 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
                     advance(1)
             except Interrupted:
                 break
-            for i, of in enumerate(map(np.array, zip(*by_run, strict=True))):
-                covariance[k, :, :, i] = of @ of.T
+            for i, values in enumerate(map(np.array, zip(*by_run, strict=True))):
+                covariance[k, :, :, i] = values @ values.T
             for result in shown:
                 assert maps is not None
                 maps.add(result)
@@ -203,10 +203,10 @@ def _dataset(base: _Run, names: list[str], y: np.ndarray, found: Indices) -> dic
     data: dict[str, tuple] = {
         dim: (dim, np.array(list(text), dtype=object)) for dim, text in texts.items()
     }
-    units = np.array([_units(*of) for of in RESULTS.values()], dtype=object)
+    units = np.array([_units(*quantity) for quantity in RESULTS.values()], dtype=object)
     data["result_units"] = ("result", units, {"long_name": "units of each result"})
     two = y[:, :2].reshape(2 * len(y), -1)
-    of = "fraction of the epistemic variance: an input "
+    fraction_of = "fraction of the epistemic variance: an input "
     return data | {
         "value": table(y, "results of the runs"),
         "case_value": table(base.values, "result of the case as it is"),
@@ -221,9 +221,9 @@ def _dataset(base: _Run, names: list[str], y: np.ndarray, found: Indices) -> dic
         ),
         "epistemic_variance": table(found.parts.epistemic, "unbiased estimate; may be below zero"),
         "epistemic_variance_error": table(found.epistemic_error, "its standard error"),
-        "first_order": table(found.first, f"{of}alone, first-order Sobol' index"),
+        "first_order": table(found.first, f"{fraction_of}alone, first-order Sobol' index"),
         "first_order_error": table(found.first_error, "its standard error"),
-        "total": table(found.total, f"{of}with all it does, total Sobol' index"),
+        "total": table(found.total, f"{fraction_of}with all it does, total Sobol' index"),
         "total_error": table(found.total_error, "its standard error"),
         "too_few": table(
             np.isnan(y).sum(axis=(0, 1)), "runs in which too few boulders pass, so no number"
@@ -246,8 +246,8 @@ def _drawn(draws: list[list[Draw]], seeds: list[int]) -> dict[str, Any]:
         values = np.array([one[key] for one in kept])
         units, meaning = KEPT[key]
         dims = ("run", "side", "zone")[: values.ndim + 1]
-        about = {"units": units, "long_name": meaning}
-        data[f"drawn_{key}"] = (dims, values.reshape(len(seeds), 2, *values.shape[1:]), about)
+        attrs = {"units": units, "long_name": meaning}
+        data[f"drawn_{key}"] = (dims, values.reshape(len(seeds), 2, *values.shape[1:]), attrs)
     return data
 
 
@@ -306,14 +306,14 @@ def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def write_ensemble(found: xr.Dataset, path: Path) -> None:
+def write_ensemble(data: xr.Dataset, path: Path) -> None:
     """Write the complete ensemble as netCDF, or the table as CSV, by the file extension;
     atomically."""
-    check_place(path, found.sizes["line"], files_behind(found))
+    check_place(path, data.sizes["line"], files_behind(data))
     if path.suffix == ".nc":
-        write_result(found, path)
+        write_result(data, path)
         return
-    write_csv(ensemble_table(found), path)
+    write_csv(ensemble_table(data), path)
 
 
 def check_place(path: Path, lines: int, inputs: Iterable[Path] = ()) -> None:

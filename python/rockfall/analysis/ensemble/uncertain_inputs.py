@@ -42,7 +42,7 @@ class Draw:
     def __or__(self, other: Draw) -> Draw:
         """Combine two draws that change different things."""
         pairs = ((getattr(self, one.name), getattr(other, one.name)) for one in fields(Draw))
-        return Draw(*(mine | theirs for mine, theirs in pairs))
+        return Draw(*(own | theirs for own, theirs in pairs))
 
 
 def drawn_scene(scene: Scene, draws: Iterable[Draw], seed: int) -> Scene:
@@ -50,10 +50,10 @@ def drawn_scene(scene: Scene, draws: Iterable[Draw], seed: int) -> Scene:
     arrays: dict[str, Any] = {}
     groups: dict[str, Any] = {"case": {"seed": seed}}
     factors: dict[str, float] = {}
-    for one in draws:
-        arrays |= one.arrays
-        groups |= one.groups
-        factors |= one.factors
+    for drawn in draws:
+        arrays |= drawn.arrays
+        groups |= drawn.groups
+        factors |= drawn.factors
     if factors and scene.features is not None and scene.features.value is not None:
         by = np.array([factors.get(name, 1.0) for name in VALUES])
         arrays["features"] = scene.features._replace(value=scene.features.value * by)
@@ -295,7 +295,7 @@ class Uncertain:
         drawn = self.sets[which]
         if isinstance(drawn, SetFile):
             return Draw({"sets": drawn}, kept={"set": which})
-        grounds = tuple(drawn.get(one.name, one) for one in self.scene.grounds)
+        grounds = tuple(drawn.get(ground.name, ground) for ground in self.scene.grounds)
         return Draw({"grounds": grounds}, kept={"set": which})
 
 

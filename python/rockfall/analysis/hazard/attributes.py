@@ -56,7 +56,7 @@ class Layer(NamedTuple):
         values = attribute(self.columns, name)
         if values is None:
             return [""] * self.size
-        return ["" if (text := plain(one)) is None else str(text).strip() for one in values]
+        return ["" if (text := plain(value)) is None else str(text).strip() for value in values]
 
     def refuse(self, number: int, name: str, value: object, rule: str) -> NoReturn:
         """Raise the error for an attribute of a feature, numbered from 0."""
@@ -66,7 +66,7 @@ class Layer(NamedTuple):
         """Values (objects, intensities) of an attribute that is one number for all intensities, or
         one for each (name_1, name_2, ...), not falling; empty if the layer has neither."""
         several = [f"{name}_{k}" for k in range(1, intensities + 1)]
-        given = [one for one in self.columns if one.startswith(name) and one != NAMED]
+        given = [column for column in self.columns if column.startswith(name) and column != NAMED]
         if not given:
             return np.empty((0, intensities))
         if given == [name]:

@@ -90,7 +90,7 @@ def read_exposure(
     notes = [*_of_damage(damage, names), *deaths.notes(names)]
     if unknown:
         notes.append(f"no damage for want of a vulnerability: {_listed(names, unknown)}")
-    if exposed := [k for k in points if any(harms[one][k] for one in harms)]:
+    if exposed := [k for k in points if any(harms[harm][k] for harm in harms)]:
         notes.append(
             "the energy of each boulder is not known at points without a width, so each has that "
             f"of the upper end of its intensity (errs high): {_listed(names, exposed)}"
@@ -108,7 +108,7 @@ def joined(parts: Sequence[tuple[Exposure, int]]) -> Exposure:
         for name in QUANTITIES
     }
     notes = dict.fromkeys(text for one, _ in parts for text in one.assumptions)
-    return Exposure(kinds, harms, [*(one for one in notes if one not in ALWAYS), *ALWAYS])
+    return Exposure(kinds, harms, [*(note for note in notes if note not in ALWAYS), *ALWAYS])
 
 
 def _damage(
@@ -121,15 +121,15 @@ def _damage(
     worth = layer.numbers("value", 1.0) * layer.numbers("exposure", 1.0)
     named = _named_curves(layer, "curve", curves)
     steps = layer.by_intensity("vulnerability", thresholds.size + 1)
-    found: list[Harm | None] = []
+    harms: list[Harm | None] = []
     for k, (kind, curve) in enumerate(zip(kinds, named, strict=True)):
         if curve is None and len(steps):
             curve = stepped(thresholds, steps[k])
         elif curve is None and kind == "building":
             curve = BUILDING
-        found.append(None if curve is None else Harm(float(worth[k]), curve))
-    unknown = [k for k, one in enumerate(found) if one is None and worth[k] > 0]
-    return found, unknown
+        harms.append(None if curve is None else Harm(float(worth[k]), curve))
+    unknown = [k for k, one in enumerate(harms) if one is None and worth[k] > 0]
+    return harms, unknown
 
 
 class _OfPersons(NamedTuple):
@@ -235,8 +235,8 @@ class _Deaths:
             )
         harms = [one.individual_risk for one in self.found]
         yield from _of_curves("lethality", harms, names)
-        for text, of in self.defaults.items():
-            yield f"default {text}: {_listed(names, of)}"
+        for text, defaults in self.defaults.items():
+            yield f"default {text}: {_listed(names, defaults)}"
 
 
 def _rests(harm: Harm | None) -> bool:
@@ -259,11 +259,11 @@ def _of_damage(harms: list[Harm | None], names: list[str]) -> Iterator[str]:
 
 def _of_curves(what: str, harms: list[Harm | None], names: list[str]) -> Iterator[str]:
     """Curves that enter, each with its source and objects."""
-    of: dict[tuple[str, str], list[int]] = {}
+    rows: dict[tuple[str, str], list[int]] = {}
     for k, one in enumerate(harms):
         if one is not None:
-            of.setdefault((one.curve.name, one.curve.source), []).append(k)
-    for (name, source), objects in of.items():
+            rows.setdefault((one.curve.name, one.curve.source), []).append(k)
+    for (name, source), objects in rows.items():
         yield f"{what} {name} ({source}): {_listed(names, objects)}"
 
 

@@ -77,12 +77,12 @@ def read_hazard(path: str | Path) -> xr.Dataset:
     import xarray as xr
 
     try:
-        found = xr.load_dataset(path, mask_and_scale=False, decode_times=False, engine="netcdf4")
+        dataset = xr.load_dataset(path, mask_and_scale=False, decode_times=False, engine="netcdf4")
     except OSError as error:
         raise RockfallError(f"{path}: cannot be read as a hazard: {error.strerror}") from error
-    if "hazard_class" not in found:
+    if "hazard_class" not in dataset:
         raise RockfallError(f"{path}: is no hazard: it has no hazard_class")
-    return found
+    return dataset
 
 
 def is_hazard(path: str | Path) -> bool:
@@ -106,49 +106,49 @@ def export_hazard(path: str | Path, folder: str | Path, formats: Sequence[str]) 
         return [folder / file.name for file in _put_drawings(found, part, chosen)]
 
 
-def _put_drawings(found: xr.Dataset, folder: Path, formats: list[str]) -> Iterator[Path]:
+def _put_drawings(hazard: xr.Dataset, folder: Path, formats: list[str]) -> Iterator[Path]:
     """Drawings of the generalised zones, and of objects."""
-    layers = {name: layer for name, layer in _layers(found) if name in ("zones", "objects")}
+    layers = {name: layer for name, layer in _layers(hazard) if name in ("zones", "objects")}
     if not layers:
         raise RockfallError("the hazard has no zones and no objects")
     styles = _styles({name: kind for name, (kind, _) in layers.items()})
     if "kml" in formats:
-        yield put_kml(folder / "hazard.kml", layers, found, styles)
+        yield put_kml(folder / "hazard.kml", layers, hazard, styles)
     if "dxf" in formats:
         yield write_drawing(folder / "hazard.dxf", layers, styles)
 
 
-def put_hazard(found: xr.Dataset, folder: Path) -> Iterator[Path]:
+def put_hazard(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
     """Write the files of `write_hazard` into a new folder."""
     need("zones need", "vector", "pyogrio", "shapely")
-    put_netcdf(found, folder / "hazard.nc", folder / "hazard.nc")
+    put_netcdf(hazard, folder / "hazard.nc", folder / "hazard.nc")
     yield folder / "hazard.nc"
-    yield from _put_maps(found, folder)
-    yield from _put_zones(found, folder)
-    if "object" in found.dims:
-        write_csv(object_table(found), folder / "objects.csv")
+    yield from _put_maps(hazard, folder)
+    yield from _put_zones(hazard, folder)
+    if "object" in hazard.dims:
+        write_csv(object_table(hazard), folder / "objects.csv")
         yield folder / "objects.csv"
-    if has_segments(found):
-        write_csv(segment_table(found), folder / "segments.csv")
+    if has_segments(hazard):
+        write_csv(segment_table(hazard), folder / "segments.csv")
         yield folder / "segments.csv"
-    if has_risk(found):
-        write_csv(total_table(found), folder / "risk.csv")
+    if has_risk(hazard):
+        write_csv(total_table(hazard), folder / "risk.csv")
         yield folder / "risk.csv"
 
 
-def put_zones(found: xr.Dataset, folder: Path) -> Iterator[Path]:
+def put_zones(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
     """Write hazard.gpkg with zones and objects, and the maps of classes with their styles, into a
     new folder."""
     need("zones need", "vector", "pyogrio", "shapely")
-    classes = [name for name, data in found.data_vars.items() if "flag_meanings" in data.attrs]
-    yield from _put_maps(found[[*classes, "crs"]], folder)
-    yield from _put_zones(found, folder)
+    classes = [name for name, data in hazard.data_vars.items() if "flag_meanings" in data.attrs]
+    yield from _put_maps(hazard[[*classes, "crs"]], folder)
+    yield from _put_zones(hazard, folder)
 
 
-def _put_zones(found: xr.Dataset, folder: Path) -> Iterator[Path]:
-    if layers := dict(_layers(found)):
+def _put_zones(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
+    if layers := dict(_layers(hazard)):
         styles = _styles({name: kind for name, (kind, _) in layers.items()})
-        yield write_geopackage(folder / "hazard.gpkg", layers, crs_wkt(found), styles)
+        yield write_geopackage(folder / "hazard.gpkg", layers, crs_wkt(hazard), styles)
 
 
 def colours_of(data: xr.DataArray) -> dict[int, str]:
@@ -163,8 +163,8 @@ def colours_of(data: xr.DataArray) -> dict[int, str]:
     return dict(enumerate(texts, start=1))
 
 
-def _put_maps(found: xr.Dataset, folder: Path) -> Iterator[Path]:
-    for name, data in flat_maps(found.set_coords("crs")).data_vars.items():
+def _put_maps(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
+    for name, data in flat_maps(hazard.set_coords("crs")).data_vars.items():
         if data.dims != PLAN:
             continue
         path = folder / f"{name}.tif"
@@ -179,32 +179,32 @@ def _put_maps(found: xr.Dataset, folder: Path) -> Iterator[Path]:
         yield write_palette(path, words, colours_of(data))
 
 
-def _layers(found: xr.Dataset) -> Iterator[tuple[str, tuple]]:
+def _layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
     """Zones of both kinds, uncertain areas, and objects; a layer without features is left out."""
     import shapely
 
-    words, doubtful = np.array(CLASSES, dtype=object), uncertain_of(found)
-    for name, zones in (("zones", zones_of(found)), ("zones_by_cell", zones_by_cell(found))):
+    words, doubtful = np.array(CLASSES, dtype=object), uncertain_of(hazard)
+    for name, zones in (("zones", zones_of(hazard)), ("zones_by_cell", zones_by_cell(hazard))):
         if zones.shapes.size:
-            about = {
+            attrs = {
                 "hazard": words[zones.number], "class": zones.number,
-                "area": shapely.area(zones.shapes), "certain": certain_fractions(zones, found),
-                "highest": words[highest_classes(zones, found)],
+                "area": shapely.area(zones.shapes), "certain": certain_fractions(zones, hazard),
+                "highest": words[highest_classes(zones, hazard)],
             }  # fmt: skip
-            yield name, ("Polygon", [(zones.shapes, about)])
+            yield name, ("Polygon", [(zones.shapes, attrs)])
     if doubtful.shapes.size:
         low, high = np.divmod(doubtful.number, len(CLASSES))
-        about = {
+        attrs = {
             "lowest": words[low], "highest": words[high], "lowest_class": low,
             "highest_class": high, "area": shapely.area(doubtful.shapes),
         }  # fmt: skip
-        yield "uncertain", ("Polygon", [(doubtful.shapes, about)])
-    if "object" in found.dims:
-        yield "objects", _object_layer(found)
-    if has_segments(found):
-        yield "segments", segment_layer(found)
-    if has_risk(found):
-        yield from risk_layers(found)
+        yield "uncertain", ("Polygon", [(doubtful.shapes, attrs)])
+    if "object" in hazard.dims:
+        yield "objects", _object_layer(hazard)
+    if has_segments(hazard):
+        yield "segments", segment_layer(hazard)
+    if has_risk(hazard):
+        yield from risk_layers(hazard)
 
 
 def _styles(kinds: dict[str, str]) -> dict[str, Style]:
@@ -218,33 +218,33 @@ def _styles(kinds: dict[str, str]) -> dict[str, Style]:
     return found | risk_styles(kinds)
 
 
-def _object_layer(found: xr.Dataset) -> tuple:
+def _object_layer(hazard: xr.Dataset) -> tuple:
     import shapely
 
-    shapes = shapely.from_wkt(found["object_geometry"].values.astype(str))
+    shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))
     kinds = {shape.geom_type for shape in shapes}
-    columns = {str(name): column.to_numpy() for name, column in object_table(found).items()}
+    columns = {str(name): column.to_numpy() for name, column in object_table(hazard).items()}
     return kinds.pop() if len(kinds) == 1 else "Unknown", [(shapes, columns)]
 
 
-def object_table(found: xr.Dataset) -> pd.DataFrame:
+def object_table(hazard: xr.Dataset) -> pd.DataFrame:
     """One row for each object: frequencies with their limits, class, and risks where known."""
     import pandas as pd
 
     words = np.array(CLASSES, dtype=object)
-    geometry = [GEOMETRY[text.split(" ")[0]] for text in found["object_geometry"].values]
-    columns: dict[str, np.ndarray] = {"object": found["object"].values.astype(object)}
-    if "object_layer" in found:  # not in older files
-        columns["layer"] = found["object_layer"].values.astype(object)
+    geometry = [GEOMETRY[text.split(" ")[0]] for text in hazard["object_geometry"].values]
+    columns: dict[str, np.ndarray] = {"object": hazard["object"].values.astype(object)}
+    if "object_layer" in hazard:  # not in older files
+        columns["layer"] = hazard["object_layer"].values.astype(object)
     columns["geometry"] = np.array(geometry, dtype=object)
     ends = ("", "_low", "_high")
-    columns |= {f"frequency{end}": found[f"object_frequency{end}"].values for end in ends}
-    for threshold in found["threshold"].values.tolist():
+    columns |= {f"frequency{end}": hazard[f"object_frequency{end}"].values for end in ends}
+    for threshold in hazard["threshold"].values.tolist():
         for end in ends:
-            values = found[f"object_exceedance_frequency{end}"].sel(threshold=threshold).values
+            values = hazard[f"object_exceedance_frequency{end}"].sel(threshold=threshold).values
             columns[f"frequency_above_{shown('threshold', threshold)}{end}"] = values
     for end in ("", "_lower", "_upper"):
-        columns[f"hazard{end}"] = words[found[f"object_hazard_class{end}"].values]
-    if "object_risk" in found:
-        columns |= {f"risk{end}": found[f"object_risk{end}"].values for end in ends}
-    return pd.DataFrame(columns | dict(risk_columns(found)))
+        columns[f"hazard{end}"] = words[hazard[f"object_hazard_class{end}"].values]
+    if "object_risk" in hazard:
+        columns |= {f"risk{end}": hazard[f"object_risk{end}"].values for end in ends}
+    return pd.DataFrame(columns | dict(risk_columns(hazard)))

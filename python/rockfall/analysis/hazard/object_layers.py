@@ -46,8 +46,8 @@ def given_layers(given: Any, layers: str | Sequence[str] | None) -> list[Source]
     found = [Source(one, names[k] if names else None) for k, one in enumerate(several)]
     for k, one in enumerate(found):
         if any(_is_same(one, other) for other in found[:k]):
-            about = f", layer {one.layer}" if one.layer else ""
-            raise RockfallError(f"{_path(one)}{about}: is given twice as a layer of objects")
+            text = f", layer {one.layer}" if one.layer else ""
+            raise RockfallError(f"{_path(one)}{text}: is given twice as a layer of objects")
     return found
 
 
@@ -55,11 +55,11 @@ def _path(source: Source) -> str:
     return "a GeoDataFrame" if is_frame(source.given) else str(source.given)
 
 
-def _is_same(one: Source, other: Source) -> bool:
-    if is_frame(one.given) or is_frame(other.given):
-        return one.given is other.given
-    paths = (Path(each.given).resolve() for each in (one, other))
-    return len({*paths}) == 1 and one.layer == other.layer
+def _is_same(source: Source, other: Source) -> bool:
+    if is_frame(source.given) or is_frame(other.given):
+        return source.given is other.given
+    paths = (Path(each.given).resolve() for each in (source, other))
+    return len({*paths}) == 1 and source.layer == other.layer
 
 
 def frames_of(sources: Sequence[Source]) -> dict[str, Any]:
@@ -77,9 +77,9 @@ def files_of(sources: Sequence[Source], frames: dict[str, Path]) -> list[File]:
     numbered."""
     of_frame = iter(frames.items())
     found = []
-    for one in sources:
-        name, path = next(of_frame) if is_frame(one.given) else (None, one.given)
-        found.append(File(path, one.layer, one.layer or name or only_layer(path)))
+    for source in sources:
+        name, path = next(of_frame) if is_frame(source.given) else (None, source.given)
+        found.append(File(path, source.layer, source.layer or name or only_layer(path)))
     labels = numbered([one.label for one in found])
     return [one._replace(label=label) for one, label in zip(found, labels, strict=True)]
 
@@ -92,11 +92,11 @@ def only_layer(path: str | Path) -> str:
 
 def distinct_names(names: Sequence[Sequence[str]], labels: Sequence[str]) -> list[list[str]]:
     """Names of the objects of each layer, with that of the layer where another has the same."""
-    of: dict[str, set[int]] = {}
+    numbers: dict[str, set[int]] = {}
     for k, own in enumerate(names):
         for name in own:
-            of.setdefault(name, set()).add(k)
+            numbers.setdefault(name, set()).add(k)
     return [
-        [f"{label}: {name}" if len(of[name]) > 1 else name for name in own]
+        [f"{label}: {name}" if len(numbers[name]) > 1 else name for name in own]
         for own, label in zip(names, labels, strict=True)
     ]

@@ -100,29 +100,31 @@ def _read(file: File, grid: Grid, remarks: list[str]) -> _Read:
 
 def _joined(parts: Sequence[Objects]) -> Objects:
     """Objects of several layers as one; those of a layer without vulnerability have NaN."""
-    found = Objects()
+    objects = Objects()
     before = 0
     for one in parts:
-        found.paths += one.paths
-        found.layers += one.layers
-        found.names += one.names
-        found.lines += one.lines
-        found.owner = np.append(found.owner, before + one.owner)
-        found.point = np.append(found.point, before + one.point)
+        objects.paths += one.paths
+        objects.layers += one.layers
+        objects.names += one.names
+        objects.lines += one.lines
+        objects.owner = np.append(objects.owner, before + one.owner)
+        objects.point = np.append(objects.point, before + one.point)
         before += len(one)
     for name in ("shapes", "places", "exposure", "value"):
-        setattr(found, name, np.concatenate([getattr(one, name) for one in parts]))
-    steps = [one.vulnerability for one in parts]
-    if known := [one for one in steps if one is not None]:
+        setattr(objects, name, np.concatenate([getattr(part, name) for part in parts]))
+    steps = [part.vulnerability for part in parts]
+    if known := [step for step in steps if step is not None]:
         intensities = known[0].shape[1]
-        found.vulnerability = np.concatenate([
+        objects.vulnerability = np.concatenate([
             np.full((len(part), intensities), np.nan) if one is None else one
             for part, one in zip(parts, steps, strict=True)
         ])  # fmt: skip
-    found.exposed = joined([(one.exposed, len(one)) for one in parts])
-    for k, (owner, line) in enumerate(zip(found.owner.tolist(), found.lines, strict=True), start=1):
+    objects.exposed = joined([(part.exposed, len(part)) for part in parts])
+    for k, (owner, line) in enumerate(
+        zip(objects.owner.tolist(), objects.lines, strict=True), start=1
+    ):
         line["name"] = f"object {owner + 1} part {k}"
-    return found
+    return objects
 
 
 def beyond_elevations(shapes: Iterable[Any], scene: Scene) -> np.ndarray:
@@ -186,8 +188,8 @@ def _place(objects: Objects, number: int, shape: Any, width: float, grid: Grid) 
     for part in getattr(shape, "geoms", [shape]):
         curve = part.exterior if part.geom_type == "Polygon" else part
         x, y = np.array(curve.coords)[[0, 0] if part.geom_type == "Point" else slice(None)].T
-        about = {"name": "", "object_width": 0.0 if np.isnan(width) else width}  # named when joined
-        objects.lines.append(about | {"x": x.tolist(), "y": y.tolist()})
+        attrs = {"name": "", "object_width": 0.0 if np.isnan(width) else width}  # named when joined
+        objects.lines.append(attrs | {"x": x.tolist(), "y": y.tolist()})
         objects.owner = np.append(objects.owner, number)
 
 
@@ -224,13 +226,13 @@ def object_counts(objects: Objects, result: xr.Dataset, grid: Grid, maps: np.nda
     return counts
 
 
-def risks(objects: Objects, found: Frequencies) -> Frequencies | None:
+def risks(objects: Objects, frequencies: Frequencies) -> Frequencies | None:
     """Annual risk of each object: the sum over intensities of their frequency, times vulnerability,
     exposure and value; limits follow from those of frequencies, since vulnerability does not
     decrease with intensity."""
     if objects.vulnerability is None:
         return None
     more = np.diff(objects.vulnerability, axis=1, prepend=0.0).T  # than at the next lower intensity
-    of = objects.exposure * objects.value
-    value, low, high = ((more * one).sum(axis=0) * of for one in found)
+    worth = objects.exposure * objects.value
+    value, low, high = ((more * one).sum(axis=0) * worth for one in frequencies)
     return Frequencies(value, low, high)

@@ -28,7 +28,7 @@ def generalised(areas: Sequence[Geometry], width: float, cell: float) -> list[Ge
     least = NEGLIGIBLE * cell**2
     above = [_enclosing(shapely.union_all(areas[k:]), width, cell) for k in range(len(areas))]
     for k in reversed(range(len(above))):
-        narrow = [one.buffer(width / 2, ARC) for one in _narrow_parts(above[k], width, cell**2)]
+        narrow = [part.buffer(width / 2, ARC) for part in _narrow_parts(above[k], width, cell**2)]
         inner = above[k + 1] if k + 1 < len(above) else shapely.Polygon()
         above[k] = shapely.union_all([above[k], inner, *narrow])
     for _ in range(PASSES):
@@ -36,7 +36,11 @@ def generalised(areas: Sequence[Geometry], width: float, cell: float) -> list[Ge
             ring = above[k].difference(above[k + 1])
             narrow = shapely.union_all(_narrow_parts(ring, width, least))
             near = narrow.intersection(above[k + 1].buffer(width, ARC))
-            beside = [one for one in polygons_of(near) if one.distance(above[k + 1]) < TOUCHING]
+            beside = [
+                polygon
+                for polygon in polygons_of(near)
+                if polygon.distance(above[k + 1]) < TOUCHING
+            ]
             above[k + 1] = shapely.union_all([above[k + 1], *beside])
     above.append(shapely.Polygon())
     return [above[k].difference(above[k + 1]) for k in range(len(areas))]
@@ -61,6 +65,6 @@ def _enclosing(area: Geometry, width: float, cell: float) -> Geometry:
 def _narrow_parts(area: Geometry, width: float, least: float) -> list[Geometry]:
     """Parts of an area in which no disc of the width fits, corners aside, if larger than `least`
     [m2]."""
-    about = {"join_style": "mitre", "mitre_limit": 2.0}
-    wide = area.buffer(-width / 2, **about).buffer(width / 2 * (1 + 1e-9), **about)
+    attrs = {"join_style": "mitre", "mitre_limit": 2.0}
+    wide = area.buffer(-width / 2, **attrs).buffer(width / 2 * (1 + 1e-9), **attrs)
     return list(polygons_of(area.difference(wide), least))

@@ -130,8 +130,8 @@ def annual(
         for name, three in found.items()
         for end, one, times in zip(("", "_low", "_high"), three, (1.0, *factor), strict=True)
     }
-    for end, of in (("", ""), ("_lower", "_low"), ("_upper", "_high")):
-        values[f"object_risk_class{end}"] = risk_classes(values[f"object_individual_risk{of}"])
+    for end, suffix in (("", ""), ("_lower", "_low"), ("_upper", "_high")):
+        values[f"object_risk_class{end}"] = risk_classes(values[f"object_individual_risk{suffix}"])
     return values
 
 

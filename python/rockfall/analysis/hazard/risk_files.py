@@ -23,9 +23,9 @@ LAYERS = {"Point": "risk_points", "LineString": "risk_lines", "Polygon": "risk_p
 SYMBOLS = {"Point": marker, "LineString": thick, "Polygon": fill}
 
 
-def has_risk(found: xr.Dataset) -> bool:
+def has_risk(hazard: xr.Dataset) -> bool:
     """Return True if the objects of a hazard say what is exposed."""
-    return "object_individual_risk" in found
+    return "object_individual_risk" in hazard
 
 
 def class_words() -> np.ndarray:
@@ -33,44 +33,46 @@ def class_words() -> np.ndarray:
     return np.array([word.replace("_", " ") for word in CLASSES], dtype=object)
 
 
-def risk_columns(found: xr.Dataset) -> Iterator[tuple[str, np.ndarray]]:
+def risk_columns(hazard: xr.Dataset) -> Iterator[tuple[str, np.ndarray]]:
     """Columns of the objects: kind, damage, individual risk with its class, collective risk."""
-    if not has_risk(found):
+    if not has_risk(hazard):
         return
-    yield "kind", found["object_kind"].values.astype(object)
+    yield "kind", hazard["object_kind"].values.astype(object)
     for name in QUANTITIES:
-        yield from ((f"{name}{end}", found[f"object_{name}{end}"].values) for end in ENDS)
+        yield from ((f"{name}{end}", hazard[f"object_{name}{end}"].values) for end in ENDS)
     for end in CLASS_ENDS:
-        yield f"risk_class{end}", class_words()[found[f"object_risk_class{end}"].values]
+        yield f"risk_class{end}", class_words()[hazard[f"object_risk_class{end}"].values]
 
 
-def total_table(found: xr.Dataset) -> pd.DataFrame:
+def total_table(hazard: xr.Dataset) -> pd.DataFrame:
     """Sums over all objects, with limits from the boulders that they share; and the limits of the
     objects added up, within which these lie."""
     import pandas as pd
 
     rows = []
     for name in SUMMED:
-        three = [float(found[f"total_{name}{end}"]) for end in ENDS]
-        added = [float(np.nansum(found[f"object_{name}{end}"].values)) for end in ("_low", "_high")]
+        three = [float(hazard[f"total_{name}{end}"]) for end in ENDS]
+        added = [
+            float(np.nansum(hazard[f"object_{name}{end}"].values)) for end in ("_low", "_high")
+        ]
         rows.append([name, *three, *added])
     columns = ["quantity", "value", "low", "high", "low_added", "high_added"]
     return pd.DataFrame(rows, columns=columns)
 
 
-def risk_layers(found: xr.Dataset) -> Iterator[tuple[str, tuple]]:
+def risk_layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
     """A layer of the objects of each kind of shape, with their risks, since QGIS draws a style for
     one kind alone."""
     import shapely
 
-    shapes = shapely.from_wkt(found["object_geometry"].values.astype(str))
-    columns = {"name": found["object"].values.astype(object)}
-    if "object_layer" in found:  # not in older files
-        columns["layer"] = found["object_layer"].values.astype(object)
-    columns |= dict(risk_columns(found))
-    of = np.array([plain_type(shape.geom_type) for shape in shapes])
+    shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))
+    columns = {"name": hazard["object"].values.astype(object)}
+    if "object_layer" in hazard:  # not in older files
+        columns["layer"] = hazard["object_layer"].values.astype(object)
+    columns |= dict(risk_columns(hazard))
+    kinds = np.array([plain_type(shape.geom_type) for shape in shapes])
     for kind, layer in LAYERS.items():
-        here = of == kind
+        here = kinds == kind
         types = {shape.geom_type for shape in shapes[here]}
         if not types:
             continue
@@ -87,7 +89,9 @@ def _multiple(shapes: np.ndarray) -> np.ndarray:
         "Point": shapely.multipoints, "LineString": shapely.multilinestrings,
         "Polygon": shapely.multipolygons,
     }  # fmt: skip
-    return np.array([collect[plain_type(one.geom_type)](shapely.get_parts(one)) for one in shapes])
+    return np.array(
+        [collect[plain_type(shape.geom_type)](shapely.get_parts(shape)) for shape in shapes]
+    )
 
 
 def risk_styles(kinds: Mapping[str, str]) -> dict[str, Style]:

@@ -54,8 +54,8 @@ def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
     """Scenarios for the scene of a base case, with evaluation lines."""
     case = scene.case.replace(line=lines)
     return [
-        Scenario(one["name"], _frequency(one, scene), _case(case, one))
-        for one in scene.case.scenario
+        Scenario(scenario["name"], _frequency(scenario, scene), _case(case, scenario))
+        for scenario in scene.case.scenario
     ]
 
 
@@ -64,17 +64,17 @@ def scenario_remarks(scene: Scene) -> Iterator[str]:
     gives that of every source."""
     case = scene.case
     for what, keys, given in _of_layer(scene):
-        for one in case.scenario:
-            if not {*keys} & one.keys() or not given.any():
+        for scenario in case.scenario:
+            if not {*keys} & scenario.keys() or not given.any():
                 continue
-            place = f"&scenario name = '{one['name']}'"
+            place = f"&scenario name = '{scenario['name']}'"
             if given.all():
                 raise RockfallError(
                     f"{case.name}: {place}: gives a {what}, and the layer of the sources gives "
                     "that of every source, which comes first: take it out of one of the two"
                 )
-            about = {"what": word(what), "part": np.count_nonzero(given), "n": given.size}
-            yield remark(case.name, "input.scenario_and_layer", place=place, **about)
+            attrs = {"what": word(what), "part": np.count_nonzero(given), "n": given.size}
+            yield remark(case.name, "input.scenario_and_layer", place=place, **attrs)
 
 
 def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]:
@@ -82,8 +82,8 @@ def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]
     a mask of sources for which the layer gives it."""
     found = scene.features
     if found is not None and found.law is not None and found.value is not None:
-        yield "volume", VOLUMES, found.law[found.of - 1] > 0
-        yield "density", ("density",), ~np.isnan(found.value[found.of - 1, DENSITY])
+        yield "volume", VOLUMES, found.law[found.number - 1] > 0
+        yield "density", ("density",), ~np.isnan(found.value[found.number - 1, DENSITY])
 
 
 def _case(case: Case, scenario: dict[str, Any]) -> Case:
@@ -95,20 +95,20 @@ def _case(case: Case, scenario: dict[str, Any]) -> Case:
     try:
         return case.replace(boulder=boulder, scenario=[])
     except RockfallError as error:
-        about = f"{case.name}: &scenario name = '{scenario['name']}': "
-        raise RockfallError(str(error).replace(f"{case.name}: ", about, 1)) from error
+        text = f"{case.name}: &scenario name = '{scenario['name']}': "
+        raise RockfallError(str(error).replace(f"{case.name}: ", text, 1)) from error
 
 
 def _frequency(scenario: dict[str, Any], scene: Scene) -> float:
     """Annual number of boulders over all sources [1/year]."""
     given = stated_frequency(scenario, scene.case.boulder)
-    of: dict[str, Any] = {
+    values: dict[str, Any] = {
         "year": 1.0,
         "source": scene.x.size,
         "km2": source_area(scene) / KM2,
         "m": scenario.get("cliff_length"),
     }
-    return float(given * of[scenario["frequency_per"]])
+    return float(given * values[scenario["frequency_per"]])
 
 
 def source_area(scene: Scene) -> float:

@@ -19,58 +19,58 @@ if TYPE_CHECKING:
 NUMBERS = ("energy", "passing_height", "upper_edge", "diameter")
 
 
-def has_segments(found: xr.Dataset) -> bool:
+def has_segments(hazard: xr.Dataset) -> bool:
     """Return True if a hazard has segments of roads."""
-    return "segment" in found.dims
+    return "segment" in hazard.dims
 
 
-def segment_table(found: xr.Dataset) -> pd.DataFrame:
+def segment_table(hazard: xr.Dataset) -> pd.DataFrame:
     """One row for each segment: place [m], frequencies and return periods with their limits, class,
     energies [kJ], heights and diameters [m] of the boulders that touch it."""
     import pandas as pd
 
     words = np.array(CLASSES, dtype=object)
     columns: dict[str, np.ndarray] = {
-        name: found[f"segment_{name}"].values.astype(object) for name in ("road", "name")
+        name: hazard[f"segment_{name}"].values.astype(object) for name in ("road", "name")
     }
-    start, end = (found[f"segment_{name}"].values for name in ("start", "end"))
+    start, end = (hazard[f"segment_{name}"].values for name in ("start", "end"))
     columns |= {"chainage_from": start, "chainage_to": end, "length": end - start}
-    columns["width"] = found["segment_width"].values
-    inside = found["segment_within"].values > 0
+    columns["width"] = hazard["segment_width"].values
+    inside = hazard["segment_within"].values > 0
     columns["within_terrain"] = np.where(inside, "yes", "no").astype(object)
-    columns |= {f"frequency{end}": found[f"segment_frequency{end}"].values for end in ENDS}
-    for threshold in found["threshold"].values.tolist():
+    columns |= {f"frequency{end}": hazard[f"segment_frequency{end}"].values for end in ENDS}
+    for threshold in hazard["threshold"].values.tolist():
         for end in ENDS:
-            values = found[f"segment_exceedance_frequency{end}"].sel(threshold=threshold).values
+            values = hazard[f"segment_exceedance_frequency{end}"].sel(threshold=threshold).values
             columns[f"frequency_above_{shown('threshold', threshold)}{end}"] = values
     with np.errstate(divide="ignore"):
-        for end, of in (("", ""), ("_low", "_high"), ("_high", "_low")):
-            yearly = columns[f"frequency{of}"]
+        for end, opposite in (("", ""), ("_low", "_high"), ("_high", "_low")):
+            yearly = columns[f"frequency{opposite}"]
             columns[f"return_period{end}"] = np.where(yearly > 0, 1 / yearly, np.nan)
     for end in CLASS_ENDS:
-        columns[f"hazard{end}"] = words[found[f"segment_hazard_class{end}"].values]
+        columns[f"hazard{end}"] = words[hazard[f"segment_hazard_class{end}"].values]
     for name in NUMBERS:
-        columns |= dict(_numbers(found, name))
-    columns["boulders"] = found["segment_boulders"].values
+        columns |= dict(_numbers(hazard, name))
+    columns["boulders"] = hazard["segment_boulders"].values
     return pd.DataFrame(columns)
 
 
-def _numbers(found: xr.Dataset, name: str) -> list[tuple[str, np.ndarray]]:
+def _numbers(hazard: xr.Dataset, name: str) -> list[tuple[str, np.ndarray]]:
     """Mean and 95 % quantile of a quantity, in the unit that is shown."""
-    mean = found[f"segment_{name}_mean"]
+    mean = hazard[f"segment_{name}_mean"]
     unit, factor = SHOWN.get(mean.attrs["units"], (mean.attrs["units"], 1.0))
     unit = "" if unit == "m" else f"_{unit}"
     columns = [(f"{name}_mean{unit}", factor * mean.values)]
     for end in ENDS:
-        values = found[f"segment_{name}_q95{end}"].values
+        values = hazard[f"segment_{name}_q95{end}"].values
         columns.append((f"{name}_q95{unit}{end}", factor * values))
     return columns
 
 
-def segment_layer(found: xr.Dataset) -> tuple:
+def segment_layer(hazard: xr.Dataset) -> tuple:
     """Axes of the segments with their table, in the form of `write_geopackage`."""
     import shapely
 
-    shapes = shapely.from_wkt(found["segment_geometry"].values.astype(str))
-    columns = {str(name): column.to_numpy() for name, column in segment_table(found).items()}
+    shapes = shapely.from_wkt(hazard["segment_geometry"].values.astype(str))
+    columns = {str(name): column.to_numpy() for name, column in segment_table(hazard).items()}
     return "LineString", [(shapes, columns)]

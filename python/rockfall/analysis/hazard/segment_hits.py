@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What hits the segments of roads: boulders of each run, and numbers of all scenarios together, in
+"""Hits of the segments of roads: boulders of each run, and numbers of all scenarios together, in
 which a boulder weighs as often as it comes a year."""
 
 from __future__ import annotations

@@ -113,10 +113,10 @@ def roads_of(roads: Roads, scene: Scene, remarks: list[str]) -> Segments:
     with frame_files({FRAME: roads.given} if is_frame(roads.given) else {}) as files:
         path = files.get(FRAME, roads.given)
         file = File(path, roads.layer, roads.layer or only_layer(path))
-        found = read_segments(file, roads.length, scene, own)
-    found.path = of_frames(found.path, files)
+        segments = read_segments(file, roads.length, scene, own)
+    segments.path = of_frames(segments.path, files)
     remarks += [of_frames(one, files) for one in own]
-    return found
+    return segments
 
 
 def read_segments(file: File, length: float | None, scene: Scene, remarks: list[str]) -> Segments:
@@ -129,9 +129,9 @@ def read_segments(file: File, length: float | None, scene: Scene, remarks: list[
     if length is None:
         remarks += _unequal(stretches, layer.path)
     roads = _roads(stretches, file.label)
-    pieces = [piece for one in stretches for piece in _pieces(one, length, layer.path)]
+    pieces = [piece for stretch in stretches for piece in _pieces(stretch, length, layer.path)]
     pieces = _on_terrain(pieces, scene, layer.path, remarks)
-    found = Segments(
+    segments = Segments(
         layer.path,
         [roads[one.stretch.road] for one in pieces],
         [one.stretch.name for one in pieces],
@@ -141,18 +141,18 @@ def read_segments(file: File, length: float | None, scene: Scene, remarks: list[
         [one.axis for one in pieces],
         ~beyond_elevations([one.ground for one in pieces], scene),
     )
-    remarks += _remarks(found, pieces, layer, scene)
+    remarks += _remarks(segments, pieces, layer, scene)
     for number, piece in enumerate(pieces):
         for curve in _outlines(piece.ground):
             x, y = np.array(curve.coords).T.tolist()
-            name = f"segment {number + 1} part {len(found.lines) + 1}"
-            found.lines.append({"name": name, "object_width": 0.0, "x": x, "y": y})
-            found.owner = np.append(found.owner, number)
-    return found
+            name = f"segment {number + 1} part {len(segments.lines) + 1}"
+            segments.lines.append({"name": name, "object_width": 0.0, "x": x, "y": y})
+            segments.owner = np.append(segments.owner, number)
+    return segments
 
 
 def _remarks(
-    found: Segments, pieces: Sequence[_Piece], layer: Layer, scene: Scene
+    segments: Segments, pieces: Sequence[_Piece], layer: Layer, scene: Scene
 ) -> Iterator[str]:
     """Reasons for which frequencies of segments err low."""
     if np.isnan(layer.numbers("width", np.nan, missing=True)).any():
@@ -160,12 +160,12 @@ def _remarks(
             f"{layer.path}: lines have no width: boulders count that touch the axis, and more "
             "touch the road; give the attribute width"
         )
-    if beyond := np.count_nonzero(~found.within):
+    if beyond := np.count_nonzero(~segments.within):
         yield (
-            f"{layer.path}: {beyond:,} of {len(found):,} segments reach beyond the elevations of "
-            "the terrain, where no boulder meets them: their frequencies err low"
+            f"{layer.path}: {beyond:,} of {len(segments):,} segments reach beyond the elevations "
+            "of the terrain, where no boulder meets them: their frequencies err low"
         )
-    if on_road := _sources_on([one.ground for one in pieces if one.stretch.width], scene):
+    if on_road := _sources_on([piece.ground for piece in pieces if piece.stretch.width], scene):
         yield (
             f"{layer.path}: {on_road:,} of the sources lie on the road: of their boulders those "
             "that stay there are not counted, so frequencies err low; move the sources off it"
@@ -174,7 +174,7 @@ def _remarks(
 
 def _unequal(stretches: Sequence[_Stretch], path: str) -> Iterator[str]:
     """Remark on lines that are too different in length for their classes to be compared."""
-    lengths = [one.axis.length for one in stretches]
+    lengths = [stretch.axis.length for stretch in stretches]
     if max(lengths) > UNEQUAL * min(lengths):
         yield (
             f"{path}: segments are {min(lengths):,.4g} to {max(lengths):,.4g} m long: the longer, "
@@ -212,9 +212,9 @@ def _stretches(parts: Sequence[Sequence[np.ndarray]], layer: Layer) -> Iterator[
 def _roads(stretches: Sequence[_Stretch], label: str) -> list[str]:
     """Name of each road: that of its lines if they have the same, else that of the layer."""
     names: dict[int, set[str]] = {}
-    for one in stretches:
-        names.setdefault(one.road, set()).add(one.name)
-    alike = (next(iter(of)) if len(of) == 1 else "" for of in names.values())
+    for stretch in stretches:
+        names.setdefault(stretch.road, set()).add(stretch.name)
+    alike = (next(iter(values)) if len(values) == 1 else "" for values in names.values())
     return list(numbered([name or label for name in alike]))
 
 
@@ -281,7 +281,7 @@ def _on_terrain(
 
     grid = scene.grid
     terrain = shapely.box(grid.west, grid.south, grid.east, grid.north)
-    found = [one for one in pieces if shapely.intersects(one.ground, terrain)]
+    found = [piece for piece in pieces if shapely.intersects(piece.ground, terrain)]
     if not found:
         raise RockfallError(f"{path}: no segment lies on the terrain")
     if outside := len(pieces) - len(found):

@@ -141,13 +141,15 @@ def read_study(
             found = read_objects(layers, scene.grid, levels, remarks, curves)
             remarks += beyond_remarks(found, scene)
         found.paths = [of_frames(path, files) for path in found.paths]
-        remarks = [of_frames(one, files) for one in remarks]
+        remarks = [of_frames(remark, files) for remark in remarks]
     segments = roads_of(roads, scene, remarks)
     case = case.replace(barrier=scene.case.barrier, dam=scene.case.dam)  # layers have been read
     scene = scene.replace(remarks=(*scene.remarks, *scenario_remarks(scene)))
     lines = [*found.lines, *segments.lines]
     study = Study(case, scene, scenarios_of(scene, lines), found, segments)
-    derived = (replace(scene, case=one.case, findings=Findings()) for one in study.scenarios)
+    derived = (
+        replace(scene, case=scenario.case, findings=Findings()) for scenario in study.scenarios
+    )
     for one in (scene, *derived):
         remarks += implausible(one)
         study.warnings += [found for found in input_warnings(one) if found not in study.warnings]
@@ -198,26 +200,26 @@ def run_study(
 def _read_scenario(study: Study, scenario: Scenario, path: str | Path) -> xr.Dataset:
     """Result of a scenario that was run elsewhere: complete, with the same inputs."""
     result = read_result(path)
-    about = f"{path}: scenario '{scenario.name}'"
+    text = f"{path}: scenario '{scenario.name}'"
     own = case_of(result)
     if not _is_same(own, scenario.case):
         if _is_same(own, scenario.case, line=[]):
             raise RockfallError(
-                f"{about}: its &line groups are not those of the objects and segments given here: "
+                f"{text}: its &line groups are not those of the objects and segments given here: "
                 "--write-cases writes the cases with them"
             )
-        raise RockfallError(f"{about}: is the result of another case; see --write-cases")
+        raise RockfallError(f"{text}: is the result of another case; see --write-cases")
     if json.loads(result.attrs["input_checksums"]) != study.scene.checksums:
-        raise RockfallError(f"{about}: was run with other input files")
+        raise RockfallError(f"{text}: was run with other input files")
     if not result.attrs["complete"]:
-        raise RockfallError(f"{about}: is not complete")
+        raise RockfallError(f"{text}: is not complete")
     return result
 
 
-def _is_same(one: Case, other: Case, **without: Any) -> bool:
+def _is_same(case: Case, other: Case, **without: Any) -> bool:
     """Return True if two cases are the same but for threads, and for the groups given."""
     changes = {"case": {"threads": 0}} | without
-    return one.replace(**changes).text() == other.replace(**changes).text()
+    return case.replace(**changes).text() == other.replace(**changes).text()
 
 
 class _Run:
@@ -240,7 +242,7 @@ class _Run:
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
         self.warnings = [
-            one.text for one in model_remarks(result, case_of(result)) if one.is_warning
+            remark.text for remark in model_remarks(result, case_of(result)) if remark.is_warning
         ]
 
     def _risk(self, objects: Objects, result: xr.Dataset) -> RunRisk:
@@ -281,12 +283,12 @@ def _dataset(study: Study, runs: list[_Run]) -> xr.Dataset:
 
 def _places(study: Study, run: _Run, matrix: Matrix) -> dict[str, tuple]:
     """Coordinates, and the grid mapping."""
-    names = np.array([one.name for one in study.scenarios], dtype=object)
-    about = {"units": "year", "long_name": "longest return period of a class of frequency"}
+    names = np.array([scenario.name for scenario in study.scenarios], dtype=object)
+    attrs = {"units": "year", "long_name": "longest return period of a class of frequency"}
     return {
         **{axis: (axis, values, run.about[axis]) for axis, values in run.places.items()},
         "crs": ((), np.int32(0), run.about["crs"]),
-        "return_period": ("return_period", matrix.periods, about),
+        "return_period": ("return_period", matrix.periods, attrs),
         "scenario": ("scenario", names, {"long_name": "class of boulders"}),
     }
 
@@ -344,7 +346,7 @@ def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nda
     found = frequencies(((run.objects, *run.sample) for run in runs), factor)
     values = {
         "object_layer": np.array(study.objects.layers, dtype=object),
-        "object_geometry": np.array([one.wkt for one in study.objects.shapes], dtype=object),
+        "object_geometry": np.array([shape.wkt for shape in study.objects.shapes], dtype=object),
         "object_passages": np.stack([run.objects[0] for run in runs]),
         "object_energy_exceeded": np.stack([run.objects[1:] for run in runs]),
     }
@@ -365,7 +367,7 @@ def _segments(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nd
     segments, factor = study.segments, study.case.hazard["frequency_factor"]
     found = frequencies(((run.segment_counts, *run.sample) for run in runs), factor)
     values = {
-        "segment_geometry": np.array([one.wkt for one in segments.axes], dtype=object),
+        "segment_geometry": np.array([axis.wkt for axis in segments.axes], dtype=object),
         "segment_road": np.array(segments.roads, dtype=object),
         "segment_name": np.array(segments.names, dtype=object),
         "segment_start": segments.start,

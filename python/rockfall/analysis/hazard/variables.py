@@ -64,15 +64,15 @@ def words_of(kind: str, case: Case) -> Sequence[str]:
 def _with_ends(
     name: str, dims: tuple[str, ...], what: str, units: str = YEARLY
 ) -> Iterator[tuple[str, Variable]]:
-    for end, of in ENDS.items():
-        yield f"{name}{end}", Variable(dims, units, of + what)
+    for end, suffix in ENDS.items():
+        yield f"{name}{end}", Variable(dims, units, suffix + what)
 
 
 def _classes(prefix: str, dims: tuple[str, ...]) -> Iterator[tuple[str, Variable]]:
     what = "strongest intensity met at least once in a return period"
     yield f"{prefix}intensity", Variable(("return_period", *dims), PART, what, "intensity")
-    for end, of in CLASS_ENDS.items():
-        what = f"{of}class of hazard" + (" within the 95 % interval" if of else "")
+    for end, suffix in CLASS_ENDS.items():
+        what = f"{suffix}class of hazard" + (" within the 95 % interval" if suffix else "")
         yield f"{prefix}hazard_class{end}", Variable(dims, PART, what, "hazard")
     what = "whether the 95 % interval leaves no other class of hazard"
     yield f"{prefix}hazard_class_certain", Variable(dims, PART, what, "certain")
@@ -130,49 +130,49 @@ def _table() -> Iterator[tuple[str, Variable]]:
 
 def _segments() -> Iterator[tuple[str, Variable]]:
     """Segments of roads."""
-    of, where = ("segment",), "where they first touch the segment"
-    yield "segment_geometry", Variable(of, "", "axis of the segment, well-known text")
-    yield "segment_road", Variable(of, "", "road of the segment")
-    yield "segment_name", Variable(of, "", "name of its feature in the layer")
-    yield "segment_start", Variable(of, "m", "chainage at which the segment begins")
-    yield "segment_end", Variable(of, "m", "chainage at which the segment ends")
-    yield "segment_width", Variable(of, "m", "width of the road")
+    dims, where = ("segment",), "where they first touch the segment"
+    yield "segment_geometry", Variable(dims, "", "axis of the segment, well-known text")
+    yield "segment_road", Variable(dims, "", "road of the segment")
+    yield "segment_name", Variable(dims, "", "name of its feature in the layer")
+    yield "segment_start", Variable(dims, "m", "chainage at which the segment begins")
+    yield "segment_end", Variable(dims, "m", "chainage at which the segment ends")
+    yield "segment_width", Variable(dims, "m", "width of the road")
     what = "whether all of the segment lies on known elevations"
-    yield "segment_within", Variable(of, PART, what, "certain")
+    yield "segment_within", Variable(dims, PART, what, "certain")
     what = "annual frequency of boulders that touch the segment"
-    yield from _with_ends("segment_frequency", of, what)
+    yield from _with_ends("segment_frequency", dims, what)
     what += ", with more energy than a threshold"
-    yield from _with_ends("segment_exceedance_frequency", ("threshold", *of), what)
-    yield from _classes("segment_", of)
+    yield from _with_ends("segment_exceedance_frequency", ("threshold", *dims), what)
+    yield from _classes("segment_", dims)
     for name, units, what in (
         ("energy", "J", f"kinetic energy of these boulders {where}"),
         ("passing_height", "m", f"vertical height of their centres above the ground {where}"),
         ("upper_edge", "m", f"vertical height of their highest points above the ground {where}"),
         ("diameter", "m", "diameter of these boulders, that of a sphere of their volume"),
     ):
-        yield f"segment_{name}_mean", Variable(of, units, f"mean of the {what}")
+        yield f"segment_{name}_mean", Variable(dims, units, f"mean of the {what}")
         quantile = f"95 % quantile of the {what}"
-        yield from _with_ends(f"segment_{name}_q95", of, quantile, units)
+        yield from _with_ends(f"segment_{name}_q95", dims, quantile, units)
     what = "simulated boulders that touched the segment"
-    yield "segment_boulders", Variable(of, PART, f"{what}, in all scenarios")
-    yield "segment_passages", Variable(("scenario", *of), PART, what)
+    yield "segment_boulders", Variable(dims, PART, f"{what}, in all scenarios")
+    yield "segment_passages", Variable(("scenario", *dims), PART, what)
     what += ", with more energy than a threshold"
-    yield "segment_energy_exceeded", Variable(("scenario", "threshold", *of), PART, what)
+    yield "segment_energy_exceeded", Variable(("scenario", "threshold", *dims), PART, what)
 
 
 def _exposed() -> Iterator[tuple[str, Variable]]:
     """Risk to property and persons."""
-    of, all_of = ("object",), "objects together, from the boulders that they share"
-    yield "object_kind", Variable(of, "", "kind of the object")
+    dims, all_of = ("object",), "objects together, from the boulders that they share"
+    yield "object_kind", Variable(dims, "", "kind of the object")
     damage = "expected annual damage to property, in the unit of the value"
-    yield from _with_ends("object_damage", of, damage)
+    yield from _with_ends("object_damage", dims, damage)
     what = "annual individual risk of death of the most exposed person"
-    yield from _with_ends("object_individual_risk", of, what)
+    yield from _with_ends("object_individual_risk", dims, what)
     for end, extreme in CLASS_ENDS.items():
         about = f"{extreme}class of individual risk" + (" within the 95 % interval" * bool(extreme))
-        yield f"object_risk_class{end}", Variable(of, PART, about, "risk")
+        yield f"object_risk_class{end}", Variable(dims, PART, about, "risk")
     deaths = "annual collective risk: expected deaths"
-    yield from _with_ends("object_collective_risk", of, deaths)
+    yield from _with_ends("object_collective_risk", dims, deaths)
     yield from _with_ends("total_damage", (), f"{damage}, of all {all_of}")
     yield from _with_ends("total_collective_risk", (), f"{deaths}, of all {all_of}")
 
@@ -183,12 +183,12 @@ TABLE = dict(_table())
 def map_names(case: Case) -> Iterator[tuple[str, Variable]]:
     """The maps in plan of the hazard of a case."""
     places = {
-        "threshold": [1000 * one for one in case.hazard["thresholds"]],
+        "threshold": [1000 * threshold for threshold in case.hazard["thresholds"]],
         "return_period": case.hazard["return_periods"],
     }
     for name, variable in TABLE.items():
         if variable.is_map:
             beyond = variable.dims[:-2]
-            for of in product(*(places[dim] for dim in beyond)):
-                ends = (shown(dim, value) for dim, value in zip(beyond, of, strict=True))
+            for place in product(*(places[dim] for dim in beyond)):
+                ends = (shown(dim, value) for dim, value in zip(beyond, place, strict=True))
                 yield "_".join([name, *ends]), variable

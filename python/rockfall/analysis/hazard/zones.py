@@ -28,61 +28,61 @@ class Zones(NamedTuple):
     patch: np.ndarray  # (y, x): polygon around the middle of each cell, from 1; 0 if none
 
 
-def zones_by_cell(found: xr.Dataset) -> Zones:
+def zones_by_cell(hazard: xr.Dataset) -> Zones:
     """Zones of a hazard class along cell edges, each with at least the `minimum_area` of the case:
     GDAL's sieve gives smaller patches the class of their largest neighbour."""
     from rasterio.features import sieve
 
-    numbers, grid = _north_up(found["hazard_class"])
-    size = int(np.ceil(case_in(found.attrs).hazard["minimum_area"] / grid.cell**2))
+    numbers, grid = _north_up(hazard["hazard_class"])
+    size = int(np.ceil(case_in(hazard.attrs).hazard["minimum_area"] / grid.cell**2))
     return _patches(sieve(numbers, size, connectivity=4) if size > 1 else numbers, grid)
 
 
-def zones_of(found: xr.Dataset) -> Zones:
+def zones_of(hazard: xr.Dataset) -> Zones:
     """Zones of a hazard class with generalised outlines, no part narrower than the `minimum_width`
     of the case; by cell if that is zero."""
     import shapely
 
-    zones, width = zones_by_cell(found), case_in(found.attrs).hazard["minimum_width"]
+    zones, width = zones_by_cell(hazard), case_in(hazard.attrs).hazard["minimum_width"]
     if not width or not zones.shapes.size:
         return zones
-    numbers, grid = _north_up(found["hazard_class"])
+    numbers, grid = _north_up(hazard["hazard_class"])
     known = np.arange(1, len(CLASSES))
     areas = [shapely.union_all(zones.shapes[zones.number == k]) for k in known]
     terrain = shapely.box(grid.west, grid.south, grid.east, grid.north)
     shown = [one.intersection(terrain) for one in generalised(areas, width, grid.cell)]
     polygons = [[*polygons_of(one, NEGLIGIBLE * grid.cell**2)] for one in shown]
-    number = np.repeat(known, [len(one) for one in polygons])
-    return _zones([part for one in polygons for part in one], number, numbers.shape, grid)
+    number = np.repeat(known, [len(polygon) for polygon in polygons])
+    return _zones([part for polygon in polygons for part in polygon], number, numbers.shape, grid)
 
 
-def highest_classes(zones: Zones, found: xr.Dataset) -> np.ndarray:
+def highest_classes(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
     """Highest class on the map within each zone: of small patches, the class before they were
     merged."""
-    numbers, _ = _north_up(found["hazard_class"])
+    numbers, _ = _north_up(hazard["hazard_class"])
     highest = np.zeros(len(zones.cells) + 1, "u1")
     np.maximum.at(highest, zones.patch, numbers)
     return highest[1:]
 
 
-def lowered_area(zones: Zones, found: xr.Dataset) -> np.ndarray:
+def lowered_area(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
     """Area [m2] of each class that zones show with a lower class, or none."""
-    numbers, grid = _north_up(found["hazard_class"])
+    numbers, grid = _north_up(hazard["hazard_class"])
     shown = np.concatenate([[0], zones.number])[zones.patch]
     return np.bincount(numbers[shown < numbers], minlength=len(CLASSES)) * grid.cell**2
 
 
-def uncertain_of(found: xr.Dataset) -> Zones:
+def uncertain_of(hazard: xr.Dataset) -> Zones:
     """Patches of cells with an uncertain class: their number is the lowest class, times the number
     of classes, plus the highest."""
-    low, grid = _north_up(found["hazard_class_lower"])
-    high, _ = _north_up(found["hazard_class_upper"])
+    low, grid = _north_up(hazard["hazard_class_lower"])
+    high, _ = _north_up(hazard["hazard_class_upper"])
     return _patches(np.where(low == high, 0, low * len(CLASSES) + high), grid)
 
 
-def certain_fractions(zones: Zones, found: xr.Dataset) -> np.ndarray:
+def certain_fractions(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
     """Fraction of the cells of each zone whose class is certain."""
-    certain, _ = _north_up(found["hazard_class_certain"])
+    certain, _ = _north_up(hazard["hazard_class_certain"])
     patch = zones.patch.ravel()
     count = np.bincount(patch, certain.ravel(), len(zones.cells) + 1)[1:]
     return count / np.maximum(zones.cells, 1)

@@ -49,7 +49,9 @@ def _lines(result: xr.Dataset, vertices: np.ndarray, within: float) -> Iterator[
             row = row | {"distance": float(distance)}
             if source is not None:
                 near = np.abs(line_values(result, "position", k) - along) <= within
-                values = {one: line_values(result, one, k)[near] for one in QUANTITIES}
+                values = {
+                    quantity: line_values(result, quantity, k)[near] for quantity in QUANTITIES
+                }
                 row |= {"n": int(near.sum())} | envelopes(values, source[near])
             yield row
 
@@ -59,5 +61,5 @@ def _dams(result: xr.Dataset, vertices: np.ndarray) -> Iterator[dict[str, Any]]:
     for k, dam in enumerate(case_of(result).dam, start=1):
         middle = np.array(dam["x"]) + 1j * np.array(dam["y"])
         for distance in intersections(vertices, middle)[0]:
-            about = {"name": f"dam {k}", "kind": DAM, "height": float(dam["height"])}
-            yield about | {"distance": float(distance)}
+            attrs = {"name": f"dam {k}", "kind": DAM, "height": float(dam["height"])}
+            yield attrs | {"distance": float(distance)}

@@ -17,7 +17,7 @@ NUMBERS = ("mean", "q95")
 
 def envelope_names(prefix: str = "") -> list[str]:
     """Names of the numbers of a place."""
-    names = [one for number in NUMBERS for one in with_limits(number)]
+    names = [column for number in NUMBERS for column in with_limits(number)]
     return [f"{prefix}{quantity}_{name}" for quantity in QUANTITIES for name in [*names, "max"]]
 
 
@@ -34,7 +34,7 @@ def envelopes(
             continue
         numbers = sample_numbers(values[quantity][known], source[known])
         few = withheld(numbers)
-        names = [one for name in NUMBERS if name not in few for one in with_limits(name)]
+        names = [column for name in NUMBERS if name not in few for column in with_limits(name)]
         found |= {f"{prefix}{quantity}_{name}": numbers[name] for name in [*names, "max"]}
     return found
 

@@ -45,14 +45,17 @@ def check_by(by: str, classes: Sequence[float] | None) -> None:
 
 def _by_source(result: Held) -> Iterator[Group]:
     layer = "source_feature" in result
-    of = result["source_feature" if layer else "source"].values
-    present = np.unique(of)
+    numbers = result["source_feature" if layer else "source"].values
+    present = np.unique(numbers)
     if present.size > MAX_SOURCES:
-        for some in np.array_split(present, RANGES):
-            yield f"{some[0]} to {some[-1]}", (of >= some[0]) & (of <= some[-1])
+        for sources in np.array_split(present, RANGES):
+            yield (
+                f"{sources[0]} to {sources[-1]}",
+                (numbers >= sources[0]) & (numbers <= sources[-1]),
+            )
         return
     for k, name in zip(present, _names(result, present), strict=True):
-        yield name, of == k
+        yield name, numbers == k
 
 
 def part_names(result: Held) -> list[str]:
@@ -68,8 +71,8 @@ def _names(result: Held, numbers: np.ndarray) -> list[str]:
     if "feature" not in result:
         return [str(k) for k in numbers]
     names = [str(name) for name in result["feature"].values]
-    mine = [(names[k - 1], k) for k in numbers]
-    return [f"{name} ({k})" if names.count(name) > 1 else name for name, k in mine]
+    labels = [(names[k - 1], k) for k in numbers]
+    return [f"{name} ({k})" if names.count(name) > 1 else name for name, k in labels]
 
 
 def _by_volume(volume: np.ndarray, classes: Sequence[float] | None) -> Iterator[Group]:
@@ -87,6 +90,6 @@ def _by_volume(volume: np.ndarray, classes: Sequence[float] | None) -> Iterator[
         edges = np.unique([float(f"{edge:.2g}") for edge in quarters])
     names = [f"below {edges[0]:g} m3"]
     names += [f"{low:g} to {high:g} m3" for low, high in itertools.pairwise(edges)]
-    of = np.searchsorted(edges, volume, side="right")
+    member = np.searchsorted(edges, volume, side="right")
     for k, name in enumerate([*names, f"{edges[-1]:g} m3 and more"]):
-        yield name, of == k
+        yield name, member == k

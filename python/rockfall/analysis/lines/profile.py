@@ -27,7 +27,9 @@ WINDOWS = 40  # approximate number per line, if no width is given
 SHOWN = {"energy_total": ("mean", "q95"), "passing_height": ("mean", "q95")}
 _NUMBERS = [f"{name}_{number}" for name, numbers in SHOWN.items() for number in numbers]
 _COLUMNS = ["line", "start", "end", "n"]
-_COLUMNS += [one for name in ("fraction", "per_metre", *_NUMBERS) for one in with_limits(name)]
+_COLUMNS += [
+    column for name in ("fraction", "per_metre", *_NUMBERS) for column in with_limits(name)
+]
 
 
 def line_profile(result: xr.Dataset, line: str, width: float | None = None) -> pd.DataFrame:

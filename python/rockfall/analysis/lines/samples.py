@@ -60,9 +60,9 @@ class LineSamples:
     def given(self) -> LineSamples:
         """Samples with the sources taken as given rather than sampled."""
         source = None if self._source is None else replace(self._source, sampled=False)
-        found = LineSamples(self.result, source)
-        found.sampled = False
-        return found
+        samples = LineSamples(self.result, source)
+        samples.sampled = False
+        return samples
 
     def groups(self, by: str, classes: Sequence[float] | None = None) -> list[Group]:
         """Groups of boulders, as in `rockfall.analysis.lines.groups.groups`; for counted boulders,
@@ -104,17 +104,17 @@ class LineSamples:
     def _counts(self, line: int, quantity: str, parts: np.ndarray | None) -> Counts:
         """Counts at the line of this index; -1: at the end."""
         result, kind = self.result, int(line < 0)
-        number = fields(6 + kind).index(quantity)
+        number = fields("end_quantity" if kind else "line_quantity").index(quantity)
         all_parts = np.full(result.sizes["sample_part"], True)
-        mine = np.flatnonzero(all_parts if parts is None else parts)
-        chosen = np.isin(result["sample_group_part"].values - 1, mine)
+        part_numbers = np.flatnonzero(all_parts if parts is None else parts)
+        chosen = np.isin(result["sample_group_part"].values - 1, part_numbers)
         where = line + 1, number
         tail = np.zeros(0)
-        if not kind and number < SAMPLE_TAILS and mine.size == all_parts.size:
+        if not kind and number < SAMPLE_TAILS and part_numbers.size == all_parts.size:
             tail = result["sample_largest"].values[line, number]
         return Counts(
-            self._dense("", *where, mine).sum(axis=0),
-            result["sample_sums"].values[line + 1, mine, number],
+            self._dense("", *where, part_numbers).sum(axis=0),
+            result["sample_sums"].values[line + 1, part_numbers, number],
             self._dense("group_", *where, np.flatnonzero(chosen)),
             self._released(parts),
             SAMPLE_UNITS[kind, number],
@@ -124,18 +124,18 @@ class LineSamples:
 
     def _released(self, parts: np.ndarray | None) -> np.ndarray:
         """Number of boulders of each group of sources in these parts: all of them have an end."""
-        of = self.result["sample_group_part"].values - 1
-        chosen = np.full(of.size, True) if parts is None else parts[of]
+        part_of_group = self.result["sample_group_part"].values - 1
+        chosen = np.full(part_of_group.size, True) if parts is None else parts[part_of_group]
         return self._dense("group_", 0, 0, np.flatnonzero(chosen)).sum(axis=1)
 
-    def _dense(self, kind: str, place: int, quantity: int, of: np.ndarray) -> np.ndarray:
+    def _dense(self, kind: str, place: int, quantity: int, columns: np.ndarray) -> np.ndarray:
         """Counts (of, bins) of these parts, or groups, including empty bins."""
         bins = self.result[f"sample_{kind}bin"].values
         counts = self.result[f"sample_{kind}count"].values
         n = self.result.sizes["sample_group" if kind else "sample_part"]
         size = SAMPLE_COARSE if kind else SAMPLE_BINS
-        found = np.zeros((of.size, size), "i8")
-        for row, one in enumerate(of):
+        found = np.zeros((columns.size, size), "i8")
+        for row, one in enumerate(columns):
             first = ((place * n + one) * SAMPLE_QUANTITIES + quantity) * size
             ends = slice(*np.searchsorted(bins, [first, first + size]))
             found[row, bins[ends] - first] = counts[ends]

@@ -121,13 +121,15 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
         row = {"distance": at, "x": place.real, "y": place.imag, f"{RECORDED}n": k.size}
         row["unknown_energy"] = int(np.isnan(values["energy_total"]).sum())
         table.append(row | envelopes(values, among[of_recorded[k]], RECORDED))
-    columns = {name: np.concatenate([one[name] for one in passages]) for name in passages[0]}
-    about = section_maps.map_numbers(result, stations) | {
+    columns = {
+        name: np.concatenate([passage[name] for passage in passages]) for name in passages[0]
+    }
+    attrs = section_maps.map_numbers(result, stations) | {
         "elevation": _ground(terrain, stations.place, height),
         "crossed": _crossed(lines, stations.distance),
     }
     return Section(
-        line, pd.DataFrame(table, columns=COLUMNS).assign(**about), lines, pd.DataFrame(columns),
+        line, pd.DataFrame(table, columns=COLUMNS).assign(**attrs), lines, pd.DataFrame(columns),
         _paths(motion, line, np.concatenate(crossing)), rows.size, simulated(result), mapped,
     )  # fmt: skip
 
@@ -165,14 +167,16 @@ def _masses(result: xr.Dataset) -> np.ndarray:
     own = "rock_density" in case.boulder
     if not own and "source_feature" not in result:
         return volume * case.boulder["density"]
-    names, of = np.unique(result["source" if own else "source_feature"].values, return_inverse=True)
+    names, numbers = np.unique(
+        result["source" if own else "source_feature"].values, return_inverse=True
+    )
     density = np.full(names.size, np.nan)
     if "line_energy_translational" in result:
         energy, speed = (result[f"line_{one}"].values for one in ("energy_translational", "speed"))
         _, moved = np.nonzero(speed > 0)  # False for NaN
         mass = 2 * energy[speed > 0] / speed[speed > 0] ** 2
-        density[of[moved]] = mass / volume[moved]
-    return volume * density[of]
+        density[numbers[moved]] = mass / volume[moved]
+    return volume * density[numbers]
 
 
 def _first_crossings(

@@ -32,7 +32,7 @@ MAPPED = {
 REACH = with_limits("reach_probability")
 OF_CELL = ("mean", *with_limits("q95"))
 COLUMNS = ["cell_n", *with_limits("cell_fraction")]
-COLUMNS += [f"cell_{quantity}_{of}" for quantity in MAPPED for of in OF_CELL]
+COLUMNS += [f"cell_{quantity}_{suffix}" for quantity in MAPPED for suffix in OF_CELL]
 COLUMNS += [f"corridor_{quantity}_max" for quantity in MAPPED]
 
 
@@ -48,9 +48,11 @@ def map_numbers(result: xr.Dataset, stations: Stations) -> dict[str, np.ndarray]
         if name in result:
             found[f"cell_fraction_{end}"] = _at(result, name, stations)
     for quantity, (start, of_max) in MAPPED.items():
-        for of in OF_CELL:
-            if (name := f"{start}_{of}") in result:
-                found[f"cell_{quantity}_{of}"] = _at(result, name, stations, known(result, name))
+        for suffix in OF_CELL:
+            if (name := f"{start}_{suffix}") in result:
+                found[f"cell_{quantity}_{suffix}"] = _at(
+                    result, name, stations, known(result, name)
+                )
         if of_max in result:
             found[f"corridor_{quantity}_max"] = _max_across(result, of_max, stations)
     return found
@@ -58,7 +60,7 @@ def map_numbers(result: xr.Dataset, stations: Stations) -> dict[str, np.ndarray]
 
 def has_maps(result: xr.Dataset) -> bool:
     """Return True if a result has a map that a section uses."""
-    names = {f"{start}_{of}" for start, _ in MAPPED.values() for of in OF_CELL}
+    names = {f"{start}_{suffix}" for start, _ in MAPPED.values() for suffix in OF_CELL}
     names |= {of_max for _, of_max in MAPPED.values()}
     return any(str(name) in names for name in result.data_vars)
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 HEIGHTS = ("upper_edge", "normal_height", "normal_upper_edge")
 HEIGHT_NEEDS = ("jump_height", "passing_height")  # in addition to the volume
 ENERGY_NEEDS = ("energy_translational", "energy_rotational")
-QUANTITIES = fields(6)  # in the kernel's numbering
+QUANTITIES = fields("line_quantity")  # in the kernel's numbering
 
 
 def line_names(result: Held) -> list[str]:
@@ -46,10 +46,10 @@ def is_derived(result: Held, quantity: str) -> bool:
 def derived_values(result: Held, line: int) -> np.ndarray:
     """Values (quantities, boulder) at a line of the quantities that follow from others; NaN where a
     boulder did not cross."""
-    rows = np.full((len(fields(3)), result.sizes["boulder"]), np.nan, order="F")
+    rows = np.full((len(fields("line")), result.sizes["boulder"]), np.nan, order="F")
     for name in HEIGHT_NEEDS + ENERGY_NEEDS:
         if f"line_{name}" in result:
-            rows[fields(3).index(name)] = result[f"line_{name}"].values[line]
+            rows[fields("line").index(name)] = result[f"line_{name}"].values[line]
     known = "volume" in result or "line_volume" in result
     return line_quantities(rows, volumes_at_line(result, line) if known else rows[0])
 
@@ -64,6 +64,6 @@ def volumes_at_line(result: Held, line: int) -> np.ndarray:
 
 def _along(result: Held, line: int) -> np.ndarray:
     """Distance along a line, from its first vertex, at which each boulder crossed."""
-    mine = result["line_vertex_line"].values == line
-    vertices = (result[f"line_vertex_{axis}"].values[mine] for axis in "xy")
+    on_line = result["line_vertex_line"].values == line
+    vertices = (result[f"line_vertex_{axis}"].values[on_line] for axis in "xy")
     return places_along(*vertices, *(result[f"line_{axis}"].values[line] for axis in "xy"))

@@ -87,8 +87,8 @@ def _by_size(radii: np.ndarray, tangents: np.ndarray) -> Iterator[Rocks]:
     for name, part in FIFTHS.items():
         first, last = (round(end * order.size) for end in part)
         if last > first:
-            some = order[first:last]
-            yield Rocks(name, np.median(radii[some], axis=0), tangents[some])
+            members = order[first:last]
+            yield Rocks(name, np.median(radii[members], axis=0), tangents[members])
 
 
 @lru_cache

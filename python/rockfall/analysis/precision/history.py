@@ -24,9 +24,9 @@ STEPS = 24  # number of sizes
 def sizes(source: Sources) -> list[int]:
     """Numbers of boulders, evenly spaced in their logarithm, up to all; complete turns of the
     sources where there are enough."""
-    of, boulders = source.count, source.number.size
+    source_count, boulders = source.count, source.number.size
     n = np.geomspace(min(FIRST, boulders), boulders, STEPS).round().astype(int)
-    n = np.where(n > of, n // of * of, n)
+    n = np.where(n > source_count, n // source_count * source_count, n)
     return sorted({*n.tolist(), boulders})
 
 

@@ -70,8 +70,8 @@ class Sources:
 
     def sums(self, residual: np.ndarray) -> Sums:
         """Sums of a variable of the boulders, less its mean."""
-        of, size = self._of, self.released.size
-        total, squares = (np.bincount(of, v, size) for v in (residual, residual**2))
+        clusters, size = self._of, self.released.size
+        total, squares = (np.bincount(clusters, v, size) for v in (residual, residual**2))
         return Sums(self._numbers, total, squares, self.released, self.sampled)
 
     @property
@@ -86,13 +86,13 @@ class Sources:
 
 def strata(boulders: np.ndarray) -> np.ndarray:
     """Stratum of each source, given the number of boulders it released."""
-    of = np.arange(boulders.size)
+    clusters = np.arange(boulders.size)
     single = np.flatnonzero(boulders == 1)
-    of[single[1::2]] = single[: single[1::2].size * 2 : 2]
+    clusters[single[1::2]] = single[: single[1::2].size * 2 : 2]
     if single.size % 2 and boulders.size > 1:
         last = single[-1]
-        of[last] = of[last - 1] if last else of[1]
-    return of
+        clusters[last] = clusters[last - 1] if last else clusters[1]
+    return clusters
 
 
 @dataclass(frozen=True)
@@ -247,10 +247,10 @@ def _inverse_of_cubic(t: float, a: float) -> float:
 def sources(result: Held) -> Sources:
     """Sources of the boulders of a result, by `source`. In a sample, sources at one place are
     merged: the place was chosen, whatever volumes it releases."""
-    of, sampled = result["source"].values, are_sampled(result)
+    places, sampled = result["source"].values, are_sampled(result)
     if sampled:
-        of = result["start_x"].values + 1j * result["start_y"].values
-    return Sources.of(_ranks(of), sampled)
+        places = result["start_x"].values + 1j * result["start_y"].values
+    return Sources.of(_ranks(places), sampled)
 
 
 def _ranks(values: np.ndarray) -> np.ndarray:
@@ -271,6 +271,14 @@ def fraction_interval(holds: np.ndarray, source: Sources) -> tuple[float, float,
     (Wilson 1927)."""
     fraction = float(holds.mean())
     return fraction, *fraction_limits(fraction, effective_number(holds.astype(float), source))
+
+
+def passing_percent(result: Held, line: int) -> tuple[int, float, float, float]:
+    """Number of boulders that pass the line of this index, and their fraction with the limits of
+    its 95 % interval [%]."""
+    crossed = np.isfinite(result["line_speed"].values[line])
+    fraction, low, high = fraction_interval(crossed, sources(result))
+    return int(crossed.sum()), 100 * fraction, 100 * low, 100 * high
 
 
 def effective_number(indicator: np.ndarray, source: Sources) -> float:

@@ -244,8 +244,8 @@ class Counts(Sample):
     def _sums(self, n: np.ndarray, total: np.ndarray, squares: np.ndarray) -> Sums:
         """Sums by stratum, or by group if the sources are sampled."""
         size = self._released.size
-        of = np.arange(size) if self._sampled else strata(self._released)
+        clusters = np.arange(size) if self._sampled else strata(self._released)
         n, total, squares, released = (
-            np.bincount(of, v, size) for v in (n, total, squares, self._released)
+            np.bincount(clusters, v, size) for v in (n, total, squares, self._released)
         )
         return Sums(n, total, squares, released, self._sampled)

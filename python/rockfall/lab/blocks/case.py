@@ -23,9 +23,8 @@ from rockfall.io.files import read_text
 from rockfall.io.tables import read_table
 from rockfall.lab.blocks.relief import Spectrum
 from rockfall.lab.blocks.shapes import SHAPES, Surface, hull, random_block, refine
-from rockfall.lab.case import THROW, THROWN, names, names_ground, range_values
+from rockfall.lab.case import THROWN, names, names_ground, range_values
 
-GROUND, PLAN, DEFAULT_PLAN = 9, 13, 14  # kinds of the kernel's rows
 PLANNED = {  # keys of the plan, by group
     "block": ("radius", "density", "count", "edge"),
     "ground": ("relief", "shortest", "longest", "hurst", "patches", "rest_angle"),
@@ -42,7 +41,7 @@ def grounds() -> dict[str, dict[str, Any]]:
     _, _, rows = read_table(path)
     return {
         row.text("name"): {
-            **{key: row.number(key, 0, 1e12) for key in names(GROUND) if key != "plough"},
+            **{key: row.number(key, 0, 1e12) for key in names("ground") if key != "plough"},
             "plough": row.choice("plough", ("true", "false")) == "true",
             "relief": row.number("relief", 0, 45),
             "longest": row.number("longest", 0, 1e3),
@@ -67,9 +66,9 @@ def draws_of(name: str) -> list[dict[str, float]]:
 @cache
 def _defaults() -> dict[str, dict[str, Any]]:
     """Default of every key except those of a ground."""
-    plan = dict(zip(names(PLAN), _lab.defaults(PLAN).tolist(), strict=False))
-    limits = dict(zip(names(THROW), _lab.defaults(THROW).tolist(), strict=False))
-    seed, throws, contacts = (int(value) for value in _lab.defaults(DEFAULT_PLAN)[:3])
+    plan = dict(zip(names("plan"), _lab.defaults("plan").tolist(), strict=False))
+    limits = dict(zip(names("throw"), _lab.defaults("throw").tolist(), strict=False))
+    seed, throws, contacts = (int(value) for value in _lab.defaults("block_case")[:3])
     groups: dict[str, dict[str, Any]] = {
         "lab": {"title": "", "seed": seed, "ground": "", "shape": "compact"},
         **{group: {key: plan[key] for key in keys} for group, keys in PLANNED.items()},
@@ -156,10 +155,10 @@ class BlockCase:
         """The complete case as the text of a namelist file."""
         return namelist_text(self._groups, indent=2)
 
-    def row(self, kind: int) -> np.ndarray:
+    def row(self, kind: str) -> np.ndarray:
         """Kernel row in the order of `names(kind)`."""
-        values = self.ground if kind == GROUND else {"gravity": self.throw["gravity"]}
-        if kind == THROW:
+        values = self.ground if kind == "ground" else {"gravity": self.throw["gravity"]}
+        if kind == "throw":
             values |= range_values(self.throw)
         return np.array([float(values[key]) for key in names(kind)])
 

@@ -11,9 +11,8 @@ import numpy as np
 from rockfall._lab import lab_f2py as _lab
 from rockfall.errors import check_kernel
 from rockfall.interrupts import interrupts
-from rockfall.lab.blocks.case import GROUND, BlockCase
+from rockfall.lab.blocks.case import BlockCase
 from rockfall.lab.blocks.relief import patches
-from rockfall.lab.case import THROW
 from rockfall.lab.contact_records import contact_columns, contact_dataset
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import check_team
@@ -38,10 +37,10 @@ def run_throws(
     radius, density = case.block["radius"], case.block["density"]
     block = {
         "radius": radius, "density": density,
-        "x": np.concatenate([one.vertices for one in surfaces]).T,
-        "corner": np.concatenate([one.triangles for one in surfaces]).T + 1,
-        "vertices": [len(one.vertices) for one in surfaces],
-        "facets": [len(one.triangles) for one in surfaces],
+        "x": np.concatenate([surface.vertices for surface in surfaces]).T,
+        "corner": np.concatenate([surface.triangles for surface in surfaces]).T + 1,
+        "vertices": [len(surface.vertices) for surface in surfaces],
+        "facets": [len(surface.triangles) for surface in surfaces],
     }  # fmt: skip
     ground = {"heights": radius * heights, "width": radius * width}
     plan = {"seed": case.lab["seed"], "contacts": case.lab["contacts"]}
@@ -55,7 +54,7 @@ def run_throws(
                 raise KeyboardInterrupt
             n = min(chunk, total + 1 - first)
             rows, counts, found, complete, inertia, code, message = _lab.throw(
-                case.row(GROUND), case.row(THROW), **block, **ground, **plan, first=first,
+                case.row("ground"), case.row("throw"), **block, **ground, **plan, first=first,
                 threads=threads, n=n,
             )  # fmt: skip
             check_kernel(code, message, case.name)

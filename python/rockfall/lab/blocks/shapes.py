@@ -81,7 +81,7 @@ def refine(surface: Surface, edge: float) -> Surface:
     vertices = list(surface.vertices)
     longest = edge * np.cbrt(3 * volume(surface) / (4 * np.pi))
     middles: dict[tuple[int, int], int] = {}
-    done, todo = [], [tuple(int(k) for k in one) for one in surface.triangles]
+    done, todo = [], [tuple(int(k) for k in triangle) for triangle in surface.triangles]
     while todo:
         a, b, c = todo.pop()
         lengths = [np.linalg.norm(vertices[p] - vertices[q]) for p, q in ((a, b), (b, c), (c, a))]

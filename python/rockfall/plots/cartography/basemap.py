@@ -66,10 +66,10 @@ def _warped(source: Any, crs: str, extent: Extent, path: str | Path) -> np.ndarr
     west, east, south, north = extent
     dot = max(east - west, north - south) / DOTS
     nx, ny = (max(2, round(side / dot)) for side in (east - west, north - south))
-    about = {"crs": crs, "transform": from_bounds(west, south, east, north, nx, ny)}
+    style = {"crs": crs, "transform": from_bounds(west, south, east, north, nx, ny)}
     palette = source.colorinterp[0] == ColorInterp.palette
     how = Resampling.nearest if palette else Resampling.bilinear
-    with WarpedVRT(source, width=nx, height=ny, resampling=how, add_alpha=True, **about) as warped:
+    with WarpedVRT(source, width=nx, height=ny, resampling=how, add_alpha=True, **style) as warped:
         bands = warped.read([1, 2, 3] if warped.count > 3 else [1, 1, 1])
         seen = warped.dataset_mask() > 0
     if not seen.any():

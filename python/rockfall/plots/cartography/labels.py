@@ -31,18 +31,18 @@ class Labels:
         self.boxes: list[Any] = []
         self.renderer = FigureCanvasAgg(axes.figure).get_renderer()  # type: ignore[arg-type]
 
-    def put(self, text: str, places: Iterable[Place], **about: Any) -> bool:
+    def put(self, text: str, places: Iterable[Place], **style: Any) -> bool:
         """Write a text at the first free place; nothing if there is none."""
         from matplotlib.patheffects import withStroke
 
         halo = [withStroke(linewidth=2, foreground="white")]
-        about = {"color": INK, "path_effects": halo, "rotation_mode": "anchor"} | about
+        style = {"color": INK, "path_effects": halo, "rotation_mode": "anchor"} | style
         for x, y, angle, (right, up) in places:
             ha = "center" if not right else "left" if right > 0 else "right"
             va = "center" if not up else "bottom" if up > 0 else "top"
             note = self.axes.annotate(
                 plain(text), (x, y), (right, up), textcoords="offset points",
-                rotation=angle, ha=ha, va=va, **about,
+                rotation=angle, ha=ha, va=va, **style,
             )  # fmt: skip
             box = note.get_window_extent(self.renderer).padded(FREE)
             if self._is_inside(box) and not box.count_overlaps(self.boxes):

@@ -76,8 +76,8 @@ def draw_sources(sheet: Sheet, places: np.ndarray) -> None:
         sheet.axes.plot(*places.T, "^", ms=5, mfc="white", mec=INK, mew=0.8)
         return
     sides = list(edges(*outlined(places, FINEST * sheet.dots)))
-    about: dict[str, Any] = {"colors": ROCK, "linewidths": SOURCE["linewidth"], "rasterized": True}
-    sheet.axes.add_collection(LineCollection(sides, capstyle="round", **about), autolim=False)
+    style: dict[str, Any] = {"colors": ROCK, "linewidths": SOURCE["linewidth"], "rasterized": True}
+    sheet.axes.add_collection(LineCollection(sides, capstyle="round", **style), autolim=False)
 
 
 def outlined(places: np.ndarray, finest: float) -> tuple[Any, Any]:

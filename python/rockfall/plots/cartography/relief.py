@@ -60,10 +60,10 @@ def contours_of(terrain: Terrain, extent: Extent) -> Contours:
     levels = np.arange(low // interval + 1, high // interval + 1) * interval
     made = contour_generator(grid.x, grid.y, np.ma.masked_invalid(z))
     curves: dict[float, Any] = {
-        float(level): [one for one in made.lines(level) if len(one) >= SHORTEST]
+        float(level): [line for line in made.lines(level) if len(line) >= SHORTEST]
         for level in (levels if high - low > 1e-3 else ())
     }
-    return Contours(interval, {level: some for level, some in curves.items() if some})
+    return Contours(interval, {level: pieces for level, pieces in curves.items() if pieces})
 
 
 def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
@@ -78,5 +78,5 @@ def draw_contours(axes: Axes, contours: Contours) -> None:
 
     for level, curves in contours.curves.items():
         wide = 0.5 if contours.is_index(level) else 0.2
-        about: dict[str, Any] = {"colors": BROWN, "linewidths": wide, "alpha": 0.7}
-        axes.add_collection(LineCollection(curves, **about), autolim=False)
+        style: dict[str, Any] = {"colors": BROWN, "linewidths": wide, "alpha": 0.7}
+        axes.add_collection(LineCollection(curves, **style), autolim=False)

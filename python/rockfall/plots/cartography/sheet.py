@@ -126,15 +126,15 @@ def new_sheet(
     elif terrain is not None:
         draw_relief(axes, terrain, extent)
     if key:
-        about: dict[str, Any] = {"fontsize": SMALL, "handletextpad": 0.5, "borderaxespad": 0.2}
-        figure.legend(handles=key, loc="lower center", ncols=columns, labelspacing=0.35, **about)
+        style: dict[str, Any] = {"fontsize": SMALL, "handletextpad": 0.5, "borderaxespad": 0.2}
+        figure.legend(handles=key, loc="lower center", ncols=columns, labelspacing=0.35, **style)
     return sheet
 
 
 def round_scale(rough: float) -> float:
     """Next round scale denominator (5000 of 1:5,000) above `rough`."""
     power = 10.0 ** np.floor(np.log10(rough))
-    return float(power * next(one for one in SCALES if one * power >= 0.9999 * rough))
+    return float(power * next(scale for scale in SCALES if scale * power >= 0.9999 * rough))
 
 
 def scale_text(denominator: float, paper: str = "A4") -> str:
@@ -215,9 +215,9 @@ def _draw_strip(sheet: Sheet, crs: str) -> None:
     left, right = LEFT, figure.get_figwidth() - RIGHT
     half = round_step(0.2 * sheet.scale)
     for k, colour in enumerate((INK, "white")):
-        about: dict[str, Any] = {"facecolor": colour, "edgecolor": INK, "linewidth": 0.6}
+        style: dict[str, Any] = {"facecolor": colour, "edgecolor": INK, "linewidth": 0.6}
         corner = left + k * half / sheet.scale, base
-        figure.add_artist(Rectangle(corner, half / sheet.scale, 0.05, transform=inches, **about))
+        figure.add_artist(Rectangle(corner, half / sheet.scale, 0.05, transform=inches, **style))
     texts: dict[str, Any] = {"fontsize": SMALL, "transform": inches, "va": "bottom"}
     for k, end in enumerate(("0", localised(f"{half:g}"), localised(f"{2 * half:g} m"))):
         at = left + k * half / sheet.scale

@@ -45,7 +45,7 @@ def plain_name(name: str) -> str:
     'ecart_type'
     """
     letters = unicodedata.normalize("NFKD", name.casefold())
-    letters = "".join(one for one in letters if not unicodedata.combining(one))
+    letters = "".join(letter for letter in letters if not unicodedata.combining(letter))
     return re.sub(r"[^a-z0-9]+", "_", letters).strip("_")
 
 

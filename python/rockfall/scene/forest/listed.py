@@ -120,7 +120,7 @@ def _factors(table: Species, path: Path, species: list[str]) -> np.ndarray:
     return np.array([known[name] for name in species])
 
 
-def _drawn_factors(inputs: Inputs, path: Path, found: Listed, inside: np.ndarray) -> np.ndarray:
+def _drawn_factors(inputs: Inputs, path: Path, listed: Listed, inside: np.ndarray) -> np.ndarray:
     """Toughness factors drawn from the percentage of conifers, by the number of each tree in the
     list."""
     forest, grid, table = inputs.case.forest, inputs.grid, read_species(inputs)
@@ -130,8 +130,8 @@ def _drawn_factors(inputs: Inputs, path: Path, found: Listed, inside: np.ndarray
         )
     n = inside.size
     u = _core.stand_numbers(forest["seed"], n, 1, np.ones(n, "i4"), n)[SPECIES_NUMBER, inside]
-    row = ((grid.north - found.y[inside]) / grid.cell).astype("i4").clip(0, grid.ny - 1)
-    column = ((found.x[inside] - grid.west) / grid.cell).astype("i4").clip(0, grid.nx - 1)
+    row = ((grid.north - listed.y[inside]) / grid.cell).astype("i4").clip(0, grid.ny - 1)
+    column = ((listed.x[inside] - grid.west) / grid.cell).astype("i4").clip(0, grid.nx - 1)
     order, share = np.argsort(row, kind="stable"), np.empty(row.size)
     share[order] = conifer_shares(inputs, Cells(row[order], column[order]))
     return np.where(u < share, table.factors[CONIFER], table.factors[BROADLEAF])

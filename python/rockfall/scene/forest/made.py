@@ -62,12 +62,12 @@ def made_trees(inputs: Inputs) -> tuple[Planted, Stands | None]:
     stand = None
     if stands is not None:
         stand = stands.at(x, y)
-        some = stands.thinned(stand, cells.row, cells.column, more[DENSER])
-        if not some.any():
+        remains = stands.thinned(stand, cells.row, cells.column, more[DENSER])
+        if not remains.any():
             raise _treeless(inputs)
-        x, y, quantile, species = numbers[:, some]
-        stand, more = stand[some], more[:, some]
-        cells = Cells(cells.row[some], cells.column[some])
+        x, y, quantile, species = numbers[:, remains]
+        stand, more = stand[remains], more[:, remains]
+        cells = Cells(cells.row[remains], cells.column[remains])
     dbh = _diameters(inputs, cells, quantile, stands, stand)
     factor = _factors(inputs, cells, species, stands, stand, table)
     return Planted(Trees(x, y, dbh, factor), more[REMAINS] if more.size else None, stand), stands
@@ -166,8 +166,8 @@ def _at_trees(inputs: Inputs, key: str, cells: Cells) -> np.ndarray:
     """Values of a raster at trees, or the uniform value."""
     found = np.empty(cells.row.size)
     for rows, block in _blocks(inputs, key):
-        mine = slice(*np.searchsorted(cells.row, [rows.start, rows.stop]))
-        found[mine] = block[cells.row[mine] - rows.start, cells.column[mine]]
+        in_rows = slice(*np.searchsorted(cells.row, [rows.start, rows.stop]))
+        found[in_rows] = block[cells.row[in_rows] - rows.start, cells.column[in_rows]]
     return found
 
 

@@ -67,9 +67,9 @@ class Stands(NamedTuple):
         drawn = np.zeros(u.size, bool)
         for k, mixture in enumerate(self.mixtures):
             if mixture is not None:
-                mine = np.flatnonzero(stand == k)
-                which = np.searchsorted(mixture.limits[:-1], u[mine], side="right")
-                factors[mine], drawn[mine] = mixture.factors[which], True
+                members = np.flatnonzero(stand == k)
+                which = np.searchsorted(mixture.limits[:-1], u[members], side="right")
+                factors[members], drawn[members] = mixture.factors[which], True
         return drawn
 
     def records(self, stand: np.ndarray) -> tuple[Stand, ...]:
@@ -90,24 +90,26 @@ def read_stands(inputs: Inputs, table: Species) -> Stands | None:
     path, layer = inputs.case.path(forest["polygons"]), forest.get("polygons_layer")
     shapes, columns = read_polygons(path, grid, inputs.remarks, layer, "polygons_layer")
     inputs.note_layer("stands", path, layer)
-    known = Attributes(str(path), columns)
+    attributes = Attributes(str(path), columns)
     everywhere = np.ones(len(shapes), bool)
-    density = known.numbers("stems", everywhere)
+    density = attributes.numbers("stems", everywhere)
     if density is None:
         raise RockfallError(
             f"{path}: no attribute stems [1/ha] ({', '.join(NAMES['stems'][1:])}); has: "
             f"{', '.join(columns) or 'none'}"
         )
     with_trees = density > 0
-    mixtures = [_mixture(table, known, k, text) for k, text in enumerate(known.texts("species"))]
-    unmixed = with_trees & np.array([one is None for one in mixtures], bool)
+    mixtures = [
+        _mixture(table, attributes, k, text) for k, text in enumerate(attributes.texts("species"))
+    ]
+    unmixed = with_trees & np.array([mixture is None for mixture in mixtures], bool)
     values = {}
     for key, needed in ("dbh_mean", with_trees), ("dbh_std", with_trees), ("conifers", unmixed):
-        found = known.numbers(key, needed)
-        _check_given_once(inputs, path, known, key, found, bool(needed.any()))
+        found = attributes.numbers(key, needed)
+        _check_given_once(inputs, path, attributes, key, found, bool(needed.any()))
         if found is not None:
             values[key] = found
-    names = [name or str(k) for k, name in enumerate(known.texts("name"), start=1)]
+    names = [name or str(k) for k, name in enumerate(attributes.texts("name"), start=1)]
     parts, order = _areas(inputs, path, shapes), np.argsort(density, kind="stable")
     ranks = touched_cells(parts[order], np.arange(1, order.size + 1), grid)
     return Stands(names, parts, density, values, mixtures, ranks, np.append(0.0, density[order]))
@@ -162,5 +164,5 @@ def _mixture(table: Species, known: Attributes, k: int, text: str | None) -> Mix
         raise known.refuse(k, "species", repr(text), "species with percentages that add to 100")
     where = f"{known.where}: feature {k + 1}"
     factors = [table.factor(part["name"], where) for part in parts if part]
-    fractions = np.cumsum([float(one) for one in percents])
+    fractions = np.cumsum([float(percent) for percent in percents])
     return Mixture(fractions / fractions[-1], np.array(factors))

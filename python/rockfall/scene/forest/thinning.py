@@ -72,10 +72,10 @@ def _cleared(inputs: Inputs, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     shapes, columns = read_polygons(path, inputs.grid, inputs.remarks, layer, "clearings_layer")
     inputs.note_layer("clearings", path, layer)
     given = Attributes(str(path), columns).numbers("density_factor", np.ones(shapes.size, bool))
-    remaining, some = np.zeros(shapes.size) if given is None else given, False
+    remaining, has_layer = np.zeros(shapes.size) if given is None else given, False
     for k, inside in points_inside(shapes, x, y):
         factors[inside] = np.minimum(factors[inside], remaining[k])
-        some = some or inside.size > 0
-    if not some:
+        has_layer = has_layer or inside.size > 0
+    if not has_layer:
         raise RockfallError(f"{path}: no stem stands in a polygon of the clearings")
     return factors

@@ -69,8 +69,8 @@ def _source_points(scene: Scene) -> Iterator[InputWarning]:
     columns = [scene.x, scene.y]
     features = scene.features
     if features is not None and features.law is not None and features.value is not None:
-        of = features.of - 1
-        columns += [*np.nan_to_num(features.value[of], nan=-1.0).T, features.law[of]]
+        row = features.number - 1
+        columns += [*np.nan_to_num(features.value[row], nan=-1.0).T, features.law[row]]
     places, counts = np.unique(columns, axis=1, return_counts=True)
     k = int(np.argmax(counts))
     if counts[k] > 1:
@@ -115,16 +115,16 @@ class _Volumes(NamedTuple):
 
     group: str  # one warning each
     where: str
-    said: Mapping[str, Any]
+    keys: Mapping[str, Any]
 
 
 def _distributions(scene: Scene) -> Iterator[_Volumes]:
     """Volume distributions of the case, of each scenario, and of each feature with its own."""
     boulder = scene.case.boulder
     yield _Volumes("", "&boulder", boulder)
-    for one in scene.case.scenario:
-        where = f"&scenario name = '{one['name']}'"
-        yield _Volumes(where, where, {"volume": boulder["volume"]} | one)
+    for scenario in scene.case.scenario:
+        where = f"&scenario name = '{scenario['name']}'"
+        yield _Volumes(where, where, {"volume": boulder["volume"]} | scenario)
     features = scene.features
     if features is None or features.law is None or features.value is None:
         return
@@ -133,16 +133,16 @@ def _distributions(scene: Scene) -> Iterator[_Volumes]:
             numbers = zip(("volume_mean", "volume_std", "", "volume_max"), row[:4], strict=True)
             told = {key: float(value) for key, value in numbers if key and not np.isnan(value)}
             usual = {key: boulder[key] for key in ("volume_mean", "volume_std") if key in boulder}
-            said = usual | told | {"volume": LAWS[law - 1]}
-            yield _Volumes("layer", f"&release source '{name}'", said)
+            keys = usual | told | {"volume": LAWS[law - 1]}
+            yield _Volumes("layer", f"&release source '{name}'", keys)
 
 
 def _volumes(scene: Scene) -> Iterator[InputWarning]:
     """Warnings about the largest volume of each key, over all features or cells."""
     found: dict[str, tuple[float, str]] = {}
-    for group, where, said in _distributions(scene):
+    for group, where, keys in _distributions(scene):
         for key in ("volume_mean", "volume_max", "volumes"):
-            if (value := said.get(key)) is not None:
+            if (value := keys.get(key)) is not None:
                 largest = float(np.max(value)), f"{where} {key} = {np.max(value):g} m3"
                 found[group + key] = max(found.get(group + key, largest), largest)
     if scene.source_boulders is not None:
@@ -157,9 +157,9 @@ def _spreads(scene: Scene) -> Iterator[InputWarning]:
     """Normal distributions whose mean changes when they are truncated at zero; of features, the one
     with the largest relative spread."""
     found: dict[str, tuple[float, str, float, float]] = {}
-    for group, where, said in _distributions(scene):
-        mean, std = said.get("volume_mean"), said.get("volume_std")
-        if said.get("volume") == "normal" and mean and std:
+    for group, where, keys in _distributions(scene):
+        mean, std = keys.get("volume_mean"), keys.get("volume_std")
+        if keys.get("volume") == "normal" and mean and std:
             widest = std / mean, where, mean, std
             found[group] = max(found.get(group, widest), widest)
     for ratio, where, mean, std in found.values():
@@ -219,11 +219,11 @@ def _rests(scene: Scene) -> Iterator[InputWarning]:
     given = scene.case.impact.get("rest_angle")
     angle = repose() if given is None else given
     smooth = [
-        one.rocks == 0
-        and one.model != ABSORBS
-        and not any(rock in one.name for rock in OF_ROCKS)
-        and (given is not None or one.rest_angle is None)
-        for one in scene.grounds
+        ground.rocks == 0
+        and ground.model != ABSORBS
+        and not any(rock in ground.name for rock in OF_ROCKS)
+        and (given is not None or ground.rest_angle is None)
+        for ground in scene.grounds
     ]
     if angle <= SMOOTH_REST or not any(smooth):
         return
@@ -231,8 +231,8 @@ def _rests(scene: Scene) -> Iterator[InputWarning]:
     slope = np.degrees(np.arctan(np.concatenate(scene.ground.slopes)))
     here = np.append(False, smooth)[number] & (slope > SMOOTH_REST) & (slope <= angle)
     if here.size and (fraction := float(here.mean())) > RESTING:
-        about = {"fraction": percent(fraction), "low": SMOOTH_REST, "high": angle}
-        yield InputWarning(f"&impact rest_angle = {angle:g}", say("input.rests", **about))
+        attrs = {"fraction": percent(fraction), "low": SMOOTH_REST, "high": angle}
+        yield InputWarning(f"&impact rest_angle = {angle:g}", say("input.rests", **attrs))
 
 
 def _forest(scene: Scene) -> Iterator[InputWarning]:

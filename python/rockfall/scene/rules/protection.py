@@ -32,12 +32,12 @@ def protection_rules(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _barriers(scene: Scene) -> Iterator[InputWarning]:
-    for one in scene.case.barrier:
-        where = f"&barrier name = '{one['name']}'"
-        if one.get("height", 0.0) > NET:
-            yield InputWarning(where, say("input.net_height", height=one["height"]))
-        if one.get("capacity", 0.0) > CAPACITY:
-            yield InputWarning(where, say("input.net_capacity", capacity=one["capacity"]))
+    for barrier in scene.case.barrier:
+        where = f"&barrier name = '{barrier['name']}'"
+        if barrier.get("height", 0.0) > NET:
+            yield InputWarning(where, say("input.net_height", height=barrier["height"]))
+        if barrier.get("capacity", 0.0) > CAPACITY:
+            yield InputWarning(where, say("input.net_capacity", capacity=barrier["capacity"]))
 
 
 def dam_rules(dams: Iterable[DamShape], cell: float) -> Iterator[InputWarning]:
@@ -66,14 +66,14 @@ def _hazard(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _scenarios(scene: Scene) -> Iterator[InputWarning]:
-    for one in scene.case.scenario:
-        frequency = stated_frequency(one, scene.case.boulder)
-        if frequency > FREQUENCY[one["frequency_per"]]:
-            key = next(key for key in ("frequency", "return_period", "activity") if key in one)
+    for scenario in scene.case.scenario:
+        frequency = stated_frequency(scenario, scene.case.boulder)
+        if frequency > FREQUENCY[scenario["frequency_per"]]:
+            key = next(key for key in ("frequency", "return_period", "activity") if key in scenario)
             other = "input.was_return_period" if key == "frequency" else "input.was_frequency"
             yield InputWarning(
-                f"&scenario name = '{one['name']}' {key} = {one[key]:g}, "
-                f"frequency_per = '{one['frequency_per']}'",
+                f"&scenario name = '{scenario['name']}' {key} = {scenario[key]:g}, "
+                f"frequency_per = '{scenario['frequency_per']}'",
                 say(other, frequency=frequency),
             )
 

@@ -1,0 +1,262 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Scenes and runs behind handles, for callers in other languages: an empty scene receives its arrays by name and is
+!> built once; runs of it advance in chunks and list their arrays. What callers may ask for is checked here.
+module rockfall_handles
+   use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
+   use rockfall_kinds, only: sp, i4, i8
+   use rockfall_error, only: error_t, fail
+   use rockfall_grid, only: grid_t
+   use rockfall_terrain, only: terrain_t, terrain, set_window
+   use rockfall_scene_type, only: scene_t
+   use rockfall_maps, only: maps_t
+   use rockfall_map_values, only: map_row
+   use rockfall_threads, only: check_team, team_size
+   use rockfall_case_keys, only: map_names
+   use rockfall_case, only: case_t, read_case
+   use rockfall_scene, only: scene_arrays_t, build_scene_of_case, boulder_count
+   use rockfall_line_samples, only: layout_t
+   use rockfall_state_table, only: array_t, table_t
+   use rockfall_run_state, only: run_t, open_run, open_joined_run, continue_run, close_run, arrays_of, map_tallies, &
+                                 advance_run => advance
+   use rockfall_run_loop, only: scan_terrain
+   implicit none
+   private
+   public :: scene_handle_t, run_handle_t, scene_at, run_at, new_scene, close_handle
+
+   !> Scene behind a handle.
+   type :: scene_handle_t
+      type(scene_t) :: scene
+      type(terrain_t) :: dem  !! its terrain, as far as the arrays extend
+      type(case_t) :: case
+      type(scene_arrays_t), allocatable :: arrays  !! until it is built
+   contains
+      procedure :: give, build, terrain_given, limit, boulders
+   end type scene_handle_t
+
+   !> Run behind a handle.
+   type :: run_handle_t
+      type(run_t) :: run
+      type(scene_handle_t), pointer :: scene => null()  !! on which it was opened, if any
+      type(table_t) :: table  !! table of its arrays
+   contains
+      procedure :: begin, begin_joined, begin_continued, advance, list, write_map
+   end type run_handle_t
+
+contains
+
+   function scene_at(at) result(scene)
+      type(c_ptr), intent(in) :: at
+      type(scene_handle_t), pointer :: scene
+
+      call c_f_pointer(at, scene)
+   end function scene_at
+
+   function run_at(at) result(run)
+      type(c_ptr), intent(in) :: at
+      type(run_handle_t), pointer :: run
+
+      call c_f_pointer(at, run)
+   end function run_at
+
+   !> Create an empty scene.
+   function new_scene(grid, first, draw) result(scene)
+      type(grid_t), intent(in) :: grid
+      integer, intent(in) :: first(2)  !! column and row of the first array element
+      integer, intent(in) :: draw      !! draw of the impact sets; 0: the only one
+      type(scene_handle_t), pointer :: scene
+
+      allocate (scene)
+      allocate (scene%arrays)
+      scene%arrays%grid = grid
+      scene%arrays%first = first
+      scene%arrays%draw = draw
+   end function new_scene
+
+   !> Give an array to a scene, as in set_array; without effect once it is built.
+   subroutine give(this, name, kind, length, at)
+      class(scene_handle_t), intent(inout) :: this
+      character(len=*), intent(in) :: name, kind
+      integer(i8), intent(in) :: length(3)
+      type(c_ptr), intent(in) :: at
+
+      if (allocated(this%arrays)) call this%arrays%set_array(name, kind, length, at)
+   end subroutine give
+
+   !> Build a scene from the text of a case and its arrays.
+   subroutine build(this, text, name, error)
+      class(scene_handle_t), intent(inout) :: this
+      character(len=*), intent(in) :: text, name  !! of the case, and its name in messages
+      type(error_t), allocatable, intent(out) :: error
+
+      if (.not. allocated(this%arrays)) then
+         call fail(error, name//": the scene has been built")
+      else if (.not. is_complete(this%arrays)) then
+         call fail(error, name//": arrays elevation, source_x, source_y and impact_sets are needed")
+      else
+         if (.not. allocated(this%arrays%sets_name)) this%arrays%sets_name = "impact_sets"
+         call read_case(text, name, this%case, error)
+         if (.not. allocated(error)) call build_scene_of_case(this%case, this%arrays, this%scene, error)
+         if (allocated(error)) return
+         this%dem = this%scene%dem
+         deallocate (this%arrays)
+      end if
+   end subroutine build
+
+   !> Return whether the arrays that every scene needs are given.
+   pure logical function is_complete(arrays)
+      type(scene_arrays_t), intent(in) :: arrays
+
+      is_complete = (associated(arrays%z8) .or. associated(arrays%z4)) .and. allocated(arrays%source_x) &
+                    .and. allocated(arrays%source_y) .and. allocated(arrays%sets_text)
+   end function is_complete
+
+   !> Terrain of a scene that has its elevations and is not built.
+   type(terrain_t) function terrain_given(this) result(dem)
+      class(scene_handle_t), intent(in) :: this
+
+      associate (arrays => this%arrays, grid => this%arrays%grid)
+         dem = terrain(grid%west, grid%north, grid%cell, arrays%z8, arrays%z4, [grid%nx, grid%ny], arrays%first)
+      end associate
+   end function terrain_given
+
+   !> Confine boulders to these columns and rows, those of the maps: the same for all runs of a scene.
+   subroutine limit(this, first, last)
+      class(scene_handle_t), intent(inout) :: this
+      integer, intent(in) :: first(2), last(2)
+
+      this%scene%dem = this%dem
+      call set_window(this%scene%dem, first, last)
+   end subroutine limit
+
+   !> Number of boulders of a scene, 0 until it is built.
+   pure integer(i8) function boulders(this)
+      class(scene_handle_t), intent(in) :: this
+
+      boulders = 0
+      if (.not. allocated(this%arrays)) boulders = boulder_count(this%scene)
+   end function boulders
+
+   !> Open a run of n boulders of a scene after the first `before`, with maps of a window (first column and row, numbers
+   !> of columns and rows); without a window, of the cells that boulders can reach, to which the scene is confined.
+   subroutine begin(this, scene, before, n, threads, error, window, max_columns)
+      class(run_handle_t), intent(inout) :: this
+      type(scene_handle_t), pointer, intent(in) :: scene
+      integer(i8), intent(in) :: before, n
+      integer, intent(in) :: threads  !! 0: all cores
+      type(error_t), allocatable, intent(out) :: error
+      integer, intent(in), optional :: window(4)
+      integer(i8), intent(in), optional :: max_columns  !! as in run_t
+      integer :: cells(4)
+
+      if (allocated(scene%arrays)) then
+         call fail(error, "the scene has not been built")
+      else if (before < 0 .or. n < 1 .or. before > scene%boulders() - n) then
+         call fail(error, "the boulders of a run must be some of the scene's")
+      else
+         call check_team(threads, error)
+      end if
+      if (allocated(error)) return
+      this%scene => scene
+      this%run%threads = team_size(threads)
+      if (present(max_columns)) this%run%max_columns = max_columns
+      cells = [1, 1, scene%dem%nx, scene%dem%ny]
+      if (present(window)) then
+         cells = window
+      else
+         call scan_terrain(scene%case, scene%scene, cells, error)
+         if (allocated(error)) return
+         call scene%limit(cells(:2), cells(:2) + cells(3:) - 1)
+      end if
+      call open_run(scene%case, scene%scene, before, n, cells, this%run, error)
+   end subroutine begin
+
+   !> Open a run without a scene, as in open_joined_run, from the text of a valid case.
+   subroutine begin_joined(this, text, boulders, window, grounds, features, part_last, group_part, error)
+      class(run_handle_t), intent(inout) :: this
+      character(len=*), intent(in) :: text
+      integer(i8), intent(in) :: boulders(3)  !! of the complete run, before the part, in it
+      integer, intent(in) :: window(4), grounds
+      logical, intent(in) :: features
+      integer(i4), intent(in) :: part_last(:), group_part(:)  !! as in layout_t
+      type(error_t), allocatable, intent(out) :: error
+      type(layout_t) :: layout
+      type(case_t) :: case
+
+      layout%part_last = part_last
+      layout%group_part = group_part
+      call read_case(text, "", case, error)
+      if (.not. allocated(error)) &
+         call open_joined_run(case, boulders(1), boulders(2), boulders(3), window, grounds, features, layout, &
+                              this%run, error)
+   end subroutine begin_joined
+
+   !> Open a run of a scene that continues another, which then cannot continue itself.
+   subroutine begin_continued(this, scene, other, error)
+      class(run_handle_t), intent(inout) :: this
+      type(scene_handle_t), pointer, intent(in) :: scene
+      class(run_handle_t), intent(inout) :: other
+      type(error_t), allocatable, intent(out) :: error
+
+      this%scene => scene
+      call continue_run(scene%case, scene%scene, other%run, this%run, error)
+   end subroutine begin_continued
+
+   !> Run n boulders of a run, every `step`-th from the first on, on a scene, which may be a window of the run's.
+   subroutine advance(this, scene, first, step, n, error)
+      class(run_handle_t), intent(inout) :: this
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: first, step, n
+      type(error_t), allocatable, intent(out) :: error
+
+      associate (last => this%run%before + this%run%boulders)
+         if (n < 0 .or. first <= this%run%before .or. first + (n - 1)*step > last) then
+            call fail(error, "the run does not have so many boulders left")
+            return
+         end if
+      end associate
+      call advance_run(this%run, scene, first, step, n, error)
+   end subroutine advance
+
+   !> Array k of a run, from 1; null past the last. k = 1 lists them again.
+   function list(this, k) result(row)
+      class(run_handle_t), intent(inout), target :: this
+      integer, intent(in) :: k
+      type(array_t), pointer :: row
+
+      if (k == 1) this%table = arrays_of(this%run)
+      row => null()
+      if (.not. allocated(this%table%row)) return
+      if (k >= 1 .and. k <= size(this%table%row)) row => this%table%row(k)
+   end function list
+
+   !> Write a requested map that has one layer to the cells of the run's maps.
+   subroutine write_map(this, name, done, per_cluster, values, error)
+      class(run_handle_t), intent(in) :: this
+      character(len=*), intent(in) :: name
+      integer(i8), intent(in) :: done         !! boulders
+      integer(i8), intent(in) :: per_cluster  !! boulders that may all behave alike; 1: independent
+      real(sp), intent(inout) :: values(:, :)
+      type(error_t), allocatable, intent(out) :: error
+      type(maps_t) :: maps
+      integer :: j
+
+      if (.not. any(this%run%map .and. map_names == name)) then
+         call fail(error, name//": must be one of &output maps")
+      else if (index(name, "exceeded") > 0) then
+         call fail(error, name//": has a layer for each threshold: take them from tally_counts")
+      end if
+      if (allocated(error)) return
+      maps = map_tallies(this%run, [1, 1])
+      do j = 1, size(values, 2)
+         call map_row(maps, name, j, done, per_cluster, this%run%min_passages, values(:, j))
+      end do
+   end subroutine write_map
+
+   !> Free a run.
+   subroutine close_handle(run)
+      type(run_handle_t), pointer, intent(inout) :: run
+
+      call close_run(run%run)
+      deallocate (run)
+   end subroutine close_handle
+end module rockfall_handles
