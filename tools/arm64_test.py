@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[1]
 BUILD = ROOT / "build-arm64"
 SYSTEM = BUILD / "system"
 LIBRARIES = SYSTEM / "usr/lib/aarch64-linux-gnu"
+OTHERS = SYSTEM / "lib/aarch64-linux-gnu"
 PACKAGES = "libc6", "libgfortran5", "libgomp1", "libnetcdff-dev", "liblapack-dev", "libblas-dev"
 QEMU = "qemu-aarch64", "-L", str(SYSTEM)
 
@@ -61,15 +62,19 @@ def unpack_system() -> None:
     subprocess.run(["apt-get", "-qq", *options, *install], check=True)
     for package in sorted((apt / "archives").glob("*.deb")):
         subprocess.run(["dpkg-deb", "-x", package, SYSTEM], check=True)
+    for name in ("libc.so", "libm.so", "libc.a", "libm.a"):  # the compiler has its own
+        (LIBRARIES / name).unlink(missing_ok=True)
     for path in LIBRARIES.glob("pkgconfig/*.pc"):
         if not path.is_symlink():
             path.write_text(path.read_text().replace("/usr", f"{SYSTEM}/usr"))
+            if "-netlib" in path.name:  # which update-alternatives would choose
+                shutil.copy(path, path.with_name(path.name.replace("-netlib", "")))
 
 
 def configure() -> None:
     """Set up the build with meson."""
     place = BUILD / "place.ini"
-    link = [f"-L{LIBRARIES}", *(f"-Wl,-rpath-link,{one}" for one in (LIBRARIES, SYSTEM / "lib"))]
+    link = [f"-L{LIBRARIES}", *(f"-Wl,-rpath-link,{one}" for one in (LIBRARIES, OTHERS))]
     place.write_text(
         f"[binaries]\nexe_wrapper = {list(QEMU)}\n"
         f"[properties]\npkg_config_libdir = '{LIBRARIES}/pkgconfig'\n"

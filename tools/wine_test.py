@@ -25,10 +25,10 @@ pyogrio==0.11.0 shapely==2.0.2 pyproj==3.6.1 rasterio==1.4.0 f90nml rich coloram
 pytest hypothesis psutil matplotlib pillow jinja2 threadpoolctl openpyxl python-docx ezdxf laspy
 pooch
 """.split()
-#: Tests of what is not there: browsers, QGIS, Slurm, Dask, the tools of the site and of releases.
+#: Tests of what is not there: browsers, QGIS, Slurm, Dask, limits of a process, tools of the project.
 LEFT_OUT = """
-app qgis cluster docs simulation/test_dask.py simulation/test_slurm.py test_architecture.py
-test_packages.py test_release.py test_theory.py
+app qgis cluster docs fuzz/test_hostile.py simulation/test_dask.py simulation/test_slurm.py
+test_architecture.py test_packages.py test_release.py test_theory.py
 """.split()
 
 
