@@ -66,15 +66,17 @@ def windows_python() -> Path:
 
 
 def build_kernel() -> None:
-    """Build the kernel with meson, and LAPACK before it."""
-    lapack = BUILD / "lapack"
+    """Build the kernel and rockfall-batch with meson, and before them what they link."""
+    lapack, netcdf = BUILD / "lapack", BUILD / "netcdf"
     if not (lapack / "lapack.pc").exists():
         run(sys.executable, "tools/windows_lapack.py", lapack)
+    if not (netcdf / "netcdf-fortran.pc").exists():
+        run(sys.executable, "tools/windows_netcdf.py", netcdf)
     place = BUILD / "place.ini"
-    place.write_text(f"[properties]\npkg_config_libdir = '{lapack}'\n")
+    place.write_text(f"[properties]\npkg_config_libdir = '{lapack}:{netcdf}'\n")
     if not (BUILD / "kernel/build.ninja").exists():
         cross = "--cross-file", "packaging/windows-cross.ini", "--cross-file", place
-        options = "-Dpython=false", "-Dnetcdf=disabled", "-Db_lto=false", "-Dwarning_level=0"
+        options = "-Dpython=false", "-Dnetcdf=enabled", "-Db_lto=false", "-Dwarning_level=0"
         run("meson", "setup", BUILD / "kernel", *cross, *options)
     run("ninja", "-C", BUILD / "kernel", "--quiet")
 
