@@ -36,7 +36,7 @@ def main() -> str | None:
     for words in (
         ("make", inputs),
         ("prepare", inputs, ready),
-        ("batch", ready, here, "rockfall-batch"),
+        ("batch", ready, here, shutil.which("rockfall-batch")),
         ("batch", ready, there, *QEMU, BUILD / "kernel/fortran/rockfall-batch"),
         ("compare", here, there),
     ):

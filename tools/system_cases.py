@@ -8,6 +8,7 @@ usage: system_cases.py make FOLDER      FOLDER/*/trial of NAME.nml, of the shipp
        system_cases.py compare OUT OUT  what differs between two of these, variable by variable
 """
 
+import os
 import shutil
 import subprocess
 import sys
@@ -189,9 +190,13 @@ def batch(ready: Path, out: Path, program: tuple[str, ...]) -> None:
     """Run every prepared trial on two threads."""
     out.mkdir(parents=True, exist_ok=True)
     command = [*program, "--quiet", "--threads", "2", "--overwrite"]
-    for case in sorted(ready.glob("*/case.nml")):
-        target = out / f"{case.parent.name}.nc"
-        subprocess.run([*command, case, "-o", target], check=True)
+    for case in sorted(ready.glob("*/case.nml")):  # by paths without a drive's letter
+        paths = (
+            case.relative_to(ready),
+            "-o",
+            os.path.relpath(out / f"{case.parent.name}.nc", ready),
+        )
+        subprocess.run([*command, *paths], check=True, cwd=ready, stdin=subprocess.DEVNULL)
         print(case.parent.name, flush=True)
 
 

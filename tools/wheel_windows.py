@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""dist/: a wheel for Windows on x86-64, cross-compiled by Debian's mingw-w64.
+"""dist/: a wheel and rockfall-batch.exe for Windows on x86-64, by Debian's mingw-w64.
 
 usage: wheel_windows.py   needs gfortran-mingw-w64-x86-64, and Maven, which fetches Windows' Python
 
@@ -47,6 +47,8 @@ def main() -> None:
     build_kernel()
     extensions = {name: link(name, python) for name in EXTENSIONS}
     print(write_wheel(extensions).relative_to(ROOT))
+    program = BUILD / "kernel/fortran/rockfall-batch.exe"
+    run("x86_64-w64-mingw32-strip", "-o", ROOT / "dist/rockfall-batch.exe", program)
 
 
 def run(*command: object, **options: object) -> None:

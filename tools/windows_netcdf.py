@@ -56,7 +56,8 @@ KINDS = [
     for name in (
         "HAVE_F2008", "HAVE_TS29113_SUPPORT", "USE_NETCDF4", "NO_NETCDF_2", "NF_INT1_T=byte",
         "NF_INT1_IS_C_SIGNED_CHAR", "NF_INT2_T=integer*2", "NF_INT2_IS_C_SHORT",
-        "NF_INT_IS_C_INT", "NF_REAL_IS_C_FLOAT", "NF_DOUBLEPRECISION_IS_C_DOUBLE",
+        "NF_INT_IS_C_INT", "NF_INT8_IS_C_LONG_LONG", "NF_REAL_IS_C_FLOAT",
+        "NF_DOUBLEPRECISION_IS_C_DOUBLE",
     )
 ]  # fmt: skip
 

@@ -51,13 +51,21 @@ def main(words: list[str]) -> str | None:
 def compare_cases(env: dict[str, str]) -> str | None:
     """Run cases by both systems; returns what is wrong."""
     script = Path(__file__).with_name("system_cases.py")
-    inputs, here, there = (BUILD / "cases" / name for name in ("Übung in", "here", "over there"))
+    program = [WINE, BUILD / "kernel/fortran/rockfall-batch.exe"]
+    inputs, here, there, ready, batch_here, batch_there = (
+        BUILD / "cases" / name
+        for name in ("Übung in", "here", "over there", "ready", "batch here", "batch there")
+    )
     shutil.rmtree(BUILD / "cases", ignore_errors=True)
     for python, *words in (
         ([sys.executable], "make", inputs),
         ([sys.executable], "run", inputs, here),
         ([WINE, PYTHON / "python.exe"], "run", inputs, there),
         ([sys.executable], "compare", here, there),
+        ([sys.executable], "prepare", inputs, ready),
+        ([sys.executable], "batch", ready, batch_here, shutil.which("rockfall-batch")),
+        ([sys.executable], "batch", ready, batch_there, *program),
+        ([sys.executable], "compare", batch_here, batch_there),
     ):
         if run_piped([*python, script, *words], BUILD, env):
             return f"{words[0]} of the cases fails"
