@@ -35,6 +35,7 @@ test_architecture.py test_packages.py test_release.py test_theory.py
 def main(words: list[str]) -> str | None:
     """Run the tests; returns what is wrong."""
     env = os.environ | {"WINEDEBUG": "-all", "WINEPREFIX": str(BUILD / "prefix")}
+    env["PYTHONUTF8"] = "1"  # files that tests write have no code page
     env.pop("PYTHONPATH", None)  # of this system's Python
     install()
     subprocess.run(
@@ -92,8 +93,9 @@ def run_suite(words: list[str], env: dict[str, str]) -> str | None:
 def run_piped(command: list[object], folder: Path, env: dict[str, str]) -> int:
     """Run a command and show what it prints, through a pipe: Windows' Python refuses to start under
     Wine if its output is a file."""
-    pipe = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "stdin": subprocess.DEVNULL}
+    pipe = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "stdin": subprocess.PIPE}
     with subprocess.Popen([*map(str, command)], cwd=folder, env=env, **pipe) as process:
+        process.stdin.close()
         for line in process.stdout:
             print(line.decode("utf-8", "replace").rstrip(), flush=True)
     return process.returncode
