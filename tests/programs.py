@@ -3,7 +3,6 @@
 
 import os
 import re
-import resource
 import shutil
 import subprocess
 import sys
@@ -11,6 +10,8 @@ import time
 from pathlib import Path
 
 import numpy as np
+import psutil
+import pytest
 
 import rockfall
 from made import make_raster
@@ -43,14 +44,18 @@ def find_program():
 
 def run_program(*words, cwd, limit=None, env=None):
     """Run it in a folder; `limit` is the longest file that it may write [bytes]."""
-
-    def lower_limit():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
+    first = limited("RLIMIT_FSIZE", limit) if limit else None
     return subprocess.run(
         [find_program(), *map(str, words)], cwd=cwd, capture_output=True, text=True, timeout=120,
-        preexec_fn=lower_limit if limit else None, env={**os.environ, **(env or {})},
+        preexec_fn=first, env={**os.environ, **(env or {})},
     )  # fmt: skip
+
+
+def limited(name, size):
+    """What a child does first, so that it takes at most `size` bytes of this kind; a file that
+    would become longer cannot be written, as on a full disk."""
+    resource = pytest.importorskip("resource", reason="this system has no limits of a process")
+    return lambda: resource.setrlimit(getattr(resource, name), (size, size))
 
 
 def make_full_case(folder, **groups):
@@ -133,10 +138,10 @@ def everything(folder):
 
 def wait_until_busy(pid, seconds=1.5):
     """Return when a process has spent so much CPU: it has read its case and runs."""
-    ticks = os.sysconf("SC_CLK_TCK")
+    process = psutil.Process(pid)
     for _ in range(6000):  # five minutes, where others use the machine
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-        if (int(fields[11]) + int(fields[12])) / ticks > seconds:
+        spent = process.cpu_times()
+        if spent.user + spent.system > seconds:
             return
         time.sleep(0.05)
     raise TimeoutError("the program does not run")

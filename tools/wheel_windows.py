@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""dist/: a wheel for Windows on x86-64, cross-compiled by Debian's mingw-w64.
+"""dist/: a wheel and rockfall-batch.exe for Windows on x86-64, by Debian's mingw-w64.
 
 usage: wheel_windows.py   needs gfortran-mingw-w64-x86-64, and Maven, which fetches Windows' Python
 
@@ -47,6 +47,8 @@ def main() -> None:
     build_kernel()
     extensions = {name: link(name, python) for name in EXTENSIONS}
     print(write_wheel(extensions).relative_to(ROOT))
+    program = BUILD / "kernel/fortran/rockfall-batch.exe"
+    run("x86_64-w64-mingw32-strip", "-o", ROOT / "dist/rockfall-batch.exe", program)
 
 
 def run(*command: object, **options: object) -> None:
@@ -66,15 +68,17 @@ def windows_python() -> Path:
 
 
 def build_kernel() -> None:
-    """Build the kernel with meson, and LAPACK before it."""
-    lapack = BUILD / "lapack"
+    """Build the kernel and rockfall-batch with meson, and before them what they link."""
+    lapack, netcdf = BUILD / "lapack", BUILD / "netcdf"
     if not (lapack / "lapack.pc").exists():
         run(sys.executable, "tools/windows_lapack.py", lapack)
+    if not (netcdf / "netcdf-fortran.pc").exists():
+        run(sys.executable, "tools/windows_netcdf.py", netcdf)
     place = BUILD / "place.ini"
-    place.write_text(f"[properties]\npkg_config_libdir = '{lapack}'\n")
+    place.write_text(f"[properties]\npkg_config_libdir = '{lapack}:{netcdf}'\n")
     if not (BUILD / "kernel/build.ninja").exists():
         cross = "--cross-file", "packaging/windows-cross.ini", "--cross-file", place
-        options = "-Dpython=false", "-Dnetcdf=disabled", "-Db_lto=false", "-Dwarning_level=0"
+        options = "-Dpython=false", "-Dnetcdf=enabled", "-Db_lto=false", "-Dwarning_level=0"
         run("meson", "setup", BUILD / "kernel", *cross, *options)
     run("ninja", "-C", BUILD / "kernel", "--quiet")
 

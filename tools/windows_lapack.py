@@ -20,7 +20,7 @@ PLAIN = {"dlamch"}
 def main(folder: str) -> None:
     place = Path(folder).resolve()
     place.mkdir(parents=True, exist_ok=True)
-    fetch(place)
+    fetch(place, "lapack")
     (archive,) = place.glob("lapack_*.orig.tar.gz")
     with tarfile.open(archive) as packed:
         packed.extractall(place, filter="data")
@@ -42,8 +42,8 @@ def main(folder: str) -> None:
     )
 
 
-def fetch(place: Path) -> None:
-    """Download Debian's source package, from the places of the binary ones."""
+def fetch(place: Path, *packages: str) -> None:
+    """Download the sources of Debian's packages, from the places of the binary ones."""
     folder = place / "apt"
     for part in ("lists/partial", "sources"):
         (folder / part).mkdir(parents=True, exist_ok=True)
@@ -55,7 +55,7 @@ def fetch(place: Path) -> None:
         "-oDir::Etc::SourceList=/dev/null", f"-oDir::Cache={folder}", "-oAPT::Sandbox::User=",
     ]  # fmt: skip
     subprocess.run(["apt-get", "-qq", *options, "update"], check=True)
-    download = "source", "--download-only", "lapack"
+    download = "source", "--download-only", "--tar-only", *packages
     subprocess.run(["apt-get", "-qq", *options, *download], cwd=place, check=True)
 
 

@@ -36,9 +36,7 @@ CRASHED, INTERRUPTED = 137, 130  # exit status
 STEPS = {"rockfall": range(1, 31), "rockfall-batch": range(1, 13)}
 HANDLERS = {"rockfall": range(1, 5), "rockfall-batch": range(1, 2)}
 PROGRESS = 50  # crashes from a line to the next
-FORKS = multiprocessing.get_context("forkserver")
 PRELOAD = ["__main__", "rockfall.simulation.checkpoint", "rockfall.text.summary"]
-FORKS.set_forkserver_preload(PRELOAD)
 
 
 def build_shim(folder: Path) -> dict[str, str]:
@@ -59,7 +57,9 @@ def run_fork(words: list[str], folder: Path, environment: dict[str, str]) -> tup
     """Run `rockfall` in a fork of a process that has the shim."""
     said = folder / "stderr.txt"
     command = ["run", "case.nml", *words]
-    process = FORKS.Process(target=_fork, args=(command, folder, environment, said))
+    forks = multiprocessing.get_context("forkserver")
+    forks.set_forkserver_preload(PRELOAD)
+    process = forks.Process(target=_fork, args=(command, folder, environment, said))
     process.start()
     process.join()
     return process.exitcode, said.read_text()

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Back-analysis: posteriors that are known, data that no run explains, and the command."""
 
-import os
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -224,7 +223,7 @@ def test_a_back_analysis_that_is_stopped_keeps_its_whole_rounds(place, capfd, mo
 
     def pressed(*arguments):  # in the third round
         if next(members) == 2 * study.ROUND + 3:
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
         return member(*arguments)
 
     monkeypatch.setattr(study, "_member", pressed)

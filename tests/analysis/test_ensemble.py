@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Monte Carlo and epistemic uncertainty: parts of the variance, what is drawn, and the command."""
 
-import os
 import re
 import signal
 import subprocess
@@ -629,7 +628,7 @@ def test_an_ensemble_that_is_stopped_keeps_what_was_done(place, capfd, monkeypat
 
     def pressed(*arguments, **more):  # in the second run of the tenth draw, after the case's own
         if next(runs) == 1 + 9 * (2 + len(names)) + 1:
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
         return run_scene(*arguments, **more)
 
     monkeypatch.setattr(study, "run_scene", pressed)

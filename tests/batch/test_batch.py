@@ -2,7 +2,6 @@
 """rockfall-batch: the options of `rockfall run`, the same bits, and bad input in one line."""
 
 import os
-import resource
 import shutil
 import subprocess
 
@@ -14,6 +13,7 @@ import rockfall
 from programs import (
     everything,
     find_program,
+    limited,
     make_full_case,
     refused_in_one_line,
     same_results,
@@ -264,7 +264,7 @@ def test_quantile_maps_take_memory_where_boulders_pass(batch, tmp_path):
     limit = 500 * 10**6
     done = subprocess.run(
         [find_program(), CASE, "-o", "part"], cwd=tmp_path, capture_output=True, text=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
+        preexec_fn=limited("RLIMIT_AS", limit),
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     result = rockfall.run(case, dem=z, transform=grid)

@@ -3,7 +3,6 @@
 
 import os
 import re
-import resource
 import signal
 import subprocess
 import sys
@@ -16,7 +15,7 @@ import xarray as xr
 import rockfall
 import scenes
 from made import make_raster
-from programs import refuses, wait_until_busy
+from programs import limited, refuses, wait_until_busy
 from rockfall.cli import main
 from slope_case import CASE, slope, zones
 
@@ -185,24 +184,16 @@ def test_bad_arguments_are_one_line_and_nothing_is_written(name, place, capfd):
     refuses(words, message, capfd)
 
 
-def small_files(size):
-    """What the child does so that its files cannot grow beyond `size` bytes, as on a full disk."""
-
-    def limit():
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
-
-    return limit
-
-
 @pytest.mark.parametrize("size", [0, 20_000])
 def test_full_disk_leaves_nothing(place, size):
     before = files(place)
-    done = command("run", "case.nml", "-o", "out.nc", cwd=place, preexec_fn=small_files(size))
+    first = limited("RLIMIT_FSIZE", size)
+    done = command("run", "case.nml", "-o", "out.nc", cwd=place, preexec_fn=first)
     assert done.returncode == 2 and done.stdout == ""
     assert re.fullmatch(r"rockfall: out.nc: cannot be written: .*\n", done.stderr)
     assert files(place) == before
-    done = command("prepare", "case.nml", "new", cwd=place, preexec_fn=small_files(size // 10))
+    first = limited("RLIMIT_FSIZE", size // 10)
+    done = command("prepare", "case.nml", "new", cwd=place, preexec_fn=first)
     assert done.returncode == 2 and done.stdout == ""
     assert re.fullmatch(r"rockfall: new.*: cannot be written: .*\n", done.stderr)
     assert files(place) == before

@@ -80,7 +80,7 @@ def terminated(monkeypatch, module, name, when=lambda *_: True):
         found = do(*arguments)
         if not sent and when(*arguments):
             sent.append(True)
-            os.kill(os.getpid(), signal.SIGTERM)
+            signal.raise_signal(signal.SIGTERM)
         return found
 
     monkeypatch.setattr(module, name, done)
@@ -115,7 +115,7 @@ def test_no_command_leaves_a_half_file(command, result, monkeypatch):
     for k in (1, 2):
         rockfall.write_result(rockfall.run(case, shard=(k, 2)), f"p{k}.nc")
     before = sorted(result.rglob("*"))
-    monkeypatch.setattr(os, "replace", lambda *_: os.kill(os.getpid(), signal.SIGTERM))
+    monkeypatch.setattr(os, "replace", lambda *_: signal.raise_signal(signal.SIGTERM))
     assert main(command.split()) == 143
     assert sorted(result.rglob("*")) == before
 
@@ -125,7 +125,7 @@ def test_sigterm_is_what_it_was_after_a_command(place):
     assert main(["check", "case.nml"]) == 0
     assert signal.getsignal(signal.SIGTERM) == before
     with interrupts.interrupts() as outer, interrupts.interrupts() as inner:
-        os.kill(os.getpid(), signal.SIGTERM)
+        signal.raise_signal(signal.SIGTERM)
         assert outer() and inner()
     assert signal.getsignal(signal.SIGTERM) == before
     with interrupts.interrupts() as again:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Checkpoints: a run that was killed, at any instant, goes on to the same bits."""
 
-import fcntl
 import os
 import shutil
 from contextlib import contextmanager, suppress
@@ -172,6 +171,7 @@ RUN = ["run", "case.nml", "--quiet"]
 
 def test_a_lock_that_was_removed_in_between_is_taken_anew(tmp_path, monkeypatch):
     """Who held it ends between our open and our lock: the file that we have open has no name."""
+    fcntl = pytest.importorskip("fcntl", reason="POSIX has these locks")
     output, flock, tries = tmp_path / "c", fcntl.flock, []
 
     def late(*arguments):
@@ -188,6 +188,8 @@ def test_a_lock_that_was_removed_in_between_is_taken_anew(tmp_path, monkeypatch)
 
 
 def test_where_there_are_no_locks_the_run_says_so(tmp_path, monkeypatch):
+    fcntl = pytest.importorskip("fcntl", reason="POSIX has these locks")
+
     def without(*_):
         raise OSError(38, "Function not implemented")
 

@@ -153,3 +153,9 @@ int rockfall_replace(const char *from, const char *to, const char *folder)
 {
     return sync_path(from) && rename(from, to) == 0 && sync_path(folder);
 }
+
+/* Character other than '/' that separates folders in paths, if there is one. */
+char rockfall_separator(void)
+{
+    return '/';
+}

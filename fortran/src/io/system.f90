@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Signals, locks and names of files, by system.c.
+!> Signals, locks and names of files, by system.c or system_windows.c.
 module rockfall_system
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
    use rockfall_error, only: error_t, fail
@@ -47,6 +47,10 @@ module rockfall_system
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: a(*), b(*)
       end function c_same
+      !> Character other than "/" that may separate folders, if the system has one, else "/".
+      pure character(kind=c_char) function other_separator() bind(c, name="rockfall_separator")
+         import :: c_char
+      end function other_separator
       integer(c_int) function c_getpid() bind(c, name="getpid")
          import :: c_int
       end function c_getpid
@@ -134,7 +138,7 @@ contains
       character(len=*), intent(in) :: path
       character(len=:), allocatable :: folder
 
-      folder = path(:index(path, "/", back=.true.))
+      folder = path(:scan(path, "/"//other_separator(), back=.true.))
    end function folder_of
 
    !> File name of a path without its folder.
@@ -142,7 +146,7 @@ contains
       character(len=*), intent(in) :: path
       character(len=:), allocatable :: name
 
-      name = path(index(path, "/", back=.true.) + 1:)
+      name = path(scan(path, "/"//other_separator(), back=.true.) + 1:)
    end function name_of
 
    !> Hidden file name in the same folder.

@@ -319,7 +319,7 @@ contains
       integer(i16) :: squares
 
       squares = int(high, i16)*square_base + low
-      std = sqrt(real(n*squares - int(total, i16)**2, wp)/(real(n, wp)*(n - 1)))
+      std = sqrt(real(n*squares - int(total, i16)*total, wp)/(real(n, wp)*(n - 1)))
    end function std_of_sums
 
    !> Rank of a limit of the 95 % interval of quantile p of n numbers, from the binomial distribution: the rule of the

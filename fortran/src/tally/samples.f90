@@ -68,7 +68,7 @@ contains
       samples%groups(coarse, quantity, group, place) = samples%groups(coarse, quantity, group, place) + 1
       associate (words => samples%sums(:, quantity, part, place))
          call add_digits(words(1:2), int(number, i16))
-         call add_digits(words(3:4), int(number, i16)**2)
+         call add_digits(words(3:4), int(number, i16)*number)
          words(5) = max(words(5), number)
       end associate
    end subroutine add_number

@@ -28,7 +28,7 @@ module rockfall_obstacles
       integer :: kind = none        !! barrier, tree
       integer :: number = 0         !! index of the barrier
       real(wp) :: time = no_hit_time  !! since the start of the flight [s]
-      type(tree_hit_t) :: hit       !! hit of a tree
+      type(tree_hit_t) :: hit = tree_hit_t()  !! hit of a tree
    end type obstacle_t
 
 contains

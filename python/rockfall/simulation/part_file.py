@@ -444,7 +444,7 @@ def _are_sources(part: Part) -> bool:
         return False
     if "boulders" not in case.case or case.release["by_area"]:
         return bool((sources <= part.origin.boulders).all())
-    numbers = part.arrays.get("boulder", np.arange(part.first, part.last + 1))
+    numbers = part.arrays.get("boulder", np.arange(part.first, part.last + 1, dtype="i8"))
     return np.array_equal(sources, (numbers - 1) // case.case["boulders"] + 1)
 
 

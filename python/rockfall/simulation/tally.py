@@ -134,7 +134,7 @@ class Tally:
             return number[self.chosen]
         if self.marks is not None:
             return self.before + 1 + np.asarray(self.chosen)
-        return np.arange(self.before + 1, self.before + self.done + 1)
+        return np.arange(self.before + 1, self.before + self.done + 1, dtype="i8")
 
     def go_on(self, scene: Scene) -> None:
         """Make room for the additional boulders of a scene."""

@@ -220,7 +220,8 @@ def trajectory_variables(recorded: dict[int, np.ndarray]) -> dict[str, Any]:
         return {}
     vertices = np.concatenate([*recorded.values()])
     columns = dict(zip(fields("vertex"), vertices.T, strict=True))
-    columns["boulder"] = np.repeat([*recorded], [len(one) for one in recorded.values()])
+    numbers = np.array([*recorded], "i8")
+    columns["boulder"] = np.repeat(numbers, [len(rows) for rows in recorded.values()])
     return {
         f"trajectory_{name}": ("trajectory_vertex", columns[name], about)
         for name, about in variables.VERTEX.items()

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""HDF5, netCDF and netCDF-Fortran for Windows, static, compiled from Debian's source packages.
+
+usage: windows_netcdf.py FOLDER   FOLDER/netcdf-fortran.pc; needs CMake, libz-mingw-w64-dev and Wine
+
+Without remote access, which the program does not use: neither DAP nor HTTP, so no curl and no XML.
+"""
+
+import os
+import re
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+
+from windows_lapack import COMPILER, fetch
+
+WINE = "/usr/lib/wine/wine64"
+PREFIX = "/usr/x86_64-w64-mingw32"
+ZLIB = f"{PREFIX}/lib/libz.a"
+TOOLCHAIN = f"""
+set(CMAKE_SYSTEM_NAME Windows)
+set(CMAKE_SYSTEM_PROCESSOR x86_64)
+set(CMAKE_C_COMPILER x86_64-w64-mingw32-gcc)
+set(CMAKE_RC_COMPILER x86_64-w64-mingw32-windres)
+set(CMAKE_FIND_ROOT_PATH {PREFIX})
+set(CMAKE_FIND_ROOT_PATH_MODE_PROGRAM NEVER)
+set(CMAKE_FIND_ROOT_PATH_MODE_LIBRARY ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_INCLUDE ONLY)
+set(CMAKE_CROSSCOMPILING_EMULATOR {WINE})
+"""
+COMMON = (
+    "-DCMAKE_BUILD_TYPE=Release", "-DBUILD_SHARED_LIBS=OFF", "-DBUILD_TESTING=OFF",
+    f"-DZLIB_LIBRARY={ZLIB}", f"-DZLIB_INCLUDE_DIR={PREFIX}/include",
+)  # fmt: skip
+HDF5 = [
+    *(f"-DHDF5_{one}=OFF" for one in ("BUILD_TOOLS", "BUILD_EXAMPLES", "BUILD_CPP_LIB")),
+    "-DHDF5_BUILD_FORTRAN=OFF", "-DHDF5_ENABLE_SZIP_SUPPORT=OFF",
+    "-DHDF5_ENABLE_Z_LIB_SUPPORT=ON",
+]  # fmt: skip
+NETCDF = [
+    f"-DENABLE_{one}=OFF"
+    for one in ("DAP", "BYTERANGE", "NCZARR", "HDF4", "TESTS", "LIBXML2", "PLUGINS", "EXAMPLES")
+] + ["-DENABLE_FILTER_TESTING=OFF", "-DBUILD_UTILITIES=OFF"]
+#: Files of netCDF-Fortran, each after those that it uses.
+FORTRAN = """
+typeSizes.f90 module_netcdf_nc_data.F90 module_netcdf_nc_interfaces.f90 module_netcdf_nf_data.F90
+module_netcdf_nf_interfaces.F90 module_netcdf_f03.f90 nf_attio.F90 nf_control.F90 nf_dim.f90
+nf_misc.f90 nf_genatt.f90 nf_geninq.f90 nf_genvar.f90 nf_vario.F90 nf_var1io.F90 nf_varaio.F90
+nf_varmio.F90 nf_varsio.F90 nf_nc_noparallel.f90 module_netcdf4_nc_interfaces.f90
+module_netcdf4_nf_interfaces.F90 module_netcdf4_f03.f90 nf_nc4.f90 netcdf4.f90
+""".split()
+#: What configure finds of this compiler.
+KINDS = [
+    f"-D{name}"
+    for name in (
+        "HAVE_F2008", "HAVE_TS29113_SUPPORT", "USE_NETCDF4", "NO_NETCDF_2", "NF_INT1_T=byte",
+        "NF_INT1_IS_C_SIGNED_CHAR", "NF_INT2_T=integer*2", "NF_INT2_IS_C_SHORT",
+        "NF_INT_IS_C_INT", "NF_INT8_IS_C_LONG_LONG", "NF_REAL_IS_C_FLOAT",
+        "NF_DOUBLEPRECISION_IS_C_DOUBLE",
+    )
+]  # fmt: skip
+
+
+def main(folder: str) -> None:
+    place = Path(folder).resolve()
+    place.mkdir(parents=True, exist_ok=True)
+    fetch(place, "hdf5", "netcdf", "netcdf-fortran")
+    for archive in place.glob("*.orig.tar.*"):
+        with tarfile.open(archive) as packed:
+            packed.extractall(place, filter="data")
+    (place / "windows.cmake").write_text(TOOLCHAIN)
+    install_hdf5(place)
+    install_netcdf(place)
+    install_netcdf_fortran(place)
+
+
+def install_hdf5(place: Path) -> None:
+    (tree,) = place.glob("hdf5-*/")
+    # MinGW has unistd.h, and not what HDF5 takes to come with it
+    edit(tree / "src/H5private.h", r"^#include <sys/wait.h>", "")
+    build = place / "build-hdf5"
+    build.mkdir(exist_ok=True)
+    # digits of long double and of __float128, which a program writes elsewhere under an emulator
+    (build / "pac_Cconftest.out").write_text("21;0;")
+    cmake(place, tree, build, HDF5)
+
+
+def install_netcdf(place: Path) -> None:
+    (tree,) = place.glob("netcdf-c-*/")
+    edit(tree / "CMakeLists.txt", r"^LANGUAGES C CXX$", "LANGUAGES C")
+    library, include = place / "lib", place / "include"
+    hdf5 = [
+        f"-DHDF5_C_LIBRARY={library}/libhdf5.a", f"-DHDF5_HL_LIBRARY={library}/libhdf5_hl.a",
+        f"-DHDF5_INCLUDE_DIR={include}", f"-DHAVE_HDF5_H={include}", "-DHDF5_VERSION=1.10.8",
+        f"-DHDF5_LIBRARIES={library}/libhdf5_hl.a;{library}/libhdf5.a;{ZLIB}",
+    ]  # fmt: skip
+    cmake(place, tree, place / "build-netcdf", [*NETCDF, *hdf5])
+
+
+def install_netcdf_fortran(place: Path) -> None:
+    (tree,) = place.glob("netcdf-fortran-*/fortran")
+    objects = []
+    for name in FORTRAN:
+        objects.append(place / f"{Path(name).stem}.o")
+        flags = "-O2", "-w", "-cpp", "-fallow-argument-mismatch", "-J", place / "include"
+        run(COMPILER, *flags, *KINDS, f"-I{tree}", "-c", tree / name, "-o", objects[-1])
+    objects.append(place / "nf_lib.o")
+    compiler = "x86_64-w64-mingw32-gcc", "-O2", "-w", "-DUSE_NETCDF4"
+    headers = f"-I{place}/include", f"-I{tree.parent}/libsrc"
+    run(*compiler, *headers, "-c", tree / "nf_lib.c", "-o", objects[-1])
+    run("x86_64-w64-mingw32-ar", "rcs", place / "lib/libnetcdff.a", *objects)
+    libraries = f"-L{place}/lib -lnetcdff -lnetcdf -lhdf5_hl -lhdf5 {ZLIB} -lws2_32 -lshlwapi"
+    for name in ("netcdf", "netcdf-fortran"):
+        (place / f"{name}.pc").write_text(
+            f"includedir={place}/include\nName: {name}\nDescription: static\nVersion: 4\n"
+            f"Libs: {libraries}\nCflags: -I{place}/include\n"
+        )
+
+
+def cmake(place: Path, tree: Path, build: Path, options: list[str]) -> None:
+    """Configure, build and install a library into `place`."""
+    where = f"-DCMAKE_TOOLCHAIN_FILE={place}/windows.cmake", f"-DCMAKE_INSTALL_PREFIX={place}"
+    run("cmake", "-S", tree, "-B", build, *where, *COMMON, *options)
+    run("cmake", "--build", build, "--target", "install", "--parallel")
+
+
+def run(*command: object) -> None:
+    env = os.environ | {"WINEDEBUG": "-all"}
+    subprocess.run([str(word) for word in command], check=True, env=env)
+
+
+def edit(path: Path, pattern: str, text: str) -> None:
+    path.write_text(re.sub(pattern, text, path.read_text(), flags=re.MULTILINE))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
