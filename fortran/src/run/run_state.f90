@@ -36,6 +36,13 @@ module rockfall_run_state
    integer(i8), parameter :: no_row = huge(1_i8)           !! number of a row that is still empty
    integer, parameter :: n_totals = size(boulder_counts) - 3  !! of boulder_counts: those summed over all boulders
 
+   !> Tallies of maps, in stacks of layers as those of run_t.
+   type :: tallies_t
+      integer(i4), allocatable :: counts(:, :, :)
+      integer(i8), allocatable :: sums(:, :, :)
+      real(sp), allocatable :: maxima(:, :, :)
+   end type tallies_t
+
    !> Run, or a range of its boulders. Arrays that the case does not need have size zero.
    type :: run_t
       integer(i8) :: total = 0, before = 0, boulders = 0  !! boulders of the whole run, before the range, in the range
@@ -73,6 +80,7 @@ module rockfall_run_state
       integer(i4), pointer :: columns(:) => null()        !! scalar: number assigned
       integer(i4), pointer, contiguous :: last_source(:, :, :) => null()  !! as in maps_t, with its first_partial
       integer(i8) :: first_partial = 0
+      type(tallies_t), allocatable :: own(:)              !! of each thread after the first, as maps_of_threads decides
       integer(i8) :: max_columns = max_columns            !! maximum for `bin_counts`
       integer :: min_passages = 1                         !! for a mean or a quantile in a cell
       type(contributing_t) :: shared                      !! cells of partial sources, set by `settle_partial_sources`
@@ -81,6 +89,10 @@ module rockfall_run_state
       real(wp), allocatable :: left_at(:, :)              !! (boulders, 2), map coordinates [m]
       type(c_ptr), private :: block(12) = c_null_ptr      !! of memory
    end type run_t
+
+   !> Tallies of threads' own: their maximum size, in all and for each boulder of a call, which takes some 30 us while
+   !> these bytes are added in less than one.
+   integer(i8), parameter :: max_own = 2_i8**23, own_per_boulder = 4096  !! [bytes]
 
    interface
       !> Zeroed memory, allocated lazily.
@@ -254,18 +266,10 @@ contains
       type(run_t), intent(inout) :: run
       type(run_t), intent(in) :: part
       type(error_t), allocatable, intent(out) :: error
-      integer :: i, j, k
+      integer :: i, j
 
       do j = 1, run%nodes(2)
-         do k = 1, size(run%counts, 3)
-            where (part%counts(:, j, k) /= 0) run%counts(:, j, k) = run%counts(:, j, k) + part%counts(:, j, k)
-         end do
-         do k = 1, size(run%sums, 3)
-            where (part%sums(:, j, k) /= 0) run%sums(:, j, k) = run%sums(:, j, k) + part%sums(:, j, k)
-         end do
-         do k = 1, size(run%maxima, 3)
-            where (part%maxima(:, j, k) > run%maxima(:, j, k)) run%maxima(:, j, k) = part%maxima(:, j, k)
-         end do
+         call add_row(j, part%counts, part%sums, part%maxima, run)
          do i = 1, merge(run%nodes(1), 0, size(part%column) > 0)
             if (part%column(i, j) == 0) cycle
             if (run%column(i, j) == 0) then
@@ -282,6 +286,26 @@ contains
          end do
       end do
    end subroutine merge_maps
+
+   !> Add row j of other tallies of the same cells.
+   pure subroutine add_row(j, counts, sums, maxima, run)
+      integer, intent(in) :: j
+      integer(i4), intent(in) :: counts(:, :, :)
+      integer(i8), intent(in) :: sums(:, :, :)
+      real(sp), intent(in) :: maxima(:, :, :)
+      type(run_t), intent(inout) :: run
+      integer :: k
+
+      do k = 1, size(run%counts, 3)
+         where (counts(:, j, k) /= 0) run%counts(:, j, k) = run%counts(:, j, k) + counts(:, j, k)
+      end do
+      do k = 1, size(run%sums, 3)
+         where (sums(:, j, k) /= 0) run%sums(:, j, k) = run%sums(:, j, k) + sums(:, j, k)
+      end do
+      do k = 1, size(run%maxima, 3)
+         where (maxima(:, j, k) > run%maxima(:, j, k)) run%maxima(:, j, k) = maxima(:, j, k)
+      end do
+   end subroutine add_row
 
    subroutine close_run(run)
       type(run_t), intent(inout) :: run
@@ -465,7 +489,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(boulder_result_t), allocatable :: results(:)
       type(crossing_t), allocatable :: crossings(:, :)
-      type(maps_t) :: maps
+      type(maps_t), allocatable :: maps(:)
       integer(i8), allocatable :: row(:)  !! of each boulder; 0: none is kept
       integer(i8) :: k, number
       integer :: status
@@ -476,9 +500,10 @@ contains
          call fail(error, integer_text(n)//" boulders of a chunk do not fit in memory")
          return
       end if
-      maps = map_tallies(run, run%at)
+      maps = maps_of_threads(run, n)
       call run_boulders(scene, first, step, run%threads, results, crossings, maps, run%histogram, run%by_ground)
-      if (lacks_slots(maps)) then
+      if (size(maps) > 1) call take_own_tallies(run)
+      if (lacks_slots(maps(1))) then
          call fail(error, "&output maps: boulders reach more than "//integer_text(size(run%bin_counts, 2)) &
                    //" cells; the counts of quantile maps in more do not fit in memory")
          return
@@ -502,6 +527,52 @@ contains
       run%left_at(:, 2) = pack(results%stop(2), results%status == left_window) + scene%dem%y0
       if (step == 1) run%done = max(run%done, first + n - 1 - run%before)
    end subroutine advance
+
+   !> Maps to which each thread adds in a call of n boulders: its own while they are small, because threads that share
+   !> them wait for each other; else the first for all. Columns of bin counts and marks of sources are shared.
+   function maps_of_threads(run, n) result(maps)
+      type(run_t), intent(inout), target :: run
+      integer(i8), intent(in) :: n
+      type(maps_t), allocatable :: maps(:)
+      integer(i8) :: bytes
+      logical :: share
+      integer :: k
+
+      bytes = (4*size(run%counts, kind=i8) + 8*size(run%sums, kind=i8) + 4*size(run%maxima, kind=i8))*(run%threads - 1)
+      share = run%plan%rows > 0 .or. any(run%plan%count(3:4) > 0) .or. bytes > min(max_own, own_per_boulder*n)
+      allocate (maps(merge(1, run%threads, share)))
+      maps(1) = map_tallies(run, run%at)
+      if (share) return
+      if (.not. allocated(run%own)) then
+         allocate (run%own(run%threads - 1))
+         do k = 1, size(run%own)
+            allocate (run%own(k)%counts(size(run%counts, 1), size(run%counts, 2), size(run%counts, 3)), source=0_i4)
+            allocate (run%own(k)%sums(size(run%sums, 1), size(run%sums, 2), size(run%sums, 3)), source=0_i8)
+            allocate (run%own(k)%maxima(size(run%maxima, 1), size(run%maxima, 2), size(run%maxima, 3)), source=0.0_sp)
+         end do
+      end if
+      do k = 1, size(run%own)
+         maps(k + 1) = map_views(run%plan, run%thresholds, run%at, run%own(k)%counts, run%own(k)%sums, &
+                                 run%own(k)%maxima, run%bin_counts, run%column, run%columns(1))
+      end do
+   end function maps_of_threads
+
+   !> Move what threads added to their own tallies to those of the run.
+   subroutine take_own_tallies(run)
+      type(run_t), intent(inout) :: run
+      integer :: k, j
+
+      do k = 1, size(run%own)
+         associate (own => run%own(k))
+            do j = 1, run%nodes(2)
+               call add_row(j, own%counts, own%sums, own%maxima, run)
+            end do
+            own%counts = 0
+            own%sums = 0
+            own%maxima = 0
+         end associate
+      end do
+   end subroutine take_own_tallies
 
    pure subroutine add_counts(run, result)
       type(run_t), intent(inout) :: run

@@ -68,7 +68,6 @@ module rockfall_maps
    !> Maxima of one boulder in one cell.
    type :: visit_t
       integer :: cell(2) = 0        !! column, row
-      integer :: entry = 0          !! index of its entry in the hash table
       real(wp) :: max(3) = 0.0_wp   !! speed**2, twice the energy per mass [m2/s2]; jump height [m]
    end type visit_t
 
@@ -157,12 +156,9 @@ contains
    !> Start the visits of a boulder.
    pure subroutine start_visits(visits)
       type(visits_t), intent(inout) :: visits
-      integer :: k
 
       if (.not. allocated(visits%entry)) call resize_table(visits, first_entries)
-      do k = 1, visits%n
-         visits%entry(visits%visit(k)%entry) = 0
-      end do
+      if (visits%n > 0) visits%entry = 0
       visits%n = 0
       visits%last = 0
       visits%timed = 0
@@ -325,7 +321,7 @@ contains
       visits%n = visits%n + 1
       visits%last = visits%n
       visits%entry(k) = visits%n
-      visits%visit(visits%n) = visit_t(cell, k)
+      visits%visit(visits%n) = visit_t(cell)
    end subroutine enter_other_cell
 
    !> Rebuild the table with a new number of entries.

@@ -3,6 +3,7 @@
 !> element, and tallies are exact, so neither threads nor chunks change a bit.
 module rockfall_ensemble
    use, intrinsic :: iso_c_binding, only: c_int
+   use omp_lib, only: omp_get_thread_num
    use rockfall_kinds, only: i8
    use rockfall_threads, only: team_size
    use rockfall_flight, only: span_t
@@ -47,29 +48,33 @@ module rockfall_ensemble
 contains
 
    !> Run boulders `first`, `first + step` and so on, as many as there are results; add to maps and histogram counts.
-   !> Boulders that left the window of the terrain (see status) are not counted.
+   !> Boulders that left the window of the terrain (see status) are not counted. Each thread adds to maps of its own, or
+   !> all to the same.
    subroutine run_boulders(scene, first, step, threads, results, crossings, maps, histogram_counts, by_ground)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first, step                 !! step: 1 if maps count sources
       integer, intent(in) :: threads                         !! as for team_size
       type(boulder_result_t), intent(out) :: results(:)
       type(crossing_t), intent(inout) :: crossings(:, :)     !! (lines, boulders)
-      type(maps_t), intent(in) :: maps
+      type(maps_t), intent(in) :: maps(:)                    !! one, or one for each thread
       integer(i8), intent(inout) :: histogram_counts(:, :)   !! (bins, quantities)
       integer(i8), intent(inout) :: by_ground(:)             !! rebounds, if the scene has several grounds
 
-      type(maps_t) :: shared_maps
+      type(maps_t) :: maps_of_thread(size(maps))
+      logical :: are_shared
       integer :: next
 
-      shared_maps = maps
-      if (team_size(threads) > 1) call init_locks(shared_maps, scene%dem%ny)
+      maps_of_thread = maps
+      are_shared = team_size(threads) > size(maps)
+      if (are_shared) call init_locks(maps_of_thread(1), scene%dem%ny)
       next = 1
       !$omp parallel default(none) num_threads(team_size(threads)) &
-      !$omp& shared(scene, first, step, threads, results, crossings, shared_maps, histogram_counts, by_ground, next)
-      call run_thread(scene, first, step, threads, results, crossings, shared_maps, histogram_counts, by_ground, &
-                      next)
+      !$omp& shared(scene, first, step, threads, results, crossings, maps_of_thread, histogram_counts, by_ground, next)
+      call run_thread(scene, first, step, threads, results, crossings, &
+                      maps_of_thread(min(omp_get_thread_num() + 1, size(maps_of_thread))), histogram_counts, &
+                      by_ground, next)
       !$omp end parallel
-      if (team_size(threads) > 1) call free_locks(shared_maps)
+      if (are_shared) call free_locks(maps_of_thread(1))
    end subroutine run_boulders
 
    !> Run one thread's part of the boulders. A separate procedure, so that its work space is default-initialised, which

@@ -87,7 +87,7 @@ contains
       maps%passages => passages
       run%histogram = 0
       allocate (by_ground(merge(2, 0, allocated(scene%grounds))), source=0_i8)
-      call run_boulders(scene, 1_i8, 1_i8, 1, run%results, run%crossings, maps, run%histogram, by_ground)
+      call run_boulders(scene, 1_i8, 1_i8, 1, run%results, run%crossings, [maps], run%histogram, by_ground)
       run%passages = passages
    end subroutine run_by
 
