@@ -95,3 +95,20 @@ def test_extreme_scenes_are_the_same_in_lanes(name, tmp_path):
     assert alone.impacts.sum() > 20
     for lanes in (NARROW, WIDE):
         same_numbers(carried(scene, lanes), alone)
+
+
+@pytest.mark.parametrize("lanes", [ONE_BY_ONE, WIDE])
+def test_a_line_has_the_same_crossings_among_many(tmp_path, lanes):
+    """Many lines have an index of places; few are all compared with each flight."""
+    random = np.random.default_rng(7)
+    x = random.uniform(5.0, 295.0, (40, 3))
+    y = random.uniform(100.0, 380.0, (40, 1)) + random.uniform(-60.0, 20.0, (40, 3))
+    lines = [{"name": f"L{k}", "x": [*x[k]], "y": [*y[k]]} for k in range(40)]
+    lines[5] |= {"object_width": 4.0}
+    together = carried(slope(tmp_path, lines), lanes, threads=2)
+    assert (np.isfinite(together["line_time"].values).sum(axis=1) > 0).sum() > 20
+    for first in range(0, 40, 8):
+        few = carried(slope(tmp_path, lines[first : first + 8]), lanes, threads=2)
+        for name in few.variables:
+            if name.startswith("line_") and few[name].dims == ("line", "boulder"):
+                np.testing.assert_array_equal(together[name][first : first + 8], few[name])
