@@ -12,7 +12,9 @@ import argparse
 import os
 import shutil
 import subprocess
+from typing import Any
 
+import numpy as np
 from rockfall._core import rockfall_f2py as _core
 
 import rockfall
@@ -25,6 +27,14 @@ from rockfall.simulation.simulate import run_scene
 MAPS = ["passages", "reach_probability", "deposits", "energy_max", "energy_mean"]
 MAPS += ["speed_max_map", "jump_height_max_map"]
 EVERY_MAP = list(variables.MAP)
+
+
+def lines_across(count: int) -> list[dict[str, Any]]:
+    """Evaluation lines across the slope, from below the source down."""
+    y = np.linspace(560.0, 300.0, count)
+    return [{"name": f"line {k}", "x": [1.25, 198.75], "y": [at, at]} for k, at in enumerate(y)]
+
+
 OPTIONS = {
     "nothing asked for": {"line": [], "output": NOTHING},
     "two evaluation lines": {"output": NOTHING},
@@ -33,6 +43,8 @@ OPTIONS = {
     "lines, seven maps": {"output": NOTHING | {"maps": MAPS}},
     "lines, every map": {"output": NOTHING | {"maps": EVERY_MAP}},
     "method A": {"line": [], "output": NOTHING, "surface": {"method": "A"}},
+    "100 lines": {"line": lines_across(100), "output": NOTHING},
+    "1000 lines": {"line": lines_across(1000), "output": NOTHING},
 }
 
 
