@@ -53,18 +53,18 @@ def read_sources(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Source
     """
     release = inputs.case.release
     if "x" in release:
-        found = Sources(np.asarray(release["x"]), np.asarray(release["y"]))
+        sources = Sources(np.asarray(release["x"]), np.asarray(release["y"]))
     elif "points" in release:
-        found = _find_points(inputs)
+        sources = _find_points(inputs)
     else:
-        found = _find_cells(inputs, bands)
-    return _with_boulders(inputs, found) if "d1" in inputs.case.boulder else found
+        sources = _find_cells(inputs, bands)
+    return _with_boulders(inputs, sources) if "d1" in inputs.case.boulder else sources
 
 
 def _find_cells(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources:
     """Find the centres of source cells."""
     case, grid, release = inputs.case, inputs.grid, inputs.case.release
-    found, area, lowest = [], [], Lowest()
+    centres, area, lowest = [], [], Lowest()
     polygons, table = _polygons(inputs)
     features: list[np.ndarray] = []
     for band, box in bands:
@@ -72,11 +72,11 @@ def _find_cells(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources
         blocks = {rows.start: np.argwhere(block > 0) for rows, block in parts}
         cells = [blocks[start] + (start, 0) for start in sorted(blocks)]
         row, column = np.concatenate(cells).T
-        found.append((grid.x[column], grid.y[row]))
+        centres.append((grid.x[column], grid.y[row]))
         features += [] if polygons is None else [polygons[row, column].astype("i4")]
         if release["by_area"] and row.size:
-            area.append(area_ratios(band, *found[-1]))
-    x, y = (np.concatenate(axis) for axis in zip(*found, strict=True))
+            area.append(area_ratios(band, *centres[-1]))
+    x, y = (np.concatenate(axis) for axis in zip(*centres, strict=True))
     if not x.size and release["steep_cells"]:
         raise RockfallError(
             f"{case.name}: &release steep_cells: no cell is as steep as "
@@ -178,13 +178,13 @@ def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
 
 def _at_sources(inputs: Inputs, sources: Sources, key: str, what: str, dtype: Any) -> np.ndarray:
     """Values of a raster at the source cells."""
-    grid, found = inputs.grid, np.empty(sources.x.size, dtype)
+    grid, values = inputs.grid, np.empty(sources.x.size, dtype)
     row = ((grid.north - sources.y) / grid.cell).astype(int).clip(0, grid.ny - 1)
     column = ((sources.x - grid.west) / grid.cell).astype(int).clip(0, grid.nx - 1)
     for rows, block in inputs.blocks(key, what, dtype, smooth=False):
         in_rows = (row >= rows.start) & (row < rows.stop)
-        found[in_rows] = block[row[in_rows] - rows.start, column[in_rows]]
-    return found
+        values[in_rows] = block[row[in_rows] - rows.start, column[in_rows]]
+    return values
 
 
 def _check(

@@ -175,8 +175,8 @@ class Counts(Sample):
 
     def between(self, level: float, effective: float) -> tuple[float, float]:
         ranks = ranks_around(self.n, level, effective) - 1
-        known = (ranks >= 0) & (ranks <= self.n - 1)
-        low, high = np.where(known, self._at(np.clip(ranks, 0, self.n - 1)), np.nan)
+        is_inside = (ranks >= 0) & (ranks <= self.n - 1)
+        low, high = np.where(is_inside, self._at(np.clip(ranks, 0, self.n - 1)), np.nan)
         return low, high
 
     def largest(self, n: int) -> np.ndarray:
@@ -193,12 +193,12 @@ class Counts(Sample):
         k = np.searchsorted(self._before + self._bins, rank, side="right")
         alone = self._width[k] == 1
         within = np.where(alone, 0.5, (rank - self._before[k] + 0.5) / self._bins[k])
-        found = (self._low[k] + self._width[k] * within) / self._unit
+        values = (self._low[k] + self._width[k] * within) / self._unit
         if not self._tail.size:
-            return found
+            return values
         place = rank - (self.n - self._tail.size)
         return np.where(
-            place >= 0, self._tail[np.maximum(place, 0)], np.minimum(found, self._tail[0])
+            place >= 0, self._tail[np.maximum(place, 0)], np.minimum(values, self._tail[0])
         )
 
     def effective_passing(self) -> float:
