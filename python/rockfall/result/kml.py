@@ -80,9 +80,9 @@ def _title(row: Mapping[str, Any]) -> str:
 
 def _attributes(row: Mapping[str, Any]) -> str:
     """Attributes of a feature that are not missing."""
-    known = ((key, value) for key, value in row.items() if value is not None and value == value)
+    given = ((key, value) for key, value in row.items() if value is not None and value == value)
     data = "".join(
-        f"<Data name={quoteattr(key)}><value>{_text(value)}</value></Data>" for key, value in known
+        f"<Data name={quoteattr(key)}><value>{_text(value)}</value></Data>" for key, value in given
     )
     return f"<ExtendedData>{data}</ExtendedData>"
 
@@ -149,4 +149,6 @@ def _drawn(symbol: Symbol) -> str:
 
 def _text(value: object) -> str:
     """A value as text of XML, without characters that XML cannot hold."""
-    return escape("".join(one for one in str(value) if one in "\t\n" or one >= " "))
+    return escape(
+        "".join(character for character in str(value) if character in "\t\n" or character >= " ")
+    )

@@ -82,10 +82,10 @@ class Ground:
     def _take_elevations(self, z: np.ndarray) -> None:
         self.low.take(z)
         self.high.take(-z)
-        known = ~np.isnan(z)
-        self.known += int(np.count_nonzero(known))
+        is_known = ~np.isnan(z)
+        self.known += int(np.count_nonzero(is_known))
         self.deep += int(np.count_nonzero(z < LOWEST_LAND))
-        self.integers = self.integers and bool((np.rint(z) == z)[known].all())
+        self.integers = self.integers and bool((np.rint(z) == z)[is_known].all())
         if not self.integers:
             return
         for along in z, z.T:

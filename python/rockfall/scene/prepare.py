@@ -102,15 +102,19 @@ def _scene_file(scene: Scene) -> Contents:
     }
     for name, (dims, units, long_name) in ABOUT.items():
         if name in arrays:
-            about = {"units": units, "long_name": long_name}
-            about |= {"grid_mapping": "crs"} if dims.endswith("y x") else {}
-            data[name] = (tuple(dims.split()), arrays[name], about)
-    about = {"long_name": "file of impact sets", "file": scene.sets.name}
-    data["impact_sets"] = (("impact_sets_length",), arrays["impact_sets"].view("S1"), about)
+            attributes = {"units": units, "long_name": long_name}
+            attributes |= {"grid_mapping": "crs"} if dims.endswith("y x") else {}
+            data[name] = (tuple(dims.split()), arrays[name], attributes)
+    attributes = {"long_name": "file of impact sets", "file": scene.sets.name}
+    data["impact_sets"] = (("impact_sets_length",), arrays["impact_sets"].view("S1"), attributes)
     if scene.grounds:
         names = arrays["ground_names"].tobytes().decode()
-        about = {"long_name": "grounds, one after the other", "names": names}
-        data["ground_text"] = (("ground_text_length",), arrays["ground_text"].view("S1"), about)
+        attributes = {"long_name": "grounds, one after the other", "names": names}
+        data["ground_text"] = (
+            ("ground_text_length",),
+            arrays["ground_text"].view("S1"),
+            attributes,
+        )
     attrs = {
         "Conventions": CONVENTIONS,
         "scene_layout": LAYOUT,

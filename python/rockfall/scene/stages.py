@@ -126,17 +126,17 @@ class WatchedCase(Case):
         return value
 
     def _note(self, group: str, value: Any) -> None:
-        known = self.__dict__
-        if group not in known["seen"]:
-            known["seen"][group] = value
-            for path in group_files(known["_original"], group) if known["_reads"] else ():
-                known["states"][path] = _state(path)
+        state = self.__dict__
+        if group not in state["seen"]:
+            state["seen"][group] = value
+            for path in group_files(state["_original"], group) if state["_reads"] else ():
+                state["states"][path] = _state(path)
 
 
 def _state(path: Path) -> tuple[int, int, int] | None:
     """Something that differs once a file is written again; None for a file that does not exist."""
     try:
-        found = os.stat(path)
+        status = os.stat(path)
     except OSError:
         return None
-    return found.st_mtime_ns, found.st_size, found.st_ino
+    return status.st_mtime_ns, status.st_size, status.st_ino

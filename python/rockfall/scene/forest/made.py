@@ -41,7 +41,7 @@ def made_trees(inputs: Inputs) -> tuple[Planted, Stands | None]:
     """Generate the trees of a case with a stem density; and the stands of its layer, if any."""
     grid, table, seed = inputs.grid, read_species(inputs), inputs.case.forest["seed"]
     stands = read_stands(inputs, table)
-    columns = {row: found for row, found in _columns(inputs, stands) if found.size}
+    columns = {row: trees for row, trees in _columns(inputs, stands) if trees.size}
     if not columns:
         raise _treeless(inputs)
     rows = sorted(columns)
@@ -164,11 +164,11 @@ def _shares(inputs: Inputs, percent: np.ndarray) -> np.ndarray:
 
 def _at_trees(inputs: Inputs, key: str, cells: Cells) -> np.ndarray:
     """Values of a raster at trees, or the uniform value."""
-    found = np.empty(cells.row.size)
+    values = np.empty(cells.row.size)
     for rows, block in _blocks(inputs, key):
         in_rows = slice(*np.searchsorted(cells.row, [rows.start, rows.stop]))
-        found[in_rows] = block[cells.row[in_rows] - rows.start, cells.column[in_rows]]
-    return found
+        values[in_rows] = block[cells.row[in_rows] - rows.start, cells.column[in_rows]]
+    return values
 
 
 def _blocks(inputs: Inputs, key: str) -> Iterator[tuple[slice, np.ndarray]]:
@@ -189,6 +189,6 @@ def _check(inputs: Inputs, key: str, values: np.ndarray, good: np.ndarray) -> No
         "stems": f"0 to {MAX_DENSITY:,.0f} a hectare", "conifers": "0 to 100 %",
         "dbh_mean": f"> 0 and at most {MAX_DBH:g} cm", "dbh_std": f"0 to {MAX_DBH:g} cm",
     }  # fmt: skip
-    about = inputs.case.path(forest[key]) if key in forest else f"{inputs.case.name}: &forest {key}"
+    where = inputs.case.path(forest[key]) if key in forest else f"{inputs.case.name}: &forest {key}"
     first = values[~good].flat[0]
-    raise RockfallError(f"{about}: {first:g} where trees stand: must be {limits[key]}")
+    raise RockfallError(f"{where}: {first:g} where trees stand: must be {limits[key]}")
