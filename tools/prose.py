@@ -65,7 +65,7 @@ KERNEL = ROOT / "fortran/src"
 PACKAGE = ROOT / "python/rockfall"
 NOT_YET = {PACKAGE / "app", PACKAGE / "system.py"}  # their names and docstrings
 #: Names of variables and arguments of the package that do not name the thing.
-EMPTY_NAMES = {"its", "mine", "of", "said", "some"}
+EMPTY_NAMES = {"about", "found", "its", "known", "mine", "of", "one", "said", "some"}
 #: A docstring that begins so is no sentence and no noun phrase.
 HEADLESS = re.compile(r"(?:What|Of|How|Whether|Where|Those|The same|Which|Who)\b")
 FENCE = re.compile(r"^\s*(```|~~~|\$\$)")

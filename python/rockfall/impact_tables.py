@@ -117,7 +117,7 @@ def _write(table: ImpactTable, path: Path, **where: Any) -> None:
     for k, name in enumerate(FIELDS):
         data[name] = ("record", table.record[:, k])
     scales = {name: getattr(table, name) for name in SCALES}
-    dataset = xr.Dataset(data, attrs={"title": "table of impacts", **scales, **table.about})
+    dataset = xr.Dataset(data, attrs={"title": "table of impacts", **scales, **table.attrs})
     packed = {name: {"zlib": True, "complevel": 9} for name in data}
     dataset.to_netcdf(path, encoding=packed, **where)
 
@@ -207,5 +207,5 @@ def _table(data: xr.Dataset, path: str | Path) -> ImpactTable:
     attrs = {str(name): value for name, value in data.attrs.items() if name not in SCALES}
     scales = {name: float(data.attrs[name]) for name in SCALES}
     return ImpactTable(
-        data["ratio"].values, edges, first, shift, low, high, record, **scales, about=attrs
+        data["ratio"].values, edges, first, shift, low, high, record, **scales, attrs=attrs
     )

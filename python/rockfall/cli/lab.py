@@ -164,7 +164,7 @@ def table_command(arguments: argparse.Namespace) -> int:
     made = table_of([open_contacts(path) for path in arguments.contacts])
     save_table(made, arguments.output)
     if not arguments.quiet:
-        print(f"{made.about['contacts']} contacts, {len(made.record)} records")
+        print(f"{made.attrs['contacts']} contacts, {len(made.record)} records")
         print(arguments.output)
     return DONE
 

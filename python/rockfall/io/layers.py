@@ -109,7 +109,7 @@ def numbered_polygons(
 
 
 def _burnt(
-    polygons: _Found, grid: Grid, numbers: np.ndarray, outside: int, order: int = 1
+    polygons: _Features, grid: Grid, numbers: np.ndarray, outside: int, order: int = 1
 ) -> np.ndarray:
     """Number of the last polygon (the first, for order -1) that holds each cell."""
     from rasterio.features import rasterize
@@ -206,7 +206,7 @@ def plain(value: Any) -> Any:
     return value
 
 
-class _Found(NamedTuple):
+class _Features(NamedTuple):
     """A layer in coordinates of the terrain."""
 
     path: str
@@ -224,7 +224,7 @@ def _on_terrain(
     remarks: list[str],
     layer: str | None,
     key: str,
-) -> _Found:
+) -> _Features:
     """Read valid shapes of the given kinds (`what`: a plural, for messages) with the given
     attributes, or all (None), from a `layer`, or the only one. All layers are read by this
     function. `key` is the case key of a layer, for messages.
@@ -236,16 +236,16 @@ def _on_terrain(
     path = str(path)
     if is_drawing(path):
         shapes = _drawn(path, columns, kinds, what, grid, remarks, layer, key)
-        return _Found(path, shapes, {}, _check_shapes(path, shapes, kinds, what))
+        return _Features(path, shapes, {}, _check_shapes(path, shapes, kinds, what))
     metadata, shapes, values = _read(path, columns, what, layer, key)
     bounds = _check_shapes(path, shapes, kinds, what)
     if grid.crs is None:
-        return _Found(path, shapes, values, bounds)
+        return _Features(path, shapes, values, bounds)
     crs = _crs_of(path, metadata, bounds, crs_name(grid.crs))
     if same_crs(crs, grid.crs):
-        return _Found(path, shapes, values, bounds)
+        return _Features(path, shapes, values, bounds)
     shapes = _reprojected(name_of(path, layer), shapes, crs, grid, remarks)
-    return _Found(path, shapes, values, _bounds(shapes))
+    return _Features(path, shapes, values, _bounds(shapes))
 
 
 def _drawn(

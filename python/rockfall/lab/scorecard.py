@@ -31,14 +31,14 @@ UNITS = {"speed": "m/s", "passing_height": "m", "energy_translational": "kJ"}
 
 @dataclass(frozen=True)
 class Target:
-    """Target range of a number: from `low` to `high`, or one-sided; `known` is the value printed in
+    """Target range of a number: from `low` to `high`, or one-sided; `printed` is the value in
     the paper."""
 
     name: str
     label: str
     low: float
     high: float
-    known: str
+    printed: str
     held_out: bool = False  # from every calibration
 
 
@@ -214,7 +214,7 @@ def table(scores: Iterable[Score], wanted: Sequence[Target]) -> str:
         if held_out:
             lines += ["", "Held out of every calibration:"]
         for target in (goal for goal in wanted if goal.held_out == held_out):
-            line = f"{target.label:50}{target.known:>10}{_range(target):>15}"
+            line = f"{target.label:50}{target.printed:>10}{_range(target):>15}"
             for score in scores:
                 value, error = score.mean(target.name), score.error(target.name)
                 text = f"{value:.2f} +- {error:.2f} {verdict(target, value, error):9}"

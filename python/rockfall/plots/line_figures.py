@@ -54,7 +54,7 @@ class Row(NamedTuple):
     source: str
     mean: float
     std: float
-    about: dict[str, Any]
+    look: dict[str, Any]
 
 
 @styled
@@ -223,7 +223,7 @@ def _draw_rows(axes: Axes, rows: list[Row], deepest: int) -> None:
     """Draw means with one standard deviation to each side."""
     for k, row in enumerate(rows):
         spread = row.std if np.isfinite(row.std) else 0.0
-        axes.errorbar(row.mean, k, xerr=spread, lw=1, **row.about)
+        axes.errorbar(row.mean, k, xerr=spread, lw=1, **row.look)
     axes.set_ylim(max(deepest, 1) - 0.5, -0.5)
     axes.set_yticks(range(len(rows)), [row.source for row in rows])
     axes.tick_params(axis="y", length=0)

@@ -91,25 +91,30 @@ def classes_of(unit: str, limits: Limits | None = None) -> Classes:
 
 def read_limits(texts: Iterable[str]) -> Limits:
     """Read limits from `unit=limit,limit...`, such as kJ=30,300."""
-    found = {}
+    limits = {}
     for text in texts:
         unit, _, numbers = text.partition("=")
         try:
-            found[unit] = tuple(float(one) for one in numbers.split(","))
+            limits[unit] = tuple(float(number) for number in numbers.split(","))
         except ValueError:
-            found[unit] = ()
-        rising = all(low < high for low, high in zip(found[unit], found[unit][1:], strict=False))
-        if unit not in UNITS or not found[unit] or not rising or not np.isfinite(found[unit]).all():
+            limits[unit] = ()
+        rising = all(low < high for low, high in zip(limits[unit], limits[unit][1:], strict=False))
+        if (
+            unit not in UNITS
+            or not limits[unit]
+            or not rising
+            or not np.isfinite(limits[unit]).all()
+        ):
             raise RockfallError(
                 f"--limits {text}: must be unit=limit,limit... with rising numbers, such as "
                 f"kJ=30,300; units: {', '.join(UNITS)}"
             )
-    return found
+    return limits
 
 
 def ramp(number: int) -> list[str]:
     """The given number of colours from the ramp."""
-    table = np.array([[int(one[k : k + 2], 16) for k in (1, 3, 5)] for one in RAMP], float)
+    table = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in RAMP], float)
     places = np.linspace(0, len(RAMP) - 1, number)
     mixed = np.column_stack([np.interp(places, range(len(RAMP)), part) for part in table.T])
-    return ["#" + bytes(one).hex() for one in mixed.round().astype(int).tolist()]
+    return ["#" + bytes(rgb).hex() for rgb in mixed.round().astype(int).tolist()]

@@ -138,7 +138,7 @@ def _drawn(symbol: Symbol) -> str:
     red, green, blue = paint(symbol)
     colour = f"{blue:02x}{green:02x}{red:02x}"
     opaque = f"{round(255 * symbol.opacity):02x}"
-    width = 3 if float(str(symbol.about.get("line_width", 0))) >= 0.5 else 1.5
+    width = 3 if float(str(symbol.options.get("line_width", 0))) >= 0.5 else 1.5
     return (
         f"<IconStyle><color>ff{colour}</color><scale>0.5</scale>"
         f"<Icon><href>{DOT}</href></Icon></IconStyle><LabelStyle><scale>0</scale></LabelStyle>"

@@ -87,7 +87,7 @@ def rgba(colour: str) -> str:
 
 def paint(symbol: Symbol) -> tuple[int, int, int]:
     """Red, green and blue of a symbol."""
-    colour = symbol.about.get("color") or symbol.about["line_color"]
+    colour = symbol.options.get("color") or symbol.options["line_color"]
     red, green, blue, _ = map(int, str(colour).split(","))
     return red, green, blue
 
@@ -176,7 +176,7 @@ def symbol_element(name: str, kind: str, layer: str, symbol: Symbol) -> ElementT
     element = ElementTree.Element("symbol", drawn)
     node = ElementTree.SubElement(element, "layer", {"class": layer, "enabled": "1"})
     node = ElementTree.SubElement(node, "Option", type="Map")
-    for key, text in symbol.about.items():
+    for key, text in symbol.options.items():
         ElementTree.SubElement(node, "Option", type="QString", name=key, value=str(text))
     return element
 

@@ -111,8 +111,8 @@ def _cost_says(convergence: Convergence) -> Iterator[str]:
     percent, tenth = (f"cpu_seconds_{100 * error:g}_percent" for error in ERRORS[-2:])
     cost = convergence.cost.set_index(KEYS)
     for key in (cost[percent].idxmin(), cost[percent].idxmax()):
-        seconds, more = (number(cost.loc[key, name], 2) for name in (percent, tenth))
-        yield f"{_rule(key)} to 1 % costs {seconds} s of CPU; one more digit costs 100 times, {more} s."
+        cpu, more = (number(cost.loc[key, name], 2) for name in (percent, tenth))
+        yield f"{_rule(key)} to 1 % costs {cpu} s of CPU; one more digit costs 100 times, {more} s."
     yield (
         "Errors are root mean squares; half an interval of 95 %, as of --until and reports, is "
         "twice as wide: boulders for +- 2 % are for such an interval, over all sources."

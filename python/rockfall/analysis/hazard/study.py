@@ -240,7 +240,7 @@ class _Run:
         self.segment_counts = hit_counts(self.segments, result["threshold"].values)
         self.objects = object_counts(study.objects, result, study.scene.grid, self.hits)
         self.risk = self._risk(study.objects, result) if study.objects.exposed else None
-        self.about = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
+        self.variable_attrs = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
         self.warnings = [
@@ -288,8 +288,8 @@ def _places(study: Study, run: _Run, matrix: Matrix) -> dict[str, tuple]:
     names = np.array([scenario.name for scenario in study.scenarios], dtype=object)
     attrs = {"units": "year", "long_name": "longest return period of a class of frequency"}
     return {
-        **{axis: (axis, values, run.about[axis]) for axis, values in run.places.items()},
-        "crs": ((), np.int32(0), run.about["crs"]),
+        **{axis: (axis, values, run.variable_attrs[axis]) for axis, values in run.places.items()},
+        "crs": ((), np.int32(0), run.variable_attrs["crs"]),
         "return_period": ("return_period", matrix.periods, attrs),
         "scenario": ("scenario", names, {"long_name": "class of boulders"}),
     }

@@ -139,8 +139,8 @@ def _check_given_once(
     given = [name for name in (key, f"uniform_{key}") if name in forest]
     if values is not None and given:
         raise RockfallError(
-            f"{inputs.case.name}: &forest {given[0]}: attribute {attributes.own_name(key)} of {path} "
-            "gives it: leave out one of the two"
+            f"{inputs.case.name}: &forest {given[0]}: attribute {attributes.own_name(key)} of "
+            f"{path} gives it: leave out one of the two"
         )
     if values is None and needed and not given:
         also = " or species" if key == "conifers" else ""

@@ -56,7 +56,7 @@ def _source_cells(scene: Scene) -> Iterator[InputWarning]:
     where, top = f"&release cells = '{release['cells']}'", -int(values.value)
     if top in NO_DATA and values.next < math.inf:
         yield InputWarning(where, say("input.source_cells", value=top, n=values.count))
-    elif scene.x.size == scene.ground.known and not release["steep_cells"]:
+    elif scene.x.size == scene.ground.n_known and not release["steep_cells"]:
         yield InputWarning(where, say("input.all_sources", value=top))
 
 
