@@ -673,17 +673,17 @@ contains
    end subroutine area_ratios
 
    !> Return whether boulders can start from points, in map coordinates [m].
-   subroutine known_at(handle, x, y, known, n)
+   subroutine known_at(handle, x, y, is_known, n)
       integer(c_int), intent(in) :: n
       integer(c_int64_t), intent(in) :: handle
       real(c_double), intent(in) :: x(n), y(n)
-      integer(c_int), intent(out) :: known(n)             !! 1 or 0
+      integer(c_int), intent(out) :: is_known(n)             !! 1 or 0
       type(scene_handle_t), pointer :: opened
       integer :: k
 
       opened => scene_of(handle)
       associate (dem => opened%dem)
-         known = [(merge(1, 0, is_known_at(dem, x(k) - dem%x0, y(k) - dem%y0)), k=1, n)]
+         is_known = [(merge(1, 0, is_known_at(dem, x(k) - dem%x0, y(k) - dem%y0)), k=1, n)]
       end associate
    end subroutine known_at
 
