@@ -251,7 +251,8 @@ contains
    !> Throw `first` to `first + n - 1` of a seed, each with its first contacts. The vertices and facets of all blocks
    !> are concatenated: block k has vertices(k) and facets(k) of them.
    subroutine throw(ground, ranges, radius, density, x, corner, vertices, facets, heights, width, step, seed, first, &
-                    threads, contacts, rows, counts, n_contacts, complete, inertia, code, message, nv, nf, nb, nc, np, n)
+                    threads, contacts, rows, counts, n_contacts, complete, inertia, code, message, &
+                    nv, nf, nb, nc, np, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: contacts, nv, nf, nb, nc, np, n
       real(c_double), intent(in) :: ground(5), ranges(12)         !! names(9), names(10)

@@ -23,8 +23,8 @@ IMPACT_SETS = "impact_sets"  # model of a ground outside the table of grounds
 RATIO_TABLE = "ratio_table"  # model of a table of impacts by R_b/R_m
 TABLES = "impact_table", RATIO_TABLE  # models of tables of impacts
 ABSORBS = "absorbs"  # model of a ground without rebound
-MAX_NAME = 60  # characters
-MAX_GROUNDS = 127  # maximum number per scene: their numbers are bytes
+MAX_NAME = int(_core.constant("max_name"))  # characters
+MAX_GROUNDS = int(_core.constant("max_grounds"))  # maximum number per scene
 WORDS = ("name", "id", "model", "meaning", "source")  # text columns
 
 
@@ -68,13 +68,23 @@ def models() -> dict[str, int]:
 
 
 @cache
-def parameters() -> tuple[Parameter, ...]:
-    """Parameters of all models, without the model itself."""
+def _columns() -> tuple[Parameter, ...]:
+    """The kernel's table of parameters; the first is the model."""
     rows: list[Parameter] = []
-    while text := _core.table_row("ground_parameters", len(rows) + 2).decode().strip():
+    while text := _core.table_row("ground_parameters", len(rows) + 1).decode().strip():
         _, name, _, _, default, allowed, unit, meaning, _, takers = text.split("|")
         rows.append(Parameter(name, default, allowed, unit, meaning, takers))
     return tuple(rows)
+
+
+def parameters() -> tuple[Parameter, ...]:
+    """Parameters of all models, without the model itself."""
+    return _columns()[1:]
+
+
+def table_models() -> list[str]:
+    """Models that a table of grounds may name."""
+    return _columns()[0].allowed.split(", ")
 
 
 @cache
@@ -138,9 +148,7 @@ class GroundTable:
     def ground(self, name: str) -> GroundRule:
         """A row of the table. The kernel checks its numbers."""
         row = self.rows[name]
-        model = row.choice(
-            "model", [model for model in models() if model not in (IMPACT_SETS, *TABLES)]
-        )
+        model = row.choice("model", table_models())
         given = [parameter.name for parameter in parameters() if row.cells.get(parameter.name)]
         for column in given:
             row.number(column)

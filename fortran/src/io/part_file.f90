@@ -23,6 +23,7 @@ module rockfall_part_file
    use rockfall_case, only: case_t
    use rockfall_case_file, only: differing_key
    use rockfall_scene_file, only: inputs_t
+   use rockfall_samples, only: base_bits
    use rockfall_line_samples, only: layout_t
    use rockfall_state_table, only: array_t, table_t
    use rockfall_run_state, only: run_t, arrays_of, rows_of, settle_partial_sources, restore_sources
@@ -514,7 +515,7 @@ contains
       type(run_t), intent(in) :: run
 
       associate (sums => run%samples%sums, ended => run%samples%ended)
-         if (any(sums(2:, :, :, :) < 0) .or. any(shiftr(sums(2:4:2, :, :, :), 62) /= 0)) &
+         if (any(sums(2:, :, :, :) < 0) .or. any(shiftr(sums(2:4:2, :, :, :), base_bits) /= 0)) &
             call mark_damaged(file, "sample_sums")
          if (any(ended < 0) .or. sum(ended) /= run%done) call mark_damaged(file, "sample_ended")
       end associate

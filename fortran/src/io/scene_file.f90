@@ -21,7 +21,8 @@ module rockfall_scene_file
    use rockfall_case, only: case_t
    use rockfall_case_file, only: differing_key
    use rockfall_scene_type, only: scene_t
-   use rockfall_scene, only: scene_arrays_t, is_borrowed, build_scene_of_case
+   use rockfall_grounds, only: max_grounds
+   use rockfall_scene, only: scene_arrays_t, feature_fields, is_borrowed, build_scene_of_case
    implicit none
    private
    public :: inputs_t, read_scene
@@ -229,7 +230,7 @@ contains
          n = length_of(file, "ground")
          ground = [axis_t("ground", int(n, i8))]
          material = [axis_t("material", int(max(1, length_of(file, "material")), i8))]
-         if (n < 1 .or. n > huge(1_i1)) call mark_damaged(file, "its number of grounds")
+         if (n < 1 .or. n > max_grounds) call mark_damaged(file, "its number of grounds")
          if (.not. is_ok(file)) return
          allocate (length(n), source=0)
          call transfer(file, definition_t("ground_length", nf90_int), ground, length)
@@ -390,7 +391,7 @@ contains
          if (any(arrays%source_feature < 1 .or. arrays%source_feature > n)) call mark_damaged(file, "source_feature")
          if (kind_of(file, "feature_law") == 0 .or. .not. is_ok(file)) return
          call take(inputs, "feature_law", "i4", feature)
-         call take(inputs, "feature_value", "f8", [axis_t("feature_field", 9_i8), feature])
+         call take(inputs, "feature_value", "f8", [axis_t("feature_field", size(feature_fields, kind=i8)), feature])
          if (.not. is_ok(file)) return
          if (any(arrays%feature_distribution < 0 &
                  .or. arrays%feature_distribution > list_volume)) call mark_damaged(file, "feature_law")

@@ -16,13 +16,14 @@ from rockfall.case import Case, key_table
 from rockfall.errors import RockfallError
 from rockfall.io.layers import attribute, named_attribute, plain
 from rockfall.io.tables import decimal
+from rockfall.result.variables import fields
 from rockfall.scene.parts import Features
 
-VOLUMES = ("volume_mean", "volume_std", "volume_min", "volume_max")
-VELOCITY = ("velocity_x", "velocity_y", "velocity_z")
-VALUES = (*VOLUMES, "density", "drop_height", *VELOCITY)  # in the kernel's order
+VALUES = fields("feature")  # in the kernel's order, first those of volumes
+VOLUMES = tuple(name for name in VALUES if name.startswith("volume_"))
+VELOCITY = tuple(name for name in VALUES if name.startswith("velocity_"))
 DENSITY = VALUES.index("density")
-LAWS = ("fixed", "normal", "uniform", "lognormal")  # numbered from 1, as in rockfall_boulder
+LAWS = tuple(fields("distribution")[:4])  # those of a feature, numbered from 1
 RANGE = re.compile(r"\s*([0-9.eE+]+)\s*(?:-|to)\s*([0-9.eE+]+)\s*")  # a class of volumes [m3]
 
 

@@ -25,7 +25,7 @@ from rockfall.scene.source_attributes import Table, read_attributes
 
 SIDES = ("d1", "d2", "d3")
 SHAPES = int(_core.constant("shapes"))  # numbered from 1
-SPHERE = 3  # default shape
+SPHERE = int(_core.constant("sphere"))  # default shape
 MAX_SIDE = 1e3  # [m]
 
 

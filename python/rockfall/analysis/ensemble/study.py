@@ -279,7 +279,7 @@ def is_ensemble(result: xr.Dataset) -> bool:
     return "ensemble_runs" in result.attrs
 
 
-def ensemble_table(data: xr.Dataset) -> pd.DataFrame:
+def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
     """One row for each line and result: its numbers, then the fractions of each input with 95 %
     intervals, NaN where they are undecided.
 
@@ -295,12 +295,12 @@ def ensemble_table(data: xr.Dataset) -> pd.DataFrame:
     names = ("case_value", "mean", "q05", "q95", "monte_carlo_std", "epistemic_std")
     names += ("too_few",)
     rows = []
-    for line in data["line"].values if "line" in data else []:
-        for result in data["result"].values:
-            at = data.sel(line=line, result=result)
+    for line in found["line"].values if "line" in found else []:
+        for result in found["result"].values:
+            at = found.sel(line=line, result=result)
             row = {"line": line, "result": result, "units": at["result_units"].item()}
             row |= {name: at[name].item() for name in names}
-            for name in data["input"].values:
+            for name in found["input"].values:
                 for kind in KINDS:
                     at_input = at.sel(input=name)
                     bounds = limits(at_input[kind].item(), at_input[f"{kind}_error"].item())

@@ -57,7 +57,7 @@ DRAWINGS = ("kml", "dxf")  # formats of `export_hazard`
 NO_CELL = 255  # value without data in a yes-no raster
 
 
-def write_hazard(hazard: xr.Dataset, folder: str | Path) -> list[Path]:
+def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
     """Write a hazard to a folder: hazard.nc, a GeoTIFF and a QGIS style (.qml) for each map,
     hazard.gpkg with zones, objects and segments, a table of each, risk.csv. Writes all of them or,
     with a RockfallError, none.
@@ -68,8 +68,8 @@ def write_hazard(hazard: xr.Dataset, folder: str | Path) -> list[Path]:
     >>> files = rockfall.write_hazard(rockfall.hazard(case), "zones")
     """
     folder = Path(folder)
-    with atomic_folder(folder, files_behind(hazard)) as part:
-        return [folder / path.name for path in put_hazard(hazard, part)]
+    with atomic_folder(folder, files_behind(found)) as part:
+        return [folder / path.name for path in put_hazard(found, part)]
 
 
 def read_hazard(path: str | Path) -> xr.Dataset:

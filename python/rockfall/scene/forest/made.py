@@ -18,10 +18,11 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 from rockfall.io.grid import row_blocks
 from rockfall.language import remark
+from rockfall.scene.forest.attributes import LIMITS
 from rockfall.scene.forest.species import BROADLEAF, CONIFER, Species, read_species
 from rockfall.scene.forest.stands import Stands, read_stands
 from rockfall.scene.forest.thinning import is_thinned
-from rockfall.scene.forest.trees import HECTARE, MAX_DBH, MAX_DENSITY, Planted, Trees
+from rockfall.scene.forest.trees import HECTARE, Planted, Trees
 from rockfall.scene.layers import Inputs
 
 MAX_STEMS = 1e8  # stems in a forest
@@ -84,7 +85,7 @@ def _columns(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[int, np.nd
     per_cell = inputs.grid.cell**2 / HECTARE
     for rows, block in _densities(inputs, stands):
         density = np.nan_to_num(np.asarray(block, float))  # no trees where the density is missing
-        _check(inputs, "stems", density, (density >= 0) & (density <= MAX_DENSITY))
+        _check(inputs, "stems", density)
         total += density.sum() * per_cell
         densest = max(densest, density.max(initial=0.0))
         if total > MAX_STEMS:
@@ -119,8 +120,8 @@ def _diameters(
         else stands.values[key][stand]
         for key in ("dbh_mean", "dbh_std")
     )
-    _check(inputs, "dbh_mean", mean, (mean > 0) & (mean <= MAX_DBH))
-    _check(inputs, "dbh_std", std, (std >= 0) & (std <= MAX_DBH))
+    _check(inputs, "dbh_mean", mean)
+    _check(inputs, "dbh_std", std)
     dbh, varied = mean.copy(), std > 0
     shape = (mean[varied] / std[varied]) ** 2
     dbh[varied] = gammaincinv(shape, u[varied]) / shape * mean[varied]
@@ -155,7 +156,7 @@ def conifer_shares(inputs: Inputs, cells: Cells) -> np.ndarray:
 
 def _shares(inputs: Inputs, percent: np.ndarray) -> np.ndarray:
     """Fractions of percentages of conifers; fractions given for percentages are doubted."""
-    _check(inputs, "conifers", percent, (percent >= 0) & (percent <= 100))
+    _check(inputs, "conifers", percent)
     if 0 < percent.max() <= 1:
         largest = float(percent.max())
         inputs.remarks.append(remark("&forest conifers", "input.conifers", largest=largest))
@@ -181,14 +182,13 @@ def _blocks(inputs: Inputs, key: str) -> Iterator[tuple[slice, np.ndarray]]:
         yield rows, np.broadcast_to(uniform, (rows.stop - rows.start, inputs.grid.nx))
 
 
-def _check(inputs: Inputs, key: str, values: np.ndarray, good: np.ndarray) -> None:
+def _check(inputs: Inputs, key: str, values: np.ndarray) -> None:
     """Refuse invalid values where trees are to be generated."""
+    low, high, rule = LIMITS[key]
+    good = (values >= low) & (values <= high)
     if good.all():
         return
-    forest, limits = inputs.case.forest, {
-        "stems": f"0 to {MAX_DENSITY:,.0f} a hectare", "conifers": "0 to 100 %",
-        "dbh_mean": f"> 0 and at most {MAX_DBH:g} cm", "dbh_std": f"0 to {MAX_DBH:g} cm",
-    }  # fmt: skip
+    forest = inputs.case.forest
     where = inputs.case.path(forest[key]) if key in forest else f"{inputs.case.name}: &forest {key}"
     first = values[~good].flat[0]
-    raise RockfallError(f"{where}: {first:g} where trees stand: must be {limits[key]}")
+    raise RockfallError(f"{where}: {first:g} where trees stand: must be {rule}")
