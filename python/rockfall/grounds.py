@@ -82,11 +82,6 @@ def parameters() -> tuple[Parameter, ...]:
     return _columns()[1:]
 
 
-def table_models() -> list[str]:
-    """Models that a table of grounds may name."""
-    return _columns()[0].allowed.split(", ")
-
-
 @cache
 def repose() -> float:
     """Rest angle of rocky ground [degree], also the default."""
@@ -148,7 +143,7 @@ class GroundTable:
     def ground(self, name: str) -> GroundRule:
         """A row of the table. The kernel checks its numbers."""
         row = self.rows[name]
-        model = row.choice("model", table_models())
+        model = row.choice("model", _columns()[0].allowed.split(", "))
         given = [parameter.name for parameter in parameters() if row.cells.get(parameter.name)]
         for column in given:
             row.number(column)

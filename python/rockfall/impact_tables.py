@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.case import Case
+from rockfall.case import Case, key_table
 from rockfall.errors import RockfallError
 from rockfall.io.files import atomic_write, check_netcdf
 
@@ -27,7 +27,6 @@ FIELDS = (
     "duration", "advance", "rise", "pull_along", "pull_across", "exit", "follower",
 )  # fmt: skip
 INPUTS, MAPPED = 4, 3  # V_t, V_n, W, height; along, V_n, W
-SHAPES = "compact", "elongated", "platy"  # block shapes of shipped tables
 ENSEMBLE = "-ensemble"  # suffix of the name of an ensemble
 KINDS = "flight", "roll"
 SCALES = "speed2", "density", "inertia", "fastest", "rest_angle"  # scalars of a table
@@ -140,7 +139,8 @@ def ensemble_names() -> list[str]:
 
 
 def _names() -> list[str]:
-    endings = tuple(f"-{shape}" for shape in SHAPES)
+    shapes = next(key.allowed for key in key_table() if key.name == "block_shape")
+    endings = tuple(f"-{shape}" for shape in shapes.split(", "))
     names = {
         name.rsplit("-", 1)[0] if name.endswith(endings) else name for name in shipped_tables()
     }

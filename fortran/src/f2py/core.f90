@@ -62,7 +62,7 @@ module rockfall_f2py
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, points_outside, boulders
    public :: boulders_of_source, recorded_numbers, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
-   public :: stand_counts, stand_numbers, stand_thinning, shape_numbers
+   public :: stand_counts, stand_numbers, shape_numbers
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, boulders_in_parts, fraction_limits
    public :: sample_edges, sample_units, line_quantities, places_along
    public :: check_numbers, ground_model, barriers, barrier_outcomes, ead_energies, split_blocks
@@ -581,43 +581,28 @@ contains
       counts = [(stems_in_cell(random_key(seed), cell_number(nx, row, i), expected(i), even /= 0), i=1, n)]
    end subroutine stand_counts
 
-   !> Four uniform numbers of each of these stems, cell by cell.
-   subroutine stand_numbers(seed, nx, row, counts, numbers, n, nt)
+   !> Uniform numbers of each of these stems, cell by cell: four that make it or, for two, those that decide whether it
+   !> stands (rockfall_stand).
+   subroutine stand_numbers(seed, nx, row, counts, numbers, n, m, nt)
       !f2py threadsafe
-      integer(c_int), intent(in) :: n, nt
+      integer(c_int), intent(in) :: n, m, nt
       integer(c_int64_t), intent(in) :: seed
       integer(c_int), intent(in) :: nx, row
       integer(c_int32_t), intent(in) :: counts(n)       !! sum nt
-      real(c_double), intent(out) :: numbers(4, nt)
+      real(c_double), intent(out) :: numbers(m, nt)     !! m: 4 or 2
       integer :: i, k, stem
 
       k = 0
       do i = 1, n
          do stem = 1, counts(i)
             k = k + 1
-            numbers(:, k) = stem_numbers(random_key(seed), cell_number(nx, row, i), stem)
+            associate (key => random_key(seed), cell => cell_number(nx, row, i))
+               if (m == 4) numbers(:, k) = stem_numbers(key, cell, stem)
+               if (m == 2) numbers(:, k) = thinning_numbers(key, cell, stem)
+            end associate
          end do
       end do
    end subroutine stand_numbers
-
-   !> Two uniform numbers of each of these stems, cell by cell, that decide whether it stands (rockfall_stand).
-   subroutine stand_thinning(seed, nx, row, counts, numbers, n, nt)
-      !f2py threadsafe
-      integer(c_int), intent(in) :: n, nt
-      integer(c_int64_t), intent(in) :: seed
-      integer(c_int), intent(in) :: nx, row
-      integer(c_int32_t), intent(in) :: counts(n)       !! sum nt
-      real(c_double), intent(out) :: numbers(2, nt)
-      integer :: i, k, stem
-
-      k = 0
-      do i = 1, n
-         do stem = 1, counts(i)
-            k = k + 1
-            numbers(:, k) = thinning_numbers(random_key(seed), cell_number(nx, row, i), stem)
-         end do
-      end do
-   end subroutine stand_thinning
 
    !> Volume [m3] and moment of inertia I/(m R**2) [-] of boulders by shape and sides, as in rockfall_shape.
    subroutine shape_numbers(shape, d, volume, inertia, n)

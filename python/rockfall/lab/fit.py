@@ -131,7 +131,7 @@ def within_points(data: xr.Dataset, ratio: float, state: str = "peak") -> np.nda
     return total / freedom
 
 
-def fit_set(impacts: Impacts, seed: int = 1, groups: int = GROUPS) -> ImpactSet:
+def fit_set(impacts: Impacts, groups: int = GROUPS) -> ImpactSet:
     """Maximum-likelihood M and C, with standard errors from `groups` groups of layers; NaN without
     groups.
 
@@ -141,10 +141,10 @@ def fit_set(impacts: Impacts, seed: int = 1, groups: int = GROUPS) -> ImpactSet:
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1, "blas"):  # with more threads the order of summation differs
-        return _fit_set(impacts, seed, groups)
+        return _fit_set(impacts, groups)
 
 
-def _fit_set(impacts: Impacts, seed: int, groups: int) -> ImpactSet:
+def _fit_set(impacts: Impacts, groups: int) -> ImpactSet:
     x, y = _directions(impacts)
     if len(x) < MIN_IMPACTS:
         raise RockfallError(f"{len(x)} impacts: at least {MIN_IMPACTS} are needed for a set")
@@ -153,7 +153,7 @@ def _fit_set(impacts: Impacts, seed: int, groups: int) -> ImpactSet:
     if np.linalg.eigvalsh(_about_one_map(x, y)[1]).min() < MIN_SCATTER:
         raise RockfallError("the outgoing velocities do not scatter about one map of the incident")
     # the same numbers in every step, for convergence
-    z = np.random.default_rng(seed).standard_normal((len(x), DRAWS, 3))
+    z = np.random.default_rng(1).standard_normal((len(x), DRAWS, 3))
     mean, covariance, redrawn = _likeliest(x, y, z, np.ones(len(x)))
     kinds, group = np.unique(impacts.group, return_inverse=True)
     parts = min(groups, len(kinds))

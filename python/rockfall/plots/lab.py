@@ -54,10 +54,10 @@ def _layer(x: np.ndarray, radius: np.ndarray, facts: np.ndarray) -> Figure:
 
 
 @styled
-def draw_restitution(sets: Sequence[Sets], size: tuple[float, float] = (WIDE, 3.6)) -> Figure:
+def draw_restitution(sets: Sequence[Sets]) -> Figure:
     """R_t and R_n against the incidence angle for each ratio, without spin (the paper's Fig. 5):
     mean and the middle 80 % of the admissible draws of each set; values of the paper in grey."""
-    figure = new_figure(*size)
+    figure = new_figure(WIDE, 3.6)
     panels = figure.subplots(2, 5, sharex=True, sharey="row")
     looks = ((VERMILION, "-"), (BLUE, (0, (5, 2))))
     for impact_set, (colour, dashes) in zip(sets, looks, strict=False):

@@ -75,17 +75,14 @@ def map_figure(
 
 @styled
 def trajectories_figure(
-    result: xr.Dataset,
-    terrain: Terrain | None = None,
-    look: Look | None = None,
-    room: Room = PAGE,
+    result: xr.Dataset, terrain: Terrain | None = None, look: Look | None = None
 ) -> Figure:
     """Recorded trajectories in plan."""
     from matplotlib.lines import Line2D
 
     key = [*key_of(result), Line2D([], [], label=say("axis.trajectory"), color=VERMILION, lw=0.7)]
     basemap = (look or Look()).basemap
-    sheet = new_sheet(reached(result, terrain), terrain, key, 0.0, basemap, room)
+    sheet = new_sheet(reached(result, terrain), terrain, key, 0.0, basemap, PAGE)
     _draw_trajectories(sheet.axes, result)
     draw_marks(sheet, result)
     finish(sheet, result["crs"].attrs)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -86,7 +87,7 @@ def put_project(
         themes = list(_themes(layers))
         title = _title(data)
         drawn = [
-            layout(theme.name, theme.name, extent, _in_legend(theme.layers),
+            layout(theme.name, theme.name, extent, filter(attrgetter("in_legend"), theme.layers),
                    _texts(data, title, theme.name, imprint, relief))
             for theme in themes
         ]  # fmt: skip
@@ -206,10 +207,6 @@ def _groups(layers: _Layers) -> Iterator[Group]:
 
 def _id(layers: dict[str, Layer], name: str) -> str:
     return layers[name].id if name in layers else ""
-
-
-def _in_legend(layers: Iterable[Layer]) -> Iterator[Layer]:
-    return (layer for layer in layers if layer.in_legend)
 
 
 def _title(data: xr.Dataset) -> str:

@@ -17,7 +17,6 @@ from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.io.layers import EXTENSIONS, numbered_polygons, read_points
 from rockfall.io.tables import read_columns
 from rockfall.language import remark
-from rockfall.limits import MAX_REAL
 from rockfall.scene.kernel_scene import area_ratios, terrain_of
 from rockfall.scene.layers import Inputs
 from rockfall.scene.parts import Lowest, Rasters, SourceBoulders, Sources
@@ -149,7 +148,12 @@ def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
     if "shape" in boulder:
         shape = _at_sources(inputs, sources, "shape", "shapes", np.int32)
         _check(
-            inputs.case, sources, "shape", shape, (shape >= 0) & (shape <= SHAPES), f"0 to {SHAPES}"
+            inputs.case,
+            sources,
+            "shape",
+            shape,
+            (shape >= 0) & (shape <= SHAPES),
+            f"must be 0 to {SHAPES}",
         )
     else:
         shape = np.full(sources.x.size, SPHERE)
@@ -166,13 +170,14 @@ def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
     d = np.array([_at_sources(inputs, sources, key, "sides", np.float64) for key in SIDES])
     for key, side in zip(SIDES, d, strict=True):
         good = (side > 0) & (side <= MAX_SIDE)
-        _check(inputs.case, sources, key, side, good, f"> 0 and at most {MAX_SIDE:g} m")
+        _check(inputs.case, sources, key, side, good, f"must be > 0 and at most {MAX_SIDE:g} m")
     volume, inertia = _core.shape_numbers(shape[shaped], np.asfortranarray(d))
     density = None
     if "rock_density" in boulder:
         density = _at_sources(inputs, sources, "rock_density", "densities", np.float64)
-        good = (density > 0) & (density <= MAX_REAL)
-        _check(inputs.case, sources, "rock_density", density, good, "> 0 kg/m3")
+        first, rule = _core.check_numbers("boulder", "density", density)
+        good = np.arange(1, density.size + 1) != first
+        _check(inputs.case, sources, "rock_density", density, good, rule.decode().strip())
     return replace(sources, source_boulders=SourceBoulders(volume, inertia, density))
 
 
@@ -188,7 +193,7 @@ def _at_sources(inputs: Inputs, sources: Sources, key: str, what: str, dtype: An
 
 
 def _check(
-    case: Case, sources: Sources, key: str, values: np.ndarray, good: np.ndarray, allowed: str
+    case: Case, sources: Sources, key: str, values: np.ndarray, good: np.ndarray, rule: str
 ) -> None:
     """Refuse invalid boulder properties of a source."""
     if good.all():
@@ -197,7 +202,7 @@ def _check(
     value = "no data" if np.isnan(values[k]) or values[k] == NO_ID else f"{values[k]:g}"
     raise RockfallError(
         f"{case.path(case.boulder[key])}: {value} at the source {sources.x[k]:.10g}, "
-        f"{sources.y[k]:.10g}: must be {allowed}"
+        f"{sources.y[k]:.10g}: {rule}"
     )
 
 

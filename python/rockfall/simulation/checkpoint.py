@@ -20,9 +20,7 @@ from rockfall.simulation.part_file import CLOCKS, LAYOUT_OF, boulders_in, make_p
 from rockfall.simulation.tally import Tally, origin_of
 from rockfall.system import sync
 
-REST = _core.constant(
-    "save_rest"
-)  # minimum pause between saves, as a multiple of the duration of the last save
+REST = _core.constant("save_rest")  # minimum pause between saves over the duration of the last
 
 
 def checkpoint_of(output: Path) -> Path:

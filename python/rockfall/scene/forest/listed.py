@@ -129,7 +129,7 @@ def _drawn_factors(inputs: Inputs, path: Path, listed: Listed, inside: np.ndarra
             f"{path}: has no species: add them, or set &forest conifers or uniform_conifers"
         )
     n = inside.size
-    u = _core.stand_numbers(forest["seed"], n, 1, np.ones(n, "i4"), n)[SPECIES_NUMBER, inside]
+    u = _core.stand_numbers(forest["seed"], n, 1, np.ones(n, "i4"), 4, n)[SPECIES_NUMBER, inside]
     row = ((grid.north - listed.y[inside]) / grid.cell).astype("i4").clip(0, grid.ny - 1)
     column = ((listed.x[inside] - grid.west) / grid.cell).astype("i4").clip(0, grid.nx - 1)
     order, share = np.argsort(row, kind="stable"), np.empty(row.size)
