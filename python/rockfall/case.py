@@ -212,7 +212,7 @@ class Case:
             for group in {**self._groups, **groups}
         }
         changed |= {
-            g: self.__dict__[g] if entries is None else entries for g, entries in lists.items()
+            g: self.__dict__[g] if several is None else several for g, several in lists.items()
         }
         return Case(folder=self.folder, name=self.name, **changed)
 
@@ -281,9 +281,7 @@ def namelist_text(
 ) -> str:
     """Text of a namelist file with the non-empty groups and repeated groups, line for line as
     f90nml writes it. f90nml takes ten times as long, and a study makes many cases."""
-    texts = [
-        _group_text(name, values, " " * indent) for name, values in sorted(groups.items()) if values
-    ]
+    texts = [_group_text(name, keys, " " * indent) for name, keys in sorted(groups.items()) if keys]
     for name, several in (lists or {}).items():
         texts += [_group_text(name, values, " " * indent) for values in several]
     return "\n".join(texts)
@@ -344,10 +342,7 @@ def default_values() -> dict[str, dict[str, Any]]:
         if key.default not in ("required", "absent"):
             texts[key.group] = f"{texts.get(key.group, '')} {key.name} = {key.default}"
     parsed = _parse("\n".join(f"&{group} {values} /" for group, values in texts.items()))
-    return {
-        group: defaults[0] if group in REPEATABLE else defaults
-        for group, defaults in parsed.items()
-    }
+    return {group: keys[0] if group in REPEATABLE else keys for group, keys in parsed.items()}
 
 
 def _completed(group: str, values: Mapping[str, Any]) -> dict[str, Any]:

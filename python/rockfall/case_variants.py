@@ -88,12 +88,10 @@ def naming_variant(case: Case, name: str) -> Iterator[None]:
 def _named(case: Case, group: str, names: list[str], where: str) -> list[dict[str, Any]]:
     """Groups that bear one of the names; a name that none bears is refused."""
     own = [(_name(item), item) for item in getattr(case, group)]
-    known_names = list(dict.fromkeys(name for name, _ in own if name))
+    called = list(dict.fromkeys(name for name, _ in own if name))
     for name in names:
-        if name not in known_names:
-            those = (
-                f"those are {', '.join(known_names)}" if known_names else f"no &{group} has a name"
-            )
+        if name not in called:
+            those = f"those are {', '.join(called)}" if called else f"no &{group} has a name"
             raise RockfallError(f"{where}: no &{group} is called '{name}'; {those}")
     return [item for name, item in own if name in names]
 

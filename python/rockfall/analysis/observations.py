@@ -157,8 +157,7 @@ def read_observed(
         volumes=volumes if volumes.size and not np.isnan(volumes).all() else None,
         area=area,
         where={
-            name: tuple(record["where"] for record in records[name])
-            for name in ("stops", "contacts")
+            name: tuple(row["where"] for row in records[name]) for name in ("stops", "contacts")
         },
     )
 

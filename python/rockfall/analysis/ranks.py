@@ -57,8 +57,7 @@ def rank_results(results: Mapping[str, xr.Dataset], seen: Observed) -> pd.DataFr
     if not by_measure:
         raise RockfallError("nothing that ranks results: neither stops, samples nor means observed")
     stacks = {
-        measure: np.array([numbers[name] for name in results])
-        for measure, numbers in by_measure.items()
+        key: np.array([numbers[name] for name in results]) for key, numbers in by_measure.items()
     }
     complete = [stack for stack in stacks.values() if np.isfinite(stack).all()]
     if len(complete) > 1:

@@ -17,8 +17,7 @@ def check_command(arguments: argparse.Namespace) -> int:
     if not cases:
         print(preview(scene_of(given_case(arguments), arguments)))
     blocks = (
-        f"variant {name}\n{preview(scene_of(variant, arguments))}"
-        for name, variant in cases.items()
+        f"variant {name}\n{preview(scene_of(case, arguments))}" for name, case in cases.items()
     )
     for k, block in enumerate(blocks):
         print(f"\n{block}" if k else block, flush=True)

@@ -70,8 +70,7 @@ def _write_cases(arguments: argparse.Namespace, case: Case, inputs: list[Path]) 
     study = _study(arguments, case)
     stem = arguments.case.with_suffix("")
     cases = {
-        Path(f"{stem}_scenario{k}.nml"): scenario
-        for k, scenario in enumerate(study.scenarios, start=1)
+        Path(f"{stem}_scenario{k}.nml"): case for k, case in enumerate(study.scenarios, start=1)
     }
     for path in cases:
         check_output(path, inputs)

@@ -89,9 +89,7 @@ def _head(new: New) -> Iterator[str]:
 def _foot(new: New) -> Iterator[str]:
     if LINES in new.used:
         return
-    west, east, y = (
-        f"{number:.10g}" for number in (new.grid.west, new.grid.east, new.grid.y.mean())
-    )
+    west, east, y = (f"{end:.10g}" for end in (new.grid.west, new.grid.east, new.grid.y.mean()))
     yield "No lines were given. What passes a road is recorded at one, such as:"
     yield f"&line name = 'road', x = {west}, {east}, y = {y}, {y} /"
     yield "&line file = 'site.gpkg', layer = 'road', field = 'name' /"

@@ -54,8 +54,7 @@ class Layer:
     def shape(self) -> str:
         """Point, Line or Polygon; "" if mixed."""
         kinds = {
-            geometry.geom_type.removeprefix("Multi").removesuffix("String")
-            for geometry in self.shapes
+            shape.geom_type.removeprefix("Multi").removesuffix("String") for shape in self.shapes
         }
         return kinds.pop() if len(kinds) == 1 else ""
 

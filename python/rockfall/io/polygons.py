@@ -73,9 +73,7 @@ def touched_cells(shapes: np.ndarray, numbers: np.ndarray, grid: Grid) -> np.nda
 
     larger = shapely.buffer(shapes, MARGIN * grid.cell, quad_segs=1)
     pairs = [
-        (polygon, int(k))
-        for polygon, k in zip(larger, numbers, strict=True)
-        if not polygon.is_empty
+        (shape, int(k)) for shape, k in zip(larger, numbers, strict=True) if not shape.is_empty
     ]
     if not pairs:
         return np.zeros(grid.shape, "i4")

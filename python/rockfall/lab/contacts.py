@@ -140,7 +140,7 @@ def fit_contacts(contacts: Contacts, nearest: bool = False) -> dict[int, ImpactS
                 f"of {_nearest(ratio, given)}"
             )
     fitted = {
-        ratio: _fit(f"{contacts.name}: {title(ratio)}", impacts) for ratio, impacts in given.items()
+        ratio: _fit(f"{contacts.name}: {title(ratio)}", part) for ratio, part in given.items()
     }
     return {ratio: fitted[_nearest(ratio, given)] for ratio in RATIOS}
 
@@ -215,8 +215,7 @@ def _about(impacts: Impacts) -> str:
     ranges = {"V": speed, "incidence": incidence(impacts.v_in), "W/V": impacts.v_in[:, 2] / speed}
     units = {"V": " m/s", "incidence": " degrees", "W/V": ""}
     shown = ", ".join(
-        f"{name} {values.min():.2g} to {values.max():.2g}{units[name]}"
-        for name, values in ranges.items()
+        f"{name} {v.min():.2g} to {v.max():.2g}{units[name]}" for name, v in ranges.items()
     )
     return f"{len(speed)} contacts in {len(np.unique(impacts.group))} groups; {shown}"
 

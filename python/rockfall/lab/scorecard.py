@@ -152,16 +152,11 @@ def score(
     of_sets = None
     if others:
         group = np.arange(slopes) % len(others)
-        off = {
-            name: [run_values[name] for run_values in changed] - numbers[name] for name in numbers
-        }
+        off = {name: [run[name] for run in changed] - numbers[name] for name in numbers}
         of_sets = {name: _between(values, group) for name, values in off.items()}
     elif len(draws) > 1:
         group = np.arange(slopes) % len(draws)
-        of_sets = {
-            name: _between(values - _quiet(np.nanmean, values), group)
-            for name, values in numbers.items()
-        }
+        of_sets = {name: _between(v - _quiet(np.nanmean, v), group) for name, v in numbers.items()}
     return Score(draws[0].name, numbers, of_sets)
 
 

@@ -81,9 +81,7 @@ def _errors(text: str, path: Path) -> np.ndarray | None:
         lines = block.splitlines()
         ratio = re.search(r"^&impact_set ratio = ([1-5])\b", block, re.MULTILINE)
         try:
-            rows = [
-                [float(number) for number in line.lstrip("! ").split(",")] for line in lines[:9]
-            ]
+            rows = [[float(term) for term in line.lstrip("! ").split(",")] for line in lines[:9]]
             if ratio is None:
                 raise ValueError("no ratio")
             matrix = matrices[int(ratio[1]) - 1]

@@ -149,9 +149,7 @@ def _over_rebounds(sets: Sets, result: xr.Dataset) -> dict[str, float]:
         enough = np.array([class_.size >= MIN_REBOUNDS for class_ in classes])
         if not enough.any():
             return np.nan
-        means = [
-            values.mean() for values, is_enough in zip(classes, enough, strict=True) if is_enough
-        ]
+        means = [values.mean() for values, many in zip(classes, enough, strict=True) if many]
         return float(np.average(means, weights=used[enough]))
 
     vertical = [_mean(restitution(sets.mean[k], sets.covariance[k], 90.0)[1]) for k in range(5)]

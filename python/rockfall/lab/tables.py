@@ -49,17 +49,17 @@ def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
     ratios = [ratio for ratio, _ in parts]
     if len(set(ratios)) < len(ratios) or (0.0 in ratios and len(ratios) > 1):
         raise RockfallError("contacts: files of the same R_b/R_m, or without one beside others")
-    all_contacts = [_dimensionless(data) for _, data in parts]
+    tried = [_dimensionless(data) for _, data in parts]
     sizes = {
-        kind: [_bins_for(kind, int(_of_kind(contacts, kind).sum())) for contacts in all_contacts]
+        kind: [_bins_for(kind, int(_of_kind(contacts, kind).sum())) for contacts in tried]
         for kind in KINDS
     }
     edges: dict[str, list[np.ndarray]] = {}
     bins: list[_Bin] = []
     sizes_of_bins: list[int] = []
     records: list[np.ndarray] = []
-    for k, contacts in enumerate(all_contacts):
-        throws = _kept_throws(contacts, kept // len(all_contacts))
+    for k, contacts in enumerate(tried):
+        throws = _kept_throws(contacts, kept // len(tried))
         rows: list[np.ndarray] = []
         for kind in KINDS:
             own, all_have = sizes[kind][k], np.max(sizes[kind], axis=0)
@@ -74,7 +74,7 @@ def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
     speed2 = float(first["gravity"]) * float(first["radius"])
     yields = float(first["yield_pressure"]) > 0
     flights = np.concatenate(
-        [contacts["speed_in"][_of_kind(contacts, "flight")] for contacts in all_contacts]
+        [contacts["speed_in"][_of_kind(contacts, "flight")] for contacts in tried]
     )
     return ImpactTable(
         np.array(ratios),

@@ -68,12 +68,12 @@ def _at(table: pd.DataFrame, line: str, quantity: str | None = None) -> pd.DataF
 def _study(axes: Axes, table: pd.DataFrame, quantity: str, line: str) -> None:
     """Numbers of a quantity against the number of boulders, with their 95 % bands."""
     scale = SHOWN[quantity].factor
-    for statistic, group in table.groupby("statistic", sort=False):
-        n, colour = group["boulders"], COLOURS[statistic]
+    for statistic, rows in table.groupby("statistic", sort=False):
+        n, colour = rows["boulders"], COLOURS[statistic]
         axes.fill_between(
-            n, scale * group["low"], scale * group["high"], color=colour, alpha=0.2, lw=0
+            n, scale * rows["low"], scale * rows["high"], color=colour, alpha=0.2, lw=0
         )
-        axes.plot(n, scale * group["value"], color=colour, marker=MARKERS[quantity], ms=3, lw=1)
+        axes.plot(n, scale * rows["value"], color=colour, marker=MARKERS[quantity], ms=3, lw=1)
     n = table["boulders"]  # also where no boulder crosses
     axes.set(xlabel="boulders from each source", xlim=(0.8 * n.min(), 1.25 * n.max()))
     _logarithmic(axes, "x", (1,))

@@ -104,9 +104,7 @@ def design(
     how = standard, case.boulder["density"], volume
     doubts: dict[str, Any] = {"unconfirmed": unconfirmed_of(result, case, standard)}
     came = {str(name): crossings(result, k) for k, name in enumerate(result["line"].values)}
-    asked = [
-        {"line": name, **demand(crossings, *how), **doubts} for name, crossings in came.items()
-    ]
+    asked = [{"line": name, **demand(at_line, *how), **doubts} for name, at_line in came.items()]
     barriers = [_check_of(result, k, asked[k], standard) | doubts for k in barriers_of(result)]
     barriers = [row | {"verdict": verdict_of(row)} for row in barriers]
     chosen = [

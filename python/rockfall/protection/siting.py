@@ -141,18 +141,14 @@ def site(
     with progress_bar(scene.boulders * len(batches), shown=progress) as advance:
         for batch in batches:
             result = run_scene(_scene_with(scene, line, alignments, batch))
-            rows += [
-                _row(result, line, alignment, design_of, prices, limits) for alignment in batch
-            ]
+            rows += [_row(result, line, place, design_of, prices, limits) for place in batch]
             advance(scene.boulders)
             if len(batches) > 1:
                 del result  # before another takes its place
     choose(rows)
     if len(batches) > 1:
         chosen = [
-            alignment
-            for alignment, row in zip(alignments, rows, strict=True)
-            if row["choice"] == BEST
+            place for place, row in zip(alignments, rows, strict=True) if row["choice"] == BEST
         ]
         result = run_scene(_scene_with(scene, line, alignments, chosen))
     unconfirmed = unconfirmed_of(result, scene.case, standard)

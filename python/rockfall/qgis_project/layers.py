@@ -31,9 +31,7 @@ class Layer(NamedTuple):
     @property
     def id(self) -> str:
         """Name of the layer within the project, unique like its source and style."""
-        renderer = next(
-            (element.get("type", "") for element in self.style.iter("rasterrenderer")), ""
-        )
+        renderer = next((node.get("type", "") for node in self.style.iter("rasterrenderer")), "")
         return re.sub(r"\W+", "_", f"{self.source.removeprefix('./')} {renderer}").strip("_")
 
     @property

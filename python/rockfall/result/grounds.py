@@ -63,11 +63,7 @@ def classical_grounds(values: Variables) -> list[GroundRebounds]:
 
 def table_grounds(values: Variables) -> list[GroundRebounds]:
     """Tables of impacts from which rebounds were drawn."""
-    return [
-        ground
-        for ground in rebounds_by_ground(values)
-        if ground.rebounds and ground.model in TABLES
-    ]
+    return [rule for rule in rebounds_by_ground(values) if rule.rebounds and rule.model in TABLES]
 
 
 def sets_followed(values: Variables, case_set: str) -> list[str]:

@@ -149,6 +149,4 @@ def _drawn(symbol: Symbol) -> str:
 
 def _text(value: object) -> str:
     """A value as text of XML, without characters that XML cannot hold."""
-    return escape(
-        "".join(character for character in str(value) if character in "\t\n" or character >= " ")
-    )
+    return escape("".join(sign for sign in str(value) if sign in "\t\n" or sign >= " "))

@@ -154,7 +154,7 @@ def _column(column: Any) -> np.ndarray:
     if column.dtype.kind in "iuf":
         return column.to_numpy(np.float64, na_value=np.nan)
     return np.array(
-        [None if value is None or value != value else str(value) for value in column], object
+        [None if cell is None or cell != cell else str(cell) for cell in column], object
     )
 
 
@@ -165,11 +165,7 @@ def _key(name: str, frame: Any) -> tuple[str, str]:
     if name != "sources":
         raise RockfallError(f"{name}: no layer; those are {', '.join([*GROUPS, *KEYS, 'sources'])}")
     keys = {(key.group, key.name) for key in key_table()}
-    kinds = {
-        geometry.geom_type.removeprefix("Multi")
-        for geometry in frame.geometry
-        if geometry is not None
-    }
+    kinds = {shape.geom_type.removeprefix("Multi") for shape in frame.geometry if shape is not None}
     key = SOURCES.get(kinds.pop()) if len(kinds) == 1 else None
     if key not in keys:
         allowed = " or ".join(f"{kind}s" for kind, key in SOURCES.items() if key in keys)

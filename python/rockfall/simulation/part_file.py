@@ -240,10 +240,8 @@ def _opened(path: str | Path) -> Iterator[Any]:
 
 def _read_file(path: str | Path, file: Any) -> Part:
     attrs = {name: file.getncattr(name) for name in file.ncattrs()}
-    mapping = file.variables.get("crs")
-    crs = (
-        {name: mapping.getncattr(name) for name in mapping.ncattrs()} if mapping is not None else {}
-    )
+    grid = file.variables.get("crs")
+    crs = {name: grid.getncattr(name) for name in grid.ncattrs()} if grid is not None else {}
     head = _head(attrs, crs, str(path))
     shapes = {
         name: (np.dtype(variable.dtype), variable.dimensions, variable.shape)
@@ -310,9 +308,7 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
         dams = [DamShape(**row) for row in json.loads(attrs.get(at, "[]"))]
         at = "stands"
         stands = [Stand(*row) for row in json.loads(attrs.get(at, "[]"))]
-        crs_attrs = {
-            key: value for key, value in crs.items() if key not in ("_FillValue", "GeoTransform")
-        }
+        crs_attrs = {key: v for key, v in crs.items() if key not in ("_FillValue", "GeoTransform")}
     except DAMAGED as error:
         raise RockfallError(f"{name}: is damaged: {at}") from error
     grid, window = Grid(west, north, cell, nx, ny), Box(row, column, row + rows, column + columns)

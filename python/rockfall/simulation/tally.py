@@ -47,14 +47,12 @@ class Origin:
         """First item in which another run differs, "" if none; threads and the layout of the case
         text are ignored."""
         for what in ("version", "boulders", "checksums", "decoded", "grid", "window"):
-            ours, theirs = getattr(self, what), getattr(other, what)
-            if isinstance(ours, dict):
-                differ = (
-                    key for key in sorted({*ours, *theirs}) if ours.get(key) != theirs.get(key)
-                )
+            own, theirs = getattr(self, what), getattr(other, what)
+            if isinstance(own, dict):
+                differ = (key for key in sorted({*own, *theirs}) if own.get(key) != theirs.get(key))
                 if key := next(differ, ""):
                     return key
-            elif ours != theirs:
+            elif own != theirs:
                 return what
         texts = (run.case.replace(case={"threads": 0}).text() for run in (self, other))
         return "" if len({*texts}) == 1 else "case"

@@ -69,9 +69,7 @@ def orders_reversed(data: xr.Dataset) -> Iterator[str]:
             at = data.sel(line=line, input=name)
             errors = [at[f"{kind}_error"].values for kind in INDICES]
             first, total = (
-                np.array(
-                    [limits(*interval)[0] for interval in zip(at[kind].values, error, strict=True)]
-                )
+                np.array([limits(*pair)[0] for pair in zip(at[kind].values, error, strict=True)])
                 for kind, error in zip(INDICES, errors, strict=True)
             )
             k = int(np.argmax(excess := np.nan_to_num(first - total)))

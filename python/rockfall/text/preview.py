@@ -274,17 +274,13 @@ def _attributes(scene: Scene) -> Iterator[tuple[str, str]]:
     if features is not None and features.law is not None and features.value is not None:
         given = ~np.isnan(features.value).all(axis=0)
         attrs = {"density": given[4], "drop height": given[5], "velocity": given[6:].any()}
-        what = ["volumes"] * bool(features.law.any()) + [
-            name for name, is_given in attrs.items() if is_given
-        ]
+        what = ["volumes"] * bool(features.law.any()) + [name for name, has in attrs.items() if has]
         names = ", ".join(dict.fromkeys(features.names[:4])) + (
             " ..." if len(features.names) > 4 else ""
         )
         if what:
-            yield (
-                "",
-                f"their layer says {', '.join(what)}; {len(features.names):,} features: {names}",
-            )
+            text = f"their layer says {', '.join(what)}; {len(features.names):,} features: {names}"
+            yield "", text
 
 
 def _densities(scene: Scene) -> np.ndarray | float:

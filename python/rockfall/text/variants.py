@@ -35,7 +35,7 @@ def rows_of(of_line: pd.DataFrame) -> Iterator[list[str]]:
         display = QUANTITIES["fraction" if quantity == "passing" else quantity]
         yield [
             _label(display, statistic),
-            *(number(display.factor * value) for value in rows["value"]),
+            *(number(display.factor * v) for v in rows["value"]),
         ]
         yield ["", *(difference_text(row, display.factor) for _, row in rows.iterrows())]
 

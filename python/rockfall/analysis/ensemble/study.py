@@ -259,9 +259,7 @@ def _with_attributes(data: dict[str, Any], case: Case, base: _Run, inputs: Uncer
     run = base.result
     attrs = dict(run.attrs)
     checksums = json.loads(run.attrs["input_checksums"])
-    checksums |= {
-        f"ensemble sets {name}": checksum for name, checksum in inputs.set_checksums.items()
-    }
+    checksums |= {f"ensemble sets {name}": sha256 for name, sha256 in inputs.set_checksums.items()}
     attrs |= {
         "case": case.text(),
         "ensemble_runs": case.ensemble["runs"],

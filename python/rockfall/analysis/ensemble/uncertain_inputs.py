@@ -123,9 +123,7 @@ class Uncertain:
                 )
             stand_ins.setdefault(ground, []).extend(ensemble_grounds(name, path))
         return [
-            dict(zip(stand_ins, chosen, strict=True))
-            for chosen in product(*stand_ins.values())
-            if chosen
+            dict(zip(stand_ins, pick, strict=True)) for pick in product(*stand_ins.values()) if pick
         ]
 
     def _check_factors(self) -> None:

@@ -135,9 +135,7 @@ def beyond_elevations(shapes: Iterable[Any], scene: Scene) -> np.ndarray:
     for shape in shapes:
         x, y = shapely.get_coordinates(shape).T
         inside = (grid.west <= x) & (x <= grid.east) & (grid.south <= y) & (y <= grid.north)
-        row, column = (
-            index - begin for index, begin in zip(grid.cells(x, y), cells.at, strict=True)
-        )
+        row, column = (k - begin for k, begin in zip(grid.cells(x, y), cells.at, strict=True))
         on_grid = (
             (0 <= row) & (row < cells.z.shape[0]) & (0 <= column) & (column < cells.z.shape[1])
         )

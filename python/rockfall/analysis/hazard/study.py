@@ -150,10 +150,10 @@ def read_study(
     derived = (
         replace(scene, case=scenario.case, findings=Findings()) for scenario in study.scenarios
     )
-    for each_scene in (scene, *derived):
-        remarks += implausible(each_scene)
+    for each in (scene, *derived):
+        remarks += implausible(each)
         study.warnings += [
-            warning for warning in input_warnings(each_scene) if warning not in study.warnings
+            warning for warning in input_warnings(each) if warning not in study.warnings
         ]
     paths = [*found_objects.paths, *([segments.path] if len(segments) else [])]
     check_kept(scene.case, len(lines))

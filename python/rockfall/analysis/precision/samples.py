@@ -22,7 +22,7 @@ from rockfall.analysis.precision.intervals import (
     ranks_around,
     strata,
 )
-from rockfall.limits import MIN_FOR_STD, SAMPLE_BASE_BITS, SAMPLE_COARSE, SAMPLE_EDGES
+from rockfall.limits import MIN_FOR_STD, SAMPLE_BITS, SAMPLE_COARSE, SAMPLE_EDGES
 
 OF_SQUARES = False, MIN_FOR_STD, SKEWED_SQUARES  # arguments of `Sums.limits_of_mean` for squares
 LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)  # of bins, in units; 1: a single number
@@ -156,10 +156,8 @@ class Counts(Sample):
         self._before = np.cumsum(self._bins) - self._bins
         self.n, self.released = int(bins.sum()), int(released.sum())
         high_, low_, high, low = (int(word) for word in words[:, :4].sum(axis=0, dtype=object))
-        self._sum, self._squares = (
-            (high_ << SAMPLE_BASE_BITS) + low_,
-            (high << SAMPLE_BASE_BITS) + low,
-        )
+        self._sum = (high_ << SAMPLE_BITS) + low_
+        self._squares = (high << SAMPLE_BITS) + low
         self._max = words[:, 4].max() / unit
 
     def mean(self) -> float:

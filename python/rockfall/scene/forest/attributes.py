@@ -86,7 +86,7 @@ class Attributes(NamedTuple):
         if name is None:
             return [None] * self.size
         return [
-            None if (text := plain(value)) is None else str(text) for value in self.columns[name]
+            None if (cell := plain(value)) is None else str(cell) for value in self.columns[name]
         ]
 
     def numbers(self, key: str, needed: np.ndarray) -> np.ndarray | None:

@@ -54,13 +54,10 @@ def made_trees(inputs: Inputs) -> tuple[Planted, Stands | None]:
     more = np.empty((2, cells.row.size if stands or is_thinned(inputs.case) else 0))
     for row, stop, size in zip(rows, np.cumsum(sizes), sizes, strict=True):
         counts = np.bincount(columns[row], minlength=grid.nx).astype("i4")
-        numbers[:, stop - size : stop] = _core.stand_numbers(
-            seed, grid.nx, row + 1, counts, 4, size
-        )
+        own, stems = slice(stop - size, stop), (seed, grid.nx, row + 1, counts)
+        numbers[:, own] = _core.stand_numbers(*stems, 4, size)
         if more.size:
-            more[:, stop - size : stop] = _core.stand_numbers(
-                seed, grid.nx, row + 1, counts, 2, size
-            )
+            more[:, own] = _core.stand_numbers(*stems, 2, size)
     x, y, quantile, species = numbers
     x[:] = grid.west + (cells.column + x) * grid.cell
     y[:] = grid.north - (cells.row + 1 - y) * grid.cell
