@@ -211,9 +211,7 @@ class Case:
             group: {**self._groups.get(group, {}), **groups.get(group, {})}
             for group in {**self._groups, **groups}
         }
-        changed |= {
-            g: self.__dict__[g] if several is None else several for g, several in lists.items()
-        }
+        changed |= {g: self.__dict__[g] if given is None else given for g, given in lists.items()}
         return Case(folder=self.folder, name=self.name, **changed)
 
     def text(self) -> str:

@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.observations import Observed
-from rockfall.analysis.run_out import RESAMPLES, Starts, starts
+from rockfall.analysis.run_out import RESAMPLES, Starts, cell_of, starts
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import corner_of
 from rockfall.io.grid import Grid
@@ -361,11 +361,6 @@ def _densities(kernel: Kernel, blocks: Blocks, rest: Rest) -> tuple[np.ndarray, 
     """Log-densities of boulders at blocks, and the sums behind them."""
     sums = kernel_sums(kernel, blocks, rest)
     return log_density(kernel, sums.near, sums.boulders), sums
-
-
-def cell_of(result: xr.Dataset) -> float:
-    """Side of a cell of the terrain of a result [m]."""
-    return corner_of(result["crs"].attrs)[2]
 
 
 def grid_for(result: xr.Dataset, given: Iterable[str | Path | Observed]) -> Grid | None:

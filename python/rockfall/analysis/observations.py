@@ -156,9 +156,7 @@ def read_observed(
         sources=tuple(stop.get(SOURCE, "") for stop in records["stops"]),
         volumes=volumes if volumes.size and not np.isnan(volumes).all() else None,
         area=area,
-        where={
-            name: tuple(row["where"] for row in records[name]) for name in ("stops", "contacts")
-        },
+        where={key: tuple(row["where"] for row in records[key]) for key in ("stops", "contacts")},
     )
 
 

@@ -224,7 +224,7 @@ def starts(result: xr.Dataset) -> Starts:
         return Starts(group, names, places, group_at)
     group_at = np.arange(len(places))
     if "x" not in case_of(result).release:
-        group_at = _touching(places, _cell(result))
+        group_at = _touching(places, cell_of(result))
     names = [str(k + 1) for k in range(group_at.max(initial=-1) + 1)]
     return Starts(group_at[number], names, places, group_at)
 
@@ -242,8 +242,8 @@ def _touching(places: np.ndarray, cell: float) -> np.ndarray:
     return pd.factorize(connected_components(graph, directed=False)[1])[0]
 
 
-def _cell(result: xr.Dataset) -> float:
-    """The side of a cell of the terrain [m]."""
+def cell_of(result: xr.Dataset) -> float:
+    """Side of a cell of the terrain of a result [m]."""
     return corner_of(result["crs"].attrs)[2]
 
 
@@ -261,7 +261,7 @@ def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
     if not in_groups.all():
         places = ", ".join([*(origins.names[k] for k in groups[:10]), *["..."][: groups.size > 10]])
         notes.append(say("compare.same_starts", part=in_groups.sum(), n=total, names=places))
-    if apart > 3 * _cell(result):
+    if apart > 3 * cell_of(result):
         notes.append(say("compare.release_apart", apart=apart))
     return in_groups, " ".join(notes)
 
@@ -310,9 +310,7 @@ def frames(result: xr.Dataset, seen: Observed) -> dict[int, Frame]:
         return {}
     ways, group = _observed_ways(seen, origins)
     groups = np.unique(group).tolist()
-    return {
-        number: Frame(origins.names[number], _across(ways[group == number])) for number in groups
-    }
+    return {k: Frame(origins.names[k], _across(ways[group == k])) for k in groups}
 
 
 def way_of(result: xr.Dataset, frame: Frame, group: int, column: int) -> np.ndarray:

@@ -345,15 +345,11 @@ def _add_results(commands: _Commands) -> None:
     text = "boulders count so far to either side; default: %(default)s"
     report.add_argument("--section-within", metavar="M", type=float, default=10.0, help=text)
     _add_design(commands)
-    for parser in figures, report:
-        parser.add_argument(
-            "--dem", metavar="FILE", type=Path, help="default: the case's, if found"
-        )
-        parser.add_argument(
-            "--observed", metavar="CSV", type=Path, nargs="+", help="drawn beside it"
-        )
-        parser.add_argument("--basemap", metavar="FILE", type=Path, help="a picture below the maps")
-        parser.add_argument(
+    for verb in figures, report:
+        verb.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
+        verb.add_argument("--observed", metavar="CSV", type=Path, nargs="+", help="drawn beside it")
+        verb.add_argument("--basemap", metavar="FILE", type=Path, help="a picture below the maps")
+        verb.add_argument(
             "--limits", metavar="UNIT=LIMITS", nargs="+", help="of classes: kJ=30,300 m=1,5"
         )
 

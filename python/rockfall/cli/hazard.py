@@ -69,9 +69,7 @@ def _write_cases(arguments: argparse.Namespace, case: Case, inputs: list[Path]) 
     """Write each scenario as its own case, next to the case, for runs elsewhere."""
     study = _study(arguments, case)
     stem = arguments.case.with_suffix("")
-    cases = {
-        Path(f"{stem}_scenario{k}.nml"): case for k, case in enumerate(study.scenarios, start=1)
-    }
+    cases = {Path(f"{stem}_scenario{k}.nml"): own for k, own in enumerate(study.scenarios, start=1)}
     for path in cases:
         check_output(path, inputs)
     for path, scenario in cases.items():

@@ -261,9 +261,7 @@ def _thin(result: xr.Dataset, name: str, window: Window, shown: np.ndarray) -> I
 
 def _coloured(values: np.ndarray, window: Window, classes: Classes) -> dict[str, Any]:
     """Image and legend of the values of a map."""
-    table = np.array(
-        [list(bytes.fromhex(code[1:])) for code in ("#ffffff", *classes.colours)], "u1"
-    )
+    table = np.array([list(bytes.fromhex(rgb[1:])) for rgb in ("#ffffff", *classes.colours)], "u1")
     content = _png((1 + classes.numbers(values)).astype("u1"), table)
     places = np.linspace(0, 100, len(classes.colours) + 1).round(2).tolist()
     colours = list(zip(classes.colours, places, places[1:], strict=False))

@@ -222,14 +222,12 @@ def _barriers(case: Case) -> str:
     return "\n".join(map(_barrier, case.barrier)) or "-"
 
 
-def _barrier(barrier: Mapping[str, object]) -> str:
-    if "diameter" in barrier:
-        return f"{barrier.get('name') or barrier.get('file')}: ⌀ {_digits(barrier['diameter'])} cm"
-    strength = (
-        f"EAD {barrier['class']}" if "class" in barrier else f"{barrier.get('capacity', 0.0):g} kJ"
-    )
-    height = localised(f"{barrier.get('height', 0.0):g}")
-    return f"{barrier.get('name') or barrier.get('file')}: {height} m, {strength}"
+def _barrier(given: Mapping[str, object]) -> str:
+    if "diameter" in given:
+        return f"{given.get('name') or given.get('file')}: ⌀ {_digits(given['diameter'])} cm"
+    strength = f"EAD {given['class']}" if "class" in given else f"{given.get('capacity', 0.0):g} kJ"
+    height = localised(f"{given.get('height', 0.0):g}")
+    return f"{given.get('name') or given.get('file')}: {height} m, {strength}"
 
 
 def _dams(case: Case) -> str:

@@ -269,9 +269,7 @@ def _drawn(
     drawing = read_drawing(path)
     layer_names = {name.casefold(): name for name in drawing.layers}
     asked = layer if layer is None else layer_names.get(layer.casefold(), layer)
-    name = _layer(
-        path, [(layer_name, "Unknown") for layer_name in drawing.layers], what, asked, key
-    )
+    name = _layer(path, [(title, "Unknown") for title in drawing.layers], what, asked, key)
     where, parts = name_of(path, name), [part for part in drawing.parts if part.layer == name]
     lines, points = kinds != _POINTS, bool(kinds & _POINTS)
     usable = [part for part in parts if (lines, points)[len(part.xy) == 1] and len(part.xy)]

@@ -154,10 +154,8 @@ def _common_crs(paths: Sequence[str | Path], given: CRS | None) -> CRS | None:
     (first, common), *others = named
     for path, crs in others:
         if (crs is None) != (common is None) or not same_crs(crs, common):
-            first_name, other = (crs_name(c) if c else "no CRS" for c in (common, crs))
-            raise RockfallError(
-                f"{path}: names {other}, {first} {first_name}: all must name the same"
-            )
+            own, other = (crs_name(c) if c else "no CRS" for c in (common, crs))
+            raise RockfallError(f"{path}: names {other}, {first} {own}: all must name the same")
     return given if common is None else common
 
 

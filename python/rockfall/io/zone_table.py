@@ -66,9 +66,7 @@ def zones_of_polygons(
     """
     texts_of = {name: attribute(columns, name) for name in (*RADII, "ground", *NAMES)}
     given = {
-        name: [_text(text) for text in column]
-        for name, column in texts_of.items()
-        if column is not None
+        name: [_text(text) for text in data] for name, data in texts_of.items() if data is not None
     }
     if not {*RADII, "ground"} & given.keys():
         raise RockfallError(

@@ -168,9 +168,7 @@ def _fit_set(impacts: Impacts, groups: int) -> ImpactSet:
         optimum = _likeliest(x, y, z, weight, (mean, covariance))
         means.append(optimum[0])
         covariances.append(optimum[1])
-    errors = (
-        np.sqrt((parts - 1) * np.var(estimates, axis=0)) for estimates in (means, covariances)
-    )
+    errors = (np.sqrt((parts - 1) * np.var(drawn, axis=0)) for drawn in (means, covariances))
     mean_error, covariance_error = errors
     together = (parts - 1) * np.cov(np.transpose(means), bias=True)
     return ImpactSet(

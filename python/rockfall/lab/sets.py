@@ -36,10 +36,8 @@ class Sets:
         if self.error is None:
             return self
         off = [
-            generator.multivariate_normal(
-                np.zeros(9), covariance, method="eigh", check_valid="ignore"
-            )
-            for covariance in self.error  # of a jackknife: singular up to rounding
+            generator.multivariate_normal(np.zeros(9), error, method="eigh", check_valid="ignore")
+            for error in self.error  # of a jackknife: singular up to rounding
         ]
         return replace(self, mean=self.mean + off)
 
@@ -48,9 +46,7 @@ def read_sets(source: str | Path) -> list[Sets]:
     """Draws in a set file, or in a shipped set by its name: one, or those of an ensemble."""
     path = shipped_sets().get(str(source), Path(source))
     error = _errors(read_text(path), path)
-    draws = [
-        draw.read("past_aspect")[0] for draw in draws_in(path, "past_aspect")
-    ]  # the matrices do
+    draws = [own.read("past_aspect")[0] for own in draws_in(path, "past_aspect")]  # the matrices do
     return [
         Sets(
             Path(source).stem, drawn.mean.T, drawn.covariance.T, error,

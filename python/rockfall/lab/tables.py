@@ -73,9 +73,7 @@ def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
     first = parts[0][1].attrs
     speed2 = float(first["gravity"]) * float(first["radius"])
     yields = float(first["yield_pressure"]) > 0
-    flights = np.concatenate(
-        [contacts["speed_in"][_of_kind(contacts, "flight")] for contacts in tried]
-    )
+    flights = np.concatenate([part["speed_in"][_of_kind(part, "flight")] for part in tried])
     return ImpactTable(
         np.array(ratios),
         {name: np.stack(values).astype("f4") for name, values in edges.items()},

@@ -60,11 +60,9 @@ def draw_restitution(sets: Sequence[Sets]) -> Figure:
     figure = new_figure(WIDE, 3.6)
     panels = figure.subplots(2, 5, sharex=True, sharey="row")
     looks = ((VERMILION, "-"), (BLUE, (0, (5, 2))))
-    for impact_set, (colour, dashes) in zip(sets, looks, strict=False):
+    for fitted, (colour, dashes) in zip(sets, looks, strict=False):
         for k in range(5):
-            draws = [
-                restitution(impact_set.mean[k], impact_set.covariance[k], angle) for angle in ANGLES
-            ]
+            draws = [restitution(fitted.mean[k], fitted.covariance[k], angle) for angle in ANGLES]
             for row, axes in enumerate(panels[:, k]):
                 shown = ANGLES[ANGLES <= (LAST_RT, 90.0)[row]]
                 values = [draw[row] for draw in draws[: shown.size]]
@@ -75,7 +73,7 @@ def draw_restitution(sets: Sequence[Sets]) -> Figure:
                 low, high = np.transpose([np.quantile(v, (0.1, 0.9)) for v in values])
                 axes.fill_between(shown, low, high, color=colour, alpha=0.18, lw=0)
                 mean = [v.mean() for v in values]
-                axes.plot(shown, mean, color=colour, lw=1.2, ls=dashes, label=impact_set.name)
+                axes.plot(shown, mean, color=colour, lw=1.2, ls=dashes, label=fitted.name)
     for row, name in enumerate(KNOWN):
         for axes in panels[row]:
             for x, y in KNOWN[name]:

@@ -230,9 +230,7 @@ def verdict_of(row: Mapping[str, Any]) -> str:
     parts = [
         f"{word(answer)}: {', '.join(map(word, what))}" for answer, what in attrs.items() if what
     ]
-    doubt = (
-        [] if failed else [reason for reason in row.get("unconfirmed", "").split("; ") if reason]
-    )
+    doubt = [] if failed else [word for word in row.get("unconfirmed", "").split("; ") if word]
     answer = "; ".join(parts) or word("undecided" if doubt else "yes")
     return f"{answer}; {word('unconfirmed')}: {'; '.join(map(word, doubt))}" if doubt else answer
 

@@ -147,9 +147,7 @@ def site(
                 del result  # before another takes its place
     choose(rows)
     if len(batches) > 1:
-        chosen = [
-            place for place, row in zip(alignments, rows, strict=True) if row["choice"] == BEST
-        ]
+        chosen = [spot for spot, row in zip(alignments, rows, strict=True) if row["choice"] == BEST]
         result = run_scene(_scene_with(scene, line, alignments, chosen))
     unconfirmed = unconfirmed_of(result, scene.case, standard)
     rows = [row | under_doubt(row, unconfirmed) for row in rows]

@@ -6,6 +6,7 @@ A value equal to a limit belongs to the class below it: above 300 kJ is above 30
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -95,20 +96,16 @@ def read_limits(texts: Iterable[str]) -> Limits:
     for text in texts:
         unit, _, numbers = text.partition("=")
         try:
-            limits[unit] = tuple(float(number) for number in numbers.split(","))
+            values = tuple(float(number) for number in numbers.split(","))
         except ValueError:
-            limits[unit] = ()
-        rising = all(low < high for low, high in zip(limits[unit], limits[unit][1:], strict=False))
-        if (
-            unit not in UNITS
-            or not limits[unit]
-            or not rising
-            or not np.isfinite(limits[unit]).all()
-        ):
+            values = ()
+        rising = all(low < high for low, high in pairwise(values))
+        if unit not in UNITS or not values or not rising or not np.isfinite(values).all():
             raise RockfallError(
                 f"--limits {text}: must be unit=limit,limit... with rising numbers, such as "
                 f"kJ=30,300; units: {', '.join(UNITS)}"
             )
+        limits[unit] = values
     return limits
 
 

@@ -153,9 +153,7 @@ def _column(column: Any) -> np.ndarray:
         return column.to_numpy(np.int64)
     if column.dtype.kind in "iuf":
         return column.to_numpy(np.float64, na_value=np.nan)
-    return np.array(
-        [None if cell is None or cell != cell else str(cell) for cell in column], object
-    )
+    return np.array([None if raw is None or raw != raw else str(raw) for raw in column], object)
 
 
 def _key(name: str, frame: Any) -> tuple[str, str]:

@@ -53,7 +53,7 @@ class Table(NamedTuple):
             numbers = column.astype(float)
         else:
             numbers = np.array(
-                [self.number(k, name, cell) for k, cell in enumerate(self.values(name))]
+                [self.number(k, name, raw) for k, raw in enumerate(self.values(name))]
             )
         given = np.flatnonzero(~np.isnan(numbers))
         if given.size:

@@ -147,14 +147,8 @@ def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
     boulder = inputs.case.boulder
     if "shape" in boulder:
         shape = _at_sources(inputs, sources, "shape", "shapes", np.int32)
-        _check(
-            inputs.case,
-            sources,
-            "shape",
-            shape,
-            (shape >= 0) & (shape <= SHAPES),
-            f"must be 0 to {SHAPES}",
-        )
+        good = (shape >= 0) & (shape <= SHAPES)
+        _check(inputs.case, sources, "shape", shape, good, f"must be 0 to {SHAPES}")
     else:
         shape = np.full(sources.x.size, SPHERE)
     shaped = shape > 0

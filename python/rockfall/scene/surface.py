@@ -76,9 +76,7 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
     if zones and len(named) == len(zones) and all(zone.ground != usual.name for zone in named):
         del by_name[usual.name]
     if "ground_map" in surface:
-        by_name |= {
-            name: table.ground(name) for name in table.names.values() if name not in by_name
-        }
+        by_name |= {key: table.ground(key) for key in table.names.values() if key not in by_name}
     check_number(by_name.values(), str(table.path))
     rasters.grounds = tuple(by_name.values())
     numbers = {name: k for k, name in enumerate(by_name, start=1)}

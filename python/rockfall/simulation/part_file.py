@@ -289,9 +289,7 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
             raise ValueError
         sums = []
         for at in SUMS:
-            sums.append(
-                {str(key): str(checksum) for key, checksum in json.loads(attrs[at]).items()}
-            )
+            sums.append({str(key): str(digest) for key, digest in json.loads(attrs[at]).items()})
         at = "case"
         case = _case(str(attrs["case"]), str(attrs["case_file"]))
         at = "version"

@@ -31,11 +31,18 @@ import numpy as np
 from rockfall.analysis.back.deposited import Deposited
 from rockfall.analysis.back.marked import Marked
 from rockfall.analysis.back.witnesses import worth_of
-from rockfall.analysis.deposits import MIN_FITTED, at_rest, cell_of, witnesses
+from rockfall.analysis.deposits import MIN_FITTED, at_rest, witnesses
 from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.marks import Mark
 from rockfall.analysis.observations import Observed
-from rockfall.analysis.run_out import Frame, compared, frames, observed_boulders, way_of
+from rockfall.analysis.run_out import (
+    Frame,
+    cell_of,
+    compared,
+    frames,
+    observed_boulders,
+    way_of,
+)
 from rockfall.errors import RockfallError
 
 if TYPE_CHECKING:

@@ -16,7 +16,13 @@ from rockfall.analysis.back.places import check_on_terrain
 from rockfall.analysis.back.sampling import Sampler, effective
 from rockfall.analysis.deposits import witnesses
 from rockfall.analysis.ensemble.study import lean
-from rockfall.analysis.ensemble.uncertain_inputs import INPUTS, Uncertain, drawn_scene, has_rocks
+from rockfall.analysis.ensemble.uncertain_inputs import (
+    INPUTS,
+    Uncertain,
+    drawn_scene,
+    has_rocks,
+    normal_scores,
+)
 from rockfall.analysis.marks import Mark, read_marks, with_lines_at
 from rockfall.analysis.observations import Observed, read_observed
 from rockfall.case import Case
@@ -131,7 +137,7 @@ def back_analysis(
     sought = _sought(inputs, base)
     cube = inputs.design.reshape(-1, inputs.design.shape[-1])
     levels = np.where(sought == inputs.ends[INPUTS.index("sets")], len(inputs.sets), 0)
-    sampler = Sampler(_normal_scores(cube[:, sought]), levels)
+    sampler = Sampler(normal_scores(cube[:, sought]), levels)
     random = np.random.default_rng((case.case["seed"], STREAM))
     kept: list[dict[str, float]] = []
     runs: list[list[np.ndarray]] = [[] for _ in data]
@@ -169,7 +175,7 @@ def back_analysis(
             if weight.any():
                 points[:, sought] = _uniform(sampler.propose(ROUND, random))
             else:
-                sampler.more_of_prior(_normal_scores(points[:, sought]))
+                sampler.more_of_prior(normal_scores(points[:, sought]))
             cube = np.concatenate([cube, points])
     if not (done := sampler.log_likelihood.size):
         raise KeyboardInterrupt
@@ -265,12 +271,6 @@ def _reached_materials(scene: Scene, base: xr.Dataset) -> set[int]:
             "with rocks (R_m > 0); take it out"
         )
     return reached
-
-
-def _normal_scores(uniform: np.ndarray) -> np.ndarray:
-    from scipy.special import ndtri
-
-    return ndtri(uniform)
 
 
 def _uniform(scores: np.ndarray) -> np.ndarray:

@@ -200,7 +200,7 @@ class Uncertain:
 
     def _factor(self, numbers: np.ndarray, key: str) -> np.ndarray:
         """Log-normal factors of median 1, with the geometric standard deviation of a key."""
-        return self.given[key] ** _normal(numbers)
+        return self.given[key] ** normal_scores(numbers)
 
     def _radius(self, numbers: np.ndarray) -> Draw:
         """One factor for each row of the zone table, on R_m or on its three Rg; a single factor if
@@ -273,7 +273,7 @@ class Uncertain:
         """A common shift of all sources, repeated until all of them lie on known terrain."""
         deviation = self.given["source_shift"]
         for tried in range(TRIES):
-            shift = deviation * (random.standard_normal(2) if tried else _normal(numbers))
+            shift = deviation * (random.standard_normal(2) if tried else normal_scores(numbers))
             if moved := self._shifted(*shift):
                 return moved | Draw(kept={"source_redrawn": tried})
         raise RockfallError(
@@ -330,7 +330,8 @@ def read_draws(path: Path, radii: int, sets: int) -> list[dict[str, float]]:
     return drawn
 
 
-def _normal(uniform: np.ndarray) -> np.ndarray:
+def normal_scores(uniform: np.ndarray) -> np.ndarray:
+    """Standard normal quantiles of uniform numbers."""
     from scipy.special import ndtri
 
     return ndtri(uniform)

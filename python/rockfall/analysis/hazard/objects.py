@@ -136,11 +136,9 @@ def beyond_elevations(shapes: Iterable[Any], scene: Scene) -> np.ndarray:
         x, y = shapely.get_coordinates(shape).T
         inside = (grid.west <= x) & (x <= grid.east) & (grid.south <= y) & (y <= grid.north)
         row, column = (k - begin for k, begin in zip(grid.cells(x, y), cells.at, strict=True))
-        on_grid = (
-            (0 <= row) & (row < cells.z.shape[0]) & (0 <= column) & (column < cells.z.shape[1])
-        )
+        valid = (0 <= row) & (row < cells.z.shape[0]) & (0 <= column) & (column < cells.z.shape[1])
         is_beyond.append(
-            not inside.all() or bool(np.isnan(cells.z[row[on_grid], column[on_grid]]).any())
+            not inside.all() or bool(np.isnan(cells.z[row[valid], column[valid]]).any())
         )
     return np.array(is_beyond, bool)
 

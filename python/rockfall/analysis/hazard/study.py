@@ -152,9 +152,7 @@ def read_study(
     )
     for each in (scene, *derived):
         remarks += implausible(each)
-        study.warnings += [
-            warning for warning in input_warnings(each) if warning not in study.warnings
-        ]
+        study.warnings += [text for text in input_warnings(each) if text not in study.warnings]
     paths = [*found_objects.paths, *([segments.path] if len(segments) else [])]
     check_kept(scene.case, len(lines))
     check_room(paths, len(lines), scene.boulders)

@@ -169,10 +169,8 @@ def _exposed() -> Iterator[tuple[str, Variable]]:
     what = "annual individual risk of death of the most exposed person"
     yield from _with_ends("object_individual_risk", dims, what)
     for end, extreme in CLASS_ENDS.items():
-        long_name = f"{extreme}class of individual risk" + (
-            " within the 95 % interval" * bool(extreme)
-        )
-        yield f"object_risk_class{end}", Variable(dims, PART, long_name, "risk")
+        label = f"{extreme}class of individual risk" + (" within the 95 % interval" * bool(extreme))
+        yield f"object_risk_class{end}", Variable(dims, PART, label, "risk")
     deaths = "annual collective risk: expected deaths"
     yield from _with_ends("object_collective_risk", dims, deaths)
     yield from _with_ends("total_damage", (), f"{damage}, of all {all_of}")

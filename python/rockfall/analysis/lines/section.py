@@ -172,9 +172,7 @@ def _masses(result: xr.Dataset) -> np.ndarray:
     )
     density = np.full(names.size, np.nan)
     if "line_energy_translational" in result:
-        energy, speed = (
-            result[f"line_{name}"].values for name in ("energy_translational", "speed")
-        )
+        energy, speed = (result[f"line_{key}"].values for key in ("energy_translational", "speed"))
         _, moved = np.nonzero(speed > 0)  # False for NaN
         mass = 2 * energy[speed > 0] / speed[speed > 0] ** 2
         density[numbers[moved]] = mass / volume[moved]

@@ -85,9 +85,7 @@ class Attributes(NamedTuple):
         name = self.own_name(key)
         if name is None:
             return [None] * self.size
-        return [
-            None if (cell := plain(value)) is None else str(cell) for value in self.columns[name]
-        ]
+        return [None if (raw := plain(value)) is None else str(raw) for value in self.columns[name]]
 
     def numbers(self, key: str, needed: np.ndarray) -> np.ndarray | None:
         """Numbers of an attribute, given where `needed` and within their limits; None without the
