@@ -253,7 +253,8 @@ contains
    !> Throw `first` to `first + n - 1` of a seed, each with its first contacts. The vertices and facets of all blocks
    !> are concatenated: block k has vertices(k) and facets(k) of them.
    subroutine throw(ground, ranges, radius, density, x, corner, vertices, facets, heights, width, step, seed, first, &
-                    threads, contacts, rows, counts, found, complete, inertia, code, message, nv, nf, nb, nc, np, n)
+                    threads, contacts, rows, counts, n_contacts, complete, inertia, code, message, &
+                    nv, nf, nb, nc, np, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: contacts, nv, nf, nb, nc, np, n
       real(c_double), intent(in) :: ground(5), ranges(12)         !! names(9), names(10)
@@ -267,7 +268,7 @@ contains
       integer(c_int), intent(in) :: threads                       !! 0: all
       real(c_double), intent(out) :: rows(16, contacts, n)        !! names(11)
       integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! names(12)
-      integer(c_int32_t), intent(out) :: found(n), complete(n)    !! number of contacts; 0: time limit reached
+      integer(c_int32_t), intent(out) :: n_contacts(n), complete(n)    !! number of contacts; 0: time limit reached
       real(c_double), intent(out) :: inertia(nb)                  !! mean principal moment/(m R_b**2)
       integer(c_int), intent(out) :: code
       character(len=max_message), intent(out) :: message
@@ -279,7 +280,7 @@ contains
 
       rows = 0
       counts = 0
-      found = 0
+      n_contacts = 0
       complete = 0
       inertia = 0
       allocate (blocks(nb), reliefs(np), thrown(n))
@@ -308,7 +309,7 @@ contains
       call throw_blocks(blocks, law_of(ground_of(ground), radius, density), reliefs, throw_range_of(ranges), contacts, &
                         step, random_key(seed), first, threads, thrown)
       do k = 1, n
-         found(k) = thrown(k)%n
+         n_contacts(k) = thrown(k)%n
          complete(k) = merge(1, 0, thrown(k)%complete)
          do j = 1, thrown(k)%n
             rows(:, j, k) = contact_row(thrown(k), j, radius, 2*ground(1)/density)
@@ -320,7 +321,7 @@ contains
    !> Throw boulders at layers of rocks: throw number(k) is at layer number layer(k), which is element place(k) of the
    !> arrays.
    subroutine throw_at_rocks(material, packing, boulder, ranges, seed, threads, x, radius, bodies, facts, place, &
-                             layer, number, contacts, rows, counts, found, complete, code, message, room, nl, n)
+                             layer, number, contacts, rows, counts, n_contacts, complete, code, message, room, nl, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: room, nl, n, contacts         !! contacts: maximum per throw
       real(c_double), intent(in) :: material(6), packing(12), boulder(7), ranges(12)
@@ -332,7 +333,7 @@ contains
       integer(c_int64_t), intent(in) :: number(n)
       real(c_double), intent(out) :: rows(16, contacts, n)        !! names(11)
       integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! names(12)
-      integer(c_int32_t), intent(out) :: found(n), complete(n)    !! number of contacts; 0: incomplete
+      integer(c_int32_t), intent(out) :: n_contacts(n), complete(n)    !! number of contacts; 0: incomplete
       integer(c_int), intent(out) :: code
       character(len=max_message), intent(out) :: message
       type(layer_t), allocatable :: layers(:)
@@ -343,7 +344,7 @@ contains
 
       rows = 0
       counts = 0
-      found = 0
+      n_contacts = 0
       complete = 0
       call check_material(material_of(material), error)
       if (.not. allocated(error)) call check_packing(packing_of(packing), error)
@@ -362,7 +363,7 @@ contains
       call throw_on_rocks(layers, packing_of(packing), material_of(material), thrown_boulder, &
                           throw_range_of(ranges), contacts, random_key(seed), place, layer, number, threads, thrown)
       do k = 1, n
-         found(k) = thrown(k)%n
+         n_contacts(k) = thrown(k)%n
          complete(k) = merge(1, 0, thrown(k)%complete)
          do j = 1, thrown(k)%n
             rows(:, j, k) = contact_row(thrown(k), j, boulder(1), huge(1.0_c_double))

@@ -55,8 +55,8 @@ def __getattr__(name: str) -> object:
     if name not in _MODULES:
         raise AttributeError(f"module 'rockfall' has no attribute {name!r}")
     module, _, own = _MODULES[name].partition(":")
-    globals()[name] = found = getattr(import_module(f"rockfall.{module}"), own or name)
-    return found
+    globals()[name] = attribute = getattr(import_module(f"rockfall.{module}"), own or name)
+    return attribute
 
 
 def __dir__() -> list[str]:

@@ -54,8 +54,8 @@ def key_table() -> tuple[Key, ...]:
 def varied_key(name: str) -> tuple[str, str] | None:
     """Group and key whose value a key of &variant replaces; None for its other keys."""
     group, _, key = name.partition("_")
-    known = {(row.group, row.name) for row in key_table()}
-    return (group, key) if (group, key) in known else None
+    keys = {(row.group, row.name) for row in key_table()}
+    return (group, key) if (group, key) in keys else None
 
 
 def file_keys() -> list[Key]:
@@ -122,7 +122,7 @@ class Case:
 
     def __init__(self, *, folder: str | Path = ".", name: str = "case", **groups: Any) -> None:
         self.folder, self.name = Path(folder), name
-        lists = {group: [dict(one) for one in groups.pop(group, ())] for group in REPEATABLE}
+        lists = {group: [dict(entry) for entry in groups.pop(group, ())] for group in REPEATABLE}
         self.__dict__ |= lists
         for key in key_table():
             if key.group not in REPEATABLE and key.group not in groups:
@@ -135,7 +135,7 @@ class Case:
         for group, values in self._groups.items():
             self._groups[group] = _typed(group, defaults.get(group, {}) | values)
         for group, several in lists.items():
-            self.__dict__[group] = [_completed(group, plain_values(one)) for one in several]
+            self.__dict__[group] = [_completed(group, plain_values(entry)) for entry in several]
 
     def __getattr__(self, group: str) -> dict[str, Any]:
         try:
@@ -211,7 +211,7 @@ class Case:
             group: {**self._groups.get(group, {}), **groups.get(group, {})}
             for group in {**self._groups, **groups}
         }
-        changed |= {g: self.__dict__[g] if one is None else one for g, one in lists.items()}
+        changed |= {g: self.__dict__[g] if given is None else given for g, given in lists.items()}
         return Case(folder=self.folder, name=self.name, **changed)
 
     def text(self) -> str:
@@ -239,13 +239,13 @@ class Case:
 
 def given_groups(case: Case) -> dict[str, dict[str, Any]]:
     """Groups of a case that may not be repeated, without keys that have their default."""
-    found: dict[str, dict[str, Any]] = {}
+    groups: dict[str, dict[str, Any]] = {}
     for group, values in case._groups.items():
         usual = _typed(group, default_values().get(group, {}))
         given = {key: value for key, value in values.items() if value != usual.get(key)}
         if given:
-            found[group] = given
-    return found
+            groups[group] = given
+    return groups
 
 
 def given_text(case: Case) -> str:
@@ -279,9 +279,9 @@ def namelist_text(
 ) -> str:
     """Text of a namelist file with the non-empty groups and repeated groups, line for line as
     f90nml writes it. f90nml takes ten times as long, and a study makes many cases."""
-    texts = [_group_text(name, one, " " * indent) for name, one in sorted(groups.items()) if one]
+    texts = [_group_text(name, keys, " " * indent) for name, keys in sorted(groups.items()) if keys]
     for name, several in (lists or {}).items():
-        texts += [_group_text(name, one, " " * indent) for one in several]
+        texts += [_group_text(name, values, " " * indent) for values in several]
     return "\n".join(texts)
 
 
@@ -320,8 +320,8 @@ def _parse(text: str) -> dict[str, Any]:
     groups: dict[str, Any] = {}
     for name in dict.fromkeys(key.group for key in key_table()):
         if name in namelist:
-            found = namelist[name]  # a list where the group is repeated
-            several = [dict(one) for one in (found if isinstance(found, list) else [found])]
+            parsed = namelist[name]  # a list where the group is repeated
+            several = [dict(entry) for entry in (parsed if isinstance(parsed, list) else [parsed])]
             groups[name] = several if name in REPEATABLE else several[0]
     return groups
 
@@ -339,8 +339,8 @@ def default_values() -> dict[str, dict[str, Any]]:
     for key in key_table():
         if key.default not in ("required", "absent"):
             texts[key.group] = f"{texts.get(key.group, '')} {key.name} = {key.default}"
-    found = _parse("\n".join(f"&{group} {values} /" for group, values in texts.items()))
-    return {group: one[0] if group in REPEATABLE else one for group, one in found.items()}
+    parsed = _parse("\n".join(f"&{group} {values} /" for group, values in texts.items()))
+    return {group: keys[0] if group in REPEATABLE else keys for group, keys in parsed.items()}
 
 
 def _completed(group: str, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -359,8 +359,8 @@ def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
             return value.tolist()
         return list(value) if isinstance(value, tuple) else value
 
-    found = {key.lower(): plain(value) for key, value in values.items()}
-    return {key: value for key, value in found.items() if value is not None and value != []}
+    plain_keys = {key.lower(): plain(value) for key, value in values.items()}
+    return {key: value for key, value in plain_keys.items() if value is not None and value != []}
 
 
 @cache
@@ -375,6 +375,6 @@ def _typed(group: str, values: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in plain_values(values).items():
         several = [*value] if isinstance(value, list) else [value]
         if kinds[name].kind == "real":
-            several = [float(one) for one in several]
+            several = [float(number) for number in several]
         typed[name] = several if kinds[name].most > 1 else several[0]
     return typed

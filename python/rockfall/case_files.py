@@ -49,9 +49,9 @@ def group_files(case: Case, group: str) -> Iterator[Path]:
             yield from (path.with_name(f"{path.name}{end}") for end in APPENDED)
     if group == "surface":
         for name in _named_grounds(case):
-            for found in find_table(case, name), find_set(case, name):
-                if found is not None:
-                    yield found
+            for used in find_table(case, name), find_set(case, name):
+                if used is not None:
+                    yield used
 
 
 def _named_grounds(case: Case) -> set[str]:
@@ -69,8 +69,8 @@ def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
         with suppress(RockfallError):  # its reader reports missing files
             yield find_table(case, name) or set_path(case, name)
     elif kind == "impact_table":
-        if found := find_table(case, name):
-            yield found
+        if tables := find_table(case, name):
+            yield tables
     elif kind == "table":
         yield path
     if kind == "points" or "layer" in kind:
@@ -100,4 +100,4 @@ def _layer_files(path: Path) -> Iterator[Path]:
     yield from (path.with_name(f"{path.name}{end}") for end in APPENDED)
     if path.suffix.lower() == ".shp":
         for end in BESIDE:
-            yield from (path.with_suffix(one) for one in (end, end.upper()))
+            yield from (path.with_suffix(suffix) for suffix in (end, end.upper()))

@@ -37,11 +37,11 @@ def chosen_variant(case: Case, name: str | None) -> Case:
     if name is None:
         check_single(case)
         return case
-    found = variants(case)
-    if name not in found:
-        known = f"the variants are {', '.join(found)}" if found else "the case has no &variant"
-        raise RockfallError(f"{case.name}: --variant {name}: {known}")
-    return found[name]
+    by_name = variants(case)
+    if name not in by_name:
+        has = f"the variants are {', '.join(by_name)}" if by_name else "the case has no &variant"
+        raise RockfallError(f"{case.name}: --variant {name}: {has}")
+    return by_name[name]
 
 
 def check_single(case: Case) -> None:
@@ -87,13 +87,13 @@ def naming_variant(case: Case, name: str) -> Iterator[None]:
 
 def _named(case: Case, group: str, names: list[str], where: str) -> list[dict[str, Any]]:
     """Groups that bear one of the names; a name that none bears is refused."""
-    own = [(_name(one), one) for one in getattr(case, group)]
-    known = list(dict.fromkeys(name for name, _ in own if name))
+    own = [(_name(item), item) for item in getattr(case, group)]
+    called = list(dict.fromkeys(name for name, _ in own if name))
     for name in names:
-        if name not in known:
-            those = f"those are {', '.join(known)}" if known else f"no &{group} has a name"
+        if name not in called:
+            those = f"those are {', '.join(called)}" if called else f"no &{group} has a name"
             raise RockfallError(f"{where}: no &{group} is called '{name}'; {those}")
-    return [one for name, one in own if name in names]
+    return [item for name, item in own if name in names]
 
 
 def _name(given: Mapping[str, Any]) -> str:

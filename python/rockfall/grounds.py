@@ -23,8 +23,8 @@ IMPACT_SETS = "impact_sets"  # model of a ground outside the table of grounds
 RATIO_TABLE = "ratio_table"  # model of a table of impacts by R_b/R_m
 TABLES = "impact_table", RATIO_TABLE  # models of tables of impacts
 ABSORBS = "absorbs"  # model of a ground without rebound
-MAX_NAME = 60  # characters
-MAX_GROUNDS = 127  # maximum number per scene: their numbers are bytes
+MAX_NAME = int(_core.constant("max_name"))  # characters
+MAX_GROUNDS = int(_core.constant("max_grounds"))  # maximum number per scene
 WORDS = ("name", "id", "model", "meaning", "source")  # text columns
 
 
@@ -59,22 +59,27 @@ class Parameter(NamedTuple):
 @cache
 def models() -> dict[str, int]:
     """Models of grounds, with their required knowledge of rocks as in `GroundRule.rocks`."""
-    found: dict[str, int] = {}
+    numbers: dict[str, int] = {}
     while True:
-        name, rocks = _core.ground_model(len(found) + 1)
+        name, rocks = _core.ground_model(len(numbers) + 1)
         if not name.strip():
-            return found
-        found[name.decode().strip()] = rocks
+            return numbers
+        numbers[name.decode().strip()] = rocks
 
 
 @cache
-def parameters() -> tuple[Parameter, ...]:
-    """Parameters of all models, without the model itself."""
+def _columns() -> tuple[Parameter, ...]:
+    """The kernel's table of parameters; the first is the model."""
     rows: list[Parameter] = []
-    while text := _core.table_row("ground_parameters", len(rows) + 2).decode().strip():
+    while text := _core.table_row("ground_parameters", len(rows) + 1).decode().strip():
         _, name, _, _, default, allowed, unit, meaning, _, takers = text.split("|")
         rows.append(Parameter(name, default, allowed, unit, meaning, takers))
     return tuple(rows)
+
+
+def parameters() -> tuple[Parameter, ...]:
+    """Parameters of all models, without the model itself."""
+    return _columns()[1:]
 
 
 @cache
@@ -110,8 +115,8 @@ class GroundTable:
     def __init__(self, path: Path) -> None:
         self.path = path
         where, columns, rows = read_table(path)
-        known = (*WORDS, *(parameter.name for parameter in parameters()))
-        check_columns(where, columns, known)
+        allowed = (*WORDS, *(parameter.name for parameter in parameters()))
+        check_columns(where, columns, allowed)
         for needed in "name", "model", "source":
             if needed not in columns:
                 raise RockfallError(f"{where}: no column {needed}; has: {', '.join(columns)}")
@@ -138,7 +143,7 @@ class GroundTable:
     def ground(self, name: str) -> GroundRule:
         """A row of the table. The kernel checks its numbers."""
         row = self.rows[name]
-        model = row.choice("model", [one for one in models() if one not in (IMPACT_SETS, *TABLES)])
+        model = row.choice("model", _columns()[0].allowed.split(", "))
         given = [parameter.name for parameter in parameters() if row.cells.get(parameter.name)]
         for column in given:
             row.number(column)
@@ -152,16 +157,16 @@ def find_ground(case: Case, table: GroundTable, name: str, where: str) -> Ground
     """Ground with a given name: a table of impacts, with `&impact form = 'table'`; a row of the
     table of grounds; or impact sets, shipped or in a file. `where` is the place of the name, for
     messages."""
-    if found := find_table(case, name):
-        return table_ground(name, found)
+    if tables := find_table(case, name):
+        return table_ground(name, tables)
     if name in table.rows:
         return table.ground(name)
     path = find_set(case, name)
     if path is None:
-        known = "; impact sets: ".join(", ".join(one) for one in (table.rows, shipped_sets()))
+        names = "; impact sets: ".join(", ".join(names) for names in (table.rows, shipped_sets()))
         raise RockfallError(
             f"{where} = '{name}': no ground of {table.path.name}, and no file of impact sets; "
-            f"grounds: {known}"
+            f"grounds: {names}"
         )
     check_text_file(path)
     if len(name) > MAX_NAME:
@@ -176,10 +181,10 @@ def usual_ground(case: Case) -> GroundRule:
     name = case.impact["table"]
     if path := find_table(case, name):
         return table_ground(name, path)
-    known = ", ".join(table_names())
+    names = ", ".join(table_names())
     raise RockfallError(
         f"{case.name}: &impact table = '{name}': no such table of impacts, and no file .nc; "
-        f"shipped tables: {known}"
+        f"shipped tables: {names}"
     )
 
 
@@ -190,7 +195,7 @@ def table_ground(name: str, path: Path) -> GroundRule:
 
 def ensemble_grounds(name: str, path: Path) -> list[GroundRule]:
     """Grounds of all draws of an ensemble of tables; for a single table, one."""
-    return [_ground_of(name, path, one) for one in open_tables(path)]
+    return [_ground_of(name, path, group) for group in open_tables(path)]
 
 
 def _ground_of(name: str, path: Path, table: ImpactTable) -> GroundRule:

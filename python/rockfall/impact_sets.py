@@ -31,7 +31,7 @@ def set_path(case: Case, name: str | None = None, group: str = "impact") -> Path
     name = name or case.impact["sets"]
     if path := find_set(case, name):
         return path
-    known = ", ".join(shipped_sets())
+    names = ", ".join(shipped_sets())
     raise RockfallError(
-        f"{case.name}: &{group} sets = '{name}': no such file; shipped sets: {known}"
+        f"{case.name}: &{group} sets = '{name}': no such file; shipped sets: {names}"
     )

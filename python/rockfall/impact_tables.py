@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.case import Case
+from rockfall.case import Case, key_table
 from rockfall.errors import RockfallError
 from rockfall.io.files import atomic_write, check_netcdf
 
@@ -27,7 +27,6 @@ FIELDS = (
     "duration", "advance", "rise", "pull_along", "pull_across", "exit", "follower",
 )  # fmt: skip
 INPUTS, MAPPED = 4, 3  # V_t, V_n, W, height; along, V_n, W
-SHAPES = "compact", "elongated", "platy"  # block shapes of shipped tables
 ENSEMBLE = "-ensemble"  # suffix of the name of an ensemble
 KINDS = "flight", "roll"
 SCALES = "speed2", "density", "inertia", "fastest", "rest_angle"  # scalars of a table
@@ -52,7 +51,7 @@ class ImpactTable:
     inertia: float  # I/(m R_b^2) [-]
     fastest: float  # V^2 of the fastest incoming record, over g R_b [-]
     rest_angle: float  # of the ground: stopped boulders roll on where it is steeper [degree]
-    about: dict[str, Any] = field(default_factory=dict)
+    attrs: dict[str, Any] = field(default_factory=dict)
 
     @property
     def bins(self) -> dict[str, list[int]]:
@@ -80,12 +79,12 @@ class ImpactTable:
     def _packed_edges(self, kind: str) -> np.ndarray:
         """Edges by ratio; within it each edge before those of the next key in its bin."""
         first, second, third = (self.edges[f"{kind}_edge_{key}"] for key in (1, 2, 3))
-        found: list[np.ndarray] = []
+        edges: list[np.ndarray] = []
         for ratio in range(len(self.ratio)):
-            found.append(first[ratio])
+            edges.append(first[ratio])
             for i, row in enumerate(second[ratio]):
-                found += [row, third[ratio, i].ravel()]
-        return np.concatenate(found).astype("f8")
+                edges += [row, third[ratio, i].ravel()]
+        return np.concatenate(edges).astype("f8")
 
 
 def save_table(table: ImpactTable, path: str | Path) -> None:
@@ -117,9 +116,9 @@ def _write(table: ImpactTable, path: Path, **where: Any) -> None:
     for k, name in enumerate(FIELDS):
         data[name] = ("record", table.record[:, k])
     scales = {name: getattr(table, name) for name in SCALES}
-    found = xr.Dataset(data, attrs={"title": "table of impacts", **scales, **table.about})
+    dataset = xr.Dataset(data, attrs={"title": "table of impacts", **scales, **table.attrs})
     packed = {name: {"zlib": True, "complevel": 9} for name in data}
-    found.to_netcdf(path, encoding=packed, **where)
+    dataset.to_netcdf(path, encoding=packed, **where)
 
 
 @cache
@@ -140,7 +139,8 @@ def ensemble_names() -> list[str]:
 
 
 def _names() -> list[str]:
-    endings = tuple(f"-{shape}" for shape in SHAPES)
+    shapes = next(key.allowed for key in key_table() if key.name == "block_shape")
+    endings = tuple(f"-{shape}" for shape in shapes.split(", "))
     names = {
         name.rsplit("-", 1)[0] if name.endswith(endings) else name for name in shipped_tables()
     }
@@ -153,9 +153,9 @@ def find_table(case: Case, name: str) -> Path | None:
     if case.impact["form"] != "table":
         return None
     shipped = shipped_tables()
-    for one in (name, f"{name}-{case.boulder['block_shape']}"):
-        if one in shipped:
-            return shipped[one]
+    for full_name in (name, f"{name}-{case.boulder['block_shape']}"):
+        if full_name in shipped:
+            return shipped[full_name]
     if name.endswith(".nc") and os.path.isfile(case.path(name)):
         return case.path(name)
     return None
@@ -189,12 +189,12 @@ def _read_tables(place: str, path: str | Path, state: tuple[int, int]) -> tuple[
     try:
         with netCDF4.Dataset(path) as file:
             groups: list[str | None] = list(file.groups) or [None]
-        found = [xr.load_dataset(path, group=group) for group in groups]
+        tables = [xr.load_dataset(path, group=group) for group in groups]
     except (OSError, ValueError, RuntimeError) as error:
         raise RockfallError(
             f"{path}: is not a netCDF file of a table of impacts: {error}"
         ) from error
-    return tuple(_table(data, path) for data in found)
+    return tuple(_table(data, path) for data in tables)
 
 
 def _table(data: xr.Dataset, path: str | Path) -> ImpactTable:
@@ -204,8 +204,8 @@ def _table(data: xr.Dataset, path: str | Path) -> ImpactTable:
     record = np.stack([data[name].values for name in FIELDS], axis=1).astype("f4")
     first, shift, low, high = (data[name].values for name in ("first", "map", "low", "high"))
     edges = {name: data[name].values for name in EDGES}
-    about = {str(name): value for name, value in data.attrs.items() if name not in SCALES}
+    attrs = {str(name): value for name, value in data.attrs.items() if name not in SCALES}
     scales = {name: float(data.attrs[name]) for name in SCALES}
     return ImpactTable(
-        data["ratio"].values, edges, first, shift, low, high, record, **scales, about=about
+        data["ratio"].values, edges, first, shift, low, high, record, **scales, attrs=attrs
     )

@@ -67,7 +67,7 @@ class Catalogue:
 
     def __init__(self, text: str) -> None:
         self.forms: dict[str, list[str]] = {
-            json.loads(key): [json.loads(one) for one in re.findall('".*"', forms)]
+            json.loads(key): [json.loads(form) for form in re.findall('".*"', forms)]
             for key, forms in self.ENTRY.findall(text)
         }
         self.plural = gettext.c2py(re.findall("plural=(.+?);", text)[0])
@@ -93,7 +93,7 @@ def catalogue(language: str) -> Catalogue:
 def texts_of(language: str, room: str) -> dict[str, str]:
     """All texts, unfilled, of the messages of a room (the first part of their ids)."""
     forms = catalogue(language).forms
-    return {key: one[0] for key, one in forms.items() if key.startswith(f"{room}.")}
+    return {key: texts[0] for key, texts in forms.items() if key.startswith(f"{room}.")}
 
 
 def say(key: str, /, **values: object) -> Text:
@@ -143,7 +143,7 @@ def packed(text: object) -> Any:
     if isinstance(text, Number):
         return {"number": str(text)}
     if isinstance(text, (list, tuple)):
-        return [packed(one) for one in text]
+        return [packed(item) for item in text]
     return text.item() if hasattr(text, "item") else text
 
 
@@ -158,7 +158,7 @@ def unpacked(data: Any, english: str) -> str:
 
 def _unpacked(data: Any) -> Any:
     if isinstance(data, list):
-        return [_unpacked(one) for one in data]
+        return [_unpacked(item) for item in data]
     if not isinstance(data, dict):
         return data
     if "number" in data:
@@ -170,8 +170,8 @@ def _unpacked(data: Any) -> Any:
 
 
 def _said(key: str, values: Mapping[str, Any], is_count: bool = False) -> Text:
-    known = catalogue(_in_force.get())
-    message = known.ngettext(key, int(values["n"])) if is_count else known.gettext(key)
+    messages = catalogue(_in_force.get())
+    message = messages.ngettext(key, int(values["n"])) if is_count else messages.gettext(key)
     text = Text(_FILL.vformat(message, (), values))
     text.key, text.values, text.is_count = key, values, is_count
     return text

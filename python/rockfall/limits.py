@@ -24,6 +24,7 @@ places_along = _core.places_along  # a line, of points
 # Of samples (rockfall_samples):
 SAMPLE_BINS = int(_core.constant("sample_bins"))
 SAMPLE_COARSE = int(_core.constant("coarse_bins"))
+SAMPLE_BITS = int(_core.constant("base_bits"))  # per digit of sums
 SAMPLE_WORDS = int(_core.constant("sample_words"))
 SAMPLE_QUANTITIES = int(_core.constant("sample_quantities"))
 SAMPLE_TAILS = int(_core.constant("sample_tails"))

@@ -116,7 +116,7 @@ def report(
     """
     path = Path(path)
     line = [section] if isinstance(section, str | Path) else []
-    others = [*line, *(one for one in (hazard, models) if one is not None)]
+    others = [*line, *(data for data in (hazard, models) if data is not None)]
     check_page(path, [*_given(result, dem, observed, basemap), *others])
     catalogue(language)
     zones = None if hazard is None else read_hazard(hazard)
@@ -169,7 +169,7 @@ def report_variants(
     path = Path(path)
     catalogue(language)
     terrain = terrain_of(next(iter(results.values())), dem)
-    inputs = [one for result in results.values() for one in files_behind(result)]
+    inputs = [file for result in results.values() for file in files_behind(result)]
     parties = Parties(project, client, author)
     given = Given(yearly, costs, title)
     write_variants_page(results, path, terrain, given, language, parties, inputs)

@@ -129,9 +129,9 @@ def round_step(rough: float) -> float:
     return power * next(step for step in (1, 2, 2.5, 5, 10) if step * power >= 0.999 * rough)
 
 
-def count(number: int, one: str, many: str | None = None) -> str:
+def count(number: int, singular: str, plural: str | None = None) -> str:
     """A number of things: 1 boulder, 2,000 boulders."""
-    return f"{number:,} {one if number == 1 else many or one + 's'}"
+    return f"{number:,} {singular if number == 1 else plural or singular + 's'}"
 
 
 def percent(fraction: float) -> Number:
@@ -144,8 +144,8 @@ def percent(fraction: float) -> Number:
 
 def within(value: object, low: object, high: object) -> Text:
     """Value and its limits in brackets, each of which may be unknown: "-"."""
-    known = low != "-", high != "-"
-    key = {(True, True): "both", (True, False): "low", (False, True): "high"}.get(known, "none")
+    bounded = low != "-", high != "-"
+    key = {(True, True): "both", (True, False): "low", (False, True): "high"}.get(bounded, "none")
     return say(f"within.{key}", value=value, low=low, high=high)
 
 

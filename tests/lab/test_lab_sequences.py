@@ -154,7 +154,7 @@ def test_a_table_of_two_cases_is_made_again_of_both(place, capsys):
         assert main(["lab", "impact", f"{name}.nml", "-o", f"{name}c.nc", "--quiet"]) == 0
     assert open_sequences("uc.nc").attrs["unfinished"] == 0
     assert main(["lab", "table", "tc.nc", "uc.nc", "-o", "both.nc"]) == 0
-    about = open_table(place / "both.nc").about
+    about = open_table(place / "both.nc").attrs
     assert "adaptive" not in about["lab_case"]
     assert "adaptive" in about["lab_case_2"]
     capsys.readouterr()

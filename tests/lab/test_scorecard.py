@@ -104,7 +104,7 @@ def test_targets_hold_every_number_of_the_paper():
     assert len(set(names)) == len(names) == 2 * 2 * 3 * 3 + len(OTHERS)
     by_name = {one.name: one for one in known}
     speed = by_name["B_EL1_speed"]
-    assert speed.known == "12.7" and (speed.low, speed.high) == pytest.approx((11.43, 13.97))
+    assert speed.printed == "12.7" and (speed.low, speed.high) == pytest.approx((11.43, 13.97))
     assert by_name["A_EL1_energy_translational_std"].high == pytest.approx(126 * 1.25)
     assert not speed.held_out and not by_name["A_EL1_passing_height_std"].held_out
     assert all(one.held_out for one in known if "EL2" in one.name or one.name.endswith("_max"))

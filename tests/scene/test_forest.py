@@ -246,7 +246,7 @@ def test_no_trees_where_no_number_is_known(tmp_path):
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        ("stems", -1.0, "-1 where trees stand: must be 0 to 1,000,000 a hectare"),
+        ("stems", -1.0, "-1 where trees stand: must be 0 to 1,000,000 stems a hectare"),
         ("stems", 2e6, r"2e\+06 where trees stand"),
         ("stems", 0.0, "no tree stands on the terrain"),
         ("dbh_mean", np.nan, "nan where trees stand: must be > 0 and at most 1000 cm"),

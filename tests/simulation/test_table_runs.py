@@ -281,10 +281,10 @@ def test_shipped_tables_are_small_and_sound(path):
     assert path.stat().st_size < (1_000_000 if len(tables) == 1 else 1_500_000)
     for table in tables:
         assert np.isfinite(table.record).all() and np.isfinite(table.map).all()
-        made_of = f"{table.about['ground']}-{table.about['shape']}"
+        made_of = f"{table.attrs['ground']}-{table.attrs['shape']}"
         name = path.stem.replace("-ensemble", "")
         assert name == {"rocks-sphere": "rocky-slope"}.get(made_of, made_of)
-        assert table.about["contacts"] > 5_000 and "&throw" in table.about["lab_case"]
+        assert table.attrs["contacts"] > 5_000 and "&throw" in table.attrs["lab_case"]
 
 
 def test_a_zone_names_the_table_of_its_ground_and_boulders_their_shape(tmp_path):

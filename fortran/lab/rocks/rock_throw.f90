@@ -191,7 +191,7 @@ contains
       type(course_t) :: c
       type(throw_t) :: throw
       real(wp) :: gravity(3), unit, flight_time
-      logical :: rests, cut_now, leaves, found
+      logical :: rests, cut_now, leaves, on_facet
 
       throw = thrown
       unit = sqrt(boulder%radius/throw%gravity)
@@ -223,8 +223,8 @@ contains
                c%entry = from_rolling
                c%first = c%last
                if (boulder%relief > 0) then
-                  call continue_on_facet(c, found)
-                  if (found) c%first%x = c%m%x
+                  call continue_on_facet(c, on_facet)
+                  if (on_facet) c%first%x = c%m%x
                end if
                cycle
             end if
@@ -239,8 +239,8 @@ contains
                call fly(boulder, gravity, flight_time, c%m)
                call land(c, boulder%relief > 0)
             else if (boulder%relief > 0) then
-               call continue_on_facet(c, found)
-               if (.not. found) c%wait = c%m%time + retry_time*unit
+               call continue_on_facet(c, on_facet)
+               if (.not. on_facet) c%wait = c%m%time + retry_time*unit
             else
                c%wait = c%m%time + flight_time
             end if
@@ -268,13 +268,13 @@ contains
       end subroutine land
 
       !> Continue the contact on another facet, if one faces the boulder.
-      pure subroutine continue_on_facet(c, found)
+      pure subroutine continue_on_facet(c, on_facet)
          type(course_t), intent(inout) :: c
-         logical, intent(out) :: found
+         logical, intent(out) :: on_facet
          type(facet_t) :: other
 
-         call draw_facet(boulder%relief, key, number, c%landings, c%m%v(1:3), other, found)
-         if (.not. found) return
+         call draw_facet(boulder%relief, key, number, c%landings, c%m%v(1:3), other, on_facet)
+         if (.not. on_facet) return
          c%facet = other
          call begin(c, .true.)
       end subroutine continue_on_facet

@@ -11,11 +11,13 @@ module rockfall_boulder
    public :: boulder_t, source_boulder_t, feature_t, volume_distribution_t, release_t, draw_boulder, boulder_of
    public :: max_volume, mean_volume, feature_of
    public :: source_of, first_of, last_of, released_by, inertia_factor, kinetic_energy
-   public :: fixed_volume, normal_volume, uniform_volume, lognormal_volume, list_volume, pareto_volume
+   public :: fixed_volume, normal_volume, uniform_volume, lognormal_volume, list_volume, pareto_volume, distributions
 
    real(wp), parameter :: inertia_factor = 0.4_wp  !! I/(m R_b**2) of a sphere [-]
    integer, parameter :: fixed_volume = 1, normal_volume = 2, uniform_volume = 3, lognormal_volume = 4, &
                          list_volume = 5, pareto_volume = 6
+   character(len=*), parameter :: distributions(*) = [character(len=9) :: "fixed", "normal", "uniform", "lognormal", &
+                                                      "list", "pareto"]  !! in the order of these numbers
 
    !> Volume distribution, and the density that converts volumes to masses.
    type :: volume_distribution_t

@@ -5,7 +5,7 @@ module rockfall_shape
    use rockfall_math, only: pi, cube_root
    implicit none
    private
-   public :: shape_volume, shape_inertia, shapes
+   public :: shape_volume, shape_inertia, shapes, sphere
 
    !> Shapes, numbered as in Rockyfor3D, where 0 marks a cell that is not a source.
    integer, parameter :: rectangular = 1, ellipsoid = 2, sphere = 3, disc = 4, shapes = 4

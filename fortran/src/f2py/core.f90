@@ -15,16 +15,17 @@ module rockfall_f2py
    use rockfall_text, only: joined, max_text
    use rockfall_grid, only: grid_t, is_outside
    use rockfall_terrain, only: terrain_t, is_known_at, max_elevation
-   use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor
-   use rockfall_shape, only: shape_volume, shape_inertia, shapes
+   use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor, distributions
+   use rockfall_shape, only: shape_volume, shape_inertia, shapes, sphere
    use rockfall_surface, only: size_weights
    use rockfall_barrier, only: barrier_outcome, ead_energy
    use rockfall_breakage, only: split_t, area_ratio, split_volume
    use rockfall_impact, only: ratio_weights, find_nearest_set, is_admissible, limit_rebound, max_draws, min_normal
    use rockfall_outcome, only: boulder_result_t, left_window
    use rockfall_scratch, only: scratch_t
-   use rockfall_scene, only: check_sources, boulder_count, max_volumes, object_reach, max_tree_hits
-   use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model
+   use rockfall_run_loop, only: save_rest
+   use rockfall_scene, only: feature_fields, check_sources, boulder_count, max_volumes, object_reach, max_tree_hits
+   use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model, max_grounds
    use rockfall_reach, only: block_side, update_block_minima, reach_box
    use rockfall_stand, only: stems_in_cell, stem_numbers, thinning_numbers
    use rockfall_random, only: random_key
@@ -35,14 +36,14 @@ module rockfall_f2py
    use rockfall_threads, only: team_size, check_team, release_team
    use rockfall_ensemble, only: trace_boulder, recorded_boulders
    use rockfall_result, only: boulder_row, boulder_count_row, vertex_row
-   use rockfall_samples, only: sample_edge, n_sample_bins, n_coarse_bins, n_words, n_largest
+   use rockfall_samples, only: sample_edge, n_sample_bins, n_coarse_bins, n_words, base_bits, n_largest
    use rockfall_line_samples, only: all_quantities => line_quantities, place_along, &
                                     line_quantity, end_quantity, units_of, n_quantities, n_tails => tails
    use rockfall_line, only: line_t, new_line => line
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
-   use rockfall_case_keys, only: key_text, key_table, broken_rule, n_keys, repeatable, max_real
+   use rockfall_case_keys, only: key_text, key_table, broken_rule, n_keys, repeatable, max_real, max_name
    use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    use rockfall_state_table, only: array_t, row_text
@@ -61,7 +62,7 @@ module rockfall_f2py
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, points_outside, boulders
    public :: boulders_of_source, recorded_numbers, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
-   public :: stand_counts, stand_numbers, stand_thinning, shape_numbers
+   public :: stand_counts, stand_numbers, shape_numbers
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, boulders_in_parts, fraction_limits
    public :: sample_edges, sample_units, line_quantities, places_along
    public :: check_numbers, ground_model, barriers, barrier_outcomes, ead_energies, split_blocks
@@ -580,43 +581,28 @@ contains
       counts = [(stems_in_cell(random_key(seed), cell_number(nx, row, i), expected(i), even /= 0), i=1, n)]
    end subroutine stand_counts
 
-   !> Four uniform numbers of each of these stems, cell by cell.
-   subroutine stand_numbers(seed, nx, row, counts, numbers, n, nt)
+   !> Uniform numbers of each of these stems, cell by cell: four that make it or, for two, those that decide whether it
+   !> stands (rockfall_stand).
+   subroutine stand_numbers(seed, nx, row, counts, numbers, n, m, nt)
       !f2py threadsafe
-      integer(c_int), intent(in) :: n, nt
+      integer(c_int), intent(in) :: n, m, nt
       integer(c_int64_t), intent(in) :: seed
       integer(c_int), intent(in) :: nx, row
       integer(c_int32_t), intent(in) :: counts(n)       !! sum nt
-      real(c_double), intent(out) :: numbers(4, nt)
+      real(c_double), intent(out) :: numbers(m, nt)     !! m: 4 or 2
       integer :: i, k, stem
 
       k = 0
       do i = 1, n
          do stem = 1, counts(i)
             k = k + 1
-            numbers(:, k) = stem_numbers(random_key(seed), cell_number(nx, row, i), stem)
+            associate (key => random_key(seed), cell => cell_number(nx, row, i))
+               if (m == 4) numbers(:, k) = stem_numbers(key, cell, stem)
+               if (m == 2) numbers(:, k) = thinning_numbers(key, cell, stem)
+            end associate
          end do
       end do
    end subroutine stand_numbers
-
-   !> Two uniform numbers of each of these stems, cell by cell, that decide whether it stands (rockfall_stand).
-   subroutine stand_thinning(seed, nx, row, counts, numbers, n, nt)
-      !f2py threadsafe
-      integer(c_int), intent(in) :: n, nt
-      integer(c_int64_t), intent(in) :: seed
-      integer(c_int), intent(in) :: nx, row
-      integer(c_int32_t), intent(in) :: counts(n)       !! sum nt
-      real(c_double), intent(out) :: numbers(2, nt)
-      integer :: i, k, stem
-
-      k = 0
-      do i = 1, n
-         do stem = 1, counts(i)
-            k = k + 1
-            numbers(:, k) = thinning_numbers(random_key(seed), cell_number(nx, row, i), stem)
-         end do
-      end do
-   end subroutine stand_thinning
 
    !> Volume [m3] and moment of inertia I/(m R**2) [-] of boulders by shape and sides, as in rockfall_shape.
    subroutine shape_numbers(shape, d, volume, inertia, n)
@@ -673,17 +659,17 @@ contains
    end subroutine area_ratios
 
    !> Return whether boulders can start from points, in map coordinates [m].
-   subroutine known_at(handle, x, y, known, n)
+   subroutine known_at(handle, x, y, is_known, n)
       integer(c_int), intent(in) :: n
       integer(c_int64_t), intent(in) :: handle
       real(c_double), intent(in) :: x(n), y(n)
-      integer(c_int), intent(out) :: known(n)             !! 1 or 0
+      integer(c_int), intent(out) :: is_known(n)             !! 1 or 0
       type(scene_handle_t), pointer :: opened
       integer :: k
 
       opened => scene_of(handle)
       associate (dem => opened%dem)
-         known = [(merge(1, 0, is_known_at(dem, x(k) - dem%x0, y(k) - dem%y0)), k=1, n)]
+         is_known = [(merge(1, 0, is_known_at(dem, x(k) - dem%x0, y(k) - dem%y0)), k=1, n)]
       end associate
    end subroutine known_at
 
@@ -951,11 +937,15 @@ contains
       case ("inertia_factor"); value = inertia_factor  ! [-]
       case ("min_normal"); value = min_normal
       case ("shapes"); value = shapes                ! of boulders
+      case ("sphere"); value = sphere                ! the shape of boulders without another
       case ("max_draws"); value = max_draws          ! of a rebound
       case ("left_window"); value = left_window      ! status of a boulder to be rerun in a larger window
       case ("max_text"); value = max_text            ! [bytes]
       case ("max_elevation"); value = max_elevation  ! [m]
       case ("max_real"); value = max_real            ! of a case
+      case ("max_name"); value = max_name            ! [characters]
+      case ("max_grounds"); value = max_grounds      ! of a scene
+      case ("save_rest"); value = save_rest          ! minimum pause between saves over the duration of the last
       case ("z_95"); value = z_95                    ! [-]
       case ("min_for_mean"); value = min_for_mean    ! boulders, for a reliable interval
       case ("min_for_std"); value = min_for_std
@@ -966,6 +956,7 @@ contains
       case ("sample_bins"); value = n_sample_bins
       case ("coarse_bins"); value = n_coarse_bins
       case ("sample_words"); value = n_words         ! of a sum, one of squares, and the maximum
+      case ("base_bits"); value = base_bits          ! of a digit of a sum
       case ("sample_largest"); value = n_largest     ! largest values stored individually
       case ("sample_tails"); value = n_tails         ! the first quantities at lines have tails
       case ("sample_quantities"); value = n_quantities
@@ -974,7 +965,7 @@ contains
       end select
    end subroutine constant
 
-   !> Names of the columns of rows, and of the quantities of samples.
+   !> Names of the columns of rows, of the distributions of volumes, and of the quantities of samples.
    subroutine fields(rows, text)
       character(len=*), intent(in) :: rows
       character(len=max_list), intent(out) :: text
@@ -985,6 +976,8 @@ contains
       case ("line"); text = joined(line_fields, " ")
       case ("vertex"); text = joined(vertex_fields, " ")
       case ("energy"); text = joined(energy_fields, " ")
+      case ("feature"); text = joined(feature_fields, " ")
+      case ("distribution"); text = joined(distributions, " ")
       case ("line_quantity"); text = joined(line_quantity, " ")
       case ("end_quantity"); text = joined(end_quantity, " ")
       case default; text = ""

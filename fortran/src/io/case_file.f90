@@ -120,8 +120,8 @@ contains
 
    !> First key, as `&group key`, whose values differ between the texts of two cases, "" if none: among the keys that
    !> determine the arrays of a scene file, or all that must agree to continue a run. "&case" if a text is not a case.
-   pure function differing_key(one, other, of_arrays) result(name)
-      character(len=*), intent(in) :: one, other
+   pure function differing_key(ours, theirs, of_arrays) result(name)
+      character(len=*), intent(in) :: ours, theirs
       logical, intent(in) :: of_arrays
       character(len=:), allocatable :: name
       type(namelist_t) :: lists(2)
@@ -129,9 +129,9 @@ contains
       integer :: k
 
       name = "&case"
-      call read_keys(one, "", lists(1), error)
+      call read_keys(ours, "", lists(1), error)
       if (allocated(error)) return
-      call read_keys(other, "", lists(2), error)
+      call read_keys(theirs, "", lists(2), error)
       if (allocated(error)) return
       do k = 1, size(key_table)
          associate (key => key_table(k))
@@ -153,14 +153,14 @@ contains
    end function groups_of
 
    !> Return whether groups with the same name have equal values of a key, in any notation.
-   pure logical function same_values(one, other, key) result(same)
-      type(group_t), intent(in) :: one(:), other(:)
+   pure logical function same_values(ours, theirs, key) result(same)
+      type(group_t), intent(in) :: ours(:), theirs(:)
       type(key_t), intent(in) :: key
       integer :: g
 
-      same = size(one) == size(other)
-      do g = 1, size(one)
-         if (same) same = plain(one(g), key) == plain(other(g), key)
+      same = size(ours) == size(theirs)
+      do g = 1, size(ours)
+         if (same) same = plain(ours(g), key) == plain(theirs(g), key)
       end do
    end function same_values
 

@@ -10,13 +10,10 @@ module rockfall_checkpoint
    use rockfall_scene_file, only: inputs_t
    use rockfall_part_file, only: write_part, read_part, boulders_in
    use rockfall_run_state, only: run_t
-   use rockfall_run_loop, only: run_observer_t
+   use rockfall_run_loop, only: run_observer_t, save_rest
    implicit none
    private
    public :: checkpoint_t, check_checkpoint, remove_checkpoint
-
-   !> Minimum time between saves, as a multiple of the duration of the last save.
-   real(wp), parameter :: rest = 20.0_wp
 
    type, extends(run_observer_t) :: checkpoint_t
       character(len=:), allocatable :: name
@@ -93,7 +90,7 @@ contains
       call system_clock(begun)
       call write_part(this%name, hidden_name(this%name), this%case, this%text, this%inputs, run, error)
       call system_clock(end, rate)
-      call wait_for(this, max(this%every, rest*real(end - begun, wp)/rate))
+      call wait_for(this, max(this%every, save_rest*real(end - begun, wp)/rate))
       this%kept = run%done
       if (.not. allocated(error)) return
       this%every = 0

@@ -16,7 +16,7 @@ module rockfall_netcdf_file
    use rockfall_system, only: is_regular, remove_file, begin_reading, end_reading
    implicit none
    private
-   public :: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf
+   public :: netcdf_file_t, axis_t, definition_t, open_netcdf, create_netcdf, close_netcdf
    public :: record_status, is_ok, mark_damaged, fail_damaged, check_shape, transfer
    public :: length_of, kind_of, text_of, integers_of, real_of
 
@@ -39,11 +39,11 @@ module rockfall_netcdf_file
    end type axis_t
 
    !> Variable. Its attributes are written, but ignored on reading.
-   type :: about_t
+   type :: definition_t
       character(len=40) :: name = ""
       integer :: kind = nf90_double
       character(len=80) :: units = "", long_name = "", comment = ""
-   end type about_t
+   end type definition_t
 
    interface  ! values of any type; and texts of NC_STRING, which Python writes for non-ASCII text
       integer(c_int) function c_put_values(file, variable, start, count, values) bind(c, name="nc_put_vara")
@@ -164,9 +164,9 @@ contains
 
    !> Write a variable, or read one, which must exist with its type and with axes of these lengths (the first varies
    !> fastest), in a file large enough to hold it. The complete variable, or one layer along the last axis.
-   subroutine transfer(file, about, axes, values, layer)
+   subroutine transfer(file, definition, axes, values, layer)
       type(netcdf_file_t), intent(inout) :: file
-      type(about_t), intent(in) :: about
+      type(definition_t), intent(in) :: definition
       type(axis_t), intent(in) :: axes(:)
       type(*), intent(inout) :: values(*)  !! array of this type and size
       integer, intent(in), optional :: layer
@@ -174,7 +174,7 @@ contains
       integer :: id, n
 
       n = size(axes)
-      file%at = trim(about%name)
+      file%at = trim(definition%name)
       start = 0
       count = axes(n:1:-1)%length
       if (present(layer)) then
@@ -183,43 +183,43 @@ contains
       end if
       if (.not. is_ok(file)) return
       if (.not. file%writes) then
-         call check_shape(file, about, axes)
-         if (is_ok(file)) call record_status(file, nf90_inq_varid(file%id, trim(about%name), id))
+         call check_shape(file, definition, axes)
+         if (is_ok(file)) call record_status(file, nf90_inq_varid(file%id, trim(definition%name), id))
          if (is_ok(file)) call record_status(file, c_get_values(file%id, id - 1, start, count, values))
       else if (all(start == 0)) then
-         id = variable(file, about, axes)
+         id = variable(file, definition, axes)
          call record_status(file, c_put_values(file%id, id - 1, start, count, values))
       else
-         call record_status(file, nf90_inq_varid(file%id, trim(about%name), id))
+         call record_status(file, nf90_inq_varid(file%id, trim(definition%name), id))
          call record_status(file, c_put_values(file%id, id - 1, start, count, values))
       end if
    end subroutine transfer
 
    !> Mark the file as damaged if a variable does not have this type and these axes.
-   subroutine check_shape(file, about, axes)
+   subroutine check_shape(file, definition, axes)
       type(netcdf_file_t), intent(inout) :: file
-      type(about_t), intent(in) :: about
+      type(definition_t), intent(in) :: definition
       type(axis_t), intent(in) :: axes(:)
       integer :: id, kind, dims, dim(8), k, length
 
-      file%at = trim(about%name)
-      if (is_ok(file)) call record_status(file, nf90_inq_varid(file%id, trim(about%name), id))
+      file%at = trim(definition%name)
+      if (is_ok(file)) call record_status(file, nf90_inq_varid(file%id, trim(definition%name), id))
       if (is_ok(file)) call record_status(file, nf90_inquire_variable(file%id, id, xtype=kind, ndims=dims))
       if (.not. is_ok(file)) return
-      if (dims /= size(axes) .or. kind /= about%kind) call mark_damaged(file, trim(about%name))
+      if (dims /= size(axes) .or. kind /= definition%kind) call mark_damaged(file, trim(definition%name))
       if (is_ok(file)) call record_status(file, nf90_inquire_variable(file%id, id, dimids=dim(:dims)))
       do k = 1, size(axes)
          if (.not. is_ok(file)) return
          call record_status(file, nf90_inquire_dimension(file%id, dim(k), len=length))
-         if (length /= axes(k)%length) call mark_damaged(file, trim(about%name))
+         if (length /= axes(k)%length) call mark_damaged(file, trim(definition%name))
       end do
-      if (product(axes%length) > max_packing*file%bytes) call mark_damaged(file, trim(about%name))
+      if (product(axes%length) > max_packing*file%bytes) call mark_damaged(file, trim(definition%name))
    end subroutine check_shape
 
    !> Define a variable with a checksum; fill value NaN, or -1 for integers.
-   integer function variable(file, about, axes) result(id)
+   integer function variable(file, definition, axes) result(id)
       type(netcdf_file_t), intent(inout) :: file
-      type(about_t), intent(in) :: about
+      type(definition_t), intent(in) :: definition
       type(axis_t), intent(in) :: axes(:)
       integer :: dims(size(axes)), pieces(size(axes)), k
       integer(i8) :: room
@@ -232,16 +232,17 @@ contains
          room = room/pieces(k)
       end do
       if (size(axes) == 0) then
-         call record_status(file, nf90_def_var(file%id, trim(about%name), about%kind, id))
+         call record_status(file, nf90_def_var(file%id, trim(definition%name), definition%kind, id))
       else
-         call record_status(file, nf90_def_var(file%id, trim(about%name), about%kind, dims, id, chunksizes=pieces, &
-                                      fletcher32=.true.))
+         call record_status(file, nf90_def_var(file%id, trim(definition%name), definition%kind, dims, id, &
+                                               chunksizes=pieces, fletcher32=.true.))
       end if
-      call record_status(file, nf90_put_att(file%id, id, "units", trim(about%units)))
-      call record_status(file, nf90_put_att(file%id, id, "long_name", trim(about%long_name)))
-      if (about%comment /= "") call record_status(file, nf90_put_att(file%id, id, "comment", trim(about%comment)))
+      call record_status(file, nf90_put_att(file%id, id, "units", trim(definition%units)))
+      call record_status(file, nf90_put_att(file%id, id, "long_name", trim(definition%long_name)))
+      if (definition%comment /= "") &
+         call record_status(file, nf90_put_att(file%id, id, "comment", trim(definition%comment)))
       nan = ieee_value(nan, ieee_quiet_nan)
-      select case (about%kind)
+      select case (definition%kind)
       case (nf90_byte); call record_status(file, nf90_put_att(file%id, id, "_FillValue", -1_i1))
       case (nf90_int); call record_status(file, nf90_put_att(file%id, id, "_FillValue", -1_i4))
       case (nf90_int64); call record_status(file, nf90_put_att(file%id, id, "_FillValue", -1_i8))
@@ -294,7 +295,7 @@ contains
       character(len=*), intent(in) :: name
       character(len=:), allocatable :: text
       character(kind=c_char), pointer :: letter(:)
-      type(c_ptr) :: found(1)
+      type(c_ptr) :: string(1)
       integer :: kind, length, k
 
       text = ""
@@ -303,13 +304,13 @@ contains
          text = repeat(" ", length)
          if (nf90_get_att(file%id, id, name, text) /= nf90_noerr) text = ""
       else if (kind == nf90_string .and. length == 1) then
-         if (c_get_string(file%id, id - 1, name//c_null_char, found) /= nf90_noerr) return
-         call c_f_pointer(found(1), letter, [c_strlen(found(1))])
+         if (c_get_string(file%id, id - 1, name//c_null_char, string) /= nf90_noerr) return
+         call c_f_pointer(string(1), letter, [c_strlen(string(1))])
          text = repeat(" ", size(letter))
          do k = 1, size(letter)
             text(k:k) = letter(k)
          end do
-         if (c_free_string(1_c_size_t, found) /= nf90_noerr) text = ""
+         if (c_free_string(1_c_size_t, string) /= nf90_noerr) text = ""
       end if
    end function text_of
 

@@ -12,7 +12,7 @@ module rockfall_part_file
    use rockfall_version, only: version
    use rockfall_grid, only: grid_t
    use rockfall_system, only: replace_file, remove_file
-   use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf, &
+   use rockfall_netcdf_file, only: netcdf_file_t, axis_t, definition_t, open_netcdf, create_netcdf, close_netcdf, &
                                    record_status, is_ok, mark_damaged, fail_damaged, transfer, length_of, text_of, &
                                    integers_of, real_of
    use rockfall_variables, only: variable_of, stored_as, name_in_files, layout => part_layout, line_fields, &
@@ -23,6 +23,7 @@ module rockfall_part_file
    use rockfall_case, only: case_t
    use rockfall_case_file, only: differing_key
    use rockfall_scene_file, only: inputs_t
+   use rockfall_samples, only: base_bits
    use rockfall_line_samples, only: layout_t
    use rockfall_state_table, only: array_t, table_t
    use rockfall_run_state, only: run_t, arrays_of, rows_of, settle_partial_sources, restore_sources
@@ -79,7 +80,7 @@ contains
       integer :: crs(1), id, k, n
 
       crs = 0
-      call transfer(file, about_t("crs", nf90_int, "1", "coordinate reference system"), [axis_t ::], crs)
+      call transfer(file, definition_t("crs", nf90_int, "1", "coordinate reference system"), [axis_t ::], crs)
       n = 0
       call record_status(file, nf90_inq_varid(file%id, "crs", id))
       call record_status(file, nf90_inquire_variable(inputs%file%id, inputs%crs, natts=n))
@@ -175,15 +176,15 @@ contains
    ! ---- write and read -----------------------------------------------------------------------
 
    !> Describe a variable from its row of the table.
-   pure type(about_t) function described(group, name) result(about)
+   pure type(definition_t) function described(group, name) result(definition)
       character(len=*), intent(in) :: group, name
 
       associate (row => variable_of(group, name))
-         about = about_t(name_in_files(row), kinds(findloc(types, stored_as(row), dim=1)), row%units, row%long_name, &
-                         row%comment)
+         definition = definition_t(name_in_files(row), kinds(findloc(types, stored_as(row), dim=1)), row%units, &
+                                   row%long_name, row%comment)
          if (group /= "histogram") return
-         about%units = "1"
-         about%long_name = "rebounds by "//row%long_name
+         definition%units = "1"
+         definition%long_name = "rebounds by "//row%long_name
       end associate
    end function described
 
@@ -203,9 +204,9 @@ contains
       if (.not. is_ok(file) .or. .not. in_order(file, cell, run)) return
       do k = 1, size(table%row)
          associate (row => table%row(k))
-            if (row%about%group == "work") then
+            if (row%variable%group == "work") then
                cycle
-            else if (row%about%name == "bin_counts") then
+            else if (row%variable%name == "bin_counts") then
                call pass_bin_counts(file, run, cell, cells)
             else if (row%axis(1) == "x") then
                call pass_stack(file, row, cell, cells)
@@ -224,13 +225,13 @@ contains
       type(array_t), intent(in) :: row
       integer(i8), intent(in) :: rows
       type(axis_t), allocatable :: axes(:)
-      type(about_t) :: about
+      type(definition_t) :: definition
       integer(i1), target :: none(0)
       integer(i1), pointer, contiguous :: bytes(:)
       integer(i8) :: step
       integer :: id, k
 
-      about = described(row%about%group, row%about%name)
+      definition = described(row%variable%group, row%variable%name)
       axes = [(axis_t(row%axis(k), row%length(k)), k=1, row%rank)]
       step = bytes_of(row)*row%length(1)
       bytes => none
@@ -238,12 +239,12 @@ contains
       if (row%axis(1) == "boulder") axes%length = [rows, row%length(2:row%rank)]
       if (row%axis(1) == "boulder" .and. row%rank == 2) then  ! more rows are allocated than used
          do k = 1, int(row%length(2))
-            call transfer(file, about, axes, bytes((k - 1)*step + 1:), k)
+            call transfer(file, definition, axes, bytes((k - 1)*step + 1:), k)
          end do
       else
-         call transfer(file, about, axes, bytes)
+         call transfer(file, definition, axes, bytes)
       end if
-      if (row%about%name /= "status" .or. .not. file%writes .or. .not. is_ok(file)) return
+      if (row%variable%name /= "status" .or. .not. file%writes .or. .not. is_ok(file)) return
       call record_status(file, nf90_inq_varid(file%id, "status", id))
       call record_status(file, nf90_put_att(file%id, id, "flag_values", [(int(k, i1), k=1, size(statuses))]))
       call record_status(file, nf90_put_att(file%id, id, "flag_meanings", joined(statuses, " ")))
@@ -262,14 +263,15 @@ contains
       integer(i8), intent(in) :: cell(:)
       type(axis_t), intent(in) :: cells
       integer(i4), pointer :: value(:, :, :)
-      integer(i4), allocatable :: some(:, :)
+      integer(i4), allocatable :: values(:, :)
       integer :: k
 
       call c_f_pointer(row%at, value, [int(bytes_of(row)/4, i8), product(row%length(:2)), row%length(3)])
       do k = 1, size(value, 3)
-         some = value(:, cell + 1, k)
-         call transfer(file, described("tally", row%about%name), [cells, axis_t(row%axis(3), row%length(3))], some, k)
-         value(:, cell + 1, k) = some
+         values = value(:, cell + 1, k)
+         call transfer(file, described("tally", row%variable%name), [cells, axis_t(row%axis(3), row%length(3))], &
+                       values, k)
+         value(:, cell + 1, k) = values
       end do
    end subroutine pass_stack
 
@@ -441,8 +443,8 @@ contains
       table = arrays_of(run)
       do k = 1, size(table%row)
          associate (row => table%row(k))
-            if (any(row%about%group == ["work  ", "sample", "kept  "]) .or. product(row%length) == 0) cycle
-            if (.not. is_possible(row)) call mark_damaged(file, name_in_files(row%about))
+            if (any(row%variable%group == ["work  ", "sample", "kept  "]) .or. product(row%length) == 0) cycle
+            if (.not. is_possible(row)) call mark_damaged(file, name_in_files(row%variable))
          end associate
       end do
 
@@ -464,11 +466,12 @@ contains
          select case (row%kind)
          case ("i1")
             call c_f_pointer(row%at, i1_values, shape)
-            if (row%about%name == "status") good = all(i1_values(:n, :) >= 1 .and. i1_values(:n, :) <= size(statuses))
-            if (row%about%name == "outcome") good = all(i1_values(:n, :) >= 0 .and. i1_values(:n, :) <= passed_over)
+            if (row%variable%name == "status") &
+               good = all(i1_values(:n, :) >= 1 .and. i1_values(:n, :) <= size(statuses))
+            if (row%variable%name == "outcome") good = all(i1_values(:n, :) >= 0 .and. i1_values(:n, :) <= passed_over)
          case ("i4")
             call c_f_pointer(row%at, i4_values, shape)
-            good = all(i4_values(:n, :) >= merge(1, 0, any(row%about%name == ["source        ", "source_feature"])))
+            good = all(i4_values(:n, :) >= merge(1, 0, any(row%variable%name == ["source        ", "source_feature"])))
          case ("i8")
             call c_f_pointer(row%at, i8_values, [product(row%length)])
             good = all(i8_values >= 0)
@@ -477,15 +480,15 @@ contains
             good = all(ieee_is_finite(f4_values))
          case ("f8")
             call c_f_pointer(row%at, f8_values, shape)
-            if (any(row%about%group == ["line    ", "fragment"])) then
+            if (any(row%variable%group == ["line    ", "fragment"])) then
                associate (crossed => .not. ieee_is_nan(run%line(:n, :, time)))
                   good = all(ieee_is_finite(f8_values(:n, :)) .eqv. crossed) &
                          .and. all(ieee_is_nan(f8_values(:n, :)) .neqv. crossed)
                end associate
             else
                good = all(ieee_is_finite(f8_values(:n, 1)))
-               if (good .and. row%about%group == "boulder") &
-                  good = .not. is_beyond(row%about%name, f8_values(:n, 1), grid)
+               if (good .and. row%variable%group == "boulder") &
+                  good = .not. is_beyond(row%variable%name, f8_values(:n, 1), grid)
             end if
          end select
       end function is_possible
@@ -512,7 +515,7 @@ contains
       type(run_t), intent(in) :: run
 
       associate (sums => run%samples%sums, ended => run%samples%ended)
-         if (any(sums(2:, :, :, :) < 0) .or. any(shiftr(sums(2:4:2, :, :, :), 62) /= 0)) &
+         if (any(sums(2:, :, :, :) < 0) .or. any(shiftr(sums(2:4:2, :, :, :), base_bits) /= 0)) &
             call mark_damaged(file, "sample_sums")
          if (any(ended < 0) .or. sum(ended) /= run%done) call mark_damaged(file, "sample_ended")
       end associate

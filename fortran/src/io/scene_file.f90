@@ -9,8 +9,9 @@ module rockfall_scene_file
    use rockfall_kinds, only: wp, i1, i2, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, max_text
-   use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, record_status, is_ok, mark_damaged, &
-                                   fail_damaged, check_shape, transfer, length_of, kind_of, text_of, integers_of
+   use rockfall_netcdf_file, only: netcdf_file_t, axis_t, definition_t, open_netcdf, record_status, is_ok, &
+                                   mark_damaged, fail_damaged, check_shape, transfer, length_of, kind_of, text_of, &
+                                   integers_of
    use rockfall_system, only: end_reading
    use rockfall_terrain, only: max_elevation
    use rockfall_surface, only: method_a
@@ -20,7 +21,8 @@ module rockfall_scene_file
    use rockfall_case, only: case_t
    use rockfall_case_file, only: differing_key
    use rockfall_scene_type, only: scene_t
-   use rockfall_scene, only: scene_arrays_t, is_borrowed, build_scene_of_case
+   use rockfall_grounds, only: max_grounds
+   use rockfall_scene, only: scene_arrays_t, feature_fields, is_borrowed, build_scene_of_case
    implicit none
    private
    public :: inputs_t, read_scene
@@ -146,20 +148,20 @@ contains
    subroutine read_elevations(inputs)
       type(inputs_t), intent(inout) :: inputs
       integer :: j
-      logical :: known, good
+      logical :: any_known, good
 
       associate (file => inputs%file, ny => inputs%arrays%grid%ny)
          call take(inputs, "elevation", merge("f4", "f8", kind_of(file, "elevation") == nf90_float), inputs%cells)
          if (.not. is_ok(file)) return
-         known = .false.
+         any_known = .false.
          good = .true.
          do j = 1, ny
             associate (here => is_known(inputs, j))
-               known = known .or. any(here)
+               any_known = any_known .or. any(here)
                good = good .and. all(abs(merge(row_of(inputs, j), 0.0_wp, here)) <= max_elevation)
             end associate
          end do
-         if (.not. (known .and. good)) call mark_damaged(file, "elevation")
+         if (.not. (any_known .and. good)) call mark_damaged(file, "elevation")
       end associate
    end subroutine read_elevations
 
@@ -173,19 +175,19 @@ contains
       integer, parameter :: kinds(*) = [nf90_byte, nf90_short, nf90_int, nf90_float, nf90_double]
       integer, parameter :: width(*) = [1, 2, 4, 4, 8]
       integer(i1), pointer, contiguous :: block(:)
-      type(about_t) :: about
+      type(definition_t) :: definition
       integer(i8) :: length(3)
       integer :: k, status
 
       k = findloc(["i1", "i2", "i4", "f4", "f8"], kind, dim=1)
-      about = about_t(name, kinds(k))
-      call check_shape(inputs%file, about, axes)
+      definition = definition_t(name, kinds(k))
+      call check_shape(inputs%file, definition, axes)
       if (.not. is_ok(inputs%file)) return
       length = 1
       length(:size(axes)) = axes%length
       allocate (block(width(k)*product(length)), stat=status)
       if (status /= 0) call mark_damaged(inputs%file, "(no memory) "//name)
-      call transfer(inputs%file, about, axes, block)
+      call transfer(inputs%file, definition, axes, block)
       if (.not. is_ok(inputs%file)) return
       if (present(positive)) then
          call c_f_pointer(c_loc(block), values, length(:1))
@@ -208,12 +210,12 @@ contains
       end if
    end function row_of
 
-   pure function is_known(inputs, j) result(known)
+   pure function is_known(inputs, j) result(mask)
       type(inputs_t), intent(in) :: inputs
       integer, intent(in) :: j
-      logical :: known(inputs%arrays%grid%nx)
+      logical :: mask(inputs%arrays%grid%nx)
 
-      known = .not. ieee_is_nan(row_of(inputs, j))
+      mask = .not. ieee_is_nan(row_of(inputs, j))
    end function is_known
 
    !> Read ground types, if not only the case's impact sets apply; everywhere, or by material or cell.
@@ -228,10 +230,10 @@ contains
          n = length_of(file, "ground")
          ground = [axis_t("ground", int(n, i8))]
          material = [axis_t("material", int(max(1, length_of(file, "material")), i8))]
-         if (n < 1 .or. n > huge(1_i1)) call mark_damaged(file, "its number of grounds")
+         if (n < 1 .or. n > max_grounds) call mark_damaged(file, "its number of grounds")
          if (.not. is_ok(file)) return
          allocate (length(n), source=0)
-         call transfer(file, about_t("ground_length", nf90_int), ground, length)
+         call transfer(file, definition_t("ground_length", nf90_int), ground, length)
          call take_texts(inputs, length)
          if (kind_of(file, "material_ground") /= 0 .and. is_ok(file)) then
             call take(inputs, "material_ground", "i1", material)
@@ -389,7 +391,7 @@ contains
          if (any(arrays%source_feature < 1 .or. arrays%source_feature > n)) call mark_damaged(file, "source_feature")
          if (kind_of(file, "feature_law") == 0 .or. .not. is_ok(file)) return
          call take(inputs, "feature_law", "i4", feature)
-         call take(inputs, "feature_value", "f8", [axis_t("feature_field", 9_i8), feature])
+         call take(inputs, "feature_value", "f8", [axis_t("feature_field", size(feature_fields, kind=i8)), feature])
          if (.not. is_ok(file)) return
          if (any(arrays%feature_distribution < 0 &
                  .or. arrays%feature_distribution > list_volume)) call mark_damaged(file, "feature_law")
@@ -426,11 +428,11 @@ contains
    end subroutine read_sets
 
    !> Read a text of any length, stored one letter per element, and an attribute of it.
-   subroutine read_letters(file, name, text, attribute, about)
+   subroutine read_letters(file, name, text, attribute, attribute_name)
       type(netcdf_file_t), intent(inout) :: file
       character(len=*), intent(in) :: name
       character(len=:), allocatable, intent(out) :: text, attribute
-      character(len=*), intent(in) :: about  !! name of the attribute
+      character(len=*), intent(in) :: attribute_name  !! name of the attribute
       character(len=1), allocatable :: letter(:)
       integer :: id, n, k
 
@@ -439,13 +441,13 @@ contains
       if (n > max_text) call mark_damaged(file, name)
       if (.not. is_ok(file)) return
       allocate (letter(n))
-      call transfer(file, about_t(name, nf90_char), [axis_t(name//"_length", int(n, i8))], letter)
+      call transfer(file, definition_t(name, nf90_char), [axis_t(name//"_length", int(n, i8))], letter)
       allocate (character(len=n) :: text)
       do k = 1, n
          text(k:k) = letter(k)
       end do
       call record_status(file, nf90_inq_varid(file%id, name, id))
-      attribute = text_of(file, id, about)
+      attribute = text_of(file, id, attribute_name)
    end subroutine read_letters
 
 end module rockfall_scene_file

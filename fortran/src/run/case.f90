@@ -8,8 +8,7 @@ module rockfall_case
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, key_location
    use rockfall_case_keys, only: read_keys, map_names, n_maps, max_thresholds, max_periods, hazard_classes, &
                                  text_length, max_name
-   use rockfall_boulder, only: volume_distribution_t, fixed_volume, normal_volume, uniform_volume, &
-                               lognormal_volume, pareto_volume, list_volume
+   use rockfall_boulder, only: volume_distribution_t, fixed_volume, uniform_volume, distributions
    use rockfall_surface, only: method_a, method_b
    use rockfall_direction, only: past_aspect, to_aspect, by_lab
    use rockfall_forest, only: tree_model_t
@@ -285,18 +284,18 @@ contains
       distribution = text_of(group, "volume")
       needs = .false.
       select case (distribution)
-      case ("normal"); this%volumes%kind = normal_volume; needs(1:2) = .true.
-      case ("lognormal"); this%volumes%kind = lognormal_volume; needs(1:2) = .true.
-      case ("uniform"); this%volumes%kind = uniform_volume; needs(3:4) = .true.
-      case ("list"); this%volumes%kind = list_volume; needs(5) = .true.
-      case ("pareto"); this%volumes%kind = pareto_volume; needs([3, 4, 6]) = .true.
+      case ("normal", "lognormal"); needs(1:2) = .true.
+      case ("uniform"); needs(3:4) = .true.
+      case ("list"); needs(5) = .true.
+      case ("pareto"); needs([3, 4, 6]) = .true.
       case ("source")
          this%by_feature = (has_key(release, "points") .or. has_key(release, "polygons")) &
                            .and. .not. any([(has_key(group, trim(keys(k))), k=7, size(keys))])
          this%by_source = .not. this%by_feature
          needs(7:9) = this%by_source
-      case default; this%volumes%kind = fixed_volume; needs(1) = .true.
+      case default; needs(1) = .true.
       end select
+      this%volumes%kind = max(fixed_volume, findloc(distributions, distribution, dim=1))
       takes = needs
       takes(10:) = this%by_source
       do k = 1, size(keys)

@@ -3,7 +3,7 @@
 !> of grounds (docs/grounds.md), `&ground model = 'constant', r_n = 0.4, r_t = 0.9 /`. Empty text: the case's impact
 !> sets.
 module rockfall_grounds
-   use rockfall_kinds, only: wp
+   use rockfall_kinds, only: wp, i1
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: parse_real
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
@@ -20,8 +20,10 @@ module rockfall_grounds
    use rockfall_impact_sets, only: coefficients_t, read_sets
    implicit none
    private
-   public :: read_ground, read_stochastic, rest_angle_of_rocks, ground_parameter, model_names
+   public :: read_ground, read_stochastic, rest_angle_of_rocks, ground_parameter, model_names, max_grounds
    public :: rocks_of_model, no_rocks, any_rocks, some_rocks
+
+   integer, parameter :: max_grounds = huge(1_i1)  !! of a scene: their numbers are bytes
 
    !> Models, in the order of their numbers.
    character(len=*), parameter :: model_names(*) = [character(len=14) :: "impact_sets", "rockyfor3d", &

@@ -21,10 +21,13 @@ module rockfall_run_loop
    use rockfall_scene, only: check_sources, boulder_count, max_volumes, object_reach, max_tree_hits
    implicit none
    private
-   public :: run_observer_t, run_case, scan_terrain
+   public :: run_observer_t, run_case, scan_terrain, save_rest
 
    integer(i8), parameter :: first_chunk = 1024   !! boulders in the first call
    real(wp), parameter :: chunk_seconds = 1.0_wp  !! target duration of a call: at its end threads wait for each other
+
+   !> Minimum time between saves of a run, as a multiple of the duration of the last save.
+   real(wp), parameter :: save_rest = 20.0_wp
 
    !> Observer of a run; it may restore a part of the run before the first chunk.
    type, abstract :: run_observer_t

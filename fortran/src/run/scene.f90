@@ -25,8 +25,13 @@ module rockfall_scene
    use rockfall_grounds, only: read_ground, read_stochastic, rest_angle_of_rocks
    implicit none
    private
-   public :: scene_arrays_t, is_borrowed, build_scene_of_case, check_sources, boulder_count, max_volumes, &
-             object_reach, max_tree_hits
+   public :: scene_arrays_t, feature_fields, is_borrowed, build_scene_of_case, check_sources, boulder_count, &
+             max_volumes, object_reach, max_tree_hits
+
+   !> Values of a feature, in the units of the keys of these names.
+   character(len=*), parameter :: feature_fields(*) = [character(len=11) :: "volume_mean", "volume_std", "volume_min", &
+                                                       "volume_max", "density", "drop_height", "velocity_x", &
+                                                       "velocity_y", "velocity_z"]
 
    !> Ground type as passed to the kernel.
    type :: ground_text_t
@@ -51,8 +56,7 @@ module rockfall_scene
       real(wp), allocatable :: source_density(:)                 !! density of their boulders, if given [kg/m3]
       integer, allocatable :: source_feature(:)                  !! 1-based feature of a layer, if sources come from one
       integer, allocatable :: feature_distribution(:)            !! volume model (rockfall_boulder); 0: the case's
-      real(wp), allocatable :: feature_value(:, :)               !! mean, std, min, max of volumes [m3],
-      !! density [kg/m3], drop height [m], velocity [m/s] (9, features); NaN: the case's
+      real(wp), allocatable :: feature_value(:, :)               !! (feature_fields, features); NaN: the case's
       real(wp), pointer, contiguous :: tree_x(:) => null(), tree_y(:) => null()  !! stems, map coordinates [m]
       real(wp), pointer, contiguous :: tree_dbh(:) => null()     !! their diameters at breast height, > 0 [cm]
       real(wp), pointer, contiguous :: tree_factor(:) => null()  !! of their species [-]
@@ -250,7 +254,7 @@ contains
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
       type(scene_t), intent(inout) :: scene
-      real(wp) :: usual(9), value(9)
+      real(wp), dimension(size(feature_fields)) :: usual, value
       integer :: k
 
       if (.not. allocated(arrays%feature_distribution)) return

@@ -12,7 +12,7 @@ module rockfall_state_table
    integer, parameter :: max_rank = 4
 
    type :: array_t
-      type(variable_t) :: about           !! group "work": not in files
+      type(variable_t) :: variable        !! group "work": not in files
       character(len=2) :: kind = ""       !! i1, i4, i8, f4, f8
       integer :: rank = 0
       character(len=40) :: axis(max_rank) = ""  !! names of its dimensions; the first varies fastest
@@ -46,12 +46,12 @@ contains
       end do
       if (product(row%length) > 0) row%at = c_loc(values)
       if (present(kind)) then
-         row%about%group = group
-         row%about%name = name
+         row%variable%group = group
+         row%variable%name = name
          row%kind = kind
       else
-         row%about = variable_of(group, name)
-         row%kind = stored_as(row%about)
+         row%variable = variable_of(group, name)
+         row%kind = stored_as(row%variable)
       end if
       if (.not. allocated(this%row)) allocate (this%row(0))
       this%row = [this%row, row]
@@ -63,7 +63,7 @@ contains
       character(len=:), allocatable :: text
       integer :: k
 
-      text = trim(row%about%group)//" "//trim(row%about%name)//" "//name_in_files(row%about)//" "//row%kind
+      text = trim(row%variable%group)//" "//trim(row%variable%name)//" "//name_in_files(row%variable)//" "//row%kind
       do k = 1, row%rank
          text = text//" "//trim(row%axis(k))
       end do

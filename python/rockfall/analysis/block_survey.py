@@ -87,8 +87,8 @@ def _period(years: float | None, fallen: _Blocks) -> float:
         )
     if not 0 < years <= MAX_YEARS:
         raise RockfallError(f"years = {years:g}: must be > 0 and <= {MAX_YEARS:g}")
-    known = fallen.dates[~np.isnan(fallen.dates)]
-    if known.size and (span := float(np.ptp(known))) > years:
+    dates = fallen.dates[~np.isnan(fallen.dates)]
+    if dates.size and (span := float(np.ptp(dates))) > years:
         raise RockfallError(
             f"years = {years:g}: must be >= {span:.4g}, the time from the first to the last dated "
             f"block of {fallen.name}"

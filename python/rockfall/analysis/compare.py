@@ -156,7 +156,7 @@ def _errors(
         references, key=lambda reference: order((reference["line"], reference["quantity"]))
     ):
         for name in STATISTICS:
-            about = [
+            place = [
                 reference["line"],
                 reference["quantity"],
                 name,
@@ -178,7 +178,7 @@ def _errors(
                 )
             error, (within, consistent) = _error(beside[3], beside[0]), _verdicts(*beside)
             consistent = None if reference["n"] < MIN_OBSERVED.get(name, 0) else consistent
-            rows.append([*about, *beside, error, within, consistent, theirs])
+            rows.append([*place, *beside, error, within, consistent, theirs])
     columns = ["line", "quantity", "statistic", "against", "n_observed", *_BESIDE, "error_percent"]
     table = pd.DataFrame(rows, columns=[*columns, *_VERDICTS, "printed_error_percent"])
     return table.astype({"n_observed": "Int64", **_VERDICTS})
@@ -243,15 +243,15 @@ def _ks(
     printed = {(row.line, row.quantity): row.p for row in own.itertuples()}
     rows = []
     for line, quantity in sorted({*seen.samples, *printed}, key=_order(names)):
-        found = np.nan, np.nan, np.nan, np.nan
+        test = np.nan, np.nan, np.nan, np.nan
         if (line, quantity) in seen.samples:
             values = line_values(result, quantity, names.index(line))
             values = values[~np.isnan(values)]
-            found = _test(seen.samples[line, quantity], values, np.ones(values.size))
-        rows.append([line, quantity, *found, printed.get((line, quantity), np.nan)])
+            test = _test(seen.samples[line, quantity], values, np.ones(values.size))
+        rows.append([line, quantity, *test, printed.get((line, quantity), np.nan)])
     if distances is not None:
-        found = _test(distances, ours, share)
-        rows.append(["", STOPPING, *found, np.nan])
+        test = _test(distances, ours, share)
+        rows.append(["", STOPPING, *test, np.nan])
     sizes = ["n_observed", "n_simulated"]
     columns = ["line", "quantity", *sizes, "ks_statistic", "p", "printed_p"]
     return pd.DataFrame(rows, columns=columns).astype(dict.fromkeys(sizes, "Int64"))
@@ -311,10 +311,10 @@ def _at_rest(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
     import pandas as pd
 
     rows = [
-        [one.source or "all", one.blocks, one.boulders, one.outside,
-         *np.exp([one.observed, one.own, one.own_low]),
-         DIFFERS if one.observed < one.own_low else UNDECIDED]
-        for one in agreement(result, seen)
+        [rest.source or "all", rest.blocks, rest.boulders, rest.outside,
+         *np.exp([rest.observed, rest.own, rest.own_low]),
+         DIFFERS if rest.observed < rest.own_low else UNDECIDED]
+        for rest in agreement(result, seen)
     ]  # fmt: skip
     columns = ["source", "n_observed", "n_simulated", "outside", "density", "own_density"]
     return pd.DataFrame(rows, columns=[*columns, "own_density_low", "verdict"])
@@ -336,11 +336,11 @@ def _notes(result: xr.Dataset, seen: Observed, source: Sources) -> Iterator[str]
         if len(at_rest(result, blocks).place) < MIN_COMPARED:
             key = "compare.few_at_rest_of_source" if blocks.source else "compare.few_at_rest"
             yield say(key, source=blocks.source, fewest=MIN_COMPARED)
-    names = sorted({str(name) for one in seen.kept.values() for name in one.columns})
+    names = sorted({str(name) for table in seen.kept.values() for name in table.columns})
     if names:
         yield say("compare.columns", names=", ".join(names))
     count = (left_terrain(result) | ends(result)["impact_limit"]).sum()
-    if count and any(one is not None for one in (seen.passing, seen.distances, seen.stops)):
+    if count and any(item is not None for item in (seen.passing, seen.distances, seen.stops)):
         yield say("compare.never_at_rest", n=count)
     if len(seen.tests) and not seen.samples:
         yield say("compare.other_runs")

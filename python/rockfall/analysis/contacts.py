@@ -29,9 +29,9 @@ def at_places(result: xr.Dataset, name: str, x: np.ndarray, y: np.ndarray) -> np
     column, row = (x - grid.west) / grid.cell, (grid.north - y) / grid.cell
     inside = (column >= 0) & (column < grid.nx) & (row >= 0) & (row < grid.ny)
     values = result[name].values[::-1] if flipped else result[name].values
-    found = np.full(x.size, np.nan)
-    found[inside] = values[row[inside].astype(int), column[inside].astype(int)]
-    return found
+    at_place = np.full(x.size, np.nan)
+    at_place[inside] = values[row[inside].astype(int), column[inside].astype(int)]
+    return at_place
 
 
 def reach_at(result: xr.Dataset, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -68,7 +68,7 @@ def contacts_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
     for name, maps in VALUES.items():
         if seen.contacts[name].notna().any():
             columns[name] = seen.contacts[name].to_numpy(float)
-            columns |= {one: at_places(result, one, x, y) for one in maps if one in result}
+            columns |= {name: at_places(result, name, x, y) for name in maps if name in result}
     for name in CONTACT[4:]:
         if seen.contacts[name].notna().any():
             columns[name] = seen.contacts[name].to_numpy(float)
@@ -82,4 +82,4 @@ def _with_kept(table: pd.DataFrame, seen: Observed, kind: str) -> pd.DataFrame:
         return table
     ours = {*table.columns, "table", *VALUES}
     kept = seen.kept[kind].rename(columns=lambda name: f"given_{name}" if name in ours else name)
-    return table.assign(**{str(name): one for name, one in kept.items()})
+    return table.assign(**{str(name): column for name, column in kept.items()})

@@ -169,17 +169,17 @@ def _study(scene: Scene, sizes: Sequence[int], advance: Advance) -> pd.DataFrame
         source = sources(part)
         for k, line in enumerate(part["line"].values):
             for quantity in QUANTITIES:
-                found = line_numbers(part, k, quantity, source)
+                numbers = line_numbers(part, k, quantity, source)
                 for statistic in (*STATISTICS, "max"):
-                    rows.append((line, quantity, statistic, size, *_limits(found, statistic)))
-            rows.append((line, *NUMBERS[0], size, *_limits(found, "fraction")))
+                    rows.append((line, quantity, statistic, size, *_limits(numbers, statistic)))
+            rows.append((line, *NUMBERS[0], size, *_limits(numbers, "fraction")))
     table = pd.DataFrame(rows, columns=[*KEYS, "boulders", "value", "low", "high"])
     table["change"] = table.groupby(KEYS)["value"].pct_change(fill_method=None)
     return table
 
 
-def _limits(found: dict[str, float], statistic: str) -> list[float]:
-    return [found.get(name, np.nan) for name in with_limits(statistic)]
+def _limits(numbers: dict[str, float], statistic: str) -> list[float]:
+    return [numbers.get(name, np.nan) for name in with_limits(statistic)]
 
 
 def _sample(scene: Scene, boulders: int, seed: int, advance: Advance) -> tuple[np.ndarray, float]:
@@ -199,8 +199,8 @@ def _sample(scene: Scene, boulders: int, seed: int, advance: Advance) -> tuple[n
         n, first = result.sizes["boulder"], done * sources
         for k, of_line in enumerate(values):
             for quantity, row in zip(QUANTITIES, of_line, strict=True):
-                found = line_values(result, quantity, k)
-                row[first : first + n] = found.reshape(sources, -1).T.ravel()
+                crossed = line_values(result, quantity, k)
+                row[first : first + n] = crossed.reshape(sources, -1).T.ravel()
         seconds += result.attrs["cpu_seconds"]
         done, seed = done + n // sources, seed + 1
     return values, seconds / values.shape[2]
@@ -240,8 +240,8 @@ def _errors(
         size = -(-step // sources) * sources  # all sources give the same number
         if size * MIN_BLOCKS > values.shape[2]:
             break
-        found = _numbers(_in_blocks(values, size, MAX_BLOCKS))
-        for line, numbers, right in zip(case.lines, found, truth, strict=True):
+        errors = _numbers(_in_blocks(values, size, MAX_BLOCKS))
+        for line, numbers, right in zip(case.lines, errors, truth, strict=True):
             for number, each, exact in zip(NUMBERS, numbers, right, strict=True):
                 tail = 0.05 if number[1] == "q95" else 1.0
                 if size * right[0] * tail < MIN_CROSSED:
@@ -261,12 +261,12 @@ def _costs(error: pd.DataFrame, seconds: float, passed: Mapping[str, float]) -> 
     rows = []
     groups = dict(list(error[error["error"] > 0].groupby(KEYS)))
     keys = ((line, *number) for line in error["line"].unique() for number in NUMBERS)
-    for key, one in ((key, groups[key]) for key in keys if key in groups):
-        log_n, log_error = np.log(one["boulders"].values), np.log(one["error"].values)
-        precision = np.linalg.inv(_covariance(one["boulders"].values, one["blocks"].values))
+    for key, group in ((key, groups[key]) for key in keys if key in groups):
+        log_n, log_error = np.log(group["boulders"].values), np.log(group["error"].values)
+        precision = np.linalg.inv(_covariance(group["boulders"].values, group["blocks"].values))
         c = np.exp((precision @ (log_error + log_n / 2)).sum() / precision.sum())
         slope = slope_error = np.nan
-        if len(one) > 1:  # generalised least squares
+        if len(group) > 1:  # generalised least squares
             line = np.stack([log_n, np.ones_like(log_n)], axis=1)
             spread = np.linalg.inv(line.T @ precision @ line)
             slope, slope_error = (spread @ line.T @ precision @ log_error)[0], spread[0, 0] ** 0.5
@@ -307,10 +307,10 @@ def _terrains(
 
     def add(variant: str, change: np.ndarray, error: np.ndarray, seconds: float) -> None:
         for k, line in enumerate(scene.case.lines):
-            for number, one, its_error in zip(NUMBERS, change[k], error[k], strict=True):
+            for number, value, its_error in zip(NUMBERS, change[k], error[k], strict=True):
                 key = (line["name"], *number)
                 statistical = sampled.get(key, np.nan)
-                rows.append((*key, variant, one, its_error, statistical, SIZE * seconds))
+                rows.append((*key, variant, value, its_error, statistical, SIZE * seconds))
 
     add(AS_GIVEN, 0 * overall, 0 * overall, seconds)
     for variant, terrain in others.items():

@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.observations import Observed
-from rockfall.analysis.run_out import RESAMPLES, Starts, starts
+from rockfall.analysis.run_out import RESAMPLES, Starts, cell_of, starts
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import corner_of
 from rockfall.io.grid import Grid
@@ -113,13 +113,13 @@ def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
         return []
     volume = np.full(len(seen.stops), np.nan) if seen.volumes is None else seen.volumes
     sources = np.array(seen.sources or [ALL] * len(seen.stops), object)
-    found = starts(result)
-    if len(found.places) == 1:
+    origins = starts(result)
+    if len(origins.places) == 1:
         return []
-    for k in np.flatnonzero(~np.isin(sources, [ALL, *found.names]))[:1].tolist():
+    for k in np.flatnonzero(~np.isin(sources, [ALL, *origins.names]))[:1].tolist():
         raise RockfallError(
             f"{seen.where['stops'][k]}: source = {sources[k]}: no boulder starts from a source of "
-            f"this name; has: {_some(found.names)}"
+            f"this name; has: {_some(origins.names)}"
         )
     names = [
         *dict.fromkeys(name for name in sources if name != ALL),
@@ -151,15 +151,15 @@ def _some(names: list[str]) -> str:
     return ", ".join([*shown[:10], *["..."][: len(shown) > 10]])
 
 
-def at_rest(result: xr.Dataset, blocks: Blocks, known: Starts | None = None) -> Rest:
+def at_rest(result: xr.Dataset, blocks: Blocks, origins: Starts | None = None) -> Rest:
     """Boulders of a result, from the source of blocks or all, that came to rest on the terrain, in
     the area in which blocks were mapped."""
     source = blocks.source
     done = ~(left_terrain(result) | ends(result)["impact_limit"])
     if source != ALL:
-        known = starts(result) if known is None else known
-        sources = [k for k, one in enumerate(known.names) if one == source]
-        done = done & np.isin(known.group, sources)
+        origins = starts(result) if origins is None else origins
+        sources = [k for k, name in enumerate(origins.names) if name == source]
+        done = done & np.isin(origins.group, sources)
     place = np.column_stack([result["stop_x"].values, result["stop_y"].values])
     if blocks.area is not None:
         done = done & _within(blocks.area, place)
@@ -193,7 +193,7 @@ def silverman(values: np.ndarray) -> float:
     if values.size < 2 or not np.ptp(values) > 1e-9 * np.abs(values).max():
         return np.inf
     low, high = np.quantile(values, (0.25, 0.75))
-    scale = min(one for one in (values.std(ddof=1), (high - low) / 1.34) if one > 0)
+    scale = min(width for width in (values.std(ddof=1), (high - low) / 1.34) if width > 0)
     return float(0.9 * scale * values.size**-0.2)
 
 
@@ -202,11 +202,11 @@ def _likeliest_neighbours(kernel: Kernel, rest: Rest) -> float:
     n = len(rest.place)
     every = np.arange(n)
     trials = np.unique(np.geomspace(2, n / 2, 12).round())
-    found = [
+    likelihood = [
         log_densities_of_own(kernel._replace(neighbours=k, boulders=n), rest, every).mean()
         for k in trials
     ]
-    return float(trials[int(np.argmax(found))])
+    return float(trials[int(np.argmax(likelihood))])
 
 
 def _neighbours(kernel: Kernel, n: int) -> float:
@@ -231,27 +231,27 @@ def kernel_widths(kernel: Kernel, rest: Rest) -> tuple[np.ndarray, np.ndarray, n
 
 def kernel_sums(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> Sums:
     """Sums over boulders at rest, for each block."""
-    found, widths = np.empty((3, len(blocks.place))), kernel_widths(kernel, rest)[0]
+    sums, widths = np.empty((3, len(blocks.place))), kernel_widths(kernel, rest)[0]
     for piece in _pieces(len(blocks.place), len(rest.place)):
         place, volume = blocks.place[piece], blocks.volume[piece]
         alike = volume_weights(kernel, volume, rest)
         near = alike * _normal(_squares(place, rest), widths)
-        found[:, piece] = near.sum(axis=1), (near**2).sum(axis=1), alike.sum(axis=1)
-    return Sums(*found)
+        sums[:, piece] = near.sum(axis=1), (near**2).sum(axis=1), alike.sum(axis=1)
+    return Sums(*sums)
 
 
 def log_densities_of_own(kernel: Kernel, rest: Rest, chosen: np.ndarray) -> np.ndarray:
     """Log-density of some of the simulated boulders, by number, each given the others."""
     widths, without, far = kernel_widths(kernel, rest)
-    found = np.empty(chosen.size)
+    densities = np.empty(chosen.size)
     for piece in _pieces(chosen.size, len(rest.place)):
         rows = chosen[piece]
         squares = _squares(rest.place[rows], rest)
         near = _normal(squares, np.where(squares <= far, without, widths))
         alike = volume_weights(kernel, rest.volume[rows], rest)
         alike[np.arange(rows.size), rows] = 0.0
-        found[piece] = log_density(kernel, (alike * near).sum(axis=1), alike.sum(axis=1))
-    return found
+        densities[piece] = log_density(kernel, (alike * near).sum(axis=1), alike.sum(axis=1))
+    return densities
 
 
 def log_densities_again(
@@ -339,7 +339,7 @@ def agreement(result: xr.Dataset, seen: Observed) -> list[Agreement]:
     """Blocks at rest without a known release beside the boulders of a result, by source; empty
     where too few of these came to rest. Every other boulder makes the density, those between stand
     for what the result itself would leave: neither they nor the blocks had a part in it."""
-    random, found = np.random.default_rng(0), []
+    random, agreements = np.random.default_rng(0), []
     for blocks in witnesses(result, seen):
         rest = at_rest(result, blocks)
         every = np.arange(len(rest.place))
@@ -353,8 +353,8 @@ def agreement(result: xr.Dataset, seen: Observed) -> list[Agreement]:
         again = own[chosen].mean(axis=1)
         beyond = int(outside(kernel, sums.near).sum())
         numbers = float(observed.mean()), float(again.mean()), float(np.quantile(again, LOW))
-        found.append(Agreement(blocks.source, len(blocks.place), every.size, beyond, *numbers))
-    return found
+        agreements.append(Agreement(blocks.source, len(blocks.place), every.size, beyond, *numbers))
+    return agreements
 
 
 def _densities(kernel: Kernel, blocks: Blocks, rest: Rest) -> tuple[np.ndarray, Sums]:
@@ -363,15 +363,10 @@ def _densities(kernel: Kernel, blocks: Blocks, rest: Rest) -> tuple[np.ndarray, 
     return log_density(kernel, sums.near, sums.boulders), sums
 
 
-def cell_of(result: xr.Dataset) -> float:
-    """Side of a cell of the terrain of a result [m]."""
-    return corner_of(result["crs"].attrs)[2]
-
-
 def grid_for(result: xr.Dataset, given: Iterable[str | Path | Observed]) -> Grid | None:
     """Cells of the terrain of a result, in its CRS, from its north-western corner as far as its
     boulders came: enough to read layers in; None if none of the observations given is a layer."""
-    if not any(is_point_layer(one) for one in given if not isinstance(one, Observed)):
+    if not any(is_point_layer(item) for item in given if not isinstance(item, Observed)):
         return None
     from rasterio.crs import CRS
 

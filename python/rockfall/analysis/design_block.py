@@ -166,14 +166,14 @@ def _fit(survey: Survey, threshold: float | None) -> Fit:
     else:
         _check_numbers(survey, 0.0)
         tried = list(_tried(survey))
-        found = lowest_valid(tried)
-        if found is None:
+        lowest = lowest_valid(tried)
+        if lowest is None:
             best = max(fit.p_value for fit in tried) if tried else 0.0
             raise RockfallError(
                 f"{survey.name}: above no threshold a generalised Pareto distribution fits (p = "
                 f"{best:.2g}); give the threshold"
             )
-        fit = found
+        fit = lowest
     if not -MAX_SHAPE < fit.shape < HEAVIEST:
         how = "end too sharply" if fit.shape < 0 else "have too heavy a tail"
         raise RockfallError(
@@ -280,7 +280,7 @@ def _levels(
             excess = fit.scale * math.expm1(fit.shape * math.log(expected)) / fit.shape
             low, high = likelihood.limits(excess, period)
             row |= zip(
-                with_limits("volume"), (fit.threshold + one for one in (excess, low, high)),
+                with_limits("volume"), (fit.threshold + value for value in (excess, low, high)),
                 strict=True,
             )  # fmt: skip
             row["power_law"] = law.volume(period)
@@ -300,7 +300,7 @@ class _Likelihood:
         self.years = survey.years / rate.dispersion
         theta = np.expm1(_PLACES * math.log(n))
         self.theta = np.where(np.abs(theta) < 1e-9, 1e-9, theta) / excess[-1]  # not 0: exponential
-        self.total = np.array([np.log1p(one * excess).sum() for one in self.theta])
+        self.total = np.array([np.log1p(theta * excess).sum() for theta in self.theta])
         self.least = n * (best_of(fit.shape / fit.scale, excess)[2] + 1)
         self.least += self.dated * (1 - math.log(rate.value))
 
@@ -421,7 +421,7 @@ def _same_volumes(survey: Survey, threshold: float) -> float:
     of the lists has too few."""
     from scipy.stats import ks_2samp
 
-    dated, undated = (one[one > threshold] for one in (survey.dated, survey.undated))
+    dated, undated = (volumes[volumes > threshold] for volumes in (survey.dated, survey.undated))
     if min(dated.size, undated.size) < MIN_DATED:
         return math.nan
     return float(ks_2samp(dated, undated).pvalue)

@@ -82,14 +82,14 @@ def read_marks(seen: Observed) -> list[Mark]:
     if seen.contacts is None:
         return []
     rows: pd.DataFrame = seen.contacts
-    found = []
+    marks = []
     for k, row in enumerate(rows.to_dict("records")):
         if row["height"] > 0:
             diameter = 0.0 if np.isnan(row["dbh"]) else row["dbh"] / 100
             hits = 1 if np.isnan(row["hits"]) else int(row["hits"])
-            about = row["x"], row["y"], row["height"], diameter, row["side"], hits
-            found.append(Mark(seen.where["contacts"][k], *about))
-    return found
+            place = row["x"], row["y"], row["height"], diameter, row["side"], hits
+            marks.append(Mark(seen.where["contacts"][k], *place))
+    return marks
 
 
 def with_lines_at(scene: Scene, marks: list[Mark]) -> tuple[Scene, list[Mark]]:
@@ -138,7 +138,7 @@ def _line(
     k = int(np.argmax(many)) if many.any() else len(widths) - 1
     if touched[k].any():
         velocity = [result[f"line_velocity_{axis}"].values[rows][k] for axis in "xy"]
-        heading = np.array([np.nanmean(one) for one in velocity])
+        heading = np.array([np.nanmean(components) for components in velocity])
     else:  # none comes: from the middle of the sources
         start = [result[f"start_{axis}"].values.mean() for axis in "xy"]
         heading = np.array([mark.x, mark.y]) - start
@@ -185,11 +185,11 @@ def log_density(
     near: np.ndarray, below: np.ndarray, crossed: np.ndarray, mark: Mark, top: float
 ) -> np.ndarray:
     """Logarithm of the predictive density [1/m] of a mark, from sums over boulders."""
-    found = np.log((near + ANYWHERE / top) / (crossed + ANYWHERE))
+    log_density = np.log((near + ANYWHERE / top) / (crossed + ANYWHERE))
     if mark.hits > 1:
         part = (below + ANYWHERE * min(mark.height / top, 1.0)) / (crossed + ANYWHERE)
-        found = found + np.log(mark.hits) + (mark.hits - 1) * np.log(part)
-    return found
+        log_density = log_density + np.log(mark.hits) + (mark.hits - 1) * np.log(part)
+    return log_density
 
 
 def log_reach(crossed: np.ndarray, boulders: int) -> np.ndarray:

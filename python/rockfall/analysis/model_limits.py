@@ -252,8 +252,8 @@ def extrapolations(values: Variables) -> Iterator[Extrapolation]:
     for what, fraction in fractions_outside(values).items():
         if fraction:
             part = part_of_rebounds(round(fraction * rebounds), rebounds)
-            key, about = _outside_ratios(values) if what == "range" else (OUTSIDE[what], {})
-            text = say(key, part=part, **about)
+            key, numbers = _outside_ratios(values) if what == "range" else (OUTSIDE[what], {})
+            text = say(key, part=part, **numbers)
             yield Extrapolation(fraction, text, fraction > MAX_OUTSIDE)
     is_fast = faster_than_observed(values)
     if (fast := int(is_fast.sum())) > MAX_FAST * is_fast.size:
@@ -265,11 +265,11 @@ def extrapolations(values: Variables) -> Iterator[Extrapolation]:
 def _outside_ratios(values: Variables) -> tuple[str, dict[str, Any]]:
     """Message on rebounds outside the ratios of the impact sets or tables that made them, and its
     values: the ratios of a shipped table."""
-    followed = [one for one in rebounds_by_ground(values) if one.rebounds]
-    tables = [one.name for one in followed if one.model == RATIO_TABLE]
+    followed = [ground for ground in rebounds_by_ground(values) if ground.rebounds]
+    tables = [ground.name for ground in followed if ground.model == RATIO_TABLE]
     if not tables:
         return OUTSIDE["range"], {}
-    if any(one.model == IMPACT_SETS for one in followed):
+    if any(ground.model == IMPACT_SETS for ground in followed):
         return "model.outside_both", {}
     if len(tables) > 1 or tables[0] not in shipped_tables():
         return "model.outside_tables", {}

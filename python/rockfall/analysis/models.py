@@ -110,8 +110,8 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
     table = pd.DataFrame(rows, columns=COLUMNS)
     title = case.case["title"] or case.name
     assert first is not None
-    known = first.drop_vars([name for name in first.variables if name != "crs"])
-    return Models(title, own.boulders, tuple(scenes), table, tuple(notes), known)
+    maps = first.drop_vars([name for name in first.variables if name != "crs"])
+    return Models(title, own.boulders, tuple(scenes), table, tuple(notes), maps)
 
 
 def write_models(models: Models, path: str | Path) -> None:
@@ -135,8 +135,8 @@ def read_models(path: str | Path) -> Models:
     try:
         dataset = xr.load_dataset(path, mask_and_scale=False, decode_times=False, engine="netcdf4")
     except OSError as error:
-        about = error.strerror or error
-        raise RockfallError(f"{path}: cannot be read as models: {about}") from error
+        reason = error.strerror or error
+        raise RockfallError(f"{path}: cannot be read as models: {reason}") from error
     if "models_layout" not in dataset.attrs:
         raise RockfallError(f"{path}: is no models.nc of `rockfall models`")
     table = dataset[COLUMNS].to_dataframe().reset_index(drop=True)[COLUMNS]
@@ -145,7 +145,7 @@ def read_models(path: str | Path) -> Models:
     data = json.loads(dataset.attrs.get("note_messages", "[]")) or [None] * len(
         notes
     )  # older files
-    notes = tuple(unpacked(one, text) for one, text in zip(data, notes, strict=True))
+    notes = tuple(unpacked(note, text) for note, text in zip(data, notes, strict=True))
     boulders = int(dataset.attrs["model_boulders"])
     title = str(dataset.attrs["title"]) or str(dataset.attrs["case_file"])
     return Models(title, boulders, names, table, notes, dataset[["crs"]])
@@ -180,8 +180,8 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
     method = case.surface["method"]
     for way in (method, "AB".replace(method, "")):
         try:
-            one = case.replace(surface={"method": way, "ground": None})
-            yield f"impact sets, method {way}", read_scene(one)
+            own_case = case.replace(surface={"method": way, "ground": None})
+            yield f"impact sets, method {way}", read_scene(own_case)
         except RockfallError:  # no sizes for this method
             continue
 
@@ -190,10 +190,10 @@ def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[
     """Scene with its impact sets in place of grounds, wherever its rocks have a suitable size;
     obstacles that stop every boulder, and smooth ground, keep their grounds."""
     cells, rule = own.rasters, GroundRule(own.case.impact["sets"])
-    names = [one.name for one in own.grounds]
+    names = [ground.name for ground in own.grounds]
     grounds = own.grounds if rule.name in names else (*own.grounds, rule)
-    number = [one.name for one in grounds].index(rule.name) + 1
-    is_varied = np.array([False, *(one.name in varied for one in grounds)])
+    number = [rule.name for rule in grounds].index(rule.name) + 1
+    is_varied = np.array([False, *(rule.name in varied for rule in grounds)])
     sizes = cells.sizes.T if cells.values is None else cells.values
     fits = ((sizes > 0) & (sizes < STOPPING)).all(axis=0)
     zone = 1 if cells.zone is None else cells.zone
@@ -223,12 +223,12 @@ def _own_share(scene: Scene) -> float:
     """Fraction of the terrain where no zone and no cell names a ground [-]."""
     usual, cells = _usual(scene), scene.rasters
     own = np.array([0, *(ground.name == usual for ground in scene.grounds)], bool)
-    known = ~np.isnan(cells.z)
+    has_elevation = ~np.isnan(cells.z)
     if cells.cell_ground is not None:
-        return float(own[cells.cell_ground][known].mean())
+        return float(own[cells.cell_ground][has_elevation].mean())
     if cells.material_ground is None or cells.zone is None:
         return 1.0
-    return float(np.append(False, own[cells.material_ground])[cells.zone][known].mean())
+    return float(np.append(False, own[cells.material_ground])[cells.zone][has_elevation].mean())
 
 
 def with_rocks(
@@ -240,7 +240,7 @@ def with_rocks(
     varied = varied or {_usual(scene)}
     others = [ground for ground in scene.grounds if ground.name not in varied]
     rules = dict.fromkeys((small, large))
-    number = {one.name: k for k, one in enumerate([*rules, *others], start=1)}
+    number = {rule.name: k for k, rule in enumerate([*rules, *others], start=1)}
     names = [ground.name for ground in scene.grounds] or [_usual(scene)]
     kept = np.array([0, *(0 if name in varied else number[name] for name in names)], np.int8)
     sizes = cells.sizes[:, 0] if cells.values is None else cells.values[0]
@@ -252,8 +252,8 @@ def with_rocks(
         of_cells = _filled(kept[1 if cells.cell_ground is None else cells.cell_ground], here)
         of_cells = np.broadcast_to(of_cells, cells.z.shape).copy()
     elif cells.zone is not None:
-        known = 1 if cells.material_ground is None else cells.material_ground
-        of_materials = _filled(kept[known], of_rocks)
+        ground = 1 if cells.material_ground is None else cells.material_ground
+        of_materials = _filled(kept[ground], of_rocks)
     else:
         everywhere = (large if of_rocks[0] == number[large.name] else small,)
     return scene.replace(
@@ -277,24 +277,24 @@ def _rows(result: xr.Dataset, first: xr.Dataset) -> Iterator[dict[str, Any]]:
     """Numbers of a result, and their differences from those of the first."""
     source = sources(result)
     for k, line in enumerate(result["line"].values if "line" in result else []):
-        found = line_numbers(result, k, "speed", source)
-        crossed, before = (np.isfinite(one["line_time"].values[k]) for one in (result, first))
+        speeds = line_numbers(result, k, "speed", source)
+        crossed, before = (np.isfinite(run["line_time"].values[k]) for run in (result, first))
         apart = NO_DIFFERENCE
         if result is not first:
             apart = _fraction_difference(crossed, before, source)
         yield {
             "line": line, "quantity": "boulders", "statistic": "fraction",
-            **_row(found, "fraction"),
+            **_row(speeds, "fraction"),
             **apart,
         }  # fmt: skip
         for quantity in QUANTITIES:
             numbers = line_numbers(result, k, quantity, source)
-            value, other = (line_values(one, quantity, k) for one in (result, first))
+            value, other = (line_values(run, quantity, k) for run in (result, first))
             for statistic in ("mean", "q95"):
                 row = _row(numbers, statistic)
                 row |= _mean_difference(value, other, source) if statistic == "mean" else {}
                 yield {"line": line, "quantity": quantity, "statistic": statistic, **row}
-    distance, other = (one["plan_distance"].values for one in (result, first))
+    distance, other = (run["plan_distance"].values for run in (result, first))
     numbers = {"n": distance.size, **sample_numbers(distance, source)}
     for statistic in ("mean", "q95"):
         row = _row(numbers, statistic)
@@ -303,9 +303,9 @@ def _rows(result: xr.Dataset, first: xr.Dataset) -> Iterator[dict[str, Any]]:
 
 
 def _row(numbers: dict[str, float], statistic: str) -> dict[str, float]:
-    found = {end or "value": numbers.get(f"{statistic}{end and '_'}{end}", np.nan)
+    limits = {end or "value": numbers.get(f"{statistic}{end and '_'}{end}", np.nan)
              for end in ("", "low", "high")}  # fmt: skip
-    return {"n": numbers["n"], **found}
+    return {"n": numbers["n"], **limits}
 
 
 def _difference(each: np.ndarray, source: Sources) -> dict[str, float]:
@@ -334,18 +334,18 @@ def _mean_difference(value: np.ndarray, other: np.ndarray, source: Sources) -> d
     """Difference of the means over the boulders that crossed by either model. Each mean is a ratio
     of means over all boulders; the interval is that of their difference, linearised (Cochran
     1977)."""
-    fewest = min(np.isfinite(one).sum() for one in (value, other))
+    fewest = min(np.isfinite(values).sum() for values in (value, other))
     if not fewest:
         return dict.fromkeys(COLUMNS[-3:], np.nan)
     if np.array_equal(value, other, equal_nan=True):
         return NO_DIFFERENCE
     parts, means = [], []
-    for one in (value, other):
-        crossed = ~np.isnan(one)
-        means.append(float(one[crossed].mean()))
-        parts.append(np.where(crossed, one - means[-1], 0.0) / crossed.mean())
+    for values in (value, other):
+        crossed = ~np.isnan(values)
+        means.append(float(values[crossed].mean()))
+        parts.append(np.where(crossed, values - means[-1], 0.0) / crossed.mean())
     if fewest < 2:
         return dict(zip(COLUMNS[-3:], (means[0] - means[1], np.nan, np.nan), strict=True))
     apart = _difference(parts[0] - parts[1], source)
     difference = means[0] - means[1]
-    return {name: difference + one - apart["difference"] for name, one in apart.items()}
+    return {name: difference + number - apart["difference"] for name, number in apart.items()}

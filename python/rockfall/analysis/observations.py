@@ -85,17 +85,17 @@ def read_observed(
         return given[0]
     paths = cast("tuple[str | Path, ...]", given)
     real = [os.path.realpath(path) for path in paths]
-    for path, one in zip(paths, real, strict=True):
-        if real.count(one) > 1:
+    for path, real_path in zip(paths, real, strict=True):
+        if real.count(real_path) > 1:
             raise RockfallError(f"{path}: is given twice")
-    found: dict[str, list[dict]] = {kind.name: [] for kind in KINDS}
+    records: dict[str, list[dict]] = {kind.name: [] for kind in KINDS}
     kept: dict[str, list[dict]] = {kind.name: [] for kind in KINDS}
     recorded = [path for path in paths if is_trajectory_file(path)]
     if recorded and lines is None:
         raise RockfallError(f"{recorded[0]}: trajectories are read by `rockfall compare` only")
     samples, stops, notes = recorded_numbers(recorded, lines or (), energy_unit)
-    found["samples"] += samples
-    found["stops"] += stops
+    records["samples"] += samples
+    records["stops"] += stops
     kept["stops"] += [{} for _ in stops]
     area = None
     for path in paths:
@@ -111,32 +111,32 @@ def read_observed(
                 continue
         kind, rows = _read(str(path), grid, notes)
         for row in rows:
-            found[kind.name].append({"where": row.where, **kind.record(row)})
+            records[kind.name].append({"where": row.where, **kind.record(row)})
             kept[kind.name].append(
-                {name: one for name, one in row.cells.items() if name not in kind.columns}
+                {name: item for name, item in row.cells.items() if name not in kind.columns}
             )
     named: dict[str, str] = {}
     values: dict[tuple[str, str], list[float]] = {}
     for name in "summaries", "samples", "tests":
-        for one in found[name]:
-            named.setdefault(one["line"], one["where"])
-    for one in found["samples"]:
-        values.setdefault((one["line"], one["quantity"]), []).append(one["value"])
+        for record in records[name]:
+            named.setdefault(record["line"], record["where"])
+    for record in records["samples"]:
+        values.setdefault((record["line"], record["quantity"]), []).append(record["value"])
     for name in "summaries", "tests":
-        _refuse_twice(found[name], ("line", "method", "quantity"))
-    _refuse_twice(found["passing"], ("distance",))
-    _refuse_rise(found["passing"])
+        _refuse_twice(records[name], ("line", "method", "quantity"))
+    _refuse_twice(records["passing"], ("distance",))
+    _refuse_rise(records["passing"])
 
     def frame(kind: str, *columns: str) -> pd.DataFrame:
-        return pd.DataFrame(found[kind], columns=columns)
+        return pd.DataFrame(records[kind], columns=columns)
 
     starts = frame("stops", "start_x", "start_y").to_numpy(float)
     if 0 < np.isnan(starts).any(axis=1).sum() < len(starts):
-        where = found["stops"][int(np.isnan(starts).any(axis=1).argmax())]["where"]
+        where = records["stops"][int(np.isnan(starts).any(axis=1).argmax())]["where"]
         raise RockfallError(f"{where}: {', '.join(START)}: must be there in all rows, or in none")
     counts = frame("passing", "n")["n"].dropna().unique()
     if counts.size > 1:
-        raise RockfallError(f"{found['passing'][0]['where']}: n: must be one number in all rows")
+        raise RockfallError(f"{records['passing'][0]['where']}: n: must be one number in all rows")
     distances = frame("distances", "distance")["distance"].to_numpy(float)
     volumes = frame("stops", VOLUME)[VOLUME].to_numpy(float)
     passing = frame("passing", "distance", "fraction").sort_values("distance", ignore_index=True)
@@ -144,19 +144,19 @@ def read_observed(
         summaries=frame("summaries", "line", "method", "quantity", "mean", "std", "max", "n"),
         samples={key: np.array(values_) for key, values_ in values.items()},
         tests=frame("tests", "line", "method", "quantity", "p"),
-        stops=frame("stops", "x", "y").to_numpy(float) if found["stops"] else None,
-        distances=np.sort(distances) if found["distances"] else None,
-        passing=passing if found["passing"] else None,
+        stops=frame("stops", "x", "y").to_numpy(float) if records["stops"] else None,
+        distances=np.sort(distances) if records["distances"] else None,
+        passing=passing if records["passing"] else None,
         lines=named,
         starts=starts if starts.size and not np.isnan(starts).any() else None,
-        contacts=frame("contacts", *CONTACT) if found["contacts"] else None,
+        contacts=frame("contacts", *CONTACT) if records["contacts"] else None,
         kept={name: pd.DataFrame(rows) for name, rows in kept.items() if any(rows)},
         passing_n=float(counts[0]) if counts.size else np.nan,
         notes=tuple(notes),
-        sources=tuple(stop.get(SOURCE, "") for stop in found["stops"]),
+        sources=tuple(stop.get(SOURCE, "") for stop in records["stops"]),
         volumes=volumes if volumes.size and not np.isnan(volumes).all() else None,
         area=area,
-        where={name: tuple(one["where"] for one in found[name]) for name in ("stops", "contacts")},
+        where={key: tuple(row["where"] for row in records[key]) for key in ("stops", "contacts")},
     )
 
 
@@ -218,10 +218,10 @@ def _stop(row: Row) -> dict:
 def _contact(row: Row) -> dict:
     place = {name: row.number(name) for name in ("x", "y")}
     limits = {"dbh": (0.0, MAX_DBH), "side": (0.0, 360.0), "hits": (1.0, inf)}
-    found = {name: row.maybe(name, *limits.get(name, (0.0, inf))) for name in CONTACT[2:]}
-    if found["hits"] % 1 > 0:
+    contact = {name: row.maybe(name, *limits.get(name, (0.0, inf))) for name in CONTACT[2:]}
+    if contact["hits"] % 1 > 0:
         row.refuse("hits", "must be an integer")
-    return place | found
+    return place | contact
 
 
 class _Kind(NamedTuple):
@@ -279,14 +279,14 @@ def _refuse_twice(records: list[dict], keys: tuple[str, ...]) -> None:
     for record in records:
         key = tuple(record[name] for name in keys)
         if key in first:
-            about = ", ".join(f"{name} {value}" for name, value in zip(keys, key, strict=True))
-            raise RockfallError(f"{record['where']}: {about}: stands already in {first[key]}")
+            identity = ", ".join(f"{name} {value}" for name, value in zip(keys, key, strict=True))
+            raise RockfallError(f"{record['where']}: {identity}: stands already in {first[key]}")
         first[key] = record["where"]
 
 
 def _refuse_rise(records: list[dict]) -> None:
     """Refuse fractions that rise with distance."""
-    ordered = sorted(records, key=lambda one: one["distance"])
+    ordered = sorted(records, key=lambda record: record["distance"])
     for near, far in zip(ordered, ordered[1:], strict=False):
         if far["fraction"] > near["fraction"]:
             raise RockfallError(

@@ -52,25 +52,25 @@ def rank_results(results: Mapping[str, xr.Dataset], seen: Observed) -> pd.DataFr
         for measure, values in _distances(result, seen):
             by_measure.setdefault(measure, {})[name] = values
     by_measure = {
-        one: numbers for one, numbers in by_measure.items() if len(numbers) == len(results)
+        measure: numbers for measure, numbers in by_measure.items() if len(numbers) == len(results)
     }
     if not by_measure:
         raise RockfallError("nothing that ranks results: neither stops, samples nor means observed")
     stacks = {
-        one: np.array([numbers[name] for name in results]) for one, numbers in by_measure.items()
+        key: np.array([numbers[name] for name in results]) for key, numbers in by_measure.items()
     }
-    known = [stack for stack in stacks.values() if np.isfinite(stack).all()]
-    if len(known) > 1:
-        stacks[OVERALL] = np.mean([one / one.mean(axis=0) for one in known], axis=0)
-    rows = [row for measure, one in stacks.items() for row in _ranked(measure, [*results], one)]
+    complete = [stack for stack in stacks.values() if np.isfinite(stack).all()]
+    if len(complete) > 1:
+        stacks[OVERALL] = np.mean([stack / stack.mean(axis=0) for stack in complete], axis=0)
+    rows = [row for measure, stack in stacks.items() for row in _ranked(measure, [*results], stack)]
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def _distances(result: xr.Dataset, seen: Observed) -> Iterator[tuple[str, np.ndarray]]:
     """Measures, and the distance with its resamples: (1 + RESAMPLES)."""
-    found = samples(result, seen)
-    if found is not None:
-        yield "stopping_distance", _resampled(*found)
+    pair = samples(result, seen)
+    if pair is not None:
+        yield "stopping_distance", _resampled(*pair)
     names = line_names(result)
     source = sources(result).number
     for (line, quantity), values in seen.samples.items():

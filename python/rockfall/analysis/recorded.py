@@ -41,26 +41,26 @@ def recorded_numbers(
     samples: list[dict] = []
     cross = []
     for name, x, y in lines:
-        found = [(one.where, crossing(one, x, y)) for one in recorded]
-        met = [(where, one) for where, one in found if one is not None]
+        crossings = [(flight.where, crossing(flight, x, y)) for flight in recorded]
+        met = [(where, met_at) for where, met_at in crossings if met_at is not None]
         cross.append(f"; {len(met):,} cross {name}")
-        for where, one in met:
-            values = {"speed": one.speed, "passing_height": max(0.0, one.passing_height)}
+        for where, passage in met:
+            values = {"speed": passage.speed, "passing_height": max(0.0, passage.passing_height)}
             if energy_unit is not None:
-                values["energy_total"] = ENERGY_UNITS[energy_unit] * one.energy_total
-            about = {"where": where, "line": name}
-            samples += [about | {"quantity": key, "value": v} for key, v in values.items()]
-    about = f"{len(recorded):,} trajectories are read by a layout that is not confirmed"
-    notes = ["".join([about, *cross, "."])]
+                values["energy_total"] = ENERGY_UNITS[energy_unit] * passage.energy_total
+            crossing_row = {"where": where, "line": name}
+            samples += [crossing_row | {"quantity": key, "value": v} for key, v in values.items()]
+    layout = f"{len(recorded):,} trajectories are read by a layout that is not confirmed"
+    notes = ["".join([layout, *cross, "."])]
     if energy_unit is None:
         notes.append(_unit_note(recorded))
-    moving = sum(float(np.linalg.norm(one.velocity[-1])) > MOVING for one in recorded)
+    moving = sum(float(np.linalg.norm(flight.velocity[-1])) > MOVING for flight in recorded)
     if moving:
         notes.append(
             f"{moving:,} trajectories end faster than {MOVING:g} m/s; they count with the distance "
             "they reached."
         )
-    return samples, [_stop(one) for one in recorded], notes
+    return samples, [_stop(flight) for flight in recorded], notes
 
 
 def crossing(recorded: Recorded, x: np.ndarray, y: np.ndarray) -> Crossing | None:
@@ -97,8 +97,8 @@ def _first_crossing(path: np.ndarray, line: np.ndarray) -> tuple[int, float] | N
             along = (away[:, 0] * steps[:, 1] - away[:, 1] * steps[:, 0]) / across
         hits = (across != 0) & (part >= 0) & (part <= 1) & (along >= 0) & (along <= 1)
         for k in np.flatnonzero(hits)[:1].tolist():
-            found = k, float(part[k])
-            best = found if best is None else min(best, found)
+            place = k, float(part[k])
+            best = place if best is None else min(best, place)
     return best
 
 
@@ -110,8 +110,8 @@ def _stop(recorded: Recorded) -> dict:
 
 def _unit_note(recorded: Iterable[Recorded]) -> str:
     """Note that energies are left out, with the mass that each unit would mean."""
-    speeds = np.concatenate([np.linalg.norm(one.velocity, axis=1) for one in recorded])
-    energies = np.concatenate([one.energy for one in recorded])
+    speeds = np.concatenate([np.linalg.norm(flight.velocity, axis=1) for flight in recorded])
+    energies = np.concatenate([flight.energy for flight in recorded])
     fastest = int(np.argmax(speeds))
     text = "Energies of the trajectories are left out, their unit is not known"
     if not speeds[fastest] > 0:

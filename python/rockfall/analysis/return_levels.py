@@ -112,23 +112,23 @@ def return_levels(result: xr.Dataset, levels: Sequence[int] = LEVELS) -> pd.Data
 _FIT = ["threshold", "exceedances", *with_limits("shape"), "scale", "p_value", "end", "end_high"]
 
 
-def _row(sample: Sample, found: Tail) -> dict[str, float | str]:
+def _row(sample: Sample, tail: Tail) -> dict[str, float | str]:
     """A row of `return_levels`."""
-    row: dict[str, float | str] = {"n": found.n}
-    row["max"] = sample.max() if found.n else np.nan
-    for N, level in found.levels.items():
+    row: dict[str, float | str] = {"n": tail.n}
+    row["max"] = sample.max() if tail.n else np.nan
+    for N, level in tail.levels.items():
         row |= zip(with_limits(f"level_{N}"), level[:3], strict=True)
-    if found.fit:
-        row |= found.fit._asdict()
-        row["shape_low"], row["shape_high"] = found.shape_limits
-        row["end"], row["end_high"] = found.end
+    if tail.fit:
+        row |= tail.fit._asdict()
+        row["shape_low"], row["shape_high"] = tail.shape_limits
+        row["end"], row["end_high"] = tail.end
     alone = [
         say("level.alone", N=N, reason=level.refused)
-        for N, level in found.levels.items()
+        for N, level in tail.levels.items()
         if level.refused
     ]
     # a text in every row: pandas versions differ on missing texts
-    row["refused"] = found.refused or "; ".join(alone)
+    row["refused"] = tail.refused or "; ".join(alone)
     return row
 
 
@@ -158,10 +158,10 @@ def tail_of(sample: Sample, levels: Sequence[int] = LEVELS) -> Tail:
 def _tried(sample: Sample, independent: float) -> Iterator[Fit]:
     """Fits above increasing thresholds, with decreasing numbers of exceedances; a sample of few
     independent boulders may lack the values above the lowest."""
-    n, known = sample.n, UPPER * independent
-    if known < MIN_ABOVE:
+    n, available = sample.n, UPPER * independent
+    if available < MIN_ABOVE:
         return
-    numbers = np.geomspace(min(known, MAX_ABOVE), MIN_ABOVE, THRESHOLDS) * n / independent
+    numbers = np.geomspace(min(available, MAX_ABOVE), MIN_ABOVE, THRESHOLDS) * n / independent
     places = np.round(numbers).astype(int)
     ordered = sample.largest(int(places[0]) + 1)
     for threshold in np.unique(ordered[ordered.size - 1 - places[places < ordered.size]]):
@@ -280,11 +280,11 @@ def _profiled(N: int, sample: Sample, independent: float, fit: Fit) -> Level:
     def excess_cost(level: float) -> float:
         above = level - fit.threshold  # the tail may not end before the level
         end = max(-1.0, math.log1p(-top / max(above, (1 + 1e-9) * top)) / reach)
-        found = minimize_scalar(
+        optimum = minimize_scalar(
             lambda place: best_of(theta_at(place), above), bounds=(end, 2), method="bounded",
             options={"xatol": 1e-5},
         )  # fmt: skip
-        return (found.fun - minimum) * independent / n - allowed
+        return (optimum.fun - minimum) * independent / n - allowed
 
     low = brentq(excess_cost, fit.threshold + 1e-3 * (value - fit.threshold), value, rtol=1e-5)
     if excess_cost(MAX_HIGH * value) < 0:

@@ -117,14 +117,14 @@ def run_out(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
     import pandas as pd
 
     rows: list[list] = []
-    found = samples(result, seen)
-    if found is not None and found[0].values.max() < FARTHEST:
-        observed, simulated = found
-        known = [s for s in np.unique(observed.source)
+    pair = samples(result, seen)
+    if pair is not None and pair[0].values.max() < FARTHEST:
+        observed, simulated = pair
+        given = [s for s in np.unique(observed.source)
                  if (observed.source == s).sum() >= MIN_BOULDERS]  # fmt: skip
         if len(np.unique(observed.source)) > 1:
             names = starts(result).names
-            for source in known:
+            for source in given:
                 rows += _rows(names[source], observed.of(source), simulated.of(source))
         if len(observed.source) >= MIN_BOULDERS:
             rows += _rows("all", observed, simulated)
@@ -138,18 +138,18 @@ def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
     observed = observed_boulders(result, seen)
     if observed is None:
         return None
-    found = frames(result, seen)
-    if not found:
+    by_group = frames(result, seen)
+    if not by_group:
         distance = result["plan_distance"].values[:, None]
         return observed, Sample(distance, np.zeros(len(distance), int))
     source = starts(result).group
     values = np.full((source.size, 2), np.nan)
-    for one, frame in found.items():
-        from_source = source == one
+    for group, frame in by_group.items():
+        from_source = source == group
         values[from_source] = np.column_stack(
-            [way_of(result, frame, one, k)[from_source] for k in (0, 1)]
+            [way_of(result, frame, group, k)[from_source] for k in (0, 1)]
         )
-    among = np.isin(source, [*found])
+    among = np.isin(source, [*by_group])
     return observed, Sample(values[among], source[among])
 
 
@@ -166,33 +166,33 @@ def pooled_samples(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> tuple[Sample
             (_in_frame(seen, across), _in_frame(made, across)) for seen, made in parts
         ]  # fmt: skip
     else:
-        known = [part for part in (samples(*pair) for pair in pairs) if part is not None]
-        if len(known) < len(pairs):
+        sampled = [part for part in (samples(*pair) for pair in pairs) if part is not None]
+        if len(sampled) < len(pairs):
             return None
         parts = [
             (Sample(seen.values[:, :1], seen.source), Sample(made.values[:, :1], made.source))
-            for seen, made in known
+            for seen, made in sampled
         ]
     first = np.cumsum([0, *(made.source.max() + 1 for _, made in parts)])
-    found = [
+    pooled = [
         Sample(
             np.concatenate([part[k].values for part in parts]),
             np.concatenate([part[k].source + at for part, at in zip(parts, first, strict=False)]),
         )
         for k in (0, 1)
     ]
-    return found[0], found[1]
+    return pooled[0], pooled[1]
 
 
 def _ways(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
     """Vectors from release to rest, observed and simulated; None if places are unknown."""
-    found = starts(result)
-    if seen.stops is None or (seen.starts is None and len(found.places) > 1):
+    origins = starts(result)
+    if seen.stops is None or (seen.starts is None and len(origins.places) > 1):
         return None
-    ways, group = _observed_ways(seen, found)
+    ways, group = _observed_ways(seen, origins)
     made = [result[f"stop_{axis}"].values - result[f"start_{axis}"].values for axis in "xy"]
-    among = np.isin(found.group, group)
-    return Sample(ways, group), Sample(np.column_stack(made)[among], found.group[among])
+    among = np.isin(origins.group, group)
+    return Sample(ways, group), Sample(np.column_stack(made)[among], origins.group[among])
 
 
 def _in_frame(ways: Sample, across: np.ndarray) -> Sample:
@@ -224,7 +224,7 @@ def starts(result: xr.Dataset) -> Starts:
         return Starts(group, names, places, group_at)
     group_at = np.arange(len(places))
     if "x" not in case_of(result).release:
-        group_at = _touching(places, _cell(result))
+        group_at = _touching(places, cell_of(result))
     names = [str(k + 1) for k in range(group_at.max(initial=-1) + 1)]
     return Starts(group_at[number], names, places, group_at)
 
@@ -242,8 +242,8 @@ def _touching(places: np.ndarray, cell: float) -> np.ndarray:
     return pd.factorize(connected_components(graph, directed=False)[1])[0]
 
 
-def _cell(result: xr.Dataset) -> float:
-    """The side of a cell of the terrain [m]."""
+def cell_of(result: xr.Dataset) -> float:
+    """Side of a cell of the terrain of a result [m]."""
     return corner_of(result["crs"].attrs)[2]
 
 
@@ -253,15 +253,15 @@ def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
     total = result.sizes["boulder"]
     if seen.stops is None or seen.starts is None:
         return np.ones(total, bool), ""
-    found, nearest = starts(result), _nearest(seen.starts, starts(result).places)
-    groups = np.unique(found.group_at[nearest])
-    in_groups = np.isin(found.group, groups)
-    apart = np.hypot(*(seen.starts - found.places[nearest]).T).max()
+    origins, nearest = starts(result), _nearest(seen.starts, starts(result).places)
+    groups = np.unique(origins.group_at[nearest])
+    in_groups = np.isin(origins.group, groups)
+    apart = np.hypot(*(seen.starts - origins.places[nearest]).T).max()
     notes = []
     if not in_groups.all():
-        places = ", ".join([*(found.names[k] for k in groups[:10]), *["..."][: groups.size > 10]])
+        places = ", ".join([*(origins.names[k] for k in groups[:10]), *["..."][: groups.size > 10]])
         notes.append(say("compare.same_starts", part=in_groups.sum(), n=total, names=places))
-    if apart > 3 * _cell(result):
+    if apart > 3 * cell_of(result):
         notes.append(say("compare.release_apart", apart=apart))
     return in_groups, " ".join(notes)
 
@@ -269,25 +269,25 @@ def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
 def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
     """Observed boulders: stopping distance, and where places are known the lateral offset [m], with
     the number of the source; None if the distances are unknown."""
-    found = starts(result)
-    if seen.stops is None or (seen.starts is None and len(found.places) > 1):
+    origins = starts(result)
+    if seen.stops is None or (seen.starts is None and len(origins.places) > 1):
         if seen.distances is None:
             return None
         return Sample(seen.distances[:, None], np.zeros(seen.distances.size, int))
-    ways, nearest = _observed_ways(seen, found)
+    ways, nearest = _observed_ways(seen, origins)
     offsets = np.empty(len(ways))
-    for one in np.unique(nearest):
-        offsets[nearest == one] = ways[nearest == one] @ _across(ways[nearest == one])
+    for group in np.unique(nearest):
+        offsets[nearest == group] = ways[nearest == group] @ _across(ways[nearest == group])
     return Sample(np.column_stack([np.hypot(*ways.T), offsets]), nearest)
 
 
-def _observed_ways(seen: Observed, found: Starts) -> tuple[np.ndarray, np.ndarray]:
+def _observed_ways(seen: Observed, origins: Starts) -> tuple[np.ndarray, np.ndarray]:
     """Vectors from releases to stopping places, and the group of the source nearest to each
     release."""
     assert seen.stops is not None
     given = seen.starts
-    given = found.places[:1].repeat(len(seen.stops), axis=0) if given is None else given
-    return seen.stops - given, found.group_at[_nearest(given, found.places)]
+    given = origins.places[:1].repeat(len(seen.stops), axis=0) if given is None else given
+    return seen.stops - given, origins.group_at[_nearest(given, origins.places)]
 
 
 def _nearest(given: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -305,12 +305,12 @@ class Frame(NamedTuple):
 
 def frames(result: xr.Dataset, seen: Observed) -> dict[int, Frame]:
     """Frames of the groups of sources whose stopping places were observed."""
-    found = starts(result)
-    if seen.stops is None or (seen.starts is None and len(found.places) > 1):
+    origins = starts(result)
+    if seen.stops is None or (seen.starts is None and len(origins.places) > 1):
         return {}
-    ways, group = _observed_ways(seen, found)
-    known = np.unique(group).tolist()
-    return {one: Frame(found.names[one], _across(ways[group == one])) for one in known}
+    ways, group = _observed_ways(seen, origins)
+    groups = np.unique(group).tolist()
+    return {k: Frame(origins.names[k], _across(ways[group == k])) for k in groups}
 
 
 def way_of(result: xr.Dataset, frame: Frame, group: int, column: int) -> np.ndarray:
@@ -319,8 +319,8 @@ def way_of(result: xr.Dataset, frame: Frame, group: int, column: int) -> np.ndar
     ways = np.column_stack(
         [result[f"stop_{axis}"].values - result[f"start_{axis}"].values for axis in "xy"]
     )
-    found = ways @ frame.across if column else np.hypot(*ways.T)
-    return np.where(starts(result).group == group, found, np.nan)
+    distance = ways @ frame.across if column else np.hypot(*ways.T)
+    return np.where(starts(result).group == group, distance, np.nan)
 
 
 def _across(ways: np.ndarray) -> np.ndarray:
@@ -334,13 +334,13 @@ def _rows(name: str, seen: Sample, made: Sample) -> Iterator[list]:
     share = weights(seen, made)
     distance = Distance(seen.values[:, 0], made.values[:, 0])
     counts = [(resampled(seen, random), resampled(made, random)) for _ in range(RESAMPLES)]
-    one, sizes = np.ones(len(seen.source)), [len(seen.source), len(made.source)]
+    ones, sizes = np.ones(len(seen.source)), [len(seen.source), len(made.source)]
 
     def row(label: str, column: int, statistic: int) -> list:
         values = [
             [moments(sample.values[:, column], w)[statistic] for w in weights_]
             for sample, weights_ in (
-                (seen, [one, *(a for a, _ in counts)]),
+                (seen, [ones, *(a for a, _ in counts)]),
                 (made, [share, *(share * b for _, b in counts)]),
             )
         ]
@@ -358,7 +358,7 @@ def _rows(name: str, seen: Sample, made: Sample) -> Iterator[list]:
 
     yield row("mean", 0, 0)
     yield row("std", 0, 1)
-    value = distance(one, share)
+    value = distance(ones, share)
     again = np.array([distance(a, share * b) for a, b in counts])
     high, low = 2 * value - np.quantile(again, LIMITS)
     chance = by_chance(seen, made, share, random)
@@ -395,7 +395,7 @@ def moments(values: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
 def by_chance(seen: Sample, made: Sample, share: np.ndarray, random: np.random.Generator) -> float:
     """95 % quantile of the Wasserstein distance for the same number of boulders of the result, from
     the same sources."""
-    values, found = made.values[:, 0], []
+    values, distances = made.values[:, 0], []
     places = {s: np.flatnonzero(made.source == s) for s in np.unique(seen.source)}
     distance = Distance(values, values)
     for _ in range(RESAMPLES):
@@ -403,8 +403,8 @@ def by_chance(seen: Sample, made: Sample, share: np.ndarray, random: np.random.G
         for source, n in zip(*np.unique(seen.source, return_counts=True), strict=True):
             picked = random.integers(places[source].size, size=n)
             counts[places[source]] += np.bincount(picked, minlength=places[source].size)
-        found.append(distance(counts, share))
-    return float(np.quantile(found, 0.95))
+        distances.append(distance(counts, share))
+    return float(np.quantile(distances, 0.95))
 
 
 def mean_slopes(values: Held | Mapping[str, ArrayLike]) -> np.ndarray:
@@ -421,5 +421,5 @@ def passing(
     given the `distance` of each boulder."""
     source = sources(result)
     shown = np.linspace(0, stop_distances(result).max() or 1.0, STATIONS)
-    fraction = [fraction_interval(distance >= one, source) for one in shown]
+    fraction = [fraction_interval(distance >= limit, source) for limit in shown]
     return shown, *np.transpose(fraction)

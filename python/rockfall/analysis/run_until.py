@@ -171,7 +171,7 @@ def next_stage(verdicts: list[Verdict], n: int, cap: int) -> int:
     needs = [verdict.need for verdict in verdicts if not verdict.met and not np.isinf(verdict.need)]
     if not needs:
         return n
-    need = max(MAX_GROWTH * n if np.isnan(one) else one for one in needs)
+    need = max(MAX_GROWTH * n if np.isnan(needed) else needed for needed in needs)
     target = MARGIN * need if need <= NEAR * n else max(NEAR * n, SHORT * need)
     return min(cap, math.ceil(np.clip(target, MIN_GROWTH * n, MAX_GROWTH * n)))
 
@@ -189,21 +189,21 @@ def evaluate(rules: list[Rule], result: Held) -> list[Verdict]:
     return [_verdict(rule, samples) for rule in rules]
 
 
-def _verdict(rule: Rule, known: LineSamples) -> Verdict:
+def _verdict(rule: Rule, line_samples: LineSamples) -> Verdict:
     """Verdict on a rule; the need follows from the width. If the sources are sampled, the part due
     to their differences does not decrease with more boulders."""
-    n = known.boulders / max(known.sources, 1)
-    row = numbers(known.sample(rule.line, rule.quantity), rule.quantity)
+    n = line_samples.boulders / max(line_samples.sources, 1)
+    row = numbers(line_samples.sample(rule.line, rule.quantity), rule.quantity)
     width = half_width(row, rule.statistic)
     crossed = np.inf if rule.statistic == "fraction" else row["n"]
     if width <= rule.limit and crossed >= CROSSED:
         return Verdict(rule, True, width, n)
     if not row["n"] or not np.isfinite(width):
-        few = known.sampled and 1 < known.sources < MIN_FOR_MEAN <= row["n"]
+        few = line_samples.sampled and 1 < line_samples.sources < MIN_FOR_MEAN <= row["n"]
         return Verdict(rule, False, width, np.inf if few else np.nan)
     error, limit = width, rule.limit
-    if known.sampled and known.sources > 1:
-        alone = numbers(known.given().sample(rule.line, rule.quantity), rule.quantity)
+    if line_samples.sampled and line_samples.sources > 1:
+        alone = numbers(line_samples.given().sample(rule.line, rule.quantity), rule.quantity)
         error = half_width(alone, rule.statistic)
         limit = math.sqrt(max(0.0, limit**2 - max(0.0, width**2 - error**2)))
     if limit > 0:
@@ -221,27 +221,27 @@ def read_rules(text: str, lines: list[str]) -> list[Rule]:
 
 
 def _rule(text: str, lines: list[str]) -> Rule:
-    about = f"until '{text}'"
-    found = re.fullmatch(r"([\w.]+)\s*@\s*(.+?)\s*<\s*([^<]*?)\s*%", text)
-    if not found:
-        raise RockfallError(f"{about}: must be {FORM}, several with commas between")
-    what, line, percent = found.groups()
+    prefix = f"until '{text}'"
+    match = re.fullmatch(r"([\w.]+)\s*@\s*(.+?)\s*<\s*([^<]*?)\s*%", text)
+    if not match:
+        raise RockfallError(f"{prefix}: must be {FORM}, several with commas between")
+    what, line, percent = match.groups()
     quantity, _, statistic = what.partition(".")
     if what in ("fraction", "share"):  # share: its old name
         quantity, statistic = QUANTITIES[0], "fraction"  # the same for any quantity
     elif quantity not in QUANTITIES:
-        known = ", ".join(QUANTITIES)
+        names = ", ".join(QUANTITIES)
         raise RockfallError(
-            f"{about}: no quantity '{quantity}'; there are {known}, or fraction alone"
+            f"{prefix}: no quantity '{quantity}'; there are {names}, or fraction alone"
         )
     elif statistic not in STATISTICS:
-        known = ", ".join(STATISTICS)
+        names = ", ".join(STATISTICS)
         raise RockfallError(
-            f"{about}: no interval for the statistic '{statistic}'; there are {known}"
+            f"{prefix}: no interval for the statistic '{statistic}'; there are {names}"
         )
     if line not in lines:
-        known = ", ".join(lines) or "none"
-        raise RockfallError(f"{about}: no line '{line}'; the lines of the case: {known}")
+        names = ", ".join(lines) or "none"
+        raise RockfallError(f"{prefix}: no line '{line}'; the lines of the case: {names}")
     if not re.fullmatch(r"\d+\.?\d*|\.\d+", percent) or not 0 < float(percent) < 100:
-        raise RockfallError(f"{about}: {percent} %: must be a number above 0 and below 100")
+        raise RockfallError(f"{prefix}: {percent} %: must be a number above 0 and below 100")
     return Rule(text, lines.index(line), quantity, statistic, float(percent) / 100)

@@ -58,8 +58,8 @@ def _blocks(raster: np.ndarray, factor: int, fill: float) -> np.ndarray:
 def _most_frequent(zone: np.ndarray) -> np.ndarray:
     """Most frequent zone above 0, 0 if there is none: (ny, nx) of (ny, nx, cells)."""
     best, highest = np.zeros(zone.shape[:2], zone.dtype), np.zeros(zone.shape[:2], int)
-    for one in np.unique(zone[zone > 0]):
-        count = np.count_nonzero(zone == one, axis=2)
-        best[count > highest] = one
+    for number in np.unique(zone[zone > 0]):
+        count = np.count_nonzero(zone == number, axis=2)
+        best[count > highest] = number
         highest = np.maximum(highest, count)
     return best

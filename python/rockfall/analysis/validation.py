@@ -106,12 +106,12 @@ def validate(
     total = sum(scene.boulders for scene in laws.values()) * seeds
     with progress_bar(total, shown=progress) as advance:
         for name, scene in laws.items():
-            found = []
+            runs = []
             for seed in numbers:
                 result = run_scene(replace(scene, case=scene.case.replace(case={"seed": seed})))
                 advance(result.sizes["boulder"])
-                found.append(numbers_beside([(result, seen)]))
-            rows += [{"law": name, **row} for row in over_runs(found)]
+                runs.append(numbers_beside([(result, seen)]))
+            rows += [{"law": name, **row} for row in over_runs(runs)]
     if not rows:
         raise RockfallError(
             f"{case.name}: nothing that was observed can be set beside it: places or distances of "
@@ -135,21 +135,21 @@ def _laws(case: Case, tables: Sequence[str], notes: list[str]) -> Iterator[tuple
     for name in tables:
         if own_table and name == case.impact["table"]:
             continue
-        one = case.replace(impact={"form": "table", "table": name}, surface={"ground": None})
-        yield f"table {name}", read_scene(one)
+        law_case = case.replace(impact={"form": "table", "table": name}, surface={"ground": None})
+        yield f"table {name}", read_scene(law_case)
 
 
 def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Number]:
     """Numbers of results of one site that can be compared with the observations of each, by line,
     quantity and statistic. Several results, for instance of different kinds of blocks, count as one
     sample, in which each source is weighted by its observed frequency."""
-    found: dict[Key, Number] = {}
+    by_key: dict[Key, Number] = {}
     stopped = pooled_samples(pairs)
     if stopped is not None:
         numbers = run_out_numbers(*stopped, one_frame=len(pairs) > 1)
-        found |= {("", RUN_OUT, name): one for name, one in numbers.items()}
+        by_key |= {("", RUN_OUT, name): number for name, number in numbers.items()}
     if (rest := _at_rest(pairs)) is not None:
-        found["", AT_REST, LOG_DENSITY] = rest
+        by_key["", AT_REST, LOG_DENSITY] = rest
     for line, quantity in dict.fromkeys(key for _, seen in pairs for key in seen.samples):
         values = [
             (seen.samples[line, quantity], crossed)
@@ -162,30 +162,30 @@ def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Nu
                 np.full(len(made), len(accepted) / max(len(made), 1)) for accepted, made in values
             ]
             each = np.concatenate(share)
-            numerators, made = (np.concatenate(one) for one in zip(*values, strict=True))
+            numerators, made = (np.concatenate(column) for column in zip(*values, strict=True))
             at_line = distribution_numbers(
                 numerators, made, each / (each.mean() if each.size else 1)
             )
-            found |= {(line, quantity, name): one for name, one in at_line.items()}
+            by_key |= {(line, quantity, name): number for name, number in at_line.items()}
     for row in pairs[0][1].summaries.to_dict("records"):
         key = row["line"], row["quantity"]
         if row["method"] == "observed" and key not in pairs[0][1].samples:
             at_lines = [_crossed(result, *key) for result, _ in pairs]
-            crossed = [one for one in at_lines if one is not None]
+            crossed = [sample for sample in at_lines if sample is not None]
             if crossed:
                 printed = _of_printed(row, np.concatenate(crossed))
-                found |= {(*key, name): one for name, one in printed}
-    return found
+                by_key |= {(*key, name): number for name, number in printed}
+    return by_key
 
 
 def _at_rest(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> Number | None:
     """Mean logarithm of the density of simulated boulders [m-2] at blocks at rest without a known
     release; None without such blocks, or where too few boulders come to rest."""
-    found = [one for pair in pairs for one in agreement(*pair)]
-    if not found:
+    rests = [rest for pair in pairs for rest in agreement(*pair)]
+    if not rests:
         return None
-    n = sum(one.blocks for one in found)
-    density = sum(one.blocks * one.observed for one in found) / n
+    n = sum(rest.blocks for rest in rests)
+    density = sum(rest.blocks * rest.observed for rest in rests) / n
     return Number(n, np.nan, np.nan, density)
 
 
@@ -217,17 +217,17 @@ def distribution_numbers(
 ) -> dict[str, Number]:
     """Statistics of an observed sample and of a weighted simulated one, and their distances; errors
     of observations come from resampled boulders."""
-    random, one = np.random.default_rng(0), np.ones(len(seen))
-    drawn = [_numbers(random.choice(seen, len(seen)), one) for _ in range(RESAMPLES)]
+    random, weights = np.random.default_rng(0), np.ones(len(seen))
+    drawn = [_numbers(random.choice(seen, len(seen)), weights) for _ in range(RESAMPLES)]
     enough = min(len(seen), len(made)) >= FEWEST
     simulated = _numbers(made, share) if enough else {}
     numbers = {}
-    for name, value in _numbers(seen, one).items():
+    for name, value in _numbers(seen, weights).items():
         error = float(np.std([each[name] for each in drawn], ddof=1))
         numbers[name] = Number(len(seen), value, error, simulated.get(name, np.nan))
     apart = [np.nan] * 3
     if enough:
-        apart = [*kolmogorov_smirnov(seen, made, share), Distance(seen, made)(one, share)]
+        apart = [*kolmogorov_smirnov(seen, made, share), Distance(seen, made)(weights, share)]
     for name, value in zip(APART, apart, strict=True):
         numbers[name] = Number(len(seen), np.nan, np.nan, float(value))
     return numbers
@@ -248,20 +248,20 @@ def _of_printed(row: dict[str, Any], crossed: np.ndarray) -> Iterator[tuple[str,
     given."""
     n, std = row["n"], row["std"]
     errors = {"mean": std / np.sqrt(n), "std": std / np.sqrt(2 * max(n - 1, 1))}
-    found = _numbers(crossed, np.ones(len(crossed))) if len(crossed) >= FEWEST else {}
+    made_numbers = _numbers(crossed, np.ones(len(crossed))) if len(crossed) >= FEWEST else {}
     for name, error in errors.items():
         if row[name] == row[name]:
-            yield name, Number(n, row[name], error, found.get(name, np.nan))
+            yield name, Number(n, row[name], error, made_numbers.get(name, np.nan))
 
 
 def over_runs(runs: Sequence[dict[Key, Number]]) -> Iterator[dict[str, Any]]:
     """Rows of a table (COLUMNS without the model): means over runs, which differ by their seed or
     their terrain, their standard errors, and verdicts."""
-    for key, one in runs[0].items():
+    for key, number in runs[0].items():
         values = np.array([run[key].simulated if key in run else np.nan for run in runs])
         mean, error = float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
-        numbers = [one.n, one.observed, one.error, mean, error]
-        yield dict(zip(COLUMNS[1:], [*key, *numbers, _verdict(key[2], one, mean, error)],
+        numbers = [number.n, number.observed, number.error, mean, error]
+        yield dict(zip(COLUMNS[1:], [*key, *numbers, _verdict(key[2], number, mean, error)],
                        strict=True))  # fmt: skip
 
 

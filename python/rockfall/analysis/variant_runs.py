@@ -66,13 +66,13 @@ def run_each(
     **arrays: Any,
 ) -> dict[str, xr.Dataset]:
     """Run variants that `check_variant_scenes` has passed; each resumes from its checkpoint."""
-    found = {}
-    for name, one in variants(case).items():
-        scene = read_scene(one, memory=memory, **arrays)
-        found[name] = run_scene(
+    results = {}
+    for name, variant in variants(case).items():
+        scene = read_scene(variant, memory=memory, **arrays)
+        results[name] = run_scene(
             scene, progress=progress, threads=threads, checkpoint=checkpoints.get(name), keep=False
         )
-    return found
+    return results
 
 
 def check_variant_scenes(case: Case, **how: Any) -> list[str]:
@@ -90,9 +90,9 @@ def check_variant_scenes(case: Case, **how: Any) -> list[str]:
         )
     remarks: list[str] = []
     first: tuple[str, dict[str, Any]] | None = None
-    for name, one in cases.items():
+    for name, variant in cases.items():
         with naming_variant(case, name):
-            scene = read_scene(one, **how)
+            scene = read_scene(variant, **how)
         starts = _starts(scene)
         first = first or (name, starts)
         if differing := [key for key, value in starts.items() if not _same(value, first[1][key])]:
@@ -123,14 +123,14 @@ def _volumes(of_layer: tuple[Any, ...]) -> np.ndarray | None:
     return of_layer[2][:, :4] if of_layer and of_layer[2] is not None else None
 
 
-def _same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
+def _same(first: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
     """Return True if all values of two tuples, numbers or arrays, are equal."""
-    if len(one) != len(other):
+    if len(first) != len(other):
         return False
-    return all(_equal(a, b) for a, b in zip(one, other, strict=True))
+    return all(_equal(a, b) for a, b in zip(first, other, strict=True))
 
 
-def _equal(one: Any, other: Any) -> bool:
-    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
-        return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
-    return type(one) is type(other) and bool(one == other)
+def _equal(first: Any, other: Any) -> bool:
+    if isinstance(first, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(first, other, equal_nan=first.dtype.kind == "f")
+    return type(first) is type(other) and bool(first == other)

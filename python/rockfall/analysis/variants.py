@@ -93,7 +93,7 @@ def compare_variants(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
     name_of_first, first = next(iter(results.items()))
     source, thresholds = sources(first), case_of(first).hazard["thresholds"]
     rows = []
-    for line in dict.fromkeys(name for one in results.values() for name in line_names(one)):
+    for line in dict.fromkeys(name for result in results.values() for name in line_names(result)):
         before = _at_line(first, line)
         for name, result in results.items():
             first_itself = name == name_of_first
@@ -131,11 +131,11 @@ def _at_line(result: xr.Dataset, line: str) -> dict[str, np.ndarray] | None:
     if line not in names:
         return None
     k = names.index(line)
-    found = {quantity: line_values(result, quantity, k) for quantity in QUANTITIES}
+    at_line = {quantity: line_values(result, quantity, k) for quantity in QUANTITIES}
     if "barrier_outcome" in result:
         stopped = result["barrier_outcome"].values[k] == OUTCOME["stopped"]
-        found = {name: np.where(stopped, np.nan, values) for name, values in found.items()}
-    return found
+        at_line = {name: np.where(stopped, np.nan, values) for name, values in at_line.items()}
+    return at_line
 
 
 def _rows(
@@ -184,7 +184,7 @@ def difference_of_fractions(
 ) -> tuple[float, float, float]:
     """Difference of the fractions of the boulders that pass, and the limits of its interval."""
     (p, p_low, p_high), (q, q_low, q_high) = (
-        fraction_interval(one, source) for one in (passing, before)
+        fraction_interval(fraction, source) for fraction in (passing, before)
     )
     correlation = _correlation(passing, before, source)
     low = _hypotenuse(p - p_low, q_high - q, correlation)
@@ -192,8 +192,8 @@ def difference_of_fractions(
     return p - q, p - q - low, p - q + high
 
 
-def _hypotenuse(one: float, other: float, correlation: float) -> float:
-    return math.sqrt(max(0.0, one**2 - 2 * correlation * one * other + other**2))
+def _hypotenuse(first: float, other: float, correlation: float) -> float:
+    return math.sqrt(max(0.0, first**2 - 2 * correlation * first * other + other**2))
 
 
 def _correlation(passing: np.ndarray, before: np.ndarray, source: Sources) -> float:
@@ -206,9 +206,9 @@ def _correlation(passing: np.ndarray, before: np.ndarray, source: Sources) -> fl
         n = np.maximum(source.released, 1)
         return indicator - (np.bincount(source.stratum, indicator, n.size) / n)[source.stratum]
 
-    one, other = apart(passing.astype(float)), apart(before.astype(float))
-    size = math.sqrt((one @ one) * (other @ other))
-    return float(one @ other / size) if size else 0.0
+    outer, other = apart(passing.astype(float)), apart(before.astype(float))
+    size = math.sqrt((outer @ outer) * (other @ other))
+    return float(outer @ other / size) if size else 0.0
 
 
 def difference(here: Estimate, before: Estimate, source: Sources) -> tuple[float, float, float]:
@@ -265,7 +265,7 @@ def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray
     if not have_passages(results):
         raise RockfallError("maps of difference need &output maps = 'passages' in all variants")
     (_, first), *others = results.items()
-    found: dict[str, xr.DataArray] = {}
+    maps: dict[str, xr.DataArray] = {}
     for name, other in others:
         _check_grid(first, other, name)
         keys = [
@@ -275,8 +275,8 @@ def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray
         ]
         pair = xr.align(first[["passages", *keys]], other[["passages", *keys]], join="outer")
         (p, p_low, p_high), (q, q_low, q_high) = (
-            _fractions(one["passages"].fillna(0).values, result)
-            for one, result in zip(pair, (first, other), strict=True)
+            _fractions(passages["passages"].fillna(0).values, result)
+            for passages, result in zip(pair, (first, other), strict=True)
         )
         low = q - p - np.hypot(q - q_low, p_high - p)
         high = q - p + np.hypot(q_high - q, p - p_low)
@@ -291,11 +291,11 @@ def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray
                 {"units": "1", "long_name": f"{name}: passes less -1, more 1, undecided 0"},
             ),
         } | {key: ((pair[1][key] - pair[0][key]).values, dict(first[key].attrs)) for key in keys}
-        for key, (values, about) in of_variant.items():
+        for key, (values, attrs) in of_variant.items():
             like = pair[0]["passages"].assign_coords(crs=first["crs"]).drop_encoding()
-            found[f"{name}_{key}"] = like.copy(data=values)
-            found[f"{name}_{key}"].attrs = about | {"grid_mapping": "crs"}
-    return found
+            maps[f"{name}_{key}"] = like.copy(data=values)
+            maps[f"{name}_{key}"].attrs = attrs | {"grid_mapping": "crs"}
+    return maps
 
 
 def have_passages(results: Mapping[str, xr.Dataset]) -> bool:
@@ -306,12 +306,12 @@ def have_passages(results: Mapping[str, xr.Dataset]) -> bool:
 def on_same_cells(results: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
     """The first variant, and those whose maps have its cells."""
     first = next(iter(results.values()))
-    return {name: one for name, one in results.items() if _same_cells(first, one)}
+    return {name: result for name, result in results.items() if _same_cells(first, result)}
 
 
 def _same_cells(first: xr.Dataset, other: xr.Dataset) -> bool:
     """Return True if maps of two results are on the cells of one grid."""
-    ours, theirs = (grid_of(one["passages"])[0] for one in (first, other))
+    ours, theirs = (grid_of(data["passages"])[0] for data in (first, other))
     steps = np.array([theirs.west - ours.west, theirs.north - ours.north]) / ours.cell
     return theirs.cell == ours.cell and float(np.abs(steps - np.round(steps)).max()) <= OF_A_CELL
 
@@ -319,7 +319,7 @@ def _same_cells(first: xr.Dataset, other: xr.Dataset) -> bool:
 def _check_grid(first: xr.Dataset, other: xr.Dataset, name: str) -> None:
     """Refuse maps of other cells."""
     if not _same_cells(first, other):
-        ours, theirs = (grid_of(one["passages"])[0] for one in (first, other))
+        ours, theirs = (grid_of(data["passages"])[0] for data in (first, other))
         raise RockfallError(
             f"{name}: maps of difference need the cells of the first variant, of {ours.cell:g} m; "
             f"its terrain has others, of {theirs.cell:g} m: compare without maps"

@@ -42,16 +42,16 @@ def _add(
 ) -> _Parser:
     """Add a command from a module in this folder that reads one file, `what`; most commands may
     replace their earlier output, and take one variant of a case."""
-    one = commands.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
+    parser = commands.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
     if what:
-        one.add_argument(what.lower(), metavar=what, type=Path)
+        parser.add_argument(what.lower(), metavar=what, type=Path)
     if what == "CASE" and name != "variants":
         text = "of a case with &variant groups, the one of this name"
-        one.add_argument("--variant", metavar="NAME", help=text)
+        parser.add_argument("--variant", metavar="NAME", help=text)
     if writes:
-        _add_overwrite(one)
-    one.set_defaults(command=_command(module, name.replace("-", "_")))
-    return one
+        _add_overwrite(parser)
+    parser.set_defaults(command=_command(module, name.replace("-", "_")))
+    return parser
 
 
 def _add_overwrite(command: argparse.ArgumentParser) -> None:
@@ -150,8 +150,8 @@ def _add_runs(commands: _Commands) -> None:
     text = "read and check everything, simulate a few boulders, estimate time and memory"
     check = _add(commands, "check", "check", text, "CASE", writes=False)
     run = _add(commands, "run", "run", "run a case and write its result as netCDF", "CASE")
-    for one in check, run:
-        _add_memory(one)
+    for parser in check, run:
+        _add_memory(parser)
     run.add_argument("-o", "--output", metavar="OUT.nc", type=Path, help="default: CASE.nc, here")
     text = f"run until 95 %% confidence intervals are narrow enough: {_RULES}"
     run.add_argument("--until", metavar="RULES", help=text)
@@ -345,11 +345,11 @@ def _add_results(commands: _Commands) -> None:
     text = "boulders count so far to either side; default: %(default)s"
     report.add_argument("--section-within", metavar="M", type=float, default=10.0, help=text)
     _add_design(commands)
-    for one in figures, report:
-        one.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
-        one.add_argument("--observed", metavar="CSV", type=Path, nargs="+", help="drawn beside it")
-        one.add_argument("--basemap", metavar="FILE", type=Path, help="a picture below the maps")
-        one.add_argument(
+    for verb in figures, report:
+        verb.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
+        verb.add_argument("--observed", metavar="CSV", type=Path, nargs="+", help="drawn beside it")
+        verb.add_argument("--basemap", metavar="FILE", type=Path, help="a picture below the maps")
+        verb.add_argument(
             "--limits", metavar="UNIT=LIMITS", nargs="+", help="of classes: kJ=30,300 m=1,5"
         )
 
@@ -380,14 +380,14 @@ def _add_tables(command: argparse.ArgumentParser, what: str) -> None:
 
 
 def _add_imprint(command: argparse._ActionsContainer, where: str, what: str = "") -> None:
-    about = f"{what}en (default), de, fr or it"
-    command.add_argument("--language", metavar="XX", default="en", help=about)
-    for name, about in (
+    help_text = f"{what}en (default), de, fr or it"
+    command.add_argument("--language", metavar="XX", default="en", help=help_text)
+    for name, help_text in (
         ("project", "its name or number"),
         ("client", "who asked"),
         ("author", "who signs"),
     ):
-        command.add_argument(f"--{name}", metavar="TEXT", default="", help=f"{about}; {where}")
+        command.add_argument(f"--{name}", metavar="TEXT", default="", help=f"{help_text}; {where}")
 
 
 def _add_design(commands: _Commands) -> None:
@@ -473,9 +473,9 @@ def _add_lab(commands: _Commands) -> None:
     verbs = lab.add_subparsers(required=True, metavar="COMMAND")
 
     def verb(name: str, does: str) -> argparse.ArgumentParser:
-        one = verbs.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
-        one.set_defaults(command=_command("lab", name))
-        return one
+        parser = verbs.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
+        parser.set_defaults(command=_command("lab", name))
+        return parser
 
     pack = verb("pack", "let layers settle, say what they are, draw the first")
     pack.add_argument("case", metavar="LAB.nml", type=Path)
@@ -525,9 +525,11 @@ def _add_lab(commands: _Commands) -> None:
     card.add_argument("--rg-reading", default="diameter", help="as &surface rg_reading")
     remake = verb("remake", "make set files and tables again from their provenance, and compare")
     remake.add_argument("sets", metavar="FILE", nargs="+", help="shipped or files")
-    for one in (pack, impact, remake):
-        one.add_argument("--threads", metavar="N", type=int, default=0, help="default: all cores")
-    for one in (pack, impact, fit, tables):
-        _add_overwrite(one)
-    for one in (impact, fit, tables, card, remake):
-        one.add_argument("--quiet", action="store_true", help="no progress, no summary")
+    for parser in (pack, impact, remake):
+        parser.add_argument(
+            "--threads", metavar="N", type=int, default=0, help="default: all cores"
+        )
+    for parser in (pack, impact, fit, tables):
+        _add_overwrite(parser)
+    for parser in (impact, fit, tables, card, remake):
+        parser.add_argument("--quiet", action="store_true", help="no progress, no summary")

@@ -16,7 +16,7 @@ def check_command(arguments: argparse.Namespace) -> int:
     cases = {} if arguments.variant else variants(read_case(arguments.case))
     if not cases:
         print(preview(scene_of(given_case(arguments), arguments)))
-    blocks = (f"variant {name}\n{preview(scene_of(one, arguments))}" for name, one in cases.items())
+    blocks = (f"variant {key}\n{preview(scene_of(case, arguments))}" for key, case in cases.items())
     for k, block in enumerate(blocks):
         print(f"\n{block}" if k else block, flush=True)
     return DONE

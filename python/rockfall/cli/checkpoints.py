@@ -20,7 +20,7 @@ def study_checkpoints(
     """Checkpoints FOLDER.RUN.checkpoint of runs; existing ones are overwritten only on request."""
     if not arguments.checkpoint >= 0:
         raise RockfallError(f"--checkpoint {arguments.checkpoint}: must be >= 0 seconds")
-    found = []
+    paths = []
     for run in runs:
         output = folder.with_name(f"{folder.name}.{run}")
         checkpoint = Checkpoint(output, arguments.checkpoint or math.inf, warn, keep=True)
@@ -29,8 +29,8 @@ def study_checkpoints(
                 f"{checkpoint.path}: holds {done:,} boulders of {study} that was stopped; go on "
                 "with --resume, or remove it"
             )
-        found.append(checkpoint)
-    return found
+        paths.append(checkpoint)
+    return paths
 
 
 def study_interrupted(checkpoints: Iterable[Checkpoint]) -> int:

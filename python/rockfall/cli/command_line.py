@@ -66,8 +66,8 @@ def _check_names(arguments: argparse.Namespace) -> None:
     if encoding != "utf-8":
         raise RockfallError(f"file names are in {encoding} here: set LC_ALL=C.UTF-8")
     values = vars(arguments).values()
-    names = [one for value in values for one in (value if isinstance(value, list) else [value])]
-    for name in (*(one for one in names if isinstance(one, Path)), Path.cwd()):
+    names = [part for value in values for part in (value if isinstance(value, list) else [value])]
+    for name in (*(name for name in names if isinstance(name, Path)), Path.cwd()):
         if os.fsencode(name).decode("utf-8", "replace") != str(name):
             raise RockfallError(f"{name}: is not a name in UTF-8")
 

@@ -29,10 +29,10 @@ def design_block_command(arguments: argparse.Namespace) -> int:
         check_folder(folder)
         check_outputs([folder / name for name in ("design_block.csv", "design_block.nml")], inputs)
     given = {key: getattr(arguments, key) for key in OPTIONS}
-    found = design_block(arguments.blocks, arguments.return_period, **given)
-    print(design_block_text(found))
+    block = design_block(arguments.blocks, arguments.return_period, **given)
+    print(design_block_text(block))
     if folder:
-        print("", *_write(found, folder, inputs), sep="\n")
+        print("", *_write(block, folder, inputs), sep="\n")
     return DONE
 
 

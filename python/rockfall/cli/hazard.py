@@ -69,7 +69,7 @@ def _write_cases(arguments: argparse.Namespace, case: Case, inputs: list[Path]) 
     """Write each scenario as its own case, next to the case, for runs elsewhere."""
     study = _study(arguments, case)
     stem = arguments.case.with_suffix("")
-    cases = {Path(f"{stem}_scenario{k}.nml"): one for k, one in enumerate(study.scenarios, start=1)}
+    cases = {Path(f"{stem}_scenario{k}.nml"): own for k, own in enumerate(study.scenarios, start=1)}
     for path in cases:
         check_output(path, inputs)
     for path, scenario in cases.items():
@@ -90,7 +90,7 @@ def _run_to(
     shown = not arguments.quiet
     with interrupts():  # completed work is kept
         try:
-            found = run_study(
+            hazard = run_study(
                 study, results=arguments.results, progress=shown, checkpoints=checkpoints
             )
         except Interrupted:
@@ -98,19 +98,19 @@ def _run_to(
         rasters = study.scene.rasters
         terrain = (rasters.z, rasters.grid) if rasters.z.size else None
         with atomic_folder(folder, inputs) as part:
-            paths = list(put_hazard(found, part))
-            for hazard_figure in hazard_figures(found, terrain):
+            paths = list(put_hazard(hazard, part))
+            for hazard_figure in hazard_figures(hazard, terrain):
                 paths.append(part / f"{hazard_figure.name}.png")
                 save(hazard_figure.draw(), paths[-1], DOTS)
             paths.append(part / SHEET)
             with speaking(arguments.language):
                 imprint = Imprint(arguments.project, arguments.client, arguments.author)
-                sheet = hazard_sheet(found, terrain, imprint, [*hazard_warnings(found)])
+                sheet = hazard_sheet(hazard, terrain, imprint, [*hazard_warnings(hazard)])
                 save(sheet, paths[-1], DOTS)
     for checkpoint in checkpoints:
         checkpoint.remove()
     if shown:
-        print(hazard_summary(found))
+        print(hazard_summary(hazard))
         print(*(folder / path.name for path in paths), sep="\n")
     return DONE
 

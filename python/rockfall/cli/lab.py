@@ -110,8 +110,8 @@ def relief_command(arguments: argparse.Namespace) -> int:
         raise RockfallError(f"--shortest {arguments.shortest}: must be below --longest")
     heights, grid = read_dem(arguments.patch)
     band = Spectrum(0.0, arguments.shortest, arguments.longest)
-    found = measure(heights, grid.cell, arguments.radius, band, str(arguments.patch))
-    print(namelist_text({"ground": relief_keys(found)}, indent=2), end="")
+    keys = measure(heights, grid.cell, arguments.radius, band, str(arguments.patch))
+    print(namelist_text({"ground": relief_keys(keys)}, indent=2), end="")
     return DONE
 
 
@@ -120,11 +120,11 @@ def fit_command(arguments: argparse.Namespace) -> int:
     if arguments.output:
         check_output(arguments.output, [arguments.impacts])
     measured = arguments.impacts.suffix.lower() == ".csv"
-    sets, about, summary = (_from_contacts if measured else _from_impacts)(arguments)
+    sets, attrs, summary = (_from_contacts if measured else _from_impacts)(arguments)
     if not arguments.quiet:
         print(summary())
     if arguments.output:
-        write_sets(arguments.output, sets, about)
+        write_sets(arguments.output, sets, attrs)
         print(arguments.output)
     return DONE
 
@@ -136,9 +136,9 @@ def _from_impacts(arguments: argparse.Namespace) -> Fitted:
         raise RockfallError("--nearest-ratio: is for contacts, not for single impacts")
     state = arguments.state or "peak"
     data = open_impacts(arguments.impacts)
-    about = provenance(data, state)
+    attrs = provenance(data, state)
     sets = fit_impacts(data, state)
-    return sets, about, lambda: fit_summary(data, sets, state)
+    return sets, attrs, lambda: fit_summary(data, sets, state)
 
 
 def _from_sequences(arguments: argparse.Namespace) -> Fitted:
@@ -146,9 +146,9 @@ def _from_sequences(arguments: argparse.Namespace) -> Fitted:
         raise RockfallError(f"--state {arguments.state}: is for single impacts")
     data = open_sequences(arguments.impacts)
     contacts = rebounds_of(data, arguments.impacts.name)
-    about = sequences_provenance(data, contacts)
+    attrs = sequences_provenance(data, contacts)
     sets = fit_contacts(contacts, arguments.nearest_ratio)
-    return sets, about, lambda: contacts_summary(contacts, sets)
+    return sets, attrs, lambda: contacts_summary(contacts, sets)
 
 
 def _from_contacts(arguments: argparse.Namespace) -> Fitted:
@@ -164,7 +164,7 @@ def table_command(arguments: argparse.Namespace) -> int:
     made = table_of([open_contacts(path) for path in arguments.contacts])
     save_table(made, arguments.output)
     if not arguments.quiet:
-        print(f"{made.about['contacts']} contacts, {len(made.record)} records")
+        print(f"{made.attrs['contacts']} contacts, {len(made.record)} records")
         print(arguments.output)
     return DONE
 

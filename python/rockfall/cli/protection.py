@@ -62,7 +62,7 @@ def design_command(arguments: argparse.Namespace) -> int:
             need("figures need", "report", "matplotlib")
     given = {key: getattr(arguments, key) for key in keys}
     given = {key: value for key, value in given.items() if value is not None}
-    results, found = {}, {}
+    results, sheets = {}, {}
     for path in paths:
         if path in results:
             raise RockfallError(f"{path}: is given twice")
@@ -70,14 +70,14 @@ def design_command(arguments: argparse.Namespace) -> int:
     check_same_site(results)
     for path in paths:
         try:
-            found[path] = design(results[path], **given)
+            sheets[path] = design(results[path], **given)
         except RockfallError as error:
             raise RockfallError(f"{path}: {error}", error.code) from error
-    for path, one in found.items():
-        print(*([f"{path}\n"] if len(found) > 1 else []), design_text(one), "", sep="\n")
+    for path, sheet in sheets.items():
+        print(*([f"{path}\n"] if len(sheets) > 1 else []), design_text(sheet), "", sep="\n")
     if folder:
         formats, language = arguments.tables, arguments.language
-        print(*write_design(found, folder, results, formats, language), sep="\n")
+        print(*write_design(sheets, folder, results, formats, language), sep="\n")
     return DONE
 
 
@@ -109,17 +109,17 @@ def site_command(arguments: argparse.Namespace) -> int:
     warn_of_inputs(case)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # said above, in lines
-        found = site(case, arguments.line, progress=not arguments.quiet, **given)
+        siting = site(case, arguments.line, progress=not arguments.quiet, **given)
     with atomic_folder(folder, inputs) as part:
-        write_csv(found.table, part / "siting.csv")
-        save(siting_figure(found), part / "siting.png", dpi=200)
+        write_csv(siting.table, part / "siting.csv")
+        save(siting_figure(siting), part / "siting.png", dpi=200)
         write_geopackage(
-            part / "siting.gpkg", {"alignments": ("LineString", [_features(found)])},
-            crs_wkt(found.result),
+            part / "siting.gpkg", {"alignments": ("LineString", [_features(siting)])},
+            crs_wkt(siting.result),
         )  # fmt: skip
-        write_result(found.result, part / "siting.nc")
+        write_result(siting.result, part / "siting.nc")
     if not arguments.quiet:
-        print(siting_text(found))
+        print(siting_text(siting))
     print(*(folder / name for name in SITING_FILES), sep="\n")
     return DONE
 
@@ -139,22 +139,22 @@ def _features(siting: Siting) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     }
 
 
-def design_files(found: Mapping[str, Design], formats: Sequence[str] = ()) -> list[str]:
+def design_files(sheets: Mapping[str, Design], formats: Sequence[str] = ()) -> list[str]:
     """Names of the files that `write_design` writes."""
-    along = any(one.along is not None for one in found.values())
+    along = any(sheet.along is not None for sheet in sheets.values())
     files = [f"design_{name}.csv" for name in TABLES if along or name != "along"]
-    figures = [f"design_along{k}.png" for k in numbered(found)]
+    figures = [f"design_along{k}.png" for k in numbered(sheets)]
     office = [f"design.{form}" for form in formats]
     return [*files, "design_factors.csv", *(figures if along else []), *office]
 
 
-def numbered(found: Mapping[str, Design]) -> list[str]:
+def numbered(sheets: Mapping[str, Design]) -> list[str]:
     """Suffix for the file of each result: none for a single one."""
-    return [""] if len(found) == 1 else [f"_{k}" for k in range(1, len(found) + 1)]
+    return [""] if len(sheets) == 1 else [f"_{k}" for k in range(1, len(sheets) + 1)]
 
 
 def write_design(
-    found: Mapping[str, Design],
+    sheets: Mapping[str, Design],
     folder: Path,
     results: Mapping[str, xr.Dataset],
     formats: Sequence[str] = (),
@@ -162,44 +162,44 @@ def write_design(
 ) -> list[Path]:
     """Write the tables of designs, by the names of their results, and the figures along lines; all
     of them or none. `formats` are those of a workbook and a document, in `language`."""
-    inputs = [Path(name) for name in found]
+    inputs = [Path(name) for name in sheets]
     inputs += [path for result in results.values() for path in files_behind(result)]
-    files = design_files(found, formats)
+    files = design_files(sheets, formats)
     check_outputs([folder / name for name in files], inputs)
-    tables = {f"design_{name}": _joined(found, name) for name in TABLES
+    tables = {f"design_{name}": _joined(sheets, name) for name in TABLES
               if f"design_{name}.csv" in files}  # fmt: skip
-    tables["design_factors"] = _factor_table(next(iter(found.values())))
+    tables["design_factors"] = _factor_table(next(iter(sheets.values())))
     with atomic_folder(folder, inputs) as part:
         for name, table in tables.items():
             write_csv(table, part / f"{name}.csv")
         if "design_along.csv" in files:
-            for word, one in zip(numbered(found), found.values(), strict=True):
-                save(along_figure(one), part / f"design_along{word}.png")
-        checksums = {name: file_checksum(Path(name)) for name in (found if formats else ())}
-        list(put_design(found, results, tables, part, formats, language, checksums))
+            for word, sheet in zip(numbered(sheets), sheets.values(), strict=True):
+                save(along_figure(sheet), part / f"design_along{word}.png")
+        checksums = {name: file_checksum(Path(name)) for name in (sheets if formats else ())}
+        list(put_design(sheets, results, tables, part, formats, language, checksums))
     return [folder / name for name in files]
 
 
-def _joined(found: Mapping[str, Design], name: str) -> pd.DataFrame:
+def _joined(sheets: Mapping[str, Design], name: str) -> pd.DataFrame:
     """Joined table of all results, with the result's name in the first column."""
     import pandas as pd
 
     tables = []
-    for result, one in found.items():
-        table = getattr(one, name).copy()
+    for result, sheet in sheets.items():
+        table = getattr(sheet, name).copy()
         table.insert(0, "result", result)
         tables.append(table)
     return pd.concat(tables, ignore_index=True)
 
 
-def _factor_table(found: Design) -> pd.DataFrame:
+def _factor_table(sheet: Design) -> pd.DataFrame:
     """Factors with their sources, as `--factors` reads them."""
     import pandas as pd
 
-    conditions = found.factors.conditions
+    conditions = sheet.factors.conditions
     rows = [
         (conditions.standard, name, getattr(conditions, DECIDES.get(name, ""), ""), value,
-         found.factors.sources[name])
-        for name, value in found.factors.values.items()
+         sheet.factors.sources[name])
+        for name, value in sheet.factors.values.items()
     ]  # fmt: skip
     return pd.DataFrame(rows, columns=COLUMNS)

@@ -111,8 +111,8 @@ def compare_command(arguments: argparse.Namespace) -> int:
     seen = read_observed(*sources, lines=lines, energy_unit=unit, grid=grid)
     if len(results) == 1:
         (result,) = results.values()
-        found = compare(result, seen)
-        table, report = found.table(), text(found)
+        comparison = compare(result, seen)
+        table, report = comparison.table(), text(comparison)
     else:
         table = rank_results(results, seen)
         report = "\n".join([ranks_text(table), *seen.notes])
@@ -178,7 +178,7 @@ def _edges(given: str | None) -> list[float] | None:
     if given is None:
         return None
     try:
-        return [float(one) for one in given.split(",")]
+        return [float(edge) for edge in given.split(",")]
     except ValueError as error:
         what = "must be volumes [m3] between commas, as 0.1,0.5,1"
         raise RockfallError(f"--classes {given}: {what}") from error

@@ -36,13 +36,13 @@ def section_command(arguments: argparse.Namespace) -> int:
     given = {key: getattr(arguments, key) for key in ("within", "every")}
     given = {key: value for key, value in given.items() if value is not None}
     with warnings_told():
-        found = section(path, line, layer=arguments.line_layer, dem=arguments.dem, **given)
+        cut = section(path, line, layer=arguments.line_layer, dem=arguments.dem, **given)
     table, lines, picture = places
     with atomic_folder(table.parent, inputs) as part:
-        write_csv(with_units(found.table), part / table.name)
-        write_csv(with_units(found.lines), part / lines.name)
-        save(section_figure(found), part / picture.name)
-    print(section_text(found))
+        write_csv(with_units(cut.table), part / table.name)
+        write_csv(with_units(cut.lines), part / lines.name)
+        save(section_figure(cut), part / picture.name)
+    print(section_text(cut))
     print(*places, sep="\n")
     return DONE
 

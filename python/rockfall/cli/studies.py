@@ -75,14 +75,14 @@ def back_command(arguments: argparse.Namespace) -> int:
     how = {"members": arguments.members, "enough": arguments.effective}
     given = {name: value for name, value in how.items() if value is not None}
     try:
-        found = back_analysis(case, seen, progress=not arguments.quiet, **given)
+        analysis = back_analysis(case, seen, progress=not arguments.quiet, **given)
     except StudyInterrupted as stop:
         write_back(stop.result, folder, arguments.observed, _draw_posterior)
         holds = f"{folder} holds the posterior of the first {stop.runs} members"
         return say(f"interrupted: {holds}", exit_status())
-    paths = write_back(found, folder, arguments.observed, _draw_posterior)
+    paths = write_back(analysis, folder, arguments.observed, _draw_posterior)
     if not arguments.quiet:
-        print(back_text(found))
+        print(back_text(analysis))
         print(*paths, sep="\n")
     return DONE
 
@@ -106,9 +106,9 @@ def convergence_command(arguments: argparse.Namespace) -> int:
     given = {key: getattr(arguments, key) for key in ("boulders", "reference")}
     given = {key: value for key, value in given.items() if value is not None}
     warn_of_inputs(case)
-    found = converge(case, **given, progress=True)
-    paths = write_convergence(found, folder, inputs)
-    print(text(found))
+    study = converge(case, **given, progress=True)
+    paths = write_convergence(study, folder, inputs)
+    print(text(study))
     print("", *paths, sep="\n")
     return DONE
 
@@ -137,11 +137,11 @@ def validate_command(arguments: argparse.Namespace) -> int:
         check_outputs([arguments.output], inputs)
     seen = read_observed(*arguments.observed, grid=_grid(case, arguments.observed))
     tables = arguments.table or None
-    found = validate(case, seen, tables, arguments.seeds, progress=not arguments.quiet)
+    validation = validate(case, seen, tables, arguments.seeds, progress=not arguments.quiet)
     warn_of_inputs(case)
     if arguments.output is not None:
-        write_csv(found.table, arguments.output)
-    print(validation_text(found))
+        write_csv(validation.table, arguments.output)
+    print(validation_text(validation))
     return DONE
 
 

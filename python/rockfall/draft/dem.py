@@ -140,7 +140,7 @@ def write_dem(
     tags = {
         "TIFFTAG_SOFTWARE": "rockfall", "units": "m", "long_name": "elevation",
         "history": f"rockfall {__version__}: {made}",
-        "source_sha256": " ".join(file_checksum(Path(one)) for one in made_from),
+        "source_sha256": " ".join(file_checksum(Path(file)) for file in made_from),
     }  # fmt: skip
     z = dem.z if math.isnan(dem.nodata) else np.where(np.isnan(dem.z), dem.nodata, dem.z)
     write_geotiff(Path(path), z.astype(dem.z.dtype), dem.grid, nodata=dem.nodata, **tags)
@@ -215,8 +215,8 @@ def _dam(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
     for dam in read_lines(Inputs(case, dem.grid, remarks=remarks)).dam:
         z, shape = with_dam(z, dem.grid, dam, str(path))
         shapes.append(shape)
-    found = dam_rules(shapes, dem.grid.cell)
-    remarks += [f"{path}: {where}: {text}" for where, text in found]
+    warnings = dam_rules(shapes, dem.grid.cell)
+    remarks += [f"{path}: {where}: {text}" for where, text in warnings]
     return z
 
 

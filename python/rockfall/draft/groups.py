@@ -62,9 +62,9 @@ def new_text(new: New, place: Path) -> str:
 
 def _entry(group: str, key: str, value: Any, why: str = "", on: bool = True) -> Entry:
     """A key with its chosen value, and its description from the table of keys."""
-    about = next(row for row in key_table() if (row.group, row.name) == (group, key))
-    unit = f" [{about.unit}]" if about.unit else ""
-    parts = why, f"{about.meaning}{unit}", about.allowed
+    key_row = next(row for row in key_table() if (row.group, row.name) == (group, key))
+    unit = f" [{key_row.unit}]" if key_row.unit else ""
+    parts = why, f"{key_row.meaning}{unit}", key_row.allowed
     return Entry(key, value, " | ".join(filter(None, parts)), on)
 
 
@@ -89,7 +89,7 @@ def _head(new: New) -> Iterator[str]:
 def _foot(new: New) -> Iterator[str]:
     if LINES in new.used:
         return
-    west, east, y = (f"{one:.10g}" for one in (new.grid.west, new.grid.east, new.grid.y.mean()))
+    west, east, y = (f"{end:.10g}" for end in (new.grid.west, new.grid.east, new.grid.y.mean()))
     yield "No lines were given. What passes a road is recorded at one, such as:"
     yield f"&line name = 'road', x = {west}, {east}, y = {y}, {y} /"
     yield "&line file = 'site.gpkg', layer = 'road', field = 'name' /"
@@ -188,7 +188,7 @@ def _forest(new: New, place: Path) -> Iterator[Group]:
         entries += _layer(layer, "forest", "polygons_layer")
         for key, value in STAND.items():
             also = ("species",) if key == "conifers" else ()
-            if not any(matching(one, layer.columns) for one in (key, *also)):
+            if not any(matching(names, layer.columns) for names in (key, *also)):
                 why = "CHOOSE: the layer does not say it"
                 entries.append(_entry("forest", f"uniform_{key}", value, why))
         yield Group("forest", entries)

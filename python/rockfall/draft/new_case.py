@@ -42,7 +42,7 @@ def new_case(dem: str | Path, layers: Iterable[str | Path], out: str | Path) -> 
     >>> new.sources
     4
     """
-    dem, out, files = Path(dem), Path(out), [Path(one) for one in layers]
+    dem, out, files = Path(dem), Path(out), [Path(path) for path in layers]
     if out.suffix.lower() != ".nml":
         raise RockfallError(f"{out}: is no name for a case; it must end in .nml")
     for path in out, *(out.with_name(f"{out.stem}_zones.{ending}") for ending in ("csv", "gpkg")):
@@ -89,6 +89,6 @@ def _write(new: New, place: Path) -> None:
     new.boulders = max(TOTAL, new.sources)
     if scene.features is not None and scene.features.law is not None:
         new.volumes = int(np.count_nonzero(scene.features.law[scene.features.number - 1]))
-    new.remarks += [one for one in implausible(scene) if one not in new.remarks]
+    new.remarks += [remark for remark in implausible(scene) if remark not in new.remarks]
     path.write_text(new_text(new, new.out.parent), encoding="utf-8")
     read_case(path)

@@ -53,7 +53,9 @@ class Layer:
     @property
     def shape(self) -> str:
         """Point, Line or Polygon; "" if mixed."""
-        kinds = {one.geom_type.removeprefix("Multi").removesuffix("String") for one in self.shapes}
+        kinds = {
+            shape.geom_type.removeprefix("Multi").removesuffix("String") for shape in self.shapes
+        }
         return kinds.pop() if len(kinds) == 1 else ""
 
     def attribute(self, key: str) -> str | None:
@@ -82,7 +84,7 @@ def read_layers(path: Path, grid: Grid, remarks: list[str]) -> Iterator[Layer]:
     for name in names:
         shapes, columns = read_features(path, grid, remarks, name)
         own = {column.lower(): column for column in columns}
-        lower = {one.lower(): values for one, values in columns.items()}
+        lower = {name.lower(): values for name, values in columns.items()}
         yield Layer(path, name, len(names) == 1, shapes, own, lower)
 
 

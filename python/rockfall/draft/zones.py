@@ -102,11 +102,11 @@ def _rest(
     """Most frequent zone, for cells outside polygons, and the number of those cells."""
     name, path = (None, copy) if copy else (layer.name, layer.path)
     try:
-        found = burn_polygons(path, grid, field, [], layer=name)[~np.isnan(z)]
+        numbers = burn_polygons(path, grid, field, [], layer=name)[~np.isnan(z)]
     except RockfallError as error:  # remove the copy
         raise RockfallError(str(error).replace(str(path), str(layer))) from error
-    zones, cells = np.unique(found[found != NO_ID], return_counts=True)
-    outside = int(np.count_nonzero(found == NO_ID))
+    zones, cells = np.unique(numbers[numbers != NO_ID], return_counts=True)
+    outside = int(np.count_nonzero(numbers == NO_ID))
     if not zones.size:
         raise RockfallError(f"{layer}: no polygon holds a cell with an elevation")
     return (int(zones[cells.argmax()]), outside) if outside else (None, 0)

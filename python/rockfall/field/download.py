@@ -44,11 +44,11 @@ def _local(file: RemoteFile, folder: Path, name: str) -> Path:
     algorithm, _, expected = file.checksum.partition(":")
     try:
         with path.open("rb") as stream:
-            found = hashlib.file_digest(stream, algorithm).hexdigest()
+            digest = hashlib.file_digest(stream, algorithm).hexdigest()
     except OSError as error:
         raise RockfallError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if found != expected:
-        raise RockfallError(f"{path}: {algorithm} {found} is not that of {file.url}: {expected}")
+    if digest != expected:
+        raise RockfallError(f"{path}: {algorithm} {digest} is not that of {file.url}: {expected}")
     return path
 
 

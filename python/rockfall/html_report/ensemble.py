@@ -32,18 +32,18 @@ PER_LINE = 1 + len(INDICES)  # tables
 
 def range_answers(result: xr.Dataset) -> list[str]:
     """A sentence for each line: range of the draws, then value of the unchanged case."""
-    found = []
+    answers = []
     for line in map(str, result["line"].values) if "line" in result else ():
         passing, energy, height, _ = _headline_numbers(result, line)
         values = dict(zip(("low", "high", "fraction"), passing, strict=True))
         values |= zip(("e_low", "e_high", "energy"), energy, strict=True)
         values |= zip(("h_low", "h_high", "height"), height, strict=True)
-        known = "-" not in [
+        is_known = "-" not in [
             value for name, value in values.items() if name.endswith(("low", "high"))
         ]
-        key = "ensemble.line_values" if known else "ensemble.line_fraction"
-        found.append(say(key, line=line, **values))
-    return [*found, *run_out(result)]
+        key = "ensemble.line_values" if is_known else "ensemble.line_fraction"
+        answers.append(say(key, line=line, **values))
+    return [*answers, *run_out(result)]
 
 
 def range_headline(result: xr.Dataset) -> Table:
@@ -65,8 +65,8 @@ def _headline_numbers(result: xr.Dataset, line: str) -> Iterator[list[str]]:
     headline; "-" if too few boulders pass in some draw."""
     for quantity, number in HEADLINE.values():
         name = "fraction" if quantity == "fraction" else f"{quantity}.{number}"
-        one = result.sel(line=line, result=name)
-        yield [in_unit(one[key].item(), quantity) for key in ("q05", "q95", "case_value")]
+        of_number = result.sel(line=line, result=name)
+        yield [in_unit(of_number[key].item(), quantity) for key in ("q05", "q95", "case_value")]
 
 
 def range_tables(result: xr.Dataset, rows: Rows) -> list[Table]:
@@ -74,7 +74,7 @@ def range_tables(result: xr.Dataset, rows: Rows) -> list[Table]:
     the epistemic one. None for other results."""
     if not is_ensemble(result):
         return []
-    found = []
+    tables = []
     for line, numbers in rows.items():
         at = result.sel(line=line)
         head = ("", say("ensemble.the_case_as_it_is"), say("ensemble.monte_carlo_interval"),
@@ -84,16 +84,16 @@ def range_tables(result: xr.Dataset, rows: Rows) -> list[Table]:
         shown = []
         for name, (quantity, number) in RESULTS.items():
             text = "fraction" if number == "fraction" else quantity
-            one = at.sel(result=name)
+            of_number = at.sel(result=name)
             value, low, high, chance, epistemic = (
-                in_unit(one[key].item(), text)
+                in_unit(of_number[key].item(), text)
                 for key in ("case_value", "q05", "q95", "monte_carlo_std", "epistemic_std")
             )
             limits = interval(numbers[quantity], number, text)
             shown.append((_label(name), value, limits, interval_text(low, high), chance, epistemic))
         caption = say("ensemble.both_uncertainties", line=line)
-        found += [Table(caption, head, shown), *_indices(at, line)]
-    return found
+        tables += [Table(caption, head, shown), *_indices(at, line)]
+    return tables
 
 
 def _indices(at: xr.Dataset, line: str) -> Iterator[Table]:
@@ -113,8 +113,8 @@ def _label(name: str) -> str:
     quantity, number = RESULTS[name]
     if number == "fraction":
         return QUANTITIES["fraction"].title
-    about = QUANTITIES[quantity]
-    return with_unit(f"{about.label}, {statistic(number)}", about.unit)
+    display = QUANTITIES[quantity]
+    return with_unit(f"{display.label}, {statistic(number)}", display.unit)
 
 
 def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
@@ -127,7 +127,7 @@ def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
             run=result.sizes["run"],
             join=[say(f"uncertain.{name}") for name in result["input"].values],
         ),
-        *(f"{one}." for one in orders_reversed(result)),
+        *(f"{sentence}." for sentence in orders_reversed(result)),
     ]
     cells = (cell for table in tables for row in table.rows for cell in row)
     undecided = any(isinstance(cell, Text) and cell.key == UNDECIDED for cell in cells)

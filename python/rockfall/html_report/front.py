@@ -91,7 +91,7 @@ def front_of(
     used += BETWEEN * len([*warnings, *answers, *([] if beside else certainty)])
     used += MORE * sum(map(bool, (more_warnings, more_answers)))
     shown, more_tables = _cut(tables, order, int((SHEET - used - LOWEST[beside]) / ROW))
-    used += ROW * sum(HEAD + sum(map(_high, one.rows)) for one in shown)
+    used += ROW * sum(HEAD + sum(map(_high, row.rows)) for row in shown)
     high = min(TALLEST, max(LOWEST[beside], SHEET - used)) / MM
     room = Room(NARROW if beside else WIDE, high)
     return Front(
@@ -139,15 +139,15 @@ def _cut(tables: Sequence[Table], order: list[int], left: int) -> tuple[list[Tab
     and the complete tables that are cut or left out."""
     shown: list[Table] = []
     more: list[Table] = []
-    for k, one in enumerate(tables):
-        rows = [tuple(_on_one_line(cell) for cell in row) for row in one.rows]
+    for k, table in enumerate(tables):
+        rows = [tuple(_on_one_line(cell) for cell in row) for row in table.rows]
         room = max(left - HEAD, 0 if k else 1)
         if room < sum(map(_high, rows)):
-            more.append(one)
+            more.append(table)
             if k:
                 continue
             rows = [rows[k] for k in order[: max(1, room // max(map(_high, rows)))]]
-        shown.append(one._replace(rows=rows))
+        shown.append(table._replace(rows=rows))
         left -= HEAD + sum(map(_high, rows))
     return shown, more
 

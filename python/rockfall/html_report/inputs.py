@@ -88,7 +88,7 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
 
 def _rebounds(result: xr.Dataset) -> str:
     """Rebound models that were used, the most frequent first."""
-    grounds = sorted(rebounds_by_ground(result), key=lambda one: -one.rebounds)
+    grounds = sorted(rebounds_by_ground(result), key=lambda ground: -ground.rebounds)
     if not grounds:
         return say("inputs.impact_sets", impact_set=result.attrs["impact_set"])
     made = [ground for ground in grounds if ground.rebounds]
@@ -125,8 +125,8 @@ def doubtful_inputs(result: xr.Dataset, hazard: xr.Dataset | None) -> list[tuple
     Reprojected layers are listed with the files."""
     studies = [result] if hazard is None else [result, hazard]
     texts = (study.attrs.get("input_warnings", "[]") for study in studies)
-    found = dict.fromkeys(InputWarning.of(row) for text in texts for row in json.loads(text))
-    return [one[:2] for one in found if not one.is_reprojection]
+    rows = dict.fromkeys(InputWarning.of(row) for text in texts for row in json.loads(text))
+    return [row[:2] for row in rows if not row.is_reprojection]
 
 
 def doubts_note(doubts: list[tuple[str, str]]) -> Iterator[str]:
@@ -166,7 +166,7 @@ def _polygon_zones(zones: dict[int, Zone]) -> Table:
         sizes = {key: size for key, size in sizes.items() if size != "nan"}
         cells.append({"zone": f"{number_}", "ground": zone.ground, "name": zone.name} | sizes)
     shown = ("name", "zone", *RADII, "ground")
-    return _zones([one for one in shown if any(row.get(one) for row in cells)], cells)
+    return _zones([key for key in shown if any(row.get(key) for row in cells)], cells)
 
 
 def _zones(columns: list[str], cells: list[dict[str, str]]) -> Table:

@@ -63,8 +63,8 @@ def estimate(row: Row, name: str, quantity: str) -> tuple[Number, str]:
     half = max(abs(value - end) for end in (low, high) if not math.isnan(end))
     decimals = min(4, -math.floor(math.log10(half / 2))) if half else 2
     value_, low_, high_ = (
-        Number("-" if math.isnan(one) else f"{round(one, decimals):,.{max(decimals, 0)}f}")
-        for one in (value, low, high)
+        Number("-" if math.isnan(number) else f"{round(number, decimals):,.{max(decimals, 0)}f}")
+        for number in (value, low, high)
     )
     if math.isnan(high):
         return value_, say("interval.from", low=low_)

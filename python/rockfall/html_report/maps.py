@@ -147,7 +147,7 @@ def map_section(
         "kinds": {line.kind for line in placed},
         "sources": path,
         "source_class": place,
-        "trajectories": _path(window.place(*one) for one in recorded),
+        "trajectories": _path(window.place(*vertex) for vertex in recorded),
         "stops": _dots(window.place(x, y)),
         "every": every,
     }
@@ -187,17 +187,17 @@ def _ground(terrain: Terrain | None, window: Window) -> Ground | None:
     """Contours, and candidate places of their numbers."""
     if terrain is None:
         return None
-    found = contours_of(terrain, window.extent)
+    contours = contours_of(terrain, window.extent)
     thin: list[np.ndarray] = []
     bold: list[np.ndarray] = []
     numbers = []
-    for level, curves in found.curves.items():
+    for level, curves in contours.curves.items():
         placed = [window.place(*curve.T) for curve in curves]
-        (bold if found.is_index(level) else thin).extend(placed)
-        for curve in placed if found.is_index(level) else ():
+        (bold if contours.is_index(level) else thin).extend(placed)
+        for curve in placed if contours.is_index(level) else ():
             x, y, angle, _ = next(along(curve))
             numbers.append((x, y, angle, f"{level:g}"))
-    return Ground(found.interval, _path(thin, 1), _path(bold, 1), numbers)
+    return Ground(contours.interval, _path(thin, 1), _path(bold, 1), numbers)
 
 
 def window_of(result: xr.Dataset) -> Window:
@@ -227,13 +227,13 @@ def maps(result: xr.Dataset, window: Window, limits: Limits | None = None) -> It
         values[~(values > of_none(result, name))] = np.nan
         values *= np.float32(factor)
         title = capital(map_label(name, result[name].attrs["long_name"]))
-        found = Map(title, word(unit), _packed(values), map_note(result, name))
+        map_ = Map(title, word(unit), _packed(values), map_note(result, name))
         if not np.isnan(values).all():
-            found = found._replace(**_coloured(values, window, classes_of(unit, limits)))
+            map_ = map_._replace(**_coloured(values, window, classes_of(unit, limits)))
             thin = _thin(result, name, window, np.isfinite(values))
-            notes = f"{found.notes}; {say('map.hatched_there')}" if thin else found.notes
-            found = found._replace(thin=thin, notes=notes)
-        yield found
+            notes = f"{map_.notes}; {say('map.hatched_there')}" if thin else map_.notes
+            map_ = map_._replace(thin=thin, notes=notes)
+        yield map_
 
 
 def blocks_max(values: np.ndarray, window: Window) -> np.ndarray:
@@ -261,7 +261,7 @@ def _thin(result: xr.Dataset, name: str, window: Window, shown: np.ndarray) -> I
 
 def _coloured(values: np.ndarray, window: Window, classes: Classes) -> dict[str, Any]:
     """Image and legend of the values of a map."""
-    table = np.array([list(bytes.fromhex(one[1:])) for one in ("#ffffff", *classes.colours)], "u1")
+    table = np.array([list(bytes.fromhex(rgb[1:])) for rgb in ("#ffffff", *classes.colours)], "u1")
     content = _png((1 + classes.numbers(values)).astype("u1"), table)
     places = np.linspace(0, 100, len(classes.colours) + 1).round(2).tolist()
     colours = list(zip(classes.colours, places, places[1:], strict=False))
@@ -273,8 +273,8 @@ def _coloured(values: np.ndarray, window: Window, classes: Classes) -> dict[str,
 def _packed(values: np.ndarray) -> str:
     """Values of the cells, to five digits, compressed, as text (little-endian float32)."""
     bits = np.ascontiguousarray(values, "<f4").view("<u4")
-    known = np.isfinite(values)
-    bits = np.where(known, (bits + 0x40) & ~np.uint32(0x7F), np.uint32(0x7FC00000))
+    is_known = np.isfinite(values)
+    bits = np.where(is_known, (bits + 0x40) & ~np.uint32(0x7F), np.uint32(0x7FC00000))
     return base64.b64encode(zlib.compress(bits.astype("<u4").tobytes(), 9)).decode()
 
 
@@ -304,12 +304,12 @@ def _png(index: np.ndarray, table: np.ndarray | None = None) -> str:
     """PNG of grey levels, or of colours by number, with number 0 transparent."""
     from PIL import Image as Picture
 
-    image, about = Picture.fromarray(index), {}
+    image, options = Picture.fromarray(index), {}
     if table is not None:
         image.putpalette(table.tobytes())
-        about = {"transparency": 0}
+        options = {"transparency": 0}
     buffer = io.BytesIO()
-    image.save(buffer, "PNG", optimize=True, **about)
+    image.save(buffer, "PNG", optimize=True, **options)
     return data_uri(buffer.getvalue(), "image/png")
 
 

@@ -192,9 +192,9 @@ def _report(
     ranges = range_tables(result, rows)
     zoomed = set() if on_paper else {f"map_{name}" for name in result.data_vars}
     drawn = figures(result, terrain, observed, look, DRAWN_LINES)
-    shown = [one for one in drawn if one.name not in zoomed]
+    shown = [figure for figure in drawn if figure.name not in zoomed]
     shown = [*([] if section is None else [section_entry(section)]), *shown]
-    laboratory = [one for one in shown if one.name in LABORATORY]
+    laboratory = [figure for figure in shown if figure.name in LABORATORY]
     if not stochastic_fraction(result):
         laboratory = []  # the reference is not what rebounds followed
     grounds = ground_figure(result, terrain)
@@ -230,7 +230,7 @@ def _report(
         front=front,
         overview=[picture(figure, title, "") for title, figure in drawn_first],
         doubtful_inputs=doubts,
-        indices=[one for k, one in enumerate(ranges) if k % PER_LINE],
+        indices=[index for k, index in enumerate(ranges) if k % PER_LINE],
         inputs=[
             input_table(result, parties),
             *zone_table(result),
@@ -252,8 +252,8 @@ def _report(
         hazard=endangered[1:],
         hazard_warnings=[] if hazard is None else list(hazard_warnings(hazard)),
         hazard_figures=[
-            picture(one.draw(), one.title, one.caption)
-            for one in ([] if hazard is None else hazard_figures(hazard, terrain))
+            picture(figure.draw(), figure.title, figure.caption)
+            for figure in ([] if hazard is None else hazard_figures(hazard, terrain))
         ],
         grounds=[
             *([ground_table(result)] if "rebounds_by_ground" in result else ()),
@@ -263,11 +263,11 @@ def _report(
         convergence=list(_convergence(result, rows)),
         comparison=None if observed is None else compared(compare(result, observed)),
         figures=[
-            picture(one.draw(), one.title, one.caption)
-            for one in shown
-            if one.name not in LABORATORY
+            picture(figure.draw(), figure.title, figure.caption)
+            for figure in shown
+            if figure.name not in LABORATORY
         ],
-        appendix=[picture(one.draw(), one.title, one.caption) for one in laboratory],
+        appendix=[picture(figure.draw(), figure.title, figure.caption) for figure in laboratory],
         technical=[*technical(result), *requested(result)],
         provenance=provenance(result),
     )

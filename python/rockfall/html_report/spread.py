@@ -28,8 +28,8 @@ def check_models(result: xr.Dataset, models: Models, what: str) -> None:
     """Refuse models of another case, or of other lines."""
     check_same_case(result, models.case, what)
     ours, theirs = (
-        {line["name"]: (line["x"], line["y"]) for line in case_in(one.attrs).lines}
-        for one in (result, models.case)
+        {line["name"]: (line["x"], line["y"]) for line in case_in(values.attrs).lines}
+        for values in (result, models.case)
     )
     if other := [name for name, place in ours.items() if theirs.get(name) != place]:
         raise RockfallError(
@@ -53,8 +53,8 @@ def spread_table(models: Models | None) -> list[Table]:
         for line in lines
     ]
     number = len(models.names)
-    about = say("spread.caption", number=number, boulders=models.boulders)
-    return [Table(about, (say("label.line_or_barrier"), *map(say, HEADLINE)), rows)]
+    caption = say("spread.caption", number=number, boulders=models.boulders)
+    return [Table(caption, (say("label.line_or_barrier"), *map(say, HEADLINE)), rows)]
 
 
 def spread_words(models: Models | None) -> Iterator[str]:
@@ -74,7 +74,7 @@ def model_tables(models: Models | None) -> Iterator[Table]:
         columns = {number: _at(models, line, number).set_index("model") for number in _columns()}
         rows = []
         for name in models.names:
-            cells = (in_lines(*_cell(number, one.loc[name])) for number, one in columns.items())
+            cells = (in_lines(*_cell(number, table.loc[name])) for number, table in columns.items())
             rows.append((word(name), *cells))
         yield Table(say("spread.by_each_rebound_model", line=line), ("", *map(say, HEADLINE)), rows)
 

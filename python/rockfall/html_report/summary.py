@@ -100,28 +100,28 @@ def run_out(result: xr.Dataset) -> Iterator[str]:
     elif distance.n == 1:
         yield say("summary.run_out_of_one", max=number(distance.max()))
     else:
-        half, far = (number(one) for one in distance.quantile([0.5, 0.95]))
+        half, far = (number(metres) for metres in distance.quantile([0.5, 0.95]))
         yield say("summary.run_out", half=half, far=far, max=number(distance.max()))
 
 
 def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
     """Sentences on the certainty of the answer: the Monte Carlo error, and what it does not
     include."""
-    boulders, known = simulated(result), LineSamples(result)
+    boulders, samples = simulated(result), LineSamples(result)
     limits = [limits for numbers in rows.values() for _, limits in _estimates(numbers)]
     if is_ensemble(result):  # the answer is the range of the draws
-        yield say_count("summary.simulated_in_each_run", known.sources, boulders=boulders)
+        yield say_count("summary.simulated_in_each_run", samples.sources, boulders=boulders)
         yield say("summary.the_ranges_of_the_draws_hold")
         return
     if boulders == 1:
         yield say("summary.one_boulder_is_an_example_it")
     else:
-        yield say_count("summary.simulated", known.sources, boulders=boulders)
+        yield say_count("summary.simulated", samples.sources, boulders=boulders)
         if any(isinstance(limit, Text) and limit.key in ONE_SIDED for limit in limits):
             yield say("summary.where_only_one_limit_is_given")
         if TOO_FEW in limits:
             yield say("summary.a_dash_in_brackets_too_few")
-        if known.sampled:
+        if samples.sampled:
             yield say("summary.the_sources_are_taken_for_a")
     crossed = [numbers["speed"] for numbers in rows.values() if numbers["speed"]["n"]]
     widths = [half_width(row, "fraction") for row in crossed]

@@ -66,10 +66,10 @@ def line_tables(rows: Rows) -> Iterator[Table]:
             head = ("", *map(statistic, STATISTICS), say("tables.max_of", n=n))
             shown = [_statistics(name, row) for name, row in numbers.items()]
             if any(TOO_FEW in cell for row in shown for cell in row):
-                about = say("tables.line_caption_with_dashes", line=line, n=n)
+                caption = say("tables.line_caption_with_dashes", line=line, n=n)
             else:
-                about = say("tables.line_caption", line=line, n=n)
-            yield Table(about, head, shown)
+                caption = say("tables.line_caption", line=line, n=n)
+            yield Table(caption, head, shown)
 
 
 def _statistics(quantity: str, row: Row) -> tuple[str, ...]:
@@ -91,13 +91,13 @@ def barrier_table(result: xr.Dataset) -> Table:
 def dam_tables(result: xr.Dataset) -> Iterator[Table]:
     """Dams as rasterised; no table without dams."""
     rows = [
-        (f"{number}", Number(f"{one.length:,.0f}"),
-         in_lines(Number(f"{one.height:.1f} ({one.height_min:.1f})"), _requested(one, 0)),
-         in_lines(Number(f"{one.slope:.0f}"), _requested(one, 2)), Number(f"{one.face_cells:.1f}"),
-         say("interval.range", low=Number(f"{one.crest_min:,.1f}"),
-             high=Number(f"{one.crest_max:,.1f}")),
-         in_lines(Number(f"{one.crest_width:.1f}"), _requested(one, 1)))
-        for number, one in enumerate(dams_of(result), start=1)
+        (f"{number}", Number(f"{dam.length:,.0f}"),
+         in_lines(Number(f"{dam.height:.1f} ({dam.height_min:.1f})"), _requested(dam, 0)),
+         in_lines(Number(f"{dam.slope:.0f}"), _requested(dam, 2)), Number(f"{dam.face_cells:.1f}"),
+         say("interval.range", low=Number(f"{dam.crest_min:,.1f}"),
+             high=Number(f"{dam.crest_max:,.1f}")),
+         in_lines(Number(f"{dam.crest_width:.1f}"), _requested(dam, 1)))
+        for number, dam in enumerate(dams_of(result), start=1)
     ]  # fmt: skip
     if rows:
         head = (
@@ -116,13 +116,18 @@ def stand_tables(result: xr.Dataset) -> Iterator[Table]:
     """Stands of trees with their stems; no table without stands."""
     rows = [
         (
-            one.name,
+            stand.name,
             *map(
                 Number,
-                (f"{one.area:.3g}", f"{one.stems:,}", f"{one.density:,.0f}", f"{one.stated:,.0f}"),
+                (
+                    f"{stand.area:.3g}",
+                    f"{stand.stems:,}",
+                    f"{stand.density:,.0f}",
+                    f"{stand.stated:,.0f}",
+                ),
             ),
         )
-        for one in stands_of(result)
+        for stand in stands_of(result)
     ]
     if rows:
         heads = (
@@ -167,34 +172,34 @@ def precision_table(line: str, numbers: Numbers, boulders: int) -> Table:
     shown = []
     for quantity, name in NUMBERS:
         row = numbers["speed" if quantity == "fraction" else quantity]
-        about, half = QUANTITIES[quantity], half_width(row, name)
-        label = f"{about.label}, {statistic(name)}" if name in STATISTICS else about.label
+        display, half = QUANTITIES[quantity], half_width(row, name)
+        label = f"{display.label}, {statistic(name)}" if name in STATISTICS else display.label
         cells = ["-"] * (1 + len(TARGETS))
         crossed = np.inf if name == "fraction" else row["n"]
         if np.isfinite(half):
             more = (boulders_needed(boulders, half, target, crossed) for target in TARGETS)
-            needed = (Number(f"{rounded_up(one):,}") for one in more)
+            needed = (Number(f"{rounded_up(n_needed):,}") for n_needed in more)
             cells = [Number(f"± {percent(half)}"), *needed]
         value = in_unit(row.get(name, np.nan), quantity)
-        shown.append((label, Number(f"{value} {about.unit}"), *cells))
+        shown.append((label, Number(f"{value} {display.unit}"), *cells))
     targets = (say("tables.boulders_for_precision", target=100 * target) for target in TARGETS)
     caption = say("tables.precision_caption", line=line)
     return Table(caption, ("", say("tables.now"), say("tables.half_width"), *targets), shown)
 
 
-def design_tables(found: Design) -> Iterator[Table]:
+def design_tables(sheet: Design) -> Iterator[Table]:
     """Requirements of a standard for a barrier at each line, and checks of the barriers."""
-    standard = found.factors.conditions.standard
-    for asked in found.demand.to_dict("records"):
+    standard = sheet.factors.conditions.standard
+    for asked in sheet.demand.to_dict("records"):
         if asked["n"]:
-            loads = found.loads[found.loads["line"] == asked["line"]].to_dict("records")
+            loads = sheet.loads[sheet.loads["line"] == asked["line"]].to_dict("records")
             head, *rows = load_rows(loads)
             _, *design = demand_rows(asked, standard)
             rows += [[name, value, "", ""] for name, value in design]
-            about = say("tables.loads_caption", line=asked["line"], standard=standard)
-            yield Table(about, head, rows)
-    if len(found.checks):
-        rows = [check_row(row) for row in found.checks.to_dict("records")]
+            caption = say("tables.loads_caption", line=asked["line"], standard=standard)
+            yield Table(caption, head, rows)
+    if len(sheet.checks):
+        rows = [check_row(row) for row in sheet.checks.to_dict("records")]
         yield Table(say("tables.checks_caption", standard=standard), check_head(), rows)
 
 
@@ -226,13 +231,13 @@ def compared(comparison: Comparison) -> Compared:
 
 def provenance(result: xr.Dataset) -> dict[str, Any]:
     """Provenance of a result, and the command that reproduces it, if one can."""
-    about = {key: str(value) for key, value in result.attrs.items()}
+    attrs = {key: str(value) for key, value in result.attrs.items()}
     case, is_complete = case_of(result), bool(result.attrs["complete"])
-    program, _, _ = about["source"].partition(", ")
+    program, _, _ = attrs["source"].partition(", ")
     if stochastic_fraction(result):
         program = f"{program}, {say('tables.stochastic_model')}"
     clocks = {clock: result.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu")}
-    requested = int(about["boulders_requested"])
+    requested = int(attrs["boulders_requested"])
     total = "boulders_total" in case.case
     number = case.case["boulders_total" if total else "boulders"]
     if total:
@@ -243,30 +248,30 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
         released = say("tables.boulders_of_each_source")
     rows = [
         (say("label.program"), program),
-        (say("tables.case_file"), about["case_file"]),
-        (say("tables.seed"), about["seed"]),
+        (say("tables.case_file"), attrs["case_file"]),
+        (say("tables.seed"), attrs["seed"]),
         (
             say("label.boulders"),
-            f"{about['boulder_first']} – {about['boulder_last']} / {requested}",
+            f"{attrs['boulder_first']} – {attrs['boulder_last']} / {requested}",
         ),
         (released, f"{number:,}"),
         *_impact_set(result),
         *(
             (say("tables.checksum_sha"), f"{key}: {_noted(noted)}")
-            for key, noted in json.loads(about["input_checksums"]).items()
+            for key, noted in json.loads(attrs["input_checksums"]).items()
         ),
-        (say("tables.threads"), about["threads"]),
+        (say("tables.threads"), attrs["threads"]),
         (say("tables.time"), say("tables.seconds", **clocks)),
     ]
     option = "--boulders-total" if total else "--boulders"
     verb = "ensemble" if is_ensemble(result) else "run"
     command = (
-        f"rockfall {verb} {shlex.quote(about['case_file'])} {option} {number} "
-        f"--seed {about['seed']} -o again.nc"
+        f"rockfall {verb} {shlex.quote(attrs['case_file'])} {option} {number} "
+        f"--seed {attrs['seed']} -o again.nc"
     )
     return {
         "table": Table(say("tables.what_was_run"), ("", say("label.value")), rows, "facts"),
-        "command": "" if FROM_ARRAY in about["case"] else command,
+        "command": "" if FROM_ARRAY in attrs["case"] else command,
         "is_complete": is_complete,
         "case": given_text(case),
     }

@@ -59,9 +59,9 @@ def terrain_view(result: xr.Dataset, terrain: Terrain) -> View:
     from plotly.offline import get_plotlyjs
 
     library = get_plotlyjs().encode()
-    found = json.dumps({"traces": traces(result, terrain), "layout": _layout(result)})
+    scene_json = json.dumps({"traces": traces(result, terrain), "layout": _layout(result)})
     checksum = base64.b64encode(hashlib.sha256(library).digest()).decode()
-    return View(_packed(library), _packed(found.encode()), checksum)
+    return View(_packed(library), _packed(scene_json.encode()), checksum)
 
 
 def _packed(content: bytes) -> str:
@@ -81,18 +81,18 @@ def traces(result: xr.Dataset, terrain: Terrain) -> list[Trace]:
         "lighting": {"ambient": 1, "diffuse": 0, "specular": 0}, "hoverinfo": "z",
         "contours": {axis: {"highlight": False} for axis in "xyz"},
     }  # fmt: skip
-    found, nets = [surface], barriers_of(result)
+    traced, nets = [surface], barriers_of(result)
     for k, (name, x, y) in enumerate(lines(result)):
         x, y = inside(x, y, extent)
         look = {"color": BLUE if k in nets else INK, "width": 6}
-        found.append(_curve(name, [(x, y, height(*terrain, x, y) + ABOVE)], corner, look))
+        traced.append(_curve(name, [(x, y, height(*terrain, x, y) + ABOVE)], corner, look))
     motion = motion_of(result, SHOWN)
     if paths := sampled(motion, COARSE).strings(motion.boulder):
         curves = [path[:, :3].T for path in paths]
-        found.append(
+        traced.append(
             _curve(say("page.trajectories"), curves, corner, {"color": VERMILION, "width": 2})
         )
-    return found
+    return traced
 
 
 def _curve(name: str, curves: list[Any], corner: np.ndarray, look: dict[str, Any]) -> Trace:

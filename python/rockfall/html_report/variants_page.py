@@ -159,9 +159,9 @@ def _line_table(of_line: pd.DataFrame, given: Given) -> Table:
     """Numbers of a line, each with its difference from the first variant."""
     rows = []
     for (quantity, statistic), group in of_line.groupby(["quantity", "statistic"], sort=False):
-        about = QUANTITIES["fraction" if quantity == "passing" else quantity]
-        label = _label(str(quantity), str(statistic), about.unit)
-        rows.append([label, *(_cell(row, about.factor) for _, row in group.iterrows())])
+        display = QUANTITIES["fraction" if quantity == "passing" else quantity]
+        label = _label(str(quantity), str(statistic), display.unit)
+        rows.append([label, *(_cell(row, display.factor) for _, row in group.iterrows())])
         if quantity == "passing" and given.yearly:
             label = _yearly_label(str(statistic))
             rows.append([label, *(_cell(row, given.yearly) for _, row in group.iterrows())])
@@ -222,16 +222,16 @@ def _barriers(case: Case) -> str:
     return "\n".join(map(_barrier, case.barrier)) or "-"
 
 
-def _barrier(one: Mapping[str, object]) -> str:
-    if "diameter" in one:
-        return f"{one.get('name') or one.get('file')}: ⌀ {_digits(one['diameter'])} cm"
-    strength = f"EAD {one['class']}" if "class" in one else f"{one.get('capacity', 0.0):g} kJ"
-    height = localised(f"{one.get('height', 0.0):g}")
-    return f"{one.get('name') or one.get('file')}: {height} m, {strength}"
+def _barrier(given: Mapping[str, object]) -> str:
+    if "diameter" in given:
+        return f"{given.get('name') or given.get('file')}: ⌀ {_digits(given['diameter'])} cm"
+    strength = f"EAD {given['class']}" if "class" in given else f"{given.get('capacity', 0.0):g} kJ"
+    height = localised(f"{given.get('height', 0.0):g}")
+    return f"{given.get('name') or given.get('file')}: {height} m, {strength}"
 
 
 def _dams(case: Case) -> str:
-    heights = (localised(f"{one.get('height', 0.0):g}") for one in case.dam)
+    heights = (localised(f"{dam.get('height', 0.0):g}") for dam in case.dam)
     return "\n".join(f"{height} m" for height in heights) or "-"
 
 

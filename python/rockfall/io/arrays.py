@@ -102,15 +102,15 @@ def grid_of(data: xr.DataArray) -> tuple[Grid, bool]:
         raise RockfallError(f"{_NAME}: x must increase")
     if abs(cell - abs(step)) * max(x.size, y.size) > TOLERANCE * cell:
         raise RockfallError(f"{_NAME}: cells are not square ({cell:.10g} x {abs(step):.10g} m)")
-    about = _grid_mapping(data)
+    mapping = _grid_mapping(data)
     north = max(y[0], y[-1]) + abs(step) / 2
-    grid = Grid(float(x[0] - cell / 2), float(north), float(cell), x.size, y.size, _crs(about))
-    return _exact(grid, about), bool(step < 0)
+    grid = Grid(float(x[0] - cell / 2), float(north), float(cell), x.size, y.size, _crs(mapping))
+    return _exact(grid, mapping), bool(step < 0)
 
 
-def corner_of(about: Mapping[str, Any]) -> tuple[float, float, float]:
+def corner_of(attrs: Mapping[str, Any]) -> tuple[float, float, float]:
     """West and north edge, and cell size [m], of the grid mapping of a result."""
-    west, cell, _, north, _, _ = map(float, str(about["GeoTransform"]).split())
+    west, cell, _, north, _, _ = map(float, str(attrs["GeoTransform"]).split())
     return west, north, abs(cell)
 
 
@@ -152,11 +152,11 @@ def _grid_mapping(data: xr.DataArray) -> Mapping[str, Any]:
     return {"crs_wkt": data.attrs["crs"]} if "crs" in data.attrs else {}
 
 
-def _crs(about: Mapping[str, Any]) -> CRS | None:
+def _crs(attrs: Mapping[str, Any]) -> CRS | None:
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 
-    text = about.get("crs_wkt") or about.get("spatial_ref")
+    text = attrs.get("crs_wkt") or attrs.get("spatial_ref")
     if not text:
         return None
     try:
@@ -165,10 +165,10 @@ def _crs(about: Mapping[str, Any]) -> CRS | None:
         raise RockfallError(f"{_NAME}: CRS cannot be understood: {str(text)[:60]}") from error
 
 
-def _exact(grid: Grid, about: Mapping[str, Any]) -> Grid:
+def _exact(grid: Grid, attrs: Mapping[str, Any]) -> Grid:
     """Grid from the GeoTransform, if there is one that agrees."""
     try:
-        west, cell, _, north, _, step = map(float, str(about["GeoTransform"]).split())
+        west, cell, _, north, _, step = map(float, str(attrs["GeoTransform"]).split())
     except (KeyError, ValueError):
         return grid
     north = north if step < 0 else north + grid.ny * step

@@ -59,9 +59,9 @@ def degrees_way(crs: CRS, bounds: Bounds) -> Transformation:
 
 def vertical_datum(crs: CRS) -> str:
     """Name of the system of heights; "not stated" if the system has none."""
-    about = _pyproj(crs)
-    names = [part.name for part in about.sub_crs_list if part.is_vertical]
-    if not names and len(about.axis_info) == 3:
+    system = _pyproj(crs)
+    names = [part.name for part in system.sub_crs_list if part.is_vertical]
+    if not names and len(system.axis_info) == 3:
         names = ["ellipsoid"]
     return names[0] if names else "not stated"
 
@@ -146,10 +146,10 @@ def _in_plan(crs: CRS) -> CRS:
     """Horizontal part of a compound system."""
     from rasterio.crs import CRS
 
-    about = crs.to_dict(projjson=True)
-    if about.get("type") != "CompoundCRS":
+    description = crs.to_dict(projjson=True)
+    if description.get("type") != "CompoundCRS":
         return crs
-    return CRS.from_user_input(json.dumps(about["components"][0]))
+    return CRS.from_user_input(json.dumps(description["components"][0]))
 
 
 def _utm(grid: Grid) -> str | None:
@@ -198,15 +198,15 @@ def _parameters(crs: pyproj.CRS) -> dict[str, Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # its warning about a lost parameter
         try:
-            about = crs.to_cf()
+            parameters = crs.to_cf()
         except UserWarning:
             return {}
-    name, parallel = about.get("grid_mapping_name"), about.get("standard_parallel")
+    name, parallel = parameters.get("grid_mapping_name"), parameters.get("standard_parallel")
     if name == "lambert_conformal_conic" and isinstance(parallel, float):
         return {}
     if name == "polar_stereographic" and parallel is not None:
-        about["latitude_of_projection_origin"] = math.copysign(90.0, parallel)
-    return about
+        parameters["latitude_of_projection_origin"] = math.copysign(90.0, parallel)
+    return parameters
 
 
 def _pyproj(crs: CRS) -> pyproj.CRS:

@@ -66,8 +66,8 @@ def read_drawing(path: str | Path) -> Drawing:
     need("DXF needs", "cad", "ezdxf")
     file = plain_file(path)
     check_text_file(path)
-    about = os.stat(file)
-    return _read(str(path), file, about.st_mtime_ns, about.st_size)
+    status = os.stat(file)
+    return _read(str(path), file, status.st_mtime_ns, status.st_size)
 
 
 @lru_cache(maxsize=1)  # each layer of a drawing is asked for alone
@@ -134,7 +134,7 @@ def _part(path: str, layer: str, entity: Any) -> Part:
     if not size:  # a click of the mouse
         return Part(layer, f"{kind} of no length", NOWHERE)
     chord = max(TOLERANCE, COARSEST * size)
-    xy = np.array([tuple(one)[:2] for one in curve.flattening(chord, segments=1)], float)
+    xy = np.array([tuple(vertex)[:2] for vertex in curve.flattening(chord, segments=1)], float)
     if curve.is_closed:
         xy[-1] = xy[0]
     return Part(layer, kind, xy, curve.is_closed and len(xy) > 3)

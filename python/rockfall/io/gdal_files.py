@@ -82,11 +82,11 @@ def _nodata_text(file: BinaryIO, size: int) -> str:
     (entries,) = struct.unpack(f"{end}{count}", file.read(struct.calcsize(f"{end}{count}")))
     length = struct.calcsize(f"{end}{entry}")
     for _ in range(min(entries, size // length)):
-        tag, kind, many, where = struct.unpack(f"{end}{entry}", one := file.read(length))
+        tag, kind, many, where = struct.unpack(f"{end}{entry}", raw := file.read(length))
         if tag == _NODATA and kind == _ASCII:
             inline = 8 if big else 4
             if many <= inline:
-                return one[-inline:][:many].decode("latin-1")
+                return raw[-inline:][:many].decode("latin-1")
             file.seek(where)
             return file.read(min(many, _MAX_NUMBER)).decode("latin-1")
     return ""

@@ -66,11 +66,11 @@ def burn_polygons(
     or its own of `numbers`; the last one where they overlap. Everything else is as in
     `_on_terrain`."""
     remarks, read = [] if remarks is None else remarks, [field] if numbers is None else []
-    found = _on_terrain(path, read, _POLYGONS, "polygons", grid, remarks, layer, key)
+    polygons = _on_terrain(path, read, _POLYGONS, "polygons", grid, remarks, layer, key)
     if numbers is None:
-        numbers = _integers(str(path), field, found.values[field])
-    cells = _burnt(found, grid, numbers, NO_ID)
-    if twice := np.count_nonzero(cells != _burnt(found, grid, numbers, NO_ID, -1)):
+        numbers = _integers(str(path), field, polygons.values[field])
+    cells = _burnt(polygons, grid, numbers, NO_ID)
+    if twice := np.count_nonzero(cells != _burnt(polygons, grid, numbers, NO_ID, -1)):
         remarks.append(remark(path, "input.polygons_overlap", field=field, n=int(twice)))
     return cells
 
@@ -102,20 +102,20 @@ def numbered_polygons(
     """Number, from 1, of the polygon that holds the centre of each cell (0: none), the last one
     where they overlap; and the attributes of all polygons. Everything else is as in
     `_on_terrain`."""
-    found = _on_terrain(path, None, _POLYGONS, "polygons", grid, remarks, layer, key)
-    size = len(found.shapes)
+    polygons = _on_terrain(path, None, _POLYGONS, "polygons", grid, remarks, layer, key)
+    size = len(polygons.shapes)
     kind = np.uint8 if size < 2**8 else np.int32
-    return _burnt(found, grid, np.arange(1, size + 1, dtype=kind), 0), found.values
+    return _burnt(polygons, grid, np.arange(1, size + 1, dtype=kind), 0), polygons.values
 
 
 def _burnt(
-    found: _Found, grid: Grid, numbers: np.ndarray, outside: int, order: int = 1
+    polygons: _Features, grid: Grid, numbers: np.ndarray, outside: int, order: int = 1
 ) -> np.ndarray:
     """Number of the last polygon (the first, for order -1) that holds each cell."""
     from rasterio.features import rasterize
 
     cells = rasterize(
-        zip(found.shapes[::order], numbers[::order].tolist(), strict=True),
+        zip(polygons.shapes[::order], numbers[::order].tolist(), strict=True),
         out_shape=grid.shape,
         transform=grid.transform,
         fill=outside,
@@ -123,7 +123,7 @@ def _burnt(
     )
     if (cells == outside).all():
         raise RockfallError(
-            f"{found.path}: no polygon holds the centre of a cell: {extent(*found.bounds)}; "
+            f"{polygons.path}: no polygon holds the centre of a cell: {extent(*polygons.bounds)}; "
             f"the terrain: {extent(grid.west, grid.south, grid.east, grid.north)}"
         )
     return cells
@@ -149,8 +149,8 @@ def read_lines(
 ) -> tuple[list[list[np.ndarray]], dict[str, np.ndarray]]:
     """Lines of a layer (the only one, for None), with all their attributes by name. A line is a
     list of its parts, (n, 2) coordinates [m]; connected parts are merged."""
-    found = _on_terrain(path, None, _LINES, "lines", grid, remarks, layer, key)
-    return [_parts(shape) for shape in found.shapes], found.values
+    lines = _on_terrain(path, None, _LINES, "lines", grid, remarks, layer, key)
+    return [_parts(shape) for shape in lines.shapes], lines.values
 
 
 def _parts(shape: Any) -> list[np.ndarray]:
@@ -178,9 +178,9 @@ def read_points(
     """All points of a layer, as in `_on_terrain`."""
     import shapely
 
-    found = _on_terrain(path, None, _POINTS, "points", grid, remarks, layer, key)
-    points, feature = shapely.get_parts(found.shapes, return_index=True)
-    values = {name: column[feature] for name, column in found.values.items()}
+    features = _on_terrain(path, None, _POINTS, "points", grid, remarks, layer, key)
+    points, feature = shapely.get_parts(features.shapes, return_index=True)
+    values = {name: column[feature] for name, column in features.values.items()}
     return Points(shapely.get_x(points), shapely.get_y(points), values, feature + 1)
 
 
@@ -192,10 +192,10 @@ def attribute(columns: dict[str, np.ndarray], name: str) -> np.ndarray | None:
 
 def named_attribute(path: str | Path, columns: dict[str, np.ndarray], name: str) -> np.ndarray:
     """Column with the name given by a case."""
-    if (found := attribute(columns, name)) is None:
+    if (values := attribute(columns, name)) is None:
         has = ", ".join(columns) or "none"
         raise RockfallError(f"{path}: no attribute {name}; has: {has}")
-    return found
+    return values
 
 
 def plain(value: Any) -> Any:
@@ -206,7 +206,7 @@ def plain(value: Any) -> Any:
     return value
 
 
-class _Found(NamedTuple):
+class _Features(NamedTuple):
     """A layer in coordinates of the terrain."""
 
     path: str
@@ -224,7 +224,7 @@ def _on_terrain(
     remarks: list[str],
     layer: str | None,
     key: str,
-) -> _Found:
+) -> _Features:
     """Read valid shapes of the given kinds (`what`: a plural, for messages) with the given
     attributes, or all (None), from a `layer`, or the only one. All layers are read by this
     function. `key` is the case key of a layer, for messages.
@@ -236,16 +236,16 @@ def _on_terrain(
     path = str(path)
     if is_drawing(path):
         shapes = _drawn(path, columns, kinds, what, grid, remarks, layer, key)
-        return _Found(path, shapes, {}, _check_shapes(path, shapes, kinds, what))
-    about, shapes, values = _read(path, columns, what, layer, key)
+        return _Features(path, shapes, {}, _check_shapes(path, shapes, kinds, what))
+    metadata, shapes, values = _read(path, columns, what, layer, key)
     bounds = _check_shapes(path, shapes, kinds, what)
     if grid.crs is None:
-        return _Found(path, shapes, values, bounds)
-    crs = _crs_of(path, about, bounds, crs_name(grid.crs))
+        return _Features(path, shapes, values, bounds)
+    crs = _crs_of(path, metadata, bounds, crs_name(grid.crs))
     if same_crs(crs, grid.crs):
-        return _Found(path, shapes, values, bounds)
+        return _Features(path, shapes, values, bounds)
     shapes = _reprojected(name_of(path, layer), shapes, crs, grid, remarks)
-    return _Found(path, shapes, values, _bounds(shapes))
+    return _Features(path, shapes, values, _bounds(shapes))
 
 
 def _drawn(
@@ -267,12 +267,12 @@ def _drawn(
     for name in columns or ():
         raise RockfallError(f"{path}: no attribute {name}; a drawing has none")
     drawing = read_drawing(path)
-    known = {name.casefold(): name for name in drawing.layers}
-    asked = layer if layer is None else known.get(layer.casefold(), layer)
-    name = _layer(path, [(one, "Unknown") for one in drawing.layers], what, asked, key)
-    where, parts = name_of(path, name), [one for one in drawing.parts if one.layer == name]
+    layer_names = {name.casefold(): name for name in drawing.layers}
+    asked = layer if layer is None else layer_names.get(layer.casefold(), layer)
+    name = _layer(path, [(title, "Unknown") for title in drawing.layers], what, asked, key)
+    where, parts = name_of(path, name), [part for part in drawing.parts if part.layer == name]
     lines, points = kinds != _POINTS, bool(kinds & _POINTS)
-    usable = [one for one in parts if (lines, points)[len(one.xy) == 1] and len(one.xy)]
+    usable = [part for part in parts if (lines, points)[len(part.xy) == 1] and len(part.xy)]
     if not usable:
         raise RockfallError(f"{where}: the layer has no {what}")
     shapes = np.empty(len(usable), object)
@@ -289,7 +289,7 @@ def _drawn(
         else:
             shapes[k] = shapely.LineString(part.xy)
     used = set(map(id, usable))
-    if others := [one for one in parts if id(one) not in used]:
+    if others := [part for part in parts if id(part) not in used]:
         names = {"what": what, "parts": left_out(others)}
         remarks.append(remark(where, "input.left_out", **names))
     if grid.crs is not None or drawing.unit:
@@ -400,15 +400,15 @@ def _bounds(shapes: np.ndarray) -> np.ndarray:
     return shapely.total_bounds(shapes)
 
 
-def _crs_of(path: str, about: dict[str, Any], bounds: np.ndarray, dem: str) -> CRS:
+def _crs_of(path: str, metadata: dict[str, Any], bounds: np.ndarray, dem: str) -> CRS:
     """CRS of a layer. A GeoJSON file without one is in degrees by its standard."""
     from rasterio.crs import CRS
 
     cure = f"ogr2ogr -a_srs {shlex.join([dem, f'{Path(path).stem}_with_crs.gpkg', path])}"
-    if not about["crs"] or _UNDEFINED.search(about["crs"]):
+    if not metadata["crs"] or _UNDEFINED.search(metadata["crs"]):
         raise RockfallError(f"{path}: names no CRS; if it is that of the DEM: {cure}")
-    crs = CRS.from_user_input(about["crs"])
-    if about["driver"] == "GeoJSON" and crs.is_geographic:
+    crs = CRS.from_user_input(metadata["crs"])
+    if metadata["driver"] == "GeoJSON" and crs.is_geographic:
         if not np.all(np.abs(bounds) <= (180.0, 90.0, 180.0, 90.0)):
             raise RockfallError(
                 f"{path}: names no CRS, and its coordinates are not the degrees that GeoJSON "

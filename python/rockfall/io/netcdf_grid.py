@@ -174,14 +174,14 @@ def _coordinates(path: str, variable: netCDF4.Variable, axis: int) -> np.ndarray
         group = group.parent
     if group is None or group[name].dimensions != (name,) or group[name].dtype.kind not in "iuf":
         raise RockfallError(f"{path}: has no coordinate {name} (cell centres [m])")
-    found = group[name]
-    attributes = {key: found.getncattr(key) for key in found.ncattrs()}
+    coordinate = group[name]
+    attributes = {key: coordinate.getncattr(key) for key in coordinate.ncattrs()}
     unit = _unit(path, name, attributes)
     if not is_metre(unit):
         raise RockfallError(f"{path}: coordinate {name} is in {unit}, metres are needed")
     if packed := {"scale_factor", "add_offset", "_Unsigned"} & attributes.keys():
         raise RockfallError(f"{path}: coordinate {name}: {min(packed)}: must be plain numbers")
-    centres = np.asarray(found[...], np.float64)
+    centres = np.asarray(coordinate[...], np.float64)
     if centres.size < 2:
         raise RockfallError(f"{path}: {name} has {centres.size} cells, at least 2 are needed")
     step = (centres[-1] - centres[0]) / (centres.size - 1)

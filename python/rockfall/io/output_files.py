@@ -71,8 +71,8 @@ def check_outputs(paths: Iterable[Path], inputs: Iterable[str | Path] = ()) -> N
 
 def _identity(path: str | Path) -> tuple[int, int]:
     """Identity of a file, equal for all its names."""
-    found = os.stat(path)
-    return found.st_dev, found.st_ino
+    status = os.stat(path)
+    return status.st_dev, status.st_ino
 
 
 def check_folder(folder: Path) -> None:

@@ -119,7 +119,7 @@ def _averaged(chunks: Iterable[np.ndarray], side: float) -> np.ndarray:
         off = np.column_stack([chunk[:, :2] - index * side, chunk[:, 2], np.ones(len(chunk))])
         east, north = index.astype(np.int64).T
         waiting.append(_sums(east * 2 * MAX_INDEX + (north + MAX_INDEX), off))
-        if sum(len(one) for one, _ in waiting) > max(CHUNK, len(squares)):
+        if sum(len(points) for points, _ in waiting) > max(CHUNK, len(squares)):
             squares, sums = _together([(squares, sums), *waiting])
             waiting = []
     squares, sums = _together([(squares, sums), *waiting])
@@ -154,8 +154,8 @@ def _common_crs(paths: Sequence[str | Path], given: CRS | None) -> CRS | None:
     (first, common), *others = named
     for path, crs in others:
         if (crs is None) != (common is None) or not same_crs(crs, common):
-            one, other = (crs_name(c) if c else "no CRS" for c in (common, crs))
-            raise RockfallError(f"{path}: names {other}, {first} {one}: all must name the same")
+            own, other = (crs_name(c) if c else "no CRS" for c in (common, crs))
+            raise RockfallError(f"{path}: names {other}, {first} {own}: all must name the same")
     return given if common is None else common
 
 
@@ -288,13 +288,13 @@ def _layout(path: str | Path) -> tuple[str, tuple[int, int, int], int]:
     """Separator, columns of x, y and z, and lines of the head."""
     start = start_of(path).decode("utf-8-sig", "replace")
     line = start.splitlines()[0].strip() if start.strip() else ""
-    found = _SEPARATOR.search(line)
-    mark = found[1] if found else " "
+    match = _SEPARATOR.search(line)
+    mark = match[1] if match else " "
     split: Callable[[str], list[str]] = (
         str.split if mark.isspace() else lambda text: text.split(mark)
     )
     separator = r"\s+" if mark.isspace() else mark
-    names = [one.strip().lower().lstrip("#/") for one in split(line)]
+    names = [name.strip().lower().lstrip("#/") for name in split(line)]
     if all(re.fullmatch(r"[-+0-9.eE]+", name) for name in names):
         if len(names) < 3:
             raise RockfallError(f"{path}: line 1: {len(names)} columns: x, y and z are needed")

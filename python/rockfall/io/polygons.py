@@ -72,7 +72,7 @@ def touched_cells(shapes: np.ndarray, numbers: np.ndarray, grid: Grid) -> np.nda
     from rasterio.features import rasterize
 
     larger = shapely.buffer(shapes, MARGIN * grid.cell, quad_segs=1)
-    pairs = [(one, int(k)) for one, k in zip(larger, numbers, strict=True) if not one.is_empty]
+    pairs = [(part, int(k)) for part, k in zip(larger, numbers, strict=True) if not part.is_empty]
     if not pairs:
         return np.zeros(grid.shape, "i4")
     return rasterize(

@@ -66,14 +66,14 @@ def read_trajectories(path: str | Path) -> list[Recorded]:
             f"{path}: record {start + 1}: time = {time[start]:g}: must be >= "
             f"{time[start - 1]:g}, that of the record before, or {time[0]:g}, a new start"
         )
-    found = []
-    for number, one in enumerate(np.split(records, starts), start=1):
+    trajectories = []
+    for number, rows in enumerate(np.split(records, starts), start=1):
         where = f"{path}: trajectory {number}"
-        if len(one) < 2:
+        if len(rows) < 2:
             raise RockfallError(f"{where}: one record: must have two or more")
-        found.append(Recorded(where, one[:, _TIME], one[:, _POSITION], one[:, _VELOCITY],
-                              one[:, _ENERGY], one[:, _TERRAIN]))  # fmt: skip
-    return found
+        trajectories.append(Recorded(where, rows[:, _TIME], rows[:, _POSITION], rows[:, _VELOCITY],
+                                     rows[:, _ENERGY], rows[:, _TERRAIN]))  # fmt: skip
+    return trajectories
 
 
 def _check(path: str | Path, records: np.ndarray) -> None:
@@ -90,5 +90,5 @@ def _check(path: str | Path, records: np.ndarray) -> None:
         (energy >= 0, energy, "kinetic energy = {:g}: must be >= 0"),
     ):
         for k in np.flatnonzero(~good)[:1]:
-            about = what if values is None else what.format(values[k])
-            raise RockfallError(f"{path}: record {k + 1}: {about}")
+            reason = what if values is None else what.format(values[k])
+            raise RockfallError(f"{path}: record {k + 1}: {reason}")

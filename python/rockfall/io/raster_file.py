@@ -192,15 +192,15 @@ def open_raster(path: str | Path) -> Iterator[RasterFile]:
 def raster_files(path: str | Path) -> set[str]:
     """All files that a raster is read from: itself and companion files. A file that cannot be
     opened is returned alone; its reader reports the error."""
-    found = {raster_file(str(path))}
+    files = {raster_file(str(path))}
     with ExitStack() as stack:
         try:
-            found |= set(filter(os.path.exists, _opened(str(path), stack).source.files))
+            files |= set(filter(os.path.exists, _opened(str(path), stack).source.files))
         except RockfallError:
             pass
         except _faults():  # imports GDAL, so that it comes last
             pass
-    return found
+    return files
 
 
 def _faults() -> tuple[type[Exception], ...]:

@@ -115,9 +115,9 @@ def read_columns(
         if column not in columns:
             raise RockfallError(f"{where}: no column {column}; has: {', '.join(columns)}")
     check_columns(where, columns, columns)
-    found = list(rows)
-    values = {name: np.array([row.cells[name] for row in found], object) for name in columns}
-    return [row.where for row in found], values
+    read = list(rows)
+    values = {name: np.array([row.cells[name] for row in read], object) for name in columns}
+    return [row.where for row in read], values
 
 
 def check_columns(where: str, columns: list[str], allowed: Iterable[str]) -> None:
@@ -149,7 +149,7 @@ def write_csv(table: pd.DataFrame, path: str | Path) -> None:
         return spreadsheet_text(value) if isinstance(value, str) else value
 
     table = table.rename(columns=safe)
-    texts = {name: one.map(safe) for name, one in table.items() if one.dtype.kind == "O"}
+    texts = {name: column.map(safe) for name, column in table.items() if column.dtype.kind == "O"}
     with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
         table.assign(**texts).to_csv(file, index=False)
 

@@ -40,12 +40,12 @@ def read_zone_table(path: str | Path) -> dict[int, Zone]:
     ground may have no rocks: sizes missing or zero.
     """
     where, columns, rows = read_table(path)
-    known = ("zone", *RADII, "ground")
+    names = ("zone", *RADII, "ground")
     if "zone" not in columns:
         raise RockfallError(f"{where}: no column zone; has: {', '.join(columns)}")
-    if set(known[1:]).isdisjoint(columns):
+    if set(names[1:]).isdisjoint(columns):
         raise RockfallError(f"{where}: none of the columns {', '.join(RADII)}")
-    check_columns(where, [name for name in columns if name in known], known)
+    check_columns(where, [name for name in columns if name in names], names)
     zones: dict[int, Zone] = {}
     for row in rows:
         zone = _zone(row)
@@ -64,9 +64,9 @@ def zones_of_polygons(
     Polygons that say the same are one zone. Its id is that of an integer attribute `field` if this
     tells zones apart, else its number in the order of the file, from 1.
     """
-    known = {name: attribute(columns, name) for name in (*RADII, "ground", *NAMES)}
+    texts_of = {name: attribute(columns, name) for name in (*RADII, "ground", *NAMES)}
     given = {
-        name: [_text(one) for one in texts] for name, texts in known.items() if texts is not None
+        name: [_text(text) for text in data] for name, data in texts_of.items() if data is not None
     }
     if not {*RADII, "ground"} & given.keys():
         raise RockfallError(
@@ -83,9 +83,9 @@ def zones_of_polygons(
     own = _own_ids(attribute(columns, field), kinds)
     ids = own or [number[kind] for kind in kinds]
     zones: dict[int, Zone] = {}
-    for one, row in zip(ids, rows, strict=True):
-        if one not in zones:
-            zones[one] = _polygon_zone(row)
+    for zone_id, row in zip(ids, rows, strict=True):
+        if zone_id not in zones:
+            zones[zone_id] = _polygon_zone(row)
     return np.array(ids, np.int32), zones, own is not None
 
 
@@ -112,9 +112,9 @@ def _polygon_zone(row: Row) -> Zone:
 
 def _made(row: Row, optional: bool = False) -> Zone:
     """Zone of a row; `optional`: a size may be missing, and is refused where it is needed."""
-    given = {one for one in RADII if row.cells.get(one) or (one in row.cells and not optional)}
+    given = {key for key in RADII if row.cells.get(key) or (key in row.cells and not optional)}
     sizes = tuple(_radius(row, name) if name in given else math.nan for name in RADII)
-    name = next((row.cells[one] for one in NAMES if row.cells.get(one)), "")
+    name = next((row.cells[key] for key in NAMES if row.cells.get(key)), "")
     return Zone(sizes, row.cells.get("ground", ""), row.where, name)
 
 
@@ -140,20 +140,20 @@ def index_blocks(
         raise RockfallError(f"&surface default_zone = {default_zone}: has no row in {table}")
     order = np.argsort(table_ids)
     dtype = np.int8 if len(table_ids) <= np.iinfo(np.int8).max else np.int16
-    known, row_of = np.asarray(table_ids, np.int64)[order], (order + 1).astype(dtype)
+    ids, row_of = np.asarray(table_ids, np.int64)[order], (order + 1).astype(dtype)
     index = np.empty(shape, dtype)
     unknown: dict[int, int] = {}
     for rows, block in blocks:
         if default_zone is not None:
             block = np.where(block == NO_ID, default_zone, block)
-        place = np.searchsorted(known, block).clip(max=known.size - 1)
-        found = known[place] == block
-        index[rows] = np.where(found, row_of[place], 0)
+        place = np.searchsorted(ids, block).clip(max=ids.size - 1)
+        matches = ids[place] == block
+        index[rows] = np.where(matches, row_of[place], 0)
         if valid is not None:
             inside = _is_valid(valid[rows])
             index[rows][~inside] = 0
-            found |= ~inside
-        for zone, cells in zip(*np.unique(block[~found], return_counts=True), strict=True):
+            matches |= ~inside
+        for zone, cells in zip(*np.unique(block[~matches], return_counts=True), strict=True):
             unknown[int(zone)] = unknown.get(int(zone), 0) + int(cells)
     if unknown:
         raise RockfallError(_without_row(unknown, path, table, what))

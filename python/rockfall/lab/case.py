@@ -103,7 +103,7 @@ def _check(text: str, name: str) -> None:
 def _like(value: Any, default: Any) -> Any:
     """Checked value with the type of the default."""
     if isinstance(default, list):
-        return [float(one) for one in (value if isinstance(value, list) else [value])]
+        return [float(number) for number in (value if isinstance(value, list) else [value])]
     return type(default)(value)
 
 
@@ -132,7 +132,7 @@ class LabCase:
             if group != "throw" or group in given
         }
         if self.throws:
-            for group, key in (one.split(".") for one in names("impact_alone")):
+            for group, key in (name.split(".") for name in names("impact_alone")):
                 del self._groups[group][key]
 
     @property

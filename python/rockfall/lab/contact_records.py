@@ -65,11 +65,11 @@ OF_THE_LABORATORY = "block", "layer", "ratio"  # columns specific to one of the 
 
 
 def contact_columns(
-    rows: np.ndarray, counts: np.ndarray, found: np.ndarray, number: np.ndarray, body: str
+    rows: np.ndarray, counts: np.ndarray, n_contacts: np.ndarray, number: np.ndarray, body: str
 ) -> dict[str, np.ndarray]:
     """Columns of the contacts of throws, one throw after the other: rows (fields, contacts,
     throws); `number` (throws,), and `body` is the name of the first count."""
-    throw, order = np.nonzero(np.arange(rows.shape[1])[None, :] < found[:, None])
+    throw, order = np.nonzero(np.arange(rows.shape[1])[None, :] < n_contacts[:, None])
     counted = body, *names("contact_counts")[1:]
     return {
         "sequence": number[throw],

@@ -121,10 +121,10 @@ def tied(n: int, ties: Iterable[list[str]]) -> np.ndarray:
     group = np.arange(n)
     while True:
         before = group
-        for one in which:
+        for labels in which:
             first = np.full(n, n)
-            np.minimum.at(first, one, group)
-            group = first[one]
+            np.minimum.at(first, labels, group)
+            group = first[labels]
         if np.array_equal(group, before):
             return group
 
@@ -139,38 +139,40 @@ def fit_contacts(contacts: Contacts, nearest: bool = False) -> dict[int, ImpactS
                 f"{contacts.name}: R_b/R_m = {ratio}: no contacts; --nearest-ratio takes the set "
                 f"of {_nearest(ratio, given)}"
             )
-    found = {ratio: _fit(f"{contacts.name}: {title(ratio)}", one) for ratio, one in given.items()}
-    return {ratio: found[_nearest(ratio, given)] for ratio in RATIOS}
+    fitted = {
+        ratio: _fit(f"{contacts.name}: {title(ratio)}", part) for ratio, part in given.items()
+    }
+    return {ratio: fitted[_nearest(ratio, given)] for ratio in RATIOS}
 
 
 def _fit(where: str, impacts: Impacts) -> ImpactSet:
     """Fit a set with valid standard errors: they need groups to leave out, and where they exceed
     the standard deviation of their quantity, the most likely set may diverge."""
     try:
-        found = fit_set(impacts)
+        impact_set = fit_set(impacts)
     except RockfallError as error:
         raise RockfallError(f"{where}: {error}") from error
     groups = len(np.unique(impacts.group))
     if groups < GROUPS:
         raise RockfallError(
-            f"{where}: {found.impacts} contacts that hang together by run or point in {groups} "
-            f"groups: at least {GROUPS} groups are needed for standard errors"
+            f"{where}: {impact_set.impacts} contacts that hang together by run or point in "
+            f"{groups} groups: at least {GROUPS} groups are needed for standard errors"
         )
-    deviation = np.sqrt(np.diag(found.covariance))
-    worst = np.argmax(found.mean_error / deviation)
-    if found.mean_error[worst] > deviation[worst]:
+    deviation = np.sqrt(np.diag(impact_set.covariance))
+    worst = np.argmax(impact_set.mean_error / deviation)
+    if impact_set.mean_error[worst] > deviation[worst]:
         raise RockfallError(
-            f"{where}: {found.impacts} contacts are too few: the standard error of "
-            f"{COEFFICIENTS[worst]}, {found.mean_error[worst]:.2g}, is above its deviation, "
+            f"{where}: {impact_set.impacts} contacts are too few: the standard error of "
+            f"{COEFFICIENTS[worst]}, {impact_set.mean_error[worst]:.2g}, is above its deviation, "
             f"{deviation[worst]:.2g}"
         )
-    return found
+    return impact_set
 
 
 def _nearest(ratio: int, given: Iterable[int]) -> int:
     """Nearest ratio with contacts; of two equally near, the larger, on which boulders travel
     farther."""
-    return min(given, key=lambda one: (abs(one - ratio), -one))
+    return min(given, key=lambda candidate: (abs(candidate - ratio), -candidate))
 
 
 def title(ratio: int) -> str:
@@ -213,7 +215,7 @@ def _about(impacts: Impacts) -> str:
     ranges = {"V": speed, "incidence": incidence(impacts.v_in), "W/V": impacts.v_in[:, 2] / speed}
     units = {"V": " m/s", "incidence": " degrees", "W/V": ""}
     shown = ", ".join(
-        f"{name} {one.min():.2g} to {one.max():.2g}{units[name]}" for name, one in ranges.items()
+        f"{name} {v.min():.2g} to {v.max():.2g}{units[name]}" for name, v in ranges.items()
     )
     return f"{len(speed)} contacts in {len(np.unique(impacts.group))} groups; {shown}"
 

@@ -84,14 +84,14 @@ def impacts_of(data: xr.Dataset, ratio: float, state: str = "peak") -> Impacts:
     """Completed impacts at a ratio, in one of the three states recorded for each."""
     if state not in STATES:
         raise RockfallError(f"state {state!r}: must be one of {', '.join(STATES)}")
-    one = data.sel(ratio=ratio)
-    ended = np.isin(one["status"].values, [STATUS[name] for name in ENDED])
+    impacts = data.sel(ratio=ratio)
+    ended = np.isin(impacts["status"].values, [STATUS[name] for name in ENDED])
     layer = np.broadcast_to(np.arange(ended.shape[0])[:, None, None], ended.shape)
 
     def velocity(when: str) -> np.ndarray:
-        return np.stack([one[f"{v}_{when}"].values[ended] for v in ("vt", "vn", "w")], axis=1)
+        return np.stack([impacts[f"{v}_{when}"].values[ended] for v in ("vt", "vn", "w")], axis=1)
 
-    sine = np.minimum(np.abs(one[f"lateral_{state}"].values[ended]), 1)
+    sine = np.minimum(np.abs(impacts[f"lateral_{state}"].values[ended]), 1)
     lateral = np.degrees(np.arcsin(sine))
     return Impacts(velocity("in"), velocity(state), layer[ended], lateral)
 
@@ -109,12 +109,12 @@ def fit_impacts(data: xr.Dataset, state: str = "peak") -> dict[int, ImpactSet]:
 def within_points(data: xr.Dataset, ratio: float, state: str = "peak") -> np.ndarray:
     """Covariance (3, 3) of V_out/|V_in| within points, about each point's least-squares map: the
     noise of an impact, equal for all points."""
-    one = data.sel(ratio=ratio)
-    ended = np.isin(one["status"].values, [STATUS[name] for name in ENDED])
+    impacts = data.sel(ratio=ratio)
+    ended = np.isin(impacts["status"].values, [STATUS[name] for name in ENDED])
     total, freedom = np.zeros((3, 3)), 0
     for layer, point in np.ndindex(ended.shape[:2]):
         rows = ended[layer, point]
-        at = one.isel(layer=layer, point=point)
+        at = impacts.isel(layer=layer, point=point)
         v_in, v_out = (
             np.stack([at[f"{v}_{when}"].values[rows] for v in ("vt", "vn", "w")], axis=1)
             for when in ("in", state)
@@ -131,7 +131,7 @@ def within_points(data: xr.Dataset, ratio: float, state: str = "peak") -> np.nda
     return total / freedom
 
 
-def fit_set(impacts: Impacts, seed: int = 1, groups: int = GROUPS) -> ImpactSet:
+def fit_set(impacts: Impacts, groups: int = GROUPS) -> ImpactSet:
     """Maximum-likelihood M and C, with standard errors from `groups` groups of layers; NaN without
     groups.
 
@@ -141,10 +141,10 @@ def fit_set(impacts: Impacts, seed: int = 1, groups: int = GROUPS) -> ImpactSet:
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1, "blas"):  # with more threads the order of summation differs
-        return _fit_set(impacts, seed, groups)
+        return _fit_set(impacts, groups)
 
 
-def _fit_set(impacts: Impacts, seed: int, groups: int) -> ImpactSet:
+def _fit_set(impacts: Impacts, groups: int) -> ImpactSet:
     x, y = _directions(impacts)
     if len(x) < MIN_IMPACTS:
         raise RockfallError(f"{len(x)} impacts: at least {MIN_IMPACTS} are needed for a set")
@@ -153,7 +153,7 @@ def _fit_set(impacts: Impacts, seed: int, groups: int) -> ImpactSet:
     if np.linalg.eigvalsh(_about_one_map(x, y)[1]).min() < MIN_SCATTER:
         raise RockfallError("the outgoing velocities do not scatter about one map of the incident")
     # the same numbers in every step, for convergence
-    z = np.random.default_rng(seed).standard_normal((len(x), DRAWS, 3))
+    z = np.random.default_rng(1).standard_normal((len(x), DRAWS, 3))
     mean, covariance, redrawn = _likeliest(x, y, z, np.ones(len(x)))
     kinds, group = np.unique(impacts.group, return_inverse=True)
     parts = min(groups, len(kinds))
@@ -165,11 +165,11 @@ def _fit_set(impacts: Impacts, seed: int, groups: int) -> ImpactSet:
     means, covariances = [], []
     for part in range(parts):
         weight = (group % parts != part).astype(float)
-        found = _likeliest(x, y, z, weight, (mean, covariance))
-        means.append(found[0])
-        covariances.append(found[1])
-    known = (np.sqrt((parts - 1) * np.var(one, axis=0)) for one in (means, covariances))
-    mean_error, covariance_error = known
+        optimum = _likeliest(x, y, z, weight, (mean, covariance))
+        means.append(optimum[0])
+        covariances.append(optimum[1])
+    errors = (np.sqrt((parts - 1) * np.var(drawn, axis=0)) for drawn in (means, covariances))
+    mean_error, covariance_error = errors
     together = (parts - 1) * np.cov(np.transpose(means), bias=True)
     return ImpactSet(
         mean, covariance, mean_error, covariance_error, len(x), redrawn, lateral, together, *ranges
@@ -179,7 +179,7 @@ def _fit_set(impacts: Impacts, seed: int, groups: int) -> ImpactSet:
 def _ranges(v_in: np.ndarray) -> list[tuple[float, float]]:
     """Min and max speed [m/s] and incidence angle [degree]."""
     both = np.hypot(v_in[:, 0], v_in[:, 1]), incidence(v_in)
-    return [(float(one.min()), float(one.max())) for one in both]
+    return [(float(values.min()), float(values.max())) for values in both]
 
 
 def _directions(impacts: Impacts) -> tuple[np.ndarray, np.ndarray]:
@@ -230,10 +230,10 @@ def _leap(start: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarra
     change, bend = first - start, second - 2 * first + start
     length = np.linalg.norm(change) / max(float(np.linalg.norm(bend)), 1e-300)
     while length > 1:
-        found = start + 2 * length * change + length**2 * bend
-        values = np.linalg.eigvalsh(_parts(found)[1])
+        point = start + 2 * length * change + length**2 * bend
+        values = np.linalg.eigvalsh(_parts(point)[1])
         if values[0] > MIN_EIGENVALUE * values[-1]:
-            return found
+            return point
         length = (length + 1) / 2 if length > 1.1 else 1
     return second
 

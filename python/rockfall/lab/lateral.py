@@ -37,12 +37,12 @@ def fit_lateral(v_in: np.ndarray, lateral: np.ndarray) -> Lateral:
     From grazing to steep, a class with too few impacts is merged with the next steeper one, the
     last with the one before. A RockfallError reports too few in total.
     """
-    known = np.isfinite(lateral)
-    if known.sum() < MIN_IN_CLASS:
+    is_known = np.isfinite(lateral)
+    if is_known.sum() < MIN_IN_CLASS:
         raise RockfallError(
-            f"{known.sum()} lateral deviations: at least {MIN_IN_CLASS} are needed for quantiles"
+            f"{is_known.sum()} lateral deviations: at least {MIN_IN_CLASS} are needed for quantiles"
         )
-    angle, lateral = incidence(v_in[known]), lateral[known]
+    angle, lateral = incidence(v_in[is_known]), lateral[is_known]
     kept: list[float] = []
     for limit in LIMITS:
         below = (angle >= max(kept, default=-np.inf)) & (angle < limit)
@@ -55,10 +55,10 @@ def fit_lateral(v_in: np.ndarray, lateral: np.ndarray) -> Lateral:
 
 def lateral_line(lateral: np.ndarray) -> str:
     """Fractions of amounts (n,) [degrees] in the classes of the paper, without NaN."""
-    known = lateral[np.isfinite(lateral)]
-    fractions = np.bincount(np.searchsorted(PAPER, known, side="right"), minlength=3) / known.size
+    finite = lateral[np.isfinite(lateral)]
+    fractions = np.bincount(np.searchsorted(PAPER, finite, side="right"), minlength=3) / finite.size
     low, high = PAPER
     return (
         f"  lateral deviation below {low:g} degrees {fractions[0]:.1%}, "
-        f"to {high:g} {fractions[1]:.1%}, above {fractions[2]:.1%} ({known.size:,} impacts)"
+        f"to {high:g} {fractions[1]:.1%}, above {fractions[2]:.1%} ({finite.size:,} impacts)"
     )

@@ -38,33 +38,33 @@ def remake(
             continue
         if isinstance(source, Contacts):
             # ratios without contacts are taken from the existing file
-            sets, about = fit_contacts(source, nearest=True), contacts_provenance(source)
+            sets, attrs = fit_contacts(source, nearest=True), contacts_provenance(source)
             name = f"the measured contacts in {source.name}"
         elif source[0].throws:
             data = run_sequences(source[0], progress=progress, threads=threads)
             contacts = rebounds_of(data, path.name)
-            sets, about = fit_contacts(contacts, nearest=True), sequences_provenance(data, contacts)
+            sets, attrs = fit_contacts(contacts, nearest=True), sequences_provenance(data, contacts)
             name = ""
         else:
             case, state = source
             data = run_impacts(case, progress=progress, threads=threads)
-            sets, about, name = fit_impacts(data, state), provenance(data, state), ""
+            sets, attrs, name = fit_impacts(data, state), provenance(data, state), ""
         with tempfile.TemporaryDirectory() as folder:
             again = Path(folder) / path.name
-            write_sets(again, sets, about)
+            write_sets(again, sets, attrs)
             yield path, name, _first_difference(path.read_text("utf-8"), again.read_text("utf-8"))
 
 
 def _is_made_again(path: Path, table: ImpactTable, threads: int, progress: bool) -> bool:
     """Return True if a table is reproduced bit for bit."""
-    kept = int(table.about.get("kept", KEPT))
+    kept = int(table.attrs.get("kept", KEPT))
     again = table_of(list(_contacts(path, table, threads, progress)), kept)
     return again.pack() == table.pack()
 
 
 def _contacts(path: Path, table: ImpactTable, threads: int, progress: bool) -> Iterator[xr.Dataset]:
     """Laboratory contacts from which a table was made, of each case."""
-    texts = cases_of(table.about)
+    texts = cases_of(table.attrs)
     if not texts:
         raise RockfallError(f"{path}: does not say which case of the laboratory made it")
     for text in texts:

@@ -31,14 +31,14 @@ UNITS = {"speed": "m/s", "passing_height": "m", "energy_translational": "kJ"}
 
 @dataclass(frozen=True)
 class Target:
-    """Target range of a number: from `low` to `high`, or one-sided; `known` is the value printed in
+    """Target range of a number: from `low` to `high`, or one-sided; `printed` is the value in
     the paper."""
 
     name: str
     label: str
     low: float
     high: float
-    known: str
+    printed: str
     held_out: bool = False  # from every calibration
 
 
@@ -73,7 +73,7 @@ def targets(folder: str | Path) -> list[Target]:
         rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
     except (OSError, UnicodeDecodeError) as error:
         raise RockfallError(f"{path}: cannot be read: {error}") from error
-    found = []
+    all_targets = []
     try:
         for row in rows:
             line, method, quantity = row["line"], row["method"], row["quantity"]
@@ -82,7 +82,7 @@ def targets(folder: str | Path) -> list[Target]:
             for kind, fraction in BOUNDS.items():
                 value = float(row[kind[1:] or "mean"])
                 words = f"{line}, {method}: {quantity.replace('_', ' ')}, {kind[1:] or 'mean'}"
-                found.append(
+                all_targets.append(
                     Target(
                         f"{method}_{line}_{quantity}{kind}", f"{words} [{UNITS[quantity]}]",
                         value * (1 - fraction), value * (1 + fraction), row[kind[1:] or "mean"],
@@ -91,7 +91,7 @@ def targets(folder: str | Path) -> list[Target]:
                 )  # fmt: skip
     except (KeyError, TypeError, ValueError) as error:
         raise RockfallError(f"{path}: is not a table of the paper: {error}") from error
-    return sorted([*found, *OTHERS], key=lambda one: one.held_out)
+    return sorted([*all_targets, *OTHERS], key=lambda target: target.held_out)
 
 
 @dataclass(frozen=True)
@@ -141,35 +141,33 @@ def score(
     others = []
     if len(draws) == 1 and draws[0].error is not None:
         others = [draws[0].redrawn(generator) for _ in range(min(REDRAWN, slopes // 2))]
-    found, changed = [], []
+    all_runs, changed = [], []
     for k in range(slopes):
         seed = FIRST_SEED + k
-        found.append(_numbers(draws[k % len(draws)], site, seed, how))
+        all_runs.append(_numbers(draws[k % len(draws)], site, seed, how))
         if others:
             changed.append(_numbers(others[k % len(others)], site, seed, how))
         advance(1)
-    numbers = {name: np.array([one[name] for one in found]) for name in found[0]}
+    numbers = {name: np.array([run[name] for run in all_runs]) for name in all_runs[0]}
     of_sets = None
     if others:
         group = np.arange(slopes) % len(others)
-        off = {name: [one[name] for one in changed] - numbers[name] for name in numbers}
-        of_sets = {name: _between(one, group) for name, one in off.items()}
+        off = {name: [run[name] for run in changed] - numbers[name] for name in numbers}
+        of_sets = {name: _between(values, group) for name, values in off.items()}
     elif len(draws) > 1:
         group = np.arange(slopes) % len(draws)
-        of_sets = {
-            name: _between(one - _quiet(np.nanmean, one), group) for name, one in numbers.items()
-        }
+        of_sets = {name: _between(v - _quiet(np.nanmean, v), group) for name, v in numbers.items()}
     return Score(draws[0].name, numbers, of_sets)
 
 
 def _between(off: np.ndarray, group: np.ndarray) -> float:
     """Standard deviation between the means of groups, without their Monte Carlo errors."""
     groups = [off[(group == k) & np.isfinite(off)] for k in np.unique(group)]
-    groups = [one for one in groups if one.size]
+    groups = [group for group in groups if group.size]
     if not groups:
         return np.nan
-    noise = [one.var(ddof=1) / one.size for one in groups if one.size > 1]
-    square = np.mean([one.mean() ** 2 for one in groups]) - (np.mean(noise) if noise else 0)
+    noise = [group.var(ddof=1) / group.size for group in groups if group.size > 1]
+    square = np.mean([group.mean() ** 2 for group in groups]) - (np.mean(noise) if noise else 0)
     return float(np.sqrt(max(square, 0.0)))
 
 
@@ -202,34 +200,35 @@ def verdict(target: Target, value: float, error: float) -> str:
 def table(scores: Iterable[Score], wanted: Sequence[Target]) -> str:
     """The scorecard, as text."""
     scores = list(scores)
-    width = max(26, *(len(one.name) + 2 for one in scores))
+    width = max(26, *(len(score.name) + 2 for score in scores))
     lines = [
-        f"{'':50}{'paper':>10}{'target':>15}" + "".join(f"{one.name:>{width}}" for one in scores)
+        f"{'':50}{'paper':>10}{'target':>15}"
+        + "".join(f"{score.name:>{width}}" for score in scores)
     ]
     for held_out in (False, True):
         if held_out:
             lines += ["", "Held out of every calibration:"]
-        for target in (one for one in wanted if one.held_out == held_out):
-            line = f"{target.label:50}{target.known:>10}{_range(target):>15}"
-            for one in scores:
-                value, error = one.mean(target.name), one.error(target.name)
+        for target in (goal for goal in wanted if goal.held_out == held_out):
+            line = f"{target.label:50}{target.printed:>10}{_range(target):>15}"
+            for score in scores:
+                value, error = score.mean(target.name), score.error(target.name)
                 text = f"{value:.2f} +- {error:.2f} {verdict(target, value, error):9}"
                 line += f"{text:>{width}}"
             lines.append(line)
     lines.append("")
     for name, label in BESIDE.items():
         line = f"{label:75}"
-        for one in scores:
-            line += f"{f'{one.mean(name):.2f} +- {one.error(name):.2f}':>{width - 10}}{'':10}"
+        for score in scores:
+            line += f"{f'{score.mean(name):.2f} +- {score.error(name):.2f}':>{width - 10}}{'':10}"
         lines.append(line)
     lines.append("")
-    for one in scores:
+    for score in scores:
         verdicts = [
-            verdict(t, one.mean(t.name), one.error(t.name)) for t in wanted if not t.held_out
+            verdict(t, score.mean(t.name), score.error(t.name)) for t in wanted if not t.held_out
         ]
         count = {word: verdicts.count(word) for word in ("met", "undecided")}
         lines.append(
-            f"{one.name}: {count['met']} of {len(verdicts)} met, {count['undecided']} undecided"
+            f"{score.name}: {count['met']} of {len(verdicts)} met, {count['undecided']} undecided"
         )
     return "\n".join(line.rstrip() for line in lines)
 

@@ -55,20 +55,20 @@ def run_sequences(
         raise RockfallError(f"{case.name}: has no group &throw: it fires single impacts")
     ratios = case.lab["ratios"]
     total = [case.throws_of(ratio) for ratio in ratios]
-    parts, about = _start(case, path if resume else None)
+    parts, counters = _start(case, path if resume else None)
     saved = time.monotonic()
     with interrupts() as interrupted, progress_bar(sum(total), progress, "throws") as advance:
-        advance(int(about["done"].sum()))
-        for part, thrown in _chunks(case, total, about, threads, interrupted):
+        advance(int(counters["done"].sum()))
+        for part, thrown in _chunks(case, total, counters, threads, interrupted):
             parts.append(part)
             advance(thrown)
             if path is not None and time.monotonic() - saved > SAVE_SECONDS:
-                save_contacts(_dataset(case, parts, about), path)
+                save_contacts(_dataset(case, parts, counters), path)
                 saved = time.monotonic()
-        data = _dataset(case, parts, about)
+        data = _dataset(case, parts, counters)
         if path is not None:
             save_contacts(data, path)
-    if (about["done"] < total).any():
+    if (counters["done"] < total).any():
         raise KeyboardInterrupt
     return data
 
@@ -84,13 +84,13 @@ def _start(
         raise RockfallError(f"{path}: is of another laboratory case: cannot resume")
     if data.attrs["version"] != __version__:
         raise RockfallError(f"{path}: is of another version of rockfall: cannot resume")
-    about = {name: np.atleast_1d(data.attrs[name]).astype(float) for name in COUNTERS}
+    counters = {name: np.atleast_1d(data.attrs[name]).astype(float) for name in COUNTERS}
     columns = {str(name): values.values for name, values in data.items()}
-    return [columns] if data.sizes["contact"] else [], about
+    return [columns] if data.sizes["contact"] else [], counters
 
 
 def _chunks(
-    case: LabCase, total: list[int], about: dict[str, np.ndarray], threads: int,
+    case: LabCase, total: list[int], counters: dict[str, np.ndarray], threads: int,
     interrupted: Callable[[], bool],
 ) -> Iterator[tuple[dict[str, np.ndarray], int]]:  # fmt: skip
     """Simulate the remaining throws, in the order of ratios and throws; yields contacts and the
@@ -98,8 +98,8 @@ def _chunks(
     team = max(1, _lab.team(threads))
     on_layer = case.throw["on_layer"]
     for k, ratio in enumerate(case.lab["ratios"]):
-        while about["done"][k] < total[k]:
-            first = int(about["done"][k])  # counted from 0
+        while counters["done"][k] < total[k]:
+            first = int(counters["done"][k])  # counted from 0
             layer = first // on_layer  # one layer per thread at a time
             end = min(total[k], (layer + team) * on_layer)
             clock = time.process_time()
@@ -112,10 +112,10 @@ def _chunks(
                     return
                 part, unfinished = _throw(case, ratio, layers, layer, numbers, threads)
                 thrown = len(numbers)
-                about["solid"][k] += thrown / total[k] * solid
-                about["done"][k] += thrown
-                about["unfinished"][k] += unfinished
-                about["cpu_seconds"][k] += time.process_time() - clock
+                counters["solid"][k] += thrown / total[k] * solid
+                counters["done"][k] += thrown
+                counters["unfinished"][k] += unfinished
+                counters["cpu_seconds"][k] += time.process_time() - clock
                 clock = time.process_time()
                 yield part, thrown
 
@@ -125,20 +125,20 @@ def _throw(
 ) -> tuple[dict[str, np.ndarray], int]:
     """Contacts of some throws, numbered from 0, and the number of throws that were cut short."""
     layer = numbers // case.throw["on_layer"]
-    rows, counts, found, complete, code, message = _lab.throw_at_rocks(
+    rows, counts, n_contacts, complete, code, message = _lab.throw_at_rocks(
         case.row("material"), case.row("packing", ratio), case.row("boulder"), case.row("throw"),
         seed=case.lab["seed"], threads=threads, x=layers.x, radius=layers.radius,
         bodies=layers.bodies, facts=layers.facts, place=(layer - first_layer + 1).astype("i4"),
         layer=(layer + 1).astype("i4"), number=numbers + 1, contacts=case.throw["contacts"],
     )  # fmt: skip
     check_kernel(code, message, case.name)
-    columns = contact_columns(rows, counts, found, numbers + 1, "layer")
+    columns = contact_columns(rows, counts, n_contacts, numbers + 1, "layer")
     columns["ratio"] = np.full(len(columns["sequence"]), ratio)
     return columns, int((complete == 0).sum())
 
 
 def _dataset(
-    case: LabCase, parts: list[dict[str, np.ndarray]], about: dict[str, np.ndarray]
+    case: LabCase, parts: list[dict[str, np.ndarray]], counters: dict[str, np.ndarray]
 ) -> xr.Dataset:
     """All contacts so far."""
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -147,7 +147,7 @@ def _dataset(
         "shape": case.throw["shape"],
         "density": case.impact["density"], "yield_pressure": 0.0, "rest_angle": repose(),
         "inertia_factor": float(_lab.inertia_factor(case.row("boulder"))),
-        "ratios": case.lab["ratios"], **about,
+        "ratios": case.lab["ratios"], **counters,
     }  # fmt: skip
     return contact_dataset(columns, case.throw["radius"], case.packing["gravity"], attributes)
 

@@ -70,32 +70,32 @@ def write_sets(
     """Write an impact-set file: `provenance` as comments, then a group for each ratio; for an
     ensemble, for each of its draws: `sets` and `more`."""
     text = [f"! {line}".rstrip() for line in provenance]
-    for draw, one in enumerate((sets, *more), 1):
-        for ratio, found in sorted(one.items()):
-            text += ["", *_group(ratio, found, draw if more else None)]
+    for draw, draw_sets in enumerate((sets, *more), 1):
+        for ratio, impact_set in sorted(draw_sets.items()):
+            text += ["", *_group(ratio, impact_set, draw if more else None)]
     with atomic_write(path) as part:
         part.write_text("\n".join(text) + "\n", encoding="utf-8")
 
 
-def _group(ratio: int, found: ImpactSet, draw: int | None = None) -> list[str]:
+def _group(ratio: int, impact_set: ImpactSet, draw: int | None = None) -> list[str]:
     """Text of a set, with twelve digits per number, enough for a covariance to remain
     semidefinite."""
     text = []
-    if found.impacts:
-        text += [f"! {found.impacts} impacts; standard errors of the means:"]
-        text += [f"!   {_short(found.mean_error)}", "! and of the covariance:"]
-        text += [f"!   {_short(row)}" for row in _lower(found.covariance_error)]
-    if found.error_covariance is not None:
+    if impact_set.impacts:
+        text += [f"! {impact_set.impacts} impacts; standard errors of the means:"]
+        text += [f"!   {_short(impact_set.mean_error)}", "! and of the covariance:"]
+        text += [f"!   {_short(row)}" for row in _lower(impact_set.covariance_error)]
+    if impact_set.error_covariance is not None:
         text += [f"! {ERROR_MARK}"]
-        text += [f"!   {_numbers(row)}" for row in _lower(found.error_covariance)]
+        text += [f"!   {_numbers(row)}" for row in _lower(impact_set.error_covariance)]
     text += [f"&impact_set ratio = {ratio}" + (f", draw = {draw}" if draw else "")]
-    text += [f"  mean = {_numbers(found.mean)}", "  covariance =   ! lower triangle by rows"]
-    text += [_rows(_lower(found.covariance))]
+    text += [f"  mean = {_numbers(impact_set.mean)}", "  covariance =   ! lower triangle by rows"]
+    text += [_rows(_lower(impact_set.covariance))]
     for name in "speed_range", "angle_range":
-        if (ends := getattr(found, name)) is not None:
+        if (ends := getattr(impact_set, name)) is not None:
             text += [f"  {name} = {_numbers(ends)}"]
-    if found.lateral is not None:
-        text += _lateral_lines(found.lateral)
+    if impact_set.lateral is not None:
+        text += _lateral_lines(impact_set.lateral)
     return [*text, "/"]
 
 

@@ -36,8 +36,8 @@ class Sets:
         if self.error is None:
             return self
         off = [
-            generator.multivariate_normal(np.zeros(9), one, method="eigh", check_valid="ignore")
-            for one in self.error  # of a jackknife: singular up to rounding
+            generator.multivariate_normal(np.zeros(9), error, method="eigh", check_valid="ignore")
+            for error in self.error  # of a jackknife: singular up to rounding
         ]
         return replace(self, mean=self.mean + off)
 
@@ -46,7 +46,7 @@ def read_sets(source: str | Path) -> list[Sets]:
     """Draws in a set file, or in a shipped set by its name: one, or those of an ensemble."""
     path = shipped_sets().get(str(source), Path(source))
     error = _errors(read_text(path), path)
-    draws = [one.read("past_aspect")[0] for one in draws_in(path, "past_aspect")]  # the matrices do
+    draws = [own.read("past_aspect")[0] for own in draws_in(path, "past_aspect")]  # the matrices do
     return [
         Sets(
             Path(source).stem, drawn.mean.T, drawn.covariance.T, error,
@@ -72,22 +72,22 @@ def _errors(text: str, path: Path) -> np.ndarray | None:
     blocks = text.split(f"! {ERROR_MARK}\n")[1:]
     if len(blocks) != 5:
         return None
-    found = np.full((5, 9, 9), np.nan)
+    matrices = np.full((5, 9, 9), np.nan)
     for block in blocks:
         lines = block.splitlines()
         ratio = re.search(r"^&impact_set ratio = ([1-5])\b", block, re.MULTILINE)
         try:
-            rows = [[float(one) for one in line.lstrip("! ").split(",")] for line in lines[:9]]
+            rows = [[float(term) for term in line.lstrip("! ").split(",")] for line in lines[:9]]
             if ratio is None:
                 raise ValueError("no ratio")
-            matrix = found[int(ratio[1]) - 1]
+            matrix = matrices[int(ratio[1]) - 1]
             for k, row in enumerate(rows):
                 matrix[k, : k + 1] = matrix[: k + 1, k] = row
         except (ValueError, TypeError) as error:
             raise RockfallError(f"{path}: the errors of the means cannot be read") from error
-    if not np.isfinite(found).all():
+    if not np.isfinite(matrices).all():
         raise RockfallError(f"{path}: the errors of the means cannot be read")
-    return found
+    return matrices
 
 
 def restitution(

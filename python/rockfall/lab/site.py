@@ -82,11 +82,11 @@ class Site:
     def numbers(self, sets: Sets, **how) -> dict[str, float]:
         """Numbers for the sets; `how` as in `run`."""
         results = self.run(sets, **how)
-        found: dict[str, float] = {}
+        numbers: dict[str, float] = {}
         for method, result in results.items():
-            found |= at_lines(method, result)
-        found["a_slower"] = found["B_EL1_speed"] - found["A_EL1_speed"]
-        return found | _over_rebounds(sets, results["B"])
+            numbers |= at_lines(method, result)
+        numbers["a_slower"] = numbers["B_EL1_speed"] - numbers["A_EL1_speed"]
+        return numbers | _over_rebounds(sets, results["B"])
 
 
 def _as_fitted(sets: Sets) -> dict[int, ImpactSet]:
@@ -102,30 +102,30 @@ def _as_fitted(sets: Sets) -> dict[int, ImpactSet]:
 
 def at_lines(method: str, result: xr.Dataset) -> dict[str, float]:
     """Numbers at the lines, by a method."""
-    found: dict[str, float] = {}
+    numbers: dict[str, float] = {}
     for line in result["line"].values:
-        found |= _at_line(result.sel(line=line), f"{method}_{line}")
-    return found
+        numbers |= _at_line(result.sel(line=line), f"{method}_{line}")
+    return numbers
 
 
 def _at_line(at: xr.Dataset, name: str) -> dict[str, float]:
     """Mean, deviation and maximum of each quantity, and more; NaN where too few boulders pass."""
     passed = at["line_speed"].notnull().values
-    found = {f"{name}_passing": _mean(passed)}
+    numbers = {f"{name}_passing": _mean(passed)}
     if passed.sum() < MIN_PASSED:
         passed = np.zeros_like(passed)
     for quantity, (variable, scale) in QUANTITIES.items():
         values = at[variable].values[passed] * scale
-        found[f"{name}_{quantity}"] = _mean(values)
-        found[f"{name}_{quantity}_std"] = values.std(ddof=1) if values.size else np.nan
-        found[f"{name}_{quantity}_max"] = values.max() if values.size else np.nan
+        numbers[f"{name}_{quantity}"] = _mean(values)
+        numbers[f"{name}_{quantity}_std"] = values.std(ddof=1) if values.size else np.nan
+        numbers[f"{name}_{quantity}_max"] = values.max() if values.size else np.nan
     rotation, motion = at["line_energy_rotational"], at["line_energy_translational"]
     fraction = (rotation / (rotation + motion)).values[passed]
-    found[f"{name}_rotational_share"] = _mean(fraction)
-    found[f"{name}_rotational_share_std"] = fraction.std(ddof=1) if fraction.size else np.nan
+    numbers[f"{name}_rotational_share"] = _mean(fraction)
+    numbers[f"{name}_rotational_share_std"] = fraction.std(ddof=1) if fraction.size else np.nan
     across = at["line_x"].values[passed]
-    found[f"{name}_spread"] = across.std(ddof=1) if across.size else np.nan
-    return found
+    numbers[f"{name}_spread"] = across.std(ddof=1) if across.size else np.nan
+    return numbers
 
 
 def _over_rebounds(sets: Sets, result: xr.Dataset) -> dict[str, float]:
@@ -149,7 +149,7 @@ def _over_rebounds(sets: Sets, result: xr.Dataset) -> dict[str, float]:
         enough = np.array([class_.size >= MIN_REBOUNDS for class_ in classes])
         if not enough.any():
             return np.nan
-        means = [one.mean() for one, known in zip(classes, enough, strict=True) if known]
+        means = [values.mean() for values, many in zip(classes, enough, strict=True) if many]
         return float(np.average(means, weights=used[enough]))
 
     vertical = [_mean(restitution(sets.mean[k], sets.covariance[k], 90.0)[1]) for k in range(5)]

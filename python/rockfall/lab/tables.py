@@ -49,37 +49,38 @@ def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
     ratios = [ratio for ratio, _ in parts]
     if len(set(ratios)) < len(ratios) or (0.0 in ratios and len(ratios) > 1):
         raise RockfallError("contacts: files of the same R_b/R_m, or without one beside others")
-    found = [_dimensionless(data) for _, data in parts]
+    tried = [_dimensionless(data) for _, data in parts]
     sizes = {
-        kind: [_bins_for(kind, int(_of_kind(one, kind).sum())) for one in found] for kind in KINDS
+        kind: [_bins_for(kind, int(_of_kind(contacts, kind).sum())) for contacts in tried]
+        for kind in KINDS
     }
     edges: dict[str, list[np.ndarray]] = {}
     bins: list[_Bin] = []
     sizes_of_bins: list[int] = []
     records: list[np.ndarray] = []
-    for k, one in enumerate(found):
-        throws = _kept_throws(one, kept // len(found))
+    for k, contacts in enumerate(tried):
+        throws = _kept_throws(contacts, kept // len(tried))
         rows: list[np.ndarray] = []
         for kind in KINDS:
             own, all_have = sizes[kind][k], np.max(sizes[kind], axis=0)
-            groups, of_kind = _padded(*_sort_into_bins(one, kind, own), all_have)
-            bins += [_bin(one.record[group], kind) for group in groups]
-            rows += [_kept_rows(one, group, throws) for group in groups]
+            groups, of_kind = _padded(*_sort_into_bins(contacts, kind, own), all_have)
+            bins += [_bin(contacts.record[group], kind) for group in groups]
+            rows += [_kept_rows(contacts, group, throws) for group in groups]
             for key, values in enumerate(of_kind, start=1):
                 edges.setdefault(f"{kind}_edge_{key}", []).append(values)
         sizes_of_bins += [len(group) for group in rows]
-        records.append(_with_followers(one, np.concatenate(rows), sum(map(len, records))))
+        records.append(_with_followers(contacts, np.concatenate(rows), sum(map(len, records))))
     first = parts[0][1].attrs
     speed2 = float(first["gravity"]) * float(first["radius"])
     yields = float(first["yield_pressure"]) > 0
-    flights = np.concatenate([one["speed_in"][_of_kind(one, "flight")] for one in found])
+    flights = np.concatenate([part["speed_in"][_of_kind(part, "flight")] for part in tried])
     return ImpactTable(
         np.array(ratios),
         {name: np.stack(values).astype("f4") for name, values in edges.items()},
         np.cumsum([0, *sizes_of_bins]).astype("i4"),
-        np.stack([one.map for one in bins]).astype("f4"),
-        np.stack([one.low for one in bins]).astype("f4"),
-        np.stack([one.high for one in bins]).astype("f4"),
+        np.stack([bin_.map for bin_ in bins]).astype("f4"),
+        np.stack([bin_.low for bin_ in bins]).astype("f4"),
+        np.stack([bin_.high for bin_ in bins]).astype("f4"),
         np.concatenate(records),
         speed2 if yields else 0.0,
         float(first["density"]),
@@ -92,16 +93,16 @@ def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
 
 def _parts(files: Sequence[xr.Dataset]) -> list[tuple[float, xr.Dataset]]:
     """Contacts of each R_b/R_m; 0: independent of it."""
-    found = []
+    parts = []
     for data in files:
         if "ratio" in data:
             ratios = np.unique(data["ratio"].values)
-            found += [
+            parts += [
                 (float(ratio), data.isel(contact=data["ratio"].values == ratio)) for ratio in ratios
             ]
         else:
-            found.append((float(data.attrs.get("ratio", 0.0)), data))
-    return found
+            parts.append((float(data.attrs.get("ratio", 0.0)), data))
+    return parts
 
 
 def _provenance(files: list[xr.Dataset]) -> dict[str, str | int]:
@@ -127,9 +128,9 @@ def _case_attributes(files: list[xr.Dataset]) -> dict[str, str]:
     return {f"lab_case_{k}" if k > 1 else "lab_case": text for k, text in enumerate(cases, 1)}
 
 
-def cases_of(about: Mapping[str, Any]) -> list[str]:
+def cases_of(attrs: Mapping[str, Any]) -> list[str]:
     """Texts of the cases of the laboratory behind a table, from its attributes."""
-    return [str(text) for name, text in about.items() if re.fullmatch(r"lab_case(_\d+)?", name)]
+    return [str(text) for name, text in attrs.items() if re.fullmatch(r"lab_case(_\d+)?", name)]
 
 
 def _dimensionless(data: xr.Dataset) -> _Contacts:
@@ -157,8 +158,8 @@ def _dimensionless(data: xr.Dataset) -> _Contacts:
         "duration": duration, "advance": column["advance"], "rise": column["rise"],
         "pull_along": along, "pull_across": left * across, "exit": column["exit"],
     }  # fmt: skip
-    for name, one in values.items():
-        record[:, FIELDS.index(name)] = one
+    for name, quantity in values.items():
+        record[:, FIELDS.index(name)] = quantity
     throws = data["sequence"].values, data["order"].values
     return _Contacts(_rounded(record), data["entry"].values, *throws)
 
@@ -221,15 +222,15 @@ def _sort_into_bins(
         ).reshape(len(groups), size - 1)
         edges.append(cuts)
         groups = [
-            one[place == k]
-            for one, cut in zip(groups, cuts, strict=True)
-            for place in [np.searchsorted(cut.astype(float), key[one])]
+            group[place == k]
+            for group, cut in zip(groups, cuts, strict=True)
+            for place in [np.searchsorted(cut.astype(float), key[group])]
             for k in range(size)
         ]
     if min(len(group) for group in groups) == 0:
         raise RockfallError("contacts: too many are alike for a table")
     shapes = (sizes[0] - 1,), (sizes[0], sizes[1] - 1), (*sizes[:2], sizes[2] - 1)
-    cut = [one.reshape(shape) for one, shape in zip(edges, shapes, strict=True)]
+    cut = [edge.reshape(shape) for edge, shape in zip(edges, shapes, strict=True)]
     return groups, cut
 
 
@@ -272,12 +273,12 @@ def _padded(
         for at in np.ndindex(*sizes)
     ]
     shapes = [(*sizes[:key], sizes[key] - 1) for key in range(len(sizes))]
-    found = []
-    for one, shape in zip(edges, shapes, strict=True):
+    padded_edges = []
+    for edge, shape in zip(edges, shapes, strict=True):
         values = np.full(shape, np.finfo("f4").max, "f4")
-        values[tuple(slice(n) for n in one.shape)] = one
-        found.append(values)
-    return padded, found
+        values[tuple(slice(n) for n in edge.shape)] = edge
+        padded_edges.append(values)
+    return padded, padded_edges
 
 
 def _bin(record: np.ndarray, kind: str) -> _Bin:
@@ -288,11 +289,11 @@ def _bin(record: np.ndarray, kind: str) -> _Bin:
     inputs = np.vstack([inputs, np.zeros(len(record)) if kind == "flight" else value["height_in"]])
     free = value["along_out"] - value["pull_along"] * value["duration"]
     outputs = np.stack([free, value["vn_out"], value["w_out"]]) / scale
-    x, y = (one - one.mean(axis=1, keepdims=True) for one in (inputs, outputs))
+    x, y = (side - side.mean(axis=1, keepdims=True) for side in (inputs, outputs))
     variance = np.maximum((x**2).mean(axis=1), 1e-4)
     normal = x @ x.T + RIDGE * len(record) * np.diag(variance)
-    found = np.linalg.solve(normal, x @ y.T).T
+    solution = np.linalg.solve(normal, x @ y.T).T
     low, high = inputs.min(axis=1), inputs.max(axis=1)
     if kind == "roll":  # nearly all spin as they roll: the few others do not inform the map
         low[2], high[2] = np.quantile(value["w_in"] / value["speed_in"], USUAL)
-    return _Bin(found.reshape(MAPPED, INPUTS), low, high)
+    return _Bin(solution.reshape(MAPPED, INPUTS), low, high)

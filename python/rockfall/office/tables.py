@@ -73,15 +73,15 @@ def put_design(
     if not formats:
         return
     with speaking(language):
-        facts = {name: _facts(one, checksums[name]) for name, one in results.items()}
+        facts = {name: _facts(result, checksums[name]) for name, result in results.items()}
         if "xlsx" in formats:
             sheets = [Sheet(name, table) for name, table in tables.items()]
             yield write_workbook([*sheets, _fact_sheet(facts.values())], folder / "design.xlsx")
         if "docx" in formats:
             parts = []
-            for name, found in designs.items():
-                notes = [say("office.intervals"), *found.warnings, *factor_lines(found.factors)]
-                shown = [*design_tables(found), facts[name]]
+            for name, design in designs.items():
+                notes = [say("office.intervals"), *design.warnings, *factor_lines(design.factors)]
+                shown = [*design_tables(design), facts[name]]
                 parts.append(Part(f"{name}", notes, shown))
             title = _title(next(iter(results.values())))
             yield write_document(title, parts, folder / "design.docx")

@@ -33,9 +33,9 @@ def line_profile_figure(profile: pd.DataFrame) -> Figure:
     panels[0].set(ylabel=say("axis.passing_a_metre"))
     panels[0].set_title(plain(str(profile["line"].iloc[0])))
     for axes, quantity in zip(panels[1:], ("energy_total", "passing_height"), strict=True):
-        about = DESIGN[quantity]
-        _draw_windows(axes, profile, f"{quantity}_q95", about.factor)
-        axes.set(ylabel=with_unit(about.name.replace(", ", ",\n"), about.unit) + ", q95")
+        display = DESIGN[quantity]
+        _draw_windows(axes, profile, f"{quantity}_q95", display.factor)
+        axes.set(ylabel=with_unit(display.name.replace(", ", ",\n"), display.unit) + ", q95")
     ends = profile["start"].iloc[0], profile["end"].iloc[-1]
     panels[-1].set(xlim=ends, xlabel=QUANTITIES["position"].title)
     figure.align_ylabels()
@@ -71,8 +71,8 @@ def _draw_windows(axes: Axes, along: pd.DataFrame, name: str, factor: float) -> 
     limit."""
     edges = np.append(along["start"], along["end"].iloc[-1])
     value, low, high = (factor * along[name + end].to_numpy() for end in ENDS)
-    known = np.append(value, high)[np.isfinite(np.append(value, high))]
-    top = 1.1 * known.max(initial=0.0) or 1.0
+    finite = np.append(value, high)[np.isfinite(np.append(value, high))]
+    top = 1.1 * finite.max(initial=0.0) or 1.0
     low = np.where(np.isnan(low), 0.0, low)
     style: dict[str, Any] = {"fill": True, "color": BLUE, "alpha": 0.25}
     axes.stairs(np.where(np.isnan(high), value, high), edges, baseline=low, **style)

@@ -68,10 +68,12 @@ def _at(table: pd.DataFrame, line: str, quantity: str | None = None) -> pd.DataF
 def _study(axes: Axes, table: pd.DataFrame, quantity: str, line: str) -> None:
     """Numbers of a quantity against the number of boulders, with their 95 % bands."""
     scale = SHOWN[quantity].factor
-    for statistic, one in table.groupby("statistic", sort=False):
-        n, colour = one["boulders"], COLOURS[statistic]
-        axes.fill_between(n, scale * one["low"], scale * one["high"], color=colour, alpha=0.2, lw=0)
-        axes.plot(n, scale * one["value"], color=colour, marker=MARKERS[quantity], ms=3, lw=1)
+    for statistic, rows in table.groupby("statistic", sort=False):
+        n, colour = rows["boulders"], COLOURS[statistic]
+        axes.fill_between(
+            n, scale * rows["low"], scale * rows["high"], color=colour, alpha=0.2, lw=0
+        )
+        axes.plot(n, scale * rows["value"], color=colour, marker=MARKERS[quantity], ms=3, lw=1)
     n = table["boulders"]  # also where no boulder crosses
     axes.set(xlabel="boulders from each source", xlim=(0.8 * n.min(), 1.25 * n.max()))
     _logarithmic(axes, "x", (1,))
@@ -82,10 +84,10 @@ def _study(axes: Axes, table: pd.DataFrame, quantity: str, line: str) -> None:
 
 def _errors(axes: Axes, table: pd.DataFrame, cost: pd.DataFrame, line: str) -> None:
     """Monte Carlo error against CPU time, both on logarithmic scales."""
-    for (quantity, statistic), one in table.groupby(KEYS[1:], sort=False):
+    for (quantity, statistic), group in table.groupby(KEYS[1:], sort=False):
         colour, marker = COLOURS[statistic], MARKERS[quantity]
         look: dict[str, Any] = {"color": colour, "marker": marker, "ms": 3.5, "lw": 0.8}
-        axes.plot(one["cpu_seconds"], 100 * one["error"], **look)
+        axes.plot(group["cpu_seconds"], 100 * group["error"], **look)
     axes.set(xlabel="CPU time [s]", ylabel="error [%]")
     if not len(table):
         axes.set_title(f"Monte Carlo error at {line}: too few boulders cross it")
@@ -102,11 +104,11 @@ def _terrains(axes: Axes, table: pd.DataFrame, line: str) -> None:
     variants = list(dict.fromkeys(table["variant"]))
     labels = []
     for k, variant in enumerate(variants):
-        one = table[table["variant"] == variant]
+        changes = table[table["variant"] == variant]
         given = variant == AS_GIVEN
-        height = 100 * (one["statistical_error"] if given else one["change"].abs())
+        height = 100 * (changes["statistical_error"] if given else changes["change"].abs())
         for place, (key, y, error) in enumerate(
-            zip(one[KEYS[1:]].values, height, 100 * one["change_error"], strict=True)
+            zip(changes[KEYS[1:]].values, height, 100 * changes["change_error"], strict=True)
         ):
             colour = COLOURS[key[1]]
             face = "white" if given else colour
@@ -114,7 +116,7 @@ def _terrains(axes: Axes, table: pd.DataFrame, line: str) -> None:
             at = k + 0.07 * (place - (len(NUMBERS) - 1) / 2)
             axes.errorbar(at, y, None if given else error, color=colour, lw=0.8, **look)
         what = f"Monte Carlo,\n{SIZE:,} boulders" if given else variant
-        labels.append(f"{what}\n{one['cpu_seconds'].iloc[0]:.2g} s")
+        labels.append(f"{what}\n{changes['cpu_seconds'].iloc[0]:.2g} s")
     axes.set_xticks(range(len(variants)), labels)
     axes.set_title(f"Numerical error at {line}, CPU time of {SIZE:,} boulders")
 

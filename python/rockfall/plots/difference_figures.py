@@ -37,11 +37,11 @@ def difference_figure(
     grid, flipped = grid_of(verdict)
     values = verdict.values.astype(float)
     values[(values == 0) & (passing.values == 0)] = np.nan
-    known = np.isfinite(values)
-    x, y = verdict["x"].values[known.any(axis=0)], verdict["y"].values[known.any(axis=1)]
+    is_known = np.isfinite(values)
+    x, y = verdict["x"].values[is_known.any(axis=0)], verdict["y"].values[is_known.any(axis=1)]
     colours = {"less": LESS, "undecided": UNDECIDED, "more": MORE}
     key: list[Any] = [Patch(color=colour, label=word(name)) for name, colour in colours.items()]
-    if not known.any():
+    if not is_known.any():
         x, y = verdict["x"].values, verdict["y"].values
     sheet = new_sheet(around(x, y, grid.cell, terrain), terrain, key)
     shown = values[::-1] if flipped else values

@@ -46,9 +46,9 @@ def ranges_figure(data: xr.Dataset) -> Figure:
 def _draw(axes: Axes, at: xr.Dataset, quantity: str, names: list[str]) -> None:
     shown = QUANTITIES[quantity]
     for k, name in enumerate(names):
-        one = at.sel(result=name)
+        of_result = at.sel(result=name)
         low, high, value, error = (
-            shown.factor * one[key].item()
+            shown.factor * of_result[key].item()
             for key in ("q05", "q95", "case_value", "monte_carlo_std")
         )
         axes.barh(k, high - low, left=low, height=0.5, color=GREY, alpha=0.5, lw=0)
@@ -69,11 +69,11 @@ def posterior_figure(analysis: Back) -> Figure:
     sets, which have no order, are not shown."""
     shown, table = list(parameters(analysis)), posterior_table(analysis)
     first = analysis.members.iloc[: analysis.inputs.design[..., 0].size]
-    prior, draws = ([table[one.column] * (one.scale or 1.0) for one in shown]
+    prior, draws = ([table[parameter.column] * (parameter.scale or 1.0) for parameter in shown]
                     for table in (first, draws_table(analysis)))  # fmt: skip
     figure = new_figure(PANEL * max(len(shown), 2), PANEL * max(len(shown), 1.3))
     panels = figure.add_gridspec(max(len(shown), 1), max(len(shown), 1))
-    for i, one in enumerate(shown):
+    for i, parameter in enumerate(shown):
         for j in range(i):
             axes = figure.add_subplot(panels[i, j])
             for sample, colour in ((prior, GREY), (draws, BLUE)):
@@ -82,8 +82,8 @@ def posterior_figure(analysis: Back) -> Figure:
         _densities(axes, prior[i], draws[i])
         for end in table.loc[i, ["q05", "median", "q95"]]:
             axes.axvline(end, color=INK, lw=0.7, linestyle=(0, (2, 2)))
-        unit = f" [{one.units}]" if one.units != "1" else ""
-        axes.set_title(plain(capital(one.label) + unit), fontsize=6.5)
+        unit = f" [{parameter.units}]" if parameter.units != "1" else ""
+        axes.set_title(plain(capital(parameter.label) + unit), fontsize=6.5)
     for axes in figure.axes:
         axes.tick_params(labelsize=5)
     return figure

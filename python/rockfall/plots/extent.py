@@ -64,5 +64,5 @@ def _around(c: np.ndarray, margin: float, shortest: float) -> tuple[float, float
 
 def cell_of(result: xr.Dataset) -> float:
     """Side of a terrain cell of the run [m]."""
-    about = result["crs"].attrs if "crs" in result else {}
-    return corner_of(about)[2] if "GeoTransform" in about else CELL
+    attrs = result["crs"].attrs if "crs" in result else {}
+    return corner_of(attrs)[2] if "GeoTransform" in attrs else CELL

@@ -117,7 +117,7 @@ def write_figures(
     if format not in FORMATS:
         raise RockfallError(f"format = '{format}': must be one of {', '.join(FORMATS)}")
     need("figures need", "report", "matplotlib")
-    files = {f"{one.name}.{format}": one.draw for one in shown}
+    files = {f"{figure.name}.{format}": figure.draw for figure in shown}
     inputs = list(inputs)
     check_outputs([Path(folder) / name for name in files], inputs)  # drawing takes long
     with atomic_folder(folder, inputs) as part:

@@ -98,7 +98,7 @@ def zone_key(hazard: xr.Dataset) -> list[Any]:
     return [*_key(hazard["hazard_class"]), doubtful]
 
 
-def _draw_polygons(axes: Axes, shapes: np.ndarray, **about: Any) -> None:
+def _draw_polygons(axes: Axes, shapes: np.ndarray, **options: Any) -> None:
     """Draw polygons with their holes as one patch."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
@@ -106,7 +106,7 @@ def _draw_polygons(axes: Axes, shapes: np.ndarray, **about: Any) -> None:
     rings = [ring for shape in shapes for ring in (shape.exterior, *shape.interiors)]
     if rings:
         paths = [Path(np.array(ring.coords), closed=True) for ring in rings]
-        axes.add_patch(PathPatch(Path.make_compound_path(*paths), **about))
+        axes.add_patch(PathPatch(Path.make_compound_path(*paths), **options))
 
 
 @styled

@@ -132,18 +132,18 @@ class _Block:
             self.put(self.left, line, size, fontweight=weight)
             self.skip(1.35 * size / 72)
 
-    def put(self, x: float, text: str, size: float = NORMAL, **about: Any) -> None:
+    def put(self, x: float, text: str, size: float = NORMAL, **options: Any) -> None:
         """Write a line whose top is here."""
         usual: dict[str, Any] = {"fontsize": size, "va": "top", "color": INK}
-        self.figure.text(x, self.y, plain(text), **usual | about | self.inches)
+        self.figure.text(x, self.y, plain(text), **usual | options | self.inches)
 
-    def fill(self, x: float, wide: float, high: float, **about: Any) -> None:
+    def fill(self, x: float, wide: float, high: float, **options: Any) -> None:
         """Draw a rectangle whose top is here."""
         from matplotlib.patches import Rectangle
 
         usual: dict[str, Any] = {"edgecolor": INK, "linewidth": 0.5}
         corner = x, self.y - high
-        self.figure.add_artist(Rectangle(corner, wide, high, **usual | about | self.inches))
+        self.figure.add_artist(Rectangle(corner, wide, high, **usual | options | self.inches))
 
 
 def _write_title(block: _Block, hazard: xr.Dataset, imprint: Imprint) -> None:

@@ -30,7 +30,7 @@ LOOKS = {  # colour and dashes
 def history_figure(result: xr.Dataset, line: int) -> Figure:
     """Fraction, speed, passing height and energy at a line against the number of boulders."""
     n = sizes(sources(result))
-    found = history(result, line, n)
+    numbers = history(result, line, n)
     figure = new_figure(WIDE, 4.6)
     axes = figure.subplots(2, 2, sharex=True)
     panels = dict(zip(("fraction", *SHOWN), axes.flat, strict=True))
@@ -40,7 +40,7 @@ def history_figure(result: xr.Dataset, line: int) -> Figure:
         panel.xaxis.set_major_formatter("{x:,g}")
     ends: dict[Axes, float] = {}
     for quantity, name in NUMBERS:
-        rows = found["speed" if quantity == "fraction" else quantity]
+        rows = numbers["speed" if quantity == "fraction" else quantity]
         panel = panels[quantity]
         ends[panel] = max(
             ends.get(panel, 0.0), _curve(panel, n, rows, name, QUANTITIES[quantity].factor)
@@ -67,5 +67,5 @@ def _curve(
     style: dict[str, Any] = {"label": label, "color": colour, "ls": dashes}
     axes.fill_between(n, low, high, color=colour, alpha=0.18, lw=0)
     axes.plot(n, value, lw=1.1, marker=".", ms=3, **style)
-    known = value[np.isfinite(value)]
-    return max(2 * known.max(initial=0.0), 1.05 * np.nan_to_num(high[-1]))
+    finite = value[np.isfinite(value)]
+    return max(2 * finite.max(initial=0.0), 1.05 * np.nan_to_num(high[-1]))

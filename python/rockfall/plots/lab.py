@@ -54,26 +54,26 @@ def _layer(x: np.ndarray, radius: np.ndarray, facts: np.ndarray) -> Figure:
 
 
 @styled
-def draw_restitution(sets: Sequence[Sets], size: tuple[float, float] = (WIDE, 3.6)) -> Figure:
+def draw_restitution(sets: Sequence[Sets]) -> Figure:
     """R_t and R_n against the incidence angle for each ratio, without spin (the paper's Fig. 5):
     mean and the middle 80 % of the admissible draws of each set; values of the paper in grey."""
-    figure = new_figure(*size)
+    figure = new_figure(WIDE, 3.6)
     panels = figure.subplots(2, 5, sharex=True, sharey="row")
     looks = ((VERMILION, "-"), (BLUE, (0, (5, 2))))
-    for one, (colour, dashes) in zip(sets, looks, strict=False):
+    for fitted, (colour, dashes) in zip(sets, looks, strict=False):
         for k in range(5):
-            draws = [restitution(one.mean[k], one.covariance[k], angle) for angle in ANGLES]
+            draws = [restitution(fitted.mean[k], fitted.covariance[k], angle) for angle in ANGLES]
             for row, axes in enumerate(panels[:, k]):
                 shown = ANGLES[ANGLES <= (LAST_RT, 90.0)[row]]
                 values = [draw[row] for draw in draws[: shown.size]]
-                known = np.array([v.size > 0 for v in values])  # some draw is admissible
-                shown, values = shown[known], [v for v in values if v.size]
+                is_known = np.array([v.size > 0 for v in values])  # some draw is admissible
+                shown, values = shown[is_known], [v for v in values if v.size]
                 if not values:
                     continue
                 low, high = np.transpose([np.quantile(v, (0.1, 0.9)) for v in values])
                 axes.fill_between(shown, low, high, color=colour, alpha=0.18, lw=0)
                 mean = [v.mean() for v in values]
-                axes.plot(shown, mean, color=colour, lw=1.2, ls=dashes, label=one.name)
+                axes.plot(shown, mean, color=colour, lw=1.2, ls=dashes, label=fitted.name)
     for row, name in enumerate(KNOWN):
         for axes in panels[row]:
             for x, y in KNOWN[name]:

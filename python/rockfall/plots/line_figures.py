@@ -54,7 +54,7 @@ class Row(NamedTuple):
     source: str
     mean: float
     std: float
-    about: dict[str, Any]
+    look: dict[str, Any]
 
 
 @styled
@@ -65,9 +65,9 @@ def distribution_figure(
     `which` of them, counted from 0; below it mean and standard deviation, and those which
     `observed` has (see `rockfall.plots.figures`)."""
     which = list(range(result.sizes["line"]) if which is None else which)
-    about, names = QUANTITIES[quantity], [str(result["line"].values[k]) for k in which]
-    ours = [about.factor * _finite(line_values(result, quantity, k)) for k in which]
-    theirs = [about.factor * _sample(observed, name, quantity) for name in names]
+    display, names = QUANTITIES[quantity], [str(result["line"].values[k]) for k in which]
+    ours = [display.factor * _finite(line_values(result, quantity, k)) for k in which]
+    theirs = [display.factor * _sample(observed, name, quantity) for name in names]
     rows = [_rows(*sample, quantity, observed) for sample in zip(names, ours, theirs, strict=True)]
     edges = _bins([*ours, *theirs])
     width = edges[1] - edges[0]
@@ -87,8 +87,8 @@ def distribution_figure(
         _draw_bins(upper, ours[k], theirs[k], edges)
         _draw_rows(lower, rows[k], deepest)
         upper.set_title(fill(f"{plain(name)}: {_passing(result, which[k])}", 54))
-        upper.set_ylabel(say("axis.boulders_per", width=width, unit=about.unit))
-        lower.set_xlabel(about.title)
+        upper.set_ylabel(say("axis.boulders_per", width=width, unit=display.unit))
+        lower.set_xlabel(display.title)
     high = max(upper.get_ylim()[1] for upper, _ in panels)
     for upper, lower in panels:
         upper.set_ylim(0, high)
@@ -132,15 +132,15 @@ def _draw_passing(axes: Axes, result: xr.Dataset) -> None:
     gone, distance = left_terrain(result), stop_distances(result)
     shown, fraction, low, high = passing(result, distance)
     _, upper, _, high = passing(result, np.where(gone, np.inf, distance))
-    known = shown <= distance.min(where=gone, initial=np.inf)
+    reached = shown <= distance.min(where=gone, initial=np.inf)
     axes.fill_between(shown, 100 * low, 100 * high, color=BLUE, alpha=0.3, lw=0)
     label = say_count("axis.this_run_band", distance.size)
-    axes.plot(shown[known], 100 * fraction[known], color=BLUE, lw=1, label=label)
+    axes.plot(shown[reached], 100 * fraction[reached], color=BLUE, lw=1, label=label)
     if gone.any():
         label = say_count("axis.left_terrain", int(gone.sum()))
         for bound, words in ((fraction, label), (upper, None)):
             style: dict[str, Any] = {"color": BLUE, "lw": 1, "linestyle": ":", "label": words}
-            axes.plot(shown[~known], 100 * bound[~known], **style)
+            axes.plot(shown[~reached], 100 * bound[~reached], **style)
     axes.set_ylim(0, 105)
 
 
@@ -175,9 +175,9 @@ def _rows(
     line: str, ours: np.ndarray, theirs: np.ndarray, quantity: str, observed: Any
 ) -> list[Row]:
     """Means and deviations of a quantity at a line: of this run, printed, and of the sample."""
-    found = []
+    rows = []
     if ours.size:
-        found.append(Row(say("compare.this_run"), ours.mean(), _deviation(ours), OURS))
+        rows.append(Row(say("compare.this_run"), ours.mean(), _deviation(ours), OURS))
     if observed is not None:
         table = observed.summaries
         scale = QUANTITIES[quantity].factor
@@ -185,12 +185,12 @@ def _rows(
         for row in table[here].itertuples():
             is_observed = row.method == "observed"
             name = word("observed") if is_observed else say("axis.printed", method=row.method)
-            about = OBSERVED if row.method == "observed" else OBSERVED | {"color": GREY}
-            found.append(Row(name, scale * row.mean, scale * row.std, about))
+            look = OBSERVED if row.method == "observed" else OBSERVED | {"color": GREY}
+            rows.append(Row(name, scale * row.mean, scale * row.std, look))
     if theirs.size:
         label = say("axis.observed", n=theirs.size)
-        found.append(Row(label, theirs.mean(), _deviation(theirs), OBSERVED))
-    return found
+        rows.append(Row(label, theirs.mean(), _deviation(theirs), OBSERVED))
+    return rows
 
 
 def _deviation(values: np.ndarray) -> float:
@@ -223,7 +223,7 @@ def _draw_rows(axes: Axes, rows: list[Row], deepest: int) -> None:
     """Draw means with one standard deviation to each side."""
     for k, row in enumerate(rows):
         spread = row.std if np.isfinite(row.std) else 0.0
-        axes.errorbar(row.mean, k, xerr=spread, lw=1, **row.about)
+        axes.errorbar(row.mean, k, xerr=spread, lw=1, **row.look)
     axes.set_ylim(max(deepest, 1) - 0.5, -0.5)
     axes.set_yticks(range(len(rows)), [row.source for row in rows])
     axes.tick_params(axis="y", length=0)

@@ -75,17 +75,14 @@ def map_figure(
 
 @styled
 def trajectories_figure(
-    result: xr.Dataset,
-    terrain: Terrain | None = None,
-    look: Look | None = None,
-    room: Room = PAGE,
+    result: xr.Dataset, terrain: Terrain | None = None, look: Look | None = None
 ) -> Figure:
     """Recorded trajectories in plan."""
     from matplotlib.lines import Line2D
 
     key = [*key_of(result), Line2D([], [], label=say("axis.trajectory"), color=VERMILION, lw=0.7)]
     basemap = (look or Look()).basemap
-    sheet = new_sheet(reached(result, terrain), terrain, key, 0.0, basemap, room)
+    sheet = new_sheet(reached(result, terrain), terrain, key, 0.0, basemap, PAGE)
     _draw_trajectories(sheet.axes, result)
     draw_marks(sheet, result)
     finish(sheet, result["crs"].attrs)
@@ -120,12 +117,12 @@ def is_fraction(name: str) -> bool:
 def map_note(result: xr.Dataset, name: str) -> str:
     """Note on cells that are blank though they have values, and on the basis of the values of a
     map."""
-    about = result[name].attrs
-    notes = map_comment(name, about)
-    if "min_passages" in about:
-        notes.append(say("map.blank_below", n=about["min_passages"]))
-    if "thin_below" in about:
-        notes.append(say("map.thin_below", n=about["thin_below"]))
+    attrs = result[name].attrs
+    notes = map_comment(name, attrs)
+    if "min_passages" in attrs:
+        notes.append(say("map.blank_below", n=attrs["min_passages"]))
+    if "thin_below" in attrs:
+        notes.append(say("map.thin_below", n=attrs["thin_below"]))
     elif of_none(result, name):
         notes.append(say("map.blank_where_none", value=100 * of_none(result, name)))
     return "; ".join(notes)
@@ -145,12 +142,12 @@ def _draw_map(sheet: Sheet, result: xr.Dataset, name: str, limits: Limits | None
     values, unit = map_values(result, name)
     values, grid = cropped(values, *grid_of(result[name]), sheet.extent, np.fmax)
     classes = classes_of(unit, limits)
-    about = result[name].attrs
+    attrs = result[name].attrs
     passing = say("axis.boulders_that_pass")
     label = with_unit(
-        passing if name in PASSED else map_label(name, about["long_name"]), word(unit)
+        passing if name in PASSED else map_label(name, attrs["long_name"]), word(unit)
     )
-    if fewest := about.get("min_passages", 0):
+    if fewest := attrs.get("min_passages", 0):
         label += f"; {say('axis.blank', n=fewest)}"
     label += f"; {say('map.outline')}" if is_fraction(name) else ""
     _draw_classes(sheet, values, grid, classes, fill(label, 60))

@@ -31,17 +31,17 @@ def models_figure(models: Models) -> Figure:
     blocks = figure.add_gridspec(len(lines) + 1, 1)
     for k, line in enumerate(lines):
         row = blocks[k].subgridspec(1, len(PANELS)).subplots(sharey=True, squeeze=False)[0]
-        for axes, (quantity, (statistic, about)) in zip(row, PANELS.items(), strict=True):
-            _draw(axes, models, line, quantity, statistic, about)
+        for axes, (quantity, (statistic, label)) in zip(row, PANELS.items(), strict=True):
+            _draw(axes, models, line, quantity, statistic, label)
         row[0].set_title(plain(line))
     axes = figure.add_subplot(blocks[-1].subgridspec(1, 2)[0])
     _draw(axes, models, "", RUN_OUT, "mean", RUN_OUT)
     return figure
 
 
-def _draw(axes: Axes, models: Models, line: str, quantity: str, statistic: str, about: str) -> None:
+def _draw(axes: Axes, models: Models, line: str, quantity: str, statistic: str, label: str) -> None:
     """Draw a quantity of all models, with a thin line at the first."""
-    shown = QUANTITIES[about]
+    shown = QUANTITIES[label]
     here = models.table[(models.table["line"] == line) & (models.table["quantity"] == quantity)]
     places = np.arange(len(models.names))
     for number, colour, face in ((statistic, BLUE, BLUE), ("q95", GREY, "white")):

@@ -76,7 +76,7 @@ def _speeds_in_motion(curve: Trajectory) -> tuple[np.ndarray, np.ndarray]:
 
 def _draw_profile(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.ndarray]) -> None:
     """Draw trajectories and the ground below them at true scale."""
-    below = [(one.distance, z) for one, z in zip(curves, ground, strict=bool(ground))]
+    below = [(curve.distance, z) for curve, z in zip(curves, ground, strict=bool(ground))]
     draw_curves(axes, below, color=INK, linewidth=0.8, alpha=1)
     draw_curves(axes, [(curve.distance, curve.z) for curve in curves])
     axes.set_ylabel(say("axis.elevation"))
@@ -86,15 +86,15 @@ def _draw_profile(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.
 
 def _draw_heights(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.ndarray]) -> None:
     """Draw heights of the boulder's point above the ground, 0 at a contact."""
-    above = [(one.distance, one.z - z) for one, z in zip(curves, ground, strict=True)]
+    above = [(curve.distance, curve.z - z) for curve, z in zip(curves, ground, strict=True)]
     draw_curves(axes, above)
     axes.set(ylabel=QUANTITIES["jump_height"].title, ylim=(0, None))
 
 
-def draw_curves(axes: Axes, shown: list[tuple[np.ndarray, np.ndarray]], **about: object) -> None:
+def draw_curves(axes: Axes, shown: list[tuple[np.ndarray, np.ndarray]], **options: object) -> None:
     """Draw curves (x, y), interrupted at NaN, in the style of trajectories or another."""
     from matplotlib.collections import LineCollection
 
-    look: dict[str, Any] = {"rasterized": True, **TRAJECTORY, **about}
+    look: dict[str, Any] = {"rasterized": True, **TRAJECTORY, **options}
     axes.add_collection(LineCollection([np.column_stack(curve) for curve in shown], **look))
     axes.autoscale_view()

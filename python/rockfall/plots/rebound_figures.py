@@ -39,9 +39,9 @@ def histogram_figure(result: xr.Dataset, *names: str) -> Figure:
     panels = figure.subplots(1, len(names), squeeze=False)[0]
     for axes, name in zip(panels, names, strict=True):
         frequency, edges = histogram(result, name)
-        about = REBOUND[name]
-        draw_bars(axes, frequency, about.factor * edges)
-        axes.set(xlim=about.factor * edges[[0, -1]], ylim=(0, None), xlabel=about.title)
+        display = REBOUND[name]
+        draw_bars(axes, frequency, display.factor * edges)
+        axes.set(xlim=display.factor * edges[[0, -1]], ylim=(0, None), xlabel=display.title)
         printed = PAPER.get(name, ()) if beside_paper(result) else ()
         if printed:
             axes.set_ylim(0, 1.3 * axes.get_ylim()[1])  # space for text

@@ -72,7 +72,7 @@ def _relief(section: Section) -> float:
     """Difference of the elevations that a profile shows [m]."""
     shown = [section.table["elevation"].to_numpy(float), *(z for _, z in section.paths)]
     values = np.concatenate(shown)
-    return float(np.ptp(known)) if (known := values[np.isfinite(values)]).size else 0.0
+    return float(np.ptp(finite)) if (finite := values[np.isfinite(values)]).size else 0.0
 
 
 def _draw_profile(axes: Axes, section: Section) -> None:
@@ -111,9 +111,9 @@ def _draw_boulders(axes: Axes, section: Section) -> None:
         other.set_ylabel(say("axis.all_in_cell"), color=VERMILION)
 
 
-def _draw_envelopes(axes: Axes, section: Section, quantity: str, about: Quantity) -> None:
+def _draw_envelopes(axes: Axes, section: Section, quantity: str, display: Quantity) -> None:
     """Draw the envelopes of a quantity from each of its sources."""
-    table, factor = section.table, about.factor
+    table, factor = section.table, display.factor
     for before, colour in (("recorded", BLUE), ("cell", VERMILION)):
         mean = factor * table[f"{before}_{quantity}_mean"]
         axes.plot(table["distance"], mean, color=colour, label=say(f"axis.{before}_mean"), **MEAN)
@@ -127,7 +127,7 @@ def _draw_envelopes(axes: Axes, section: Section, quantity: str, about: Quantity
     axes.errorbar(
         section.lines["distance"], value, yerr=ends, label=say("axis.at_a_line"), **AT_LINE
     )
-    label = with_unit(about.name.replace(", ", ",\n"), about.unit)
+    label = with_unit(display.name.replace(", ", ",\n"), display.unit)
     axes.set(ylabel=label, ylim=(0, None))
 
 

@@ -82,9 +82,9 @@ def _found(result: xr.Dataset, places: list[Path]) -> Path:
 def _check_same(result: xr.Dataset, path: Path) -> None:
     """Check that the bytes of the DEM are those of the run; for an array they are unknown."""
     checksum = file_checksum(path)
-    known = json.loads(result.attrs["input_checksums"])["dem"]
+    expected = json.loads(result.attrs["input_checksums"])["dem"]
     from_array = case_of(result).terrain["dem"] == FROM_ARRAY
-    if checksum != known and not from_array:
+    if checksum != expected and not from_array:
         raise RockfallError(f"{path}: is not the DEM of the run (SHA-256 differs)")
 
 

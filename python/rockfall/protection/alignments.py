@@ -57,19 +57,19 @@ def shifted_scene(scene: Scene, line: str, shift: Shift) -> tuple[Scene, list[Al
         f"{line} +{k * shift.every:.10g} m": vertices + k * step for k in range(1, number + 1)
     }
     drawn = [
-        {"name": name, "x": one.real.tolist(), "y": one.imag.tolist()}
-        for name, one in copies.items()
+        {"name": name, "x": copy.real.tolist(), "y": copy.imag.tolist()}
+        for name, copy in copies.items()
     ]
     case = scene.case
     outside = {*scene.replace(case=case.replace(line=[*case.line, *drawn])).lines_outside()}
-    drawn = [one for one in drawn if one["name"] not in outside]
-    found = [alignment(scene, line, vertices, 0.0)]
-    found += [
-        alignment(scene, name, one, k * shift.every)
-        for k, (name, one) in enumerate(copies.items(), start=1)
+    drawn = [entry for entry in drawn if entry["name"] not in outside]
+    alignments = [alignment(scene, line, vertices, 0.0)]
+    alignments += [
+        alignment(scene, name, copy, k * shift.every)
+        for k, (name, copy) in enumerate(copies.items(), start=1)
         if name not in outside
     ]
-    return scene.replace(case=case.replace(line=[*case.line, *drawn])), found
+    return scene.replace(case=case.replace(line=[*case.line, *drawn])), alignments
 
 
 def drawn_scene(
@@ -82,27 +82,27 @@ def drawn_scene(
         file = files.get("candidates", layer if is_frame(layer) else Path(layer).resolve())
         group = {"file": str(file)} | ({} if name is None else {"layer": name})
         both = read_scene(case.replace(line=[*case.line, group]), **arrays)
-    known = {one["name"] for one in scene.case.lines}
+    names = {entry["name"] for entry in scene.case.lines}
     before = vertices_of(scene.case, line)
-    found = []
-    for one in both.case.line:
-        if one["name"] not in known:
-            vertices = np.array(one["x"]) + 1j * np.array(one["y"])
+    alignments = []
+    for entry in both.case.line:
+        if entry["name"] not in names:
+            vertices = np.array(entry["x"]) + 1j * np.array(entry["y"])
             apart = float(beside(spaced(vertices, SAMPLES), before)[0].mean())
-            found.append(alignment(both, one["name"], vertices, apart))
-    if len(found) > MAX_ALIGNMENTS:
+            alignments.append(alignment(both, entry["name"], vertices, apart))
+    if len(alignments) > MAX_ALIGNMENTS:
         raise RockfallError(
-            f"candidates: {len(found):,} lines: must be at most {MAX_ALIGNMENTS} alignments"
+            f"candidates: {len(alignments):,} lines: must be at most {MAX_ALIGNMENTS} alignments"
         )
-    return both, sorted(found, key=lambda one: one.distance)
+    return both, sorted(alignments, key=lambda candidate: candidate.distance)
 
 
 def vertices_of(case: Case, line: str) -> np.ndarray:
     """Vertices of an evaluation line or barrier of a case, as x + iy [m]."""
-    for one in case.lines:
-        if one["name"] == line:
-            return np.array(one["x"]) + 1j * np.array(one["y"])
-    names = ", ".join(one["name"] for one in case.lines) or "none"
+    for entry in case.lines:
+        if entry["name"] == line:
+            return np.array(entry["x"]) + 1j * np.array(entry["y"])
+    names = ", ".join(entry["name"] for entry in case.lines) or "none"
     raise RockfallError(f"{case.name}: line = '{line}': no such line; lines: {names}")
 
 

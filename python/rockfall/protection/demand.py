@@ -67,7 +67,7 @@ def _uni(came: Crossings, factors: Factors, density: float, volume: float) -> Ro
     mass = volume * density * factors["gamma_vol"] * factors["gamma_gamma"]
     speed = _scaled(came, "speed", factors["quantile_speed"], path)
     row = {"m_d": mass} | _named("v_d", speed)
-    row |= _named("E_d", [mass * one**2 / 2 for one in speed])
+    row |= _named("E_d", [mass * value**2 / 2 for value in speed])
     return row | _heights(came, factors["quantile_height"], path)
 
 
@@ -86,7 +86,7 @@ def _heights(came: Crossings, level: float, factor: float) -> Row:
 
 def _scaled(came: Crossings, quantity: str, level: float, factor: float) -> list[float]:
     """A quantile and its limits, times a factor."""
-    return [factor * one for one in quantile(getattr(came, quantity), level, came.source)]
+    return [factor * value for value in quantile(getattr(came, quantity), level, came.source)]
 
 
 def _named(name: str, values: list[float]) -> Row:

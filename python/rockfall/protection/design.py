@@ -98,27 +98,27 @@ def design(
     >>> sheet = rockfall.design(result, survey="good")
     """
     _check(result, along, width, min_boulders, residual, volume)
-    known = read_factors(conditions_of(conditions), factors)
+    standard = read_factors(conditions_of(conditions), factors)
     prices = read_costs(costs) if costs is not None else None
     case = case_of(result)
-    how = known, case.boulder["density"], volume
-    doubts: dict[str, Any] = {"unconfirmed": unconfirmed_of(result, case, known)}
+    how = standard, case.boulder["density"], volume
+    doubts: dict[str, Any] = {"unconfirmed": unconfirmed_of(result, case, standard)}
     came = {str(name): crossings(result, k) for k, name in enumerate(result["line"].values)}
-    asked = [{"line": name, **demand(one, *how), **doubts} for name, one in came.items()]
-    barriers = [_check_of(result, k, asked[k], known) | doubts for k in barriers_of(result)]
+    asked = [{"line": name, **demand(at_line, *how), **doubts} for name, at_line in came.items()]
+    barriers = [_check_of(result, k, asked[k], standard) | doubts for k in barriers_of(result)]
     barriers = [row | {"verdict": verdict_of(row)} for row in barriers]
     chosen = [
-        {"line": name, "n": one.n} | row | doubts
-        for name, one in came.items()
-        for row in choices(one, residual, prices)
+        {"line": name, "n": crossings.n} | row | doubts
+        for name, crossings in came.items()
+        for row in choices(crossings, residual, prices)
     ]
     parts = None
     if along is not None:
         rows = _along(result, along, came[along], width, min_boulders, *how)
         parts = _table([row | doubts for row in rows], _ALONG)
-    loads = [row for name, one in came.items() for row in _loads(name, one)]
+    loads = [row for name, crossings in came.items() for row in _loads(name, crossings)]
     return Design(
-        known,
+        standard,
         residual,
         loads=_table(loads, _LOADS),
         demand=_table(asked, ["line", *_DEMAND]),
@@ -230,7 +230,7 @@ def verdict_of(row: Mapping[str, Any]) -> str:
     parts = [
         f"{word(answer)}: {', '.join(map(word, what))}" for answer, what in attrs.items() if what
     ]
-    doubt = [] if failed else [one for one in row.get("unconfirmed", "").split("; ") if one]
+    doubt = [] if failed else [word for word in row.get("unconfirmed", "").split("; ") if word]
     answer = "; ".join(parts) or word("undecided" if doubt else "yes")
     return f"{answer}; {word('unconfirmed')}: {'; '.join(map(word, doubt))}" if doubt else answer
 

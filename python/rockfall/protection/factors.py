@@ -76,14 +76,14 @@ def read_factors(conditions: Conditions, path: str | Path | None = None) -> Fact
     rows = _rows(path, conditions.standard)
     values, sources = {}, {}
     for name in NEEDED[conditions.standard]:
-        known = rows.get(name, {})
+        by_condition = rows.get(name, {})
         decides = DECIDES.get(name)
         condition = getattr(conditions, decides) if decides else ""
-        if condition not in known:
-            if not known or not decides:
+        if condition not in by_condition:
+            if not by_condition or not decides:
                 raise RockfallError(f"{path}: {conditions.standard}: has no factor {name}")
-            raise RockfallError(f"{decides} = '{condition}': must be {', '.join(known)}")
-        values[name], sources[name] = known[condition]
+            raise RockfallError(f"{decides} = '{condition}': must be {', '.join(by_condition)}")
+        values[name], sources[name] = by_condition[condition]
     return Factors(conditions, values, sources)
 
 
@@ -93,15 +93,15 @@ def _rows(path: str | Path, standard: str) -> dict[str, dict[str, tuple[float, s
     check_columns(where, columns, COLUMNS)
     if missing := [name for name in COLUMNS if name not in columns]:
         raise RockfallError(f"{where}: column {missing[0]}: is missing")
-    found: dict[str, dict[str, tuple[float, str]]] = {}
+    factors: dict[str, dict[str, tuple[float, str]]] = {}
     for row in rows:
         if row.text("standard") != standard:
             continue
         name, condition = row.text("factor"), row.cells["condition"]
-        if condition in found.setdefault(name, {}):
+        if condition in factors.setdefault(name, {}):
             row.refuse("factor", "is there twice")
         value = row.number("value", 0.0, 1.0 if name.startswith("quantile") else math.inf)
         if not value or (value == 1 and name.startswith("quantile")):
             row.refuse("value", "must be > 0, of a quantile also < 1")
-        found[name][condition] = value, row.cells["source"]
-    return found
+        factors[name][condition] = value, row.cells["source"]
+    return factors

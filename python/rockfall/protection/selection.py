@@ -43,9 +43,9 @@ def choices(
             left = residual_of(passes(came, height, capacity), came.source)
         row |= zip(("residual", "residual_low", "residual_high"), left, strict=True)
         rows.append(row | {"cost": cost_of(k, height, costs), "cheapest": False})
-    known = [row for row in rows if not math.isnan(row["cost"])]
-    if known:
-        min(known, key=lambda row: row["cost"])["cheapest"] = True
+    priced = [row for row in rows if not math.isnan(row["cost"])]
+    if priced:
+        min(priced, key=lambda row: row["cost"])["cheapest"] = True
     return rows
 
 

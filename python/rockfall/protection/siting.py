@@ -124,7 +124,7 @@ def site(
     """
     limits = _limits(max_height, max_class, max_bypass)
     conditions = {key: given.pop(key) for key in CONDITIONS & given.keys()}
-    known = read_factors(conditions_of(conditions), factors)
+    standard = read_factors(conditions_of(conditions), factors)
     prices = read_costs(costs) if costs is not None else None
     if volume is not None and not 0 < volume < math.inf:
         raise RockfallError(f"volume = {volume}: must be > 0 m3")
@@ -136,20 +136,20 @@ def site(
     else:
         scene, alignments = drawn_scene(case, scene, line, candidates, candidates_layer, given)
     batches = in_batches(scene, line, alignments, machine_memory() if memory is None else memory)
-    design_of = known, case.boulder["density"], volume
+    design_of = standard, case.boulder["density"], volume
     rows: list[dict[str, Any]] = []
     with progress_bar(scene.boulders * len(batches), shown=progress) as advance:
         for batch in batches:
             result = run_scene(_scene_with(scene, line, alignments, batch))
-            rows += [_row(result, line, one, design_of, prices, limits) for one in batch]
+            rows += [_row(result, line, place, design_of, prices, limits) for place in batch]
             advance(scene.boulders)
             if len(batches) > 1:
                 del result  # before another takes its place
     choose(rows)
     if len(batches) > 1:
-        chosen = [one for one, row in zip(alignments, rows, strict=True) if row["choice"] == BEST]
+        chosen = [spot for spot, row in zip(alignments, rows, strict=True) if row["choice"] == BEST]
         result = run_scene(_scene_with(scene, line, alignments, chosen))
-    unconfirmed = unconfirmed_of(result, scene.case, known)
+    unconfirmed = unconfirmed_of(result, scene.case, standard)
     rows = [row | under_doubt(row, unconfirmed) for row in rows]
     come = int(np.count_nonzero(_crossed(result, line)))
     notes = (*_notes(scene.case, line, come, alignments, rows), *_remarks(result, scene.case))
@@ -159,7 +159,7 @@ def site(
         beyond = f"alignments beyond {alignments[-1].distance:g} m are outside the terrain"
         notes = (f"{beyond}: left out", *notes)
     return Siting(
-        line, result.sizes["boulder"], come, limits, known, prices is not None, _table(rows),
+        line, result.sizes["boulder"], come, limits, standard, prices is not None, _table(rows),
         tuple(alignments), result, notes,
     )  # fmt: skip
 
@@ -186,10 +186,10 @@ def _scene_with(
     scene: Scene, line: str, alignments: Sequence[Alignment], drawn: Sequence[Alignment]
 ) -> Scene:
     """A scene with only some of the alignments, besides the lines of the case."""
-    left_out = {alignment.name for alignment in alignments} - {one.name for one in drawn} - {line}
+    left_out = {alignment.name for alignment in alignments} - {item.name for item in drawn} - {line}
     if not left_out:
         return scene
-    lines = [one for one in scene.case.line if one["name"] not in left_out]
+    lines = [item for item in scene.case.line if item["name"] not in left_out]
     return scene.replace(case=scene.case.replace(line=lines))
 
 
@@ -255,7 +255,7 @@ def _around(result: xr.Dataset, line: str, alignment: str) -> tuple[np.ndarray, 
     """Boulders that come to the protected line, and those that do not cross the alignment before
     they do."""
     names = line_names(result)
-    there, before = (result["line_time"].values[names.index(one)] for one in (line, alignment))
+    there, before = (result["line_time"].values[names.index(name)] for name in (line, alignment))
     return np.isfinite(there), ~(before <= there)
 
 
@@ -276,7 +276,7 @@ def _cost(row: Mapping[str, Any], end: str, prices: Costs | None) -> float:
     if math.isnan(ead_class) or math.isnan(high):
         return math.nan
     each = [cost_of(k, high, prices) for k in range(int(ead_class), len(EAD_ENERGY))]
-    return min((one for one in each if not math.isnan(one)), default=math.nan) * row["length"]
+    return min((cost for cost in each if not math.isnan(cost)), default=math.nan) * row["length"]
 
 
 def _verdicts(row: Mapping[str, Any], limits: Limits) -> dict[str, str]:
@@ -284,16 +284,16 @@ def _verdicts(row: Mapping[str, Any], limits: Limits) -> dict[str, str]:
     nothing."""
     checks = {"height": ("height_needed", limits.height), "class": ("ead_class", limits.ead_class),
               "bypass": ("bypass", limits.bypass)}  # fmt: skip
-    found = {}
+    verdicts = {}
     for name, (number, limit) in checks.items():
         value, low, high = (row[f"{number}{end}"] for end in ENDS)
         if limit is None or (value <= limit and high <= limit):
             continue
-        found[name] = NO if value > limit and low > limit else UNDECIDED
-    verdict = NO if NO in found.values() else UNDECIDED if found else YES
+        verdicts[name] = NO if value > limit and low > limit else UNDECIDED
+    verdict = NO if NO in verdicts.values() else UNDECIDED if verdicts else YES
     return {
         "fits": verdict,
-        "fails": ", ".join(k for k, answer in found.items() if answer == verdict),
+        "fails": ", ".join(k for k, answer in verdicts.items() if answer == verdict),
     }
 
 

@@ -71,7 +71,7 @@ def tree_layer(
         "expanded": str(int(expanded)),
     }  # fmt: skip
     element = ElementTree.Element("layer-tree-layer", attrs)
-    rows = sum(one.tag in CLASS_ROWS for one in layer.style.iter())
+    rows = sum(element.tag in CLASS_ROWS for element in layer.style.iter())
     own = {"legend/title-label": title} if title else {}
     if layer.is_raster and rows:
         own["legend/node-order"] = ",".join(map(str, range(1, rows + 1)))
@@ -105,8 +105,8 @@ def _document(project: Project) -> ElementTree.Element:
     themes.extend(_themes(project))
     ElementTree.SubElement(root, "Layouts").extend(project.layouts)
     view = ElementTree.SubElement(root, "ProjectViewSettings", UseProjectScales="0")
-    about = corners(project.extent)
-    view.append(ElementTree.Element("DefaultViewExtent", about))
+    ends = corners(project.extent)
+    view.append(ElementTree.Element("DefaultViewExtent", ends))
     view[0].extend(crs_element("crs", project.crs))
     ElementTree.indent(root)
     return root

@@ -31,7 +31,7 @@ class Layer(NamedTuple):
     @property
     def id(self) -> str:
         """Name of the layer within the project, unique like its source and style."""
-        renderer = next((one.get("type", "") for one in self.style.iter("rasterrenderer")), "")
+        renderer = next((node.get("type", "") for node in self.style.iter("rasterrenderer")), "")
         return re.sub(r"\W+", "_", f"{self.source.removeprefix('./')} {renderer}").strip("_")
 
     @property
@@ -47,10 +47,10 @@ class Group(NamedTuple):
     expanded: bool = True
 
 
-def raster_layer(path: Path, title: str, **about: bool) -> Layer:
+def raster_layer(path: Path, title: str, **options: bool) -> Layer:
     """Layer of a GeoTIFF with the style (.qml) next to it."""
     style = ElementTree.parse(path.with_suffix(".qml")).getroot()
-    return Layer(title, f"./{path.name}", _translated(style), **about)
+    return Layer(title, f"./{path.name}", _translated(style), **options)
 
 
 def vector_styles(path: Path) -> dict[str, str]:
@@ -59,23 +59,23 @@ def vector_styles(path: Path) -> dict[str, str]:
         return dict(database.execute(f"SELECT f_table_name, styleQML FROM {TABLE}"))
 
 
-def vector_layer(path: Path, name: str, style: str, title: str, **about: bool) -> Layer:
+def vector_layer(path: Path, name: str, style: str, title: str, **options: bool) -> Layer:
     """Layer of a GeoPackage with a style from its table of styles."""
     root = _translated(ElementTree.fromstring(style))
-    return Layer(title, f"./{path.name}|layername={name}", root, **about)
+    return Layer(title, f"./{path.name}|layername={name}", root, **options)
 
 
 def _translated(style: ElementTree.Element) -> ElementTree.Element:
     """Style with the labels of its legend in the language in force, classes by signs."""
     for element in style.iter():
         if label := element.get(LABELLED):
-            found = CLASS.fullmatch(label)
-            element.set(LABELLED, _class(found) if found else word(label.replace(" ", "_")))
+            match = CLASS.fullmatch(label)
+            element.set(LABELLED, _class(match) if match else word(label.replace(" ", "_")))
     return style
 
 
-def _class(found: re.Match[str]) -> str:
+def _class(match: re.Match[str]) -> str:
     """Label of a class between limits, as <= 10 kJ, 10 - 30 kJ, > 30 kJ."""
-    most, low, high, least, unit = found.groups()
+    most, low, high, least, unit = match.groups()
     ends = f"\u2264 {most}" if most else f"> {least}" if least else f"{low} \u2013 {high}"
     return f"{localised(ends)} {word(unit)}"

@@ -98,9 +98,9 @@ def bar_unit(scale: float) -> float:
     return next((k * power for k in (5.0, 2.0, 1.0) if k * power <= most), power)
 
 
-def _item(layout_name: str, kind: int, what: str, place: Sequence[float], **about: str):
+def _item(layout_name: str, kind: int, what: str, place: Sequence[float], **options: str):
     """An item at x, y with a width and a height."""
-    x, y, wide, high = (f"{one:.6g}" for one in place)
+    x, y, wide, high = (f"{number:.6g}" for number in place)
     own = f"{{{uuid.uuid5(uuid.NAMESPACE_URL, f'rockfall/{layout_name}/{what}')}}}"
     usual = {
         "type": str(kind), "uuid": own, "templateUuid": own, "id": what, "visibility": "1",
@@ -108,7 +108,7 @@ def _item(layout_name: str, kind: int, what: str, place: Sequence[float], **abou
         "referencePoint": "0", "opacity": "1", "background": "false", "frame": "false",
         "outlineWidthM": "0.3,mm", "itemRotation": "0",
     }  # fmt: skip
-    item = ElementTree.Element("LayoutItem", usual | about)
+    item = ElementTree.Element("LayoutItem", usual | options)
     ElementTree.SubElement(item, "FrameColor", red="34", green="34", blue="34", alpha="255")
     ElementTree.SubElement(item, "BackgroundColor", red="255", green="255", blue="255", alpha="255")
     return item
@@ -135,10 +135,10 @@ def _frame(name: str) -> ElementTree.Element:
 
 def _label(
     name: str, what: str, text: str, place: Sequence[float], size: int, bold: bool = False,
-    **about: str,
+    **options: str,
 ) -> ElementTree.Element:  # fmt: skip
     item = _item(name, LABEL, what, place, labelText=text, htmlState="0", halign="1", valign="32",
-                 marginX="0", marginY="0", **about)  # fmt: skip
+                 marginX="0", marginY="0", **options)  # fmt: skip
     ElementTree.SubElement(item, "LabelFont", description=_font(size, bold), style="")
     ElementTree.SubElement(item, "FontColor", red="34", green="34", blue="34", alpha="255")
     return item
@@ -151,7 +151,7 @@ def _font(size: int, bold: bool = False) -> str:
 
 def _head_texts(texts: Texts) -> list[tuple[str, int, bool]]:
     head = [(texts.title, TITLE, True), (texts.subtitle, LARGE, False)]
-    return [*head, *((one, NORMAL, False) for one in texts.imprint)]
+    return [*head, *((line, NORMAL, False) for line in texts.imprint)]
 
 
 def _height(text: str, size: int, *_: bool) -> float:

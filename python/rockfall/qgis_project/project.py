@@ -6,6 +6,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -86,7 +87,7 @@ def put_project(
         themes = list(_themes(layers))
         title = _title(data)
         drawn = [
-            layout(theme.name, theme.name, extent, _in_legend(theme.layers),
+            layout(theme.name, theme.name, extent, filter(attrgetter("in_legend"), theme.layers),
                    _texts(data, title, theme.name, imprint, relief))
             for theme in themes
         ]  # fmt: skip
@@ -184,13 +185,13 @@ def _groups(layers: _Layers) -> Iterator[Group]:
     chosen = {layer.id for layer in above} | {name for name in (_id(layers.maps, first),) if name}
     chosen |= {_id(layers.result, "trajectories")}
 
-    def group(key: str, found: dict[str, Layer], *names: str, expanded: bool = True):
-        layers = [found[name] for name in names if name in found]
-        shown = (one._replace(visible=one.visible or one.id in chosen) for one in layers)
+    def group(key: str, by_name: dict[str, Layer], *names: str, expanded: bool = True):
+        layers = [by_name[name] for name in names if name in by_name]
+        shown = (layer._replace(visible=layer.visible or layer.id in chosen) for layer in layers)
         return Group(capital(say(key)), tuple(shown), expanded)
 
     result, maps = layers.result, layers.maps
-    for one in (
+    for layer_group in (
         group("qgis.trajectories", result, "trajectories", "crossings", "stops"),
         group("map.evaluation_lines", result, "lines"),
         group("qgis.protection", result, "barriers", "dams"),
@@ -200,16 +201,12 @@ def _groups(layers: _Layers) -> Iterator[Group]:
         group("qgis.maps", maps, *maps),
         Group(say("qgis.terrain"), layers.terrain, False),
     ):  # fmt: skip
-        if one.layers:
-            yield one
+        if layer_group.layers:
+            yield layer_group
 
 
 def _id(layers: dict[str, Layer], name: str) -> str:
     return layers[name].id if name in layers else ""
-
-
-def _in_legend(layers: Iterable[Layer]) -> Iterator[Layer]:
-    return (layer for layer in layers if layer.in_legend)
 
 
 def _title(data: xr.Dataset) -> str:

@@ -6,6 +6,7 @@ A value equal to a limit belongs to the class below it: above 300 kJ is above 30
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -91,25 +92,26 @@ def classes_of(unit: str, limits: Limits | None = None) -> Classes:
 
 def read_limits(texts: Iterable[str]) -> Limits:
     """Read limits from `unit=limit,limit...`, such as kJ=30,300."""
-    found = {}
+    limits = {}
     for text in texts:
         unit, _, numbers = text.partition("=")
         try:
-            found[unit] = tuple(float(one) for one in numbers.split(","))
+            values = tuple(float(number) for number in numbers.split(","))
         except ValueError:
-            found[unit] = ()
-        rising = all(low < high for low, high in zip(found[unit], found[unit][1:], strict=False))
-        if unit not in UNITS or not found[unit] or not rising or not np.isfinite(found[unit]).all():
+            values = ()
+        rising = all(low < high for low, high in pairwise(values))
+        if unit not in UNITS or not values or not rising or not np.isfinite(values).all():
             raise RockfallError(
                 f"--limits {text}: must be unit=limit,limit... with rising numbers, such as "
                 f"kJ=30,300; units: {', '.join(UNITS)}"
             )
-    return found
+        limits[unit] = values
+    return limits
 
 
 def ramp(number: int) -> list[str]:
     """The given number of colours from the ramp."""
-    table = np.array([[int(one[k : k + 2], 16) for k in (1, 3, 5)] for one in RAMP], float)
+    table = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in RAMP], float)
     places = np.linspace(0, len(RAMP) - 1, number)
     mixed = np.column_stack([np.interp(places, range(len(RAMP)), part) for part in table.T])
-    return ["#" + bytes(one).hex() for one in mixed.round().astype(int).tolist()]
+    return ["#" + bytes(rgb).hex() for rgb in mixed.round().astype(int).tolist()]

@@ -25,8 +25,8 @@ class Variable:
         self.dtype, self.shape, self.ndim = self.values.dtype, self.values.shape, self.values.ndim
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        found = np.asarray(self.values, dtype)  # NumPy 1 only has always and never
-        return found.copy() if copy and found is self.values else found
+        array = np.asarray(self.values, dtype)  # NumPy 1 only has always and never
+        return array.copy() if copy and array is self.values else array
 
 
 class Contents:
@@ -36,9 +36,9 @@ class Contents:
         self, data: Mapping[str, tuple], attrs: Mapping[str, Any], coords: Iterable[str] = ()
     ) -> None:
         """`data` is (dimensions, values, attributes) by name; `coords` may include other names."""
-        self.variables = {name: Variable(*one) for name, one in data.items()}
+        self.variables = {name: Variable(*variable) for name, variable in data.items()}
         self.attrs, named = dict(attrs), {*coords}
-        self.coords = {name: one for name, one in self.variables.items() if name in named}
+        self.coords = {name: variable for name, variable in self.variables.items() if name in named}
         self.sizes: dict[str, int] = {}  # length of each dimension
         for variable in self.variables.values():
             self.sizes |= zip(variable.dims, variable.shape, strict=True)
@@ -55,7 +55,7 @@ class Contents:
         import xarray as xr
 
         data = {
-            name: xr.Variable(one.dims, one.values, one.attrs, fastpath=True)
-            for name, one in self.variables.items()
+            name: xr.Variable(variable.dims, variable.values, variable.attrs, fastpath=True)
+            for name, variable in self.variables.items()
         }
         return xr.Dataset(data, attrs=self.attrs).set_coords([*self.coords])

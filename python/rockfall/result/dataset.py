@@ -134,10 +134,10 @@ def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
             file.setncatts(data.attrs)
             for dim, size in data.sizes.items():
                 file.createDimension(str(dim), size)
-            for one in map(str, data.variables):
-                variable = data.variables[one]
+            for stored in map(str, data.variables):
+                variable = data.variables[stored]
                 how = _storage(variable, {"part_layout", "scene_layout"} & data.attrs.keys())
-                _write_variable(file, one, variable, how, _attached(data, one))
+                _write_variable(file, stored, variable, how, _attached(data, stored))
     except (RuntimeError, PermissionError) as error:  # netCDF4's error for a full disk
         raise RockfallError(f"{name}: cannot be written: {error}; disk full?") from error
 
@@ -152,14 +152,14 @@ def _attached(result: Held, name: str) -> dict[str, Any]:
         other for other, coordinate in result.coords.items()
         if other not in result.sizes and {*coordinate.dims} <= {*variable.dims}
     ]  # fmt: skip
-    found: dict[str, Any] = {"coordinates": " ".join(map(str, beside))} if beside else {}
+    attrs: dict[str, Any] = {"coordinates": " ".join(map(str, beside))} if beside else {}
     if name.endswith("_bounds"):  # CF: bounds inherit the attributes of their parents
-        return found
+        return attrs
     if variable.dtype.kind == "f":
-        found["_FillValue"] = np.nan
+        attrs["_FillValue"] = np.nan
     elif variable.dtype.kind == "i":
-        found["_FillValue"] = variable.dtype.type(NO_COUNT)
-    return found
+        attrs["_FillValue"] = variable.dtype.type(NO_COUNT)
+    return attrs
 
 
 def _storage(variable: HeldVariable, checksums: Any) -> dict[str, Any]:

@@ -155,9 +155,9 @@ def _export(
 def _drawn(data: xr.Dataset, moving: Sampled | None, what: str) -> Layers:
     """Layers of a drawing: each feature once."""
     layers = _layers(data, moving, what)
-    if not (found := {name: layers[name] for name in DRAWN if name in layers}):
+    if not (chosen := {name: layers[name] for name in DRAWN if name in layers}):
         raise RockfallError(f"{what}: the result has nothing that could be drawn")
-    return found
+    return chosen
 
 
 def put_kml(path: Path, layers: Layers, data: xr.Dataset, styles: Mapping[str, Style]) -> Path:
@@ -211,8 +211,8 @@ def _put_map(folder: Path, data: xr.Dataset, name: str) -> Iterator[Path]:
 def _passed(data: xr.Dataset, values: np.ndarray) -> np.ndarray:
     """Mask of cells that boulders passed, from the map of passages or, without it, from positive
     values of any map."""
-    known = [name for name in ("passages", "reach_probability") if name in data]
-    return (_stored(data[known[0]])[0] if known else values) > 0
+    present = [name for name in ("passages", "reach_probability") if name in data]
+    return (_stored(data[present[0]])[0] if present else values) > 0
 
 
 def _exported(name: str, units: str) -> tuple[str, float]:
@@ -268,15 +268,15 @@ def _words(data: xr.DataArray) -> xr.DataArray:
     import xarray as xr
 
     stored, flags = _stored(data)[0], flags_of(data)
-    known = [stored == flag for flag in flags.values()]
-    return xr.DataArray(np.select(known, list(flags), "unknown"), dims=data.dims)
+    conditions = [stored == flag for flag in flags.values()]
+    return xr.DataArray(np.select(conditions, list(flags), "unknown"), dims=data.dims)
 
 
 def _boulders(data: xr.Dataset) -> Iterator[xr.Dataset]:
     """Variables for each boulder, on (boulder) and (line, boulder), in chunks."""
     number = _numbers(data, "boulder")
-    known = {("boulder",), ("line", "boulder")}
-    data = data[[name for name in data.data_vars if data[name].dims in known]]
+    row_dims = {("boulder",), ("line", "boulder")}
+    data = data[[name for name in data.data_vars if data[name].dims in row_dims]]
     for first in range(0, number.size, _ROWS):
         rows = slice(first, first + _ROWS)
         yield data.isel(boulder=rows).assign_coords(boulder=number[rows])

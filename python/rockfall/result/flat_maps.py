@@ -17,10 +17,10 @@ def flat_maps(data: xr.Dataset) -> xr.Dataset:
     """Dataset with a map in plan for each position along the further dimensions of a map."""
     import xarray as xr
 
-    found = {str(name): layers(one) for name, one in data.data_vars.items()}
-    if all(len(one) == 1 for one in found.values()):
+    by_variable = {str(name): layers(variable) for name, variable in data.data_vars.items()}
+    if all(len(several) == 1 for several in by_variable.values()):
         return data
-    flat = {name: layer for several in found.values() for name, layer in several.items()}
+    flat = {name: layer for several in by_variable.values() for name, layer in several.items()}
     return xr.Dataset(flat, data.coords, data.attrs)
 
 
@@ -29,14 +29,14 @@ def layers(variable: xr.DataArray) -> dict[str, xr.DataArray]:
     name, beyond = str(variable.name), [dim for dim in variable.dims if dim not in PLAN]
     if variable.dims[-2:] != PLAN or not beyond or not {*beyond} <= {*BEYOND}:
         return {name: variable}
-    found = {}
+    named = {}
     for index in product(*(range(variable.sizes[dim]) for dim in beyond)):
-        one = variable.isel(dict(zip(beyond, index, strict=True)))
-        places = [(str(dim), float(one[dim])) for dim in beyond]
-        about = ", ".join([one.attrs["long_name"], *(shown(*place, " ") for place in places)])
-        one = one.drop_vars(beyond).assign_attrs(long_name=about)
-        found["_".join([name, *(shown(*place) for place in places)])] = one
-    return found
+        layer = variable.isel(dict(zip(beyond, index, strict=True)))
+        places = [(str(dim), float(layer[dim])) for dim in beyond]
+        long_name = ", ".join([layer.attrs["long_name"], *(shown(*place, " ") for place in places)])
+        layer = layer.drop_vars(beyond).assign_attrs(long_name=long_name)
+        named["_".join([name, *(shown(*place) for place in places)])] = layer
+    return named
 
 
 def shown(dim: str, value: float, between: str = "") -> str:

@@ -53,17 +53,17 @@ def stochastic_fraction(values: Variables) -> float:
 def classical_grounds(values: Variables) -> list[GroundRebounds]:
     """Grounds with coefficients of restitution that made rebounds, the most frequent first;
     absorbing grounds have none and are left out."""
-    found = [
-        one
-        for one in rebounds_by_ground(values)
-        if one.rebounds and one.model not in (IMPACT_SETS, ABSORBS, *TABLES)
+    grounds = [
+        ground
+        for ground in rebounds_by_ground(values)
+        if ground.rebounds and ground.model not in (IMPACT_SETS, ABSORBS, *TABLES)
     ]
-    return sorted(found, key=lambda one: -one.rebounds)
+    return sorted(grounds, key=lambda ground: -ground.rebounds)
 
 
 def table_grounds(values: Variables) -> list[GroundRebounds]:
     """Tables of impacts from which rebounds were drawn."""
-    return [one for one in rebounds_by_ground(values) if one.rebounds and one.model in TABLES]
+    return [rule for rule in rebounds_by_ground(values) if rule.rebounds and rule.model in TABLES]
 
 
 def sets_followed(values: Variables, case_set: str) -> list[str]:

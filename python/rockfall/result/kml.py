@@ -80,9 +80,9 @@ def _title(row: Mapping[str, Any]) -> str:
 
 def _attributes(row: Mapping[str, Any]) -> str:
     """Attributes of a feature that are not missing."""
-    known = ((key, value) for key, value in row.items() if value is not None and value == value)
+    given = ((key, value) for key, value in row.items() if value is not None and value == value)
     data = "".join(
-        f"<Data name={quoteattr(key)}><value>{_text(value)}</value></Data>" for key, value in known
+        f"<Data name={quoteattr(key)}><value>{_text(value)}</value></Data>" for key, value in given
     )
     return f"<ExtendedData>{data}</ExtendedData>"
 
@@ -138,7 +138,7 @@ def _drawn(symbol: Symbol) -> str:
     red, green, blue = paint(symbol)
     colour = f"{blue:02x}{green:02x}{red:02x}"
     opaque = f"{round(255 * symbol.opacity):02x}"
-    width = 3 if float(str(symbol.about.get("line_width", 0))) >= 0.5 else 1.5
+    width = 3 if float(str(symbol.options.get("line_width", 0))) >= 0.5 else 1.5
     return (
         f"<IconStyle><color>ff{colour}</color><scale>0.5</scale>"
         f"<Icon><href>{DOT}</href></Icon></IconStyle><LabelStyle><scale>0</scale></LabelStyle>"
@@ -149,4 +149,4 @@ def _drawn(symbol: Symbol) -> str:
 
 def _text(value: object) -> str:
     """A value as text of XML, without characters that XML cannot hold."""
-    return escape("".join(one for one in str(value) if one in "\t\n" or one >= " "))
+    return escape("".join(sign for sign in str(value) if sign in "\t\n" or sign >= " "))

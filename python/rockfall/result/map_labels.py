@@ -38,12 +38,12 @@ def map_label(name: str, long_name: str) -> str:
     return ", ".join([label, *at])
 
 
-def map_comment(name: str, about: Mapping[str, Any]) -> list[str]:
+def map_comment(name: str, attrs: Mapping[str, Any]) -> list[str]:
     """Remark on the values of a map, if its attributes have one."""
-    if "comment" not in about:
+    if "comment" not in attrs:
         return []
     keys = (key for pattern, key in COMMENTS.items() if re.fullmatch(pattern, name))
-    return [next(map(say, keys), str(about["comment"]))]
+    return [next(map(say, keys), str(attrs["comment"]))]
 
 
 def _label(name: str) -> str:
@@ -53,8 +53,8 @@ def _label(name: str) -> str:
     for end, key in LIMITS.items():
         if name.endswith(end) and name in MAP:
             return say(key, name=name.removesuffix(end))
-    if found := QUANTILE.fullmatch(name):
-        base, level = found[1], int(found[2])
+    if match := QUANTILE.fullmatch(name):
+        base, level = match[1], int(match[2])
         if level == MEDIAN and is_message(f"variable.{base}_median"):
             return say(f"variable.{base}_median")
         if is_message(f"variable.{base}_quantile"):

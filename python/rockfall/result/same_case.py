@@ -34,9 +34,9 @@ def check_same_case(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
     """Refuse a result (`what` names it) of another case than the first: another CRS, terrain,
     ground, forest, sources, impact sets, or keys of its case."""
     _check_crs(first, other, what)
-    for attribute, about in (("decoded_checksums", DECODED), ("input_checksums", FILES)):
-        ours, theirs = (json.loads(one.attrs[attribute]) for one in (first, other))
-        for key, name in about.items():
+    for attribute, names in (("decoded_checksums", DECODED), ("input_checksums", FILES)):
+        ours, theirs = (json.loads(data.attrs[attribute]) for data in (first, other))
+        for key, name in names.items():
             if ours.get(key) != theirs.get(key):
                 raise RockfallError(f"{what}: belongs to another case: other {name}")
     for place in _differences(case_in(first.attrs), case_in(other.attrs)):
@@ -46,36 +46,36 @@ def check_same_case(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
 def check_same_site(results: Mapping[str, xr.Dataset]) -> None:
     """Refuse results, by the names of their files, that are not variants on one site: another CRS,
     or distant places."""
-    for (name, one), (next_name, other) in pairwise(results.items()):
-        _check_crs(one, other, next_name)
-        if not _overlap(_extent(one), _extent(other)):
+    for (name, data), (next_name, other) in pairwise(results.items()):
+        _check_crs(data, other, next_name)
+        if not _overlap(_extent(data), _extent(other)):
             raise RockfallError(f"{next_name}: lies elsewhere than {name}: no place in common")
 
 
 def common_lines(results: Mapping[str, xr.Dataset]) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Name, x and y of the evaluation lines of all results, by the names of their files. A line of
     one name at different places is refused."""
-    found: dict[str, tuple[str, np.ndarray, np.ndarray]] = {}
+    first_lines: dict[str, tuple[str, np.ndarray, np.ndarray]] = {}
     for path, result in results.items():
         for line in lines(result):
             name, *place = line
-            _, *known = found.setdefault(name, line)
-            if not all(map(np.array_equal, known, place)):
+            _, *first_place = first_lines.setdefault(name, line)
+            if not all(map(np.array_equal, first_place, place)):
                 raise RockfallError(f"{path}: line {name}: lies elsewhere than in other results")
-    return list(found.values())
+    return list(first_lines.values())
 
 
 def _check_crs(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
-    ours, theirs = (one["crs"].attrs.get("crs_wkt", "") for one in (first, other))
+    ours, theirs = (data["crs"].attrs.get("crs_wkt", "") for data in (first, other))
     if ours != theirs:
-        names = (_crs_name(one) for one in (other, first))
+        names = (_crs_name(data) for data in (other, first))
         raise RockfallError(f"{what}: has another coordinate system: {' in place of '.join(names)}")
 
 
 def _crs_name(data: xr.Dataset) -> str:
     keys = ("projected_crs_name", "geographic_crs_name")
-    about = data["crs"].attrs
-    return str(next((about[key] for key in keys if key in about), about.get("crs_wkt", "none")))
+    attrs = data["crs"].attrs
+    return str(next((attrs[key] for key in keys if key in attrs), attrs.get("crs_wkt", "none")))
 
 
 def _extent(result: xr.Dataset) -> np.ndarray:
@@ -86,12 +86,12 @@ def _extent(result: xr.Dataset) -> np.ndarray:
             (result[axis].values.min() - half, result[axis].values.max() + half) for axis in "xy"
         ]
         return np.array(ends).T
-    found = [[result[f"{end}_{axis}"].values for end in ("start", "stop")] for axis in "xy"]
-    return np.array([[np.nanmin(values), np.nanmax(values)] for values in found]).T
+    extremes = [[result[f"{end}_{axis}"].values for end in ("start", "stop")] for axis in "xy"]
+    return np.array([[np.nanmin(values), np.nanmax(values)] for values in extremes]).T
 
 
-def _overlap(one: np.ndarray, other: np.ndarray) -> bool:
-    return bool((one[0] <= other[1]).all() and (other[0] <= one[1]).all())
+def _overlap(ours: np.ndarray, other: np.ndarray) -> bool:
+    return bool((ours[0] <= other[1]).all() and (other[0] <= ours[1]).all())
 
 
 def _differences(first: Case, other: Case) -> Iterator[str]:
@@ -101,12 +101,12 @@ def _differences(first: Case, other: Case) -> Iterator[str]:
         ours, theirs = (_values(case, group) for case in (first, other))
         if len(ours) != len(theirs):
             yield f"the number of groups &{group}"
-        for one, another in zip(ours, theirs, strict=False):
-            for key in sorted({*one, *another}):
-                if (group, key) not in files and one.get(key) != another.get(key):
+        for own, another in zip(ours, theirs, strict=False):
+            for key in sorted({*own, *another}):
+                if (group, key) not in files and own.get(key) != another.get(key):
                     yield f"&{group} {key}"
 
 
 def _values(case: Case, group: str) -> list[dict[str, Any]]:
-    found = getattr(case, group)
-    return found if group in REPEATABLE else [found]
+    values = getattr(case, group)
+    return values if group in REPEATABLE else [values]

@@ -15,6 +15,7 @@ from rockfall.errors import RockfallError
 from rockfall.language import say
 from rockfall.limits import (
     SAMPLE_BINS,
+    SAMPLE_BITS,
     SAMPLE_COARSE,
     SAMPLE_LARGEST,
     SAMPLE_QUANTITIES,
@@ -25,8 +26,6 @@ from rockfall.result import variables
 
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
-
-BASE_BITS = 62  # bits per digit of sums, as in the kernel
 
 
 def simulated(result: Held) -> int:
@@ -109,7 +108,7 @@ def possible(arrays: Mapping[str, np.ndarray], shape: Mapping[str, int], boulder
     ended, sums = arrays["sample_ended"], arrays["sample_sums"]
     if not (ended >= 0).all() or ended.sum() != boulders:
         return "sample_ended"
-    if not ((sums[..., [1, 3]] >> BASE_BITS) == 0).all() or not (sums[..., 2:] >= 0).all():
+    if not ((sums[..., [1, 3]] >> SAMPLE_BITS) == 0).all() or not (sums[..., 2:] >= 0).all():
         return "sample_sums"
     largest = arrays["sample_largest"]
     if not np.isfinite(largest).all() or not ((largest >= 0) | (largest == -1)).all():

@@ -37,8 +37,8 @@ def are_cells(data: xr.Dataset) -> bool:
         release = case_of(data).release
     except (RockfallError, KeyError):
         return False
-    known = "crs" in data.variables and "GeoTransform" in data["crs"].attrs
-    return known and not any(key in release for key in POINTS)
+    has_grid = "crs" in data.variables and "GeoTransform" in data["crs"].attrs
+    return has_grid and not any(key in release for key in POINTS)
 
 
 def source_areas(
@@ -78,8 +78,8 @@ def _dissolved(data: xr.Dataset, places: np.ndarray, part: np.ndarray) -> np.nda
     numbers = np.zeros((np.ptp(row) + 1, np.ptp(column) + 1), np.int32)
     numbers[row - top, column - left] = part + 1
     place = Affine(cell, 0.0, west + cell * left, 0.0, -cell, north - cell * top)
-    found = list(shapes(numbers, numbers > 0, connectivity=4, transform=place))
-    polygons = [shapely.geometry.shape(shape) for shape, _ in found]
-    owner = np.array([int(number) - 1 for _, number in found])
+    patches = list(shapes(numbers, numbers > 0, connectivity=4, transform=place))
+    polygons = [shapely.geometry.shape(shape) for shape, _ in patches]
+    owner = np.array([int(number) - 1 for _, number in patches])
     order = np.argsort(owner, kind="stable")
     return shapely.multipolygons(np.array(polygons, dtype=object)[order], indices=owner[order])

@@ -64,9 +64,9 @@ def check_result(data: xr.Dataset, path: str | Path) -> None:
         raise RockfallError(f"{path}: is not a whole result of rockfall: has no threshold")
     ours = (*variables.BOULDER, *variables.COUNT, *variables.MAP)
     for name in (name for name in ours if name in data.variables):
-        about = data.variables[name].attrs
-        words = [about.get(word) for word in ("units", "long_name")]
-        fewest = np.asarray(about.get("min_passages", 0))  # of a map that is blank below this count
+        attrs = data.variables[name].attrs
+        words = [attrs.get(word) for word in ("units", "long_name")]
+        fewest = np.asarray(attrs.get("min_passages", 0))  # of a map that is blank below this count
         if not all(isinstance(word, str) for word in words) or fewest.dtype.kind not in "iu":
             raise RockfallError(f"{path}: {name}: does not say what it is")
 
@@ -89,12 +89,12 @@ def _check_groups(data: xr.Dataset, path: str | Path) -> None:
 
 def known_variables() -> _Group:
     """All known variables; others in a result are not checked."""
-    found: _Group = {name: ("boulder",) for name in variables.BOULDER}
-    found |= {name: () for name in variables.COUNT}
-    found |= {name: variables.map_dims(name) for name in variables.MAP}
+    dims_of: _Group = {name: ("boulder",) for name in variables.BOULDER}
+    dims_of |= {name: () for name in variables.COUNT}
+    dims_of |= {name: variables.map_dims(name) for name in variables.MAP}
     for group in _groups():
-        found |= group
-    return found
+        dims_of |= group
+    return dims_of
 
 
 def _groups() -> Iterator[_Group]:

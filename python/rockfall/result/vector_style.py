@@ -34,7 +34,7 @@ SHAPES = {
 class Symbol(NamedTuple):
     """A symbol: properties of its only layer by QGIS names, opacity."""
 
-    about: Mapping[str, object]
+    options: Mapping[str, object]
     opacity: float = 1.0
 
 
@@ -87,7 +87,7 @@ def rgba(colour: str) -> str:
 
 def paint(symbol: Symbol) -> tuple[int, int, int]:
     """Red, green and blue of a symbol."""
-    colour = symbol.about.get("color") or symbol.about["line_color"]
+    colour = symbol.options.get("color") or symbol.options["line_color"]
     red, green, blue, _ = map(int, str(colour).split(","))
     return red, green, blue
 
@@ -174,10 +174,10 @@ def symbol_element(name: str, kind: str, layer: str, symbol: Symbol) -> ElementT
     """A symbol of a type and layer type in QGIS format."""
     drawn = {"name": name, "type": kind, "alpha": str(symbol.opacity)}
     element = ElementTree.Element("symbol", drawn)
-    one = ElementTree.SubElement(element, "layer", {"class": layer, "enabled": "1"})
-    one = ElementTree.SubElement(one, "Option", type="Map")
-    for key, text in symbol.about.items():
-        ElementTree.SubElement(one, "Option", type="QString", name=key, value=str(text))
+    node = ElementTree.SubElement(element, "layer", {"class": layer, "enabled": "1"})
+    node = ElementTree.SubElement(node, "Option", type="Map")
+    for key, text in symbol.options.items():
+        ElementTree.SubElement(node, "Option", type="QString", name=key, value=str(text))
     return element
 
 

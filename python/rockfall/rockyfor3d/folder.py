@@ -28,7 +28,7 @@ class Folder:
         self.path = Path(path)
         if not self.path.is_dir():
             raise RockfallError(f"{self.path}: no such folder")
-        files = sorted(one for one in self.path.iterdir() if one.is_file())
+        files = sorted(file for file in self.path.iterdir() if file.is_file())
         by_name = {file.name.lower(): file for file in files}
         self.rasters = {
             name: by_name[f"{name}.asc"] for name in RASTERS if f"{name}.asc" in by_name
@@ -38,14 +38,14 @@ class Folder:
                 f"{self.path}: no {', '.join(missing)}: a folder of Rockyfor3D needs "
                 f"{', '.join(f'{name}.asc' for name in NEEDED)}"
             )
-        lists = [one for name, one in by_name.items() if "tree" in name and name.endswith(LISTS)]
+        lists = [file for name, file in by_name.items() if "tree" in name and name.endswith(LISTS)]
         self.trees = lists[0] if lists else None
-        known = {*self.rasters.values(), self.trees}
+        named = {*self.rasters.values(), self.trees}
         self.unread = [
             file.name
             for file in files
             if (file.suffix.lower() == ".asc" or file in lists)
-            and file not in known
+            and file not in named
             and not file.name.lower().startswith(OUTPUTS)
         ]
         self.grid: Grid = dem_header(self.rasters["dem"])[0]
@@ -59,8 +59,8 @@ class Folder:
 
     def read(self, name: str) -> np.ndarray:
         """A raster on the cells of the DEM, NaN where it has no data."""
-        found = np.empty(self.grid.shape)
+        values = np.empty(self.grid.shape)
         path, what = self.rasters[name], f"values of {name}"
         for rows, block in aligned_blocks(path, self.grid, what, "f8", smooth=False):
-            found[rows] = block
-        return found
+            values[rows] = block
+        return values

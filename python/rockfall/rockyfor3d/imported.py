@@ -81,7 +81,7 @@ def import_rockyfor3d(
         made.notes += [f"{name}: not a file that we know; left out" for name in folder.unread]
         made.notes += made.model
         head = [f"{MARK[2:]} from {folder.path.resolve().name}.", "Keys: docs/case.md."]
-        foot = ["Not taken over, or not as there:", *(f"- {one}" for one in [*made.notes, *LEFT])]
+        foot = ["Not taken over, or not as there:", *(f"- {note}" for note in [*made.notes, *LEFT])]
         (part / CASE).write_text(case_text(head, groups, foot), encoding="utf-8")
         read_case(part / CASE)
     return [*made.notes, *LEFT]
@@ -252,6 +252,6 @@ def _write_trees(made: Import, path: Path) -> None:
 def _cells(text: str) -> list[str]:
     """Cells of a line, split at commas only if blanks and semicolons do not split it, since commas
     may be decimal."""
-    cells = [one.strip(",") for one in re.split(r"[\s;]+", text)]
+    cells = [cell.strip(",") for cell in re.split(r"[\s;]+", text)]
     cells = [cell for cell in cells if cell]
-    return cells if len(cells) > 2 else [one for one in re.split(r"[\s,;]+", text) if one]
+    return cells if len(cells) > 2 else [cell for cell in re.split(r"[\s,;]+", text) if cell]

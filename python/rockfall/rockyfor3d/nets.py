@@ -32,13 +32,13 @@ def barriers(folder: Folder) -> Iterator[Net]:
 
     number, energy, height = (folder.read(name) for name in NETS)
     dem = folder.read("dem")
-    for one in np.unique(number[number > 0]):
-        parts, n = label(number == one, AROUND)
+    for net in np.unique(number[number > 0]):
+        parts, n = label(number == net, AROUND)
         for part in range(1, n + 1):
             here = parts == part
             cells = np.argwhere(here)
             way = longest_way(cells)
-            name = f"net {one:g}" + (f" part {part}" if n > 1 else "")
+            name = f"net {net:g}" + (f" part {part}" if n > 1 else "")
             x, y = centre_line(way, folder.grid, dem)
             keys = {
                 "name": name, "x": x, "y": y,
@@ -109,9 +109,9 @@ def _simplified(path: np.ndarray) -> np.ndarray:
 
 def _contour(dem: np.ndarray, row: int, column: int) -> np.ndarray:
     """Direction (rows, columns) of the contour; east where the terrain is flat or unknown."""
-    known = dem[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
-    if min(known.shape) < 2 or np.isnan(known).any():
+    block = dem[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
+    if min(block.shape) < 2 or np.isnan(block).any():
         return np.array([0.0, 1.0])
-    down, right = (float(one.mean()) for one in np.gradient(known))
+    down, right = (float(gradient.mean()) for gradient in np.gradient(block))
     steep = np.hypot(down, right)
     return np.array([-right, down]) / steep if steep > 0 else np.array([0.0, 1.0])

@@ -38,8 +38,8 @@ class Digest:
             if window.material_ground is not None:
                 self.sizes.update(window.material_ground.data)
         rows = slice(first - window.at[0], stop - window.at[0])
-        for known, layer in zip(self.layers, layers, strict=True):
-            known.update(np.ascontiguousarray(layer[rows]))
+        for checksum, layer in zip(self.layers, layers, strict=True):
+            checksum.update(np.ascontiguousarray(layer[rows]))
 
     def sums(self, sources: Sources, trees: Trees | None) -> dict[str, str]:
         """Checksum of each input, by name."""
@@ -55,12 +55,12 @@ class Digest:
         of_features = sources.features[1:] if sources.features else ()
         for values in (*(sources.source_boulders or ()), *of_features):
             of_sources.update(b"" if values is None else np.ascontiguousarray(values).data)
-        found = {"dem": dem, "surface": sizes, "sources": of_sources}
+        checksums = {"dem": dem, "surface": sizes, "sources": of_sources}
         if trees is not None:
-            found["trees"] = hashlib.sha256()
+            checksums["trees"] = hashlib.sha256()
             for values in trees:
-                found["trees"].update(np.ascontiguousarray(values).data)
-        return {name: known.hexdigest() for name, known in found.items()}
+                checksums["trees"].update(np.ascontiguousarray(values).data)
+        return {name: checksum.hexdigest() for name, checksum in checksums.items()}
 
 
 def _place(grid: Grid) -> str:

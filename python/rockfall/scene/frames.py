@@ -119,7 +119,7 @@ def with_frames(
     return scene.replace(
         case=scene.case.replace(**changes),
         remarks=tuple(_of_frames(remark, files) for remark in scene.remarks),
-        checksums={of_frames(key, files): one for key, one in scene.checksums.items()},
+        checksums={of_frames(key, files): checksum for key, checksum in scene.checksums.items()},
     )
 
 
@@ -130,7 +130,7 @@ def _write(frame: Any, name: str, folder: Path) -> Path:
     import shapely
 
     path, crs = folder / f"{name}.fgb", frame.crs
-    columns = [k for k, one in enumerate(frame.columns) if one != frame.geometry.name]
+    columns = [k for k, column in enumerate(frame.columns) if column != frame.geometry.name]
     try:
         shapes = np.array([*map(shapely.to_wkb, frame.geometry)], object)
         if not len(shapes):
@@ -153,7 +153,7 @@ def _column(column: Any) -> np.ndarray:
         return column.to_numpy(np.int64)
     if column.dtype.kind in "iuf":
         return column.to_numpy(np.float64, na_value=np.nan)
-    return np.array([None if one is None or one != one else str(one) for one in column], object)
+    return np.array([None if raw is None or raw != raw else str(raw) for raw in column], object)
 
 
 def _key(name: str, frame: Any) -> tuple[str, str]:
@@ -162,13 +162,13 @@ def _key(name: str, frame: Any) -> tuple[str, str]:
         return KEYS[name]
     if name != "sources":
         raise RockfallError(f"{name}: no layer; those are {', '.join([*GROUPS, *KEYS, 'sources'])}")
-    known = {(key.group, key.name) for key in key_table()}
-    kinds = {one.geom_type.removeprefix("Multi") for one in frame.geometry if one is not None}
-    found = SOURCES.get(kinds.pop()) if len(kinds) == 1 else None
-    if found not in known:
-        allowed = " or ".join(f"{kind}s" for kind, key in SOURCES.items() if key in known)
+    keys = {(key.group, key.name) for key in key_table()}
+    kinds = {shape.geom_type.removeprefix("Multi") for shape in frame.geometry if shape is not None}
+    key = SOURCES.get(kinds.pop()) if len(kinds) == 1 else None
+    if key not in keys:
+        allowed = " or ".join(f"{kind}s" for kind, key in SOURCES.items() if key in keys)
         raise RockfallError(f"sources: must be {allowed}")
-    return found
+    return key
 
 
 def _says_ground(frame: Any, field: str) -> bool:

@@ -23,7 +23,7 @@ class Ground:
 
     low: Lowest = field(default_factory=Lowest)  # elevations [m]
     high: Lowest = field(default_factory=Lowest)  # negative elevations [m]
-    known: int = 0  # cells with an elevation
+    n_known: int = 0  # cells with an elevation
     deep: int = 0  # cells below LOWEST_LAND
     spikes: int = 0  # cells above or below all their neighbours
     spike: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x, y and height of the largest spike [m]
@@ -82,10 +82,10 @@ class Ground:
     def _take_elevations(self, z: np.ndarray) -> None:
         self.low.take(z)
         self.high.take(-z)
-        known = ~np.isnan(z)
-        self.known += int(np.count_nonzero(known))
+        is_known = ~np.isnan(z)
+        self.n_known += int(np.count_nonzero(is_known))
         self.deep += int(np.count_nonzero(z < LOWEST_LAND))
-        self.integers = self.integers and bool((np.rint(z) == z)[known].all())
+        self.integers = self.integers and bool((np.rint(z) == z)[is_known].all())
         if not self.integers:
             return
         for along in z, z.T:

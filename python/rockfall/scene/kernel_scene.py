@@ -97,12 +97,12 @@ def raster_arrays(rasters: Rasters) -> dict[str, np.ndarray]:
     })  # fmt: skip
 
 
-def kernel_arrays(found: Mapping[str, Any]) -> dict[str, np.ndarray]:
+def kernel_arrays(arrays: Mapping[str, Any]) -> dict[str, np.ndarray]:
     """Arrays, without those that are None, in the kernel's types."""
     return {
-        name: np.require(one, KINDS.get(name, "f8") or None, ["C", "A"])
-        for name, one in found.items()
-        if one is not None
+        name: np.require(array, KINDS.get(name, "f8") or None, ["C", "A"])
+        for name, array in arrays.items()
+        if array is not None
     }
 
 

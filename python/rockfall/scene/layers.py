@@ -80,12 +80,12 @@ def take_inputs(
         own = Inputs(case, inputs.grid, dict(inputs.arrays))
         return make(own), own
 
-    given = tuple(one for item in inputs.arrays.items() for one in item)
-    found, own = stages.take(name, inputs.case, (inputs.grid, *uses, *given), read)
+    given = tuple(part for item in inputs.arrays.items() for part in item)
+    taken, own = stages.take(name, inputs.case, (inputs.grid, *uses, *given), read)
     inputs.checksums |= own.checksums
     inputs.remarks += [remark for remark in own.remarks if remark not in inputs.remarks]
-    inputs.arrays = {key: one for key, one in inputs.arrays.items() if key in own.arrays}
-    return found
+    inputs.arrays = {key: array for key, array in inputs.arrays.items() if key in own.arrays}
+    return taken
 
 
 def _on_cells(grid: Grid, key: str, given: Any) -> np.ma.MaskedArray:
@@ -122,10 +122,10 @@ def _whole_numbers(key: str, given: np.ma.MaskedArray, dtype: Any) -> np.ma.Mask
 
 def array_checksum(array: np.ndarray) -> str:
     """SHA-256 of the bytes of an array, and of its mask if it has one."""
-    found = hashlib.sha256(np.ascontiguousarray(np.ma.getdata(array)).data)
+    digest = hashlib.sha256(np.ascontiguousarray(np.ma.getdata(array)).data)
     if np.ma.is_masked(array):
-        found.update(np.ascontiguousarray(np.ma.getmaskarray(array)).data)
-    return found.hexdigest()
+        digest.update(np.ascontiguousarray(np.ma.getmaskarray(array)).data)
+    return digest.hexdigest()
 
 
 def file_checksum(path: Path) -> str:

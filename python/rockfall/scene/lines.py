@@ -34,15 +34,15 @@ class _Drawn(NamedTuple):
 def read_lines(inputs: Inputs, stages: Stages = FRESH) -> Case:
     """The case with the coordinates of its layers."""
     groups, case = _groups(), inputs.case
-    if not any("file" in one for group in groups for one in getattr(case, group)):
+    if not any("file" in entry for group in groups for entry in getattr(case, group)):
         return case
     drawn = take_inputs(
         stages, "lines", inputs, (),
         lambda inputs: {group: list(_drawn(inputs, group)) for group in groups},
     )  # fmt: skip
     try:
-        found = {group: [one.values for one in several] for group, several in drawn.items()}
-        return case.replace(**found)
+        lines = {group: [feature.values for feature in several] for group, several in drawn.items()}
+        return case.replace(**lines)
     except RockfallError:
         _blame(case, drawn)
         raise
@@ -62,19 +62,19 @@ def _groups() -> list[str]:
 def _blame(case: Case, drawn: Mapping[str, list[_Drawn]]) -> None:
     """Raise an error that names the offending feature of a layer, if a single one is invalid."""
     for group, several in drawn.items():
-        for one in several:
+        for feature in several:
             alone = copy.copy(case)
-            alone.name = one.where
-            alone.replace(**(dict.fromkeys(drawn, []) | {group: [one.values]}))
+            alone.name = feature.where
+            alone.replace(**(dict.fromkeys(drawn, []) | {group: [feature.values]}))
 
 
 def _drawn(inputs: Inputs, group: str) -> Iterator[_Drawn]:
     """The groups of a name, with each feature of a layer as one group."""
-    for one in getattr(inputs.case, group):
-        if "file" in one:
-            yield from _features(inputs, group, one)
+    for entry in getattr(inputs.case, group):
+        if "file" in entry:
+            yield from _features(inputs, group, entry)
         else:
-            yield _Drawn(inputs.case.name, one)
+            yield _Drawn(inputs.case.name, entry)
 
 
 def _features(inputs: Inputs, group: str, given: Mapping[str, Any]) -> Iterator[_Drawn]:
@@ -83,18 +83,18 @@ def _features(inputs: Inputs, group: str, given: Mapping[str, Any]) -> Iterator[
     parts, columns = read_layer(path, given.get("layer"), inputs.grid, inputs.remarks)
     layer = given.get("layer")
     inputs.note_layer(f"{group} {name_of(given['file'], layer)}", path, layer)
-    known = {key.name: key.kind for key in key_table() if key.group == group}
+    types = {key.name: key.kind for key in key_table() if key.group == group}
     own = {key: value for key, value in given.items() if key not in OF_LAYER}
-    asked = known.keys() - OF_LAYER - own.keys()
+    asked = types.keys() - OF_LAYER - own.keys()
     if STRENGTH & own.keys():
         asked -= STRENGTH
-    found = {key: attribute(columns, key) for key in sorted(asked)}
-    attributes = {key: column for key, column in found.items() if column is not None}
+    by_key = {key: attribute(columns, key) for key in sorted(asked)}
+    attributes = {key: column for key, column in by_key.items() if column is not None}
     names = None
     if group in RECORDED:
         names = _names(path, given, columns, [len(parts_) for parts_ in parts])
     for k, feature in enumerate(parts):
-        values = {name: _plain(column[k], known[name]) for name, column in attributes.items()}
+        values = {name: _plain(column[k], types[name]) for name, column in attributes.items()}
         values = {name: value for name, value in values.items() if value is not None} | own
         for part in feature:
             name = {} if names is None else {"name": next(names)}
@@ -107,13 +107,13 @@ def _names(
 ) -> Iterator[str]:
     """A name for each part of each feature; duplicates are numbered."""
     usual = given.get("name") or given.get("layer") or path.stem
-    found: list[str | None] = [None] * len(parts)
+    texts: list[str | None] = [None] * len(parts)
     column = attribute(columns, "name")
     if "field" in given:
         column = named_attribute(path, columns, given["field"])
     if column is not None and "name" not in given:
-        found = [_plain(value, "text") for value in column]
-    names = [str(name or usual) for name, n in zip(found, parts, strict=True) for _ in range(n)]
+        texts = [_plain(value, "text") for value in column]
+    names = [str(name or usual) for name, n in zip(texts, parts, strict=True) for _ in range(n)]
     yield from numbered(names)
 
 

@@ -54,11 +54,11 @@ class Rasters:
 
     def used_zones(self) -> np.ndarray:
         """Rows of `sizes`, counted from 0, that occur in some cell."""
-        found = np.zeros(len(self.sizes) + 1, bool)
+        is_used = np.zeros(len(self.sizes) + 1, bool)
         assert self.zone is not None
         for rows in row_blocks(self.zone.shape):
-            found[self.zone[rows]] = True
-        return np.flatnonzero(found[1:])
+            is_used[self.zone[rows]] = True
+        return np.flatnonzero(is_used[1:])
 
     def free(self) -> None:
         """Free the memory of the cells."""
@@ -99,8 +99,8 @@ class Sources:
         """The sources with these numbers, from 0, or those that are marked."""
         own: list[Any]
         x, y, area, frequency, *own = (
-            None if one is None else one[chosen]
-            for one in (self.x, self.y, self.area, self.frequency, *(self.source_boulders or ()))
+            None if column is None else column[chosen]
+            for column in (self.x, self.y, self.area, self.frequency, *(self.source_boulders or ()))
         )
         changes: dict[str, Any] = {"x": x, "y": y, "area": area, "frequency": frequency}
         if self.features is not None:

@@ -27,8 +27,8 @@ def input_warnings(scene: Scene) -> list[InputWarning]:
     """Likely mistakes in the inputs; computed once for a scene and those derived from it."""
     findings = scene.findings
     if findings.warnings is None:
-        found = (one for rules, uses in RULES.items() for one in _found(scene, rules, uses))
-        findings.warnings = list(dict.fromkeys([*found, *_read(scene)]))
+        warnings = (row for rules, uses in RULES.items() for row in _found(scene, rules, uses))
+        findings.warnings = list(dict.fromkeys([*warnings, *_read(scene)]))
     return findings.warnings
 
 

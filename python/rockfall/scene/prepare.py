@@ -31,31 +31,19 @@ MARK = "! Prepared by rockfall"  # first words of a prepared case.nml
 ABOUT = {  # dimensions, units, long name
     "elevation": ("y x", "m", "elevation of cell centres"),
     "zone": ("y x", "1", "material of the cell, counted from 1; 0: none"),
-    "cell_size": (
-        "size y x",
-        "m",
-        "mean rock radius, or Rg70, Rg20, Rg10, of the cell; infinite: it absorbs",
-    ),
-    "material_size": (
-        "material size",
-        "m",
-        "mean rock radius, or Rg70, Rg20, Rg10; infinite: it absorbs",
-    ),
+    "cell_size": ("size y x", "m",
+        "mean rock radius, or Rg70, Rg20, Rg10, of the cell; infinite: it absorbs"),
+    "material_size": ("material size", "m",
+        "mean rock radius, or Rg70, Rg20, Rg10; infinite: it absorbs"),
     "source_x": ("source", "m", "easting of the release"),
     "source_y": ("source", "m", "northing of the release"),
     "area_ratio": ("source", "1", "surface over plan area of the cell of the source"),
     "source_frequency": ("source", "1/year", "how often boulders come from the source"),
     "source_feature": ("source", "1", "polygon or point of the layer, counted from 1"),
-    "feature_law": (
-        "feature",
-        "1",
-        "law of its volumes: fixed, normal, uniform, lognormal; 0: the case's",
-    ),
-    "feature_value": (
-        "feature feature_field",
-        "1",
-        "mean, std, min, max of volumes, density, drop height, velocity east, north, up",
-    ),
+    "feature_law": ("feature", "1",
+        "law of its volumes: fixed, normal, uniform, lognormal; 0: the case's"),
+    "feature_value": ("feature feature_field", "1",
+        "mean, std, min, max of volumes, density, drop height, velocity east, north, up"),
     "source_volume": ("source", "m3", "volume of the boulders of the source"),
     "source_inertia": ("source", "1", "their moment of inertia over mass and squared radius"),
     "source_density": ("source", "kg/m3", "their density"),
@@ -66,7 +54,7 @@ ABOUT = {  # dimensions, units, long name
     "tree_y": ("tree", "m", "northing of the stem"),
     "tree_dbh": ("tree", "cm", "diameter of the stem at breast height"),
     "tree_factor": ("tree", "1", "energy that the species takes over that of silver fir"),
-}
+}  # fmt: skip
 
 
 def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
@@ -102,15 +90,15 @@ def _scene_file(scene: Scene) -> Contents:
     }
     for name, (dims, units, long_name) in ABOUT.items():
         if name in arrays:
-            about = {"units": units, "long_name": long_name}
-            about |= {"grid_mapping": "crs"} if dims.endswith("y x") else {}
-            data[name] = (tuple(dims.split()), arrays[name], about)
-    about = {"long_name": "file of impact sets", "file": scene.sets.name}
-    data["impact_sets"] = (("impact_sets_length",), arrays["impact_sets"].view("S1"), about)
+            texts = {"units": units, "long_name": long_name}
+            texts |= {"grid_mapping": "crs"} if dims.endswith("y x") else {}
+            data[name] = (tuple(dims.split()), arrays[name], texts)
+    texts = {"long_name": "file of impact sets", "file": scene.sets.name}
+    data["impact_sets"] = (("impact_sets_length",), arrays["impact_sets"].view("S1"), texts)
     if scene.grounds:
         names = arrays["ground_names"].tobytes().decode()
-        about = {"long_name": "grounds, one after the other", "names": names}
-        data["ground_text"] = (("ground_text_length",), arrays["ground_text"].view("S1"), about)
+        texts = {"long_name": "grounds, one after the other", "names": names}
+        data["ground_text"] = (("ground_text_length",), arrays["ground_text"].view("S1"), texts)
     attrs = {
         "Conventions": CONVENTIONS,
         "scene_layout": LAYOUT,

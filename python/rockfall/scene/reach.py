@@ -39,6 +39,6 @@ class Survey:
         above its energy head at release (theory, chapter 5)."""
         if "maps" not in self._output or self._output["map_extent"] == "terrain":
             return self._grid.box
-        found = _core.reachable_box(kernel.handle, self.minima, self.head[0])
-        column, row, last_column, last_row = found.tolist()
+        corners = _core.reachable_box(kernel.handle, self.minima, self.head[0])
+        column, row, last_column, last_row = corners.tolist()
         return Box(row - 1, column - 1, last_row, last_column)

@@ -62,9 +62,9 @@ def read_scene(
     if not isinstance(case, Case):
         raise RockfallError(f"case = {case!r}: must be a Case; rockfall.read_case(path) reads one")
     check_single(case)
-    frames = {name: one for name, one in rasters.items() if is_frame(one)}
+    frames = {name: frame for name, frame in rasters.items() if is_frame(frame)}
     if frames:
-        rasters = {name: one for name, one in rasters.items() if name not in frames}
+        rasters = {name: raster for name, raster in rasters.items() if name not in frames}
         return with_frames(
             frames, case,
             lambda named: read_scene(named, dem, transform, memory, stages=stages, **rasters),
@@ -174,14 +174,14 @@ def _windowed(inputs: Inputs, dtype: np.dtype, cells: int) -> Scene:
     from_terrain = case.release["steep_cells"] or case.release["by_area"]
     rows = bands(inputs, cells) if from_terrain else [(empty, grid.box)]
     scene = _scene(inputs, empty, lambda: rows)
-    survey, ground, sums, known = Survey(case, grid), Ground(), Digest(grid), False
+    survey, ground, sums, checked = Survey(case, grid), Ground(), Digest(grid), False
     for band, box in bands(inputs, cells):
-        known = check_known(grid.path, band.z, band.at[0]) or known
+        checked = check_known(grid.path, band.z, band.at[0]) or checked
         survey.take(replace(scene, rasters=band).kernel, box.row, box.stop_row)
         ground.take(band, box)
         ground = ground.with_sources(band, box, scene.x, scene.y)
         sums.take(band, box.row, box.stop_row)
-    if not known:
+    if not checked:
         raise RockfallError(f"{grid.path}: all cells are nodata")
     windows = Windows(cells, cell_bytes(case, dtype), survey, ground)
     decoded = sums.sums(scene, scene.trees)

@@ -40,6 +40,6 @@ def admissible(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
 def limited(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
     """Rebounds made admissible: V_n at least 1 % of the incident speed, energy at most the
     incident."""
-    found = np.array(v_out, order="C")
-    _core.limit_rebounds(v_in.T, found.T)
-    return found
+    rebounds = np.array(v_out, order="C")
+    _core.limit_rebounds(v_in.T, rebounds.T)
+    return rebounds

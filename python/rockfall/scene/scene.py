@@ -27,7 +27,7 @@ from rockfall.scene.surface import read_window
 from rockfall.scene.windows import Windows
 from rockfall.terrain.dams import DamShape
 
-OF_RASTERS = {one.name for one in fields(Rasters)}
+OF_RASTERS = {field.name for field in fields(Rasters)}
 
 
 @dataclass
@@ -88,19 +88,19 @@ class Scene(Sources):
     def kernel(self) -> KernelScene:
         """The scene in the kernel."""
         own = self.source_boulders
-        found: dict[str, Any] = {
+        arrays: dict[str, Any] = {
             "impact_sets": np.frombuffer(self.sets.text, "i1"),
             "impact_sets_file": np.frombuffer(self.sets.name.encode(), "i1"),
             "source_x": self.x, "source_y": self.y, "area_ratio": self.area,
             "source_frequency": self.frequency,
-            **{f"source_{name}": one for name, one in (own._asdict() if own else {}).items()},
+            **{f"source_{name}": array for name, array in (own._asdict() if own else {}).items()},
         }  # fmt: skip
         if self.features is not None:
             _, feature, law, value = self.features
-            found |= {"source_feature": feature, "feature_law": law, "feature_value": value}
+            arrays |= {"source_feature": feature, "feature_law": law, "feature_value": value}
         if self.trees is not None:
-            found |= {f"tree_{name}": one for name, one in self.trees._asdict().items()}
-        return KernelScene(self.case, self.rasters, self.sets.draw, kernel_arrays(found))
+            arrays |= {f"tree_{name}": array for name, array in self.trees._asdict().items()}
+        return KernelScene(self.case, self.rasters, self.sets.draw, kernel_arrays(arrays))
 
     @cached_property
     def coefficients(self) -> Coefficients:
@@ -130,11 +130,11 @@ class Scene(Sources):
         if self.windows:
             return self.windows.survey
         uses = (self.rasters.z,)
-        found = Survey(self.case, self.grid, self.stages.find("minima", uses))
-        found.take(self.kernel, 0, self.grid.ny)
+        survey = Survey(self.case, self.grid, self.stages.find("minima", uses))
+        survey.take(self.kernel, 0, self.grid.ny)
         if "maps" in self.case.output:
-            self.stages.keep("minima", uses, found.minima)
-        return found
+            self.stages.keep("minima", uses, survey.minima)
+        return survey
 
     def known_at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Mark places [m] where boulders can start: between four cells with an elevation."""

@@ -16,13 +16,14 @@ from rockfall.case import Case, key_table
 from rockfall.errors import RockfallError
 from rockfall.io.layers import attribute, named_attribute, plain
 from rockfall.io.tables import decimal
+from rockfall.result.variables import fields
 from rockfall.scene.parts import Features
 
-VOLUMES = ("volume_mean", "volume_std", "volume_min", "volume_max")
-VELOCITY = ("velocity_x", "velocity_y", "velocity_z")
-VALUES = (*VOLUMES, "density", "drop_height", *VELOCITY)  # in the kernel's order
+VALUES = fields("feature")  # in the kernel's order, first those of volumes
+VOLUMES = tuple(name for name in VALUES if name.startswith("volume_"))
+VELOCITY = tuple(name for name in VALUES if name.startswith("velocity_"))
 DENSITY = VALUES.index("density")
-LAWS = ("fixed", "normal", "uniform", "lognormal")  # numbered from 1, as in rockfall_boulder
+LAWS = tuple(fields("distribution")[:4])  # those of a feature, numbered from 1
 RANGE = re.compile(r"\s*([0-9.eE+]+)\s*(?:-|to)\s*([0-9.eE+]+)\s*")  # a class of volumes [m3]
 
 
@@ -49,25 +50,27 @@ class Table(NamedTuple):
         if column is None:
             return np.full(self.size, np.nan)
         if column.dtype.kind in "iuf":
-            found = column.astype(float)
+            numbers = column.astype(float)
         else:
-            found = np.array([self.number(k, name, one) for k, one in enumerate(self.values(name))])
-        given = np.flatnonzero(~np.isnan(found))
+            numbers = np.array(
+                [self.number(k, name, raw) for k, raw in enumerate(self.values(name))]
+            )
+        given = np.flatnonzero(~np.isnan(numbers))
         if given.size:
-            first, rule = _core.check_numbers(*_key(name), found[given])
+            first, rule = _core.check_numbers(*_key(name), numbers[given])
             if first:
                 k = given[first - 1]
                 raise RockfallError(
-                    f"{self.where(k)}: {name} = {found[k]:.10g}: {rule.decode().strip()}"
+                    f"{self.where(k)}: {name} = {numbers[k]:.10g}: {rule.decode().strip()}"
                 )
-        return found
+        return numbers
 
     def places(self, axis: str) -> np.ndarray:
         """Coordinates [m] of all features."""
-        found = self.numbers(axis)
-        for k in np.flatnonzero(np.isnan(found))[:1]:
+        coordinates = self.numbers(axis)
+        for k in np.flatnonzero(np.isnan(coordinates))[:1]:
             self.refuse(int(k), axis, "", "must be a number")
-        return found
+        return coordinates
 
     def number(self, k: int, name: str, value: Any) -> float:
         """Parse a number from a column that may hold anything."""
@@ -133,11 +136,11 @@ def _laws(case: Case, table: Table) -> tuple[np.ndarray, np.ndarray]:
             law[k], given[0, k] = 1, _volume(table, k, "volume", value)
     for k, value in enumerate(table.values("volume_class")):
         if value is not None:
-            found = RANGE.fullmatch(str(value))
-            if not found:
+            match = RANGE.fullmatch(str(value))
+            if not match:
                 table.refuse(k, "volume_class", value, "must be MIN-MAX [m3]")
             law[k] = 1 + LAWS.index("uniform")
-            given[2:, k] = [_volume(table, k, "volume_class", decimal(x)) for x in found.groups()]
+            given[2:, k] = [_volume(table, k, "volume_class", decimal(x)) for x in match.groups()]
     filled = given.copy()
     if boulder["volume"] in LAWS:
         for row, name in zip(filled, VOLUMES, strict=True):

@@ -17,7 +17,6 @@ from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.io.layers import EXTENSIONS, numbered_polygons, read_points
 from rockfall.io.tables import read_columns
 from rockfall.language import remark
-from rockfall.limits import MAX_REAL
 from rockfall.scene.kernel_scene import area_ratios, terrain_of
 from rockfall.scene.layers import Inputs
 from rockfall.scene.parts import Lowest, Rasters, SourceBoulders, Sources
@@ -25,7 +24,7 @@ from rockfall.scene.source_attributes import Table, read_attributes
 
 SIDES = ("d1", "d2", "d3")
 SHAPES = int(_core.constant("shapes"))  # numbered from 1
-SPHERE = 3  # default shape
+SPHERE = int(_core.constant("sphere"))  # default shape
 MAX_SIDE = 1e3  # [m]
 
 
@@ -53,18 +52,18 @@ def read_sources(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Source
     """
     release = inputs.case.release
     if "x" in release:
-        found = Sources(np.asarray(release["x"]), np.asarray(release["y"]))
+        sources = Sources(np.asarray(release["x"]), np.asarray(release["y"]))
     elif "points" in release:
-        found = _find_points(inputs)
+        sources = _find_points(inputs)
     else:
-        found = _find_cells(inputs, bands)
-    return _with_boulders(inputs, found) if "d1" in inputs.case.boulder else found
+        sources = _find_cells(inputs, bands)
+    return _with_boulders(inputs, sources) if "d1" in inputs.case.boulder else sources
 
 
 def _find_cells(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources:
     """Find the centres of source cells."""
     case, grid, release = inputs.case, inputs.grid, inputs.case.release
-    found, area, lowest = [], [], Lowest()
+    centres, area, lowest = [], [], Lowest()
     polygons, table = _polygons(inputs)
     features: list[np.ndarray] = []
     for band, box in bands:
@@ -72,11 +71,11 @@ def _find_cells(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources
         blocks = {rows.start: np.argwhere(block > 0) for rows, block in parts}
         cells = [blocks[start] + (start, 0) for start in sorted(blocks)]
         row, column = np.concatenate(cells).T
-        found.append((grid.x[column], grid.y[row]))
+        centres.append((grid.x[column], grid.y[row]))
         features += [] if polygons is None else [polygons[row, column].astype("i4")]
         if release["by_area"] and row.size:
-            area.append(area_ratios(band, *found[-1]))
-    x, y = (np.concatenate(axis) for axis in zip(*found, strict=True))
+            area.append(area_ratios(band, *centres[-1]))
+    x, y = (np.concatenate(axis) for axis in zip(*centres, strict=True))
     if not x.size and release["steep_cells"]:
         raise RockfallError(
             f"{case.name}: &release steep_cells: no cell is as steep as "
@@ -148,9 +147,8 @@ def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
     boulder = inputs.case.boulder
     if "shape" in boulder:
         shape = _at_sources(inputs, sources, "shape", "shapes", np.int32)
-        _check(
-            inputs.case, sources, "shape", shape, (shape >= 0) & (shape <= SHAPES), f"0 to {SHAPES}"
-        )
+        good = (shape >= 0) & (shape <= SHAPES)
+        _check(inputs.case, sources, "shape", shape, good, f"must be 0 to {SHAPES}")
     else:
         shape = np.full(sources.x.size, SPHERE)
     shaped = shape > 0
@@ -166,29 +164,30 @@ def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
     d = np.array([_at_sources(inputs, sources, key, "sides", np.float64) for key in SIDES])
     for key, side in zip(SIDES, d, strict=True):
         good = (side > 0) & (side <= MAX_SIDE)
-        _check(inputs.case, sources, key, side, good, f"> 0 and at most {MAX_SIDE:g} m")
+        _check(inputs.case, sources, key, side, good, f"must be > 0 and at most {MAX_SIDE:g} m")
     volume, inertia = _core.shape_numbers(shape[shaped], np.asfortranarray(d))
     density = None
     if "rock_density" in boulder:
         density = _at_sources(inputs, sources, "rock_density", "densities", np.float64)
-        good = (density > 0) & (density <= MAX_REAL)
-        _check(inputs.case, sources, "rock_density", density, good, "> 0 kg/m3")
+        first, rule = _core.check_numbers("boulder", "density", density)
+        good = np.arange(1, density.size + 1) != first
+        _check(inputs.case, sources, "rock_density", density, good, rule.decode().strip())
     return replace(sources, source_boulders=SourceBoulders(volume, inertia, density))
 
 
 def _at_sources(inputs: Inputs, sources: Sources, key: str, what: str, dtype: Any) -> np.ndarray:
     """Values of a raster at the source cells."""
-    grid, found = inputs.grid, np.empty(sources.x.size, dtype)
+    grid, values = inputs.grid, np.empty(sources.x.size, dtype)
     row = ((grid.north - sources.y) / grid.cell).astype(int).clip(0, grid.ny - 1)
     column = ((sources.x - grid.west) / grid.cell).astype(int).clip(0, grid.nx - 1)
     for rows, block in inputs.blocks(key, what, dtype, smooth=False):
         in_rows = (row >= rows.start) & (row < rows.stop)
-        found[in_rows] = block[row[in_rows] - rows.start, column[in_rows]]
-    return found
+        values[in_rows] = block[row[in_rows] - rows.start, column[in_rows]]
+    return values
 
 
 def _check(
-    case: Case, sources: Sources, key: str, values: np.ndarray, good: np.ndarray, allowed: str
+    case: Case, sources: Sources, key: str, values: np.ndarray, good: np.ndarray, rule: str
 ) -> None:
     """Refuse invalid boulder properties of a source."""
     if good.all():
@@ -197,7 +196,7 @@ def _check(
     value = "no data" if np.isnan(values[k]) or values[k] == NO_ID else f"{values[k]:g}"
     raise RockfallError(
         f"{case.path(case.boulder[key])}: {value} at the source {sources.x[k]:.10g}, "
-        f"{sources.y[k]:.10g}: must be {allowed}"
+        f"{sources.y[k]:.10g}: {rule}"
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import is_
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -51,14 +52,14 @@ class _Kept:
     states: dict[Path, Any]  # of the files that these groups name
     result: Any
 
+    def is_of(self, uses: tuple[Any, ...]) -> bool:
+        """Return True if these are the objects that it depends on."""
+        return len(self.uses) == len(uses) and all(map(is_, self.uses, uses))
+
     def holds(self, case: Case, uses: tuple[Any, ...]) -> bool:
         """Return True if the stage would have the same result again."""
         return (
-            len(self.uses) == len(uses)
-            and all(
-                kept_input is new_input
-                for kept_input, new_input in zip(self.uses, uses, strict=True)
-            )
+            self.is_of(uses)
             and all(getattr(case, group) == value for group, value in self.seen.items())
             and all(_state(path) == state for path, state in self.states.items())
         )
@@ -91,10 +92,7 @@ class KeptStages(Stages):
 
     def find(self, name: str, uses: tuple[Any, ...]) -> Any:
         kept = self._kept.get(name)
-        same = kept and all(
-            kept_input is new_input for kept_input, new_input in zip(kept.uses, uses, strict=True)
-        )
-        return kept.result if kept and same else None
+        return kept.result if kept and kept.is_of(uses) else None
 
     def keep(self, name: str, uses: tuple[Any, ...], result: Any) -> None:
         self._kept[name] = _Kept(uses, {}, {}, result)
@@ -126,17 +124,17 @@ class WatchedCase(Case):
         return value
 
     def _note(self, group: str, value: Any) -> None:
-        known = self.__dict__
-        if group not in known["seen"]:
-            known["seen"][group] = value
-            for path in group_files(known["_original"], group) if known["_reads"] else ():
-                known["states"][path] = _state(path)
+        state = self.__dict__
+        if group not in state["seen"]:
+            state["seen"][group] = value
+            for path in group_files(state["_original"], group) if state["_reads"] else ():
+                state["states"][path] = _state(path)
 
 
 def _state(path: Path) -> tuple[int, int, int] | None:
     """Something that differs once a file is written again; None for a file that does not exist."""
     try:
-        found = os.stat(path)
+        status = os.stat(path)
     except OSError:
         return None
-    return found.st_mtime_ns, found.st_size, found.st_ino
+    return status.st_mtime_ns, status.st_size, status.st_ino

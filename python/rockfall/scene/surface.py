@@ -69,17 +69,17 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
         usual = find_ground(case, table, surface["ground"], f"{case.name}: &surface ground")
     else:
         usual = usual_ground(case)
-    found = {usual.name: usual}
+    by_name = {usual.name: usual}
     for zone in named:
-        if zone.ground not in found:
-            found[zone.ground] = find_ground(case, table, zone.ground, f"{zone.where}: ground")
-    if zones and len(named) == len(zones) and all(one.ground != usual.name for one in named):
-        del found[usual.name]
+        if zone.ground not in by_name:
+            by_name[zone.ground] = find_ground(case, table, zone.ground, f"{zone.where}: ground")
+    if zones and len(named) == len(zones) and all(zone.ground != usual.name for zone in named):
+        del by_name[usual.name]
     if "ground_map" in surface:
-        found |= {name: table.ground(name) for name in table.names.values() if name not in found}
-    check_number(found.values(), str(table.path))
-    rasters.grounds = tuple(found.values())
-    numbers = {name: k for k, name in enumerate(found, start=1)}
+        by_name |= {key: table.ground(key) for key in table.names.values() if key not in by_name}
+    check_number(by_name.values(), str(table.path))
+    rasters.grounds = tuple(by_name.values())
+    numbers = {name: k for k, name in enumerate(by_name, start=1)}
     if named:
         of_zones = [numbers[zone.ground or usual.name] for zone in zones.values()]
         rasters.material_ground = np.array(of_zones, np.int8)
@@ -95,7 +95,7 @@ def _read_cell_grounds(inputs: Inputs, rasters: Rasters, box: Box, ids: dict[int
         blocks, box.shape, [NO_ID, *ids], None, rasters.z,
         str(case.path(case.surface["ground_map"])), str(table_path(case)), "id",
     )  # fmt: skip
-    numbers = {one.name: k for k, one in enumerate(grounds, start=1)}
+    numbers = {ground.name: k for k, ground in enumerate(grounds, start=1)}
     rasters.cell_ground = np.array([0, *(numbers[name] for name in names)], np.int8)[place]
 
 
@@ -158,11 +158,11 @@ def _used(rasters: Rasters) -> set[tuple[int, int]]:
         used = [0] if rasters.zone is None else rasters.used_zones().tolist()
         grounds = rasters.material_ground
         return {(k, 0 if grounds is None else int(grounds[k]) - 1) for k in used}
-    found = np.zeros((len(rasters.sizes) + 1, len(rasters.grounds) + 1), bool)
+    is_used = np.zeros((len(rasters.sizes) + 1, len(rasters.grounds) + 1), bool)
     for rows in row_blocks(rasters.z.shape):
         zone = np.ones((), np.int8) if rasters.zone is None else rasters.zone[rows]
-        found[zone, rasters.cell_ground[rows]] = True
-    return {(int(k), int(ground)) for k, ground in np.argwhere(found[1:, 1:])}
+        is_used[zone, rasters.cell_ground[rows]] = True
+    return {(int(k), int(ground)) for k, ground in np.argwhere(is_used[1:, 1:])}
 
 
 def _read_values(inputs: Inputs, rasters: Rasters, box: Box, columns: tuple[str, ...]) -> None:

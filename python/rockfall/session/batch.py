@@ -144,7 +144,7 @@ class Batch:
         False
         """
         return bool(self._criteria) and all(
-            one.met for one in evaluate([*self._criteria], self._rows)
+            status.met for status in evaluate([*self._criteria], self._rows)
         )
 
     @cached_property
@@ -186,7 +186,7 @@ class Batch:
         >>> len(batch.trajectories(5))
         5
         """
-        recorded = {k: one for k, one in self._recorded(number).items() if k not in skip}
+        recorded = {k: path for k, path in self._recorded(number).items() if k not in skip}
         vertices = Contents(trajectory_variables(recorded), {})
         return curves(motion_of(vertices, gravity=self.case.flight["gravity"]))
 
@@ -230,14 +230,14 @@ class Batch:
 
     def _recorded(self, number: int) -> dict[int, np.ndarray]:
         """Vertices of the boulders done among this number of all boulders of the run."""
-        scene, known, marks = self._tally.scene, self._tally.trajectories, self._tally.marks
+        scene, kept, marks = self._tally.scene, self._tally.trajectories, self._tally.marks
         assert isinstance(scene, Scene)
         if number < 1:
             return {}
         last = self.boulders if marks is None else self.total
         numbers = recorded_numbers(scene, min(number, self.total), 1, last)
-        chosen = [one for one in numbers if marks is None or marks[one - 1]]
-        for one in chosen:
-            if one not in known:
-                known[one] = trajectory(scene, one)
-        return {one: known[one] for one in chosen}
+        chosen = [number for number in numbers if marks is None or marks[number - 1]]
+        for boulder in chosen:
+            if boulder not in kept:
+                kept[boulder] = trajectory(scene, boulder)
+        return {number: kept[number] for number in chosen}

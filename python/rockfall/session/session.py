@@ -131,9 +131,9 @@ class Session:
         """
         with self._lock:
             before = {*self.warnings}
-            groups = {name: one for name, one in changes.items() if name in _groups()}
+            groups = {name: value for name, value in changes.items() if name in _groups()}
             arrays = _changed_arrays(
-                self._arrays, {name: one for name, one in changes.items() if name not in groups}
+                self._arrays, {name: value for name, value in changes.items() if name not in groups}
             )
             self._read(
                 self._case.replace(**groups) if groups else self._case, arrays, self._boulders
@@ -222,10 +222,10 @@ def _groups() -> set[str]:
 
 def _changed_arrays(before: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     """Rasters and layers after changes; a place is given with the elevations that need it."""
-    found = {**before, **changes}
-    if found.get("dem") is None or hasattr(found["dem"], "coords"):
-        found["transform"] = changes.get("transform")
-    return {name: one for name, one in found.items() if one is not None}
+    arrays = {**before, **changes}
+    if arrays.get("dem") is None or hasattr(arrays["dem"], "coords"):
+        arrays["transform"] = changes.get("transform")
+    return {name: array for name, array in arrays.items() if array is not None}
 
 
 def _batches(

@@ -13,13 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
+from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 from rockfall.result.dataset import put_netcdf
 from rockfall.simulation.part_file import CLOCKS, LAYOUT_OF, boulders_in, make_part, read_part
 from rockfall.simulation.tally import Tally, origin_of
 from rockfall.system import sync
 
-REST = 20.0  # minimum pause between saves, as a multiple of the duration of the last save
+REST = _core.constant("save_rest")  # minimum pause between saves over the duration of the last
 
 
 def checkpoint_of(output: Path) -> Path:

@@ -40,8 +40,8 @@ def limit_files(groups: str) -> list[Path]:
             "memory.limit_in_bytes",
         ),
     ):
-        if found := re.search(pattern, groups, re.MULTILINE):
-            own = root / found[1]
+        if match := re.search(pattern, groups, re.MULTILINE):
+            own = root / match[1]
             files += [at / name for at in (own, *own.parents) if at.is_relative_to(root)]
     return files
 
@@ -51,7 +51,7 @@ def read_memory(text: str) -> float:
 
     A RockfallError states the allowed form.
     """
-    found = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+) *([kmgt]?)b?", text.strip(), re.IGNORECASE)
-    if not found or float(found[1]) == 0:
+    match = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+) *([kmgt]?)b?", text.strip(), re.IGNORECASE)
+    if not match or float(match[1]) == 0:
         raise RockfallError(f"--memory {text}: must be a size such as 500MB or 4GB")
-    return float(found[1]) * UNITS[found[2].lower()]
+    return float(match[1]) * UNITS[match[2].lower()]

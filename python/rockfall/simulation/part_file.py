@@ -67,7 +67,7 @@ def make_part(tally: Tally) -> Contents:
     """Part with the completed boulders of a tally, which may continue."""
     shared = tally.settle()
     try:
-        found = tallies(tally) | shared
+        arrays = tallies(tally) | shared
     finally:
         tally.settle(-1)
     grid, box = tally.scene.grid, tally.window
@@ -75,7 +75,7 @@ def make_part(tally: Tally) -> Contents:
     data = table_variables(tally, *GROUPS) | sample_variables(tally)
     data |= {
         BEFORE + name: (_dimensions(name), values, variables.TALLY[name])
-        for name, values in found.items()
+        for name, values in arrays.items()
     }
     data |= trajectory_variables(tally.trajectories)
     data["crs"] = ((), np.int32(0), georeference(grid))
@@ -89,23 +89,23 @@ def make_part(tally: Tally) -> Contents:
 def tallies(tally: Tally) -> dict[str, np.ndarray]:
     """Tallies of the cells that boulders reached, numbered by `cell`: `counts`, `sums`, `maxima`
     (layers, cells) and `bin_counts` (cells, bins), as far as they exist."""
-    found = {array.name: array.values for array in tally.arrays("tally", "work")}
-    cells = _reached(found)
+    stored = {array.name: array.values for array in tally.arrays("tally", "work")}
+    cells = _reached(stored)
     arrays = {"cell": cells}
     for name in STACKS:
-        if name in found:
-            arrays[name] = found[name].reshape(len(found[name]), -1)[:, cells]
-    if "column" in found:
-        column = found["column"].ravel()[cells]
-        arrays["bin_counts"] = np.where(column[:, None] > 0, found["bin_counts"][column - 1], 0)
+        if name in stored:
+            arrays[name] = stored[name].reshape(len(stored[name]), -1)[:, cells]
+    if "column" in stored:
+        column = stored["column"].ravel()[cells]
+        arrays["bin_counts"] = np.where(column[:, None] > 0, stored["bin_counts"][column - 1], 0)
     return arrays
 
 
-def _reached(found: Mapping[str, np.ndarray]) -> np.ndarray:
+def _reached(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
     """Cells with a non-zero tally, counted from 0 by rows from the north-west."""
-    layers = [layer for name in STACKS for layer in found.get(name, ())]
+    layers = [layer for name in STACKS for layer in arrays.get(name, ())]
     reached = np.zeros(1, bool)
-    for layer in layers + ([found["column"]] if "column" in found else []):
+    for layer in layers + ([arrays["column"]] if "column" in arrays else []):
         reached = reached | (layer.ravel() != 0)
     return np.flatnonzero(reached)
 
@@ -211,7 +211,7 @@ def read_part(part: Held | str | Path) -> Part:
     if not isinstance(part, str | Path):
         head = _head(part.attrs, part["crs"].attrs if "crs" in part else {}, "a part")
         held: Mapping[Any, Any] = part.variables
-        shapes = {name: (one.dtype, one.dims, one.shape) for name, one in held.items()}
+        shapes = {name: (array.dtype, array.dims, array.shape) for name, array in held.items()}
         _check_shapes(head, shapes, None)
         head.arrays = {name: held[name].values for name in shapes}
     else:
@@ -240,12 +240,12 @@ def _opened(path: str | Path) -> Iterator[Any]:
 
 def _read_file(path: str | Path, file: Any) -> Part:
     attrs = {name: file.getncattr(name) for name in file.ncattrs()}
-    about = file.variables.get("crs")
-    crs = {name: about.getncattr(name) for name in about.ncattrs()} if about is not None else {}
+    grid = file.variables.get("crs")
+    crs = {name: grid.getncattr(name) for name in grid.ncattrs()} if grid is not None else {}
     head = _head(attrs, crs, str(path))
     shapes = {
-        name: (np.dtype(one.dtype), one.dimensions, one.shape)
-        for name, one in file.variables.items()
+        name: (np.dtype(variable.dtype), variable.dimensions, variable.shape)
+        for name, variable in file.variables.items()
     }
     _check_shapes(head, shapes, os.path.getsize(path))
     for name in shapes:
@@ -289,7 +289,7 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
             raise ValueError
         sums = []
         for at in SUMS:
-            sums.append({str(key): str(one) for key, one in json.loads(attrs[at]).items()})
+            sums.append({str(key): str(digest) for key, digest in json.loads(attrs[at]).items()})
         at = "case"
         case = _case(str(attrs["case"]), str(attrs["case_file"]))
         at = "version"
@@ -301,12 +301,12 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
         at = "grounds"
         grounds = _grounds(attrs)
         at = "input_warnings"
-        warnings = [InputWarning.of(one) for one in json.loads(attrs.get(at, "[]"))]
+        warnings = [InputWarning.of(row) for row in json.loads(attrs.get(at, "[]"))]
         at = "dams"
-        dams = [DamShape(**one) for one in json.loads(attrs.get(at, "[]"))]
+        dams = [DamShape(**row) for row in json.loads(attrs.get(at, "[]"))]
         at = "stands"
-        stands = [Stand(*one) for one in json.loads(attrs.get(at, "[]"))]
-        about = {key: one for key, one in crs.items() if key not in ("_FillValue", "GeoTransform")}
+        stands = [Stand(*row) for row in json.loads(attrs.get(at, "[]"))]
+        crs_attrs = {key: v for key, v in crs.items() if key not in ("_FillValue", "GeoTransform")}
     except DAMAGED as error:
         raise RockfallError(f"{name}: is damaged: {at}") from error
     grid, window = Grid(west, north, cell, nx, ny), Box(row, column, row + rows, column + columns)
@@ -318,7 +318,7 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
     )  # fmt: skip
     first, last = int(attrs["boulder_first"]), int(attrs["boulder_last"])
     clocks = {clock: float(attrs[clock]) for clock in CLOCKS}
-    part = Part(name, origin, first, last, int(attrs["threads"]), clocks, about, date)
+    part = Part(name, origin, first, last, int(attrs["threads"]), clocks, crs_attrs, date)
     if not 1 <= first <= last + 1 <= origin.boulders + 1:
         raise _damaged(part, "boulders")
     return part
@@ -329,8 +329,8 @@ def when(date: str) -> datetime:
     if invalid."""
     if not date:
         return datetime.min.replace(tzinfo=UTC)
-    found = datetime.fromisoformat(date)
-    return found if found.tzinfo else found.replace(tzinfo=UTC)
+    moment = datetime.fromisoformat(date)
+    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
 
 def _grounds(attrs: Mapping[str, Any]) -> list[GroundRule]:
@@ -355,21 +355,21 @@ def _table(
     run = Run.joined(
         text, (boulders, 0, 0), Box(0, 0, 0, 0), grounds, features, *np.zeros((2, 1), "i4")
     )
-    found: dict[str, tuple[Any, tuple[str, ...]]] = {"crs": ("i4", ())}
-    found[f"{BEFORE}cell"] = variables.TYPES["tally"]["cell"], _dimensions("cell")
+    table: dict[str, tuple[Any, tuple[str, ...]]] = {"crs": ("i4", ())}
+    table[f"{BEFORE}cell"] = variables.TYPES["tally"]["cell"], _dimensions("cell")
     shape: dict[str, int] = {}
     for array in run.arrays():
         if array.group == "work":
             continue
         dims = _dimensions(array.name) if array.group == "tally" else array.dims
-        found[array.file_name] = array.values.dtype, dims
+        table[array.file_name] = array.values.dtype, dims
         shape |= dict(zip(array.dims, array.values.shape, strict=True))
-    if "sample_ended" in found:
+    if "sample_ended" in table:
         for name in "bin", "count", "group_bin", "group_count":
-            found[f"sample_{name}"] = variables.TYPES["sample"][name], sample_dims(name)
+            table[f"sample_{name}"] = variables.TYPES["sample"][name], sample_dims(name)
     for dim in "boulder", "tally_shared", "sample_part", "sample_group":
         shape.pop(dim, None)
-    return found, shape
+    return table, shape
 
 
 def _dimensions(tally: str) -> tuple[str, ...]:
@@ -387,9 +387,9 @@ def _check_shapes(
     """Check that all variables of its case are present, with their types and lengths, in a file (of
     `size` bytes) that can hold them; others are dropped."""
     origin = part.origin
-    about = origin.boulders, len(origin.grounds), origin.features is not None
-    table, known = _table(origin.case.text(), *about)
-    expected, lengths = {**table}, {**known}
+    sizes = origin.boulders, len(origin.grounds), origin.features is not None
+    table, known_lengths = _table(origin.case.text(), *sizes)
+    expected, lengths = {**table}, {**known_lengths}
     if "sample_ended" not in expected:  # else a dimension of its own
         lengths["boulder"] = part.last - part.first + 1
     if "trajectory_boulder" in shapes:
@@ -398,8 +398,8 @@ def _check_shapes(
     for name in sorted(set(shapes) - set(expected)):
         del shapes[name]
     for name, (kind, dims) in expected.items():
-        dtype, found, shape = shapes.get(name, (None, (), ()))
-        if dtype != kind or found != dims:
+        dtype, own_dims, shape = shapes.get(name, (None, (), ()))
+        if dtype != kind or own_dims != dims:
             raise _damaged(part, name)
         for dim, length in zip(dims, shape, strict=True):
             if length != lengths.setdefault(dim, length):

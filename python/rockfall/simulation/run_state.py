@@ -55,8 +55,8 @@ class Run:
         """Create a run of the boulders with these numbers, counted from 0, with maps of some
         cells."""
         handle, name = scene.kernel.handle, scene.case.name
-        about = numbers.start, len(numbers), window(box), threads, MAX_COLUMNS
-        return cls(_core.open_run(handle, *about), name)
+        extent = numbers.start, len(numbers), window(box), threads, MAX_COLUMNS
+        return cls(_core.open_run(handle, *extent), name)
 
     @classmethod
     def joined(
@@ -65,8 +65,8 @@ class Run:
     ) -> Run:  # fmt: skip
         """Create a run to be joined from parts, or a part. `boulders`: of the complete run, before
         the part, in it; `layout`: part_last and group_part of samples."""
-        about = case.encode(), boulders, window(box), grounds, features
-        return cls(_core.open_joined_run(*about, *layout), "merge")
+        extent = case.encode(), boulders, window(box), grounds, features
+        return cls(_core.open_joined_run(*extent, *layout), "merge")
 
     def merge(self, part: Run) -> None:
         """Add a part."""
@@ -96,10 +96,10 @@ class Run:
     def _listed(self) -> Iterator[_Row]:
         """The kernel's table of arrays."""
         k = 1
-        while text := (found := _core.array(self.handle, k))[0].decode().split():
+        while text := (row := _core.array(self.handle, k))[0].decode().split():
             group, name, file_name, kind, *axes = text
-            shape = tuple(found[1][: len(axes)][::-1].tolist())
-            yield _Row(group, name, file_name, tuple(axes[::-1]), kind, shape, int(found[2]))
+            shape = tuple(row[1][: len(axes)][::-1].tolist())
+            yield _Row(group, name, file_name, tuple(axes[::-1]), kind, shape, int(row[2]))
             k += 1
 
     def changed(self) -> None:

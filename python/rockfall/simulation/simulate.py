@@ -168,9 +168,9 @@ def check_team(threads: int) -> None:
 
 def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
     """Empty tallies for the outputs of the case."""
-    numbers, found = shard_range(scene, shard), scene.survey()
-    check_tallies(scene, found)
-    box = found.box(scene.kernel)
+    numbers, survey = shard_range(scene, shard), scene.survey()
+    check_tallies(scene, survey)
+    box = survey.box(scene.kernel)
     run = Run.of_scene(scene, numbers, box, threads)
     return Tally(scene, run, box, len(numbers), numbers.start, threads=threads)
 

@@ -123,9 +123,9 @@ def write_jobs(
 
 def _batch(path: str | Path) -> str:
     """Path of rockfall-batch, stored in the jobs; the case must be prepared."""
-    found = shutil.which("rockfall-batch")
-    if not found:
+    program = shutil.which("rockfall-batch")
+    if not program:
         raise RockfallError("--program batch: no rockfall-batch is found on the PATH")
     if not Path(path).with_name("scene.nc").is_file():
         raise RockfallError(f"{path}: no scene.nc beside it; `rockfall prepare` makes such a case")
-    return shlex.quote(str(Path(found).absolute()))
+    return shlex.quote(str(Path(program).absolute()))

@@ -47,12 +47,12 @@ class Origin:
         """First item in which another run differs, "" if none; threads and the layout of the case
         text are ignored."""
         for what in ("version", "boulders", "checksums", "decoded", "grid", "window"):
-            one, theirs = getattr(self, what), getattr(other, what)
-            if isinstance(one, dict):
-                differ = (key for key in sorted({*one, *theirs}) if one.get(key) != theirs.get(key))
+            own, theirs = getattr(self, what), getattr(other, what)
+            if isinstance(own, dict):
+                differ = (key for key in sorted({*own, *theirs}) if own.get(key) != theirs.get(key))
                 if key := next(differ, ""):
                     return key
-            elif one != theirs:
+            elif own != theirs:
                 return what
         texts = (run.case.replace(case={"threads": 0}).text() for run in (self, other))
         return "" if len({*texts}) == 1 else "case"
@@ -95,15 +95,15 @@ class Tally:
     def arrays(self, *groups: str) -> list[Array]:
         """Arrays of some groups of the table of variables; row arrays are limited to completed
         boulders."""
-        rows, found = self.chosen, []
+        rows, chosen = self.chosen, []
         for array in self.run.arrays(*groups):
             values = array.values
             if "boulder" in array.dims:
                 values = values[..., rows]
             elif self.goes_on and array.group != "work":
                 values = values.copy()
-            found.append(array._replace(values=values))
-        return found
+            chosen.append(array._replace(values=values))
+        return chosen
 
     @property
     def number(self) -> np.ndarray | None:

@@ -85,15 +85,15 @@ def sample_variables(tally: Tally) -> dict[str, Any]:
     """Samples with non-empty bins only; none where all rows are kept."""
     if tally.number is None:
         return {}
-    found = {array.name: array.values for array in tally.arrays("sample", "work")}
+    arrays = {array.name: array.values for array in tally.arrays("sample", "work")}
     for name, dense in (("", "bins"), ("group_", "groups")):
-        flat = found[dense].reshape(-1)
-        found[f"{name}bin"] = np.flatnonzero(flat)
-        found[f"{name}count"] = flat[found[f"{name}bin"]]
-    found["largest"] = np.sort(found["largest"])
+        flat = arrays[dense].reshape(-1)
+        arrays[f"{name}bin"] = np.flatnonzero(flat)
+        arrays[f"{name}count"] = flat[arrays[f"{name}bin"]]
+    arrays["largest"] = np.sort(arrays["largest"])
     return {
-        f"sample_{name}": (sample_dims(name), found[name], about)
-        for name, about in variables.SAMPLE.items()
+        f"sample_{name}": (sample_dims(name), arrays[name], attrs)
+        for name, attrs in variables.SAMPLE.items()
     }
 
 
@@ -162,11 +162,11 @@ def map_variable(name: str, tally: Tally, per_cluster: int) -> tuple:
     """A map, NaN where undefined; uses up its tallies. `per_cluster` is the value of
     `boulders_per_cluster`."""
     values, fewest, thin = _map(name, tally, per_cluster)
-    known = {"min_passages": fewest if fewest > 1 else 0, "thin_below": thin}
+    counts = {"min_passages": fewest if fewest > 1 else 0, "thin_below": thin}
     if name.endswith(("_low", "_high")) and per_cluster > 1:
-        known["boulders_per_cluster"] = per_cluster
-    about = {key: np.int32(n) for key, n in known.items() if n}
-    return variables.map_dims(name), values, variables.MAP[name] | about | {"grid_mapping": "crs"}
+        counts["boulders_per_cluster"] = per_cluster
+    attrs = {key: np.int32(n) for key, n in counts.items() if n}
+    return variables.map_dims(name), values, variables.MAP[name] | attrs | {"grid_mapping": "crs"}
 
 
 def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, int]:
@@ -207,8 +207,8 @@ def _bins() -> dict[str, Any]:
     for k, (name, quantity) in enumerate(variables.HISTOGRAM.items()):
         dim, n = f"{name}_bin", int(bins[k])
         edges = np.round(np.arange(n + 1) * widths[k], 10)
-        about = {key: quantity[key] for key in ("units", "long_name")}
-        data[dim] = (dim, (edges[:-1] + edges[1:]) / 2, about | {"bounds": f"{dim}_bounds"})
+        attrs = {key: quantity[key] for key in ("units", "long_name")}
+        data[dim] = (dim, (edges[:-1] + edges[1:]) / 2, attrs | {"bounds": f"{dim}_bounds"})
         pairs = np.stack([edges[:-1], edges[1:]], axis=1)  # CF: attributes are the parent's
         data[f"{dim}_bounds"] = ((dim, "bound"), pairs, {})
     return data
@@ -223,8 +223,8 @@ def trajectory_variables(recorded: dict[int, np.ndarray]) -> dict[str, Any]:
     numbers = np.array([*recorded], "i8")
     columns["boulder"] = np.repeat(numbers, [len(rows) for rows in recorded.values()])
     return {
-        f"trajectory_{name}": ("trajectory_vertex", columns[name], about)
-        for name, about in variables.VERTEX.items()
+        f"trajectory_{name}": ("trajectory_vertex", columns[name], attrs)
+        for name, attrs in variables.VERTEX.items()
     }
 
 

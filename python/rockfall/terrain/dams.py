@@ -37,7 +37,7 @@ class DamShape(NamedTuple):
 
     def rounded(self) -> dict[str, Any]:
         """Numbers by name, as stored in a result: rounded to a millimetre."""
-        return {name: np.round(one, 3).tolist() for name, one in self._asdict().items()}
+        return {name: np.round(value, 3).tolist() for name, value in self._asdict().items()}
 
 
 def with_dam(
@@ -162,7 +162,7 @@ def _face(
     """Median width in plan of the narrower face, by its keys, from the edge of the crest to the
     terrain [m]; and its side, -1 or 1."""
     above = crest[:, None] - fall * np.maximum(0.0, abs(off) - wide / 2) - before
-    found = {}
+    toe = {}
     for side in (-1, 1):
         on_side = side * off > 0
         out, over = abs(off[on_side])[::side], above[:, on_side][:, ::side]
@@ -172,9 +172,9 @@ def _face(
         down = np.maximum(over[row, before_last] - over[row, last], 1e-9)
         part = np.clip(over[row, before_last] / down, 0.0, 1.0)
         ends = out[before_last] + part * (out[last] - out[before_last])
-        found[side] = max(0.0, float(np.median(ends)) - wide / 2)
-    narrow = min(found, key=lambda side: found[side])
-    return found[narrow], narrow
+        toe[side] = max(0.0, float(np.median(ends)) - wide / 2)
+    narrow = min(toe, key=lambda side: toe[side])
+    return toe[narrow], narrow
 
 
 def _slope(
@@ -213,7 +213,7 @@ def _crest(
         raise RockfallError(
             f"{name}: &dam x, y: must lie between the outer cell centres of the DEM"
         )
-    found = height(z, grid, x, y)
-    if np.isnan(found).any():
+    elevations = height(z, grid, x, y)
+    if np.isnan(elevations).any():
         raise RockfallError(f"{name}: &dam x, y: must lie on terrain with an elevation")
-    return line, found
+    return line, elevations

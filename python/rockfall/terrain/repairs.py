@@ -24,11 +24,11 @@ def without_holes(z: np.ndarray, far: float) -> np.ndarray:
     outside = np.unique(np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]]))
     holes = missing & ~np.isin(parts, outside)
     base = np.nanmin(z)  # GDAL has single precision
-    known = np.where(missing, 0.0, z - base).astype(np.float32)
-    found = fillnodata(known, mask=~missing, max_search_distance=far)
+    lowered = np.where(missing, 0.0, z - base).astype(np.float32)
+    filled = fillnodata(lowered, mask=~missing, max_search_distance=far)
     reached = fillnodata((~missing).astype(np.float32), mask=~missing, max_search_distance=far) > 0
     done = z.copy()
-    done[holes & reached] = (found + base)[holes & reached]
+    done[holes & reached] = (filled + base)[holes & reached]
     return done
 
 
@@ -51,9 +51,9 @@ def _spill(z: np.ndarray) -> np.ndarray:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
-    known = ~np.isnan(z)
-    height = np.concatenate([[0.0], z[known] - np.nanmin(z)])  # 0: outside
-    i, j = _pairs(np.where(known, np.cumsum(known).reshape(z.shape), 0))
+    is_known = ~np.isnan(z)
+    height = np.concatenate([[0.0], z[is_known] - np.nanmin(z)])  # 0: outside
+    i, j = _pairs(np.where(is_known, np.cumsum(is_known).reshape(z.shape), 0))
     pass_ = np.maximum(height[i], height[j]) + 1.0  # a zero would mean no edge
     tree = minimum_spanning_tree(coo_array((pass_, (i, j)), shape=(height.size,) * 2).tocsr())
     order, before = breadth_first_order(tree, 0, directed=False)
@@ -61,9 +61,9 @@ def _spill(z: np.ndarray) -> np.ndarray:
     for cell in order[1:].tolist():
         level[cell] = max(level[cell], level[before_[cell]])
     raised = np.array(level) > height
-    found = z.copy()
-    found[known] = np.where(raised[1:], np.array(level)[1:] + np.nanmin(z), z[known])
-    return found
+    spilled = z.copy()
+    spilled[is_known] = np.where(raised[1:], np.array(level)[1:] + np.nanmin(z), z[is_known])
+    return spilled
 
 
 def _pairs(number: np.ndarray) -> np.ndarray:
@@ -86,12 +86,12 @@ def smoothed(z: np.ndarray, std: float) -> np.ndarray:
     elevations remain missing."""
     from scipy.ndimage import gaussian_filter
 
-    known, base = ~np.isnan(z), np.nanmin(z)
-    heights = gaussian_filter(np.where(known, z - base, 0.0), std, mode="constant")
-    share = gaussian_filter(known.astype(float), std, mode="constant")
-    found = z.copy()
-    found[known] = heights[known] / share[known] + base
-    return found
+    is_known, base = ~np.isnan(z), np.nanmin(z)
+    heights = gaussian_filter(np.where(is_known, z - base, 0.0), std, mode="constant")
+    share = gaussian_filter(is_known.astype(float), std, mode="constant")
+    smooth = z.copy()
+    smooth[is_known] = heights[is_known] / share[is_known] + base
+    return smooth
 
 
 def lowered(z: np.ndarray, grid: Grid, shape: Any, depth: float, floor: float) -> np.ndarray:

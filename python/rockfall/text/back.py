@@ -28,7 +28,7 @@ def back_text(analysis: Back) -> str:
         table(_data(analysis)),
         *([table(_alone(analysis))] if len(analysis.data) > 1 else []),
     ]
-    return "\n".join([*text, *(f"  {one}" for one in (*warnings(analysis), *analysis.notes))])
+    return "\n".join([*text, *(f"  {line}" for line in (*warnings(analysis), *analysis.notes))])
 
 
 def _parameters(analysis: Back) -> Iterator[list[str]]:

@@ -76,8 +76,8 @@ def _errors(table: pd.DataFrame) -> Iterable[list[str]]:
 
 def _printed_errors(table: pd.DataFrame) -> Iterable[list[str]]:
     """Errors of a paper's own method relative to the observations (its table 3)."""
-    about = say("compare.printed_error", method=table["against"].iloc[0])
-    yield [about, *map(word, STATISTICS)]
+    head = say("compare.printed_error", method=table["against"].iloc[0])
+    yield [head, *map(word, STATISTICS)]
     for (line, quantity), rows in table.groupby(["line", "quantity"], sort=False):
         errors = rows.set_index("statistic")["printed_error_percent"].reindex(STATISTICS)
         yield [_name(line, quantity), *(_number(error, "+z.0f") for error in errors)]
@@ -85,12 +85,12 @@ def _printed_errors(table: pd.DataFrame) -> Iterable[list[str]]:
 
 def _three(row: pd.DataFrame, whose: str, quantity: str) -> list[str]:
     """Mean with the longer side of its interval, standard deviation, maximum."""
-    about = QUANTITIES[quantity]
-    numbers = (_rounded(about.factor * value, about.decimals, whose) for value in row[whose])
+    display = QUANTITIES[quantity]
+    numbers = (_rounded(display.factor * value, display.decimals, whose) for value in row[whose])
     mean, *rest = numbers
-    half = about.factor * longer_side(row.loc["mean"], whose)
+    half = display.factor * longer_side(row.loc["mean"], whose)
     if not np.isnan(half):
-        mean = Number(f"{mean} +- {half:.{about.decimals}f}")
+        mean = Number(f"{mean} +- {half:.{display.decimals}f}")
     elif whose == "simulated" and mean != "-":
         mean = say("compare.too_few", value=mean)
     return [mean, *rest]
@@ -217,9 +217,9 @@ def _contacts(table: pd.DataFrame) -> Iterable[list[str]]:
     for name, maps in VALUES.items():
         maximum = maps[-1]
         if {name, maximum} <= {*table.columns}:
-            known = table[table[name].notna() & (table["reach_probability"] > 0)]
-            above = (known[name] > known[maximum]).sum()
-            label = say("compare.above_maximum", name=word(name), n=len(known))
+            known_cells = table[table[name].notna() & (table["reach_probability"] > 0)]
+            above = (known_cells[name] > known_cells[maximum]).sum()
+            label = say("compare.above_maximum", name=word(name), n=len(known_cells))
             yield [label, Number(f"{above:,}")]
 
 

@@ -53,9 +53,9 @@ def _label(key: tuple[str, str, str]) -> str:
 def _study(study: pd.DataFrame) -> Iterator[list[str]]:
     sizes = sorted(study["boulders"].unique())
     yield ["", *(f"{size:,}" for size in sizes)]
-    for key, one in study.groupby(KEYS, sort=False):
+    for key, group in study.groupby(KEYS, sort=False):
         factor = QUANTITIES[key[2] if key[1] == "boulders" else key[1]].factor
-        yield [_label(key), *(number(factor * value, 4) for value in one["value"])]
+        yield [_label(key), *(number(factor * value, 4) for value in group["value"])]
 
 
 def _study_says(study: pd.DataFrame) -> Iterator[str]:
@@ -94,7 +94,7 @@ def _cost(cost: pd.DataFrame) -> Iterator[list[str]]:
     yield ["", "slope", f"at {SIZE:,}", "CPU s for 1 %", *head]
     for row in cost.itertuples(index=False):
         slope = _changed(row.slope, row.slope_error, ".2f")
-        needs = (f"{rounded_up(one):,}" for one in row[-len(TARGETS) :])
+        needs = (f"{rounded_up(boulders):,}" for boulders in row[-len(TARGETS) :])
         yield [
             _label(row[:3]),
             slope,
@@ -111,8 +111,8 @@ def _cost_says(convergence: Convergence) -> Iterator[str]:
     percent, tenth = (f"cpu_seconds_{100 * error:g}_percent" for error in ERRORS[-2:])
     cost = convergence.cost.set_index(KEYS)
     for key in (cost[percent].idxmin(), cost[percent].idxmax()):
-        one, more = (number(cost.loc[key, name], 2) for name in (percent, tenth))
-        yield f"{_rule(key)} to 1 % costs {one} s of CPU; one more digit costs 100 times, {more} s."
+        cpu, more = (number(cost.loc[key, name], 2) for name in (percent, tenth))
+        yield f"{_rule(key)} to 1 % costs {cpu} s of CPU; one more digit costs 100 times, {more} s."
     yield (
         "Errors are root mean squares; half an interval of 95 %, as of --until and reports, is "
         "twice as wide: boulders for +- 2 % are for such an interval, over all sources."
@@ -130,9 +130,9 @@ def _numerical(convergence: Convergence) -> Iterator[list[str]]:
     all_ = convergence.numerical
     variants = [name for name in all_["variant"].unique() if name != AS_GIVEN]
     yield ["", f"Monte Carlo, {SIZE:,}", *variants]
-    for key, one in all_.groupby(KEYS, sort=False):
-        changes = one.set_index("variant").loc[variants]
-        error = one["statistical_error"].iloc[0]
+    for key, group in all_.groupby(KEYS, sort=False):
+        changes = group.set_index("variant").loc[variants]
+        error = group["statistical_error"].iloc[0]
         yield [
             _label(key),
             "-" if np.isnan(error) else f"{error:.2%}",
@@ -143,18 +143,18 @@ def _numerical(convergence: Convergence) -> Iterator[list[str]]:
 def _numerical_says(convergence: Convergence) -> Iterator[str]:
     """Number of significant changes for each variant, and the largest change."""
     all_ = convergence.numerical
-    for variant, one in all_[all_["variant"] != AS_GIVEN].groupby("variant", sort=False):
-        known = one[one["change"].notna()]
-        if not len(known):
+    for variant, group in all_[all_["variant"] != AS_GIVEN].groupby("variant", sort=False):
+        changed = group[group["change"].notna()]
+        if not len(changed):
             continue
-        about = f"{variant} ({TERRAINS[variant]})"
-        sure = known[known["change"].abs() > 3 * known["change_error"]]
+        head = f"{variant} ({TERRAINS[variant]})"
+        sure = changed[changed["change"].abs() > 3 * changed["change_error"]]
         if not len(sure):
-            yield f"{about}: no change beyond three standard errors of it."
+            yield f"{head}: no change beyond three standard errors of it."
             continue
         largest = sure.loc[sure["change"].abs().idxmax()]
         yield (
-            f"{about}: {len(sure)} of {len(known)} numbers change by more than three standard "
+            f"{head}: {len(sure)} of {len(changed)} numbers change by more than three standard "
             f"errors;\n  the largest change: {_rule(largest[KEYS])}, {largest['change']:+.2%}."
         )
     for variant, why in convergence.refused.items():

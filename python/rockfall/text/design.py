@@ -57,9 +57,9 @@ def load_rows(loads: Iterable[Mapping[str, Any]]) -> Iterator[list[str]]:
     heads = Number("95 %"), Number("99 %"), say("design.one_in", n=1000)
     yield [f"  {say('design.loads')}", *heads]
     for row in loads:
-        about = DESIGN[row["quantity"]]
-        cells = (shown(row, name, about.factor) for name in ("q95", "q99", "level_1000"))
-        yield [f"  {about.title}", *cells]
+        display = DESIGN[row["quantity"]]
+        cells = (shown(row, name, display.factor) for name in ("q95", "q99", "level_1000"))
+        yield [f"  {display.title}", *cells]
 
 
 def demand_rows(asked: Mapping[str, Any], standard: str) -> Iterator[list[str]]:

@@ -46,8 +46,8 @@ def ensemble_summary(data: xr.Dataset) -> str:
     if "drawn_source_redrawn" in data and data["drawn_source_redrawn"].any():
         redrawn = int(data["drawn_source_redrawn"].sum())
         text.append(f"  shifts drawn again, as a source left the terrain: {redrawn:,}")
-    text += [f"  {one}" for one in orders_reversed(data)]
-    if any(say(UNDECIDED) in one for one in text):
+    text += [f"  {line}" for line in orders_reversed(data)]
+    if any(say(UNDECIDED) in line for line in text):
         text.append(f"  {more_needed(data)}")
     return "\n".join(text)
 
@@ -69,15 +69,15 @@ def orders_reversed(data: xr.Dataset) -> Iterator[str]:
             at = data.sel(line=line, input=name)
             errors = [at[f"{kind}_error"].values for kind in INDICES]
             first, total = (
-                np.array([limits(*one)[0] for one in zip(at[kind].values, error, strict=True)])
+                np.array([limits(*pair)[0] for pair in zip(at[kind].values, error, strict=True)])
                 for kind, error in zip(INDICES, errors, strict=True)
             )
             k = int(np.argmax(excess := np.nan_to_num(first - total)))
             if excess[k] >= LEAST_EXCESS:
                 kept = within if excess[k] <= Z * np.hypot(*errors)[k] else beyond
                 both = {"first": 100 * first[k], "total": 100 * total[k]}
-                about = say(f"uncertain.{name}")
-                kept.append(say("ensemble.two_indices", name=about, **both))
+                display = say(f"uncertain.{name}")
+                kept.append(say("ensemble.two_indices", name=display, **both))
         if within:
             yield say("ensemble.reversed_within", line=line, inputs=within)
         if beyond:

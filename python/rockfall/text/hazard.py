@@ -89,7 +89,7 @@ def _remarks_of(hazard: xr.Dataset, k: int) -> list[str]:
     if "scenario_messages" not in hazard:
         return texts
     data = json.loads(str(hazard["scenario_messages"].values[k]))
-    return [unpacked(one, text) for one, text in zip(data, texts, strict=True)]
+    return [unpacked(remark, text) for remark, text in zip(data, texts, strict=True)]
 
 
 def scenario_rows(hazard: xr.Dataset) -> Iterator[list[str]]:

@@ -108,16 +108,16 @@ def fit_summary(data: xr.Dataset, sets: dict[int, ImpactSet], state: str) -> str
     """a1..a9 of each ratio, and a check that does not use the fit: bounces on planes by the set and
     by the impacts themselves."""
     lines = []
-    for ratio, found in sets.items():
+    for ratio, impact_set in sets.items():
         impacts = as_rebounds(impacts_of(data, ratio, state))
         noise = np.sqrt(np.diag(within_points(data, ratio, state)))
-        lines += set_lines(f"R_b/R_m = {ratio}: {found.impacts:,} impacts", found)
+        lines += set_lines(f"R_b/R_m = {ratio}: {impact_set.impacts:,} impacts", impact_set)
         lines.append(
-            f"  {found.redrawn:.2f} draws rejected for each rebound; scatter within a point "
+            f"  {impact_set.redrawn:.2f} draws rejected for each rebound; scatter within a point "
             f"{' '.join(f'{value:.2f}' for value in noise)} of |V_in| (V_t, V_n, W)"
         )
         assert impacts.lateral is not None
-        lines += [lateral_line(impacts.lateral), *bounce_lines(found, impacts)]
+        lines += [lateral_line(impacts.lateral), *bounce_lines(impact_set, impacts)]
     return "\n".join(lines)
 
 
@@ -126,49 +126,51 @@ def contacts_summary(contacts: Contacts, sets: dict[int, ImpactSet]) -> str:
     needed."""
     lines = []
     for ratio, impacts in contacts.by_ratio().items():
-        found = sets[ratio or 1]  # all ratios are equal if none was measured
-        lines += set_lines(f"{title(ratio)}: {found.impacts:,} contacts", found)
-        lines.append(contacts_needed(found))
+        impact_set = sets[ratio or 1]  # all ratios are equal if none was measured
+        lines += set_lines(f"{title(ratio)}: {impact_set.impacts:,} contacts", impact_set)
+        lines.append(contacts_needed(impact_set))
         if impacts.lateral is not None:
             lines.append(lateral_line(impacts.lateral))
-        lines += bounce_lines(found, impacts)
+        lines += bounce_lines(impact_set, impacts)
     return "\n".join(lines)
 
 
-def contacts_needed(found: ImpactSet) -> str:
+def contacts_needed(impact_set: ImpactSet) -> str:
     """Number of contacts that gives the means `AIMED` the standard error `AIM`, as errors fall with
     its square root."""
     numbers = []
     for name in AIMED:
-        error = found.mean_error[COEFFICIENTS.index(name)]
-        number = float(f"{found.impacts * (error / AIM) ** 2:.2g}")  # accurate to a factor of two
+        error = impact_set.mean_error[COEFFICIENTS.index(name)]
+        number = float(
+            f"{impact_set.impacts * (error / AIM) ** 2:.2g}"
+        )  # accurate to a factor of two
         numbers.append(f"{number:,.0f} for {name}")
     return f"  contacts for a standard error of {AIM:g}: about {', '.join(numbers)}"
 
 
-def set_lines(title: str, found: ImpactSet) -> list[str]:
+def set_lines(title: str, impact_set: ImpactSet) -> list[str]:
     """Means, their standard errors and deviations of a1..a9."""
     rows = [
-        ("mean", found.mean),
-        ("standard error", found.mean_error),
-        ("deviation", np.sqrt(np.diag(found.covariance))),
+        ("mean", impact_set.mean),
+        ("standard error", impact_set.mean_error),
+        ("deviation", np.sqrt(np.diag(impact_set.covariance))),
     ]
     head = [title, f"  {'':16}" + "".join(f"{name:>8}" for name in COEFFICIENTS)]
     return head + [f"  {name:16}" + "".join(f"{v:8.4f}" for v in row) for name, row in rows]
 
 
-def bounce_lines(found: ImpactSet, impacts: Impacts) -> list[str]:
+def bounce_lines(impact_set: ImpactSet, impacts: Impacts) -> list[str]:
     """Neutral slope, and growth and scatter of a bounce on planes, by the set and by resampling."""
     rules: dict[str, Rebound] = {
-        "the set": set_rebound(found.mean, found.covariance),
+        "the set": set_rebound(impact_set.mean, impact_set.covariance),
         "the impacts": resampled_rebound(impacts.v_in, impacts.v_out),
     }
     lines = []
     for name, rebound in rules.items():
         planes = []
         for slope in SLOPES:
-            one = growth(rebound, slope)
-            planes.append(f"{slope:g}: {one.mean:+.4f} {one.std:.4f}")
+            bounce = growth(rebound, slope)
+            planes.append(f"{slope:g}: {bounce.mean:+.4f} {bounce.std:.4f}")
         lines.append(
             f"  by {name:12} neutral slope {neutral_slope(rebound):5.1f} degrees; "
             f"log growth and scatter of a bounce at {'; '.join(planes)}"

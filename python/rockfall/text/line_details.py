@@ -53,8 +53,8 @@ def print_profile(
     write them to it, and a figure next to it as NAME.png."""
     result, places = open_lines(path, table, "", ".png")
     profile = line_profile(result, line, width)
-    about = [ALONG, *filter(None, [kept_note(result)])]
-    print("\n".join([*about, "", line, aligned(_along(profile))]))
+    head = [ALONG, *filter(None, [kept_note(result)])]
+    print("\n".join([*head, "", line, aligned(_along(profile))]))
     made = [profile, lambda part: save(line_profile_figure(profile), part)]
     write_tables(path, result, dict(zip(places, made, strict=False)))
 
@@ -64,12 +64,12 @@ def _groups(statistics: pd.DataFrame, by: str) -> Iterator[str]:
     yield ABOUT
     for line, rows in statistics.groupby("line", sort=False):
         cells = [[f"  {by}", "boulders", "pass", "fraction [%]", *_titles(NUMBERS)]]
-        for group, one in rows.groupby(by, sort=False):
-            row = {f"{about['quantity']}": about for about in one.to_dict("records")}
-            about = row["speed"]
+        for group, of_group in rows.groupby(by, sort=False):
+            row = {f"{record['quantity']}": record for record in of_group.to_dict("records")}
+            speed = row["speed"]
             shown = (_shown(row[name], number, QUANTITIES[name].factor) for name, number in NUMBERS)
-            cells.append([f"  {group}", f"{about['boulders']:,}", f"{about['n']:,}",
-                          _shown(about, "fraction", 100.0), *shown])  # fmt: skip
+            cells.append([f"  {group}", f"{speed['boulders']:,}", f"{speed['n']:,}",
+                          _shown(speed, "fraction", 100.0), *shown])  # fmt: skip
         yield from ("", str(line), aligned(cells))
 
 
@@ -93,5 +93,5 @@ def _titles(numbers: Iterable[tuple[str, str]]) -> list[str]:
 def _shown(row: Mapping[Any, Any], name: str, factor: float) -> str:
     """Number with its interval, if it has one."""
     value, low, high = (factor * row[f"{name}{end}"] for end in ENDS)
-    known = np.isfinite([low, high]).any()
-    return number(value) + (f" ({number(low)} to {number(high)})" if known else "")
+    is_known = np.isfinite([low, high]).any()
+    return number(value) + (f" ({number(low)} to {number(high)})" if is_known else "")

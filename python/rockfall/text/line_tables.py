@@ -72,8 +72,8 @@ def write_tables(path: str | Path, result: xr.Dataset, made: Mapping[Path, Any])
     if not made:
         return
     with atomic_folder(next(iter(made)).parent, [Path(path), *files_behind(result)]) as part:
-        for place, one in made.items():
-            one(part / place.name) if callable(one) else write_csv(one, part / place.name)
+        for place, table in made.items():
+            table(part / place.name) if callable(table) else write_csv(table, part / place.name)
     print(*made, sep="\n")
 
 
@@ -87,11 +87,11 @@ def _text(statistics: pd.DataFrame, levels: pd.DataFrame, boulders: int) -> Iter
     """Both tables, line after line."""
     yield ABOUT
     for line, rows in statistics.groupby("line", sort=False):
-        one = rows.iloc[0]
-        fraction, low, high = (number(100 * one[f"fraction{end}"], 4) for end in ENDS)
+        first = rows.iloc[0]
+        fraction, low, high = (number(100 * first[f"fraction{end}"], 4) for end in ENDS)
         yield ""
-        yield f"{line}: {one['n']:,} of {boulders:,} boulders, {fraction} % ({low} to {high} %)"
-        if one["n"]:
+        yield f"{line}: {first['n']:,} of {boulders:,} boulders, {fraction} % ({low} to {high} %)"
+        if first["n"]:
             yield aligned(_statistics(rows))
             tails = levels[levels["line"] == line]
             yield aligned(_levels(tails))
@@ -115,16 +115,16 @@ def _levels(tails: pd.DataFrame) -> Iterator[list[str]]:
 
 def _row(row: pd.Series, names: list[str], without: str = "") -> Iterator[list[str]]:
     """Numbers of a quantity, and below them their intervals, or a note if there is none."""
-    about = QUANTITIES[row["quantity"]]
-    numbers, limits = [f"  {about.short}"], [""]
+    display = QUANTITIES[row["quantity"]]
+    numbers, limits = [f"  {display.short}"], [""]
     for name in names:
-        factor = 1 if name in ("exceedances", "shape") else about.factor
+        factor = 1 if name in ("exceedances", "shape") else display.factor
         value, low, high = (factor * row.get(f"{name}{end}", np.nan) for end in ENDS)
         is_count = name == "exceedances" and np.isfinite(value)
         numbers.append(f"{value:,.0f}" if is_count else number(value, 4))
-        known = np.isfinite([low, high]).any()
+        is_known = np.isfinite([low, high]).any()
         absent = without if np.isfinite(value) else ""
-        limits.append(f"{number(low, 4)}..{number(high, 4)}" if known else absent)
+        limits.append(f"{number(low, 4)}..{number(high, 4)}" if is_known else absent)
     yield numbers
     if any(limits):
         yield limits
@@ -133,9 +133,9 @@ def _row(row: pd.Series, names: list[str], without: str = "") -> Iterator[list[s
 def _bounded(tails: pd.DataFrame) -> Iterator[str]:
     """Upper end points of tails."""
     for _, row in tails[np.isfinite(tails["end"])].iterrows():
-        about = QUANTITIES[row["quantity"]]
-        end, high = (number(about.factor * row[limit], 4) for limit in ("end", "end_high"))
-        yield f"  bounded: {about.label} ends at {end} {about.unit}, 95 % interval up to {high}"
+        display = QUANTITIES[row["quantity"]]
+        end, high = (number(display.factor * row[limit], 4) for limit in ("end", "end_high"))
+        yield f"  bounded: {display.label} ends at {end} {display.unit}, 95 % interval up to {high}"
 
 
 def _refused(tails: pd.DataFrame) -> Iterator[str]:

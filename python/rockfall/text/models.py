@@ -48,8 +48,8 @@ def _at_line(models: Models, line: str) -> Iterator[list[str]]:
 
 
 def _run_out(models: Models) -> Iterator[list[str]]:
-    about = QUANTITIES[RUN_OUT]
-    yield ["  run-out in plan", f"mean [{about.unit}]", f"95 % quantile [{about.unit}]"]
+    display = QUANTITIES[RUN_OUT]
+    yield ["  run-out in plan", f"mean [{display.unit}]", f"95 % quantile [{display.unit}]"]
     numbers = models.table[models.table["line"] == ""].set_index(["model", "statistic"])
     for model in models.names:
         yield [
@@ -60,14 +60,14 @@ def _run_out(models: Models) -> Iterator[list[str]]:
 
 def _cell(row: pd.Series[Any], quantity: str) -> str:
     """Number +- the longer side of its interval, with the same for its difference."""
-    about = QUANTITIES[quantity]
+    display = QUANTITIES[quantity]
 
     def within(name: str, sign: str = "") -> str:
         low, high = ("low", "high") if name == "value" else (f"{name}_low", f"{name}_high")
-        value = about.factor * row[name]
-        half = about.factor * max(row[high] - row[name], row[name] - row[low])
-        shown = f"{value:{sign}.{about.decimals}f}"
-        return f"{shown} +- {half:.{about.decimals}f}" if half == half else f"{shown} ({TOO_FEW})"
+        value = display.factor * row[name]
+        half = display.factor * max(row[high] - row[name], row[name] - row[low])
+        shown = f"{value:{sign}.{display.decimals}f}"
+        return f"{shown} +- {half:.{display.decimals}f}" if half == half else f"{shown} ({TOO_FEW})"
 
     if row["value"] != row["value"]:
         return "-"
@@ -90,21 +90,21 @@ def validation_text(validation: Validation) -> str:
 
 
 def _at_place(rows: pd.DataFrame) -> Iterator[list[str]]:
-    line, about = rows["line"].iloc[0], ABOUT[rows["quantity"].iloc[0]]
+    line, display = rows["line"].iloc[0], ABOUT[rows["quantity"].iloc[0]]
     names = [name for name in TITLES if name in set(rows["statistic"])]
     n = f"{rows['n_observed'].iloc[0]:,.0f} observed" if rows["n_observed"].notna().any() else ""
-    place = f"{line}, {about.label}" if line else PLACES[rows["quantity"].iloc[0]]
-    yield [f"  {place} [{about.unit}]", *(TITLES[name] for name in names)]
+    place = f"{line}, {display.label}" if line else PLACES[rows["quantity"].iloc[0]]
+    yield [f"  {place} [{display.unit}]", *(TITLES[name] for name in names)]
     observed = rows.drop_duplicates("statistic").set_index("statistic")
     yield [f"  {n or 'observed'}", *(
         "" if observed.loc[name, "observed"] != observed.loc[name, "observed"]
-        else _with_error(observed.loc[name], "observed", about.factor) for name in names
+        else _with_error(observed.loc[name], "observed", display.factor) for name in names
     )]  # fmt: skip
     for law, of_law in rows.groupby("law", sort=False):
         each = of_law.set_index("statistic")
         cells = []
         for name in names:
-            factor = 1.0 if name in BARE else about.factor
+            factor = 1.0 if name in BARE else display.factor
             cell = _with_error(each.loc[name], "simulated", factor)
             cells.append(f"{cell} {each.loc[name, 'verdict']}".rstrip())
         yield [f"  {law}", *cells]

@@ -98,7 +98,7 @@ def preview(scene: Scene) -> str:
         for remark in model_remarks(values, case)
         if remark.is_warning
     ]
-    return "\n".join([title, *(f"  {name:13}{about}" for name, about in rows)])
+    return "\n".join([title, *(f"  {name:13}{text}" for name, text in rows)])
 
 
 def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
@@ -151,16 +151,16 @@ def _follow(scene: Scene, number: int) -> Pilot:
         release={"by_area": False},
         output=output | {"kept": "all"},
     )
-    one = replace(scene.select(drawn), case=case, area=None, frequency=None)
-    few = start(one, threads=1)
+    sample = replace(scene.select(drawn), case=case, area=None, frequency=None)
+    few = start(sample, threads=1)
     run_chunks(few, None, lambda: False, lambda _: None)
     cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
     for array in few.arrays("count", "ground"):  # sums, which the second time would count again
         array.values[...] = 0
-    before = one.windows.reading if one.windows else 0.0
+    before = sample.windows.reading if sample.windows else 0.0
     run_chunks(few, None, lambda: False, lambda _: None)
-    reading = one.windows.reading - before if one.windows else 0.0
-    return Pilot(few, (few.cpu - reading) / few.done, reading, cells, _densities(one))
+    reading = sample.windows.reading - before if sample.windows else 0.0
+    return Pilot(few, (few.cpu - reading) / few.done, reading, cells, _densities(sample))
 
 
 def _all_cells(few: Tally, boulders: int) -> float:
@@ -179,8 +179,8 @@ def _all_cells(few: Tally, boulders: int) -> float:
     spread = (once / total) ** (-1 / (shape + 1))  # 1 + passages of a cell / shape
     limit = total / (shape * (spread - 1))  # cells that can be passed
     best = np.argmin(abs(limit * (1 - spread**-shape) - cells))
-    found = limit[best] * (1 - (1 + (spread[best] - 1) * more) ** -shape[best])
-    return float(min(max(found, cells), passages.size))
+    expected = limit[best] * (1 - (1 + (spread[best] - 1) * more) ** -shape[best])
+    return float(min(max(expected, cells), passages.size))
 
 
 def _terrain(scene: Scene) -> str:
@@ -231,8 +231,11 @@ def _surface(scene: Scene) -> str:
 
 def _grounds(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Rebounds by ground in the pilot run."""
-    met = [one for one in rebounds_by_ground(values) if one.rebounds]
-    parts = (f"{percent(one.fraction)} {one.name} ({one.model.replace('_', ' ')})" for one in met)
+    met = [ground for ground in rebounds_by_ground(values) if ground.rebounds]
+    parts = (
+        f"{percent(ground.fraction)} {ground.name} ({ground.model.replace('_', ' ')})"
+        for ground in met
+    )
     if "ground" in values:
         yield "grounds", ", ".join(parts) + " of the rebounds of a pilot run"
 
@@ -267,21 +270,24 @@ def _released(scene: Scene) -> tuple[int, int]:
 
 def _attributes(scene: Scene) -> Iterator[tuple[str, str]]:
     """Release attributes of a layer."""
-    found = scene.features
-    if found is not None and found.law is not None and found.value is not None:
-        given = ~np.isnan(found.value).all(axis=0)
+    features = scene.features
+    if features is not None and features.law is not None and features.value is not None:
+        given = ~np.isnan(features.value).all(axis=0)
         attrs = {"density": given[4], "drop height": given[5], "velocity": given[6:].any()}
-        what = ["volumes"] * bool(found.law.any()) + [name for name, one in attrs.items() if one]
-        names = ", ".join(dict.fromkeys(found.names[:4])) + (" ..." if len(found.names) > 4 else "")
+        what = ["volumes"] * bool(features.law.any()) + [name for name, has in attrs.items() if has]
+        names = ", ".join(dict.fromkeys(features.names[:4])) + (
+            " ..." if len(features.names) > 4 else ""
+        )
         if what:
-            yield "", f"their layer says {', '.join(what)}; {len(found.names):,} features: {names}"
+            text = f"their layer says {', '.join(what)}; {len(features.names):,} features: {names}"
+            yield "", text
 
 
 def _densities(scene: Scene) -> np.ndarray | float:
     """Densities, one per source, or a single one."""
-    found, features = scene.source_boulders, scene.features
-    if found is not None and found.density is not None:
-        return found.density
+    boulders, features = scene.source_boulders, scene.features
+    if boulders is not None and boulders.density is not None:
+        return boulders.density
     values = values_of(scene.case, scene.features)
     if features is not None and values is not None:
         return values[features.number - 1, 0]
@@ -309,8 +315,8 @@ def _sets(scene: Scene, values: dict[str, Any]) -> str:
         ranges.append(f"{_range(speeds.min(), speeds.max())} m/s")
     if angles.min() > 0 or angles.max() < 90:
         ranges.append(f"{_range(angles.min(), angles.max())} degrees")
-    about = " and ".join(ranges) or "speeds and angles that it does not state"
-    return f"{name}, fitted on {about}"
+    fitted_on = " and ".join(ranges) or "speeds and angles that it does not state"
+    return f"{name}, fitted on {fitted_on}"
 
 
 def _forest(scene: Scene) -> list[tuple[str, str]]:

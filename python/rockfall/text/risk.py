@@ -55,12 +55,12 @@ def risk_rows(hazard: xr.Dataset) -> Iterator[list[str]]:
         first = [f"  {row['object']}", *(row[name] for name in layer)]
         yield [*first, damage, individual, of_class, collective]
     sums = {row["quantity"]: row for row in total_table(hazard).to_dict("records")}
-    about = {
+    values = {
         f"{name}{end}": row[key]
         for name, row in sums.items()
         for end, key in (("", "value"), ("_low", "low"), ("_high", "high"))
     }
-    damage, deaths = within(about, "damage", plain), within(about, "collective_risk", small)
+    damage, deaths = within(values, "damage", plain), within(values, "collective_risk", small)
     yield ["  all objects", *[""] * len(layer), damage, "", "", deaths]
 
 

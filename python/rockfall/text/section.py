@@ -44,11 +44,11 @@ it; a maximum of the corridor is that of all cells which the station crosses."""
 
 def with_units(table: pd.DataFrame) -> pd.DataFrame:
     """Table of a section in the units in which numbers are shown, named in its columns."""
-    found = {}
+    columns = {}
     for name, column in table.items():
         unit, factor = _unit(str(name))
-        found[with_unit(str(name), unit)] = column if factor == 1 else factor * column
-    return table.__class__(found)
+        columns[with_unit(str(name), unit)] = column if factor == 1 else factor * column
+    return table.__class__(columns)
 
 
 def _unit(name: str) -> tuple[str, float]:
@@ -137,7 +137,7 @@ def _title(name: str) -> str:
 
 def _parsed(name: str) -> tuple[str, str, str]:
     """Source, quantity and statistic of a column."""
-    quantity = next(one for one in OF_SECTION if f"{one}_" in name)
+    quantity = next(quantity for quantity in OF_SECTION if f"{quantity}_" in name)
     before, _, number = name.partition(f"{quantity}_")
     return before, quantity, number
 
@@ -150,5 +150,5 @@ def _number(row: Mapping[Any, Any], name: str) -> str:
     """Number with its interval, if it has one."""
     factor = QUANTITIES[_parsed(name)[1]].factor
     value, low, high = (factor * row.get(name + end, np.nan) for end in ENDS)
-    known = np.isfinite([low, high]).all()
-    return number(value) + (f" ({number(low)} to {number(high)})" if known else "")
+    is_known = np.isfinite([low, high]).all()
+    return number(value) + (f" ({number(low)} to {number(high)})" if is_known else "")

@@ -18,4 +18,4 @@ def stand_lines(stands: Sequence[Stand]) -> Iterator[str]:
             f"{stand.density:,.0f} a hectare; its layer says {stand.stated:,.0f}"
         )
     if rest := stands[SHOWN:]:
-        yield f"{len(rest):,} more stands: {sum(one.stems for one in rest):,} stems"
+        yield f"{len(rest):,} more stands: {sum(stand.stems for stand in rest):,} stems"

@@ -87,15 +87,15 @@ def _barriers(result: Held) -> Iterator[list[str]]:
         yield [f"  {row['barrier']}", outcome, f"{row['n']:,}", _within(row, "fraction", fraction)]
 
 
-def _within(row: dict[str, float], name: str, about: Quantity) -> str:
+def _within(row: dict[str, float], name: str, display: Quantity) -> str:
     """Number and the longer side of its interval, or a note that it has none."""
-    value, decimals = about.factor * row[name], about.decimals
-    half = about.factor * longer_side(row, name)
+    value, decimals = display.factor * row[name], display.decimals
+    half = display.factor * longer_side(row, name)
     if math.isnan(half):
-        return f"{value:.{decimals}f} {about.unit} ({TOO_FEW})"
+        return f"{value:.{decimals}f} {display.unit} ({TOO_FEW})"
     if 0 < half < 10**-decimals:  # two digits instead of +- 0.0
         decimals = 1 - math.floor(math.log10(half))
-    return f"{value:.{decimals}f} +- {half:.{decimals}f} {about.unit}"
+    return f"{value:.{decimals}f} +- {half:.{decimals}f} {display.unit}"
 
 
 def _grounds(grounds: list[GroundRebounds]) -> Iterator[list[str]]:
@@ -113,5 +113,5 @@ def _rebounds(result: Held) -> Iterator[str]:
     yield f"  {rebounds:,} rebounds" + (f", {redrawn / rebounds:.1%} redrawn" if redrawn else "")
     if forced:
         yield f"  forced rebounds: {forced:,} (none of 32 draws was admissible)"
-    for found in model_remarks(result, case_of(result)):
-        yield f"  {'warning: ' if found.is_warning else ''}{found.text}"
+    for remark in model_remarks(result, case_of(result)):
+        yield f"  {'warning: ' if remark.is_warning else ''}{remark.text}"

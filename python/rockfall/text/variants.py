@@ -32,19 +32,22 @@ def rows_of(of_line: pd.DataFrame) -> Iterator[list[str]]:
     """Rows of a line: a header, then each number above its difference."""
     yield [str(of_line["line"].iloc[0]), *of_line["variant"].unique()]
     for (quantity, statistic), rows in of_line.groupby(["quantity", "statistic"], sort=False):
-        about = QUANTITIES["fraction" if quantity == "passing" else quantity]
-        yield [_label(about, statistic), *(number(about.factor * one) for one in rows["value"])]
-        yield ["", *(difference_text(row, about.factor) for _, row in rows.iterrows())]
+        display = QUANTITIES["fraction" if quantity == "passing" else quantity]
+        yield [
+            _label(display, statistic),
+            *(number(display.factor * v) for v in rows["value"]),
+        ]
+        yield ["", *(difference_text(row, display.factor) for _, row in rows.iterrows())]
 
 
-def _label(about: Quantity, statistic: str) -> str:
+def _label(display: Quantity, statistic: str) -> str:
     """Label of a row, with its unit."""
     threshold = statistic.removeprefix("above_")
     if threshold != statistic:
-        return with_unit(f"with {threshold} kJ or more", about.unit)
+        return with_unit(f"with {threshold} kJ or more", display.unit)
     if statistic in STATISTICS:
-        return with_unit(f"{about.label}, {STATISTICS[statistic]}", about.unit)
-    return about.title
+        return with_unit(f"{display.label}, {STATISTICS[statistic]}", display.unit)
+    return display.title
 
 
 def difference_text(row: pd.Series, factor: float) -> str:

@@ -51,7 +51,7 @@ def contributions(
     """Contribution of each set, from log-likelihoods (sets, members), dependent data counted less.
     `points` (members, parameters) and `levels` are those of a `Sampler`, `log_prior_weights` the
     logarithms of the weights without a likelihood, `weight` those by all sets."""
-    parameters, found = points.shape[1], []
+    parameters, contributions = points.shape[1], []
     for data_name in log_likelihood:
         alone = normalised(log_prior_weights + smoothed(points, levels, data_name))
         loss, error = loss_of(data_name, alone, weight)
@@ -60,8 +60,8 @@ def contributions(
             verdict = UNDECIDED
             if min(effective(alone), effective(weight)) >= FEWEST:
                 verdict = verdict_of(loss, error, parameters)
-        found.append(Contribution(alone, loss, error, verdict))
-    return found
+        contributions.append(Contribution(alone, loss, error, verdict))
+    return contributions
 
 
 def loss_of(values: np.ndarray, alone: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
@@ -70,9 +70,9 @@ def loss_of(values: np.ndarray, alone: np.ndarray, weight: np.ndarray) -> tuple[
     >>> loss_of(np.array([0.0, -2.0]), np.array([0.5, 0.5]), np.array([0.0, 1.0]))[0]
     1.0
     """
-    known = np.where(np.isfinite(values), values, 0.0)  # of weight 0, or of members without any
-    first, second = float(alone @ known), float(weight @ known)
-    error = np.sqrt(((alone * (known - first) - weight * (known - second)) ** 2).sum())
+    finite = np.where(np.isfinite(values), values, 0.0)  # of weight 0, or of members without any
+    first, second = float(alone @ finite), float(weight @ finite)
+    error = np.sqrt(((alone * (finite - first) - weight * (finite - second)) ** 2).sum())
     return first - second, float(error)
 
 

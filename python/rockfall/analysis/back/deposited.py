@@ -52,16 +52,16 @@ class Deposited(Witnesses):
     own: list[tuple[np.ndarray, np.ndarray]] = field(init=False)  # sums over half of the others
 
     def __post_init__(self) -> None:
-        found = zip(self.kernels, self.sets, self.widths, strict=True)
-        self.own = [_others(*one) for one in found]
+        kept_sets = zip(self.kernels, self.sets, self.widths, strict=True)
+        self.own = [_others(*arguments) for arguments in kept_sets]
 
     @classmethod
     def of_run(cls, sets: list[Blocks], base: xr.Dataset, cell: float) -> Deposited:
         """Blocks with the kernels that the boulders of a run give."""
-        known = _starts(base, sets)
-        rests = [at_rest(base, impact_set, known) for impact_set in sets]
+        origins = _starts(base, sets)
+        rests = [at_rest(base, impact_set, origins) for impact_set in sets]
         kernels = [fitted_kernel(*pair, cell) for pair in zip(sets, rests, strict=True)]
-        widths = [_widths_at(*one) for one in zip(kernels, sets, rests, strict=True)]
+        widths = [_widths_at(*arguments) for arguments in zip(kernels, sets, rests, strict=True)]
         noise = sum(map(_noise, kernels, sets, rests, widths))
         return cls(sets, kernels, widths, noise_alone=noise)
 
@@ -70,24 +70,24 @@ class Deposited(Witnesses):
         return sum(len(impact_set.place) for impact_set in self.sets)
 
     def kept(self, result: xr.Dataset) -> np.ndarray:
-        known, random = _starts(result, self.sets), np.random.default_rng(0)
+        origins, random = _starts(result, self.sets), np.random.default_rng(0)
         sums, again = [], np.zeros(self.AGAIN)
         for kernel, blocks in zip(self.kernels, self.sets, strict=True):
-            rest = at_rest(result, blocks, known)
+            rest = at_rest(result, blocks, origins)
             sums.append(np.array(kernel_sums(kernel, blocks, rest)))
             again += log_densities_again(kernel, blocks, rest, self.AGAIN, random)
         return np.concatenate([np.concatenate(sums, axis=1).ravel(), again])
 
     def log_likelihood(self, runs: np.ndarray) -> np.ndarray:
         near, _, boulders = self._sums(runs)
-        others = np.concatenate([np.array(one) for one in self.own], axis=1)
-        known = self.worth * np.array([near, boulders]) + others[:, None]
-        return np.log((known[0] + self._floor) / (known[1] + ANYWHERE)).sum(axis=1)
+        others = np.concatenate([np.array(overlap) for overlap in self.own], axis=1)
+        counts = self.worth * np.array([near, boulders]) + others[:, None]
+        return np.log((counts[0] + self._floor) / (counts[1] + ANYWHERE)).sum(axis=1)
 
     @property
     def _floor(self) -> np.ndarray:
         pairs = zip(self.kernels, self.sets, strict=True)
-        return np.concatenate([np.full(len(one.place), kernel.floor) for kernel, one in pairs])
+        return np.concatenate([np.full(len(block.place), kernel.floor) for kernel, block in pairs])
 
     def learn_noise(self, runs: np.ndarray) -> None:
         """Set the worth of a simulated boulder, from runs of the same inputs."""
@@ -95,8 +95,8 @@ class Deposited(Witnesses):
         part = near / np.maximum(boulders, 1)
         expected = (squares / np.maximum(boulders, 1) - part**2) / np.maximum(boulders, 1)
         scale = np.maximum(part.mean(axis=0), self._floor / np.maximum(boulders.mean(axis=0), 1))
-        found = (part.var(axis=0, ddof=1) / scale**2).sum()
-        times = found / max((expected.mean(axis=0) / scale**2).sum(), 1e-12)
+        variance = (part.var(axis=0, ddof=1) / scale**2).sum()
+        times = variance / max((expected.mean(axis=0) / scale**2).sum(), 1e-12)
         self.worth = worth_of(times)
 
     def discrepancy(
@@ -144,8 +144,8 @@ def _widths_at(kernel: Kernel, blocks: Blocks, rest: Rest) -> np.ndarray:
 def _others(kernel: Kernel, blocks: Blocks, widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sums of kernels and weights over half of the other blocks, for each block."""
     both = kernel_values(kernel, blocks, Rest(blocks.place, blocks.volume), widths)
-    for one in both:
-        np.fill_diagonal(one, 0.0)
+    for overlap in both:
+        np.fill_diagonal(overlap, 0.0)
     return HALF * both[1].sum(axis=1), HALF * both[0].sum(axis=1)
 
 

@@ -31,11 +31,18 @@ import numpy as np
 from rockfall.analysis.back.deposited import Deposited
 from rockfall.analysis.back.marked import Marked
 from rockfall.analysis.back.witnesses import worth_of
-from rockfall.analysis.deposits import MIN_FITTED, at_rest, cell_of, witnesses
+from rockfall.analysis.deposits import MIN_FITTED, at_rest, witnesses
 from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.marks import Mark
 from rockfall.analysis.observations import Observed
-from rockfall.analysis.run_out import Frame, compared, frames, observed_boulders, way_of
+from rockfall.analysis.run_out import (
+    Frame,
+    cell_of,
+    compared,
+    frames,
+    observed_boulders,
+    way_of,
+)
 from rockfall.errors import RockfallError
 
 if TYPE_CHECKING:
@@ -96,11 +103,11 @@ class Counted:
     def log_likelihood(self, runs: np.ndarray) -> np.ndarray:
         from scipy.special import gammaln
 
-        known = self.worth * runs + PRIOR
-        found = (gammaln(known + self.counts) - gammaln(known)).sum(axis=1)
-        total = known.sum(axis=1)
-        found -= gammaln(total + self.counts.sum()) - gammaln(total)
-        return np.where(runs.sum(axis=1) >= MIN_CROSSED, found, -np.inf)
+        alpha = self.worth * runs + PRIOR
+        likelihood = (gammaln(alpha + self.counts) - gammaln(alpha)).sum(axis=1)
+        total = alpha.sum(axis=1)
+        likelihood -= gammaln(total + self.counts.sum()) - gammaln(total)
+        return np.where(runs.sum(axis=1) >= MIN_CROSSED, likelihood, -np.inf)
 
     def learn_noise(self, runs: np.ndarray) -> None:
         """Set the worth of a simulated boulder, from runs of the same inputs."""
@@ -119,9 +126,9 @@ class Counted:
     def discrepancy(
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
     ) -> tuple[float, np.ndarray]:
-        known = self.worth * runs + PRIOR
-        expected = self.n * (weight @ (known / known.sum(axis=1, keepdims=True)))
-        again = [random.multinomial(self.n, random.dirichlet(one)) for one in known[picked]]
+        alpha = self.worth * runs + PRIOR
+        expected = self.n * (weight @ (alpha / alpha.sum(axis=1, keepdims=True)))
+        again = [random.multinomial(self.n, random.dirichlet(row)) for row in alpha[picked]]
         far = ((np.array([self.counts, *again]) - expected) ** 2 / expected).sum(axis=1)
         return far[0], far[1:]
 
@@ -177,11 +184,11 @@ class Printed:
         fewer = 1 / self.n + 1 / (self.worth * np.maximum(size, 1))
         expected = np.stack([mean, np.log(std)], axis=1)
         error = np.stack([std * np.sqrt(fewer), np.sqrt((kurtosis - 1) / 4 * fewer)], axis=1)
-        known = 2 if self.std > 0 and self.n > MIN_PRINTED else 1
-        return expected[:, :known], error[:, :known]
+        n_known = 2 if self.std > 0 and self.n > MIN_PRINTED else 1
+        return expected[:, :n_known], error[:, :n_known]
 
-    def _observed(self, known: int) -> np.ndarray:
-        return np.array([self.mean, np.log(self.std) if known > 1 else 0.0])[:known]
+    def _observed(self, n_known: int) -> np.ndarray:
+        return np.array([self.mean, np.log(self.std) if n_known > 1 else 0.0])[:n_known]
 
     def log_likelihood(self, runs: np.ndarray) -> np.ndarray:
         expected, error = self._standing(runs)
@@ -212,37 +219,37 @@ def evidence(
     """Sets of data that a back-analysis can use, and notes on those that it cannot; `result` is a
     run of the case, which has a line at each of the marks."""
     notes: list[str] = []
-    found = [
+    data = [
         *_of_stops(result, seen, notes),
         *_of_witnesses(result, seen, notes),
         *_of_lines(result, seen, notes),
     ]
     if marks:
-        found.append(Marked.of_run(marks, result))
+        data.append(Marked.of_run(marks, result))
     if seen.contacts is not None and len(marks) < len(seen.contacts):
         which = f"{len(seen.contacts) - len(marks)} of {len(seen.contacts)} impacts are"
         notes.append(
             f"{which if marks else 'Impacts are'} not used: without a height above the ground, and "
             "what was left unseen is not known."
         )
-    if not found:
+    if not data:
         raise RockfallError(" ".join(["nothing observed that a back-analysis can use.", *notes]))
-    return found, notes
+    return data, notes
 
 
 def _of_stops(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[Evidence]:
     if seen.stops is not None and (difference := compared(result, seen)[1]):
         notes.append(difference)
-    known, several = observed_boulders(result, seen), len(frames(result, seen)) > 1
-    if known is not None and not frames(result, seen):
-        yield Counted("stopping distance", known.values[:, 0], _distance)
-    elif known is not None:
+    stops, several = observed_boulders(result, seen), len(frames(result, seen)) > 1
+    if stops is not None and not frames(result, seen):
+        yield Counted("stopping distance", stops.values[:, 0], _distance)
+    elif stops is not None:
         for source, frame in frames(result, seen).items():
-            own = known.of(source).values
+            own = stops.of(source).values
             name = f", source {frame.name}" if several else ""
             for column, label in enumerate(("stopping distance", "lateral offset")):
                 yield Counted(f"{label}{name}", own[:, column], _way(frame, source, column))
-    if seen.passing is not None and known is None:
+    if seen.passing is not None and stops is None:
         if np.isnan(seen.passing_n):
             notes.append("Fractions that come so far are not used: column n, of how many?")
         else:
@@ -263,10 +270,12 @@ def _of_witnesses(result: xr.Dataset, seen: Observed, notes: list[str]) -> Itera
                 "that reaches farther"
             )
     if sets:
-        found = Deposited.of_run(sets, result, cell_of(result))
-        if seen.volumes is not None and all(np.isinf(kernel.of_volume) for kernel in found.kernels):
+        deposited = Deposited.of_run(sets, result, cell_of(result))
+        if seen.volumes is not None and all(
+            np.isinf(kernel.of_volume) for kernel in deposited.kernels
+        ):
             notes.append("Volumes of the blocks are not used: all boulders of the case have one.")
-        yield found
+        yield deposited
 
 
 def _distance(result: xr.Dataset) -> np.ndarray:
@@ -304,7 +313,7 @@ def shares(data: list[Evidence], result: xr.Dataset) -> np.ndarray:
     """Weight of each set of data."""
     from scipy.stats import spearmanr
 
-    values = [one.take(result) if isinstance(one, Counted | Printed) else None for one in data]
+    values = [item.take(result) if isinstance(item, Counted | Printed) else None for item in data]
     squares = np.eye(len(data))
     for i, a in enumerate(values):
         for j, b in enumerate(values[:i]):
@@ -317,17 +326,17 @@ def shares(data: list[Evidence], result: xr.Dataset) -> np.ndarray:
 
 
 def predictive_p(
-    one: Evidence, runs: np.ndarray, weight: np.ndarray, random: np.random.Generator
+    data: Evidence, runs: np.ndarray, weight: np.ndarray, random: np.random.Generator
 ) -> float:
     """Posterior predictive probability that an equal number of boulders from the posterior deviate
     from its prediction as much as the observed ones (Gelman, Meng and Stern 1996)."""
     picked = random.choice(weight.size, REPLICATES, p=weight)
-    observed, again = one.discrepancy(runs, picked, weight, random)
+    observed, again = data.discrepancy(runs, picked, weight, random)
     if np.array_equal(observed, again):  # nothing to compare
         return np.nan
     return (1 + int(np.count_nonzero(again >= observed))) / (1 + REPLICATES)
 
 
-def as_record(one: Evidence, share: float, p: float) -> dict[str, Any]:
+def as_record(data: Evidence, share: float, p: float) -> dict[str, Any]:
     """Row of a datum in the table of evidence."""
-    return {"data": one.name, "n": one.n, "counts": share, "predictive_p": p}
+    return {"data": data.name, "n": data.n, "counts": share, "predictive_p": p}

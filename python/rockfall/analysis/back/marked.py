@@ -44,14 +44,14 @@ class Marked(Witnesses):
         """Marks with the kernels that the boulders of a run give."""
         passing = [passing_at(base, mark) for mark in marks]
         every = [mark.height for mark in marks]
-        greatest = max([*every, *(one.heights.max(initial=0.0) for one in passing)])
+        greatest = max([*every, *(crossing.heights.max(initial=0.0) for crossing in passing)])
         kernels = [fitted_heights(*pair, greatest) for pair in zip(marks, passing, strict=True)]
-        found = cls(marks, kernels, base.sizes["boulder"])
-        near, squares, _, crossed = found._sums(found.kept(base)[None])[:, 0]
+        data = cls(marks, kernels, base.sizes["boulder"])
+        near, squares, _, crossed = data._sums(data.kept(base)[None])[:, 0]
         n = np.maximum(crossed, 1)
         scale = (near + ANYWHERE / kernels[0].top) / n
-        found.noise_alone = float(((squares / n - (near / n) ** 2) / (n * scale**2)).clip(0).sum())
-        return found
+        data.noise_alone = float(((squares / n - (near / n) ** 2) / (n * scale**2)).clip(0).sum())
+        return data
 
     @property
     def n(self) -> int:
@@ -68,12 +68,12 @@ class Marked(Witnesses):
 
     def log_likelihood(self, runs: np.ndarray) -> np.ndarray:
         near, _, below, crossed = self._sums(runs)
-        found = np.zeros(len(runs))
+        likelihood = np.zeros(len(runs))
         for k, (mark, kernel) in enumerate(zip(self.marks, self.kernels, strict=True)):
-            a, b, n = (self.worth * one[:, k] for one in (near, below, crossed))
-            found += log_density(a, b, n, mark, kernel.top)
-            found += log_reach(crossed[:, k], self.boulders)
-        return found
+            a, b, n = (self.worth * sums[:, k] for sums in (near, below, crossed))
+            likelihood += log_density(a, b, n, mark, kernel.top)
+            likelihood += log_reach(crossed[:, k], self.boulders)
+        return likelihood
 
     def learn_noise(self, runs: np.ndarray) -> None:
         """Set the worth of a simulated boulder, from runs of the same inputs."""
@@ -129,12 +129,12 @@ def _again(
         return np.zeros((2, Marked.AGAIN))
     chosen = (uniform * n).astype(int)
     highest = heights[chosen].max(axis=1)
-    found = np.empty((2, Marked.AGAIN))
-    found[0] = log_density(np.array(near), np.array(below), np.array(n), mark, kernel.top)
+    resampled = np.empty((2, Marked.AGAIN))
+    resampled[0] = log_density(np.array(near), np.array(below), np.array(n), mark, kernel.top)
     for k, height in enumerate(highest.tolist()):
         sums = height_sums(kernel, height, np.delete(heights, int(np.argmax(heights == height))))
         hit = Mark("", mark.x, mark.y, height, hits=mark.hits)
-        found[1, k] = log_density(
+        resampled[1, k] = log_density(
             np.array(sums[0]), np.array(sums[2]), np.array(n - 1.0), hit, kernel.top
         )
-    return found
+    return resampled

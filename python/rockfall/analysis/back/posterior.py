@@ -170,8 +170,8 @@ def _moved(weight: np.ndarray, scores: np.ndarray) -> float:
 def _set_row(analysis: Back) -> dict[str, Any]:
     which = analysis.members["set"].to_numpy(int)
     chance = np.bincount(which, analysis.weight, len(analysis.inputs.sets))
-    known = chance[chance > 0]
-    number = float(np.exp(-(known * np.log(known)).sum()))
+    positive = chance[chance > 0]
+    number = float(np.exp(-(positive * np.log(positive)).sum()))
     expected, total = 1 / chance.size, analysis.effective
     chi2 = total * ((chance - expected) ** 2 / expected).sum()
     from scipy.stats import chi2 as distribution
@@ -261,12 +261,12 @@ def check_back(folder: Path, inputs: Iterable[str | Path]) -> None:
 
 def _contents(analysis: Back) -> Contents:
     members, data = analysis.members, analysis.data
-    about = {"log_likelihood": "of what was observed, dependent data counted less",
+    long_names = {"log_likelihood": "of what was observed, dependent data counted less",
              "smooth": "log_likelihood without the noise of the runs",
              "weight": "of the member in the posterior"}  # fmt: skip
     variables: dict[str, tuple] = {
         str(name): ("member", members[name].to_numpy(float),
-                    {"units": "1", "long_name": about.get(str(name), f"drawn: {name}")})
+                    {"units": "1", "long_name": long_names.get(str(name), f"drawn: {name}")})
         for name in members
     }  # fmt: skip
     variables["data"] = ("data", data["data"].to_numpy(object), {"long_name": "set of data"})
@@ -274,8 +274,8 @@ def _contents(analysis: Back) -> Contents:
                        ("predictive_p", "posterior predictive probability"),
                        ("loss", "log-likelihood lost beside the other data"),
                        ("loss_error", "its standard error")):  # fmt: skip
-        one = {"units": "1", "long_name": what}
-        variables[f"data_{name}"] = ("data", data[name].to_numpy(float), one)
+        column_attrs = {"units": "1", "long_name": what}
+        variables[f"data_{name}"] = ("data", data[name].to_numpy(float), column_attrs)
     about_alone = {"units": "1", "long_name": "weight of the member by each set of data alone"}
     variables["data_weight"] = ("data", "member"), analysis.alone, about_alone
     attrs = {
@@ -289,9 +289,9 @@ def _contents(analysis: Back) -> Contents:
 
 def _case_text(analysis: Back, folder: Path) -> str:
     """Case with the posterior as its uncertain inputs, and file names relative to a folder."""
-    known = {"source_shift": 0.0, "draws": DRAWN}
-    known |= {key: 1.0 for key in analysis.case.ensemble if key.endswith("_factor")}
-    case = _seen_from(folder, analysis.case).replace(ensemble=known)
+    ensemble = {"source_shift": 0.0, "draws": DRAWN}
+    ensemble |= {key: 1.0 for key in analysis.case.ensemble if key.endswith("_factor")}
+    case = _seen_from(folder, analysis.case).replace(ensemble=ensemble)
     head = f"{MARK} from {case.name}: &ensemble draws has the posterior, for `rockfall ensemble`."
     return f"{' '.join(head.splitlines())}\n{case.text()}"
 
@@ -307,11 +307,11 @@ def _seen_from(folder: Path, case: Case) -> Case:
     for key in file_keys():
         several = key.group in REPEATABLE
         held = groups.get(key.group, getattr(case, key.group))
-        changed = [dict(one) for one in held] if several else [dict(held)]
-        for one in changed:
-            if key.name in one:
-                named = one[key.name]
+        changed = [dict(entry) for entry in held] if several else [dict(held)]
+        for entry in changed:
+            if key.name in entry:
+                named = entry[key.name]
                 is_list = isinstance(named, list)
-                one[key.name] = [*map(moved, named)] if is_list else moved(named)
+                entry[key.name] = [*map(moved, named)] if is_list else moved(named)
         groups[key.group] = changed if several else changed[0]
     return case.replace(**groups)

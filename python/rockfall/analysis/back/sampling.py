@@ -60,14 +60,14 @@ class Sampler:
         self.mixtures.append(mixture)
         self.points = np.concatenate([self.points, new])
         self.sizes.append(n)
-        self.densities = [one(self.points) for one in self._all()]
+        self.densities = [density(self.points) for density in self._all()]
         return new
 
     def more_of_prior(self, points: np.ndarray) -> None:
         """Add points of the prior, if no point is likely so far."""
         self.points = np.concatenate([self.points, points])
         self.sizes[0] += len(points)
-        self.densities = [one(self.points) for one in self._all()]
+        self.densities = [density(self.points) for density in self._all()]
 
     def _all(self) -> list[Callable[[np.ndarray], np.ndarray]]:
         return [_log_prior, *(mixture.log_density for mixture in self.mixtures)]
@@ -77,9 +77,9 @@ class Sampler:
         enough = min(len(self.points) / 4, 5.0 * (self.points.shape[1] + 1))
         logs = self.log_weights()
         part, step = 1.0, 0.5
-        found = normalised(logs)
-        if effective(found) >= enough:
-            return found
+        weights = normalised(logs)
+        if effective(weights) >= enough:
+            return weights
         part = 0.0
         for _ in range(20):
             trial = normalised(np.where(np.isfinite(logs), (part + step) * logs, -np.inf))
@@ -105,11 +105,11 @@ class _Mixture:
         self.factor = width * np.linalg.cholesky(spread)
 
     def draw(self, n: int, random: np.random.Generator) -> np.ndarray:
-        found = random.standard_normal((n, self.centres.shape[1]))
+        points = random.standard_normal((n, self.centres.shape[1]))
         picked = random.choice(self.weight.size, n, p=self.weight)
         own = random.random(n) >= DEFENSIVE
-        found[own] = self.centres[picked[own]] + found[own] @ self.factor.T
-        return found
+        points[own] = self.centres[picked[own]] + points[own] @ self.factor.T
+        return points
 
     def log_density(self, points: np.ndarray) -> np.ndarray:
         from scipy.linalg import solve_triangular
@@ -134,8 +134,8 @@ def normalised(logs: np.ndarray) -> np.ndarray:
     """Weights that add up to 1, from their logarithms; all 0 if none is finite."""
     if not np.isfinite(logs).any():
         return np.zeros(logs.size)
-    found = np.exp(logs - logs[np.isfinite(logs)].max())
-    return found / found.sum()
+    weights = np.exp(logs - logs[np.isfinite(logs)].max())
+    return weights / weights.sum()
 
 
 def effective(weight: np.ndarray) -> float:

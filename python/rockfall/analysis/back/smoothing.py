@@ -25,16 +25,16 @@ FIRST = (2.0, 5.0, 1.0, 0.3)  # initial values
 def smoothed(points: np.ndarray, levels: np.ndarray, log_likelihood: np.ndarray) -> np.ndarray:
     """Smoothed log-likelihoods of points (n, dimensions), -inf where the input is; a direction with
     `levels`, such as impact sets, has unordered values."""
-    known = np.isfinite(log_likelihood)
-    found = np.full(known.size, -np.inf)
-    if not known.any():
-        return found
-    points, deficit = points[known], log_likelihood[known].max() - log_likelihood[known]
+    is_finite = np.isfinite(log_likelihood)
+    smooth = np.full(is_finite.size, -np.inf)
+    if not is_finite.any():
+        return smooth
+    points, deficit = points[is_finite], log_likelihood[is_finite].max() - log_likelihood[is_finite]
     y = -np.where(deficit < FAR, deficit, FAR * (1 + np.log(np.maximum(deficit, FAR) / FAR)))
     chosen = np.unique(np.linspace(0, y.size - 1, FITTED).astype(int))
     numbers = _process(points[chosen], levels, y[chosen]).likeliest()
-    found[known] = _process(points, levels, y).mean(numbers)
-    return found
+    smooth[is_finite] = _process(points, levels, y).mean(numbers)
+    return smooth
 
 
 def _process(points: np.ndarray, levels: np.ndarray, y: np.ndarray) -> _Process:

@@ -16,7 +16,13 @@ from rockfall.analysis.back.places import check_on_terrain
 from rockfall.analysis.back.sampling import Sampler, effective
 from rockfall.analysis.deposits import witnesses
 from rockfall.analysis.ensemble.study import lean
-from rockfall.analysis.ensemble.uncertain_inputs import INPUTS, Uncertain, drawn_scene, has_rocks
+from rockfall.analysis.ensemble.uncertain_inputs import (
+    INPUTS,
+    Uncertain,
+    drawn_scene,
+    has_rocks,
+    normal_scores,
+)
 from rockfall.analysis.marks import Mark, read_marks, with_lines_at
 from rockfall.analysis.observations import Observed, read_observed
 from rockfall.case import Case
@@ -131,7 +137,7 @@ def back_analysis(
     sought = _sought(inputs, base)
     cube = inputs.design.reshape(-1, inputs.design.shape[-1])
     levels = np.where(sought == inputs.ends[INPUTS.index("sets")], len(inputs.sets), 0)
-    sampler = Sampler(_normal_scores(cube[:, sought]), levels)
+    sampler = Sampler(normal_scores(cube[:, sought]), levels)
     random = np.random.default_rng((case.case["seed"], STREAM))
     kept: list[dict[str, float]] = []
     runs: list[list[np.ndarray]] = [[] for _ in data]
@@ -146,20 +152,20 @@ def back_analysis(
                     stopped = True
                     break
                 kept.append(row)
-                for one, value in zip(runs, values, strict=True):
-                    one.append(value)
+                for kept_runs, value in zip(runs, values, strict=True):
+                    kept_runs.append(value)
                 advance(1)
             if stopped:
                 break
             new = slice(sampler.log_likelihood.size, None)
-            known = counts[:, None] * np.array([
-                one.log_likelihood(np.array(member_runs)[new])
-                for one, member_runs in zip(data, runs, strict=True)
+            new_values = counts[:, None] * np.array([
+                item.log_likelihood(np.array(member_runs)[new])
+                for item, member_runs in zip(data, runs, strict=True)
             ])  # fmt: skip
             off = np.array([row.get("source_redrawn", 0) > 0 for row in kept[new]])
-            known[:, off] = -np.inf
-            by_data = np.concatenate([by_data, known], axis=1)
-            sampler.learn(known.sum(axis=0))
+            new_values[:, off] = -np.inf
+            by_data = np.concatenate([by_data, new_values], axis=1)
+            sampler.learn(new_values.sum(axis=0))
             weight, ahead = sampler.weights(), sampler.log_prior_weights()
             if effective(weight) >= enough or len(cube) + ROUND > members:
                 break
@@ -169,7 +175,7 @@ def back_analysis(
             if weight.any():
                 points[:, sought] = _uniform(sampler.propose(ROUND, random))
             else:
-                sampler.more_of_prior(_normal_scores(points[:, sought]))
+                sampler.more_of_prior(normal_scores(points[:, sought]))
             cube = np.concatenate([cube, points])
     if not (done := sampler.log_likelihood.size):
         raise KeyboardInterrupt
@@ -187,15 +193,15 @@ def back_analysis(
         log_likelihood=sampler.log_likelihood, smooth=sampler.smooth, weight=weight
     )
     each = contributions(sampler.points[:done], levels, ahead, weight, by_data)
-    found = [
-        as_record(one, count, predictive_p(one, np.array(member_runs), weight, random))
+    records = [
+        as_record(item, count, predictive_p(item, np.array(member_runs), weight, random))
         | part.record()
-        for one, count, member_runs, part in zip(data, counts, runs, each, strict=True)
+        for item, count, member_runs, part in zip(data, counts, runs, each, strict=True)
     ]
-    for one, member_runs in zip(data, runs, strict=True):
-        notes += one.remarks(np.array(member_runs), weight)
-    noise = sum(c * one.noise(scene.boulders) for c, one in zip(counts, data, strict=True))
-    back = Back(case, inputs, sought, cube, table, pd.DataFrame(found), tuple(notes), enough,
+    for item, member_runs in zip(data, runs, strict=True):
+        notes += item.remarks(np.array(member_runs), weight)
+    noise = sum(c * item.noise(scene.boulders) for c, item in zip(counts, data, strict=True))
+    back = Back(case, inputs, sought, cube, table, pd.DataFrame(records), tuple(notes), enough,
                 float(noise), scene.boulders, np.array([part.alone for part in each]))  # fmt: skip
     if stopped:
         raise StudyInterrupted(back, done)
@@ -213,8 +219,8 @@ def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:
     for k in range(REPLICATES):
         draw = inputs.at("dem", inputs.design[0, 0], NOT_MEMBERS + k)
         results.append(run_scene(drawn_scene(scene, [draw], inputs.boulders_seed(NOT_MEMBERS + k))))
-    for one in data:
-        one.learn_noise(np.array([one.kept(result) for result in results]))
+    for item in data:
+        item.learn_noise(np.array([item.kept(result) for result in results]))
 
 
 def _member(
@@ -227,15 +233,15 @@ def _member(
     for draw in draws:
         for name, value in draw.kept.items():
             if name == "radius":
-                row |= {f"radius_{i + 1}": float(one) for i, one in enumerate(value)}
+                row |= {f"radius_{i + 1}": float(radius) for i, radius in enumerate(value)}
             else:
                 row[name] = float(value)
-    return row, [one.kept(result) for one in data]
+    return row, [item.kept(result) for item in data]
 
 
 def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
     """Columns of the cube that are parameters; of rock sizes only those that boulders reach."""
-    found: list[int] = []
+    all_columns: list[int] = []
     for name in inputs.names:
         k = INPUTS.index(name)
         columns = range(inputs.ends[k], inputs.ends[k + 1])
@@ -245,10 +251,10 @@ def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
         if name == "volume":
             given = [inputs.given[key] > 1 for key in ("volume_factor", "volume_std_factor")]
             columns = [column for column, is_given in zip(columns, given, strict=True) if is_given]
-        found += columns
-    if not found:
+        all_columns += columns
+    if not all_columns:
         raise RockfallError(f"{inputs.scene.case.name}: &ensemble: nothing that can be sought")
-    return np.array(found)
+    return np.array(all_columns)
 
 
 def _reached_materials(scene: Scene, base: xr.Dataset) -> set[int]:
@@ -258,19 +264,13 @@ def _reached_materials(scene: Scene, base: xr.Dataset) -> set[int]:
     rows = {0}
     if scene.rasters.zone is not None:
         rows = set((np.unique(scene.rasters.zone[base["passages"].values > 0]) - 1).tolist())
-    found = {row for row in rows if row >= 0 and has_rocks(scene.rasters.sizes[row])}
-    if not found:
+    reached = {row for row in rows if row >= 0 and has_rocks(scene.rasters.sizes[row])}
+    if not reached:
         raise RockfallError(
             f"{scene.case.name}: &ensemble radius_factor: has no effect: boulders come to no zone "
             "with rocks (R_m > 0); take it out"
         )
-    return found
-
-
-def _normal_scores(uniform: np.ndarray) -> np.ndarray:
-    from scipy.special import ndtri
-
-    return ndtri(uniform)
+    return reached
 
 
 def _uniform(scores: np.ndarray) -> np.ndarray:

@@ -27,13 +27,13 @@ class MemberMaps:
         self.names = scene.case.output["maps"]
         self.cells: list[np.ndarray] = []  # of each member
         self.values: dict[str, list[np.ndarray]] = {name: [] for name in self.names}
-        self.about: dict[str, Any] = {}
+        self.attrs: dict[str, Any] = {}
 
     def add(self, result: xr.Dataset) -> None:
         cells = np.flatnonzero(result["passages"].values > 0)
         self.cells.append(cells)
         for name in self.names:
-            self.about[name] = result[name].attrs
+            self.attrs[name] = result[name].attrs
             self.values[name].append(result[name].values.ravel()[cells])
 
     def variables(self) -> dict[str, Any]:
@@ -41,22 +41,22 @@ class MemberMaps:
         cells = np.unique(np.concatenate(self.cells))
         size = max(1, AT_ONCE // len(self.cells))
         parts = [cells[k : k + size] for k in range(0, cells.size, size)]
-        found: dict[str, Any] = {}
+        variables: dict[str, Any] = {}
         for name in self.names:
             for part in parts or [cells]:
                 for label, (values, long_name, units) in self._maps(name, part).items():
                     attrs = {"units": units, "long_name": long_name, "grid_mapping": "crs"}
                     empty = np.zeros(self.shape, "f4")
-                    one = found.setdefault(label, (("y", "x"), empty, attrs))
-                    one[1].ravel()[part] = values
-        return found
+                    variable = variables.setdefault(label, (("y", "x"), empty, attrs))
+                    variable[1].ravel()[part] = values
+        return variables
 
     def _maps(self, name: str, part: np.ndarray) -> dict[str, tuple[np.ndarray, str, str]]:
         """Values, meaning and units of the maps derived from one, in some cells."""
         members = self._dense(name, part)
         if name != "passages":
-            about = self.about[name]
-            return dict(self._quantiles(name, members, about["long_name"], about["units"]))
+            attrs = self.attrs[name]
+            return dict(self._quantiles(name, members, attrs["long_name"], attrs["units"]))
         members /= self.boulders
         spread = "standard deviation over the runs, Monte Carlo error included"
         reached = f"fraction of the runs in which more than {REACHED:.0%} of the boulders passed"
@@ -77,10 +77,10 @@ class MemberMaps:
 
     def _dense(self, name: str, part: np.ndarray) -> np.ndarray:
         """Map of all members in these cells (members, cells), 0 where no boulder passed."""
-        found = np.zeros((len(self.cells), part.size))
-        for row, cells, values in zip(found, self.cells, self.values[name], strict=True):
+        dense = np.zeros((len(self.cells), part.size))
+        for row, cells, values in zip(dense, self.cells, self.values[name], strict=True):
             place = np.searchsorted(part, cells)
             inside = place < part.size
             inside[inside] = part[place[inside]] == cells[inside]
             row[place[inside]] = np.nan_to_num(values[inside])
-        return found
+        return dense

@@ -130,19 +130,19 @@ def indices(y: np.ndarray, covariance: np.ndarray) -> Indices:
     ratio. They assume independent blocks, so an even design has smaller ones. Indices are given
     where the epistemic variance is significantly above zero (95 %).
     """
-    found = parts(y, covariance)
+    estimate = parts(y, covariance)
     random = np.random.default_rng(0)
     picks = random.integers(len(y), size=(RESAMPLES, len(y)))
     again = [parts(y[pick], covariance[pick]) for pick in picks]
-    epistemic = np.array([one.epistemic for one in again])
+    epistemic = np.array([parts.epistemic for parts in again])
     error = epistemic.std(axis=0)
-    known = np.where(found.epistemic > Z * error, found.epistemic, np.nan)
+    significant = np.where(estimate.epistemic > Z * error, estimate.epistemic, np.nan)
     both = []
     for name in ("first", "total"):
-        index = getattr(found, name) / known
-        part = np.array([getattr(one, name) for one in again])
-        both += [index, (part - index * epistemic[:, None]).std(axis=0) / known]
-    return Indices(found, error, *both)
+        index = getattr(estimate, name) / significant
+        part = np.array([getattr(resampled, name) for resampled in again])
+        both += [index, (part - index * epistemic[:, None]).std(axis=0) / significant]
+    return Indices(estimate, error, *both)
 
 
 def limits(value: float, error: float) -> tuple[float, float, float]:

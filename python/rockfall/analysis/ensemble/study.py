@@ -140,10 +140,10 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     data |= _drawn(draws, seeds)
     if maps is not None:
         data |= maps.variables()
-    found = _with_attributes(data, with_lines_of(case, scene.case), base, inputs)
+    ensemble = _with_attributes(data, with_lines_of(case, scene.case), base, inputs)
     if done < blocks:
-        raise StudyInterrupted(found, done)
-    return found
+        raise StudyInterrupted(ensemble, done)
+    return ensemble
 
 
 def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
@@ -182,17 +182,17 @@ def _run(scene: Scene) -> _Run:
     return _Run(np.array(values), deviates, result)
 
 
-def _dataset(base: _Run, names: list[str], y: np.ndarray, found: Indices) -> dict[str, Any]:
+def _dataset(base: _Run, names: list[str], y: np.ndarray, indices: Indices) -> dict[str, Any]:
     """Results of the runs and the parts of their variance; dimensions run, variant, input, line,
     result."""
     lines: np.ndarray | list[str] = base.result["line"].values if "line" in base.result else []
     shape, per_line = (len(lines), len(RESULTS)), ("line", "result")
 
-    def table(values: np.ndarray, about: str) -> tuple:
+    def table(values: np.ndarray, long_name: str) -> tuple:
         values = np.asarray(values)
         ahead = values.shape[:-1]
         dims = {0: (), 1: ("input",), 2: ("run", "variant")}[len(ahead)]
-        return (*dims, *per_line), values.reshape(*ahead, *shape), {"long_name": about}
+        return (*dims, *per_line), values.reshape(*ahead, *shape), {"long_name": long_name}
 
     texts = {
         "line": lines,
@@ -214,17 +214,19 @@ def _dataset(base: _Run, names: list[str], y: np.ndarray, found: Indices) -> dic
         "q05": table(np.quantile(two, 0.05, axis=0), "5 % of the runs A and B lie below"),
         "q95": table(np.quantile(two, 0.95, axis=0), "5 % of the runs A and B lie above"),
         "monte_carlo_std": table(
-            np.sqrt(found.parts.monte_carlo), "standard deviation of a run with so many boulders"
+            np.sqrt(indices.parts.monte_carlo), "standard deviation of a run with so many boulders"
         ),
         "epistemic_std": table(
-            np.sqrt(found.parts.epistemic.clip(0)), "standard deviation by the uncertain inputs"
+            np.sqrt(indices.parts.epistemic.clip(0)), "standard deviation by the uncertain inputs"
         ),
-        "epistemic_variance": table(found.parts.epistemic, "unbiased estimate; may be below zero"),
-        "epistemic_variance_error": table(found.epistemic_error, "its standard error"),
-        "first_order": table(found.first, f"{fraction_of}alone, first-order Sobol' index"),
-        "first_order_error": table(found.first_error, "its standard error"),
-        "total": table(found.total, f"{fraction_of}with all it does, total Sobol' index"),
-        "total_error": table(found.total_error, "its standard error"),
+        "epistemic_variance": table(
+            indices.parts.epistemic, "unbiased estimate; may be below zero"
+        ),
+        "epistemic_variance_error": table(indices.epistemic_error, "its standard error"),
+        "first_order": table(indices.first, f"{fraction_of}alone, first-order Sobol' index"),
+        "first_order_error": table(indices.first_error, "its standard error"),
+        "total": table(indices.total, f"{fraction_of}with all it does, total Sobol' index"),
+        "total_error": table(indices.total_error, "its standard error"),
         "too_few": table(
             np.isnan(y).sum(axis=(0, 1)), "runs in which too few boulders pass, so no number"
         ),
@@ -237,13 +239,13 @@ def _units(quantity: str, number: str) -> str:
 
 def _drawn(draws: list[list[Draw]], seeds: list[int]) -> dict[str, Any]:
     """The numbers drawn for A and B of each run; dimensions run, side (and zone)."""
-    kept = [{key: value for one in drawn for key, value in one.kept.items()} for drawn in draws]
+    kept = [{key: value for draw in drawn for key, value in draw.kept.items()} for drawn in draws]
     data: dict[str, Any] = {
         "side": ("side", np.array(["A", "B"], dtype=object)),
         "seed": ("run", np.array(seeds), {"long_name": "of the boulders in all variants of a run"}),
     }
     for key in kept[0]:
-        values = np.array([one[key] for one in kept])
+        values = np.array([draw[key] for draw in kept])
         units, meaning = KEPT[key]
         dims = ("run", "side", "zone")[: values.ndim + 1]
         attrs = {"units": units, "long_name": meaning}
@@ -257,14 +259,14 @@ def _with_attributes(data: dict[str, Any], case: Case, base: _Run, inputs: Uncer
     run = base.result
     attrs = dict(run.attrs)
     checksums = json.loads(run.attrs["input_checksums"])
-    checksums |= {f"ensemble sets {name}": one for name, one in inputs.set_checksums.items()}
+    checksums |= {f"ensemble sets {name}": sha256 for name, sha256 in inputs.set_checksums.items()}
     attrs |= {
         "case": case.text(),
         "ensemble_runs": case.ensemble["runs"],
         "input_checksums": json.dumps(checksums, sort_keys=True),
     }
     texts = {"result", "input", "variant", "side", "result_units"}
-    data = {name: one for name, one in data.items() if name not in run.variables}
+    data = {name: variable for name, variable in data.items() if name not in run.variables}
     own = xr.Dataset(data).set_coords(sorted(texts & set(data)))
     own = own if case.lines else own.drop_dims("line")
     return run.assign_coords(own.coords).assign(own.data_vars).assign_attrs(attrs)
@@ -298,10 +300,10 @@ def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
             row |= {name: at[name].item() for name in names}
             for name in found["input"].values:
                 for kind in KINDS:
-                    one = at.sel(input=name)
-                    found_ = limits(one[kind].item(), one[f"{kind}_error"].item())
+                    at_input = at.sel(input=name)
+                    bounds = limits(at_input[kind].item(), at_input[f"{kind}_error"].item())
                     ends = (f"{name}_{kind}{end}" for end in ("", "_low", "_high"))
-                    row |= dict(zip(ends, found_, strict=True))
+                    row |= dict(zip(ends, bounds, strict=True))
             rows.append(row)
     return pd.DataFrame(rows)
 

@@ -41,7 +41,7 @@ class Draw:
 
     def __or__(self, other: Draw) -> Draw:
         """Combine two draws that change different things."""
-        pairs = ((getattr(self, one.name), getattr(other, one.name)) for one in fields(Draw))
+        pairs = ((getattr(self, item.name), getattr(other, item.name)) for item in fields(Draw))
         return Draw(*(own | theirs for own, theirs in pairs))
 
 
@@ -93,12 +93,12 @@ class Uncertain:
 
     def _set_files(self) -> list[SetFile]:
         """Impact sets of the given names, one per draw."""
-        case, found = self.scene.case, []
+        case, all_draws = self.scene.case, []
         for name in self.given.get("sets", []):
             draws = draws_in(set_path(case, name, "ensemble"), case.impact["turning"])
             self.set_checksums[name] = draws[0].checksum
-            found += draws
-        return found
+            all_draws += draws
+        return all_draws
 
     def _tables(self) -> list[Grounds]:
         """Grounds replaced in each draw: tables for the default ground; each draw of a
@@ -109,21 +109,21 @@ class Uncertain:
         for name in self.given.get("sets", []):
             path = find_table(case, name)
             if path is None:
-                known = ", ".join((*ensemble_names(), *table_names()))
+                names = ", ".join((*ensemble_names(), *table_names()))
                 raise RockfallError(
                     f"{case.name}: &ensemble sets = '{name}': no such table of impacts: with "
-                    f"&impact form = 'table' they stand in for grounds of the case; known: {known}"
+                    f"&impact form = 'table' they stand in for grounds of the case; known: {names}"
                 )
             self.set_checksums[name] = file_checksum(path)
             ground = name.removesuffix(ENSEMBLE) if name in ensemble_names() else usual
-            if not any(one.name == ground for one in self.scene.grounds):
+            if not any(rule.name == ground for rule in self.scene.grounds):
                 raise RockfallError(
                     f"{case.name}: &ensemble sets = '{name}': has no effect: no ground of the case "
                     f"is {ground}; take it out"
                 )
             stand_ins.setdefault(ground, []).extend(ensemble_grounds(name, path))
         return [
-            dict(zip(stand_ins, one, strict=True)) for one in product(*stand_ins.values()) if one
+            dict(zip(stand_ins, pick, strict=True)) for pick in product(*stand_ins.values()) if pick
         ]
 
     def _check_factors(self) -> None:
@@ -200,7 +200,7 @@ class Uncertain:
 
     def _factor(self, numbers: np.ndarray, key: str) -> np.ndarray:
         """Log-normal factors of median 1, with the geometric standard deviation of a key."""
-        return self.given[key] ** _normal(numbers)
+        return self.given[key] ** normal_scores(numbers)
 
     def _radius(self, numbers: np.ndarray) -> Draw:
         """One factor for each row of the zone table, on R_m or on its three Rg; a single factor if
@@ -227,9 +227,9 @@ class Uncertain:
         if "volume_std" in boulder:
             changed["volume_std"] *= spread
         factors = dict.fromkeys(VOLUMES, size) | {"volume_std": size * spread}
-        found, arrays = self.scene.source_boulders, {}
-        if found is not None:
-            arrays["source_boulders"] = found._replace(volume=found.volume * size)
+        boulders, arrays = self.scene.source_boulders, {}
+        if boulders is not None:
+            arrays["source_boulders"] = boulders._replace(volume=boulders.volume * size)
         kept = {"volume": size, "volume_std": spread}
         return Draw(arrays, {"boulder": changed} if changed else {}, factors, kept)
 
@@ -247,22 +247,22 @@ class Uncertain:
     def _draws(self, numbers: np.ndarray) -> Draw:
         """A row of the file of draws: inputs drawn jointly."""
         k = int(numbers[0] * len(self.rows))
-        row, found = self.rows[k], Draw(kept={"draw": k})
+        row, draw = self.rows[k], Draw(kept={"draw": k})
         if "radius_1" in row:
-            found |= self._radii_by(np.array([row[f"radius_{i + 1}"] for i in range(self.radii)]))
+            draw |= self._radii_by(np.array([row[f"radius_{i + 1}"] for i in range(self.radii)]))
         if "volume" in row:
-            found |= self._volumes_by(row["volume"], row["volume_std"])
+            draw |= self._volumes_by(row["volume"], row["volume_std"])
         if "drop_height" in row:
-            found |= self._height_by(row["drop_height"])
+            draw |= self._height_by(row["drop_height"])
         if "source_east" in row:
             moved = self._shifted(row["source_east"], row["source_north"])
             if moved is None:
                 where = self.scene.case.path(self.given["draws"])
                 raise RockfallError(f"{where}: draw {k + 1}: takes a source off the terrain")
-            found |= moved
+            draw |= moved
         if "set" in row:
-            found |= self._set(int(row["set"]))
-        return found
+            draw |= self._set(int(row["set"]))
+        return draw
 
     def _dem(self, _: np.ndarray, random: np.random.Generator) -> Draw:
         z, cells = self.scene.rasters.z, self.given["dem_correlation"] / self.scene.grid.cell
@@ -273,7 +273,7 @@ class Uncertain:
         """A common shift of all sources, repeated until all of them lie on known terrain."""
         deviation = self.given["source_shift"]
         for tried in range(TRIES):
-            shift = deviation * (random.standard_normal(2) if tried else _normal(numbers))
+            shift = deviation * (random.standard_normal(2) if tried else normal_scores(numbers))
             if moved := self._shifted(*shift):
                 return moved | Draw(kept={"source_redrawn": tried})
         raise RockfallError(
@@ -320,17 +320,18 @@ def read_draws(path: Path, radii: int, sets: int) -> list[dict[str, float]]:
             raise RockfallError(f"{where}: {missing}: missing beside the others")
     if "set" in columns and not sets:
         raise RockfallError(f"{where}: column set: the case has no &ensemble sets")
-    found = []
+    drawn = []
     for row in rows:
         limits = {name: (0.01, 100.0) for name in columns if not name.startswith("source")}
         limits |= {"set": (0.0, sets - 1.0), "draw": (1.0, 1e9)}
-        found.append({name: row.number(name, *limits.get(name, ())) for name in columns})
-        if found[-1].get("set", 0.0) % 1:
+        drawn.append({name: row.number(name, *limits.get(name, ())) for name in columns})
+        if drawn[-1].get("set", 0.0) % 1:
             row.refuse("set", "must be an integer")
-    return found
+    return drawn
 
 
-def _normal(uniform: np.ndarray) -> np.ndarray:
+def normal_scores(uniform: np.ndarray) -> np.ndarray:
+    """Standard normal quantiles of uniform numbers."""
     from scipy.special import ndtri
 
     return ndtri(uniform)

@@ -41,7 +41,7 @@ class Layer(NamedTuple):
         if values is None:
             return np.full(self.size, default)
         low, high, rule = _range(name)
-        if missing and values.dtype.kind == "O" and all(plain(one) is None for one in values):
+        if missing and values.dtype.kind == "O" and all(plain(value) is None for value in values):
             return np.full(self.size, np.nan)
         if values.dtype.kind not in "iufb":
             raise RockfallError(f"{self.path}: attribute {name}: must be a number, {rule}")
@@ -70,14 +70,14 @@ class Layer(NamedTuple):
         if not given:
             return np.empty((0, intensities))
         if given == [name]:
-            one = self.numbers(name, math.nan, missing=missing)
-            return np.repeat(one[:, None], intensities, axis=1)
+            column = self.numbers(name, math.nan, missing=missing)
+            return np.repeat(column[:, None], intensities, axis=1)
         if {*given} != {*several}:
             raise RockfallError(
                 f"{self.path}: attributes {', '.join(given)}: must be {name}, or {several[0]} to "
                 f"{several[-1]}: one for each intensity"
             )
-        columns = [self.numbers(one, math.nan, missing=missing) for one in several]
+        columns = [self.numbers(name, math.nan, missing=missing) for name in several]
         values = np.stack(columns, axis=1)
         if (falls := np.argwhere(np.diff(values, axis=1) < 0)).size:
             number, k = falls[0]

@@ -68,10 +68,10 @@ def intensities(frequency: np.ndarray, periods: np.ndarray) -> np.ndarray:
 def hazard_classes(frequency: np.ndarray, matrix: Matrix, passed: np.ndarray) -> np.ndarray:
     """Highest class over all pairs of intensity and period. Events rarer than all periods are
     residual where boulders passed."""
-    found = np.zeros(frequency.shape[1:], "i1")
+    highest = np.zeros(frequency.shape[1:], "i1")
     for column, intensity in enumerate(intensities(frequency, matrix.periods)):
-        np.maximum(found, matrix.classes[intensity, column], out=found)
-    return np.where(found <= RESIDUAL, np.where(passed, RESIDUAL, 0), found).astype("i1")
+        np.maximum(highest, matrix.classes[intensity, column], out=highest)
+    return np.where(highest <= RESIDUAL, np.where(passed, RESIDUAL, 0), highest).astype("i1")
 
 
 class Classes(NamedTuple):
@@ -88,10 +88,10 @@ class Classes(NamedTuple):
         return self.low == self.high
 
 
-def classify(found: Frequencies, matrix: Matrix) -> Classes:
+def classify(rates: Frequencies, matrix: Matrix) -> Classes:
     """Classify frequencies (intensities, ...), of which the first is that of all passages."""
-    passed = found.value[0] > 0
-    value, low, high = (hazard_classes(one, matrix, passed) for one in found)
+    passed = rates.value[0] > 0
+    value, low, high = (hazard_classes(rate, matrix, passed) for rate in rates)
     return Classes(value, low, high)
 
 
@@ -106,8 +106,8 @@ def unseen(parts: Iterable[tuple[int, float]], factor: Sequence[float] = (1.0, 1
     """Upper limit of the frequency [1/year] of an event that no boulder showed, for scenarios of
     given numbers of boulders and frequencies."""
     none = np.zeros(1, "i4")
-    known = ((none, boulders, 1, yearly) for boulders, yearly in parts)
-    return float(frequencies(known, factor).high[0])
+    parts_known = ((none, boulders, 1, yearly) for boulders, yearly in parts)
+    return float(frequencies(parts_known, factor).high[0])
 
 
 def boulders_needed(yearly: float, period: float) -> int:

@@ -86,7 +86,7 @@ def read_exposure(
     deaths = _Deaths(layer, thresholds, curves, points)
     harms: dict[str, list[Harm | None]] = {"damage": damage}
     for quantity in QUANTITIES[1:]:
-        harms[quantity] = [getattr(one, quantity) for one in deaths.found]
+        harms[quantity] = [getattr(death, quantity) for death in deaths.found]
     notes = [*_of_damage(damage, names), *deaths.notes(names)]
     if unknown:
         notes.append(f"no damage for want of a vulnerability: {_listed(names, unknown)}")
@@ -100,14 +100,14 @@ def read_exposure(
 
 def joined(parts: Sequence[tuple[Exposure, int]]) -> Exposure:
     """Exposure of the objects of several layers, each with their number."""
-    if not any(one for one, _ in parts):
+    if not any(exposure for exposure, _ in parts):
         return Exposure()
-    kinds = [kind for one, size in parts for kind in one.kinds or [""] * size]
+    kinds = [kind for exposure, size in parts for kind in exposure.kinds or [""] * size]
     harms: dict[str, list[Harm | None]] = {
-        name: [harm for one, size in parts for harm in one.harms.get(name, [None] * size)]
+        name: [harm for exposure, size in parts for harm in exposure.harms.get(name, [None] * size)]
         for name in QUANTITIES
     }
-    notes = dict.fromkeys(text for one, _ in parts for text in one.assumptions)
+    notes = dict.fromkeys(text for exposure, _ in parts for text in exposure.assumptions)
     return Exposure(kinds, harms, [*(note for note in notes if note not in ALWAYS), *ALWAYS])
 
 
@@ -128,7 +128,7 @@ def _damage(
         elif curve is None and kind == "building":
             curve = BUILDING
         harms.append(None if curve is None else Harm(float(worth[k]), curve))
-    unknown = [k for k, one in enumerate(harms) if one is None and worth[k] > 0]
+    unknown = [k for k, harm in enumerate(harms) if harm is None and worth[k] > 0]
     return harms, unknown
 
 
@@ -163,12 +163,12 @@ class _Deaths:
         self, thresholds: np.ndarray, curves: Mapping[str, Curve]
     ) -> list[Curve | None]:
         """Lethality of each object: by `lethality_curve`, else by its attributes; None without."""
-        found = _named_curves(self.layer, NAMED, curves)
+        named = _named_curves(self.layer, NAMED, curves)
         steps = self.layer.by_intensity("lethality", thresholds.size + 1, missing=True)
         for k, fractions in enumerate(steps):
-            if found[k] is None and not np.isnan(fractions).any():
-                found[k] = stepped(thresholds, fractions)
-        return found
+            if named[k] is None and not np.isnan(fractions).any():
+                named[k] = stepped(thresholds, fractions)
+        return named
 
     def _of(self, k: int, points: set[int]) -> _OfPersons:
         persons, aadt = self.numbers["persons"][k], self.numbers["aadt"][k]
@@ -213,8 +213,8 @@ class _Deaths:
 
     def notes(self, names: list[str]) -> Iterator[str]:
         """Assumptions on persons."""
-        at_rest = [k for k, one in enumerate(self.found) if _rests(one.individual_risk)]
-        moving = [k for k, one in enumerate(self.found) if _moves(one.individual_risk)]
+        at_rest = [k for k, death in enumerate(self.found) if _rests(death.individual_risk)]
+        moving = [k for k, death in enumerate(self.found) if _moves(death.individual_risk)]
         if at_rest:
             yield (
                 "individual risk = presence x lethality, collective risk = persons x presence x "
@@ -233,7 +233,7 @@ class _Deaths:
                 "NOT included (errs low): vehicles that run into a block that lies on the road, "
                 f"swerve, or queue in front of it: {_listed(names, moving)}"
             )
-        harms = [one.individual_risk for one in self.found]
+        harms = [death.individual_risk for death in self.found]
         yield from _of_curves("lethality", harms, names)
         for text, defaults in self.defaults.items():
             yield f"default {text}: {_listed(names, defaults)}"
@@ -260,24 +260,24 @@ def _of_damage(harms: list[Harm | None], names: list[str]) -> Iterator[str]:
 def _of_curves(what: str, harms: list[Harm | None], names: list[str]) -> Iterator[str]:
     """Curves that enter, each with its source and objects."""
     rows: dict[tuple[str, str], list[int]] = {}
-    for k, one in enumerate(harms):
-        if one is not None:
-            rows.setdefault((one.curve.name, one.curve.source), []).append(k)
+    for k, harm in enumerate(harms):
+        if harm is not None:
+            rows.setdefault((harm.curve.name, harm.curve.source), []).append(k)
     for (name, source), objects in rows.items():
         yield f"{what} {name} ({source}): {_listed(names, objects)}"
 
 
 def _named_curves(layer: Layer, name: str, curves: Mapping[str, Curve]) -> list[Curve | None]:
     """Curve that each object names in an attribute; None where it names none."""
-    found: list[Curve | None] = []
+    named: list[Curve | None] = []
     for number, text in enumerate(layer.texts(name), start=1):
         if text and text not in curves:
             raise RockfallError(
                 f"{layer.path}: feature {number}: {name} = {text}: must be one of: "
                 f"{', '.join(curves)}; --vulnerability adds those of a table"
             )
-        found.append(curves[text] if text else None)
-    return found
+        named.append(curves[text] if text else None)
+    return named
 
 
 def _listed(names: list[str], objects: list[int]) -> str:

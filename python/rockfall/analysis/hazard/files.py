@@ -100,10 +100,10 @@ def is_hazard(path: str | Path) -> bool:
 def export_hazard(path: str | Path, folder: str | Path, formats: Sequence[str]) -> list[Path]:
     """Write zones and objects of a hazard (a file hazard.nc) to a folder as KML and DXF. Writes all
     of them or, with a RockfallError, none."""
-    folder, chosen, found = Path(folder), check_formats(formats, DRAWINGS), read_hazard(path)
+    folder, chosen, hazard = Path(folder), check_formats(formats, DRAWINGS), read_hazard(path)
     need("zones need", "vector", "pyogrio", "shapely")
-    with atomic_folder(folder, [path, *files_behind(found)]) as part:
-        return [folder / file.name for file in _put_drawings(found, part, chosen)]
+    with atomic_folder(folder, [path, *files_behind(hazard)]) as part:
+        return [folder / file.name for file in _put_drawings(hazard, part, chosen)]
 
 
 def _put_drawings(hazard: xr.Dataset, folder: Path, formats: list[str]) -> Iterator[Path]:
@@ -211,11 +211,11 @@ def _styles(kinds: dict[str, str]) -> dict[str, Style]:
     """Styles of zones and objects by their class, uncertain areas hatched."""
     colours = dict(zip(CLASSES, HAZARD_COLOURS, strict=True))
     drawn = {"Point": marker, "LineString": thick, "Polygon": fill}
-    found = {"uncertain": alike(fill(DOUBTFUL, "f_diagonal"))}
+    styles = {"uncertain": alike(fill(DOUBTFUL, "f_diagonal"))}
     for layer in ("zones", "zones_by_cell", "objects", "segments"):
         if symbol := drawn.get(plain_type(kinds.get(layer, ""))):
-            found[layer] = Style("hazard", [(c, c, symbol(colours[c])) for c in CLASSES])
-    return found | risk_styles(kinds)
+            styles[layer] = Style("hazard", [(c, c, symbol(colours[c])) for c in CLASSES])
+    return styles | risk_styles(kinds)
 
 
 def _object_layer(hazard: xr.Dataset) -> tuple:

@@ -43,12 +43,12 @@ def given_layers(given: Any, layers: str | Sequence[str] | None) -> list[Source]
         )
     if names and len(several) == 1:
         several *= len(names)
-    found = [Source(one, names[k] if names else None) for k, one in enumerate(several)]
-    for k, one in enumerate(found):
-        if any(_is_same(one, other) for other in found[:k]):
-            text = f", layer {one.layer}" if one.layer else ""
-            raise RockfallError(f"{_path(one)}{text}: is given twice as a layer of objects")
-    return found
+    sources = [Source(layer, names[k] if names else None) for k, layer in enumerate(several)]
+    for k, source in enumerate(sources):
+        if any(_is_same(source, other) for other in sources[:k]):
+            text = f", layer {source.layer}" if source.layer else ""
+            raise RockfallError(f"{_path(source)}{text}: is given twice as a layer of objects")
+    return sources
 
 
 def _path(source: Source) -> str:
@@ -66,9 +66,9 @@ def frames_of(sources: Sequence[Source]) -> dict[str, Any]:
     """GeoDataFrames among the layers, by name."""
     alone = len(sources) == 1
     return {
-        FRAME if alone else f"{FRAME}[{k}]": one.given
-        for k, one in enumerate(sources)
-        if is_frame(one.given)
+        FRAME if alone else f"{FRAME}[{k}]": source.given
+        for k, source in enumerate(sources)
+        if is_frame(source.given)
     }
 
 
@@ -76,12 +76,12 @@ def files_of(sources: Sequence[Source], frames: dict[str, Path]) -> list[File]:
     """Layers as files, `frames` those of the GeoDataFrames in turn; labels that occur twice are
     numbered."""
     of_frame = iter(frames.items())
-    found = []
+    files = []
     for source in sources:
         name, path = next(of_frame) if is_frame(source.given) else (None, source.given)
-        found.append(File(path, source.layer, source.layer or name or only_layer(path)))
-    labels = numbered([one.label for one in found])
-    return [one._replace(label=label) for one, label in zip(found, labels, strict=True)]
+        files.append(File(path, source.layer, source.layer or name or only_layer(path)))
+    labels = numbered([file.label for file in files])
+    return [file._replace(label=label) for file, label in zip(files, labels, strict=True)]
 
 
 def only_layer(path: str | Path) -> str:

@@ -66,18 +66,18 @@ def read_objects(
     """Read the objects of layers, with their vulnerability for each intensity between the
     thresholds [J], or by a curve, and who and what is exposed there."""
     read = [_read(file, grid, remarks) for file in files]
-    names = distinct_names([one.names for one in read], [file.label for file in files])
-    found = []
-    for file, one, own in zip(files, read, names, strict=True):
-        objects = Objects([str(file.path)], [file.label] * len(own), one.shapes, own)
-        widths = one.layer.numbers("width", np.nan, missing=True)
-        for number, (shape, width) in enumerate(zip(one.shapes, widths.tolist(), strict=True)):
+    names = distinct_names([layer.names for layer in read], [file.label for file in files])
+    all_objects = []
+    for file, layer, own in zip(files, read, names, strict=True):
+        objects = Objects([str(file.path)], [file.label] * len(own), layer.shapes, own)
+        widths = layer.layer.numbers("width", np.nan, missing=True)
+        for number, (shape, width) in enumerate(zip(layer.shapes, widths.tolist(), strict=True)):
             _place(objects, number, shape, width, grid)
-        _take_values(objects, one.layer, thresholds.size + 1)
+        _take_values(objects, layer.layer, thresholds.size + 1)
         without_energy = objects.point.tolist()
-        objects.exposed = read_exposure(one.layer, own, thresholds, curves, without_energy)
-        found.append(objects)
-    return _joined(found)
+        objects.exposed = read_exposure(layer.layer, own, thresholds, curves, without_energy)
+        all_objects.append(objects)
+    return _joined(all_objects)
 
 
 class _Read(NamedTuple):
@@ -102,22 +102,22 @@ def _joined(parts: Sequence[Objects]) -> Objects:
     """Objects of several layers as one; those of a layer without vulnerability have NaN."""
     objects = Objects()
     before = 0
-    for one in parts:
-        objects.paths += one.paths
-        objects.layers += one.layers
-        objects.names += one.names
-        objects.lines += one.lines
-        objects.owner = np.append(objects.owner, before + one.owner)
-        objects.point = np.append(objects.point, before + one.point)
-        before += len(one)
+    for part in parts:
+        objects.paths += part.paths
+        objects.layers += part.layers
+        objects.names += part.names
+        objects.lines += part.lines
+        objects.owner = np.append(objects.owner, before + part.owner)
+        objects.point = np.append(objects.point, before + part.point)
+        before += len(part)
     for name in ("shapes", "places", "exposure", "value"):
         setattr(objects, name, np.concatenate([getattr(part, name) for part in parts]))
     steps = [part.vulnerability for part in parts]
-    if known := [step for step in steps if step is not None]:
-        intensities = known[0].shape[1]
+    if given := [step for step in steps if step is not None]:
+        intensities = given[0].shape[1]
         objects.vulnerability = np.concatenate([
-            np.full((len(part), intensities), np.nan) if one is None else one
-            for part, one in zip(parts, steps, strict=True)
+            np.full((len(part), intensities), np.nan) if step is None else step
+            for part, step in zip(parts, steps, strict=True)
         ])  # fmt: skip
     objects.exposed = joined([(part.exposed, len(part)) for part in parts])
     for k, (owner, line) in enumerate(
@@ -131,14 +131,16 @@ def beyond_elevations(shapes: Iterable[Any], scene: Scene) -> np.ndarray:
     """Mark shapes that extend to where missing elevations stop boulders."""
     import shapely
 
-    grid, cells, found = scene.grid, scene.rasters, []
+    grid, cells, is_beyond = scene.grid, scene.rasters, []
     for shape in shapes:
         x, y = shapely.get_coordinates(shape).T
         inside = (grid.west <= x) & (x <= grid.east) & (grid.south <= y) & (y <= grid.north)
-        row, column = (one - begin for one, begin in zip(grid.cells(x, y), cells.at, strict=True))
-        known = (0 <= row) & (row < cells.z.shape[0]) & (0 <= column) & (column < cells.z.shape[1])
-        found.append(not inside.all() or bool(np.isnan(cells.z[row[known], column[known]]).any()))
-    return np.array(found, bool)
+        row, column = (k - begin for k, begin in zip(grid.cells(x, y), cells.at, strict=True))
+        valid = (0 <= row) & (row < cells.z.shape[0]) & (0 <= column) & (column < cells.z.shape[1])
+        is_beyond.append(
+            not inside.all() or bool(np.isnan(cells.z[row[valid], column[valid]]).any())
+        )
+    return np.array(is_beyond, bool)
 
 
 def beyond_remarks(objects: Objects, scene: Scene) -> list[str]:
@@ -234,5 +236,5 @@ def risks(objects: Objects, frequencies: Frequencies) -> Frequencies | None:
         return None
     more = np.diff(objects.vulnerability, axis=1, prepend=0.0).T  # than at the next lower intensity
     worth = objects.exposure * objects.value
-    value, low, high = ((more * one).sum(axis=0) * worth for one in frequencies)
+    value, low, high = ((more * rate).sum(axis=0) * worth for rate in frequencies)
     return Frequencies(value, low, high)

@@ -54,9 +54,9 @@ def mean_of_counts(
     lower ends."""
     ends = np.append(thresholds, np.inf)
     above = np.nextafter(np.append(0.0, thresholds), np.inf)
-    upper, lower = (harm.scale * harm.curve.fraction(one) for one in (ends, above))
-    found = layered(upper, counts, boulders, per_cluster)
-    return found._replace(low=layered(lower, counts, boulders, per_cluster).low)
+    upper, lower = (harm.scale * harm.curve.fraction(count) for count in (ends, above))
+    mean = layered(upper, counts, boulders, per_cluster)
+    return mean._replace(low=layered(lower, counts, boulders, per_cluster).low)
 
 
 class RunRisk:
@@ -92,11 +92,11 @@ class RunRisk:
         for number, counts in points:
             for name in QUANTITIES:
                 if harm := exposure.harms[name][number]:
-                    about = points.thresholds, diameter.size, per_cluster
-                    found = np.array(mean_of_counts(harm, counts, *about))
-                    self.objects[name][:, number] = found
+                    sizes = points.thresholds, diameter.size, per_cluster
+                    mean = np.array(mean_of_counts(harm, counts, *sizes))
+                    self.objects[name][:, number] = mean
                     if name in SUMMED:
-                        self.total[name] += found
+                        self.total[name] += mean
 
 
 class Points:
@@ -119,16 +119,16 @@ def annual(
 ) -> dict[str, np.ndarray]:
     """Risk a year, from runs and their annual frequencies; names as in the table of a hazard. The
     limits include the lowest and highest `factor` on the frequencies."""
-    found: dict[str, Any] = {}
+    risks: dict[str, Any] = {}
     for run, yearly in runs:
         parts = {f"object_{name}": values for name, values in run.objects.items()}
         parts |= {f"total_{name}": values for name, values in run.total.items()}
         for name, values in parts.items():
-            found[name] = found.get(name, 0.0) + yearly * values
+            risks[name] = risks.get(name, 0.0) + yearly * values
     values = {
-        f"{name}{end}": one * times
-        for name, three in found.items()
-        for end, one, times in zip(("", "_low", "_high"), three, (1.0, *factor), strict=True)
+        f"{name}{end}": value * times
+        for name, three in risks.items()
+        for end, value, times in zip(("", "_low", "_high"), three, (1.0, *factor), strict=True)
     }
     for end, suffix in (("", ""), ("_lower", "_low"), ("_upper", "_high")):
         values[f"object_risk_class{end}"] = risk_classes(values[f"object_individual_risk{suffix}"])

@@ -78,7 +78,7 @@ def risk_layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
             continue
         written = types.pop() if len(types) == 1 else f"Multi{kind}"
         parts = shapes[here] if not types else _multiple(shapes[here])
-        yield layer, (written, [(parts, {name: one[here] for name, one in columns.items()})])
+        yield layer, (written, [(parts, {name: column[here] for name, column in columns.items()})])
 
 
 def _multiple(shapes: np.ndarray) -> np.ndarray:

@@ -80,10 +80,10 @@ def scenario_remarks(scene: Scene) -> Iterator[str]:
 def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]:
     """Properties that both a source layer and a scenario may give: name, keys of the scenario, and
     a mask of sources for which the layer gives it."""
-    found = scene.features
-    if found is not None and found.law is not None and found.value is not None:
-        yield "volume", VOLUMES, found.law[found.number - 1] > 0
-        yield "density", ("density",), ~np.isnan(found.value[found.number - 1, DENSITY])
+    features = scene.features
+    if features is not None and features.law is not None and features.value is not None:
+        yield "volume", VOLUMES, features.law[features.number - 1] > 0
+        yield "density", ("density",), ~np.isnan(features.value[features.number - 1, DENSITY])
 
 
 def _case(case: Case, scenario: dict[str, Any]) -> Case:

@@ -50,9 +50,9 @@ def hit_counts(hits: Sequence[Hits], thresholds: np.ndarray) -> np.ndarray:
     """Number of hits, and of those with more energy than each threshold [J]
     (intensities, segments)."""
     counts = np.zeros((1 + thresholds.size, len(hits)), "i4")
-    for k, one in enumerate(hits):
-        counts[0, k] = one.energy.size
-        counts[1:, k] = (one.energy > thresholds[:, None]).sum(axis=1)
+    for k, segment in enumerate(hits):
+        counts[0, k] = segment.energy.size
+        counts[1:, k] = (segment.energy > thresholds[:, None]).sum(axis=1)
     return counts
 
 
@@ -76,10 +76,10 @@ def _numbers(runs: Sequence[Weighted], segment: int) -> dict[str, float]:
         [run.weight for run in runs], [run.hits[segment].energy.size for run in runs]
     )
     per_cluster = max(run.per_cluster for run in runs)
-    found: dict[str, float] = {"boulders": weights.size}
+    numbers: dict[str, float] = {"boulders": weights.size}
     for name in Hits._fields:
         values = np.concatenate([getattr(run.hits[segment], name) for run in runs])
-        found[f"{name}_mean"] = float(weights @ values / weights.sum()) if values.size else np.nan
+        numbers[f"{name}_mean"] = float(weights @ values / weights.sum()) if values.size else np.nan
         limits = quantile_interval(values, weights, LEVEL, per_cluster)
-        found |= {f"{name}_q95{end}": one for end, one in zip(ENDS, limits, strict=True)}
-    return found
+        numbers |= {f"{name}_q95{end}": limit for end, limit in zip(ENDS, limits, strict=True)}
+    return numbers

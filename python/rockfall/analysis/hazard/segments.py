@@ -115,7 +115,7 @@ def roads_of(roads: Roads, scene: Scene, remarks: list[str]) -> Segments:
         file = File(path, roads.layer, roads.layer or only_layer(path))
         segments = read_segments(file, roads.length, scene, own)
     segments.path = of_frames(segments.path, files)
-    remarks += [of_frames(one, files) for one in own]
+    remarks += [of_frames(path, files) for path in own]
     return segments
 
 
@@ -133,13 +133,13 @@ def read_segments(file: File, length: float | None, scene: Scene, remarks: list[
     pieces = _on_terrain(pieces, scene, layer.path, remarks)
     segments = Segments(
         layer.path,
-        [roads[one.stretch.road] for one in pieces],
-        [one.stretch.name for one in pieces],
-        np.array([one.start for one in pieces]),
-        np.array([one.end for one in pieces]),
-        np.array([one.stretch.width for one in pieces]),
-        [one.axis for one in pieces],
-        ~beyond_elevations([one.ground for one in pieces], scene),
+        [roads[piece.stretch.road] for piece in pieces],
+        [piece.stretch.name for piece in pieces],
+        np.array([piece.start for piece in pieces]),
+        np.array([piece.end for piece in pieces]),
+        np.array([piece.stretch.width for piece in pieces]),
+        [piece.axis for piece in pieces],
+        ~beyond_elevations([piece.ground for piece in pieces], scene),
     )
     remarks += _remarks(segments, pieces, layer, scene)
     for number, piece in enumerate(pieces):
@@ -281,12 +281,12 @@ def _on_terrain(
 
     grid = scene.grid
     terrain = shapely.box(grid.west, grid.south, grid.east, grid.north)
-    found = [piece for piece in pieces if shapely.intersects(piece.ground, terrain)]
-    if not found:
+    inside = [piece for piece in pieces if shapely.intersects(piece.ground, terrain)]
+    if not inside:
         raise RockfallError(f"{path}: no segment lies on the terrain")
-    if outside := len(pieces) - len(found):
+    if outside := len(pieces) - len(inside):
         remarks.append(
             f"{path}: {outside:,} of {len(pieces):,} segments lie outside the terrain and are left "
             "out"
         )
-    return found
+    return inside

@@ -133,27 +133,27 @@ def read_study(
     scene = read_scene(base_case(case), memory=memory, **arrays)
     _check_memory(scene, memory)
     remarks: list[str] = []
-    found = Objects()
+    found_objects = Objects()
     if sources:
         levels = KILOJOULE * np.array(case.hazard["thresholds"])
         with frame_files(frames_of(sources)) as files:
             layers = files_of(sources, files)
-            found = read_objects(layers, scene.grid, levels, remarks, curves)
-            remarks += beyond_remarks(found, scene)
-        found.paths = [of_frames(path, files) for path in found.paths]
+            found_objects = read_objects(layers, scene.grid, levels, remarks, curves)
+            remarks += beyond_remarks(found_objects, scene)
+        found_objects.paths = [of_frames(path, files) for path in found_objects.paths]
         remarks = [of_frames(remark, files) for remark in remarks]
     segments = roads_of(roads, scene, remarks)
     case = case.replace(barrier=scene.case.barrier, dam=scene.case.dam)  # layers have been read
     scene = scene.replace(remarks=(*scene.remarks, *scenario_remarks(scene)))
-    lines = [*found.lines, *segments.lines]
-    study = Study(case, scene, scenarios_of(scene, lines), found, segments)
+    lines = [*found_objects.lines, *segments.lines]
+    study = Study(case, scene, scenarios_of(scene, lines), found_objects, segments)
     derived = (
         replace(scene, case=scenario.case, findings=Findings()) for scenario in study.scenarios
     )
-    for one in (scene, *derived):
-        remarks += implausible(one)
-        study.warnings += [found for found in input_warnings(one) if found not in study.warnings]
-    paths = [*found.paths, *([segments.path] if len(segments) else [])]
+    for each in (scene, *derived):
+        remarks += implausible(each)
+        study.warnings += [text for text in input_warnings(each) if text not in study.warnings]
+    paths = [*found_objects.paths, *([segments.path] if len(segments) else [])]
     check_kept(scene.case, len(lines))
     check_room(paths, len(lines), scene.boulders)
     study.remarks = list(dict.fromkeys(remarks))
@@ -238,7 +238,7 @@ class _Run:
         self.segment_counts = hit_counts(self.segments, result["threshold"].values)
         self.objects = object_counts(study.objects, result, study.scene.grid, self.hits)
         self.risk = self._risk(study.objects, result) if study.objects.exposed else None
-        self.about = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
+        self.variable_attrs = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
         self.warnings = [
@@ -286,8 +286,8 @@ def _places(study: Study, run: _Run, matrix: Matrix) -> dict[str, tuple]:
     names = np.array([scenario.name for scenario in study.scenarios], dtype=object)
     attrs = {"units": "year", "long_name": "longest return period of a class of frequency"}
     return {
-        **{axis: (axis, values, run.about[axis]) for axis, values in run.places.items()},
-        "crs": ((), np.int32(0), run.about["crs"]),
+        **{axis: (axis, values, run.variable_attrs[axis]) for axis, values in run.places.items()},
+        "crs": ((), np.int32(0), run.variable_attrs["crs"]),
         "return_period": ("return_period", matrix.periods, attrs),
         "scenario": ("scenario", names, {"long_name": "class of boulders"}),
     }
@@ -311,51 +311,51 @@ def _scenarios(study: Study, runs: list[_Run]) -> dict[str, np.ndarray]:
     }
 
 
-def _frequencies(found: Frequencies, yearly: float) -> dict[str, np.ndarray]:
+def _frequencies(rates: Frequencies, yearly: float) -> dict[str, np.ndarray]:
     """Frequencies of cells with their limits, and quantities derived from them."""
-    values = _with_ends("passage_frequency", "exceedance_frequency", found)
+    values = _with_ends("passage_frequency", "exceedance_frequency", rates)
     with np.errstate(divide="ignore"):
-        periods = np.where(found.value > 0, 1 / found.value, np.nan).astype("f4")
+        periods = np.where(rates.value > 0, 1 / rates.value, np.nan).astype("f4")
     values["passage_return_period"], values["exceedance_return_period"] = periods[0], periods[1:]
-    part = (found.value / yearly).astype("f4")
+    part = (rates.value / yearly).astype("f4")
     values["reach_probability"], values["exceedance_probability"] = part[0], part[1:]
     return values
 
 
-def _with_ends(name: str, exceeded: str, found: Frequencies) -> dict[str, np.ndarray]:
+def _with_ends(name: str, exceeded: str, rates: Frequencies) -> dict[str, np.ndarray]:
     """Frequencies of all boulders, and of those above each threshold, with their limits."""
     values = {}
-    for end, one in zip(ENDS, found, strict=True):
-        values[f"{name}{end}"] = one[0].astype("f4")
-        values[f"{exceeded}{end}"] = one[1:].astype("f4")
+    for end, rate in zip(ENDS, rates, strict=True):
+        values[f"{name}{end}"] = rate[0].astype("f4")
+        values[f"{exceeded}{end}"] = rate[1:].astype("f4")
     return values
 
 
-def _classes(prefix: str, found: Frequencies, matrix: Matrix) -> dict[str, np.ndarray]:
+def _classes(prefix: str, rates: Frequencies, matrix: Matrix) -> dict[str, np.ndarray]:
     """Intensities and hazard classes."""
-    classes = classify(found, matrix)
-    values = {f"{prefix}intensity": intensities(found.value, matrix.periods).astype("i1")}
-    for end, one in zip(CLASS_ENDS, classes, strict=True):
-        values[f"{prefix}hazard_class{end}"] = one
+    classes = classify(rates, matrix)
+    values = {f"{prefix}intensity": intensities(rates.value, matrix.periods).astype("i1")}
+    for end, numbers in zip(CLASS_ENDS, classes, strict=True):
+        values[f"{prefix}hazard_class{end}"] = numbers
     values[f"{prefix}hazard_class_certain"] = classes.certain.astype("i1")
     return values
 
 
 def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.ndarray]:
     factor = study.case.hazard["frequency_factor"]
-    found = frequencies(((run.objects, *run.sample) for run in runs), factor)
+    rates = frequencies(((run.objects, *run.sample) for run in runs), factor)
     values = {
         "object_layer": np.array(study.objects.layers, dtype=object),
         "object_geometry": np.array([shape.wkt for shape in study.objects.shapes], dtype=object),
         "object_passages": np.stack([run.objects[0] for run in runs]),
         "object_energy_exceeded": np.stack([run.objects[1:] for run in runs]),
     }
-    for end, one in zip(ENDS, found, strict=True):
-        values[f"object_frequency{end}"] = one[0]
-        values[f"object_exceedance_frequency{end}"] = one[1:]
-    values |= _classes("object_", found, matrix)
-    if risk := risks(study.objects, found):
-        values |= {f"object_risk{end}": one for end, one in zip(ENDS, risk, strict=True)}
+    for end, rate in zip(ENDS, rates, strict=True):
+        values[f"object_frequency{end}"] = rate[0]
+        values[f"object_exceedance_frequency{end}"] = rate[1:]
+    values |= _classes("object_", rates, matrix)
+    if risk := risks(study.objects, rates):
+        values |= {f"object_risk{end}": value for end, value in zip(ENDS, risk, strict=True)}
     if exposed := study.objects.exposed:
         values["object_kind"] = np.array(exposed.kinds, dtype=object)
         values |= annual(((run.risk, run.yearly) for run in runs if run.risk), factor)
@@ -365,7 +365,7 @@ def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nda
 def _segments(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.ndarray]:
     """Frequencies, classes and numbers of the segments of roads."""
     segments, factor = study.segments, study.case.hazard["frequency_factor"]
-    found = frequencies(((run.segment_counts, *run.sample) for run in runs), factor)
+    rates = frequencies(((run.segment_counts, *run.sample) for run in runs), factor)
     values = {
         "segment_geometry": np.array([axis.wkt for axis in segments.axes], dtype=object),
         "segment_road": np.array(segments.roads, dtype=object),
@@ -377,13 +377,13 @@ def _segments(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nd
         "segment_passages": np.stack([run.segment_counts[0] for run in runs]),
         "segment_energy_exceeded": np.stack([run.segment_counts[1:] for run in runs]),
     }
-    for end, one in zip(ENDS, found, strict=True):
-        values[f"segment_frequency{end}"] = one[0]
-        values[f"segment_exceedance_frequency{end}"] = one[1:]
+    for end, rate in zip(ENDS, rates, strict=True):
+        values[f"segment_frequency{end}"] = rate[0]
+        values[f"segment_exceedance_frequency{end}"] = rate[1:]
     weighted = [Weighted(run.segments, run.yearly / run.boulders, run.per_cluster) for run in runs]
     numbers = segment_numbers(weighted)
-    values |= {f"segment_{name}": one for name, one in numbers.items()}
-    return values | _classes("segment_", found, matrix)
+    values |= {f"segment_{name}": number for name, number in numbers.items()}
+    return values | _classes("segment_", rates, matrix)
 
 
 def _attributes(study: Study, runs: list[_Run]) -> dict[str, Any]:

@@ -47,12 +47,12 @@ class Variable(NamedTuple):
     def about(self, case: Case) -> dict[str, Any]:
         """Attributes of the variable."""
         texts = {"units": self.units, "long_name": self.long_name, "comment": self.comment}
-        found: dict[str, Any] = {name: text for name, text in texts.items() if text}
+        attrs: dict[str, Any] = {name: text for name, text in texts.items() if text}
         if self.words:
             words = words_of(self.words, case)
             numbers = np.arange(len(words), dtype="i1")
-            found |= {"flag_values": numbers, "flag_meanings": " ".join(words)}
-        return found | ({"grid_mapping": "crs"} if self.dims[-2:] == PLAN else {})
+            attrs |= {"flag_values": numbers, "flag_meanings": " ".join(words)}
+        return attrs | ({"grid_mapping": "crs"} if self.dims[-2:] == PLAN else {})
 
 
 def words_of(kind: str, case: Case) -> Sequence[str]:
@@ -94,9 +94,9 @@ def _table() -> Iterator[tuple[str, Variable]]:
     yield "exceedance_probability", Variable(above, PART, f"fraction of all boulders {energy}")
     yield from _classes("", each)
     for name in EXTREMES:
-        about = MAP[name]
-        comment = about.get("comment", "")
-        yield name, Variable(each, about["units"], about["long_name"], comment=comment)
+        attrs = MAP[name]
+        comment = attrs.get("comment", "")
+        yield name, Variable(each, attrs["units"], attrs["long_name"], comment=comment)
     yield "frequency", Variable(("scenario",), YEARLY, "boulders that come loose, of all sources")
     yield "boulders", Variable(("scenario",), PART, "boulders that were simulated")
     what = "boulders that count as one in the intervals: those of a place of a sample of sources"
@@ -169,8 +169,8 @@ def _exposed() -> Iterator[tuple[str, Variable]]:
     what = "annual individual risk of death of the most exposed person"
     yield from _with_ends("object_individual_risk", dims, what)
     for end, extreme in CLASS_ENDS.items():
-        about = f"{extreme}class of individual risk" + (" within the 95 % interval" * bool(extreme))
-        yield f"object_risk_class{end}", Variable(dims, PART, about, "risk")
+        label = f"{extreme}class of individual risk" + (" within the 95 % interval" * bool(extreme))
+        yield f"object_risk_class{end}", Variable(dims, PART, label, "risk")
     deaths = "annual collective risk: expected deaths"
     yield from _with_ends("object_collective_risk", dims, deaths)
     yield from _with_ends("total_damage", (), f"{damage}, of all {all_of}")

@@ -47,12 +47,12 @@ def zones_of(hazard: xr.Dataset) -> Zones:
     if not width or not zones.shapes.size:
         return zones
     numbers, grid = _north_up(hazard["hazard_class"])
-    known = np.arange(1, len(CLASSES))
-    areas = [shapely.union_all(zones.shapes[zones.number == k]) for k in known]
+    classes = np.arange(1, len(CLASSES))
+    areas = [shapely.union_all(zones.shapes[zones.number == k]) for k in classes]
     terrain = shapely.box(grid.west, grid.south, grid.east, grid.north)
-    shown = [one.intersection(terrain) for one in generalised(areas, width, grid.cell)]
-    polygons = [[*polygons_of(one, NEGLIGIBLE * grid.cell**2)] for one in shown]
-    number = np.repeat(known, [len(polygon) for polygon in polygons])
+    shown = [polygon.intersection(terrain) for polygon in generalised(areas, width, grid.cell)]
+    polygons = [[*polygons_of(area, NEGLIGIBLE * grid.cell**2)] for area in shown]
+    number = np.repeat(classes, [len(polygon) for polygon in polygons])
     return _zones([part for polygon in polygons for part in polygon], number, numbers.shape, grid)
 
 
@@ -100,9 +100,9 @@ def _patches(numbers: np.ndarray, grid: Grid) -> Zones:
     from rasterio.features import shapes
 
     numbers = np.ascontiguousarray(numbers, "u1")
-    found = list(shapes(numbers, mask=numbers > 0, connectivity=4, transform=grid.transform))
-    polygons = [shapely.geometry.shape(shape) for shape, _ in found]
-    number = np.array([int(number) for _, number in found], "i8")
+    patches = list(shapes(numbers, mask=numbers > 0, connectivity=4, transform=grid.transform))
+    polygons = [shapely.geometry.shape(shape) for shape, _ in patches]
+    number = np.array([int(number) for _, number in patches], "i8")
     return _zones(polygons, number, numbers.shape, grid)
 
 

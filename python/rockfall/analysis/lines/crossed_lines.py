@@ -38,8 +38,8 @@ def crossed_lines(result: xr.Dataset, vertices: np.ndarray, within: float) -> pd
 
 def _lines(result: xr.Dataset, vertices: np.ndarray, within: float) -> Iterator[dict[str, Any]]:
     """Rows of evaluation lines and barriers."""
-    known = result.sizes["boulder"] == simulated(result)
-    source = sources(result) if known else None
+    complete = result.sizes["boulder"] == simulated(result)
+    source = sources(result) if complete else None
     for k, (name, x, y) in enumerate(lines(result)):
         row: dict[str, Any] = {"name": name, "kind": LINE}
         if "barrier_height" in result and np.isfinite(height := result["barrier_height"].values[k]):

@@ -27,16 +27,16 @@ def envelopes(
     """Numbers of the boulders whose quantities are known (not NaN), by `envelope_names`. One for
     which too few boulders give a complete interval is left out, with its limits; the maximum is
     that of any number of boulders."""
-    found: dict[str, float] = {}
+    columns: dict[str, float] = {}
     for quantity in QUANTITIES:
-        known = np.isfinite(values[quantity])
-        if not known.any():
+        is_known = np.isfinite(values[quantity])
+        if not is_known.any():
             continue
-        numbers = sample_numbers(values[quantity][known], source[known])
+        numbers = sample_numbers(values[quantity][is_known], source[is_known])
         few = withheld(numbers)
         names = [column for name in NUMBERS if name not in few for column in with_limits(name)]
-        found |= {f"{prefix}{quantity}_{name}": numbers[name] for name in [*names, "max"]}
-    return found
+        columns |= {f"{prefix}{quantity}_{name}": numbers[name] for name in [*names, "max"]}
+    return columns
 
 
 def fewest_for(level: float) -> int:

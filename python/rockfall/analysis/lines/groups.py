@@ -31,8 +31,8 @@ def groups(result: Held, by: str, classes: Sequence[float] | None = None) -> lis
     distinct volumes if few, or quarters of the boulders. An edge belongs to the class above it.
     """
     check_by(by, classes)
-    found = _by_source(result) if by == "source" else _by_volume(result["volume"].values, classes)
-    return [(name, chosen) for name, chosen in found if chosen.any()]
+    groups = _by_source(result) if by == "source" else _by_volume(result["volume"].values, classes)
+    return [(name, chosen) for name, chosen in groups if chosen.any()]
 
 
 def check_by(by: str, classes: Sequence[float] | None) -> None:
@@ -82,9 +82,9 @@ def _by_volume(volume: np.ndarray, classes: Sequence[float] | None) -> Iterator[
     if (np.diff(edges) <= 0).any():
         raise RockfallError(f"classes = {', '.join(f'{edge:g}' for edge in edges)}: must rise")
     if classes is None:
-        known = np.unique(volume)
-        if known.size <= MAX_VOLUMES:
-            yield from ((f"{number(one)} m3", volume == one) for one in known)
+        volumes = np.unique(volume)
+        if volumes.size <= MAX_VOLUMES:
+            yield from ((f"{number(value)} m3", volume == value) for value in volumes)
             return
         quarters = np.quantile(volume, [0.25, 0.5, 0.75])
         edges = np.unique([float(f"{edge:.2g}") for edge in quarters])

@@ -57,12 +57,12 @@ def line_profile(result: xr.Dataset, line: str, width: float | None = None) -> p
     for k, (start, end) in enumerate(itertools.pairwise(edges)):
         here = window == k
         row: dict[str, Any] = {"line": line, "start": start, "end": end, "n": int(here.sum())}
-        found = np.array(fraction_interval(here, source))
-        row |= zip(with_limits("fraction"), found, strict=True)
-        row |= zip(with_limits("per_metre"), found / (end - start), strict=True)
+        interval = np.array(fraction_interval(here, source))
+        row |= zip(with_limits("fraction"), interval, strict=True)
+        row |= zip(with_limits("per_metre"), interval / (end - start), strict=True)
         for name in SHOWN if row["n"] else ():
             numbers = sample_numbers(values[name][here], source[here])
-            row |= {f"{name}_{one}": value for one, value in numbers.items()}
+            row |= {f"{name}_{key}": value for key, value in numbers.items()}
         rows.append(row)
     return pd.DataFrame(rows, columns=_COLUMNS)
 

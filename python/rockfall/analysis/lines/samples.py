@@ -74,7 +74,7 @@ class LineSamples:
             check_all_rows(self.result, f"by = '{by}'")
         names = part_names(self.result)
         chosen = [(name, np.arange(len(names)) == k) for k, name in enumerate(names)]
-        return [one for one in chosen if self._released(one[1]).any()]
+        return [group for group in chosen if self._released(group[1]).any()]
 
     def sample(self, line: int, quantity: str, chosen: np.ndarray | None = None) -> Sample:
         """Sample of a quantity at the line of this index, for all boulders or a group."""
@@ -134,9 +134,9 @@ class LineSamples:
         counts = self.result[f"sample_{kind}count"].values
         n = self.result.sizes["sample_group" if kind else "sample_part"]
         size = SAMPLE_COARSE if kind else SAMPLE_BINS
-        found = np.zeros((columns.size, size), "i8")
-        for row, one in enumerate(columns):
-            first = ((place * n + one) * SAMPLE_QUANTITIES + quantity) * size
+        dense = np.zeros((columns.size, size), "i8")
+        for row, column in enumerate(columns):
+            first = ((place * n + column) * SAMPLE_QUANTITIES + quantity) * size
             ends = slice(*np.searchsorted(bins, [first, first + size]))
-            found[row, bins[ends] - first] = counts[ends]
-        return found
+            dense[row, bins[ends] - first] = counts[ends]
+        return dense

@@ -111,11 +111,11 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
     among = Sources.of(np.unique(own.number[rows], return_inverse=True)[1], own.sampled)
     lines = crossed_lines(result, line.vertices, line.within)
     radius = sphere_radius(result["volume"].values)
-    known = _Known(_masses(result), radius, terrain if _is_fine(result, terrain) else None)
+    context = _Known(_masses(result), radius, terrain if _is_fine(result, terrain) else None)
     table, passages, crossing = [], [], []
     for at, place, direction in zip(*stations[:3], strict=True):
         k, part = _first_crossings(motion, place, direction, line.within)
-        values = _values(motion.take(k), part, spin[k], row_of[k], known)
+        values = _values(motion.take(k), part, spin[k], row_of[k], context)
         crossing.append(boulder := motion.boulder[k])
         passages.append({"distance": np.full(k.size, at), "boulder": boulder} | values)
         row = {"distance": at, "x": place.real, "y": place.imag, f"{RECORDED}n": k.size}
@@ -136,10 +136,10 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
 
 def _crossed(lines: pd.DataFrame, distance: np.ndarray) -> list[str]:
     """Names of the lines crossed up to each station since the one before."""
-    found: list[list[str]] = [[] for _ in distance]
+    names_at: list[list[str]] = [[] for _ in distance]
     for name, at in zip(lines["name"], lines["distance"], strict=True):
-        found[min(np.searchsorted(distance, at * (1 - 1e-12)), distance.size - 1)].append(name)
-    return ["; ".join(names) for names in found]
+        names_at[min(np.searchsorted(distance, at * (1 - 1e-12)), distance.size - 1)].append(name)
+    return ["; ".join(names) for names in names_at]
 
 
 def _is_fine(result: xr.Dataset, terrain: Terrain | None) -> bool:
@@ -172,7 +172,7 @@ def _masses(result: xr.Dataset) -> np.ndarray:
     )
     density = np.full(names.size, np.nan)
     if "line_energy_translational" in result:
-        energy, speed = (result[f"line_{one}"].values for one in ("energy_translational", "speed"))
+        energy, speed = (result[f"line_{key}"].values for key in ("energy_translational", "speed"))
         _, moved = np.nonzero(speed > 0)  # False for NaN
         mass = 2 * energy[speed > 0] / speed[speed > 0] ** 2
         density[numbers[moved]] = mass / volume[moved]
@@ -196,25 +196,25 @@ def _first_crossings(
 
 
 def _values(
-    motion: Motion, part: np.ndarray, spin: np.ndarray, row: np.ndarray, known: _Known
+    motion: Motion, part: np.ndarray, spin: np.ndarray, row: np.ndarray, context: _Known
 ) -> dict[str, np.ndarray]:
     """QUANTITIES of boulders of these rows within pieces, and the elevation of their point."""
     (x, y, z, _), speed = motion.at(part)
     here = x + 1j * y
-    jump = np.maximum(0.0, z - _ground(known.terrain, here, height))
-    energy = 0.5 * known.mass[row] * (speed**2 + INERTIA_FACTOR * spin**2)
-    passing = jump + known.radius[row] * _ground(known.terrain, here, steepness)
-    found = (speed, energy, jump, passing)
-    return {"elevation": z, **dict(zip(QUANTITIES, found, strict=True))}
+    jump = np.maximum(0.0, z - _ground(context.terrain, here, height))
+    energy = 0.5 * context.mass[row] * (speed**2 + INERTIA_FACTOR * spin**2)
+    passing = jump + context.radius[row] * _ground(context.terrain, here, steepness)
+    shown = (speed, energy, jump, passing)
+    return {"elevation": z, **dict(zip(QUANTITIES, shown, strict=True))}
 
 
 def _ground(
     terrain: Terrain | None, places: np.ndarray, what: Callable[..., np.ndarray]
 ) -> np.ndarray:
     """Number of the ground (`height` or `steepness`) at places; NaN where it is unknown."""
-    found = np.full(places.shape, np.nan)
+    ground = np.full(places.shape, np.nan)
     if terrain is not None:
         z, grid = terrain
-        known = inside(grid, places.real, places.imag)
-        found[known] = what(z, grid, places.real[known], places.imag[known])
-    return found
+        inside_grid = inside(grid, places.real, places.imag)
+        ground[inside_grid] = what(z, grid, places.real[inside_grid], places.imag[inside_grid])
+    return ground

@@ -39,23 +39,23 @@ COLUMNS += [f"corridor_{quantity}_max" for quantity in MAPPED]
 def map_numbers(result: xr.Dataset, stations: Stations) -> dict[str, np.ndarray]:
     """COLUMNS at each station, NaN where the result has no such map, where the station is outside
     of the maps, and where too few boulders passed for a number with an interval."""
-    found = {name: np.full(stations.distance.size, np.nan) for name in COLUMNS}
+    columns = {name: np.full(stations.distance.size, np.nan) for name in COLUMNS}
     if (passed := passed_map(result)) is not None:
         count = _at(result, passed, stations, passages_of(result))
-        found["cell_n"] = np.round(count)
-        found["cell_fraction"] = count / simulated(result)
+        columns["cell_n"] = np.round(count)
+        columns["cell_fraction"] = count / simulated(result)
     for name, end in zip(REACH[1:], ("low", "high"), strict=True):
         if name in result:
-            found[f"cell_fraction_{end}"] = _at(result, name, stations)
+            columns[f"cell_fraction_{end}"] = _at(result, name, stations)
     for quantity, (start, of_max) in MAPPED.items():
         for suffix in OF_CELL:
             if (name := f"{start}_{suffix}") in result:
-                found[f"cell_{quantity}_{suffix}"] = _at(
+                columns[f"cell_{quantity}_{suffix}"] = _at(
                     result, name, stations, known(result, name)
                 )
         if of_max in result:
-            found[f"corridor_{quantity}_max"] = _max_across(result, of_max, stations)
-    return found
+            columns[f"corridor_{quantity}_max"] = _max_across(result, of_max, stations)
+    return columns
 
 
 def has_maps(result: xr.Dataset) -> bool:
@@ -91,12 +91,12 @@ def _at(
 def _max_across(result: xr.Dataset, name: str, stations: Stations) -> np.ndarray:
     """Maximum of a map over the cells that each station crosses."""
     grid, values = _northern_first(result, name, None)
-    found = np.full(stations.distance.size, np.nan)
+    highest = np.full(stations.distance.size, np.nan)
     for k, (place, direction) in enumerate(zip(stations.place, stations.direction, strict=True)):
         half = 1j * direction * stations.within
         among = _in_cells(values, grid, places_in_cells(grid, place - half, place + half))
-        found[k] = np.fmax.reduce(among, initial=np.nan)
-    return found
+        highest[k] = np.fmax.reduce(among, initial=np.nan)
+    return highest
 
 
 def places_in_cells(grid: Grid, start: complex, end: complex) -> np.ndarray:
@@ -127,6 +127,6 @@ def _in_cells(values: np.ndarray, grid: Grid, places: np.ndarray) -> np.ndarray:
     row = np.floor((grid.north - places.imag) / grid.cell)
     column = np.floor((places.real - grid.west) / grid.cell)
     among = (row >= 0) & (row < grid.ny) & (column >= 0) & (column < grid.nx)
-    found = np.full(places.shape, np.nan)
-    found[among] = values[row[among].astype(int), column[among].astype(int)]
-    return found
+    at_places = np.full(places.shape, np.nan)
+    at_places[among] = values[row[among].astype(int), column[among].astype(int)]
+    return at_places

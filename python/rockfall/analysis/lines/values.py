@@ -50,8 +50,8 @@ def derived_values(result: Held, line: int) -> np.ndarray:
     for name in HEIGHT_NEEDS + ENERGY_NEEDS:
         if f"line_{name}" in result:
             rows[fields("line").index(name)] = result[f"line_{name}"].values[line]
-    known = "volume" in result or "line_volume" in result
-    return line_quantities(rows, volumes_at_line(result, line) if known else rows[0])
+    has_volume = "volume" in result or "line_volume" in result
+    return line_quantities(rows, volumes_at_line(result, line) if has_volume else rows[0])
 
 
 def volumes_at_line(result: Held, line: int) -> np.ndarray:

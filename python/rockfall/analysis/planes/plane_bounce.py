@@ -135,10 +135,10 @@ def neutral_slope(rebound: Rebound, boulders: int = 1000, seed: int = 1) -> floa
         low, high = (slope, high) if mean < 0 else (low, slope)
         if last:
             rise = (mean - last[1]) / (slope - last[0]) or RISE
-        last, found = (slope, mean), slope - mean / rise
-        if not low < found < high:
-            found = (low + high) / 2
-        elif abs(found - slope) < NEAR:
-            return found
-        slope = found
+        last, neutral = (slope, mean), slope - mean / rise
+        if not low < neutral < high:
+            neutral = (low + high) / 2
+        elif abs(neutral - slope) < NEAR:
+            return neutral
+        slope = neutral
     return (low + high) / 2

@@ -55,13 +55,13 @@ def known_of(number: np.ndarray, source: Sources) -> Sources:
 def history(result: xr.Dataset, line: int, n: list[int]) -> History:
     """Numbers at the line of this index after each of `n` boulders."""
     names = ["start_x", "start_y", *(n for n in result if result[n].dims == ("line", "boulder"))]
-    one = result[names].isel(line=[line])  # copies of all lines would take memory
+    at_line = result[names].isel(line=[line])  # copies of all lines would take memory
     source = sources(result)
     order = mixed(source)
-    ordered, number = one.isel(boulder=order), source.number[order]
-    found: History = {quantity: [] for quantity in SHOWN}
+    ordered, number = at_line.isel(boulder=order), source.number[order]
+    numbers: History = {quantity: [] for quantity in SHOWN}
     for size in n:
-        part, known = ordered.isel(boulder=slice(size)), known_of(number[:size], source)
+        part, released = ordered.isel(boulder=slice(size)), known_of(number[:size], source)
         for quantity in SHOWN:
-            found[quantity].append(line_numbers(part, 0, quantity, known))
-    return found
+            numbers[quantity].append(line_numbers(part, 0, quantity, released))
+    return numbers

@@ -22,8 +22,7 @@ from rockfall.analysis.precision.intervals import (
     ranks_around,
     strata,
 )
-from rockfall.limits import MIN_FOR_STD, SAMPLE_COARSE, SAMPLE_EDGES
-from rockfall.result.samples import BASE_BITS
+from rockfall.limits import MIN_FOR_STD, SAMPLE_BITS, SAMPLE_COARSE, SAMPLE_EDGES
 
 OF_SQUARES = False, MIN_FOR_STD, SKEWED_SQUARES  # arguments of `Sums.limits_of_mean` for squares
 LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)  # of bins, in units; 1: a single number
@@ -157,7 +156,8 @@ class Counts(Sample):
         self._before = np.cumsum(self._bins) - self._bins
         self.n, self.released = int(bins.sum()), int(released.sum())
         high_, low_, high, low = (int(word) for word in words[:, :4].sum(axis=0, dtype=object))
-        self._sum, self._squares = (high_ << BASE_BITS) + low_, (high << BASE_BITS) + low
+        self._sum = (high_ << SAMPLE_BITS) + low_
+        self._squares = (high << SAMPLE_BITS) + low
         self._max = words[:, 4].max() / unit
 
     def mean(self) -> float:
@@ -175,8 +175,8 @@ class Counts(Sample):
 
     def between(self, level: float, effective: float) -> tuple[float, float]:
         ranks = ranks_around(self.n, level, effective) - 1
-        known = (ranks >= 0) & (ranks <= self.n - 1)
-        low, high = np.where(known, self._at(np.clip(ranks, 0, self.n - 1)), np.nan)
+        is_inside = (ranks >= 0) & (ranks <= self.n - 1)
+        low, high = np.where(is_inside, self._at(np.clip(ranks, 0, self.n - 1)), np.nan)
         return low, high
 
     def largest(self, n: int) -> np.ndarray:
@@ -193,12 +193,12 @@ class Counts(Sample):
         k = np.searchsorted(self._before + self._bins, rank, side="right")
         alone = self._width[k] == 1
         within = np.where(alone, 0.5, (rank - self._before[k] + 0.5) / self._bins[k])
-        found = (self._low[k] + self._width[k] * within) / self._unit
+        values = (self._low[k] + self._width[k] * within) / self._unit
         if not self._tail.size:
-            return found
+            return values
         place = rank - (self.n - self._tail.size)
         return np.where(
-            place >= 0, self._tail[np.maximum(place, 0)], np.minimum(found, self._tail[0])
+            place >= 0, self._tail[np.maximum(place, 0)], np.minimum(values, self._tail[0])
         )
 
     def effective_passing(self) -> float:

@@ -110,8 +110,8 @@ class BlockCase:
         given = {group: plain_values(values) for group, values in groups.items()}
         ground = given.get("lab", {}).get("ground", "")
         if ground not in grounds():
-            known = ", ".join(grounds())
-            raise RockfallError(f"{name}: &lab ground = '{ground}': unknown; known: {known}")
+            names = ", ".join(grounds())
+            raise RockfallError(f"{name}: &lab ground = '{ground}': unknown; known: {names}")
         shipped = {"ground": _defaults()["ground"] | grounds()[ground]}
         self._groups = {
             group: {
@@ -200,7 +200,7 @@ def _points(path: Path) -> tuple[np.ndarray, str]:
 def _like(value: Any, default: Any) -> Any:
     """Value with the type of the default."""
     if isinstance(default, list):
-        return [float(one) for one in (value if isinstance(value, list) else [value])]
+        return [float(number) for number in (value if isinstance(value, list) else [value])]
     try:
         return type(default)(value)
     except (TypeError, ValueError):

@@ -53,13 +53,13 @@ def run_throws(
             if interrupted():
                 raise KeyboardInterrupt
             n = min(chunk, total + 1 - first)
-            rows, counts, found, complete, inertia, code, message = _lab.throw(
+            rows, counts, n_contacts, complete, inertia, code, message = _lab.throw(
                 case.row("ground"), case.row("throw"), **block, **ground, **plan, first=first,
                 threads=threads, n=n,
             )  # fmt: skip
             check_kernel(code, message, case.name)
             numbers = np.arange(first, first + n)
-            parts.append(contact_columns(rows, counts, found, numbers, "block"))
+            parts.append(contact_columns(rows, counts, n_contacts, numbers, "block"))
             unfinished += int((complete == 0).sum())
             advance(n)
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -19,9 +19,9 @@ class Uniform:
 
     def directions(self, n: int) -> np.ndarray:
         """Unit vectors (n, 3), uniform on the sphere: directions of points in a ball."""
-        found = np.empty((0, 3))
-        while len(found) < n:
+        vectors = np.empty((0, 3))
+        while len(vectors) < n:
             points = self.between(-1, 1, (4 * n, 3))
             inside = points[(points**2).sum(axis=1) <= 1]
-            found = np.vstack([found, inside])[:n]
-        return found / np.linalg.norm(found, axis=1)[:, None]
+            vectors = np.vstack([vectors, inside])[:n]
+        return vectors / np.linalg.norm(vectors, axis=1)[:, None]

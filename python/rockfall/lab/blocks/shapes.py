@@ -61,16 +61,16 @@ def hull(points: np.ndarray, name: str = "block") -> Surface:
     try:
         if not size > 0:
             raise RockfallError(f"{name}: the points span no volume")
-        found = ConvexHull(np.unique(np.round(points / size / QUANTUM) * QUANTUM, axis=0))
+        convex = ConvexHull(np.unique(np.round(points / size / QUANTUM) * QUANTUM, axis=0))
     except QhullError as error:
         raise RockfallError(f"{name}: the points span no volume") from error
-    order = np.argsort(found.vertices)
-    renumber = np.zeros(found.vertices.max() + 1, "i4")
-    renumber[found.vertices[order]] = np.arange(len(order))
-    vertices = found.points[found.vertices[order]]
-    triangles = renumber[found.simplices]
+    order = np.argsort(convex.vertices)
+    renumber = np.zeros(convex.vertices.max() + 1, "i4")
+    renumber[convex.vertices[order]] = np.arange(len(order))
+    vertices = convex.points[convex.vertices[order]]
+    triangles = renumber[convex.simplices]
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), found.equations[:, :3]) < 0
+    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), convex.equations[:, :3]) < 0
     triangles[inwards] = triangles[inwards][:, ::-1]
     return Surface(vertices, triangles[np.lexsort(triangles.T)])
 

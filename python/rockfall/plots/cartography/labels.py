@@ -69,7 +69,7 @@ def beside(x: np.ndarray, y: np.ndarray) -> Iterator[Place]:
 def along(curve: np.ndarray) -> Iterator[Place]:
     """Candidate places for a number on a contour, from its middle to its ends."""
     inner = np.linspace(0.08, 0.92, TRIED)
-    for part in sorted(inner, key=lambda one: abs(one - 0.5)):
+    for part in sorted(inner, key=lambda place: abs(place - 0.5)):
         k = int(part * (len(curve) - 1))
         before, after = curve[max(k - 2, 0)], curve[min(k + 2, len(curve) - 1)]
         angle = np.degrees(np.arctan2(*(after - before)[::-1]))

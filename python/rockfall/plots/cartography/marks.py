@@ -42,13 +42,13 @@ def key_of(result: xr.Dataset) -> list[Any]:
     few = len(starts(result)) < FEW_SOURCES
     source: dict[str, Any] = {"marker": "^", "ls": "", "mfc": "white", "mec": INK, "ms": 5}
     source = source if few else {"marker": "s", "ls": "", "mfc": "none", "mec": ROCK, "ms": 5}
-    found = [Line2D([], [], mew=0.7, label=say("label.release"), **source)]
+    handles = [Line2D([], [], mew=0.7, label=say("label.release"), **source)]
     nets = barriers_of(result)
     if len(lines(result)) > len(nets):
-        found.append(Line2D([], [], label=say("axis.evaluation_line"), **LINE))
+        handles.append(Line2D([], [], label=say("axis.evaluation_line"), **LINE))
     if nets:
-        found.append(Line2D([], [], label=say("tables.barrier"), **NET))
-    return found
+        handles.append(Line2D([], [], label=say("tables.barrier"), **NET))
+    return handles
 
 
 def draw_marks(sheet: Sheet, result: xr.Dataset) -> None:

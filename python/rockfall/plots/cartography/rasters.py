@@ -47,10 +47,10 @@ def _span(first: float, last: float, cell: float, size: int) -> slice:
     return slice(start, int(np.clip(np.ceil(last / cell), start + 2, size)))
 
 
-def draw_image(axes: Axes, values: np.ndarray, grid: Grid, **about: Any) -> None:
+def draw_image(axes: Axes, values: np.ndarray, grid: Grid, **options: Any) -> None:
     """Draw a raster at the position of its cells."""
     extent = (grid.west, grid.east, grid.south, grid.north)
-    axes.imshow(values, extent=extent, interpolation="nearest", **about)
+    axes.imshow(values, extent=extent, interpolation="nearest", **options)
 
 
 def edges(inside: np.ndarray, grid: Grid) -> np.ndarray:
@@ -60,8 +60,8 @@ def edges(inside: np.ndarray, grid: Grid) -> np.ndarray:
     upright = np.stack([[column, row - 1], [column, row]])
     row, column = np.nonzero(inside[1:] != inside[:-1])
     level = np.stack([[column - 1, row], [column, row]])
-    found = np.concatenate([upright, level], axis=2).transpose(2, 0, 1)  # (sides, ends, x and y)
-    return (grid.west, grid.north) + found * (grid.cell, -grid.cell)
+    ends = np.concatenate([upright, level], axis=2).transpose(2, 0, 1)  # (sides, ends, x and y)
+    return (grid.west, grid.north) + ends * (grid.cell, -grid.cell)
 
 
 def occupied(points: np.ndarray, cell: float) -> tuple[np.ndarray, Grid]:

@@ -56,7 +56,7 @@ def contours_of(terrain: Terrain, extent: Extent) -> Contours:
 
     z, grid = cropped(*terrain, False, extent, np.add, CONTOUR_DOTS)
     low, high = (np.nanmin(z), np.nanmax(z)) if np.isfinite(z).any() else (0.0, 0.0)
-    interval = next((one for one in INTERVALS if (high - low) / one <= LINES), INTERVALS[-1])
+    interval = next((step for step in INTERVALS if (high - low) / step <= LINES), INTERVALS[-1])
     levels = np.arange(low // interval + 1, high // interval + 1) * interval
     made = contour_generator(grid.x, grid.y, np.ma.masked_invalid(z))
     curves: dict[float, Any] = {

@@ -145,9 +145,9 @@ def scale_text(denominator: float, paper: str = "A4") -> str:
 def named_crs(crs: Mapping[str, Any]) -> str:
     """Name of the coordinate system of a grid mapping; "" if it has none."""
     keys = ("projected_crs_name", "geographic_crs_name")
-    found = WKT_NAME.match(str(crs.get("crs_wkt", "")))  # CF has no parameters for some systems
+    match = WKT_NAME.match(str(crs.get("crs_wkt", "")))  # CF has no parameters for some systems
     names = (str(crs[key]) for key in keys if crs.get(key))
-    return next(names, found[1] if found else "")
+    return next(names, match[1] if match else "")
 
 
 def crs_text(crs: Mapping[str, Any]) -> str:
@@ -188,9 +188,9 @@ def _draw_frame(sheet: Sheet) -> None:
     step = round_step(sheet.scale * APART)
     ticks: dict[str, Any] = {"labelsize": SMALL, "length": 2.5, "pad": 2}
     axes.tick_params(**ticks)
-    axes.set_xticks(_inner(west, east, step), [f"{one:.10g}" for one in _inner(west, east, step)])
+    axes.set_xticks(_inner(west, east, step), [f"{tick:.10g}" for tick in _inner(west, east, step)])
     axes.set_yticks(
-        _inner(south, north, step), [f"{one:.10g}" for one in _inner(south, north, step)],
+        _inner(south, north, step), [f"{tick:.10g}" for tick in _inner(south, north, step)],
         rotation=90, va="center",
     )  # fmt: skip
     axes.set(xlim=(west, east), ylim=(south, north), aspect="equal")

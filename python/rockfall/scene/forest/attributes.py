@@ -56,8 +56,8 @@ def matching(key: str, columns: Iterable[str]) -> list[str]:
     >>> matching("dbh_mean", ["FID", "BHD", "Baumart"])
     ['BHD']
     """
-    known = {one[:length].strip("_") for one in NAMES[key] for length in (SHORT, None)}
-    return [name for name in columns if plain_name(name) in known]
+    names = {name[:length].strip("_") for name in NAMES[key] for length in (SHORT, None)}
+    return [name for name in columns if plain_name(name) in names]
 
 
 class Attributes(NamedTuple):
@@ -68,12 +68,12 @@ class Attributes(NamedTuple):
 
     def own_name(self, key: str) -> str | None:
         """Name of the attribute in the layer; None if it has none. Several names are no matter."""
-        found = matching(key, self.columns)
-        if len(found) > 1 and key != "name":
+        matches = matching(key, self.columns)
+        if len(matches) > 1 and key != "name":
             raise RockfallError(
-                f"{self.where}: attributes {' and '.join(found)}: both give {key}: keep one"
+                f"{self.where}: attributes {' and '.join(matches)}: both give {key}: keep one"
             )
-        return found[0] if found else None
+        return matches[0] if matches else None
 
     def refuse(self, k: int, key: str, value: Any, rule: str) -> RockfallError:
         return RockfallError(
@@ -85,7 +85,7 @@ class Attributes(NamedTuple):
         name = self.own_name(key)
         if name is None:
             return [None] * self.size
-        return [None if (one := plain(value)) is None else str(one) for value in self.columns[name]]
+        return [None if (raw := plain(value)) is None else str(raw) for value in self.columns[name]]
 
     def numbers(self, key: str, needed: np.ndarray) -> np.ndarray | None:
         """Numbers of an attribute, given where `needed` and within their limits; None without the

@@ -38,13 +38,13 @@ def listed_trees(inputs: Inputs) -> Planted:
     """Trees of the case's list that lie on the terrain."""
     path, grid = inputs.case.path(inputs.case.forest["trees"]), inputs.grid
     if path.suffix.lower() in EXTENSIONS:
-        found = _from_layer(path, inputs)
+        listed = _from_layer(path, inputs)
     elif "trees_layer" in inputs.case.forest:
         raise RockfallError(f"{inputs.case.name}: &forest trees_layer: is not valid for a table")
     else:
-        found = _from_table(path)
+        listed = _from_table(path)
     inputs.note_layer("trees", path, inputs.case.forest.get("trees_layer"))
-    x, y = found.x, found.y
+    x, y = listed.x, listed.y
     inside = (x >= grid.west) & (x < grid.east) & (y > grid.south) & (y <= grid.north)
     if not inside.any():
         raise RockfallError(
@@ -55,12 +55,12 @@ def listed_trees(inputs: Inputs) -> Planted:
     if out := np.count_nonzero(~inside):
         numbers = {"part": int(out), "n": x.size}
         inputs.remarks.append(remark(path, "input.trees_outside", **numbers))
-    if found.species is None:
-        factor = _drawn_factors(inputs, path, found, inside)
+    if listed.species is None:
+        factor = _drawn_factors(inputs, path, listed, inside)
     else:
-        factor = _factors(read_species(inputs), path, found.species)[inside]
+        factor = _factors(read_species(inputs), path, listed.species)[inside]
     remain = numbers_of_list(inputs.case, x.size)
-    trees = Trees(x[inside], y[inside], found.dbh[inside], factor)
+    trees = Trees(x[inside], y[inside], listed.dbh[inside], factor)
     return Planted(trees, None if remain is None else remain[inside])
 
 
@@ -113,11 +113,11 @@ def _from_layer(path: Path, inputs: Inputs) -> Listed:
 
 def _factors(table: Species, path: Path, species: list[str]) -> np.ndarray:
     """Toughness factors from the species of each tree."""
-    known: dict[str, float] = {}
+    factors: dict[str, float] = {}
     for k, name in enumerate(species, start=1):
-        if name not in known:
-            known[name] = table.factor(name, f"{path}: tree {k}")
-    return np.array([known[name] for name in species])
+        if name not in factors:
+            factors[name] = table.factor(name, f"{path}: tree {k}")
+    return np.array([factors[name] for name in species])
 
 
 def _drawn_factors(inputs: Inputs, path: Path, listed: Listed, inside: np.ndarray) -> np.ndarray:
@@ -129,7 +129,7 @@ def _drawn_factors(inputs: Inputs, path: Path, listed: Listed, inside: np.ndarra
             f"{path}: has no species: add them, or set &forest conifers or uniform_conifers"
         )
     n = inside.size
-    u = _core.stand_numbers(forest["seed"], n, 1, np.ones(n, "i4"), n)[SPECIES_NUMBER, inside]
+    u = _core.stand_numbers(forest["seed"], n, 1, np.ones(n, "i4"), 4, n)[SPECIES_NUMBER, inside]
     row = ((grid.north - listed.y[inside]) / grid.cell).astype("i4").clip(0, grid.ny - 1)
     column = ((listed.x[inside] - grid.west) / grid.cell).astype("i4").clip(0, grid.nx - 1)
     order, share = np.argsort(row, kind="stable"), np.empty(row.size)

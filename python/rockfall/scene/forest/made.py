@@ -18,10 +18,11 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 from rockfall.io.grid import row_blocks
 from rockfall.language import remark
+from rockfall.scene.forest.attributes import LIMITS
 from rockfall.scene.forest.species import BROADLEAF, CONIFER, Species, read_species
 from rockfall.scene.forest.stands import Stands, read_stands
 from rockfall.scene.forest.thinning import is_thinned
-from rockfall.scene.forest.trees import HECTARE, MAX_DBH, MAX_DENSITY, Planted, Trees
+from rockfall.scene.forest.trees import HECTARE, Planted, Trees
 from rockfall.scene.layers import Inputs
 
 MAX_STEMS = 1e8  # stems in a forest
@@ -41,7 +42,7 @@ def made_trees(inputs: Inputs) -> tuple[Planted, Stands | None]:
     """Generate the trees of a case with a stem density; and the stands of its layer, if any."""
     grid, table, seed = inputs.grid, read_species(inputs), inputs.case.forest["seed"]
     stands = read_stands(inputs, table)
-    columns = {row: found for row, found in _columns(inputs, stands) if found.size}
+    columns = {row: trees for row, trees in _columns(inputs, stands) if trees.size}
     if not columns:
         raise _treeless(inputs)
     rows = sorted(columns)
@@ -53,9 +54,10 @@ def made_trees(inputs: Inputs) -> tuple[Planted, Stands | None]:
     more = np.empty((2, cells.row.size if stands or is_thinned(inputs.case) else 0))
     for row, stop, size in zip(rows, np.cumsum(sizes), sizes, strict=True):
         counts = np.bincount(columns[row], minlength=grid.nx).astype("i4")
-        numbers[:, stop - size : stop] = _core.stand_numbers(seed, grid.nx, row + 1, counts, size)
+        own, stems = slice(stop - size, stop), (seed, grid.nx, row + 1, counts)
+        numbers[:, own] = _core.stand_numbers(*stems, 4, size)
         if more.size:
-            more[:, stop - size : stop] = _core.stand_thinning(seed, grid.nx, row + 1, counts, size)
+            more[:, own] = _core.stand_numbers(*stems, 2, size)
     x, y, quantile, species = numbers
     x[:] = grid.west + (cells.column + x) * grid.cell
     y[:] = grid.north - (cells.row + 1 - y) * grid.cell
@@ -84,7 +86,7 @@ def _columns(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[int, np.nd
     per_cell = inputs.grid.cell**2 / HECTARE
     for rows, block in _densities(inputs, stands):
         density = np.nan_to_num(np.asarray(block, float))  # no trees where the density is missing
-        _check(inputs, "stems", density, (density >= 0) & (density <= MAX_DENSITY))
+        _check(inputs, "stems", density)
         total += density.sum() * per_cell
         densest = max(densest, density.max(initial=0.0))
         if total > MAX_STEMS:
@@ -119,8 +121,8 @@ def _diameters(
         else stands.values[key][stand]
         for key in ("dbh_mean", "dbh_std")
     )
-    _check(inputs, "dbh_mean", mean, (mean > 0) & (mean <= MAX_DBH))
-    _check(inputs, "dbh_std", std, (std >= 0) & (std <= MAX_DBH))
+    _check(inputs, "dbh_mean", mean)
+    _check(inputs, "dbh_std", std)
     dbh, varied = mean.copy(), std > 0
     shape = (mean[varied] / std[varied]) ** 2
     dbh[varied] = gammaincinv(shape, u[varied]) / shape * mean[varied]
@@ -155,7 +157,7 @@ def conifer_shares(inputs: Inputs, cells: Cells) -> np.ndarray:
 
 def _shares(inputs: Inputs, percent: np.ndarray) -> np.ndarray:
     """Fractions of percentages of conifers; fractions given for percentages are doubted."""
-    _check(inputs, "conifers", percent, (percent >= 0) & (percent <= 100))
+    _check(inputs, "conifers", percent)
     if 0 < percent.max() <= 1:
         largest = float(percent.max())
         inputs.remarks.append(remark("&forest conifers", "input.conifers", largest=largest))
@@ -164,11 +166,11 @@ def _shares(inputs: Inputs, percent: np.ndarray) -> np.ndarray:
 
 def _at_trees(inputs: Inputs, key: str, cells: Cells) -> np.ndarray:
     """Values of a raster at trees, or the uniform value."""
-    found = np.empty(cells.row.size)
+    values = np.empty(cells.row.size)
     for rows, block in _blocks(inputs, key):
         in_rows = slice(*np.searchsorted(cells.row, [rows.start, rows.stop]))
-        found[in_rows] = block[cells.row[in_rows] - rows.start, cells.column[in_rows]]
-    return found
+        values[in_rows] = block[cells.row[in_rows] - rows.start, cells.column[in_rows]]
+    return values
 
 
 def _blocks(inputs: Inputs, key: str) -> Iterator[tuple[slice, np.ndarray]]:
@@ -181,14 +183,13 @@ def _blocks(inputs: Inputs, key: str) -> Iterator[tuple[slice, np.ndarray]]:
         yield rows, np.broadcast_to(uniform, (rows.stop - rows.start, inputs.grid.nx))
 
 
-def _check(inputs: Inputs, key: str, values: np.ndarray, good: np.ndarray) -> None:
+def _check(inputs: Inputs, key: str, values: np.ndarray) -> None:
     """Refuse invalid values where trees are to be generated."""
+    low, high, rule = LIMITS[key]
+    good = (values >= low) & (values <= high)
     if good.all():
         return
-    forest, limits = inputs.case.forest, {
-        "stems": f"0 to {MAX_DENSITY:,.0f} a hectare", "conifers": "0 to 100 %",
-        "dbh_mean": f"> 0 and at most {MAX_DBH:g} cm", "dbh_std": f"0 to {MAX_DBH:g} cm",
-    }  # fmt: skip
-    about = inputs.case.path(forest[key]) if key in forest else f"{inputs.case.name}: &forest {key}"
+    forest = inputs.case.forest
+    where = inputs.case.path(forest[key]) if key in forest else f"{inputs.case.name}: &forest {key}"
     first = values[~good].flat[0]
-    raise RockfallError(f"{about}: {first:g} where trees stand: must be {limits[key]}")
+    raise RockfallError(f"{where}: {first:g} where trees stand: must be {rule}")

@@ -35,7 +35,7 @@ class Species:
             names = [row.text("species").lower(), row.cells.get("genus", "").lower()]
             self._shown += [name for name in dict.fromkeys(names) if name]
             names += row.cells.get("other_names", "").split(";")
-            for name in {plain_name(one) for one in names} - {""}:
+            for name in {plain_name(name) for name in names} - {""}:
                 if name in self.factors:
                     raise RockfallError(f"{row.where}: {name}: is in the table twice")
                 self.factors[name] = factor
@@ -46,11 +46,11 @@ class Species:
     def factor(self, name: str, where: str) -> float:
         """Toughness factor of a species by its name in a list."""
         words = plain_name(name).split("_")
-        for one in ("_".join(words), words[0]):
-            if one in self.factors:
-                return self.factors[one]
-        known = ", ".join(self._shown)
-        raise RockfallError(f"{where}: species = {name}: is not in {self.path}; has: {known}")
+        for key in ("_".join(words), words[0]):
+            if key in self.factors:
+                return self.factors[key]
+        names = ", ".join(self._shown)
+        raise RockfallError(f"{where}: species = {name}: is not in {self.path}; has: {names}")
 
 
 def read_species(inputs: Inputs) -> Species:

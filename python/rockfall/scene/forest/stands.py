@@ -49,10 +49,10 @@ class Stands(NamedTuple):
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Index of the stand of each place; -1 outside all."""
-        found = np.full(x.size, -1, "i4")
+        stand = np.full(x.size, -1, "i4")
         for k, inside in points_inside(self.shapes, x, y):
-            found[inside] = k
-        return found
+            stand[inside] = k
+        return stand
 
     def thinned(
         self, stand: np.ndarray, row: np.ndarray, column: np.ndarray, u: np.ndarray
@@ -105,10 +105,10 @@ def read_stands(inputs: Inputs, table: Species) -> Stands | None:
     unmixed = with_trees & np.array([mixture is None for mixture in mixtures], bool)
     values = {}
     for key, needed in ("dbh_mean", with_trees), ("dbh_std", with_trees), ("conifers", unmixed):
-        found = attributes.numbers(key, needed)
-        _check_given_once(inputs, path, attributes, key, found, bool(needed.any()))
-        if found is not None:
-            values[key] = found
+        numbers = attributes.numbers(key, needed)
+        _check_given_once(inputs, path, attributes, key, numbers, bool(needed.any()))
+        if numbers is not None:
+            values[key] = numbers
     names = [name or str(k) for k, name in enumerate(attributes.texts("name"), start=1)]
     parts, order = _areas(inputs, path, shapes), np.argsort(density, kind="stable")
     ranks = touched_cells(parts[order], np.arange(1, order.size + 1), grid)
@@ -132,37 +132,39 @@ def _areas(inputs: Inputs, path: Path, shapes: np.ndarray) -> np.ndarray:
 
 
 def _check_given_once(
-    inputs: Inputs, path: Path, known: Attributes, key: str, found: Any, needed: bool
+    inputs: Inputs, path: Path, attributes: Attributes, key: str, values: Any, needed: bool
 ) -> None:
     """Refuse values given by both layer and case, or by none."""
     forest = inputs.case.forest
     given = [name for name in (key, f"uniform_{key}") if name in forest]
-    if found is not None and given:
+    if values is not None and given:
         raise RockfallError(
-            f"{inputs.case.name}: &forest {given[0]}: attribute {known.own_name(key)} of {path} "
-            "gives it: leave out one of the two"
+            f"{inputs.case.name}: &forest {given[0]}: attribute {attributes.own_name(key)} of "
+            f"{path} gives it: leave out one of the two"
         )
-    if found is None and needed and not given:
+    if values is None and needed and not given:
         also = " or species" if key == "conifers" else ""
         raise RockfallError(
             f"{path}: no attribute {key}{also}: add it, or set &forest uniform_{key}; has: "
-            f"{', '.join(known.columns) or 'none'}"
+            f"{', '.join(attributes.columns) or 'none'}"
         )
 
 
-def _mixture(table: Species, known: Attributes, k: int, text: str | None) -> Mixture | None:
+def _mixture(table: Species, attributes: Attributes, k: int, text: str | None) -> Mixture | None:
     """Species of a stand: one name, or several with percentages, as `spruce 60, beech 40`."""
     if text is None:
         return None
     parts = [PART.fullmatch(part.strip()) for part in re.split(r"[,;/]", text)]
     if not all(parts):
-        raise known.refuse(k, "species", repr(text), "a species, or as 'spruce 60, beech 40'")
+        raise attributes.refuse(k, "species", repr(text), "a species, or as 'spruce 60, beech 40'")
     percents = [part["percent"] for part in parts if part]
     if len(parts) == 1 and percents[0] is None:
         percents = ["100"]
     if None in percents or abs(sum(map(float, percents)) - 100) > WHOLE:
-        raise known.refuse(k, "species", repr(text), "species with percentages that add to 100")
-    where = f"{known.where}: feature {k + 1}"
+        raise attributes.refuse(
+            k, "species", repr(text), "species with percentages that add to 100"
+        )
+    where = f"{attributes.where}: feature {k + 1}"
     factors = [table.factor(part["name"], where) for part in parts if part]
     fractions = np.cumsum([float(percent) for percent in percents])
     return Mixture(fractions / fractions[-1], np.array(factors))

@@ -29,7 +29,7 @@ def numbers_of_list(case: Case, n: int) -> np.ndarray | None:
     """Numbers that decide whether each of `n` listed trees remains; None if all do."""
     if not is_thinned(case):
         return None
-    return _core.stand_thinning(case.forest["seed"], n, 1, np.ones(n, "i4"), n)[1]
+    return _core.stand_numbers(case.forest["seed"], n, 1, np.ones(n, "i4"), 2, n)[1]
 
 
 def thinned(inputs: Inputs, planted: Planted, x: np.ndarray, y: np.ndarray) -> Planted:

@@ -25,11 +25,11 @@ class Trees(NamedTuple):
     @property
     def bytes(self) -> int:
         """Memory used here and in the kernel."""
-        return sum(one.nbytes for one in self) + STEM * self.x.size
+        return sum(values.nbytes for values in self) + STEM * self.x.size
 
     def area(self) -> float:
         """Forest area [ha]: total area of the squares that hold a stem."""
-        column, row = (np.floor(one / SQUARE).astype("i8") for one in (self.x, self.y))
+        column, row = (np.floor(values / SQUARE).astype("i8") for values in (self.x, self.y))
         squares = np.unique(column - column.min() + (np.ptp(column) + 1) * (row - row.min())).size
         return squares * SQUARE**2 / HECTARE
 
@@ -39,7 +39,7 @@ class Trees(NamedTuple):
 
     def select(self, chosen: np.ndarray) -> Trees:
         """The chosen stems."""
-        return Trees(*(one[chosen] for one in self))
+        return Trees(*(values[chosen] for values in self))
 
 
 class Stand(NamedTuple):

@@ -56,7 +56,7 @@ def _source_cells(scene: Scene) -> Iterator[InputWarning]:
     where, top = f"&release cells = '{release['cells']}'", -int(values.value)
     if top in NO_DATA and values.next < math.inf:
         yield InputWarning(where, say("input.source_cells", value=top, n=values.count))
-    elif scene.x.size == scene.ground.known and not release["steep_cells"]:
+    elif scene.x.size == scene.ground.n_known and not release["steep_cells"]:
         yield InputWarning(where, say("input.all_sources", value=top))
 
 
@@ -139,16 +139,16 @@ def _distributions(scene: Scene) -> Iterator[_Volumes]:
 
 def _volumes(scene: Scene) -> Iterator[InputWarning]:
     """Warnings about the largest volume of each key, over all features or cells."""
-    found: dict[str, tuple[float, str]] = {}
+    largest_of: dict[str, tuple[float, str]] = {}
     for group, where, keys in _distributions(scene):
         for key in ("volume_mean", "volume_max", "volumes"):
             if (value := keys.get(key)) is not None:
                 largest = float(np.max(value)), f"{where} {key} = {np.max(value):g} m3"
-                found[group + key] = max(found.get(group + key, largest), largest)
+                largest_of[group + key] = max(largest_of.get(group + key, largest), largest)
     if scene.source_boulders is not None:
         largest = float(scene.source_boulders.volume.max())
-        found["sides"] = largest, f"&boulder d1, d2, d3: {largest:g} m3"
-    for volume, where in found.values():
+        largest_of["sides"] = largest, f"&boulder d1, d2, d3: {largest:g} m3"
+    for volume, where in largest_of.values():
         if volume > VOLUME:
             yield InputWarning(where, say("input.volume", across=2 * sphere_radius(volume)))
 
@@ -156,13 +156,13 @@ def _volumes(scene: Scene) -> Iterator[InputWarning]:
 def _spreads(scene: Scene) -> Iterator[InputWarning]:
     """Normal distributions whose mean changes when they are truncated at zero; of features, the one
     with the largest relative spread."""
-    found: dict[str, tuple[float, str, float, float]] = {}
+    widest_of: dict[str, tuple[float, str, float, float]] = {}
     for group, where, keys in _distributions(scene):
         mean, std = keys.get("volume_mean"), keys.get("volume_std")
         if keys.get("volume") == "normal" and mean and std:
             widest = std / mean, where, mean, std
-            found[group] = max(found.get(group, widest), widest)
-    for ratio, where, mean, std in found.values():
+            widest_of[group] = max(widest_of.get(group, widest), widest)
+    for ratio, where, mean, std in widest_of.values():
         after = truncated_mean(mean, std)
         if after > (1 + TRUNCATED) * mean:
             key = "input.spread_in_percent" if ratio >= SPREAD else "input.spread"

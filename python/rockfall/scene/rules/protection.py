@@ -42,15 +42,15 @@ def _barriers(scene: Scene) -> Iterator[InputWarning]:
 
 def dam_rules(dams: Iterable[DamShape], cell: float) -> Iterator[InputWarning]:
     """Warnings about dams as rasterised."""
-    for number, one in enumerate(dams, start=1):
-        asked, _, slope = one.requested
+    for number, dam in enumerate(dams, start=1):
+        asked, _, slope = dam.requested
         where = f"&dam {number}, height = {asked:g}, slope = {slope:g}"
-        if one.face_cells < FINE:
-            shape = {"face": one.face, "cells": one.face_cells, "cell": cell}
-            text = say("input.dam_face", **shape, fewest=FINE, finer=finer(one))
+        if dam.face_cells < FINE:
+            shape = {"face": dam.face, "cells": dam.face_cells, "cell": cell}
+            text = say("input.dam_face", **shape, fewest=FINE, finer=finer(dam))
             yield InputWarning(where, text)
-        if one.height_min < LOWERED * asked:
-            yield InputWarning(where, say("input.dam_crest", height=one.height_min))
+        if dam.height_min < LOWERED * asked:
+            yield InputWarning(where, say("input.dam_crest", height=dam.height_min))
         if asked > DAM:
             yield InputWarning(where, say("input.dam_height", highest=DAM))
         if slope < FLAT:

@@ -46,13 +46,13 @@ def _nodata(scene: Scene) -> Iterator[Text]:
         (ground.low, 1, LOW, "input.elevation_below"),
         (ground.high, -1, -HIGH, "input.elevation_above"),
     )
-    for found, sign, limit, key in ends:
-        value, apart = sign * found.value, found.next - found.value
-        is_usual = sign > 0 and value in USUAL and found.count < MOST * ground.known
+    for extreme, sign, limit, key in ends:
+        value, apart = sign * extreme.value, extreme.next - extreme.value
+        is_usual = sign > 0 and value in USUAL and extreme.count < MOST * ground.n_known
         gap = USUAL_GAP if is_usual else GAP
-        if found.value <= limit or (found.count > 1 and gap < apart < math.inf):
+        if extreme.value <= limit or (extreme.count > 1 and gap < apart < math.inf):
             key = "input.elevation_everywhere" if math.isinf(apart) else key
-            yield say(key, value=value, n=found.count, apart=apart)
+            yield say(key, value=value, n=extreme.count, apart=apart)
 
 
 def _low(scene: Scene) -> Iterator[Text]:
