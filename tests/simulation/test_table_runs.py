@@ -37,7 +37,7 @@ from same import same
 from scenes import case_in, grid, place, rough
 
 CASE = BlockCase(
-    lab={"ground": "meadow", "throws": 320, "seed": 5}, block={"count": 6}, ground={"patches": 1}
+    lab={"ground": "meadow", "throws": 400, "seed": 5}, block={"count": 6}, ground={"patches": 1}
 )
 BY_TABLE = {"form": "table", "table": "meadow.nc"}
 
