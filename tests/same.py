@@ -20,7 +20,7 @@ def same_numbers(a, b, names=None):
     names = names or sorted(set(a.variables) & set(b.variables))
     assert {"status", "stop_z", "path_length", "rebounds"} <= set(names)
     for name in names:
-        one, other = a[name].values, b[name].values
+        one, other = a.variables[name].values, b.variables[name].values
         assert one.dtype == other.dtype, name
         if one.dtype.kind == "f":
             assert np.array_equal(one, other, equal_nan=True), name
@@ -33,5 +33,5 @@ def same(one, other):
     xr.testing.assert_identical(
         one.assign_attrs(dict.fromkeys(OWN, 0)), other.assign_attrs(dict.fromkeys(OWN, 0))
     )
-    for name in other.variables:
-        assert one[name].dtype == other[name].dtype, name
+    for name, variable in other.variables.items():
+        assert one.variables[name].dtype == variable.dtype, name

@@ -38,8 +38,8 @@ module lab_f2py
 
 contains
 
-   !> Names in the order of the arrays of a kind; of `status`, from 1; `impact_alone`: keys that do not apply to boulders
-   !> thrown at rocks.
+   !> Names in the order of the arrays of a kind; of `status`, from 1; `impact_alone`: keys that do
+   !> not apply to boulders thrown at rocks.
    subroutine names(kind, text)
       character(len=*), intent(in) :: kind
       character(len=max_list), intent(out) :: text
@@ -65,8 +65,9 @@ contains
       end select
    end subroutine names
 
-   !> Defaults in the order of `names(kind)`; of a `case`: seed, five ratios, layers, points, impacts; of a `block_case`:
-   !> seed, throws, contacts; of `throws` at rocks: throws, throws at a layer, contacts, maximum depth of a layer.
+   !> Defaults in the order of `names(kind)`; of a `case`: seed, five ratios, layers, points, impacts;
+   !> of a `block_case`: seed, throws, contacts; of `throws` at rocks: throws, throws at a layer,
+   !> contacts, maximum depth of a layer.
    subroutine defaults(kind, row)
       character(len=*), intent(in) :: kind
       real(c_double), intent(out) :: row(16)
@@ -85,8 +86,9 @@ contains
       case ("packing"); row(:size(packing_keys)) = packing_row(packing)
       case ("shot"); row(:size(shot_keys)) = shot_row(shot)
       case ("range"); row(:size(range_keys)) = range_row(range)
-      case ("case"); row(:9) = real([case%seed, int(default_ratios, c_int64_t), case%layers, case%points, case%impacts], &
-                              c_double)
+      case ("case")
+         row(:9) = real([case%seed, int(default_ratios, c_int64_t), case%layers, case%points, &
+                         case%impacts], c_double)
       case ("throw"); row(:size(throw_keys)) = throw_range_row(range_of_throws)
       case ("plan"); row(:size(plan_keys)) = plan_row(block_case%plan)
       case ("boulder"); row(:size(boulder_keys)) = boulder_row(boulder)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What differs between operating systems: memory, locks, durable files, signals."""
+"""Differences between operating systems: memory, locks, durable files, signals."""
 
 from __future__ import annotations
 

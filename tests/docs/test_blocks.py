@@ -83,10 +83,10 @@ APART = "must lie between the outer cell centres of the DEM"
 SMALL = {
     "until": ["--cap", "200"],
     "run": ["--boulders", "5"],
-    "hazard": ["--boulders", "5"],
-    "models": ["--boulders", "5"],
-    "variants": ["--boulders", "5"],
-    "ensemble": ["--boulders", "5", "--runs", "8"],
+    "hazard": ["--boulders", "1"],
+    "models": ["--boulders", "1"],
+    "variants": ["--boulders", "1"],
+    "ensemble": ["--boulders", "1", "--runs", "8"],
     "back": ["--boulders", "20", "--members", "32", "--effective", "2"],
     "convergence": ["--boulders", "10", "40", "--reference", "320"],
 }

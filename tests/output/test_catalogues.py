@@ -73,9 +73,8 @@ def test_every_id_is_used_and_exists():
     ]
     families = [re.sub(r"\\\{.+?\\\}", ".+", re.escape(one)) for one in families]
     made = re.compile("|".join(families))
-    quoted = texts + page
-    unused = [key for key in ENGLISH if not re.search(f"[\"']{re.escape(key)}[\"']", quoted)]
-    assert [key for key in unused if not made.fullmatch(key)] == []
+    quoted = {*re.findall("(?<=[\"'])[\\w.]+(?=[\"'])", texts + page)}
+    assert [key for key in ENGLISH.keys() - quoted if not made.fullmatch(key)] == []
     assert {*re.findall(r"'(app\.[a-z_0-9.]+)'", page)} - ENGLISH.keys() == set()
     said = re.findall(r"""(?<!\w)say(?:_count)?\(\s*["']([a-z_]+\.[a-z_0-9]+)["']""", texts)
     kinds = "axis|comment|compare|ended|input|model|quantity|variable|word"

@@ -392,10 +392,10 @@ def test_a_map_says_why_it_is_blank(tmp_path):
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory, result):
-    """The page in each language with terrain, in files, and a figure of each kind in the first two,
+    """The page in each language with terrain, in files, and some figures in the first two,
     drawn in English."""
     folder = tmp_path_factory.mktemp("page")
-    kinds = ("trajectories", "profile", "passing", "stops", "line_speed", "restitution")
+    kinds = ("trajectories", "line_speed", "restitution")
     people = Parties("P 17", "Gemeinde", "A. B.", "2024")
     with pytest.MonkeyPatch.context() as here:
         here.setattr("rockfall.html_report.page.return_levels", no_levels)

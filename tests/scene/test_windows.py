@@ -144,7 +144,7 @@ def test_windows_follow_the_sources_and_learn_how_far_boulders_go(tmp_path):
 def test_steep_cells_and_their_surface(tmp_path, cells, slope):
     release = {"steep_cells": True, "slope_threshold": slope, "by_area": True, "drop_height": 5.0}
     case = case_in(
-        tmp_path, case={"boulders": 2}, release=release | ({"cells": cells} if cells else {})
+        tmp_path, case={"boulders": 1}, release=release | ({"cells": cells} if cells else {})
     )
     scene = read_scene(case, memory=30_000)
     assert scene.windows and 0 < scene.x.size < 6000

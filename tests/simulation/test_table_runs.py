@@ -37,7 +37,7 @@ from same import same
 from scenes import case_in, grid, place, rough
 
 CASE = BlockCase(
-    lab={"ground": "meadow", "throws": 400, "seed": 5}, block={"count": 6}, ground={"patches": 1}
+    lab={"ground": "meadow", "throws": 320, "seed": 5}, block={"count": 6}, ground={"patches": 1}
 )
 BY_TABLE = {"form": "table", "table": "meadow.nc"}
 
@@ -231,7 +231,7 @@ def test_as_many_stop_as_blocks_do(made):
     rough_ground = CASE.replace(ground={"relief": 18.0, "patches": 4})
     blocks = run_throws(rough_ground.replace(lab=lab, throw=throw))
     far = blocks["downhill"].groupby(blocks["sequence"]).max().values * blocks.attrs["radius"]
-    table = table_of([run_throws(rough_ground.replace(lab={"throws": 600}))])
+    table = table_of([run_throws(rough_ground.replace(lab={"throws": 300}))])
     save_table(table, made / "rough.nc")
     velocity = [0.0, -5 * np.cos(slope + away), -5 * np.sin(slope + away)]
 

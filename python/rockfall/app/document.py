@@ -29,7 +29,7 @@ SIZES = ("uniform_mean_radius", "uniform_rg")
 
 @dataclass(frozen=True)
 class Document:
-    """What is edited: keys of the case by group, without defaults, and features by layer."""
+    """State under edit: keys of the case by group, without defaults, and features by layer."""
 
     settings: Settings = field(default_factory=dict)
     layers: dict[str, list[Feature]] = field(default_factory=lambda: {name: [] for name in LAYERS})
@@ -37,7 +37,10 @@ class Document:
 
     def content(self) -> dict[str, Any]:
         """Document as the page gets it."""
-        layers = {name: [one._asdict() for one in some] for name, some in self.layers.items()}
+        layers = {
+            name: [feature._asdict() for feature in features]
+            for name, features in self.layers.items()
+        }
         return {"settings": self.settings, "layers": layers, "variant": self.variant}
 
 
@@ -53,7 +56,7 @@ class Variants:
 
 @dataclass(frozen=True)
 class Site:
-    """What an opened file determines, and no edit changes."""
+    """Properties of an opened file that no edit changes."""
 
     file: Path  # as opened
     case_name: str  # for messages
@@ -149,7 +152,7 @@ def runnable(site: Site, document: Document) -> Runnable:
     groups = {group: dict(values) for group, values in document.settings.items()}
     for group, kept in site.kept.items():
         groups[group] = kept if isinstance(kept, list) else {**kept, **groups.get(group, {})}  # type: ignore[assignment]
-    features = {name: [*some] for name, some in document.layers.items() if some}
+    features = {name: [*drawn] for name, drawn in document.layers.items() if drawn}
     if "sources" in features:
         _release_from(features["sources"], groups.setdefault("release", {}))
     elif not {*OTHER_SOURCES, "steep_cells"} & groups.get("release", {}).keys():
@@ -157,7 +160,7 @@ def runnable(site: Site, document: Document) -> Runnable:
     if "zones" in features:
         features["zones"] = _zones_of(features["zones"], groups.setdefault("surface", {}), site)
     layers = {
-        name: Layer.of(some, site.layer_forms[name]) for name, some in features.items()
+        name: Layer.of(drawn, site.layer_forms[name]) for name, drawn in features.items()
     }  # fmt: skip
     case = Case(folder=site.folder, name=site.case_name, **groups)
     return Runnable(case, layers)

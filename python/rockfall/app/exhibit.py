@@ -51,7 +51,9 @@ class Exhibit:
         self.view = View(next(iter(self.maps), ""))
         self._ground = Ground(*_terrain(result, file))
         forms = settings_forms(None), layer_forms(self.case, False, None)
-        settings_form, layer_form = ({k: _fixed(one) for k, one in some.items()} for some in forms)
+        settings_form, layer_form = (
+            {name: _fixed(form) for name, form in group.items()} for group in forms
+        )
         settings, document = given_groups(self.case), Document()
         layers = {
             name: [*line_features(name, getattr(self.case, GROUPS[name]), layer_form[name])]
@@ -106,9 +108,9 @@ class Exhibit:
             "batch",
             batch_message(result, self.case, view.map, self._ground, self.language, **about),
         )
-        some = trajectories(result, view.trajectories) if view.trajectories else []
-        mass = masses(result, [one.boulder for one in some], self.case)
-        message = trajectory_message(some, mass, self._ground, revision=0, append=False)
+        shown = trajectories(result, view.trajectories) if view.trajectories else []
+        mass = masses(result, [one.boulder for one in shown], self.case)
+        message = trajectory_message(shown, mass, self._ground, revision=0, append=False)
         yield "trajectories", message
 
     def _background(self) -> bytes:

@@ -119,8 +119,9 @@ def _position(given: Any, place: dict[str, str]) -> list[float]:
 
 def check_size(layers: Iterable[Sequence[Feature]]) -> None:
     """Refuse more features or vertices than a page can edit."""
-    some = [one for layer in layers for one in layer]
-    if len(some) > MAX_FEATURES or sum(one.vertices() for one in some) > MAX_VERTICES:
+    features = [feature for layer in layers for feature in layer]
+    vertices = sum(feature.vertices() for feature in features)
+    if len(features) > MAX_FEATURES or vertices > MAX_VERTICES:
         raise Refused(say("app.server_too_large", features=MAX_FEATURES, vertices=MAX_VERTICES))
 
 

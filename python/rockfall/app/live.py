@@ -43,7 +43,7 @@ Send = Callable[[str, Message], None]
 
 @dataclass
 class _Pending:
-    """What has been asked for since the last look."""
+    """Requests since the last look."""
 
     document: Document | None = None
     revision: int = 0
@@ -259,7 +259,7 @@ class Live:
             self._send("background", message)
 
     def _background(self, made: Runnable, **about: Any) -> tuple[tuple[Any, Any, Any], bytes]:
-        """What of the case is no feature, and its message."""
+        """Zones, sources and trees of the case that are not features, and their message."""
         assert self._session is not None and self._ground is not None
         scene, drawn = scene_of(self._session), made.layers
         zones = None if "zones" in drawn else scene.rasters.zone

@@ -185,9 +185,9 @@ def _sources(inputs: Inputs, form: Form) -> Iterator[Feature]:
     path, layer = case.path(release[key]), release.get(f"{key}_layer")
     if key == "polygons":
         shapes, columns = read_polygons(path, inputs.grid, inputs.remarks, layer, "polygons_layer")
-        parts, of = shapely.get_parts(shapes, return_index=True)
-        columns = {name: column[of] for name, column in columns.items()}
-        columns = _shared(columns, parts, of)
+        parts, owner = shapely.get_parts(shapes, return_index=True)
+        columns = {name: column[owner] for name, column in columns.items()}
+        columns = _shared(columns, parts, owner)
         places = [_rings(one) for one in parts]
     else:
         if path.suffix.lower() in EXTENSIONS:
@@ -205,15 +205,16 @@ def _sources(inputs: Inputs, form: Form) -> Iterator[Feature]:
         yield Feature(f"s{k + 1}", kind, at, _plain_volume(own))
 
 
-def _shared(columns: dict[str, Any], parts: np.ndarray, of: np.ndarray) -> dict[str, Any]:
-    """Columns of the parts of polygons: their frequency is shared by area."""
+def _shared(columns: dict[str, Any], parts: np.ndarray, owner: np.ndarray) -> dict[str, Any]:
+    """Columns of the parts of polygons, `owner` the polygon of each: their frequency is shared by
+    area."""
     import shapely
 
     frequency = attribute(columns, "frequency")
     if frequency is None or frequency.dtype.kind not in "iuf":
         return columns
     area = shapely.area(parts)
-    fraction = area / np.bincount(of, area)[of]
+    fraction = area / np.bincount(owner, area)[owner]
     others = {name: one for name, one in columns.items() if one is not frequency}
     return {**others, "frequency": frequency * fraction}
 
@@ -233,7 +234,7 @@ def _properties(columns: dict[str, Any], form: Form, size: int) -> Iterator[dict
     """Attributes of each feature that are in a form, in the types of its fields where possible."""
     known = {name: attribute(columns, name) for name in form}
     for k in range(size):
-        values = {name: plain(of[k]) for name, of in known.items() if of is not None}
+        values = {name: plain(column[k]) for name, column in known.items() if column is not None}
         yield {
             name: _typed(form[name].kind, value)
             for name, value in values.items() if value is not None
@@ -258,8 +259,8 @@ def _zones(inputs: Inputs, form: Form, surface: dict[str, Any]) -> Iterator[Feat
     own = inputs.case.surface
     path, layer = inputs.case.path(own["zones"]), own.get("zones_layer")
     shapes, columns = read_polygons(path, inputs.grid, inputs.remarks, layer, "zones_layer")
-    parts, of = shapely.get_parts(shapes, return_index=True)
-    columns = {name: column[of] for name, column in columns.items()}
+    parts, owner = shapely.get_parts(shapes, return_index=True)
+    columns = {name: column[owner] for name, column in columns.items()}
     number = attribute(columns, own["zone_field"])
     name = next((one for one in map(columns.get, NAMES) if one is not None), None)
     columns |= {} if number is None else {"zone": number}

@@ -46,7 +46,7 @@ BY_SOURCE = ("sources", "reach_probability_by_source")  # maps for which runs go
 
 
 class View(NamedTuple):
-    """What is shown besides statistics."""
+    """Map and number of trajectories shown besides statistics."""
 
     map: str = ""
     trajectories: int = 100
@@ -234,18 +234,18 @@ def _histogram(result: Contents, line: int, quantity: str) -> tuple[np.ndarray, 
 
 
 def trajectory_message(
-    some: Sequence[Trajectory], mass: np.ndarray, ground: Ground, **about: Any
+    shown: Sequence[Trajectory], mass: np.ndarray, ground: Ground, **about: Any
 ) -> bytes:
     """Message `trajectories`; `mass` is that of each boulder [kg]."""
-    points = [_points(one, ground) for one in some]
+    points = [_points(one, ground) for one in shown]
     first = np.cumsum([0, *map(len, points)])
     arrays = {
         "points": np.concatenate([np.zeros((0, 5)), *points]).astype("f4"),
         "first": first.astype("u4"),
-        "boulder": np.array([one.boulder for one in some], "u4"),
+        "boulder": np.array([one.boulder for one in shown], "u4"),
         "mass": mass.astype("f4"),
     }
-    return binary_message("trajectories", arrays, **about, count=len(some))
+    return binary_message("trajectories", arrays, **about, count=len(shown))
 
 
 def _points(path: Trajectory, ground: Ground) -> np.ndarray:

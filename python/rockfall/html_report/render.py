@@ -7,6 +7,7 @@ import base64
 import hashlib
 import importlib.resources
 import re
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,6 +17,7 @@ from rockfall.language import say, spoken, translated
 from rockfall.plots.style import capital, save
 
 if TYPE_CHECKING:
+    import jinja2
     from matplotlib.figure import Figure
 
 MAX_SVG = 400_000  # bytes; a denser figure is rasterised
@@ -57,27 +59,37 @@ def _saved(figure: Figure, ending: str) -> bytes:
 def rendered(template: str, **content: Any) -> str:
     """Render a page from a template and its content. All texts are escaped; only our scripts can
     run in it."""
-    import jinja2
     from markupsafe import Markup
 
-    folder = importlib.resources.files(__package__) / "templates"
+    script = _read("page.js")
+    page = _environment().get_template(template)
+    return page.render(
+        language=spoken(),
+        style=Markup(_read("page.css")),
+        script=Markup(script),
+        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+        **content,
+    )
 
-    def read(name: str) -> str:
-        return (folder / name).read_text(encoding="utf-8")
 
-    script = read("page.js")
+@cache
+def _environment() -> jinja2.Environment:
+    """Templates, which take longer to compile than to fill. Texts are looked up when they are
+    filled, in the language of that moment."""
+    import jinja2
+
     environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(read), autoescape=True, undefined=jinja2.StrictUndefined,
+        loader=jinja2.FunctionLoader(_read), autoescape=True, undefined=jinja2.StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
     environment.filters["capital"] = capital
     environment.filters["say"] = lambda text: UNIT.sub("\u00a0", translated(text))
     environment.filters["unit"] = lambda text: UNIT.sub("\u00a0", text)
     environment.globals["say"] = say
-    return environment.get_template(template).render(
-        language=spoken(),
-        style=Markup(read("page.css")),
-        script=Markup(script),
-        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
-        **content,
-    )
+    return environment
+
+
+def _read(name: str) -> str:
+    """Text of a template, style or script."""
+    folder = importlib.resources.files(__package__) / "templates"
+    return (folder / name).read_text(encoding="utf-8")
