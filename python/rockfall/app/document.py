@@ -76,8 +76,8 @@ class Site:
     def given(self, group: str, key: str) -> list[Any]:
         """Values of a key in the case as opened, and in its variants."""
         documents = self.variants.documents.values()
-        states = (self.opened, *(one.settings for one in documents))
-        return [one[group][key] for one in states if key in one.get(group, {})]
+        states = (self.opened, *(document.settings for document in documents))
+        return [settings[group][key] for settings in states if key in settings.get(group, {})]
 
     def edited(
         self,
@@ -93,8 +93,8 @@ class Site:
         new_layers, new_settings = dict(document.layers), dict(document.settings)
         for name, given in layers.items():
             if name not in self.layer_forms:
-                known = {"layer": name} if name in LAYERS else {}
-                raise Refused(say("app.server_no_layer", name=str(name)[:40]), **known)
+                place = {"layer": name} if name in LAYERS else {}
+                raise Refused(say("app.server_no_layer", name=str(name)[:40]), **place)
             new_layers[name] = check_features(name, given, self.layer_forms[name])
         for group, values in settings.items():
             new_settings[group] = self._group(group, values)
@@ -106,7 +106,7 @@ class Site:
         form = self.settings_forms.get(group)
         if form is None or not isinstance(values, dict):
             raise Refused(say("app.server_unknown", name=f"&{group}"[:40]))
-        found = {}
+        checked = {}
         for key, value in values.items():
             place = {"group": group, "key": str(key)[:40]}
             if key not in form:
@@ -116,10 +116,10 @@ class Site:
             if form[key].read_only:
                 if value not in self.given(group, key):
                     raise Refused(say("app.server_names_file", name=key), **place)
-                found[key] = value
+                checked[key] = value
             else:
-                found[key] = check_value(form[key], value, **place)
-        return found
+                checked[key] = check_value(form[key], value, **place)
+        return checked
 
 
 class Runnable(NamedTuple):
@@ -188,14 +188,14 @@ def _zones_of(zones: list[Feature], surface: dict[str, Any], site: Site) -> list
 
 def _numbered(zones: list[Feature]) -> list[Feature]:
     """Zones of which each has a number: those without one get new ones."""
-    new = max((one.properties.get("zone", 0) for one in zones), default=0)
-    found = []
-    for one in zones:
-        if "zone" not in one.properties:
+    new = max((zone.properties.get("zone", 0) for zone in zones), default=0)
+    numbered = []
+    for zone in zones:
+        if "zone" not in zone.properties:
             new += 1
-            one = one._replace(properties={**one.properties, "zone": new})
-        found.append(one)
-    return found
+            zone = zone._replace(properties={**zone.properties, "zone": new})
+        numbered.append(zone)
+    return numbered
 
 
 def _rest(
@@ -204,18 +204,18 @@ def _rest(
     """Polygons of the terrain outside zones, which the reader refuses where they are not valid."""
     import shapely
 
-    known = sizes.get("uniform_mean_radius"), sizes.get("uniform_rg")
-    values = [*np.ravel(known[0] or []), *np.ravel(known[1] or [])]
-    names = RADII[:1] if known[0] is not None else RADII[1:]
+    radii = sizes.get("uniform_mean_radius"), sizes.get("uniform_rg")
+    values = [*np.ravel(radii[0] or []), *np.ravel(radii[1] or [])]
+    names = RADII[:1] if radii[0] is not None else RADII[1:]
     properties: dict[str, Any] = dict(zip(names, map(float, values), strict=False))
     if not properties and "ground" in surface:
         properties = {"ground": surface["ground"]}
-    shapes = [one.shape() for one in zones]
+    shapes = [zone.shape() for zone in zones]
     if not properties or not shapely.is_valid(shapes).all():
         return []
     box = shapely.box(grid.west, grid.south, grid.east, grid.north)
     rest = shapely.get_parts(shapely.difference(box, shapely.union_all(shapes)))
-    rings = [[one.exterior, *one.interiors] for one in rest if one.geom_type == "Polygon"]
+    rings = [[part.exterior, *part.interiors] for part in rest if part.geom_type == "Polygon"]
     return [
         Feature("rest", "Polygon", [[[*at] for at in ring.coords] for ring in several],
                 {**properties, REST: True})

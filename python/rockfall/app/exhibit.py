@@ -99,17 +99,17 @@ class Exhibit:
     def _pictures(self) -> Iterator[tuple[str, Message]]:
         """Messages that depend on what is shown."""
         result, attrs, view = self.result, self.result.attrs, self.view
-        about: dict[str, Any] = {
+        progress: dict[str, Any] = {
             "revision": 0, "boulders": simulated(result), "running": False, "seconds_left": None,
             "total": int(attrs["boulders_requested"]), "complete": bool(attrs["complete"]),
             "seconds": float(attrs["wall_seconds"]),
         }  # fmt: skip
         yield (
             "batch",
-            batch_message(result, self.case, view.map, self._ground, self.language, **about),
+            batch_message(result, self.case, view.map, self._ground, self.language, **progress),
         )
         shown = trajectories(result, view.trajectories) if view.trajectories else []
-        mass = masses(result, [one.boulder for one in shown], self.case)
+        mass = masses(result, [trajectory.boulder for trajectory in shown], self.case)
         message = trajectory_message(shown, mass, self._ground, revision=0, append=False)
         yield "trajectories", message
 
@@ -129,9 +129,9 @@ def _terrain(result: xr.Dataset, file: Path | None) -> tuple[np.ndarray, Grid]:
     """Terrain of a result; one without elevations if it cannot be found."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the page shows that there is no relief
-        found = terrain_of(result, beside=None if file is None else file.parent)
-    if found is not None:
-        return found
+        terrain = terrain_of(result, beside=None if file is None else file.parent)
+    if terrain is not None:
+        return terrain
     west, east, south, north = reached(result)
     cell = max(cell_of(result), max(east - west, north - south) / 100)
     nx, ny = (max(2, int(np.ceil(side / cell))) for side in (east - west, north - south))

@@ -59,12 +59,12 @@ def check_features(layer: str, given: Any, form: Form) -> list[Feature]:
         raise Refused(say("app.server_wrong_type", name=layer), layer=layer)
     if len(given) > MAX_FEATURES:
         raise Refused(say("app.server_too_many", name=layer), layer=layer)
-    found = [_feature(layer, one, form) for one in given]
-    if len({one.id for one in found}) < len(found):
+    features = [_feature(layer, feature, form) for feature in given]
+    if len({feature.id for feature in features}) < len(features):
         raise Refused(say("app.server_same_id"), layer=layer)
-    if len({one.type for one in found}) > 1:
+    if len({feature.type for feature in features}) > 1:
         raise Refused(say("app.server_mixed_shapes"), layer=layer)
-    return found
+    return features
 
 
 def _feature(layer: str, given: Any, form: Form) -> Feature:
@@ -95,8 +95,8 @@ def _coordinates(kind: str, given: Any, place: dict[str, str]) -> Any:
         return _positions(given, 2, place)
     if not isinstance(given, list) or not 0 < len(given) <= MAX_VERTICES:
         raise Refused(say("app.server_wrong_shape"), **place)
-    rings = [_positions(one, 4, place) for one in given]
-    if any(one[0] != one[-1] for one in rings):
+    rings = [_positions(ring, 4, place) for ring in given]
+    if any(ring[0] != ring[-1] for ring in rings):
         raise Refused(say("app.server_wrong_shape"), **place)
     return rings
 
@@ -104,17 +104,17 @@ def _coordinates(kind: str, given: Any, place: dict[str, str]) -> Any:
 def _positions(given: Any, least: int, place: dict[str, str]) -> list[list[float]]:
     if not isinstance(given, list) or not least <= len(given) <= MAX_VERTICES:
         raise Refused(say("app.server_wrong_shape"), **place)
-    return [_position(one, place) for one in given]
+    return [_position(vertex, place) for vertex in given]
 
 
 def _position(given: Any, place: dict[str, str]) -> list[float]:
     good = isinstance(given, list) and len(given) == 2
-    for one in given if good else ():
-        number = isinstance(one, int | float) and not isinstance(one, bool)
-        good = good and number and abs(one) <= MAX_PLACE
+    for coordinate in given if good else ():
+        number = isinstance(coordinate, int | float) and not isinstance(coordinate, bool)
+        good = good and number and abs(coordinate) <= MAX_PLACE
     if not good:
         raise Refused(say("app.server_wrong_shape"), **place)
-    return [float(one) for one in given]
+    return [float(coordinate) for coordinate in given]
 
 
 def check_size(layers: Iterable[Sequence[Feature]]) -> None:
@@ -145,24 +145,24 @@ class Layer:
 
     def shapes(self) -> np.ndarray:
         """Shapes for GEOS."""
-        found = np.empty(len(self.features), object)
-        found[:] = [one.shape() for one in self.features]
-        return found
+        shapes = np.empty(len(self.features), object)
+        shapes[:] = [feature.shape() for feature in self.features]
+        return shapes
 
     def columns(self) -> dict[str, np.ndarray]:
         """Attributes that any feature has: reals, integers (reals if one is missing) and texts."""
-        found = {}
+        columns = {}
         for name, kind in self.kinds:
-            values = [one.properties.get(name) for one in self.features]
-            if any(one is not None for one in values):
-                found[name] = _column(kind, values)
-        return found
+            values = [feature.properties.get(name) for feature in self.features]
+            if any(value is not None for value in values):
+                columns[name] = _column(kind, values)
+        return columns
 
     def groups(self) -> Iterator[dict[str, Any]]:
         """Lines as groups of a case."""
-        for one in self.features:
-            x, y = (list(axis) for axis in zip(*one.coordinates, strict=True))
-            yield {**one.properties, "x": x, "y": y}
+        for line in self.features:
+            x, y = (list(axis) for axis in zip(*line.coordinates, strict=True))
+            yield {**line.properties, "x": x, "y": y}
 
     def frame(self, crs: Any) -> Frame:
         """Layer as `rockfall.open` takes it."""
@@ -170,13 +170,13 @@ class Layer:
 
 
 def _column(kind: str, values: list[Any]) -> np.ndarray:
-    missing = any(one is None for one in values)
+    missing = any(value is None for value in values)
     if kind == "integer" and not missing:
         return np.array(values, np.int64)
     if kind in ("real", "integer"):
-        return np.array([np.nan if one is None else one for one in values], np.float64)
+        return np.array([np.nan if value is None else value for value in values], np.float64)
     column = np.empty(len(values), object)
-    column[:] = [None if one is None else str(one) for one in values]
+    column[:] = [None if value is None else str(value) for value in values]
     return column
 
 

@@ -108,18 +108,18 @@ def _zone_form(
     form = {"name": name, "ground": _field(keys["surface", "ground"])}
     form["ground"] = form["ground"]._replace(choices=grounds)
     form["mean_radius"] = radius._replace(name="mean_radius")
-    form |= {one: rg._replace(name=one) for one in ("rg70", "rg20", "rg10")}
+    form |= {attribute: rg._replace(name=attribute) for attribute in ("rg70", "rg20", "rg10")}
     return form | ({"zone": number} if "default_zone" in case.surface else {})
 
 
 def ground_names(*cases: Case) -> tuple[str, ...]:
     """Grounds that can be named without opening another file than those of the cases."""
-    known: list[str] = []
+    grounds: list[str] = []
     for case in cases:
         tables = table_names() if case.impact["form"] == "table" else []
         own = [case.surface[key] for _, key in GROUND_KEYS if key in case.surface]
-        known += [*GroundTable(table_path(case)).rows, *shipped_sets(), *tables, *own]
-    return tuple(dict.fromkeys(known))
+        grounds += [*GroundTable(table_path(case)).rows, *shipped_sets(), *tables, *own]
+    return tuple(dict.fromkeys(grounds))
 
 
 def _attribute(key: Key) -> Field:
@@ -145,9 +145,9 @@ def _field(key: Key) -> Field:
 
 def _limits(allowed: str) -> tuple[float | None, float | None]:
     """Limits of a range; (None, None) if the text is none."""
-    if not (found := _RANGE.match(allowed)):
+    if not (match := _RANGE.match(allowed)):
         return None, None
-    low, high = found[2] or found[3], found[4]
+    low, high = match[2] or match[3], match[4]
     return float(low), None if high is None else float(high)
 
 
@@ -157,7 +157,7 @@ def check_value(field: Field, value: Any, **place: str) -> Any:
     if field.list and isinstance(value, list):
         if len(value) > min(field.most, MAX_VALUES):
             raise Refused(say("app.server_too_many", name=field.name), **place)
-        return [_checked(field, one, place) for one in value]
+        return [_checked(field, item, place) for item in value]
     return _checked(field, value, place)
 
 

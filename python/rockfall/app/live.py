@@ -58,7 +58,7 @@ class Live:
         self.site, self.document, self.revision = site, document, 0
         self.language, self.running = language, True
         maps = document.settings.get("output", {}).get("maps", [])
-        self.view = View(next((one for one in maps if one in self.maps), FIRST_MAP))
+        self.view = View(next((name for name in maps if name in self.maps), FIRST_MAP))
         self.error: Refused | None = None  # of the last edit
         self._send, self._wake, self._cancel = send, Condition(), Event()
         self._closing = Event()
@@ -78,8 +78,8 @@ class Live:
     def maps(self) -> list[str]:
         """Maps that can be shown; runs in the order of the sources would be no samples."""
         documents = self.site.variants.documents.values()
-        states = (self.site.opened, *(one.settings for one in documents))
-        forest = any("forest" in one for one in states)
+        states = (self.site.opened, *(document.settings for document in documents))
+        forest = any("forest" in settings for settings in states)
         return [
             name for name in MAP
             if name not in (*BY_SOURCE, *EXCEEDED) and (forest or not name.startswith("tree_"))
@@ -197,7 +197,7 @@ class Live:
         pending, progress = self._pending, self._progress
         goes_on = progress is not None and progress.has_work(self.running)
         wanted = pending.document, pending.view, self._aside
-        return goes_on or bool(self._compared) or any(one is not None for one in wanted)
+        return goes_on or bool(self._compared) or any(work is not None for work in wanted)
 
     def _take(self, document: Document, revision: int, error: Refused | None) -> None:
         """Take over a document, tell its errors, and begin its run if there are none."""
@@ -223,8 +223,8 @@ class Live:
                 errors = [refused.entry()]
             except RockfallError as refusal:
                 errors = [entry_of(str(refusal), self.site, document)]
-        about = {"revision": revision, "errors": errors, "warnings": warnings}
-        self._send("state", text_message("state", **about, running=self.running))
+        fields = {"revision": revision, "errors": errors, "warnings": warnings}
+        self._send("state", text_message("state", **fields, running=self.running))
         if not errors:
             assert self._session is not None and self._ground is not None
             self._show_background(made)
@@ -239,33 +239,33 @@ class Live:
             text = without_files(str(refusal), self.site)
             self._send("refused", text_message("refused", task="compare", text=text, exists=False))
             return
-        about = {"revision": 0, "variant": variant.variant}
+        fields = {"revision": 0, "variant": variant.variant}
         self._send("variant background", self._background(made, variant=variant.variant)[1])
         self._aside = self._begin(
-            self._closing, about, lambda kind, message: self._send(f"variant {kind}", message)
+            self._closing, fields, lambda kind, message: self._send(f"variant {kind}", message)
         )
 
-    def _begin(self, cancel: Event, about: dict[str, Any], send: Send) -> _Progress:
+    def _begin(self, cancel: Event, fields: dict[str, Any], send: Send) -> _Progress:
         """Begin a run of the session."""
         assert self._session is not None and self._ground is not None
         batches = self._session.run(cancel=cancel, batch_seconds=STEP)
-        return _Progress(batches, about, self.view, self._ground, send, self.language)
+        return _Progress(batches, fields, self.view, self._ground, send, self.language)
 
     def _show_background(self, made: Runnable) -> None:
         """Send what of the case is no feature, if it has changed."""
         seen, message = self._background(made)
-        if not all(one is other for one, other in zip(seen, self._seen, strict=True)):
+        if not all(new is other for new, other in zip(seen, self._seen, strict=True)):
             self._seen = seen
             self._send("background", message)
 
-    def _background(self, made: Runnable, **about: Any) -> tuple[tuple[Any, Any, Any], bytes]:
+    def _background(self, made: Runnable, **fields: Any) -> tuple[tuple[Any, Any, Any], bytes]:
         """Zones, sources and trees of the case that are not features, and their message."""
         assert self._session is not None and self._ground is not None
         scene, drawn = scene_of(self._session), made.layers
         zones = None if "zones" in drawn else scene.rasters.zone
         sources = None if "sources" in drawn else scene.x
         rows = {} if zones is None else case_zones(made.case)
-        message = background_message(scene, rows, sources is not None, self._ground, **about)
+        message = background_message(scene, rows, sources is not None, self._ground, **fields)
         return (zones, sources, scene.trees), message
 
     def _change(self, made: Runnable) -> None:
@@ -297,11 +297,11 @@ class _Progress:
     """A run, and what of it has been sent."""
 
     def __init__(
-        self, batches: Iterator[Batch], about: dict[str, Any], view: View, ground: Ground,
+        self, batches: Iterator[Batch], fields: dict[str, Any], view: View, ground: Ground,
         send: Send, language: str,
     ) -> None:  # fmt: skip
         self.over, self.told_running = False, True
-        self._batches, self._about, self._view = batches, about, view
+        self._batches, self._about, self._view = batches, fields, view
         self._ground, self._send = ground, send
         self._language = language
         self._sent: set[int] = set()  # numbers of the boulders whose trajectories were sent
@@ -362,7 +362,7 @@ class _Progress:
         if not new and self._sent:
             return
         append = bool(self._sent)
-        self._sent |= {one.boulder for one in new}
-        mass = masses(batch.dataset(), [one.boulder for one in new], batch.case)
+        self._sent |= {trajectory.boulder for trajectory in new}
+        mass = masses(batch.dataset(), [trajectory.boulder for trajectory in new], batch.case)
         message = trajectory_message(new, mass, self._ground, **self._about, append=append)
         self._send("more" if append else "trajectories", message)

@@ -37,7 +37,7 @@ class Refused(Exception):
 
     def entry(self) -> dict[str, str]:
         """Entry in the errors of a document."""
-        return {"text": self.text} | {name: one for name, one in self.place.items() if one}
+        return {"text": self.text} | {name: value for name, value in self.place.items() if value}
 
 
 def text_message(type: str, /, **content: Any) -> str:
@@ -55,14 +55,14 @@ def fault_message(error: Exception) -> str:
 
 def binary_message(type: str, /, arrays: Mapping[str, np.ndarray], **content: Any) -> bytes:
     """Binary message of a type, with arrays by name."""
-    known, parts, offset = [], [], 0
+    entries, parts, offset = [], [], 0
     for name, array in arrays.items():
         kind = f"{array.dtype.kind}{array.dtype.itemsize}"
         data = np.ascontiguousarray(array, _TYPES[kind]).tobytes()
-        known.append({"name": name, "dtype": kind, "shape": [*array.shape], "offset": offset})
+        entries.append({"name": name, "dtype": kind, "shape": [*array.shape], "offset": offset})
         parts.append(data + bytes(-len(data) % _WORD))
         offset += len(parts[-1])
-    header = _json({"type": type, **content, "arrays": known}).encode()
+    header = _json({"type": type, **content, "arrays": entries}).encode()
     header += b" " * (-(len(header) + 4) % _WORD)
     return b"".join([struct.pack("<I", len(header)), header, *parts])
 
@@ -70,12 +70,12 @@ def binary_message(type: str, /, arrays: Mapping[str, np.ndarray], **content: An
 def read_message(text: str) -> dict[str, Any]:
     """Message of a page; Refused for anything but an object with a type and plain numbers."""
     try:
-        found = json.loads(text, parse_constant=_no_number, parse_float=_finite)
+        message = json.loads(text, parse_constant=_no_number, parse_float=_finite)
     except (ValueError, RecursionError):
         raise Refused("not JSON") from None
-    if not isinstance(found, dict) or not isinstance(found.get("type"), str):
+    if not isinstance(message, dict) or not isinstance(message.get("type"), str):
         raise Refused("not a message with a type")
-    return found
+    return message
 
 
 def _no_number(token: str) -> float:
@@ -98,9 +98,9 @@ def _json(content: Any) -> str:
 def _plain(value: Any) -> Any:
     """Content in types of JSON; None for numbers that are not finite."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(one) for key, one in value.items()}
+        return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         return _plain(value.tolist())
     if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
+        return [_plain(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

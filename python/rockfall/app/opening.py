@@ -95,12 +95,12 @@ def _open_case(path: Path) -> tuple[Site, Document]:
         opened={group: dict(values) for group, values in document.settings.items()},
         variants=Variants(case.variant, cases),
     )  # fmt: skip
-    for name, one in cases.items():
-        found, kept, forms = _read(one, grid, grounds)
-        if other := _differs(site, one, found, kept, forms):
+    for name, variant in cases.items():
+        variant_document, kept, forms = _read(variant, grid, grounds)
+        if other := _differs(site, variant, variant_document, kept, forms):
             site.variants.others[name] = other
         else:
-            site.variants.documents[name] = replace(found, variant=name)
+            site.variants.documents[name] = replace(variant_document, variant=name)
     return site, document
 
 
@@ -128,9 +128,9 @@ def _read(
     layers = dict(document.layers)
     lines = read_lines(inputs)
     for name, group in GROUPS.items():
-        found = list(line_features(name, getattr(lines, group), forms[name]))
-        if _fits(found):
-            layers[name], kept[group] = found, []
+        features = list(line_features(name, getattr(lines, group), forms[name]))
+        if _fits(features):
+            layers[name], kept[group] = features, []
     release = settings.get("release", {})
     sources = list(_sources(inputs, forms["sources"]))
     places = {key: release.pop(key) for key in OTHER_SOURCES if key in release and key != "cells"}
@@ -152,7 +152,7 @@ def _fits(features: list[Feature]) -> bool:
     """Return True for a layer that a page can edit."""
     return (
         len(features) <= MAX_FEATURES
-        and sum(one.vertices() for one in features) <= MAX_VERTICES
+        and sum(feature.vertices() for feature in features) <= MAX_VERTICES
     )  # fmt: skip
 
 
@@ -164,9 +164,9 @@ def _has_polygon_zones(case: Case) -> bool:
 def line_features(layer: str, groups: list[dict[str, Any]], form: Form) -> Iterator[Feature]:
     """Features of line groups, with the keys that differ from their default."""
     usual = default_values().get(GROUPS[layer], {})
-    for k, one in enumerate(groups, start=1):
-        own = {key: one[key] for key in form if key in one and one[key] != usual.get(key)}
-        places = [[*at] for at in zip(one["x"], one["y"], strict=True)]
+    for k, group in enumerate(groups, start=1):
+        own = {key: group[key] for key in form if key in group and group[key] != usual.get(key)}
+        places = [[*at] for at in zip(group["x"], group["y"], strict=True)]
         yield Feature(f"{layer[0]}{k}", "LineString", places, own)
 
 
@@ -188,13 +188,13 @@ def _sources(inputs: Inputs, form: Form) -> Iterator[Feature]:
         parts, owner = shapely.get_parts(shapes, return_index=True)
         columns = {name: column[owner] for name, column in columns.items()}
         columns = _shared(columns, parts, owner)
-        places = [_rings(one) for one in parts]
+        places = [_rings(polygon) for polygon in parts]
     else:
         if path.suffix.lower() in EXTENSIONS:
             x, y, columns, _ = read_points(path, inputs.grid, inputs.remarks, layer, "points_layer")
         else:
             _, columns = read_columns(path, ("x", "y"))
-            x, y = (np.array([decimal(one) for one in columns[axis]]) for axis in "xy")
+            x, y = (np.array([decimal(text) for text in columns[axis]]) for axis in "xy")
         places = [[*at] for at in zip(map(float, x), map(float, y), strict=True)]
     if name := release.get("name_field"):
         columns = {**columns, "name": named_attribute(str(path), columns, name)}
@@ -215,7 +215,7 @@ def _shared(columns: dict[str, Any], parts: np.ndarray, owner: np.ndarray) -> di
         return columns
     area = shapely.area(parts)
     fraction = area / np.bincount(owner, area)[owner]
-    others = {name: one for name, one in columns.items() if one is not frequency}
+    others = {name: column for name, column in columns.items() if column is not frequency}
     return {**others, "frequency": frequency * fraction}
 
 
@@ -232,9 +232,9 @@ def _rings(polygon: Any) -> list[list[list[float]]]:
 
 def _properties(columns: dict[str, Any], form: Form, size: int) -> Iterator[dict[str, Any]]:
     """Attributes of each feature that are in a form, in the types of its fields where possible."""
-    known = {name: attribute(columns, name) for name in form}
+    fields = {name: attribute(columns, name) for name in form}
     for k in range(size):
-        values = {name: plain(column[k]) for name, column in known.items() if column is not None}
+        values = {name: plain(column[k]) for name, column in fields.items() if column is not None}
         yield {
             name: _typed(form[name].kind, value)
             for name, value in values.items() if value is not None
@@ -262,13 +262,13 @@ def _zones(inputs: Inputs, form: Form, surface: dict[str, Any]) -> Iterator[Feat
     parts, owner = shapely.get_parts(shapes, return_index=True)
     columns = {name: column[owner] for name, column in columns.items()}
     number = attribute(columns, own["zone_field"])
-    name = next((one for one in map(columns.get, NAMES) if one is not None), None)
+    name = next((column for column in map(columns.get, NAMES) if column is not None), None)
     columns |= {} if number is None else {"zone": number}
     columns |= {} if name is None else {"name": name}
     rest = attribute(columns, REST)
     for k, properties in enumerate(_properties(columns, form, len(parts))):
         if rest is not None and str(rest[k]) == "True":
-            radii = [properties[one] for one in RADII[1:] if one in properties]
+            radii = [properties[key] for key in RADII[1:] if key in properties]
             if "mean_radius" in properties:
                 surface["uniform_mean_radius"] = properties["mean_radius"]
             elif radii:

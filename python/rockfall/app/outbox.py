@@ -33,7 +33,7 @@ class Outbox:
         stale = REPLACED.get(kind, ())
         if "trajectories" in stale:
             stale = (*stale, "more")
-        self._waiting = deque(one for one in self._waiting if one[0] not in stale)
+        self._waiting = deque(entry for entry in self._waiting if entry[0] not in stale)
         self._waiting.append((kind, message))
         self._filled.set()
 

@@ -69,8 +69,8 @@ class Ground:
 
     def message(self) -> bytes:
         """Message `terrain`."""
-        grid, known = self.grid, self.heights[np.isfinite(self.heights)]
-        low, high = (known.min(), known.max()) if known.size else (np.nan, np.nan)
+        grid, heights = self.grid, self.heights[np.isfinite(self.heights)]
+        low, high = (heights.min(), heights.max()) if heights.size else (np.nan, np.nan)
         return binary_message(
             "terrain",
             {"heights": self.heights.astype("f4"), "shade": self.shade.astype("u1")},
@@ -86,19 +86,19 @@ class Ground:
 
 
 def background_message(
-    scene: Scene, zones: dict[int, Zone], sources: bool, ground: Ground, **about: Any
+    scene: Scene, zones: dict[int, Zone], sources: bool, ground: Ground, **fields: Any
 ) -> bytes:
     """Message `background`: what of a case is no feature of its document. `zones` are the rows of
     its raster of zones; `sources`: whether it has others than drawn ones."""
     arrays: dict[str, np.ndarray] = {}
-    known, rows = [], scene.rasters.zone
+    entries, rows = [], scene.rasters.zone
     if zones and rows is not None and len(zones) < 256:
         row, column = (
             (np.arange(n) * ground.step + ground.step // 2).clip(max=size - 1)
             for n, size in zip(ground.shade.shape, rows.shape, strict=True)
         )
         arrays["zones"] = rows[np.ix_(row, column)].astype("u1")
-        known = [
+        entries = [
             {"value": k, "name": zone.name or str(id)}
             for k, (id, zone) in enumerate(zones.items(), start=1)
         ]
@@ -109,13 +109,13 @@ def background_message(
     number = {"sources": scene.x.size if sources else 0, "trees": 0}
     if scene.trees is not None:
         number["trees"] = len(scene.trees.x)
-    return binary_message("background", arrays, **about, zones=known, **number)
+    return binary_message("background", arrays, **fields, zones=entries, **number)
 
 
 def sampled_rows(most: int, *columns: np.ndarray) -> np.ndarray:
     """At most this number of rows of columns, evenly selected."""
     step = max(1, -(-len(columns[0]) // most))
-    return np.column_stack([one[::step] for one in columns]).astype("f8")
+    return np.column_stack([column[::step] for column in columns]).astype("f8")
 
 
 def map_choices(names: Sequence[str], language: str) -> list[dict[str, str]]:
@@ -131,11 +131,13 @@ def _about_map(name: str) -> dict[str, str]:
 
 
 def batch_message(
-    result: xr.Dataset, case: Case, shown: str, ground: Ground, language: str, **about: Any
+    result: xr.Dataset, case: Case, shown: str, ground: Ground, language: str, **fields: Any
 ) -> bytes:
     """Message `batch` of the results so far, with the map of a name if there is one."""
     with speaking(language):
-        warnings = [f"{one.text}." for one in model_remarks(result, case) if one.is_warning]
+        warnings = [
+            f"{remark.text}." for remark in model_remarks(result, case) if remark.is_warning
+        ]
     lines = _lines(_without_maps(result))
     arrays = _stops(result, ground)
     overlay = None
@@ -143,7 +145,7 @@ def batch_message(
         with speaking(language):
             overlay, arrays["overlay"] = _overlay(result, shown)
     return binary_message(
-        "batch", arrays, **about, warnings=warnings, ended=ended(result), statuses=STATUS,
+        "batch", arrays, **fields, warnings=warnings, ended=ended(result), statuses=STATUS,
         lines=lines, overlay=overlay,
     )  # fmt: skip
 
@@ -166,29 +168,29 @@ def _overlay(result: xr.Dataset, shown: str) -> tuple[dict[str, Any], np.ndarray
     values = np.where(values > of_none(result, shown), values * factor, np.nan).astype("f4")
     step = int(max(values.shape) / MAX_OVERLAY) + 1
     values = merged(values, step, np.fmax)
-    known = values[np.isfinite(values)]
-    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
-    about = {
+    finite = values[np.isfinite(values)]
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
+    fields = {
         "west": grid.west, "north": grid.north, "cell": grid.cell * step, "low": low, "high": high,
         "scale": "log" if low > 0 and high > WIDE * low else "linear",
         "whole": data.dtype.kind in "iu",
     }  # fmt: skip
-    return _about_map(shown) | about, values
+    return _about_map(shown) | fields, values
 
 
 def _without_maps(result: xr.Dataset) -> Contents:
     """Result without its maps. Of thousands of lines each is looked up many times, which takes most
     of the time in a Dataset."""
     held = {
-        str(name): (one.dims, one.values, one.attrs)
-        for name, one in result.variables.items() if "x" not in one.dims
+        str(name): (variable.dims, variable.values, variable.attrs)
+        for name, variable in result.variables.items() if "x" not in variable.dims
     }  # fmt: skip
     return Contents(held, result.attrs, map(str, result.coords))
 
 
 def _lines(result: Contents) -> list[dict[str, Any]]:
     """Statistics of each line, in shown units; null where the package withholds them."""
-    found = []
+    statistics = []
     names = line_names(result)
     numbers = line_statistics(result, quantities=SHOWN).to_dict("records")
     height = result["barrier_height"].values if "barrier_height" in result else None
@@ -196,28 +198,28 @@ def _lines(result: Contents) -> list[dict[str, Any]]:
         rows = numbers[k * len(SHOWN) : (k + 1) * len(SHOWN)]
         barrier = height is not None and np.isfinite(height[k])
         first = rows[0]
-        found.append({
+        statistics.append({
             "name": name, "kind": "barrier" if barrier else "line", "n": int(first["n"]),
             "fraction": [first[f"fraction{end}"] for end in ("", "_low", "_high")],
             "quantities": {row["quantity"]: _numbers(result, k, row) for row in rows},
         })  # fmt: skip
-    return found
+    return statistics
 
 
 def _numbers(result: Contents, line: int, row: dict[str, Any]) -> dict[str, Any]:
     """Numbers of a quantity at a line, and its histogram."""
-    about = QUANTITIES[row["quantity"]]
-    withheld, factor = str(row["withheld"]).split(", "), about.factor
-    found: dict[str, Any] = {
-        "label": about.label, "unit": about.unit, "factor": factor, "decimals": about.decimals,
-        "max": factor * row["max"],
+    quantity = QUANTITIES[row["quantity"]]
+    withheld, factor = str(row["withheld"]).split(", "), quantity.factor
+    numbers: dict[str, Any] = {
+        "label": quantity.label, "unit": quantity.unit, "factor": factor,
+        "decimals": quantity.decimals, "max": factor * row["max"],
     }  # fmt: skip
     for name in NUMBERS:
         shown = name not in withheld
         limits = [factor * row[f"{name}{end}"] if shown else None for end in ("", "_low", "_high")]
-        found[name] = limits
+        numbers[name] = limits
     counts, edges = _histogram(result, line, row["quantity"])
-    return found | {"counts": counts, "edges": factor * edges}
+    return numbers | {"counts": counts, "edges": factor * edges}
 
 
 def _histogram(result: Contents, line: int, quantity: str) -> tuple[np.ndarray, np.ndarray]:
@@ -234,18 +236,18 @@ def _histogram(result: Contents, line: int, quantity: str) -> tuple[np.ndarray, 
 
 
 def trajectory_message(
-    shown: Sequence[Trajectory], mass: np.ndarray, ground: Ground, **about: Any
+    shown: Sequence[Trajectory], mass: np.ndarray, ground: Ground, **fields: Any
 ) -> bytes:
     """Message `trajectories`; `mass` is that of each boulder [kg]."""
-    points = [_points(one, ground) for one in shown]
+    points = [_points(trajectory, ground) for trajectory in shown]
     first = np.cumsum([0, *map(len, points)])
     arrays = {
         "points": np.concatenate([np.zeros((0, 5)), *points]).astype("f4"),
         "first": first.astype("u4"),
-        "boulder": np.array([one.boulder for one in shown], "u4"),
+        "boulder": np.array([trajectory.boulder for trajectory in shown], "u4"),
         "mass": mass.astype("f4"),
     }
-    return binary_message("trajectories", arrays, **about, count=len(shown))
+    return binary_message("trajectories", arrays, **fields, count=len(shown))
 
 
 def _points(path: Trajectory, ground: Ground) -> np.ndarray:
@@ -259,10 +261,10 @@ def _points(path: Trajectory, ground: Ground) -> np.ndarray:
 def masses(result: xr.Dataset, boulders: Sequence[int], case: Case) -> np.ndarray:
     """Mass of boulders by their numbers [kg]; NaN without rows, and where sources may have given
     densities to a version that did not record masses."""
-    known = result["boulder"].values
-    order = np.argsort(known)
-    place = np.searchsorted(known, boulders, sorter=order).clip(max=max(known.size - 1, 0))
-    if not known.size:
+    numbers = result["boulder"].values
+    order = np.argsort(numbers)
+    place = np.searchsorted(numbers, boulders, sorter=order).clip(max=max(numbers.size - 1, 0))
+    if not numbers.size:
         return np.full(len(boulders), np.nan)
     row = order[place]
     if "mass" in result:
@@ -271,4 +273,4 @@ def masses(result: xr.Dataset, boulders: Sequence[int], case: Case) -> np.ndarra
         known_density = "source_feature" not in result and "rock_density" not in case.boulder
         density = case.boulder["density"] if known_density else np.nan
         mass = density * result["volume"].values
-    return np.where(known[row] == boulders, mass[row], np.nan)
+    return np.where(numbers[row] == boulders, mass[row], np.nan)

@@ -20,31 +20,31 @@ def entry_of(text: str, site: Site, document: Document) -> dict[str, str]:
     """Entry for the page of an error: its text without names of files, and its layer and feature,
     or its group and key."""
     text = without_files(text, site)
-    found: dict[str, str] = {}
+    place: dict[str, str] = {}
     rest = text
     if match := _LAYER.match(rest):
-        found["layer"], rest = match[1], rest[match.end() :]
+        place["layer"], rest = match[1], rest[match.end() :]
         if number := _FEATURE.match(rest):
             rest = rest[number.end() :]
             features = document.layers.get(match[1], [])
             if 0 < int(number[1]) <= len(features):
-                found["id"] = features[int(number[1]) - 1].id
+                place["id"] = features[int(number[1]) - 1].id
         text = rest or text
         rest = _GROUP.sub("", rest, count=1)
         form = site.layer_forms.get(match[1], {})
     elif match := _GROUP.match(rest):
         group, rest = match[1], rest[match.end() :]
         if group in _LAYERS:
-            found["layer"] = _LAYERS[group]
-            found |= _named(rest, document, found["layer"])
-            form = site.layer_forms.get(found["layer"], {})
+            place["layer"] = _LAYERS[group]
+            place |= _named(rest, document, place["layer"])
+            form = site.layer_forms.get(place["layer"], {})
         else:
-            found["group"] = group
-            found |= _source(rest, document)
+            place["group"] = group
+            place |= _source(rest, document)
             form = site.settings_forms.get(group, {})
     else:
         return {"text": text}
-    return {"text": text, **found, **_key(rest, form)}
+    return {"text": text, **place, **_key(rest, form)}
 
 
 def _key(text: str, form: Form) -> dict[str, str]:
@@ -56,9 +56,9 @@ def _key(text: str, form: Form) -> dict[str, str]:
 def _named(text: str, document: Document, layer: str) -> dict[str, str]:
     """Feature of the name that a text begins with, or the only one."""
     match, features = re.match(r" name = '([^']*)'", text), document.layers.get(layer, [])
-    for one in features:
-        if len(features) == 1 or (match and one.properties.get("name") == match[1]):
-            return {"id": one.id}
+    for feature in features:
+        if len(features) == 1 or (match and feature.properties.get("name") == match[1]):
+            return {"id": feature.id}
     return {}
 
 

@@ -17,22 +17,22 @@ MOST = 10
 def recent_files() -> list[Path]:
     """Files opened before that still exist, the latest first."""
     try:
-        found = json.loads(_file().read_text(encoding="utf-8"))
+        content = json.loads(_file().read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return []
-    known = found if isinstance(found, list) else []
-    return [Path(one) for one in known if isinstance(one, str) and os.path.isfile(one)][:MOST]
+    names = content if isinstance(content, list) else []
+    return [Path(name) for name in names if isinstance(name, str) and os.path.isfile(name)][:MOST]
 
 
 def note_recent(path: Path) -> None:
     """Put a file first in the list. The list is a convenience: where it cannot be written, as in a
     home that is read-only, there is none, and nothing else is amiss."""
     path = path.absolute()
-    files = [path, *(one for one in recent_files() if one != path)][:MOST]
+    files = [path, *(file for file in recent_files() if file != path)][:MOST]
     with suppress(OSError, RockfallError):
         _file().parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(_file()) as part:
-            part.write_text(json.dumps([str(one) for one in files]), encoding="utf-8")
+            part.write_text(json.dumps([str(file) for file in files]), encoding="utf-8")
 
 
 def _file() -> Path:

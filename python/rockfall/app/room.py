@@ -110,9 +110,9 @@ class Room:
                 task = message["type"][:40]
                 self._take(client, message)
             except (Refused, RockfallError) as error:
-                about = error.entry() if isinstance(error, Refused) else self._entry(error)
-                about |= {"task": task, "exists": isinstance(error, Exists)}  # type: ignore[dict-item]
-                client.send("refused", text_message("refused", **about))
+                fields = error.entry() if isinstance(error, Refused) else self._entry(error)
+                fields |= {"task": task, "exists": isinstance(error, Exists)}  # type: ignore[dict-item]
+                client.send("refused", text_message("refused", **fields))
             except Exception as error:  # the page is to know of it, and to stay connected
                 client.send("fault", fault_message(error))
 
@@ -179,18 +179,18 @@ class Room:
     def _welcome(self, client: Client) -> None:
         """Send a page all that it needs to know."""
         client.recent = recent_files()
-        recent = [{"name": one.name, "folder": str(one.parent)} for one in client.recent]
+        recent = [{"name": path.name, "folder": str(path.parent)} for path in client.recent]
         limits = {
             "features": MAX_FEATURES, "vertices": MAX_VERTICES, "bytes": MAX_BYTES,
             "trajectories": MAX_TRAJECTORIES,
         }  # fmt: skip
-        about = {
+        fields = {
             "writer": client is self._writer, "version": __version__, "recent": recent,
             "language": client.language, "languages": LANGUAGES, "limits": limits,
             "texts": texts_of(client.language, "app"),
         }  # fmt: skip
-        about |= about_shown(self._shown, client.language)
-        client.send("welcome", text_message("welcome", **about))
+        fields |= about_shown(self._shown, client.language)
+        client.send("welcome", text_message("welcome", **fields))
         if isinstance(self._shown, Live) and not self.is_busy:
             self._offer_unfinished(self._shown, client.send)
         for kind in KEPT:
@@ -208,10 +208,10 @@ class Room:
         with self._lock:  # its results come after it
             live = self._live()
             live.edit(revision, layers, settings, variant)
-            if readers := [one for one in self._clients if one is not client]:
+            if readers := [reader for reader in self._clients if reader is not client]:
                 content = document_message(live)
-                for one in readers:
-                    one.send("document", content)
+                for reader in readers:
+                    reader.send("document", content)
         if self._task is None:
             live.run(True)  # each change runs at once, also after a pause
 
@@ -248,8 +248,8 @@ class Room:
             check_free(live.site.folder, others(name), overwrite)
             saved = save(live.site, document, name, overwrite)
         note_recent(saved.files[0])
-        about = {"files": [one.name for one in saved.files], "remark": saved.remark}
-        self._send("saved", text_message("saved", **about, document_revision=revision))
+        fields = {"files": [file.name for file in saved.files], "remark": saved.remark}
+        self._send("saved", text_message("saved", **fields, document_revision=revision))
         return name
 
     def _start_task(self, _: Client, message: dict[str, Any]) -> None:
@@ -325,7 +325,7 @@ def about_shown(shown: Shown | None, language: str) -> dict[str, Any]:
         "maps": map_choices(shown.maps, language), "document": document.content(),
         "forms": {"settings": _forms(site.settings_forms), "layers": _forms(site.layer_forms)},
         "view": shown.view._asdict(),
-        "variants": [one.content() for one in site.variants.documents.values()],
+        "variants": [variant.content() for variant in site.variants.documents.values()],
     }  # fmt: skip
 
 

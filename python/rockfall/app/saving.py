@@ -76,7 +76,7 @@ def save(site: Site, document: Document, name: str, overwrite: bool) -> Saved:
             }
             write_geopackage(place / files[1], layers, crs)
         (place / files[0]).write_text(case_text(case), encoding="utf-8")
-    return Saved([site.folder / one for one in files], remark)
+    return Saved([site.folder / file for file in files], remark)
 
 
 def _with_variants(
@@ -91,7 +91,7 @@ def _with_variants(
     try:
         if document.variant:
             raise RockfallError(say("app.server_of_variant", name=document.variant))
-        named = {CHOSEN[key] for one in groups for key in CHOSEN.keys() & one.keys()}
+        named = {CHOSEN[key] for group in groups for key in CHOSEN.keys() & group.keys()}
         inline = {layer for layer in made.layers if GROUPS.get(layer) in named}
         case = made.named(file, inline).replace(variant=groups)
         _check_layers(site, variants(case))
@@ -105,7 +105,7 @@ def _check_layers(site: Site, saved: dict[str, Case]) -> None:
     """Refuse a variant that names a file, and would get the layer of one that is written."""
     for name, key, _ in _files_of_variants(site):
         layer = f"{key.name}_layer"
-        before, after = (getattr(one[name], key.group) for one in (site.variants.cases, saved))
+        before, after = (getattr(cases[name], key.group) for cases in (site.variants.cases, saved))
         if before.get(layer) != after.get(layer):
             raise RockfallError(f"&variant name = '{name}': {key.group}_{layer} is missing")
 
@@ -115,8 +115,8 @@ def _files_of_variants(site: Site) -> Iterator[tuple[str, Key, str]]:
     for given in site.variants.groups:
         for key in file_keys():
             named = given.get(f"{key.group}_{key.name}", [])
-            for one in named if isinstance(named, list) else [named]:
-                yield given["name"], key, one
+            for file in named if isinstance(named, list) else [named]:
+                yield given["name"], key, file
 
 
 def case_text(case: Case) -> str:

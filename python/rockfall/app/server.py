@@ -44,15 +44,15 @@ WRONG_KEY = 4401  # code with which a socket is closed
 
 def bind(port: int) -> socket.socket:
     """Socket on this machine only; port 0: any that is free."""
-    found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    bound = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        found.bind((HOST, port))
+        bound.bind((HOST, port))
     except (OSError, OverflowError) as error:
-        found.close()
+        bound.close()
         reason = getattr(error, "strerror", None) or error
         raise RockfallError(f"--port {port}: cannot be used: {reason}") from error
-    return found
+    return bound
 
 
 def check_page(page: Path) -> None:
@@ -113,8 +113,8 @@ class Server:
 
             return respond
 
-        there = {path: one for path, one in FILES.items() if (page / one[0]).is_file()}
-        routes = [Route(path, served(*one), methods=["GET"]) for path, one in there.items()]
+        there = {path: entry for path, entry in FILES.items() if (page / entry[0]).is_file()}
+        routes = [Route(path, served(*entry), methods=["GET"]) for path, entry in there.items()]
         return Starlette(routes=[*routes, WebSocketRoute("/live", self._live)])
 
     async def _live(self, socket: WebSocket) -> None:
@@ -138,8 +138,8 @@ class Server:
         except (TimeoutError, Refused):
             return None
         key = given.get("key")
-        known = isinstance(key, str) and key.isascii() and secrets.compare_digest(key, self.key)
-        return given if known and given["type"] == "hello" else None
+        valid = isinstance(key, str) and key.isascii() and secrets.compare_digest(key, self.key)
+        return given if valid and given["type"] == "hello" else None
 
     async def _serve(self, socket: WebSocket, hello: dict[str, Any]) -> None:
         """Pass messages both ways until the page closes or takes no more."""
@@ -154,10 +154,10 @@ class Server:
             listener = asyncio.ensure_future(self._listen(socket, client))
             both = sender, listener
             done, others = await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
-            for one in others:
-                one.cancel()
-            for one in done - {sender}:
-                one.result()
+            for task in others:
+                task.cancel()
+            for task in done - {sender}:
+                task.result()
         finally:
             sender.cancel()
             await asyncio.shield(asyncio.to_thread(self._room.leave, client))
@@ -208,7 +208,7 @@ class _Guard:
     def __init__(self, app: ASGIApp, port: int) -> None:
         self._app = app
         self._hosts = {f"{name}:{port}".encode() for name in (HOST, "localhost")}
-        sockets = " ".join(f"ws://{one.decode()}" for one in sorted(self._hosts))
+        sockets = " ".join(f"ws://{host.decode()}" for host in sorted(self._hosts))
         policy = (
             "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
             f"connect-src {sockets}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"

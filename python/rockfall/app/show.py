@@ -60,8 +60,8 @@ class View:
 
     def __init__(self, messages: list[Message]) -> None:
         held = [
-            json.loads(one) if isinstance(one, str) else base64.b64encode(one).decode()
-            for one in messages
+            json.loads(message) if isinstance(message, str) else base64.b64encode(message).decode()
+            for message in messages
         ]
         self._page = _page(json.dumps(held, ensure_ascii=False))
 
@@ -96,4 +96,4 @@ def _page(messages: str) -> str:
 
 def _inline(text: str) -> str:
     """Script or style that ends no element: its strings and patterns may escape any character."""
-    return _END.sub(lambda found: f"<\\{found[0][1:]}", text)
+    return _END.sub(lambda match: f"<\\{match[0][1:]}", text)

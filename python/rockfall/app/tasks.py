@@ -53,11 +53,11 @@ def unfinished(folder: Path) -> dict[str, int]:
     """Names of the cases in a folder whose runs were stopped, and the boulders that their
     checkpoints hold; the latest first."""
     suffix = str(checkpoint_of(Path(".nc")))
-    found = [one for one in folder.glob(f"*{suffix}") if one.is_file()]
-    found.sort(key=lambda one: one.stat().st_mtime, reverse=True)
-    names = {one.name.removesuffix(suffix): one for one in found}
-    runs = [(name, one) for name, one in names.items() if (folder / f"{name}.nml").is_file()]
-    boulders = {name: boulders_in(one) for name, one in runs[:MAX_UNFINISHED]}
+    files = [file for file in folder.glob(f"*{suffix}") if file.is_file()]
+    files.sort(key=lambda file: file.stat().st_mtime, reverse=True)
+    names = {file.name.removesuffix(suffix): file for file in files}
+    runs = [(name, file) for name, file in names.items() if (folder / f"{name}.nml").is_file()]
+    boulders = {name: boulders_in(file) for name, file in runs[:MAX_UNFINISHED]}
     return {name: number for name, number in boulders.items() if number}
 
 
@@ -117,7 +117,7 @@ class Task:
             report = import_module("rockfall.products").report  # as long as all else to import
             report(path, folder / product, language=self._language)
             return [result, product]
-        return [result, *(f"{product}/{one.name}" for one in export(path, folder / product))]
+        return [result, *(f"{product}/{file.name}" for file in export(path, folder / product))]
 
     def _simulate(self, case: Case, path: Path) -> None:
         """Write the result of a case, with checkpoints."""
