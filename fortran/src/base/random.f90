@@ -6,7 +6,7 @@ module rockfall_random
    use rockfall_math, only: logarithm, real_of
    implicit none
    private
-   public :: random_key_t, random_key, philox4x32, philox, set_counter, last_counter, random_words, uniform, side_of
+   public :: random_key_t, random_key, philox4x32, last_counter, random_words, uniform, side_of
    public :: normal_table_t, normal_table, normal, normal_quantile
    public :: for_release, for_impact, for_scramble, for_ground, for_forest, for_tree, for_breakage, purpose_bit
    public :: fragment_number, boulder_number

@@ -219,7 +219,7 @@ contains
 
    !> First time at which the height becomes negative [s], if it does; uses the form of the root without cancellation.
    elemental real(wp) function strike_time(d0, d1, d2, length) result(s)
-      real(wp), intent(in) :: d0, d1, d2  !! as in strikes
+      real(wp), intent(in) :: d0, d1, d2  !! as in strikes_ground
       real(wp), intent(in) :: length      !! likewise
       real(wp) :: root, numerator, denominator
 

@@ -493,7 +493,6 @@ contains
       integer(i8), allocatable :: row(:)  !! of each boulder; 0: none is kept
       integer(i8) :: k, number
       integer :: status
-      logical :: has_row
 
       allocate (results(n), crossings(size(run%line, 2), n), row(n), stat=status)
       if (status /= 0) then
@@ -510,11 +509,8 @@ contains
       end if
       do k = 1, n
          number = first + (k - 1)*step
-         row(k) = rows_before(run, number) + 1
-         has_row = .not. allocated(run%number)
-         if (.not. has_row .and. row(k) <= size(run%status, kind=i8)) has_row = run%number(row(k)) == number
-         if (.not. has_row) row(k) = 0
-         if (has_row) call store_row(run, scene, results(k), crossings(:, k), row(k))
+         row(k) = row_kept(run, number)
+         if (row(k) > 0) call store_row(run, scene, results(k), crossings(:, k), row(k))
          if (results(k)%status == left_window) cycle
          call add_counts(run, results(k))
          if (allocated(run%number)) call add_sample(run, scene, results(k), crossings(:, k))
@@ -646,6 +642,20 @@ contains
          end if
       end associate
    end subroutine add_sample
+
+   !> Row of a boulder, 0 if it is not kept.
+   pure integer(i8) function row_kept(run, number) result(row)
+      type(run_t), intent(in) :: run
+      integer(i8), intent(in) :: number
+
+      row = rows_before(run, number) + 1
+      if (.not. allocated(run%number)) return
+      if (row > size(run%status, kind=i8)) then
+         row = 0
+      else if (run%number(row) /= number) then
+         row = 0
+      end if
+   end function row_kept
 
    !> Number of rows of the boulders before a given one.
    pure integer(i8) function rows_before(run, number) result(rows)

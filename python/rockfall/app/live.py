@@ -301,7 +301,7 @@ class _Progress:
         send: Send, language: str,
     ) -> None:  # fmt: skip
         self.over, self.told_running = False, True
-        self._batches, self._about, self._view = batches, fields, view
+        self._batches, self._fields, self._view = batches, fields, view
         self._ground, self._send = ground, send
         self._language = language
         self._sent: set[int] = set()  # numbers of the boulders whose trajectories were sent
@@ -347,7 +347,7 @@ class _Progress:
             left = batch.seconds / batch.boulders * (batch.total - batch.boulders)
         message = batch_message(
             result, batch.case, self._view.map, self._ground, self._language,
-            **self._about, boulders=batch.boulders, total=batch.total,
+            **self._fields, boulders=batch.boulders, total=batch.total,
             complete=batch.complete, running=running and not batch.complete,
             seconds=batch.seconds, seconds_left=left,
         )  # fmt: skip
@@ -364,5 +364,5 @@ class _Progress:
         append = bool(self._sent)
         self._sent |= {trajectory.boulder for trajectory in new}
         mass = masses(batch.dataset(), [trajectory.boulder for trajectory in new], batch.case)
-        message = trajectory_message(new, mass, self._ground, **self._about, append=append)
+        message = trajectory_message(new, mass, self._ground, **self._fields, append=append)
         self._send("more" if append else "trajectories", message)
