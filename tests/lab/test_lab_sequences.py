@@ -85,6 +85,17 @@ def test_an_interrupted_run_goes_on(place, data, monkeypatch):
         run_sequences(SMALL.replace(lab={"seed": 6}), path="c.nc", resume=True)
 
 
+def test_a_finished_run_goes_on_to_more_throws(place, data):
+    run_sequences(SMALL.replace(throw={"throws": [4, 9]}), threads=1, path="c.nc")
+    again = run_sequences(SMALL, threads=1, path="c.nc", resume=True)
+    xr.testing.assert_identical(numbers(again), numbers(data))
+    np.testing.assert_allclose(again.attrs["solid"], data.attrs["solid"])
+    with refused("c.nc: has more throws than the case asks for: cannot resume"):
+        run_sequences(
+            SMALL.replace(throw={"throws": [4, 9]}), threads=1, path="c.nc", resume=True
+        )
+
+
 def test_a_file_has_all_that_makes_it_again(place, data):
     assert main(["lab", "impact", "r.nml", "-o", "c.nc", "--quiet"]) == 0
     kept = open_contacts("c.nc")

@@ -47,8 +47,8 @@ def run_sequences(
     """All contacts of a case that throws, one after the other: an xarray.Dataset over `contact`.
 
     Velocities are over |V_in|, lengths over R_b. With a path, the result is saved at intervals, at
-    the end, and on Ctrl-C, which raises KeyboardInterrupt; `resume` continues from such a file. The
-    result does not depend on threads, interruptions or resumptions.
+    the end, and on Ctrl-C, which raises KeyboardInterrupt; `resume` continues from such a file, of
+    as many throws or of fewer. The result does not depend on threads, interruptions or resumptions.
     """
     check_team(threads)
     if not case.throws:
@@ -80,11 +80,17 @@ def _start(
     if path is None or not Path(path).exists():
         return [], {name: np.zeros(len(case.lab["ratios"])) for name in COUNTERS}
     data = open_sequences(path)
-    if lab_case_of(data.attrs["lab_case"], str(path)) != case:
+    earlier = lab_case_of(data.attrs["lab_case"], str(path))
+    if not earlier.throws or earlier.replace(throw={"throws": case.throw["throws"]}) != case:
         raise RockfallError(f"{path}: is of another laboratory case: cannot resume")
     if data.attrs["version"] != __version__:
         raise RockfallError(f"{path}: is of another version of rockfall: cannot resume")
     counters = {name: np.atleast_1d(data.attrs[name]).astype(float) for name in COUNTERS}
+    ratios = case.lab["ratios"]
+    asked = np.array([[of.throws_of(ratio) for ratio in ratios] for of in (earlier, case)])
+    if (counters["done"] > asked[1]).any():
+        raise RockfallError(f"{path}: has more throws than the case asks for: cannot resume")
+    counters["solid"] *= asked[0] / asked[1]  # each throw adds its part of the mean
     columns = {str(name): values.values for name, values in data.items()}
     return [columns] if data.sizes["contact"] else [], counters
 
@@ -140,8 +146,10 @@ def _throw(
 def _dataset(
     case: LabCase, parts: list[dict[str, np.ndarray]], counters: dict[str, np.ndarray]
 ) -> xr.Dataset:
-    """All contacts so far."""
+    """All contacts so far, in the order of ratios and throws."""
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    ranks = np.array([case.lab["ratios"].index(ratio) for ratio in columns["ratio"]])
+    columns = {name: values[ranks.argsort(kind="stable")] for name, values in columns.items()}
     attributes = {
         "title": case.lab["title"], "lab_case": case.text(), "ground": GROUND,
         "shape": case.throw["shape"],
