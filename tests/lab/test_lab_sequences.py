@@ -91,9 +91,7 @@ def test_a_finished_run_goes_on_to_more_throws(place, data):
     xr.testing.assert_identical(numbers(again), numbers(data))
     np.testing.assert_allclose(again.attrs["solid"], data.attrs["solid"])
     with refused("c.nc: has more throws than the case asks for: cannot resume"):
-        run_sequences(
-            SMALL.replace(throw={"throws": [4, 9]}), threads=1, path="c.nc", resume=True
-        )
+        run_sequences(SMALL.replace(throw={"throws": [4, 9]}), threads=1, path="c.nc", resume=True)
 
 
 def test_a_file_has_all_that_makes_it_again(place, data):
