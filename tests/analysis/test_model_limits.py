@@ -11,6 +11,7 @@ from rockfall.analysis.model_limits import (
     forest_experiment,
     forest_text,
     model_remarks,
+    set_remarks,
 )
 from rockfall.html_report.validity import warnings
 from rockfall.language import speaking, translated
@@ -19,6 +20,8 @@ from rockfall.simulation.simulate import run_scene
 from rockfall.text.preview import preview
 from rockfall.text.summary import summary
 from scenes import grid, make_case, rough, sets
+
+POINT = {"x": 1.0, "y": 1.0}
 
 
 def values(rebounds=1000, outside=(0, 0, 0), speed=(1.0,) * 100):
@@ -131,6 +134,31 @@ def test_check_summary_and_report_say_the_same(case, monkeypatch):
     assert 0 < angle < 0.2  # no warning
     assert f"0.0% by R_b/R_m, 100.0% by speed, {angle:.1%} by angle" in page
     assert "sets.nml, fitted on 100 to 101 m/s and 2 to 90 degrees\n" in page
+
+
+@pytest.mark.parametrize(
+    ("grounds", "said"),
+    [
+        ({}, ["1,000 of 1,000 rebounds (100 %)"]),
+        ({"rocky-slope": "impact_sets", "meadow": "constant"}, ["250 of 1,000 rebounds (25.0 %)"]),
+        ({"rocky-slope": "ratio_table", "meadow": "impact_table"}, []),
+        ({"own.nml": "impact_sets", "meadow": "constant"}, []),
+    ],
+)
+def test_shipped_sets_are_said_to_err_on_the_unsafe_side(tmp_path, grounds, said):
+    counted = {
+        "ground": [*grounds], "ground_model": [*grounds.values()],
+        "rebounds_by_ground": [250, 750],
+    }  # fmt: skip
+    case = make_case(tmp_path, *sets(), release=POINT, impact={"sets": "rocky-slope"})
+    found = [*set_remarks(values() | (counted if grounds else {}), case)]
+    followed = " followed the impact set rocky-slope, which errs on the unsafe side"
+    assert [one.text.partition(" where ")[0] for one in found] == [part + followed for part in said]
+    assert all(one.is_warning for one in found)
+
+
+def test_of_own_sets_nothing_is_said(tmp_path):
+    assert not [*set_remarks(values(), make_case(tmp_path, *sets(), release=POINT))]
 
 
 @pytest.mark.parametrize(("angle", "said"), [(30.0, True), (90.0, False)])

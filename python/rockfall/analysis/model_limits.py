@@ -18,6 +18,7 @@ import numpy as np
 
 from rockfall.analysis.run_out import mean_slopes
 from rockfall.grounds import IMPACT_SETS, RATIO_TABLE, other_tables, repose
+from rockfall.impact_sets import shipped_sets
 from rockfall.impact_tables import open_table, shipped_tables
 from rockfall.io.tables import read_table
 from rockfall.language import Text, say, word
@@ -25,6 +26,7 @@ from rockfall.quantities import part_of_boulders, part_of_rebounds, percent
 from rockfall.result.grounds import (
     classical_grounds,
     rebounds_by_ground,
+    sets_followed,
     stochastic_fraction,
     table_grounds,
 )
@@ -66,6 +68,7 @@ def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """All remarks on the model, from the case and the variables of a result, or of boulders by
     name."""
     yield from rebound_remarks(values, case)
+    yield from set_remarks(values, case)
     yield from table_remarks(values)
     yield from forest_remarks(case)
     yield from log_remarks(case)
@@ -107,6 +110,18 @@ def _part_of_all(grounds: Iterable[GroundRebounds], values: Variables) -> Text:
     """Rebounds on some grounds, of all."""
     rebounds = sum(ground.rebounds for ground in grounds)
     return part_of_rebounds(rebounds, max(1, _total(values, "rebounds_by_ground")))
+
+
+def set_remarks(values: Variables, case: Case) -> Iterator[Remark]:
+    """Remark on the field validation of the shipped impact sets, whose errors are all on the unsafe
+    side (docs/validation); none without rebounds by them."""
+    followed = set(sets_followed(values, case.impact["sets"])) & set(shipped_sets())
+    if names := sorted(followed):
+        grounds = [ground for ground in rebounds_by_ground(values) if ground.name in followed]
+        total = _total(values, "rebounds")
+        rebounds = sum(ground.rebounds for ground in grounds) if grounds else total
+        part = part_of_rebounds(rebounds, max(1, total))
+        yield Remark(say("model.sets", followed=part, names=", ".join(names)), True)
 
 
 def table_remarks(values: Variables) -> Iterator[Remark]:

@@ -86,11 +86,13 @@ def _start(
     if data.attrs["version"] != __version__:
         raise RockfallError(f"{path}: is of another version of rockfall: cannot resume")
     counters = {name: np.atleast_1d(data.attrs[name]).astype(float) for name in COUNTERS}
-    ratios = case.lab["ratios"]
-    asked = np.array([[of.throws_of(ratio) for ratio in ratios] for of in (earlier, case)])
-    if (counters["done"] > asked[1]).any():
+    before, asked = (
+        np.array([lab_case.throws_of(ratio) for ratio in case.lab["ratios"]])
+        for lab_case in (earlier, case)
+    )
+    if (counters["done"] > asked).any():
         raise RockfallError(f"{path}: has more throws than the case asks for: cannot resume")
-    counters["solid"] *= asked[0] / asked[1]  # each throw adds its part of the mean
+    counters["solid"] *= before / asked  # each throw adds its part of the mean
     columns = {str(name): values.values for name, values in data.items()}
     return [columns] if data.sizes["contact"] else [], counters
 
