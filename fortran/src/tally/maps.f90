@@ -13,15 +13,15 @@ module rockfall_maps
    implicit none
    private
    public :: maps_t, layer_t, per_unit, visits_t, needs_visits, needs_heights, start_visits, visit_path, visit_cell
-   public :: enter_cell, enter_other_cell, raise_values, first_cell, leaving_time
-   public :: merge_visits, untimed
+   public :: enter_cell, enter_other_cell, raise_values, first_cell, leaving_time, join_visits
+   public :: merge_visits, extend_times
    public :: add_visits, add_deposit, add_value, count_bin, count_exceeded, is_requested, lacks_slots, raise_maximum
    public :: square_base, init_locks, free_locks, lock_band, unlock_band
 
    real(wp), parameter :: per_unit(4) = [1.0_wp, 1000.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are in whole J, mm/s, mm
    integer(i8), parameter :: square_base = 2_i8**31  !! base of the two digits of sums of squares
    integer, parameter :: band_rows = 16  !! per band
-   integer, parameter :: first_entries = 1024  !! initial size of a table of visits; a power of two
+   integer, parameter :: first_visits = 512  !! initial size of a list of visits
    real(wp), parameter :: untimed = huge(1.0_wp)  !! time of a visit of unknown time [s]: 1/time is 0
    !> Factor of the row in the hash of a cell: neighbours get different entries.
    integer, parameter :: row_factor = 33
@@ -71,14 +71,12 @@ module rockfall_maps
       real(wp) :: max(3) = 0.0_wp   !! speed**2, twice the energy per mass [m2/s2]; jump height [m]
    end type visit_t
 
-   !> Cells visited by one boulder, stored contiguously, with a hash table of their indices.
+   !> Visits of one boulder in their order, the last one in the current cell. A boulder that comes back to a cell visits
+   !> it again; `join_visits` leaves one visit of each cell.
    type :: visits_t
       integer :: n = 0
-      type(visit_t), allocatable :: visit(:)  !! in order of the first visit; half the number of entries
-      integer, allocatable :: entry(:)        !! 0-based; the size is a power of two; 0: free
-      integer :: entries = 0
-      integer :: last = 0                     !! current cell; 0 before the first
-      real(wp), allocatable :: time(:)        !! of the first visits, in their order [s]; only for a map of times
+      type(visit_t), allocatable :: visit(:)
+      real(wp), allocatable :: time(:)        !! at which they begin [s]; only for a map of times
       integer :: timed = 0                    !! number of known times
    end type visits_t
 
@@ -157,10 +155,8 @@ contains
    pure subroutine start_visits(visits)
       type(visits_t), intent(inout) :: visits
 
-      if (.not. allocated(visits%entry)) call resize_table(visits, first_entries)
-      if (visits%n > 0) visits%entry = 0
+      if (.not. allocated(visits%visit)) allocate (visits%visit(first_visits))
       visits%n = 0
-      visits%last = 0
       visits%timed = 0
    end subroutine start_visits
 
@@ -270,7 +266,7 @@ contains
       axis%cut = leaving_time(axis%x, axis%inverse, axis%size, real(axis%cell, wp))
    end subroutine step_axis
 
-   !> Add one visit: update the boulder's maxima in that cell.
+   !> Add one visit, with its maxima.
    pure subroutine visit_cell(visits, cell, speed2, spin, jump_height)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: cell(2)              !! column, row
@@ -286,7 +282,7 @@ contains
       type(visits_t), intent(inout) :: visits
       real(wp), intent(in) :: speed2, spin, jump_height  !! as in visit_cell
 
-      associate (visit => visits%visit(visits%last))
+      associate (visit => visits%visit(visits%n))
          visit%max(1) = max(visit%max(1), speed2)
          visit%max(2) = max(visit%max(2), speed2 + spin)
          visit%max(3) = max(visit%max(3), jump_height)
@@ -298,50 +294,84 @@ contains
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: cell(2)  !! column, row
 
-      if (visits%last > 0) then
-         if (all(visits%visit(visits%last)%cell == cell)) return
+      if (visits%n > 0) then
+         if (all(visits%visit(visits%n)%cell == cell)) return
       end if
       call enter_other_cell(visits, cell)
    end subroutine enter_cell
 
-   !> Enter a different cell; at the first visit it gets the next index, in the first free entry of its hash chain (open
-   !> addressing).
+   !> Enter a different cell.
    pure subroutine enter_other_cell(visits, cell)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: cell(2)  !! column, row
-      integer :: k
 
-      if (visits%n == size(visits%visit)) call resize_table(visits, 2*visits%entries)  ! at most half full
-      k = iand(cell(1) + row_factor*cell(2), visits%entries - 1)
-      do while (visits%entry(k) > 0)
-         visits%last = visits%entry(k)
-         if (all(visits%visit(visits%last)%cell == cell)) return
-         k = iand(k + 1, visits%entries - 1)
-      end do
+      if (visits%n == size(visits%visit)) call make_room(visits)
       visits%n = visits%n + 1
-      visits%last = visits%n
-      visits%entry(k) = visits%n
       visits%visit(visits%n) = visit_t(cell)
    end subroutine enter_other_cell
 
-   !> Rebuild the table with a new number of entries.
-   pure subroutine resize_table(visits, entries)
+   !> Make room for more visits: at least half of the list becomes free.
+   pure subroutine make_room(visits)
       type(visits_t), intent(inout) :: visits
-      integer, intent(in) :: entries  !! a power of two
-      type(visits_t) :: larger
+      type(visit_t), allocatable :: longer(:)
+
+      call join_visits(visits)
+      if (2*visits%n <= size(visits%visit)) return
+      allocate (longer(2*size(visits%visit)))
+      longer(:visits%n) = visits%visit(:visits%n)
+      call move_alloc(longer, visits%visit)
+   end subroutine make_room
+
+   !> Join the visits of each cell to one, with the maxima and the earliest time, in order of the first visits: at the
+   !> end of a boulder, in a hash table of their indices (open addressing) that stays in the first cache, where one for
+   !> each boulder in flight would not.
+   pure subroutine join_visits(visits)
+      type(visits_t), intent(inout) :: visits
+      integer, allocatable :: entry(:)  ! 0-based; the size is a power of two; 0: free
+      integer :: entries, n, timed, first, k
+
+      entries = 1
+      do while (entries < 2*visits%n)
+         entries = 2*entries
+      end do
+      allocate (entry(0:entries - 1), source=0)
+      n = 0
+      timed = 0
+      do k = 1, visits%n
+         call find_visit(visits%visit(:n), visits%visit(k)%cell, entry, first)
+         if (first > n) then
+            n = first
+            visits%visit(n) = visits%visit(k)
+            if (k <= visits%timed) then
+               timed = n
+               visits%time(n) = visits%time(k)
+            end if
+         else
+            visits%visit(first)%max = max(visits%visit(first)%max, visits%visit(k)%max)
+            if (k <= visits%timed) visits%time(first) = min(visits%time(first), visits%time(k))
+         end if
+      end do
+      visits%n = n
+      visits%timed = timed
+   end subroutine join_visits
+
+   !> Index of the visit of a cell; one more than there are if there is none, which the table then has.
+   pure subroutine find_visit(visit, cell, entry, index)
+      type(visit_t), intent(in) :: visit(:)
+      integer, intent(in) :: cell(2)         !! column, row
+      integer, intent(inout) :: entry(0:)
+      integer, intent(out) :: index
       integer :: k
 
-      allocate (larger%entry(0:entries - 1), source=0)
-      allocate (larger%visit(entries/2))
-      larger%entries = entries
-      do k = 1, visits%n
-         call enter_cell(larger, visits%visit(k)%cell)
-         larger%visit(k)%max = visits%visit(k)%max
+      k = iand(cell(1) + row_factor*cell(2), size(entry) - 1)
+      do while (entry(k) > 0)
+         index = entry(k)
+         if (all(visit(index)%cell == cell)) return
+         k = iand(k + 1, size(entry) - 1)
       end do
-      call move_alloc(larger%entry, visits%entry)
-      call move_alloc(larger%visit, visits%visit)
-      visits%entries = entries
-   end subroutine resize_table
+      index = size(visit) + 1
+      entry(k) = index
+   end subroutine find_visit
 
    !> Add the visits of a fragment to those of its boulder, whose energies are no longer per mass: with these, a boulder
    !> of unit mass counts once per cell, with the maxima over its fragments.
@@ -349,23 +379,26 @@ contains
       type(visits_t), intent(inout) :: visits
       type(visits_t), intent(in) :: fragment
       real(wp), intent(in) :: mass  !! of the fragment [kg]
-      integer :: k, known
+      integer :: k
 
       do k = 1, fragment%n
-         known = visits%n
-         call enter_cell(visits, fragment%visit(k)%cell)
-         associate (at => visits%visit(visits%last), more => fragment%visit(k))
-            at%max(1) = max(at%max(1), more%max(1))
-            at%max(2) = max(at%max(2), mass*more%max(2))
-            at%max(3) = max(at%max(3), more%max(3))
-         end associate
+         call enter_other_cell(visits, fragment%visit(k)%cell)
+         visits%visit(visits%n)%max = fragment%visit(k)%max*[1.0_wp, mass, 1.0_wp]
          if (.not. allocated(visits%time)) cycle
-         if (visits%n > size(visits%time)) visits%time = [visits%time, spread(0.0_wp, 1, size(visits%visit))]
-         if (visits%n > known) visits%time(visits%n) = untimed
-         if (k <= fragment%timed) visits%time(visits%last) = min(visits%time(visits%last), fragment%time(k))
+         call extend_times(visits)
+         visits%time(visits%n) = untimed
+         if (k <= fragment%timed) visits%time(visits%n) = fragment%time(k)
          visits%timed = visits%n
       end do
    end subroutine merge_visits
+
+   !> Make the list of times as long as that of visits.
+   pure subroutine extend_times(visits)
+      type(visits_t), intent(inout) :: visits
+
+      if (visits%n > size(visits%time)) &
+         visits%time = [visits%time, spread(untimed, 1, size(visits%visit) - size(visits%time))]
+   end subroutine extend_times
 
    !> Add a boulder's visits to the maps; thread-safe.
    subroutine add_visits(maps, visits, mass)

@@ -31,7 +31,7 @@ contains
       counts_sources = associated(maps%sources) .or. associated(maps%released)
    end function counts_sources
 
-   !> Add a boulder's cells to those of its source.
+   !> Add a boulder's cells to those of its source; `join_visits` leaves each once.
    pure subroutine gather_cells(cells, visits)
       type(visits_t), intent(inout) :: cells  !! started with start_visits
       type(visits_t), intent(in) :: visits

@@ -5,7 +5,7 @@ module rockfall_travel_maps
    use rockfall_kinds, only: wp, sp
    use rockfall_math, only: degree, arcsine
    use rockfall_terrain, only: terrain_t, node_height
-   use rockfall_maps, only: maps_t, visits_t, raise_maximum, lock_band, unlock_band
+   use rockfall_maps, only: maps_t, visits_t, extend_times, raise_maximum, lock_band, unlock_band
    implicit none
    private
    public :: needs_times, needs_travel, time_visits, add_travel, steepest_angle, flattest_angle, shortest_time
@@ -29,7 +29,7 @@ contains
       needs_travel = associated(maps%steepest) .or. associated(maps%flattest) .or. associated(maps%shortest)
    end function needs_travel
 
-   !> Record when a flight reached the cells that the boulder had not visited before.
+   !> Record when the visits of a flight began.
    pure subroutine time_visits(visits, dem, start, v, start_time, duration)
       type(visits_t), intent(inout) :: visits
       type(terrain_t), intent(in) :: dem
@@ -40,7 +40,7 @@ contains
       real(wp) :: t(2)
       integer :: k
 
-      if (visits%n > size(visits%time)) visits%time = [visits%time, spread(0.0_wp, 1, size(visits%visit))]
+      call extend_times(visits)
       do k = visits%timed + 1, visits%n
          associate (cell => visits%visit(k)%cell)
             t(1) = arrival_time((cell(1) - 1)*dem%cell - start(1), dem%cell, v(1))

@@ -18,7 +18,8 @@ module rockfall_ensemble
    use rockfall_tallies, only: totals_t, prepare_scratch, add_boulder
    use rockfall_lanes, only: run_in_lanes
    use rockfall_wide_lanes, only: run_in_wide_lanes => run_in_lanes
-   use rockfall_maps, only: maps_t, init_locks, free_locks, needs_visits, needs_heights, visits_t, start_visits
+   use rockfall_maps, only: maps_t, init_locks, free_locks, needs_visits, needs_heights, visits_t, start_visits, &
+                            join_visits
    use rockfall_hit_maps, only: needs_hits
    use rockfall_source_maps, only: counts_sources, gather_cells, add_source, add_source_of_boulder
    implicit none
@@ -175,6 +176,7 @@ contains
                   call run_boulder(scene, b, results(k), crossings(:, k), maps, worker)
                   call gather_cells(cells, worker%scratch%visits)
                end do
+               call join_visits(cells)
                call add_source(maps, cells, released_by(scene%release, s))
             end do
             !$omp end do nowait

@@ -6,7 +6,7 @@ module rockfall_tallies
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, at_rest, left_window
    use rockfall_scratch, only: scratch_t
-   use rockfall_maps, only: maps_t, needs_visits, needs_heights, add_visits, add_deposit
+   use rockfall_maps, only: maps_t, needs_visits, needs_heights, join_visits, add_visits, add_deposit
    use rockfall_travel_maps, only: needs_times, needs_travel, add_travel
    use rockfall_passing_maps, only: needs_passing, add_passing
    use rockfall_hit_maps, only: needs_hits, add_hits
@@ -47,12 +47,14 @@ contains
       type(scene_t), intent(in) :: scene
       type(maps_t), intent(in) :: maps
       type(boulder_result_t), intent(in) :: result
-      type(scratch_t), intent(in) :: scratch
+      type(scratch_t), intent(inout) :: scratch  !! its visits are joined
       type(totals_t), intent(inout) :: totals
       real(wp) :: mass
       integer :: k
 
       if (result%status == left_window) return
+      if (scratch%cells_requested) call join_visits(scratch%visits)
+      if (scratch%hits_requested) call join_visits(scratch%hits)
       mass = result%boulder%mass
       if (allocated(scratch%gathered)) mass = 1  ! visits then have energies
       if (scene%histograms_requested) totals%histogram = totals%histogram + scratch%histograms%count
@@ -67,7 +69,10 @@ contains
          if (at_rest(result%status)) call add_deposit(maps, result%stop_cell)
          return
       end if
-      if (needs_passing(maps)) call add_passing(maps, scratch%gathered%passing, scene%dem, 0.0_wp)
+      if (needs_passing(maps)) then
+         call join_visits(scratch%gathered%passing)
+         call add_passing(maps, scratch%gathered%passing, scene%dem, 0.0_wp)
+      end if
       do k = 1, scratch%gathered%stops
          call add_deposit(maps, scratch%gathered%stop_cell(:, k))
       end do

@@ -4,7 +4,7 @@ program test_hit_maps
    use rockfall_kinds, only: wp, i4
    use rockfall_terrain, only: terrain_t, terrain
    use rockfall_flight, only: flight_t
-   use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits
+   use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, join_visits
    use rockfall_hit_maps, only: needs_hits, find_hits, add_hits
    use check_m, only: check, finish
    implicit none
@@ -119,6 +119,7 @@ contains
       call start_visits(found)
       call find_hits(found, dem, 0.0_wp, flight, 1.0_wp, 0.0_wp, 1.0_wp)
       call find_hits(found, dem, 0.0_wp, flight, 0.5_wp, 0.0_wp, 1.0_wp)
+      call join_visits(found)
       call add_hits(maps, found, 1.0_wp)  ! 50 J
       call add_hits(maps, found, 3.0_wp)  ! 150 J
       call check("cells along ten metres", count(hits == 2) == 6 .and. all(hits == 0 .or. hits == 2))

@@ -8,7 +8,7 @@ program test_map
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate
    use rockfall_bins, only: energy, speed, jump_height, n_log_bins, log_bin
    use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, visit_path, &
-      visit_cell, add_visits, add_deposit, lacks_slots, init_locks, free_locks
+      visit_cell, join_visits, add_visits, add_deposit, lacks_slots, init_locks, free_locks
    use rockfall_map_values, only: map_plan_t, map_plan, stack_layers, map_views, map_row
    use check_m, only: check, check_close, finish
    implicit none
@@ -34,6 +34,7 @@ program test_map
    call test_flights()
    call test_axes()
    call test_once()
+   call test_joined()
    call test_totals()
    call test_many_cells()
    call test_what_is_asked()
@@ -225,6 +226,7 @@ contains
       call visit_cell(visits, [5, 6], 9.0_wp, 2.0_wp, 3.0_wp)
       call visit_cell(visits, [6, 6], 1.0_wp, 0.0_wp, 0.5_wp)
       call visit_cell(visits, [5, 6], 4.0_wp, 20.0_wp, 1.0_wp)
+      call join_visits(visits)
       call add_visits(maps, visits, 2.0_wp)
       call check("passed once", passages(5, 6) == 1 .and. passages(6, 6) == 1 &
                  .and. sum(passages) == 2)
@@ -234,6 +236,28 @@ contains
       call check("its sum", energy_sum(5, 6) == 24)
       call check_close("maximum height", real(jump_height_max(5, 6), wp), 3.0_wp, 0.0_wp)
    end subroutine test_once
+
+   !> Joined visits are in order of the first ones, with the earliest time that is known.
+   subroutine test_joined()
+      type(visits_t) :: visits
+      integer :: k
+
+      call start_visits(visits)
+      do k = 1, 7
+         call visit_cell(visits, [1 + mod(k*k, 3), 5], real(8 - k, wp), 1.0_wp, real(k, wp))
+      end do
+      call check("a visit for each entry into a cell", visits%n == 5)
+      visits%time = [1.0_wp, 2.0_wp, 0.5_wp, 3.0_wp, 9.0_wp]
+      visits%timed = 4
+      call join_visits(visits)
+      call check("two cells, the first first", visits%n == 2 .and. visits%visit(1)%cell(1) == 2 &
+                 .and. visits%visit(2)%cell(1) == 1)
+      call check("maximum speeds and heights", all(abs(visits%visit(1)%max - [7.0_wp, 8.0_wp, 7.0_wp]) <= 0) &
+                 .and. all(abs(visits%visit(2)%max - [5.0_wp, 6.0_wp, 6.0_wp]) <= 0))
+      call check("earliest times", visits%timed == 2 .and. all(abs(visits%time(:2) - [0.5_wp, 2.0_wp]) <= 0))
+      call join_visits(visits)
+      call check("joined once is joined", visits%n == 2 .and. visits%timed == 2)
+   end subroutine test_joined
 
    !> Over boulders: counts and sums add up, maxima stay; a boulder's visits are gone with it.
    subroutine test_totals()
@@ -269,6 +293,7 @@ contains
                call visit_cell(visits, [1 + mod(c, nx), 1 + c/nx], real(k + 1, wp), 0.0_wp, 0.0_wp)
             end associate
          end do
+         call join_visits(visits)
          call add_visits(maps, visits, 1.0_wp)
          call check("all cells, once a boulder", all(passages == turn))
       end do

@@ -4,7 +4,7 @@
 program test_source_maps
    use rockfall_kinds, only: wp, i4, i8
    use rockfall_boulder, only: release_t
-   use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, visit_cell
+   use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, visit_cell, join_visits
    use rockfall_source_maps, only: contributing_t, counts_sources, gather_cells, add_source, add_source_of_boulder, &
                                    partial_sources, first_partial, contributing_cells, adjust_released
    use check_m, only: check, finish
@@ -75,6 +75,7 @@ contains
          call pass(visits, b)
          call gather_cells(cells, visits)
       end do
+      call join_visits(cells)
       call add_source(maps, cells, 10_i8)
    end subroutine gather_all
 

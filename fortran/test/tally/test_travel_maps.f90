@@ -5,7 +5,8 @@ program test_travel_maps
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_terrain, only: terrain_t, terrain, locate, height
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate
-   use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, visit_path, visit_cell, add_visits
+   use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, visit_path, visit_cell, join_visits, &
+                            add_visits
    use rockfall_travel_maps, only: needs_times, needs_travel, time_visits, add_travel, steepest_angle, flattest_angle, &
       shortest_time
    use check_m, only: check, check_close, finish
@@ -167,6 +168,7 @@ contains
          call visit_cell(visits, [2, 3], 1.0_wp*k**2, 0.0_wp, 0.0_wp)
          call visit_cell(visits, [2, 3], 0.5_wp, 0.0_wp, 0.0_wp)
          call visit_cell(visits, [9, 9], 0.0_wp, 0.0_wp, 0.0_wp)
+         call join_visits(visits)
          call add_visits(counts, visits, 2.0_wp)  ! energies of k**2 J
       end do
       call check("above 0, 8 and 32 J", all(exceeded(2, 3, :) == [6, 4, 1]))
