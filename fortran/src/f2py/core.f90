@@ -49,6 +49,10 @@ module rockfall_f2py
    use rockfall_state_table, only: array_t, row_text
    use rockfall_run_state, only: plan_of, add_part => merge_run, settle_run => settle_partial_sources, &
                                  restore_run => restore_sources, forget_tallies_of => forget_tallies
+   use rockfall_part, only: part_t, part_lengths_t, make_room, pack_run => pack_part, pack_samples_of => pack_samples, &
+                            unpack => unpack_part, unpack_samples_of => unpack_samples
+   use rockfall_value_rules, only: fault_of_values => value_fault, crossing_fault
+   use rockfall_same_run, only: identity_t, difference
    use rockfall_handles, only: scene_handle_t, run_handle_t, scene_at, run_at, empty_scene => new_scene, close_handle
    implicit none
    private
@@ -57,7 +61,9 @@ module rockfall_f2py
    public :: block_of, map_plan
    public :: open_run, open_joined_run, continue_run, merge_run, close_run, advance, array, map, map_passages, &
              settle_sources, restore_sources
-   public :: forget_tallies
+   public :: forget_tallies, part_array, pack_part, pack_samples, begin_part, unpack_part, unpack_samples, &
+             forget_part
+   public :: value_fault, run_difference
    public :: check_maps, count_limits, check_case, table_row, repeatable_groups, read_sets, fields
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, points_outside, boulders
@@ -277,10 +283,29 @@ contains
       integer(c_int64_t), intent(out) :: length(4)
       integer(c_int64_t), intent(out) :: address
       type(run_handle_t), pointer :: opened
-      type(array_t), pointer :: row
 
       opened => run_of(run)
-      row => opened%list(k)
+      call return_array(opened%list(k), text, length, address)
+   end subroutine array
+
+   !> Array k of the part of a run, as `array`.
+   subroutine part_array(run, k, text, length, address)
+      integer(c_int64_t), intent(in) :: run
+      integer(c_int), intent(in) :: k
+      character(len=max_array_row), intent(out) :: text
+      integer(c_int64_t), intent(out) :: length(4)
+      integer(c_int64_t), intent(out) :: address
+      type(run_handle_t), pointer :: opened
+
+      opened => run_of(run)
+      call return_array(opened%list_part(k), text, length, address)
+   end subroutine part_array
+
+   subroutine return_array(row, text, length, address)
+      type(array_t), pointer, intent(in) :: row
+      character(len=max_array_row), intent(out) :: text
+      integer(c_int64_t), intent(out) :: length(4), address
+
       text = ""
       length = 1
       address = 0
@@ -288,7 +313,134 @@ contains
       text = row_text(row)
       length = row%length
       address = transfer(row%at, address)
-   end subroutine array
+   end subroutine return_array
+
+   !> Pack a run into a part; views of its last part become invalid.
+   subroutine pack_part(run, code, message)
+      !f2py threadsafe
+      integer(c_int64_t), intent(in) :: run
+      integer(c_int), intent(out) :: code
+      character(len=max_message), intent(out) :: message
+      type(run_handle_t), pointer :: opened
+      type(error_t), allocatable :: error
+
+      opened => run_of(run)
+      call pack_run(opened%run, opened%part, error)
+      call give_error(error, code, message)
+   end subroutine pack_part
+
+   !> Pack the samples of a run only.
+   subroutine pack_samples(run)
+      integer(c_int64_t), intent(in) :: run
+      type(run_handle_t), pointer :: opened
+
+      opened => run_of(run)
+      call pack_samples_of(opened%run, opened%part)
+   end subroutine pack_samples
+
+   !> Allocate a part of the first `done` boulders of a run, to be filled, with the lengths of part_lengths_t.
+   subroutine begin_part(run, done, lengths, code, message)
+      integer(c_int64_t), intent(in) :: run, done, lengths(5)
+      integer(c_int), intent(out) :: code
+      character(len=max_message), intent(out) :: message
+      type(run_handle_t), pointer :: opened
+      type(error_t), allocatable :: error
+
+      opened => run_of(run)
+      opened%run%done = done
+      call make_room(opened%run, opened%part, part_lengths_t(lengths(1), lengths(2), lengths(3), lengths(4), lengths(5)), &
+                     error)
+      call give_error(error, code, message)
+   end subroutine begin_part
+
+   !> Store a filled part in its run, whose terrain has this raster, if a run can have its values.
+   subroutine unpack_part(run, corner, nodes, code, message)
+      !f2py threadsafe
+      integer(c_int64_t), intent(in) :: run
+      real(c_double), intent(in) :: corner(3)               !! west, north, cell [m]
+      integer(c_int), intent(in) :: nodes(2)
+      integer(c_int), intent(out) :: code
+      character(len=max_message), intent(out) :: message
+      type(run_handle_t), pointer :: opened
+      type(error_t), allocatable :: error
+
+      opened => run_of(run)
+      call unpack(opened%run, opened%part, grid_of(corner, nodes), error)
+      opened%part = part_t()
+      call give_error(error, code, message)
+   end subroutine unpack_part
+
+   !> Store the samples of a part and the numbers of its rows, likewise.
+   subroutine unpack_samples(run, code, message)
+      integer(c_int64_t), intent(in) :: run
+      integer(c_int), intent(out) :: code
+      character(len=max_message), intent(out) :: message
+      type(run_handle_t), pointer :: opened
+      type(error_t), allocatable :: error
+
+      opened => run_of(run)
+      call unpack_samples_of(opened%run, opened%part, error)
+      call give_error(error, code, message)
+   end subroutine unpack_samples
+
+   !> Free the memory of the part of a run; views of it become invalid.
+   subroutine forget_part(run)
+      integer(c_int64_t), intent(in) :: run
+      type(run_handle_t), pointer :: opened
+
+      opened => run_of(run)
+      opened%part = part_t()
+   end subroutine forget_part
+
+   pure type(grid_t) function grid_of(corner, nodes) result(grid)
+      real(c_double), intent(in) :: corner(3)
+      integer(c_int), intent(in) :: nodes(2)
+
+      grid = grid_t(corner(1), corner(2), corner(3), nodes(1), nodes(2))
+   end function grid_of
+
+   !> Fault of values of a variable, by its name in files, those at lines by the times of the crossings; blank if a run
+   !> can have them.
+   subroutine value_fault(name, values, times, fault, n)
+      integer(c_int), intent(in) :: n
+      character(len=*), intent(in) :: name
+      real(c_double), intent(in) :: values(n), times(n)
+      character(len=max_message), intent(out) :: fault
+
+      if (index(name, "line_") == 1) then
+         fault = crossing_fault(name, values, times)
+      else
+         fault = fault_of_values(name, values)
+      end if
+   end subroutine value_fault
+
+   !> What differs between two runs, of which theirs must begin ours; blank if nothing. Texts are joined by character 1
+   !> in the order of identity_t; numbers are its integers, first those of boulders.
+   subroutine run_difference(ours, theirs, numbers, corners, what)
+      character(len=*), intent(in) :: ours, theirs
+      integer(c_int64_t), intent(in) :: numbers(9, 2)
+      real(c_double), intent(in) :: corners(3, 2)           !! west, north, cell [m]
+      character(len=max_message), intent(out) :: what
+
+      what = difference(identity_of(ours, numbers(:, 1), corners(:, 1)), &
+                        identity_of(theirs, numbers(:, 2), corners(:, 2)))
+   end subroutine run_difference
+
+   pure type(identity_t) function identity_of(texts, numbers, corner) result(identity)
+      character(len=*), intent(in) :: texts
+      integer(c_int64_t), intent(in) :: numbers(9)
+      real(c_double), intent(in) :: corner(3)
+      integer :: at(3), k, begin
+
+      begin = 0
+      do k = 1, 3
+         at(k) = begin + index(texts(begin + 1:), achar(1))
+         begin = at(k)
+      end do
+      identity = identity_t(texts(:at(1) - 1), texts(at(1) + 1:at(2) - 1), texts(at(2) + 1:at(3) - 1), &
+                            texts(at(3) + 1:), numbers(1), numbers(2), numbers(3), &
+                            grid_of(corner, int(numbers(4:5))), int(numbers(6:9)))
+   end function identity_of
 
    !> Write a real map of a run to the address of an array of its cells. Of `boulders`, the second number is that of a
    !> cluster that may behave alike (1: independent).
@@ -346,12 +498,9 @@ contains
       call settle_run(opened%run, scene%scene%release, sign)
    end subroutine settle_sources
 
-   !> Restore the cells of sources that the boulders done cut; good: 1 or 0.
-   subroutine restore_sources(run, handle, done, cell, source, boulders, good, n)
-      integer(c_int), intent(in) :: n
+   !> Restore the cells of sources that the boulders done cut, those of an unpacked part; good: 1 or 0.
+   subroutine restore_sources(run, handle, good)
       integer(c_int64_t), intent(in) :: run, handle
-      integer(c_int64_t), intent(in) :: done, cell(n)
-      integer(c_int32_t), intent(in) :: source(n), boulders(n)
       integer(c_int), intent(out) :: good
       type(scene_handle_t), pointer :: scene
       type(run_handle_t), pointer :: opened
@@ -359,10 +508,6 @@ contains
 
       scene => scene_of(handle)
       opened => run_of(run)
-      opened%run%done = done
-      opened%run%shared%cell = cell
-      opened%run%shared%source = source
-      opened%run%shared%boulders = boulders
       call restore_run(opened%run, scene%scene%release, is_good)
       good = merge(1, 0, is_good)
    end subroutine restore_sources

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Which key of two cases differs: their values, not how they are written.
 program test_case_file
-   use rockfall_case_file, only: differing_key
+   use rockfall_same_run, only: differing_key
    use check_m, only: check, finish
    implicit none
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """All variables of a result: name -> CF attributes, by groups, from the kernel's table."""
 
+import numpy as np
+
 from rockfall._core import rockfall_f2py as _core
 
 _TABLE: dict[str, dict[str, dict[str, str]]] = {}  # in the order of the kernel's
@@ -43,6 +45,15 @@ def about(group: str, name: str) -> dict[str, str]:
 def map_dims(name: str) -> tuple[str, ...]:
     """The dimensions of a map."""
     return ("threshold", "y", "x") if name in EXCEEDED else ("y", "x")
+
+
+def fault_of(name: str, values: np.ndarray, times: np.ndarray | None = None) -> str:
+    """Fault of values that are impossible in a run, by the name of their variable in files, those
+    at lines by the times of the crossings; "" if none."""
+    flat = np.ravel(values)
+    return (
+        _core.value_fault(name, flat, flat if times is None else np.ravel(times)).decode().strip()
+    )
 
 
 def fields(rows: str) -> list[str]:
