@@ -437,9 +437,15 @@ contains
          at(k) = begin + index(texts(begin + 1:), achar(1))
          begin = at(k)
       end do
-      identity = identity_t(texts(:at(1) - 1), texts(at(1) + 1:at(2) - 1), texts(at(2) + 1:at(3) - 1), &
-                            texts(at(3) + 1:), numbers(1), numbers(2), numbers(3), &
-                            grid_of(corner, int(numbers(4:5))), int(numbers(6:9)))
+      identity%version = texts(:at(1) - 1)
+      identity%case = texts(at(1) + 1:at(2) - 1)
+      identity%read = texts(at(2) + 1:at(3) - 1)
+      identity%decoded = texts(at(3) + 1:)
+      identity%total = numbers(1)
+      identity%first = numbers(2)
+      identity%last = numbers(3)
+      identity%grid = grid_of(corner, int(numbers(4:5)))
+      identity%window = int(numbers(6:9))
    end function identity_of
 
    !> Write a real map of a run to the address of an array of its cells. Of `boulders`, the second number is that of a

@@ -302,15 +302,24 @@ contains
       character(len=:), allocatable :: what
       type(identity_t) :: ours, theirs
 
-      associate (grid => inputs%arrays%grid)
-         ours = identity_t(version, text, inputs%input_checksums, inputs%decoded_checksums, run%total, run%before + 1, &
-                           run%before + run%boulders, grid, window_of(run))
-         theirs = identity_t(text_of(file, nf90_global, "version"), text_of(file, nf90_global, "case"), &
-                             text_of(file, nf90_global, "input_checksums"), &
-                             text_of(file, nf90_global, "decoded_checksums"), integer_of(file, "boulders_requested"), &
-                             integer_of(file, "boulder_first"), integer_of(file, "boulder_last"), grid, &
-                             int(integers_of(file, "map_window", 4)))
-      end associate
+      ours%version = version
+      ours%case = text
+      ours%read = inputs%input_checksums
+      ours%decoded = inputs%decoded_checksums
+      ours%total = run%total
+      ours%first = run%before + 1
+      ours%last = run%before + run%boulders
+      ours%grid = inputs%arrays%grid
+      ours%window = window_of(run)
+      theirs%version = text_of(file, nf90_global, "version")
+      theirs%case = text_of(file, nf90_global, "case")
+      theirs%read = text_of(file, nf90_global, "input_checksums")
+      theirs%decoded = text_of(file, nf90_global, "decoded_checksums")
+      theirs%total = integer_of(file, "boulders_requested")
+      theirs%first = integer_of(file, "boulder_first")
+      theirs%last = integer_of(file, "boulder_last")
+      theirs%grid = ours%grid
+      theirs%window = int(integers_of(file, "map_window", 4))
       what = "layout"
       if (integer_of(file, "part_layout") == layout) what = difference(ours, theirs)
       if (what /= "") then

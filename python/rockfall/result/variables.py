@@ -50,10 +50,10 @@ def map_dims(name: str) -> tuple[str, ...]:
 def fault_of(name: str, values: np.ndarray, times: np.ndarray | None = None) -> str:
     """Fault of values that are impossible in a run, by the name of their variable in files, those
     at lines by the times of the crossings; "" if none."""
-    flat = np.ravel(values)
-    return (
-        _core.value_fault(name, flat, flat if times is None else np.ravel(times)).decode().strip()
-    )
+    if not values.size:
+        return ""
+    times = values if times is None else times
+    return _core.value_fault(name, np.ravel(values), np.ravel(times)).decode().strip()
 
 
 def fields(rows: str) -> list[str]:
