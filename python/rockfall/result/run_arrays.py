@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -65,13 +65,13 @@ class RunArrays:
     def arrays(self, *groups: str) -> Iterator[Array]:
         """All arrays, or those of some groups, including those that the next chunk replaces."""
         if self._table is None:
-            self._table = [*self._listed(_core.array)]
+            self._table = [*self._listed()]
         return self._views(row for row in self._table if not groups or row.group in groups)
 
     def part_arrays(self) -> Iterator[Array]:
         """All arrays of the part, as files have them; the next part replaces those that the run
         itself does not have."""
-        return self._views(self._listed(_core.part_array))
+        return self._views(self._listed(of_part=True))
 
     def _views(self, rows: Iterable[_Row]) -> Iterator[Array]:
         for group, name, file_name, dims, kind, shape, address in rows:
@@ -81,10 +81,10 @@ class RunArrays:
                 values = np.asarray(_Memory(self, address, shape, np.dtype(kind).str))
             yield Array(group, name, file_name, dims, values)
 
-    def _listed(self, array: Callable[[int, int], tuple]) -> Iterator[_Row]:
-        """A table of the kernel."""
+    def _listed(self, of_part: bool = False) -> Iterator[_Row]:
+        """The kernel's table of arrays."""
         k = 1
-        while text := (row := array(self.handle, k))[0].decode().split():
+        while text := (row := _core.array(self.handle, of_part, k))[0].decode().split():
             group, name, file_name, kind, *axes = text
             shape = tuple(row[1][: len(axes)][::-1].tolist())
             yield _Row(group, name, file_name, tuple(axes[::-1]), kind, shape, int(row[2]))
@@ -108,18 +108,21 @@ class RunArrays:
     def begin_part(self, boulders: int, lengths: Sequence[int], name: str) -> None:
         """Make room for a part of the first boulders, to be filled: numbers of rows, cells, shared
         cells, bins, and coarse bins of samples (-1: none)."""
-        check_kernel(*_core.begin_part(self.handle, boulders, lengths), name=name)
+        code, message = _core.begin_part(self.handle, boulders, lengths)
+        check_kernel(code, message, name)
         self.changed()
 
     def unpack_part(self, grid: Grid, name: str) -> None:
         """Store the filled part, and forget it; a RockfallError names values that no run has."""
         corner, nodes = (grid.west, grid.north, grid.cell), (grid.nx, grid.ny)
-        check_kernel(*_core.unpack_part(self.handle, corner, nodes), name=name)
+        code, message = _core.unpack_part(self.handle, corner, nodes)
+        check_kernel(code, message, name)
         self.changed()
 
     def unpack_samples(self, name: str) -> None:
         """Store the samples of the filled part, and the numbers of its rows, likewise."""
-        check_kernel(*_core.unpack_samples(self.handle), name=name)
+        code, message = _core.unpack_samples(self.handle)
+        check_kernel(code, message, name)
 
     def forget_part(self) -> None:
         """Free the memory of the part."""
