@@ -239,7 +239,7 @@ class Case:
 
 
 class Facts(NamedTuple):
-    """What the kernel makes of a case."""
+    """Facts of a case that the kernel derives from its keys."""
 
     has_forest: bool
     has_points: bool  # sources are points, not cells

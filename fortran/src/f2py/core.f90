@@ -339,8 +339,9 @@ contains
 
       opened => run_of(run)
       opened%run%done = done
-      call make_room(opened%run, opened%part, part_lengths_t(lengths(1), lengths(2), lengths(3), lengths(4), lengths(5)), &
-                     error)
+      associate (n => lengths)
+         call make_room(opened%run, opened%part, part_lengths_t(n(1), n(2), n(3), n(4), n(5)), error)
+      end associate
       call give_error(error, code, message)
    end subroutine begin_part
 

@@ -29,8 +29,8 @@ module rockfall_run_state
    use rockfall_scene, only: boulder_count
    implicit none
    private
-   public :: run_t, open_run, open_joined_run, continue_run, merge_run, close_run, advance, arrays_of, rows_of, tells_sources, no_row
-   public :: map_tallies, plan_of
+   public :: run_t, open_run, open_joined_run, continue_run, merge_run, close_run, advance
+   public :: arrays_of, rows_of, tells_sources, no_row, map_tallies, plan_of
    public :: settle_partial_sources, restore_sources, forget_tallies
 
    integer(i8), parameter :: no_row = huge(1_i8)           !! number of a row that is still empty
