@@ -41,7 +41,9 @@ LEVELS = [
 LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
 #: Compiled modules, and where they may be called.
 DOORS = {
-    "_core": re.compile(r"case|grounds|limits|scene\..*|simulation\..*|result\.variables"),
+    "_core": re.compile(
+        r"case|errors|grounds|limits|scene\..*|simulation\..*|result\.(variables|run_arrays)"
+    ),
     "_lab": re.compile(r"lab\..*"),
 }
 MODULES = {

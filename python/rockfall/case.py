@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 FROM_ARRAY = "(array)"  # the DEM of a case whose elevations come from `run(case, dem=...)`
 WIDTH = 72  # columns after which a list continues on the next line
+LINES = tuple(_core.fields("line_group").decode().split())  # groups of lines, in their order
 REPEATABLE = tuple(_core.repeatable_groups().decode().split())  # groups that are lists
 
 
@@ -152,7 +153,7 @@ class Case:
         >>> case.has_forest, case.replace(forest={"trees": "trees.csv"}).has_forest
         (False, True)
         """
-        return not {"trees", "polygons", "stems", "uniform_stems"}.isdisjoint(self.forest)
+        return facts(self).has_forest
 
     @property
     def lines(self) -> list[dict[str, Any]]:
@@ -162,7 +163,7 @@ class Case:
         >>> [line["name"] for line in rockfall.read_case("case.nml").lines]
         ['L']
         """
-        return self.line + self.barrier
+        return [line for group in LINES for line in self.__dict__[group]]
 
     def files(self) -> Iterator[tuple[Key, str]]:
         """Files that the case names, with their keys.
@@ -235,6 +236,25 @@ class Case:
         'dem.tif'
         """
         return self.folder / file
+
+
+class Facts(NamedTuple):
+    """Facts of a case that the kernel derives from its keys."""
+
+    has_forest: bool
+    has_points: bool  # sources are points, not cells
+    by_layer: bool  # the layer of sources says what its boulders are
+    by_raster: bool  # rasters say it
+
+
+def facts(case: Case) -> Facts:
+    """Facts of a case."""
+    return _facts(case.text().encode())
+
+
+@lru_cache(maxsize=8)
+def _facts(text: bytes) -> Facts:
+    return Facts(*_core.case_facts(text).astype(bool).tolist())
 
 
 def given_groups(case: Case) -> dict[str, dict[str, Any]]:

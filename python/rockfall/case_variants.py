@@ -11,8 +11,10 @@ from typing import Any
 
 from rockfall.case import Case, varied_key
 from rockfall.errors import RockfallError
+from rockfall.result.variables import fields
 
-CHOSEN = {"barriers": "barrier", "dams": "dam"}  # lists of names, and their groups
+#: Lists of names, and their groups.
+CHOSEN = dict(zip(fields("variant_list"), fields("listed_group"), strict=True))
 
 
 def variants(case: Case) -> dict[str, Case]:

@@ -3,11 +3,16 @@
 
 from importlib import import_module
 
+from rockfall._core import rockfall_f2py as _core
+
+BAD_INPUT = int(_core.constant("bad_input"))  # exit status of errors that the user can correct
+OUR_FAULT = int(_core.constant("our_fault"))  # exit status of internal errors
+
 
 class RockfallError(ValueError):
     """One line that names the problem, its place, and what is allowed.
 
-    `code` is the exit status: 2 when the input can be corrected, 1 for an internal error.
+    `code` is the exit status, `BAD_INPUT` or `OUR_FAULT`: 2 or 1.
 
     >>> import rockfall
     >>> try:
@@ -17,7 +22,7 @@ class RockfallError(ValueError):
     case.nml: &boulder density = -1.0: must be > 0 [kg/m3] 2
     """
 
-    def __init__(self, message: str, code: int = 2) -> None:
+    def __init__(self, message: str, code: int = BAD_INPUT) -> None:
         super().__init__(" ".join(str(message).splitlines()))
         self.code = code
 

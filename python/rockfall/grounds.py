@@ -201,7 +201,8 @@ def ensemble_grounds(name: str, path: Path) -> list[GroundRule]:
 def _ground_of(name: str, path: Path, table: ImpactTable) -> GroundRule:
     if len(name) > MAX_NAME:
         raise RockfallError(f"ground '{name}': must be at most {MAX_NAME} characters")
-    return GroundRule(name, TABLES[len(table.ratio) > 1], table.pack(), str(path), table.rest_angle)
+    model = _core.table_model(len(table.ratio)).decode().strip()
+    return GroundRule(name, model, table.pack(), str(path), table.rest_angle)
 
 
 def check_number(grounds: Iterable[GroundRule], where: str) -> None:

@@ -238,7 +238,7 @@ def test_limits_of_cells_of_sampled_sources_need_rows(case):
 def test_a_damaged_sample_is_refused(counted, name, place, value):
     damaged = counted.copy(deep=True)
     damaged[f"sample_{name}"].values[place] = value
-    with pytest.raises(RockfallError, match=f"a.nc: sample_{name}"):
+    with pytest.raises(RockfallError, match=f"a.nc: is damaged: sample_{name}"):
         check_values(damaged, "a.nc")
 
 

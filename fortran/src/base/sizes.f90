@@ -4,7 +4,9 @@ module rockfall_sizes
    implicit none
    private
    public :: max_message, max_list, max_array_row
-   public :: n_boulder_fields, n_boulder_counts, n_line_fields, n_vertex_fields
+   public :: n_boulder_fields, n_boulder_counts, n_line_fields, n_vertex_fields, n_line_quantities
+   public :: n_impact_sets, n_set_numbers, n_incidence_limits, n_lateral_classes, n_lateral_quantiles
+   public :: n_map_counts, n_map_sums, n_map_maxima, n_stacks, n_histograms, n_ead_classes
 
    integer, parameter :: max_message = 1024   !! one-line error message; as ROCKFALL_MESSAGE in include/rockfall.h
    integer, parameter :: max_list = 512       !! row of a table, list of names
@@ -12,4 +14,11 @@ module rockfall_sizes
 
    ! Columns of rows (rockfall_variables has their names):
    integer, parameter :: n_boulder_fields = 12, n_boulder_counts = 9, n_line_fields = 12, n_vertex_fields = 14
+   integer, parameter :: n_line_quantities = 11  !! of samples, computed from a row
+   ! Impact sets: their number, numbers of a mean, limits between classes of incidence, these, quantiles of a class.
+   integer, parameter :: n_impact_sets = 5, n_set_numbers = 9, n_incidence_limits = 8, n_lateral_classes = 9, &
+                         n_lateral_quantiles = 13
+   ! Maps: layers of counts (with those of thresholds), sums and maxima that a plan names; stacks of layers.
+   integer, parameter :: n_map_counts = 7, n_map_sums = 7, n_map_maxima = 5, n_stacks = 3
+   integer, parameter :: n_histograms = 6, n_ead_classes = 8  !! quantities of rebounds; energy classes of EAD 340059
 end module rockfall_sizes

@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Text in memory: validation, conversion of numbers and lists, quoting in messages.
 module rockfall_text
-   use rockfall_kinds, only: i8
+   use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
    implicit none
    private
-   public :: check_text, after_mark, lower, integer_text, joined, excerpt, line_of, first_repeated, max_text
+   public :: check_text, after_mark, lower, integer_text, real_text, joined, excerpt, line_of, first_repeated, max_text
 
    integer, parameter :: max_text = 64*1024**2  !! [bytes] larger text files are rejected
 
@@ -158,6 +158,31 @@ contains
       write (buffer, "(i0)") number
       text = trim(buffer)
    end function long_text
+
+   !> Format a number with at most this many significant digits, without zeros at the end.
+   pure function real_text(number, digits) result(text)
+      real(wp), intent(in) :: number
+      integer, intent(in) :: digits  !! 2 to 17
+      character(len=:), allocatable :: text
+      character(len=32) :: buffer, form
+      integer :: power, last
+
+      write (form, "(a,i0,a)") "(es32.", digits - 1, "e3)"
+      write (buffer, form) number
+      read (buffer(29:), *) power
+      text = buffer(:27)
+      if (power >= -5 .and. power < digits) then
+         write (form, "(a,i0,a)") "(f32.", digits - 1 - power, ")"
+         write (buffer, form) number
+         text = buffer
+         power = 0
+      end if
+      last = len(text)
+      if (index(text, ".") > 0) last = verify(text, "0", back=.true.)
+      if (text(last:last) == ".") last = last - 1
+      text = trim(adjustl(text(:last)))
+      if (power /= 0) text = text//"e"//integer_text(power)
+   end function real_text
 
    !> Join names without trailing blanks by a separator.
    pure function joined(names, separator) result(text)

@@ -2,6 +2,7 @@
 !> Nets and walls that intercept boulders below their top edge and absorb energy up to their capacity.
 module rockfall_barrier
    use rockfall_kinds, only: wp
+   use rockfall_sizes, only: n_ead_classes
    use rockfall_terrain, only: terrain_t, patch_position
    use rockfall_flight, only: landing_t
    use rockfall_direction, only: unit_vector
@@ -17,8 +18,8 @@ module rockfall_barrier
 
    !> Energy classes of EAD 340059-00-0106, falling rock protection kits: maximum energy level of classes 0 to 7 [J].
    !> Class 8 is declared by the manufacturer: give its capacity.
-   real(wp), parameter :: ead_energy(0:7) = 1000*[100.0_wp, 250.0_wp, 500.0_wp, 1000.0_wp, 1500.0_wp, 2000.0_wp, &
-                                                  3000.0_wp, 4500.0_wp]
+   real(wp), parameter :: ead_energy(0:n_ead_classes - 1) = 1000*[100.0_wp, 250.0_wp, 500.0_wp, 1000.0_wp, 1500.0_wp, &
+                                                                  2000.0_wp, 3000.0_wp, 4500.0_wp]
 
    !> Distance in front of a barrier at which a boulder continues, over the width of the terrain [-]: well above
    !> coordinate rounding, and a micrometre on a slope of a kilometre.

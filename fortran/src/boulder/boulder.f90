@@ -10,7 +10,7 @@ module rockfall_boulder
    private
    public :: boulder_t, source_boulder_t, feature_t, volume_distribution_t, release_t, draw_boulder, boulder_of
    public :: max_volume, mean_volume, feature_of
-   public :: source_of, first_of, last_of, released_by, inertia_factor, kinetic_energy
+   public :: source_of, first_of, last_of, released_by, inertia_factor, sphere_radius, kinetic_energy
    public :: fixed_volume, normal_volume, uniform_volume, lognormal_volume, list_volume, pareto_volume, distributions
 
    real(wp), parameter :: inertia_factor = 0.4_wp  !! I/(m R_b**2) of a sphere [-]
@@ -149,7 +149,7 @@ contains
       case default
          boulder%volume = distribution%mean
       end select
-      boulder%radius = cube_root(3*boulder%volume/(4*pi))
+      boulder%radius = sphere_radius(boulder%volume)
       boulder%mass = distribution%density*boulder%volume
    end function draw_boulder
 
@@ -159,9 +159,16 @@ contains
       real(wp), intent(in) :: factor  !! volume over that given for the source [-]
 
       boulder%volume = factor*source%volume
-      boulder%radius = cube_root(3*boulder%volume/(4*pi))
+      boulder%radius = sphere_radius(boulder%volume)
       boulder%mass = source%density*boulder%volume
    end function boulder_of
+
+   !> Radius of a sphere [m].
+   elemental real(wp) function sphere_radius(volume) result(radius)
+      real(wp), intent(in) :: volume  !! [m3]
+
+      radius = cube_root(3*volume/(4*pi))
+   end function sphere_radius
 
    !> Translational and rotational energy [J] (Bourrier et al. 2009, eqs 1-3).
    pure function kinetic_energy(boulder, v, omega) result(energy)

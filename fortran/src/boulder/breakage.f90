@@ -3,8 +3,8 @@
 !> chapter 3): whether it breaks, the volumes of its fragments, which sum to its own, and their directions.
 module rockfall_breakage
    use rockfall_kinds, only: wp
-   use rockfall_math, only: pi, logarithm, cube_root, power, sine_cosine
-   use rockfall_boulder, only: boulder_t
+   use rockfall_math, only: logarithm, cube_root, power, sine_cosine
+   use rockfall_boulder, only: boulder_t, sphere_radius
    use rockfall_direction, only: random_heading
    implicit none
    private
@@ -107,7 +107,7 @@ contains
       real(wp), intent(in) :: volume  !! of the fragment [m3]
 
       fragment%volume = volume
-      fragment%radius = cube_root(3*volume/(4*pi))
+      fragment%radius = sphere_radius(volume)
       fragment%mass = boulder%mass*(volume/boulder%volume)
    end function fragment_of
 

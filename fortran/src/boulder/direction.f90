@@ -4,6 +4,7 @@
 !> vectors in plan.
 module rockfall_direction
    use rockfall_kinds, only: wp
+   use rockfall_sizes, only: n_lateral_classes
    use rockfall_math, only: pi, degree, sine_cosine, squared_sine
    use rockfall_terrain, only: steepness_of
    implicit none
@@ -34,7 +35,7 @@ module rockfall_direction
                           in_second = sector*degree/(third_class - second_class), &
                           in_third = last_sector*degree/(1 - third_class)
 
-   integer, parameter :: lateral_classes = 9  !! maximum number of incidence classes
+   integer, parameter :: lateral_classes = n_lateral_classes  !! maximum number of incidence classes
    !> Probabilities of the quantiles of a class: steps of a tenth, then the tail.
    real(wp), parameter :: probability(13) = [0.0_wp, 0.1_wp, 0.2_wp, 0.3_wp, 0.4_wp, 0.5_wp, 0.6_wp, 0.7_wp, &
                                              0.8_wp, 0.9_wp, 0.95_wp, 0.99_wp, 1.0_wp]

@@ -4,6 +4,7 @@
 !> to that of the rocks on the slope.
 module rockfall_impact
    use rockfall_kinds, only: wp, i8
+   use rockfall_sizes, only: n_impact_sets
    use rockfall_error, only: error_t, fail, our_fault
    use rockfall_random, only: random_key_t, normal_table_t, normal, random_words, for_impact, words_per_block, &
                               rebound_words
@@ -16,7 +17,7 @@ module rockfall_impact
    public :: max_draws, min_normal, impact_ratios, find_nearest_set, interpolated_set, ratio_weights, rebound_t, rebound
    public :: admissible, is_admissible, limit_rebound, twice_energy, redraw_rebound, draw_rebound, energy_of
 
-   integer, parameter :: impact_ratios = 5  !! sets for R_b/R_m = 1, 2, 3, 4, 5
+   integer, parameter :: impact_ratios = n_impact_sets  !! sets for R_b/R_m = 1, 2, 3, 4, 5
    integer, parameter :: max_draws = 32    !! draws of A before the last is limited; our choice (theory, chapter 5)
    !> V_n of a limited rebound that did not leave the surface, over the incoming speed [-]; our choice.
    real(wp), parameter :: min_normal = 0.01_wp

@@ -2,7 +2,8 @@
 !> Non-spherical boulders: volume and moment of inertia from shape and side lengths.
 module rockfall_shape
    use rockfall_kinds, only: wp
-   use rockfall_math, only: pi, cube_root
+   use rockfall_math, only: pi
+   use rockfall_boulder, only: sphere_radius
    implicit none
    private
    public :: shape_volume, shape_inertia, shapes, sphere
@@ -33,7 +34,7 @@ contains
       real(wp), intent(in) :: d(3)  !! sides, or axes; the shortest is the height of a disc [m]
       real(wp) :: radius, squares
 
-      radius = cube_root(3*shape_volume(shape, d)/(4*pi))
+      radius = sphere_radius(shape_volume(shape, d))
       squares = d(1)*d(1) + d(2)*d(2) + d(3)*d(3)
       select case (shape)
       case (rectangular); inertia = squares/18/radius**2

@@ -9,13 +9,17 @@ module rockfall_f2py
    use ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_ptr, &
                             c_loc, c_f_pointer
-   use rockfall_error, only: error_t, give_error
-   use rockfall_sizes, only: max_message, max_list, max_array_row, &
-                             n_boulder_fields, n_boulder_counts, n_line_fields, n_vertex_fields
+   use rockfall_error, only: error_t, give_error, bad_input, our_fault
+   use rockfall_sizes, only: max_message, max_list, max_array_row, n_boulder_fields, n_boulder_counts, n_line_fields, &
+                             n_vertex_fields, n_line_quantities, n_impact_sets, n_set_numbers, n_incidence_limits, &
+                             n_lateral_classes, n_lateral_quantiles, n_map_counts, n_map_sums, n_map_maxima, n_stacks, &
+                             n_histograms, n_ead_classes
    use rockfall_text, only: joined, max_text
+   use rockfall_decimal, only: parse_real, decimal_ok
    use rockfall_grid, only: grid_t, is_outside
    use rockfall_terrain, only: terrain_t, is_known_at, max_elevation
-   use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor, distributions
+   use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor, boulder_t, sphere_radius, kinetic_energy, &
+                               distributions
    use rockfall_shape, only: shape_volume, shape_inertia, shapes, sphere
    use rockfall_surface, only: size_weights
    use rockfall_barrier, only: barrier_outcome, ead_energy
@@ -25,18 +29,19 @@ module rockfall_f2py
    use rockfall_scratch, only: scratch_t
    use rockfall_run_loop, only: save_rest
    use rockfall_scene, only: feature_fields, check_sources, boulder_count, max_volumes, object_reach, max_tree_hits
-   use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model, max_grounds
+   use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model, &
+                               model_of_table => table_model, max_grounds
    use rockfall_reach, only: block_side, update_block_minima, reach_box
    use rockfall_stand, only: stems_in_cell, stem_numbers, thinning_numbers
    use rockfall_random, only: random_key
    use rockfall_sources, only: usual_threshold, keep_steep_cells, surface_ratios, proportional_part
    use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_min_count, map_thin_below, &
-                                   fraction_limit, z_95, min_for_mean, min_for_std, max_columns
+                                   fraction_limit, limit_rank, z_95, min_for_mean, min_for_std, max_columns
    use rockfall_limits, only: check_tallies
    use rockfall_threads, only: team_size, check_team, release_team
    use rockfall_ensemble, only: trace_boulder, recorded_boulders
    use rockfall_result, only: boulder_row, boulder_count_row, vertex_row
-   use rockfall_samples, only: sample_edge, n_sample_bins, n_coarse_bins, n_words, base_bits, n_largest
+   use rockfall_samples, only: sample_edge, n_sample_bins, n_coarse_bins, base_bits
    use rockfall_line_samples, only: all_quantities => line_quantities, place_along, &
                                     line_quantity, end_quantity, units_of, n_quantities, n_tails => tails
    use rockfall_line, only: line_t, new_line => line
@@ -44,11 +49,16 @@ module rockfall_f2py
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
    use rockfall_case_keys, only: key_text, key_table, broken_rule, n_keys, repeatable, max_real, max_name
-   use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading
+   use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading, line_groups, variant_lists, &
+                            listed_groups, barrier_strengths
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    use rockfall_state_table, only: array_t, row_text
    use rockfall_run_state, only: plan_of, add_part => merge_run, settle_run => settle_partial_sources, &
                                  restore_run => restore_sources, forget_tallies_of => forget_tallies
+   use rockfall_part, only: part_t, part_lengths_t, make_room, pack_run => pack_part, pack_samples_of => pack_samples, &
+                            unpack => unpack_part, unpack_samples_of => unpack_samples
+   use rockfall_value_rules, only: fault_of_values => value_fault, crossing_fault
+   use rockfall_same_run, only: identity_t, difference
    use rockfall_handles, only: scene_handle_t, run_handle_t, scene_at, run_at, empty_scene => new_scene, close_handle
    implicit none
    private
@@ -57,7 +67,9 @@ module rockfall_f2py
    public :: block_of, map_plan
    public :: open_run, open_joined_run, continue_run, merge_run, close_run, advance, array, map, map_passages, &
              settle_sources, restore_sources
-   public :: forget_tallies
+   public :: forget_tallies, pack_part, pack_samples, begin_part, unpack_part, unpack_samples, &
+             forget_part
+   public :: value_fault, run_difference, case_facts, decimal, sphere_radii, kinetic_energies, limit_ranks, table_model
    public :: check_maps, count_limits, check_case, table_row, repeatable_groups, read_sets, fields
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, points_outside, boulders
@@ -268,11 +280,11 @@ contains
       call give_error(error, code, message)
    end subroutine advance
 
-   !> Array k of a run, from 1: description as from row_text, lengths of its dimensions (the first varies fastest), and
-   !> address; blank past the end. k = 1 builds a new list.
-   subroutine array(run, k, text, length, address)
+   !> Array k of a run, from 1, or of its part (of_part 1): description as from row_text, lengths of its dimensions (the
+   !> first varies fastest), and address; blank past the end. k = 1 builds a new list.
+   subroutine array(run, of_part, k, text, length, address)
       integer(c_int64_t), intent(in) :: run
-      integer(c_int), intent(in) :: k
+      integer(c_int), intent(in) :: of_part, k
       character(len=max_array_row), intent(out) :: text
       integer(c_int64_t), intent(out) :: length(4)
       integer(c_int64_t), intent(out) :: address
@@ -280,7 +292,11 @@ contains
       type(array_t), pointer :: row
 
       opened => run_of(run)
-      row => opened%list(k)
+      if (of_part /= 0) then
+         row => opened%list_part(k)
+      else
+         row => opened%list(k)
+      end if
       text = ""
       length = 1
       address = 0
@@ -289,6 +305,140 @@ contains
       length = row%length
       address = transfer(row%at, address)
    end subroutine array
+
+   !> Pack a run into a part; views of its last part become invalid.
+   subroutine pack_part(run, code, message)
+      !f2py threadsafe
+      integer(c_int64_t), intent(in) :: run
+      integer(c_int), intent(out) :: code
+      character(len=max_message), intent(out) :: message
+      type(run_handle_t), pointer :: opened
+      type(error_t), allocatable :: error
+
+      opened => run_of(run)
+      call pack_run(opened%run, opened%part, error)
+      call give_error(error, code, message)
+   end subroutine pack_part
+
+   !> Pack the samples of a run only.
+   subroutine pack_samples(run)
+      integer(c_int64_t), intent(in) :: run
+      type(run_handle_t), pointer :: opened
+
+      opened => run_of(run)
+      call pack_samples_of(opened%run, opened%part)
+   end subroutine pack_samples
+
+   !> Allocate a part of the first `done` boulders of a run, to be filled, with the lengths of part_lengths_t.
+   subroutine begin_part(run, done, lengths, code, message)
+      integer(c_int64_t), intent(in) :: run, done, lengths(5)
+      integer(c_int), intent(out) :: code
+      character(len=max_message), intent(out) :: message
+      type(run_handle_t), pointer :: opened
+      type(error_t), allocatable :: error
+
+      opened => run_of(run)
+      opened%run%done = done
+      associate (n => lengths)
+         call make_room(opened%run, opened%part, part_lengths_t(n(1), n(2), n(3), n(4), n(5)), error)
+      end associate
+      call give_error(error, code, message)
+   end subroutine begin_part
+
+   !> Store a filled part in its run, whose terrain has this raster, if a run can have its values.
+   subroutine unpack_part(run, corner, nodes, code, message)
+      !f2py threadsafe
+      integer(c_int64_t), intent(in) :: run
+      real(c_double), intent(in) :: corner(3)               !! west, north, cell [m]
+      integer(c_int), intent(in) :: nodes(2)
+      integer(c_int), intent(out) :: code
+      character(len=max_message), intent(out) :: message
+      type(run_handle_t), pointer :: opened
+      type(error_t), allocatable :: error
+
+      opened => run_of(run)
+      call unpack(opened%run, opened%part, grid_of(corner, nodes), error)
+      opened%part = part_t()
+      call give_error(error, code, message)
+   end subroutine unpack_part
+
+   !> Store the samples of a part and the numbers of its rows, likewise.
+   subroutine unpack_samples(run, code, message)
+      integer(c_int64_t), intent(in) :: run
+      integer(c_int), intent(out) :: code
+      character(len=max_message), intent(out) :: message
+      type(run_handle_t), pointer :: opened
+      type(error_t), allocatable :: error
+
+      opened => run_of(run)
+      call unpack_samples_of(opened%run, opened%part, error)
+      call give_error(error, code, message)
+   end subroutine unpack_samples
+
+   !> Free the memory of the part of a run; views of it become invalid.
+   subroutine forget_part(run)
+      integer(c_int64_t), intent(in) :: run
+      type(run_handle_t), pointer :: opened
+
+      opened => run_of(run)
+      opened%part = part_t()
+   end subroutine forget_part
+
+   pure type(grid_t) function grid_of(corner, nodes) result(grid)
+      real(c_double), intent(in) :: corner(3)
+      integer(c_int), intent(in) :: nodes(2)
+
+      grid = grid_t(corner(1), corner(2), corner(3), nodes(1), nodes(2))
+   end function grid_of
+
+   !> Fault of values of a variable, by its name in files, those at lines by the times of the crossings; blank if a run
+   !> can have them.
+   subroutine value_fault(name, values, times, fault, n)
+      integer(c_int), intent(in) :: n
+      character(len=*), intent(in) :: name
+      real(c_double), intent(in) :: values(n), times(n)
+      character(len=max_message), intent(out) :: fault
+
+      if (index(name, "line_") == 1) then
+         fault = crossing_fault(name, values, times)
+      else
+         fault = fault_of_values(name, values)
+      end if
+   end subroutine value_fault
+
+   !> What differs between two runs, of which theirs must begin ours; blank if nothing. Texts are joined by character 1
+   !> in the order of identity_t; numbers are its integers, first those of boulders.
+   subroutine run_difference(ours, theirs, numbers, corners, what)
+      character(len=*), intent(in) :: ours, theirs
+      integer(c_int64_t), intent(in) :: numbers(9, 2)
+      real(c_double), intent(in) :: corners(3, 2)           !! west, north, cell [m]
+      character(len=max_message), intent(out) :: what
+
+      what = difference(identity_of(ours, numbers(:, 1), corners(:, 1)), &
+                        identity_of(theirs, numbers(:, 2), corners(:, 2)))
+   end subroutine run_difference
+
+   pure type(identity_t) function identity_of(texts, numbers, corner) result(identity)
+      character(len=*), intent(in) :: texts
+      integer(c_int64_t), intent(in) :: numbers(9)
+      real(c_double), intent(in) :: corner(3)
+      integer :: at(3), k, begin
+
+      begin = 0
+      do k = 1, 3
+         at(k) = begin + index(texts(begin + 1:), achar(1))
+         begin = at(k)
+      end do
+      identity%version = texts(:at(1) - 1)
+      identity%case = texts(at(1) + 1:at(2) - 1)
+      identity%read = texts(at(2) + 1:at(3) - 1)
+      identity%decoded = texts(at(3) + 1:)
+      identity%total = numbers(1)
+      identity%first = numbers(2)
+      identity%last = numbers(3)
+      identity%grid = grid_of(corner, int(numbers(4:5)))
+      identity%window = int(numbers(6:9))
+   end function identity_of
 
    !> Write a real map of a run to the address of an array of its cells. Of `boulders`, the second number is that of a
    !> cluster that may behave alike (1: independent).
@@ -346,12 +496,9 @@ contains
       call settle_run(opened%run, scene%scene%release, sign)
    end subroutine settle_sources
 
-   !> Restore the cells of sources that the boulders done cut; good: 1 or 0.
-   subroutine restore_sources(run, handle, done, cell, source, boulders, good, n)
-      integer(c_int), intent(in) :: n
+   !> Restore the cells of sources that the boulders done cut, those of an unpacked part; good: 1 or 0.
+   subroutine restore_sources(run, handle, good)
       integer(c_int64_t), intent(in) :: run, handle
-      integer(c_int64_t), intent(in) :: done, cell(n)
-      integer(c_int32_t), intent(in) :: source(n), boulders(n)
       integer(c_int), intent(out) :: good
       type(scene_handle_t), pointer :: scene
       type(run_handle_t), pointer :: opened
@@ -359,10 +506,6 @@ contains
 
       scene => scene_of(handle)
       opened => run_of(run)
-      opened%run%done = done
-      opened%run%shared%cell = cell
-      opened%run%shared%source = source
-      opened%run%shared%boulders = boulders
       call restore_run(opened%run, scene%scene%release, is_good)
       good = merge(1, 0, is_good)
    end subroutine restore_sources
@@ -389,7 +532,7 @@ contains
       integer(c_int), intent(in) :: n
       real(c_double), intent(in) :: crossing(n_line_fields, n)  !! line_fields
       real(c_double), intent(in) :: volume(n)        !! [m3]
-      real(c_double), intent(out) :: quantities(11, n)
+      real(c_double), intent(out) :: quantities(n_line_quantities, n)
       integer :: k
 
       do k = 1, n
@@ -524,7 +667,8 @@ contains
    subroutine map_plan(names, thresholds, counts, sums, maxima, bins, layers)
       character(len=*), intent(in) :: names     !! of maps, separated by blanks
       integer(c_int), intent(in) :: thresholds  !! number of thresholds
-      integer(c_int), intent(out) :: counts(7), sums(7), maxima(5), bins, layers(3)
+      integer(c_int), intent(out) :: counts(n_map_counts), sums(n_map_sums), maxima(n_map_maxima), bins, &
+                                     layers(n_stacks)
       type(map_plan_t) :: plan
       integer :: k
 
@@ -782,6 +926,66 @@ contains
       call give_error(error, code, message)
    end subroutine check_case
 
+   !> Facts of a valid case, 1 or 0: it has trees; its sources are points; its boulders are those of the layer of
+   !> sources; of rasters.
+   subroutine case_facts(text, facts)
+      character(len=*), intent(in) :: text
+      integer(c_int), intent(out) :: facts(4)
+      type(case_t) :: case
+      type(error_t), allocatable :: error
+
+      call read_case(text, "", case, error)
+      facts = merge(1, 0, [case%forest, case%at_points, case%by_feature, case%by_source])
+   end subroutine case_facts
+
+   !> Number that a text spells, as in files; NaN if none.
+   subroutine decimal(text, value)
+      character(len=*), intent(in) :: text
+      real(c_double), intent(out) :: value
+      integer :: status
+
+      call parse_real(text, value, status)
+      if (status /= decimal_ok) value = ieee_value(value, ieee_quiet_nan)
+   end subroutine decimal
+
+   !> Radii of spheres [m].
+   subroutine sphere_radii(volume, radius, n)
+      integer(c_int), intent(in) :: n
+      real(c_double), intent(in) :: volume(n)  !! [m3]
+      real(c_double), intent(out) :: radius(n)
+
+      radius = sphere_radius(volume)
+   end subroutine sphere_radii
+
+   !> Kinetic energy [J] of boulders with these velocities, and W = R_b omega [m/s].
+   subroutine kinetic_energies(mass, v, w, energy, n)
+      integer(c_int), intent(in) :: n
+      real(c_double), intent(in) :: mass(n), v(3, n), w(n)  !! [kg], [m/s]
+      real(c_double), intent(out) :: energy(n)
+      integer :: k
+
+      do k = 1, n
+         energy(k) = sum(kinetic_energy(boulder_t(mass=mass(k), radius=1.0_c_double), v(:, k), w(k)))
+      end do
+   end subroutine kinetic_energies
+
+   !> Ranks of the limits of the interval of a quantile of n numbers, as in limit_rank.
+   subroutine limit_ranks(level, n, per_cluster, ranks)
+      real(c_double), intent(in) :: level, per_cluster
+      integer(c_int64_t), intent(in) :: n
+      real(c_double), intent(out) :: ranks(2)
+
+      ranks = [limit_rank(level, n, per_cluster, -1), limit_rank(level, n, per_cluster, 1)]
+   end subroutine limit_ranks
+
+   !> Model of a table of impacts, by its number of ratios.
+   subroutine table_model(ratios, text)
+      integer(c_int), intent(in) :: ratios
+      character(len=max_list), intent(out) :: text
+
+      text = model_names(model_of_table(ratios))
+   end subroutine table_model
+
    !> Height of the top edge [m] and capacity [J] of each line of a case, evaluation lines first, then barriers; zero
    !> for evaluation lines.
    subroutine barriers(text, height, capacity, n)
@@ -808,7 +1012,7 @@ contains
 
    !> Maximum energies of the classes of EAD 340059, from class 0 [J].
    subroutine ead_energies(energy)
-      real(c_double), intent(out) :: energy(8)
+      real(c_double), intent(out) :: energy(n_ead_classes)
 
       energy = ead_energy
    end subroutine ead_energies
@@ -851,8 +1055,11 @@ contains
       character(len=*), intent(in) :: text, name
       character(len=*), intent(in) :: turning  !! word as in a case
       integer(c_int), intent(in) :: draw       !! 0: there must be only one
-      real(c_double), intent(out) :: mean(9, 5), covariance(9, 9, 5), incidence(8, 5), lateral(13, 9, 5)
-      real(c_double), intent(out) :: ranges(2, 5, 2)  !! of speeds, of angles
+      real(c_double), intent(out) :: mean(n_set_numbers, n_impact_sets), &
+                                     covariance(n_set_numbers, n_set_numbers, n_impact_sets), &
+                                     incidence(n_incidence_limits, n_impact_sets), &
+                                     lateral(n_lateral_quantiles, n_lateral_classes, n_impact_sets)
+      real(c_double), intent(out) :: ranges(2, n_impact_sets, 2)  !! of speeds, of angles
       integer(c_int), intent(out) :: draws, code
       character(len=max_message), intent(out) :: message
       type(coefficients_t) :: sets
@@ -872,7 +1079,7 @@ contains
    subroutine weights_of_sets(ratio, between, weights)
       real(c_double), intent(in) :: ratio
       integer(c_int), intent(in) :: between  !! as in `run`
-      real(c_double), intent(out) :: weights(5)
+      real(c_double), intent(out) :: weights(n_impact_sets)
 
       weights = ratio_weights(ratio, between /= 0)
    end subroutine weights_of_sets
@@ -933,6 +1140,8 @@ contains
       real(c_double), intent(out) :: value
 
       select case (name)
+      case ("bad_input"); value = bad_input          ! exit status
+      case ("our_fault"); value = our_fault
       case ("any_speed"); value = any_speed          ! [m/s] end of the range of a set without one
       case ("inertia_factor"); value = inertia_factor  ! [-]
       case ("min_normal"); value = min_normal
@@ -955,9 +1164,7 @@ contains
       case ("max_packing"); value = max_packing
       case ("sample_bins"); value = n_sample_bins
       case ("coarse_bins"); value = n_coarse_bins
-      case ("sample_words"); value = n_words         ! of a sum, one of squares, and the maximum
       case ("base_bits"); value = base_bits          ! of a digit of a sum
-      case ("sample_largest"); value = n_largest     ! largest values stored individually
       case ("sample_tails"); value = n_tails         ! the first quantities at lines have tails
       case ("sample_quantities"); value = n_quantities
       case ("max_columns"); value = max_columns      ! of bin counts
@@ -965,7 +1172,8 @@ contains
       end select
    end subroutine constant
 
-   !> Names of the columns of rows, of the distributions of volumes, and of the quantities of samples.
+   !> Names of the columns of rows, of the distributions of volumes, of the quantities of samples, and of what cases
+   !> list: groups of lines, lists of variants and their groups, alternative strengths of barriers.
    subroutine fields(rows, text)
       character(len=*), intent(in) :: rows
       character(len=max_list), intent(out) :: text
@@ -980,6 +1188,10 @@ contains
       case ("distribution"); text = joined(distributions, " ")
       case ("line_quantity"); text = joined(line_quantity, " ")
       case ("end_quantity"); text = joined(end_quantity, " ")
+      case ("line_group"); text = joined(line_groups, " ")
+      case ("variant_list"); text = joined(variant_lists, " ")
+      case ("listed_group"); text = joined(listed_groups, " ")
+      case ("strength"); text = joined(barrier_strengths, " ")
       case default; text = ""
       end select
    end subroutine fields
@@ -1010,8 +1222,8 @@ contains
 
    !> Number and width of the bins of each histogram, in the order of rockfall_histogram.
    subroutine histogram_bins(bins, width)
-      integer(c_int), intent(out) :: bins(6)
-      real(c_double), intent(out) :: width(6)
+      integer(c_int), intent(out) :: bins(n_histograms)
+      real(c_double), intent(out) :: width(n_histograms)
 
       bins = n_bins
       width = bin_width

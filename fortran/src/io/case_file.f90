@@ -1,19 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Comparison of the texts of two cases, and cases with values replaced by the command line.
+!> Case files, with values replaced by the command line.
 module rockfall_case_file
-   use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_text, only: integer_text, joined
    use rockfall_text_file, only: read_text
-   use rockfall_namelist, only: namelist_t, group_t, entry_t, value_t, parse_namelist
-   use rockfall_values, only: has_key, get_text, get_integer, get_real, get_logical
-   use rockfall_case_keys, only: read_keys, key_t, key_table
+   use rockfall_namelist, only: namelist_t, entry_t, value_t, parse_namelist
    use rockfall_case, only: case_t, read_case
    implicit none
    private
-   public :: read_case_file, differing_key
-
-   integer, parameter :: text_length = 4096  !! maximum length of a text
+   public :: read_case_file
 
 contains
 
@@ -118,87 +112,4 @@ contains
       end associate
    end function values_text
 
-   !> First key, as `&group key`, whose values differ between the texts of two cases, "" if none: among the keys that
-   !> determine the arrays of a scene file, or all that must agree to continue a run. "&case" if a text is not a case.
-   pure function differing_key(ours, theirs, of_arrays) result(name)
-      character(len=*), intent(in) :: ours, theirs
-      logical, intent(in) :: of_arrays
-      character(len=:), allocatable :: name
-      type(namelist_t) :: lists(2)
-      type(error_t), allocatable :: error
-      integer :: k
-
-      name = "&case"
-      call read_keys(ours, "", lists(1), error)
-      if (allocated(error)) return
-      call read_keys(theirs, "", lists(2), error)
-      if (allocated(error)) return
-      do k = 1, size(key_table)
-         associate (key => key_table(k))
-            if (of_arrays .and. .not. key%of_scene) cycle
-            if (key%group == "case" .and. key%name == "threads") cycle  ! does not affect results
-            name = "&"//trim(key%group)//" "//trim(key%name)
-            if (.not. same_values(groups_of(lists(1), key%group), groups_of(lists(2), key%group), key)) return
-         end associate
-      end do
-      name = ""
-   end function differing_key
-
-   pure function groups_of(list, name) result(groups)
-      type(namelist_t), intent(in) :: list
-      character(len=*), intent(in) :: name
-      type(group_t), allocatable :: groups(:)
-
-      groups = pack(list%group, list%group%name == name)
-   end function groups_of
-
-   !> Return whether groups with the same name have equal values of a key, in any notation.
-   pure logical function same_values(ours, theirs, key) result(same)
-      type(group_t), intent(in) :: ours(:), theirs(:)
-      type(key_t), intent(in) :: key
-      integer :: g
-
-      same = size(ours) == size(theirs)
-      do g = 1, size(ours)
-         if (same) same = plain(ours(g), key) == plain(theirs(g), key)
-      end do
-   end function same_values
-
-   !> Canonical text of the values of a key; "" if absent.
-   pure function plain(group, key) result(text)
-      type(group_t), intent(in) :: group
-      type(key_t), intent(in) :: key
-      character(len=:), allocatable :: text
-      character(len=text_length), allocatable :: words(:)
-      real(wp), allocatable :: numbers(:)
-      integer(i8) :: whole
-      logical :: switch
-      type(error_t), allocatable :: error
-
-      text = ""
-      if (.not. has_key(group, trim(key%name))) return
-      select case (key%kind)
-      case ("text")
-         call get_text(group, trim(key%name), words, error)
-         text = joined(words, achar(10))
-      case ("integer")
-         call get_integer(group, trim(key%name), whole, error)
-         text = integer_text(whole)
-      case ("real")
-         call get_real(group, trim(key%name), numbers, error)
-         text = repeat(" ", 25*size(numbers))
-         write (text, "(*(es25.16e3))") numbers + 0.0_wp  ! avoids negative zero
-      case ("count")
-         call get_text(group, trim(key%name), words, error)
-         if (.not. allocated(error)) then
-            text = joined(words, achar(10))
-         else
-            call get_integer(group, trim(key%name), whole, error)
-            text = integer_text(whole)
-         end if
-      case default
-         call get_logical(group, trim(key%name), switch, error)
-         text = merge("yes", "no ", switch)
-      end select
-   end function plain
 end module rockfall_case_file

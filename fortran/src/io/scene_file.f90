@@ -19,7 +19,7 @@ module rockfall_scene_file
    use rockfall_variables, only: layout => scene_layout
    use rockfall_case_keys, only: max_real
    use rockfall_case, only: case_t
-   use rockfall_case_file, only: differing_key
+   use rockfall_same_run, only: differing_key
    use rockfall_scene_type, only: scene_t
    use rockfall_grounds, only: max_grounds
    use rockfall_scene, only: scene_arrays_t, feature_fields, is_borrowed, build_scene_of_case

@@ -19,10 +19,18 @@ module rockfall_case
    implicit none
    private
    public :: case_t, case_line_t, read_case, turning_rule, radius_of_reading, keeps_all
+   public :: line_groups, variant_lists, listed_groups, barrier_strengths
 
    integer(i8), parameter :: keeps_all = huge(1_i8)
    !> Maximum volume_std/volume_mean of a normal distribution: truncation at zero then raises the mean to 4.6 times.
    integer, parameter :: max_spread = 5
+
+   character(len=*), parameter :: line_groups(*) = [character(len=7) :: "line", "barrier"]  !! in this order in results
+   !> Lists of names in a variant, and the groups that they choose.
+   character(len=*), parameter :: variant_lists(*) = [character(len=8) :: "barriers", "dams"]
+   character(len=*), parameter :: listed_groups(*) = [character(len=7) :: "barrier", "dam"]
+   !> A barrier has one of these.
+   character(len=*), parameter :: barrier_strengths(*) = [character(len=8) :: "capacity", "class", "diameter"]
 
    !> Evaluation line, or barrier.
    type :: case_line_t
@@ -502,7 +510,7 @@ contains
 
       call check_layers(list, this, error)
       if (allocated(error)) return
-      groups = [inline_groups(list, "line"), inline_groups(list, "barrier")]
+      groups = [inline_groups(list, line_groups(1)), inline_groups(list, line_groups(2))]
       allocate (this%lines(size(groups)))
       do n = 1, size(groups)
          call read_line(groups(n), this%lines(n), error)
@@ -560,6 +568,7 @@ contains
       type(group_t), intent(in) :: group
       type(error_t), allocatable, intent(inout) :: error
       logical :: points
+      integer :: k
 
       points = has_key(group, "x") .or. has_key(group, "y")
       if (has_key(group, "file") .eqv. points) then
@@ -572,7 +581,7 @@ contains
          call refuse(group, "field", "is not valid together with name", error)
       else if (has_key(group, "capacity") .and. has_key(group, "class")) then
          call fail(error, key_location(group, "capacity, class")//": give one of the two")
-      else if (has_key(group, "diameter") .and. (has_key(group, "capacity") .or. has_key(group, "class"))) then
+      else if (count([(has_key(group, trim(barrier_strengths(k))), k=1, size(barrier_strengths))]) > 1) then
          call refuse(group, "diameter", "gives the capacity of a log: leave out capacity and class", error)
       end if
    end subroutine check_layer
@@ -847,8 +856,6 @@ contains
    pure subroutine check_variant(group, error)
       type(group_t), intent(in) :: group
       type(error_t), allocatable, intent(out) :: error
-      character(len=*), parameter :: lists(*) = [character(len=8) :: "barriers", "dams"]
-      character(len=*), parameter :: left(*) = [character(len=8) :: "barrier", "dam"]
       character(len=:), allocatable :: name
       character(len=text_length), allocatable :: without(:)
       integer :: k
@@ -863,9 +870,10 @@ contains
       allocate (without(0))
       if (.not. allocated(error)) call get_text(group, "without", without, error)
       if (allocated(error)) return
-      do k = 1, size(lists)
-         if (has_key(group, trim(lists(k))) .and. any(without == left(k))) then
-            call refuse(group, trim(lists(k)), "is not valid together with without = '"//trim(left(k))//"'", error)
+      do k = 1, size(variant_lists)
+         if (has_key(group, trim(variant_lists(k))) .and. any(without == listed_groups(k))) then
+            call refuse(group, trim(variant_lists(k)), "is not valid together with without = '" &
+                        //trim(listed_groups(k))//"'", error)
             return
          end if
       end do

@@ -20,7 +20,7 @@ module rockfall_grounds
    use rockfall_impact_sets, only: coefficients_t, read_sets
    implicit none
    private
-   public :: read_ground, read_stochastic, rest_angle_of_rocks, ground_parameter, model_names, max_grounds
+   public :: read_ground, read_stochastic, rest_angle_of_rocks, ground_parameter, model_names, table_model, max_grounds
    public :: rocks_of_model, no_rocks, any_rocks, some_rocks
 
    integer, parameter :: max_grounds = huge(1_i1)  !! of a scene: their numbers are bytes
@@ -101,7 +101,7 @@ contains
          allocate (ground%table)
          call read_packed_table(text, file, ground%table, error)
          if (allocated(error)) return
-         ground%classical%model = merge(by_table, by_ratio_table, size(ground%table%ratio) == 1)
+         ground%classical%model = table_model(size(ground%table%ratio))
          ground%rest_slope = rest_slope_of(ground%table%rest_angle)
          return
       end if
@@ -115,6 +115,13 @@ contains
          if (.not. allocated(error)) ground%rest_slope = rest_slope_of(value_of(list%group(1), "rest_angle"))
       end if
    end subroutine read_ground
+
+   !> Model of a table of impacts, by its number of ratios.
+   pure integer function table_model(ratios)
+      integer, intent(in) :: ratios
+
+      table_model = merge(by_table, by_ratio_table, ratios == 1)
+   end function table_model
 
    !> Read and factor impact sets, with their lateral deviations.
    subroutine read_stochastic(text, file, turning, draw, ground, error)

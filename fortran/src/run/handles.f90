@@ -18,6 +18,7 @@ module rockfall_handles
    use rockfall_state_table, only: array_t, table_t
    use rockfall_run_state, only: run_t, open_run, open_joined_run, continue_run, close_run, arrays_of, map_tallies, &
                                  advance_run => advance
+   use rockfall_part, only: part_t, part_arrays
    use rockfall_run_loop, only: scan_terrain
    implicit none
    private
@@ -37,9 +38,10 @@ module rockfall_handles
    type :: run_handle_t
       type(run_t) :: run
       type(scene_handle_t), pointer :: scene => null()  !! on which it was opened, if any
-      type(table_t) :: table  !! table of its arrays
+      type(part_t) :: part    !! its arrays in files, when packed or to be unpacked
+      type(table_t) :: table, part_table  !! tables of the arrays
    contains
-      procedure :: begin, begin_joined, begin_continued, advance, list, write_map
+      procedure :: begin, begin_joined, begin_continued, advance, list, list_part, write_map
    end type run_handle_t
 
 contains
@@ -228,6 +230,18 @@ contains
       if (.not. allocated(this%table%row)) return
       if (k >= 1 .and. k <= size(this%table%row)) row => this%table%row(k)
    end function list
+
+   !> Array k of the part of a run, as in `list`.
+   function list_part(this, k) result(row)
+      class(run_handle_t), intent(inout), target :: this
+      integer, intent(in) :: k
+      type(array_t), pointer :: row
+
+      if (k == 1) this%part_table = part_arrays(this%run, this%part)
+      row => null()
+      if (.not. allocated(this%part_table%row)) return
+      if (k >= 1 .and. k <= size(this%part_table%row)) row => this%part_table%row(k)
+   end function list_part
 
    !> Write a requested map that has one layer to the cells of the run's maps.
    subroutine write_map(this, name, done, per_cluster, values, error)

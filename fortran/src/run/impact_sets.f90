@@ -3,6 +3,7 @@
 !> docs/impact_sets.md). A file may hold several draws of all five, for an ensemble.
 module rockfall_impact_sets
    use rockfall_kinds, only: wp, i8
+   use rockfall_sizes, only: n_set_numbers, n_incidence_limits
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, joined
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
@@ -24,11 +25,11 @@ module rockfall_impact_sets
 
    !> Numbers of five impact sets, as in files.
    type :: coefficients_t
-      real(wp) :: mean(9, impact_ratios) = 0.0_wp           !! of a1..a9
-      real(wp) :: covariance(9, 9, impact_ratios) = 0.0_wp
+      real(wp) :: mean(n_set_numbers, impact_ratios) = 0.0_wp           !! of a1..a9
+      real(wp) :: covariance(n_set_numbers, n_set_numbers, impact_ratios) = 0.0_wp
       !> Lateral deviations [degree]: the limits of the incidence classes, padded with 90, and the quantiles of each
       !> class, padded with those of the last.
-      real(wp) :: incidence(lateral_classes - 1, impact_ratios) = 90.0_wp
+      real(wp) :: incidence(n_incidence_limits, impact_ratios) = 90.0_wp
       real(wp) :: lateral(lateral_quantiles, lateral_classes, impact_ratios) = 0.0_wp
       !> Minimum and maximum incident speed [m/s] and angle [degree] that each set was fitted on.
       real(wp) :: speed_range(2, impact_ratios) = spread([0.0_wp, any_speed], 2, impact_ratios)

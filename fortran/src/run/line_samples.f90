@@ -4,9 +4,8 @@
 module rockfall_line_samples
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, i4, i8
-   use rockfall_math, only: pi, cube_root
    use rockfall_line, only: line_t
-   use rockfall_boulder, only: release_t, feature_of
+   use rockfall_boulder, only: release_t, feature_of, sphere_radius
    use rockfall_samples, only: samples_t, add_number, add_tail, largest_unit
    use rockfall_variables, only: boulder_fields, boulder_counts, line_fields
    implicit none
@@ -148,7 +147,7 @@ contains
       real(wp) :: q(n_quantities - 1)
       real(wp) :: radius, rotational_fraction, normal
 
-      radius = cube_root(3*boulder_volume/(4*pi))
+      radius = sphere_radius(boulder_volume)
       associate (speed => row(speed_row), jump => row(jump_row), passing => row(passing_row), omega => row(omega_row), &
                  forward => row(forward_row), turning => row(turning_row))
          rotational_fraction = turning

@@ -29,8 +29,8 @@ module rockfall_run_state
    use rockfall_scene, only: boulder_count
    implicit none
    private
-   public :: run_t, open_run, open_joined_run, continue_run, merge_run, close_run, advance, arrays_of, rows_of
-   public :: map_tallies, plan_of
+   public :: run_t, open_run, open_joined_run, continue_run, merge_run, close_run, advance
+   public :: arrays_of, rows_of, tells_sources, no_row, map_tallies, plan_of
    public :: settle_partial_sources, restore_sources, forget_tallies
 
    integer(i8), parameter :: no_row = huge(1_i8)           !! number of a row that is still empty
@@ -47,6 +47,7 @@ module rockfall_run_state
    type :: run_t
       integer(i8) :: total = 0, before = 0, boulders = 0  !! boulders of the whole run, before the range, in the range
       integer(i8) :: done = 0                             !! boulders of the range done, from its first on
+      integer(i8) :: per_source = 0                       !! boulders from each source; 0: different numbers
       integer :: threads = 1
       real(wp) :: wall = 0.0_wp, cpu = 0.0_wp             !! [s]
       ! Rows: of all boulders of the range, or only of those in `number`; then all are in samples.
@@ -140,20 +141,21 @@ contains
          run%number = recorded_boulders(scene%release, case%kept, before + 1, before + boulders)
          run%layout = layout_of(scene%release, size(case%lines) + 1)
       end if
-      call set_maps(case, run)
-      if (any(run%plan%count(3:4) > 0)) run%first_partial = first_partial(scene%release, before + 1)
+      call set_case(case, run)
+      if (tells_sources(run)) run%first_partial = first_partial(scene%release, before + 1)
    end subroutine set_dimensions
 
-   !> Set what the maps of a run need.
-   subroutine set_maps(case, run)
+   !> Set what a run needs of its case.
+   subroutine set_case(case, run)
       type(case_t), intent(in) :: case
       type(run_t), intent(inout) :: run
 
+      run%per_source = merge(0_i8, case%boulders, case%by_area)
       run%map = case%map
       run%plan = plan_of(case)
       run%thresholds = case%thresholds
       run%min_passages = case%min_passages
-   end subroutine set_maps
+   end subroutine set_case
 
    !> Tallies that the maps of a case need.
    pure type(map_plan_t) function plan_of(case) result(plan)
@@ -161,6 +163,13 @@ contains
 
       plan = map_plan(pack(map_names, case%map), size(case%thresholds))
    end function plan_of
+
+   !> Return whether maps of a run need the source of each boulder.
+   pure logical function tells_sources(run)
+      type(run_t), intent(in) :: run
+
+      tells_sources = any(run%plan%count(3:4) > 0)
+   end function tells_sources
 
    !> Open a run without a scene: one to be joined from parts, whose rows may arrive in any order, or a part.
    subroutine open_joined_run(case, total, before, boulders, window, grounds, features, layout, run, error)
@@ -182,8 +191,8 @@ contains
       run%nodes = window(3:)
       run%layout = layout
       if (case%kept /= keeps_all) allocate (run%number(min(case%kept, boulders)), source=no_row)
-      call set_maps(case, run)
-      if (any(run%plan%count(3:4) > 0)) allocate (run%shared%cell(0), run%shared%source(0), run%shared%boulders(0))
+      call set_case(case, run)
+      if (tells_sources(run)) allocate (run%shared%cell(0), run%shared%source(0), run%shared%boulders(0))
       call allocate_rows(case, grounds, features, run, error)
       if (.not. allocated(error)) call allocate_tallies(run, error)
    end subroutine open_joined_run
@@ -383,7 +392,7 @@ contains
       stacks = stack_layers(run%plan)
       cells = product(int(run%nodes, i8))
       layers = 0
-      if (any(run%plan%count(3:4) > 0)) layers = merge(2, 1, run%first_partial > 0)
+      if (tells_sources(run)) layers = merge(2, 1, run%first_partial > 0)
       run%block(1) = zeroed_block(cells*stacks(1), 4)
       run%block(2) = zeroed_block(cells*stacks(2), 8)
       run%block(3) = zeroed_block(cells*stacks(3), 4)
@@ -804,7 +813,7 @@ contains
       integer, intent(in) :: sign
       type(maps_t) :: maps
 
-      if (.not. any(run%plan%count(3:4) > 0)) return
+      if (.not. tells_sources(run)) return
       maps = map_tallies(run, [1, 1])
       if (sign > 0) run%shared = contributing_cells(maps, release, run%before + 1, run%before + run%done)
       call adjust_released(maps, release, run%shared, sign)

@@ -5,7 +5,6 @@ module rockfall_scene
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, sp, i1, i2, i4, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_math, only: pi, cube_root
    use rockfall_text, only: integer_text, line_of
    use rockfall_random, only: random_key, normal_table
    use rockfall_sobol, only: sobol_sequence, max_dimensions
@@ -16,7 +15,8 @@ module rockfall_scene
    use rockfall_line, only: line, object_line
    use rockfall_line_index, only: line_index, worth_indexing
    use rockfall_barrier, only: barrier_t
-   use rockfall_boulder, only: release_t, volume_distribution_t, fixed_volume, last_of, max_volume, mean_volume
+   use rockfall_boulder, only: release_t, volume_distribution_t, fixed_volume, last_of, max_volume, mean_volume, &
+                               sphere_radius
    use rockfall_ground, only: ground_t, rest_slope_of
    use rockfall_forest, only: build_forest
    use rockfall_scene_type, only: scene_t
@@ -452,7 +452,7 @@ contains
       type(scene_t), intent(in) :: scene
       real(wp), parameter :: margin = 1.001_wp
 
-      max_radius = margin*cube_root(3*max_volume(max_volumes(scene), scene%table)/(4*pi))
+      max_radius = margin*sphere_radius(max_volume(max_volumes(scene), scene%table))
    end function max_radius
 
    !> Distance from the path of a boulder within which maps may show hits [cells].

@@ -2,13 +2,14 @@
 !> Histograms of all rebounds (Bourrier et al. 2009, section 3.6 and eqs 6-11).
 module rockfall_histogram
    use rockfall_kinds, only: wp, i8
+   use rockfall_sizes, only: n_histograms
    use rockfall_math, only: degree, sine_cosine
    use rockfall_boulder, only: inertia_factor
    implicit none
    private
    public :: histograms_t, empty_histograms, count_rebound, bins, quantities, bin_width, n_bins
 
-   integer, parameter :: bins = 50, quantities = 6  !! maximum number of bins; quantities
+   integer, parameter :: bins = 50, quantities = n_histograms  !! maximum number of bins; quantities
    !> Quantities of histograms, i.e. incidence angle [degree]; tangential, normal and rotational fraction of the
    !> incident energy (eqs 8-11); R_t and R_n (eqs 6, 7) [-]. Bins start at zero; the first and last also hold smaller
    !> and larger values.

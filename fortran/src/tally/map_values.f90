@@ -3,13 +3,14 @@
 module rockfall_map_values
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp, i4, i8, i16
+   use rockfall_sizes, only: n_map_counts, n_map_sums, n_map_maxima
    use rockfall_bins, only: energy, speed, jump_height, passing_height, n_log_bins, log_bin_quantile, log_bin_value
    use rockfall_maps, only: maps_t, per_unit, square_base
    use rockfall_travel_maps, only: steepest_angle, flattest_angle, shortest_time
    implicit none
    private
    public :: map_plan_t, map_plan, stack_layers, map_views, map_row, map_min_count, map_thin_below, fraction_limit
-   public :: z_95, min_for_mean, min_for_std, max_columns, halvings
+   public :: z_95, limit_rank, min_for_mean, min_for_std, max_columns, halvings
 
    real(wp), parameter :: z_95 = 1.959964_wp  !! standard normal quantile of 0.975, for 95 % intervals [-]
    integer, parameter :: min_for_mean = 10  !! passages below which the interval of a mean is not reliable
@@ -19,11 +20,11 @@ module rockfall_map_values
 
    !> Index of each tally in its stack of layers; 0 = not requested.
    type :: map_plan_t
-      integer :: count(5) = 0  !! passages, deposits, contributing sources, their boulders, hits
+      integer :: count(n_map_counts - 2) = 0  !! passages, deposits, contributing sources, their boulders, hits
       !> Energy, speed, jump height, passing height; for tree hits: heights, absorbed energies, number.
-      integer :: sum(7) = 0
+      integer :: sum(n_map_sums) = 0
       integer :: square(4) = 0 !! first of two layers for the squares of a quantity, among the sums
-      integer :: max(5) = 0    !! as `sum`, without the last two
+      integer :: max(n_map_maxima) = 0    !! as `sum`, without the last two
       integer :: travel(3) = 0     !! steepest and flattest energy line, shortest time; among the maxima
       integer :: exceeded(2) = 0   !! first of the layers for thresholds of passages and of hits, the last counts
       integer :: thresholds = 0    !! number of thresholds
@@ -322,13 +323,13 @@ contains
       std = sqrt(real(n*squares - int(total, i16)*total, wp)/(real(n, wp)*(n - 1)))
    end function std_of_sums
 
-   !> Rank of a limit of the 95 % interval of quantile p of n numbers, from the binomial distribution: the rule of the
-   !> line statistics for independent boulders. There is no limit below the first or above the last number. Boulders of
+   !> Rank of a limit of the 95 % interval of quantile p of n numbers, from the binomial distribution: that of line
+   !> statistics for independent boulders. There is no limit below the first or above the last number. Boulders of
    !> a cluster may all behave alike, which increases the variance by at most the cluster size.
    pure real(wp) function limit_rank(p, n, per_cluster, side)
       real(wp), intent(in) :: p    !! [-]
       integer(i8), intent(in) :: n
-      integer(i8), intent(in) :: per_cluster  !! boulders per cluster; 1: independent
+      real(wp), intent(in) :: per_cluster  !! boulders per cluster, or n over the effective number; 1: independent
       integer, intent(in) :: side  !! -1 lower, 1 upper
 
       limit_rank = n*p + side*z_95*sqrt(n*per_cluster*p*(1 - p))
@@ -340,7 +341,7 @@ contains
       integer(i8), intent(in) :: n, per_cluster
       integer, intent(in) :: side  !! as in limit_rank
 
-      has_limit = abs(limit_rank(p, n, per_cluster, side) - 0.5_wp*n) <= 0.5_wp*(n - 1)
+      has_limit = abs(limit_rank(p, n, real(per_cluster, wp), side) - 0.5_wp*n) <= 0.5_wp*(n - 1)
    end function has_limit
 
    !> Compute row j of a quantile of the passing boulders' maxima, or of a limit of its interval.
@@ -364,7 +365,7 @@ contains
             if (kind%side == 0) cycle
             if (has_limit(kind%probability, n, per_cluster, kind%side)) &
                row(i) = real(log_bin_value(kind%quantity, counts, &
-                                           limit_rank(kind%probability, n, per_cluster, kind%side)), sp)
+                                           limit_rank(kind%probability, n, real(per_cluster, wp), kind%side)), sp)
          end associate
       end do
    end subroutine quantile_row

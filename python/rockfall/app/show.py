@@ -14,7 +14,7 @@ from rockfall.app.exhibit import Exhibit
 from rockfall.app.messages import Message
 from rockfall.app.room import about_shown
 from rockfall.app.server import PAGE, check_page
-from rockfall.errors import RockfallError, need
+from rockfall.errors import OUR_FAULT, RockfallError, need
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import check_output
 from rockfall.language import texts_of
@@ -90,7 +90,9 @@ def _page(messages: str) -> str:
     code = f"{data}<script>{_inline(script)}</script>"
     text, scripts = _SCRIPT.subn(lambda _: code, text)
     if (styles, scripts) != (1, 1):
-        raise RockfallError(f"internal error: {PAGE}/index.html: names no app.css, app.js", code=1)
+        raise RockfallError(
+            f"internal error: {PAGE}/index.html: names no app.css, app.js", code=OUR_FAULT
+        )
     return text
 
 

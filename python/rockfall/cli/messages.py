@@ -8,7 +8,13 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-DONE, FAULT, REFUSED = 0, 1, 2  # for interrupts see `rockfall.interrupts.exit_status`
+from rockfall.errors import BAD_INPUT, OUR_FAULT
+
+DONE, FAULT, REFUSED = (
+    0,
+    OUR_FAULT,
+    BAD_INPUT,
+)  # for interrupts see `rockfall.interrupts.exit_status`
 
 
 def say(line: str, status: int) -> int:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from rockfall.errors import RockfallError
+from rockfall.errors import OUR_FAULT, RockfallError
 from rockfall.io.arrays import check_elevations
 from rockfall.io.crs import check_metres, crs_name, is_metre, same_crs
 from rockfall.io.files import atomic_write
@@ -145,7 +145,9 @@ def write_geotiff(
     from rasterio.windows import Window
 
     if array.shape != grid.shape:
-        raise RockfallError(f"{path}: array {array.shape} is not of the grid {grid.shape}", code=1)
+        raise RockfallError(
+            f"{path}: array {array.shape} is not of the grid {grid.shape}", code=OUR_FAULT
+        )
     if array.dtype == bool:
         array = array.view(np.uint8)
     profile = {

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 import numpy as np
 
+from rockfall import limits
 from rockfall.errors import RockfallError
 from rockfall.io.files import atomic_write, check_text_file
 
@@ -22,8 +23,6 @@ MAX_COLUMNS = 1000
 # Texts that a spreadsheet would run as formulas, or that look like escaped ones: some programs skip
 # blanks and invisible marks, and accept full-width East Asian signs.
 _FORMULA = re.compile(r"['\s\x00-\x1f\u200b\ufeff]*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r]")
-# Numbers as Fortran reads them (Python would accept 1_000 too).
-_DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eEdD][+-]?[0-9]+)?")
 
 
 def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
@@ -54,10 +53,7 @@ def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
 
 def decimal(text: str) -> float:
     """Number spelled by a text; NaN if invalid or out of range."""
-    if not _DECIMAL.fullmatch(text):
-        return math.nan
-    value = float(text.lower().replace("d", "e"))
-    return value if math.isfinite(value) else math.nan
+    return float(limits.decimal(text.encode() or b"-"))
 
 
 def plain_decimal(text: str) -> float:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.case_files import files_behind
-from rockfall.errors import RockfallError, need
+from rockfall.errors import OUR_FAULT, RockfallError, need
 from rockfall.io.arrays import grid_of
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import atomic_folder
@@ -436,7 +436,9 @@ def _lines(data: xr.Dataset) -> Features:
     """Evaluation lines in plan; `line_vertex_line` counts lines from 0."""
     names, line = _line_names(data), data["line_vertex_line"].values
     if not np.array_equal(np.unique(line), np.arange(len(names))):
-        raise RockfallError("line_vertex_line: must have every line, counted from 0", code=1)
+        raise RockfallError(
+            "line_vertex_line: must have every line, counted from 0", code=OUR_FAULT
+        )
     shapes = _strings(line, [data[f"line_vertex_{axis}"].values for axis in "xy"])
     return shapes, {"name": np.array(names, dtype=object)}
 

@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.case import case_of
+from rockfall.case import case_of, facts
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import corner_of
 
 if TYPE_CHECKING:
     import xarray as xr
-
-POINTS = ("x", "points")  # keys of sources that are points, not cells
 
 
 class SourceTable(NamedTuple):
@@ -34,11 +32,11 @@ def are_cells(data: xr.Dataset) -> bool:
     """Return True if the sources of a result are cells of its terrain; False for points, and for a
     result whose case or cells are not known."""
     try:
-        release = case_of(data).release
+        has_points = facts(case_of(data)).has_points
     except (RockfallError, KeyError):
         return False
     has_grid = "crs" in data.variables and "GeoTransform" in data["crs"].attrs
-    return has_grid and not any(key in release for key in POINTS)
+    return has_grid and not has_points
 
 
 def source_areas(

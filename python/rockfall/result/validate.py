@@ -12,13 +12,13 @@ import numpy as np
 
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
+from rockfall.io.grid import Box
 from rockfall.result import variables
-from rockfall.result.samples import lengths, possible, sample_dims
+from rockfall.result.run_arrays import RunArrays
+from rockfall.result.samples import sample_dims
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from rockfall.io.grid import Grid
 
     #: Name of a variable -> its dimensions.
     _Group = dict[str, tuple[str, ...]]
@@ -33,16 +33,6 @@ NUMBERS = (  # numeric ones among them
     "wall_seconds", "cpu_seconds",
 )  # fmt: skip
 TEXTS = ("line", "feature", "ground", "ground_model")  # text variables
-FIXED = ("place", "line", "quantity", "word", "tail", "rank", "status")  # dimensions of samples
-#: Ranges of values of boulders and their crossings that no run exceeds.
-POSITIVE = {"volume"}
-COUNT_AT_LINES = "fragments"  # not missing but 0 where a boulder did not cross
-NOT_NEGATIVE = {
-    "path_length", "plan_distance", "travel_time", "speed_max", "jump_height_max", "impacts",
-    "time", "speed", "energy_translational", "energy_rotational", "trees_hit", "fines_volume",
-    "breakages", "breakages_capped",
-}  # fmt: skip
-PLACES = {"start_x", "start_y", "stop_x", "stop_y", "x", "y"}
 #: Dimensions without missing values; at lines NaN means that a boulder did not cross.
 FINITE = ("x", "y", "boulder", "line_vertex", "trajectory_vertex")
 
@@ -148,15 +138,10 @@ def check_values(data: xr.Dataset, path: str | Path) -> None:
         along = dims[0] if len(dims) == 1 else ""
         if (along in FINITE or along.endswith("_bin")) and not np.isfinite(values).all():
             raise RockfallError(f"{path}: {name}: must be a number for every {along}")
-        at_line = dims == ("line", "boulder") and name.startswith("line_")
-        if name == f"line_{COUNT_AT_LINES}":
-            at_line = False
-            if not are_counts(values, data["line_time"].values):
-                raise RockfallError(f"{path}: {name}: must be > 0 where a boulder crossed a line")
-        if at_line and not are_crossings(values, data["line_time"].values):
-            raise RockfallError(f"{path}: {name}: must be a number where a boulder crossed a line")
-        if fault := out_of_range(name, values) if "boulder" in dims else "":
-            raise RockfallError(f"{path}: {fault}")
+        if "boulder" in dims:
+            times = data["line_time"].values if "line" in dims and "line_time" in data else None
+            if fault := variables.fault_of(name, values, times):
+                raise RockfallError(f"{path}: {fault}")
         if name.endswith("_bin_bounds") and not _are_edges(values):
             raise RockfallError(f"{path}: {name}: must be the edges of bins, each above the last")
 
@@ -165,52 +150,22 @@ def check_samples(data: xr.Dataset, path: str | Path) -> None:
     """Refuse samples that are impossible for a run."""
     if "sample_ended" not in data:
         return
-    names = [f"sample_{name}" for name in variables.SAMPLE]
-    arrays = {name: data.variables[name].values for name in names}
-    case = case_of(data)
-    shape = lengths(case, int(data.attrs["boulders_requested"]))
-    sizes = {dim: data.sizes[f"sample_{dim}"] for dim in FIXED}
-    done = int(data.attrs["boulder_last"]) - int(data.attrs["boulder_first"]) + 1
-    shape |= {dim: int(data.sizes[f"sample_{dim}"]) for dim in ("part", "group")}
-    wrong = next((f"sample_{dim}" for dim in FIXED if sizes[dim] != shape[dim]), "")
-    if wrong := wrong or possible(arrays, shape, done):
-        raise RockfallError(f"{path}: {wrong}: holds what no run has")
-
-
-def out_of_range(name: str, values: np.ndarray, grid: Grid | None = None) -> str:
-    """First value of a variable, along boulders or at lines, outside its range, and the rule; "" if
-    none. Places are checked if the `grid` of the terrain is known."""
-    field = name.removeprefix("line_")
-    if field in POSITIVE:
-        wrong, rule = values <= 0, "must be > 0"
-    elif field in NOT_NEGATIVE:
-        wrong, rule = values < 0, "must be >= 0"
-    elif grid is not None and field in PLACES:
-        place = grid.west, grid.cell, grid.nx
-        if field.endswith("y"):
-            place = grid.north - grid.ny * grid.cell, grid.cell, grid.ny
-        lowest, highest = place[0], place[0] + place[1] * place[2]
-        wrong = (values < lowest) | (values > highest)
-        rule = f"must be {lowest:.10g} to {highest:.10g}, on the terrain"
-    else:
-        return ""
-    return f"{name} = {values[wrong][0]:g}: {rule}" if wrong.any() else ""
-
-
-def are_crossings(values: np.ndarray, times: np.ndarray) -> bool:
-    """Check that values (line, boulder) are finite where times are, and NaN elsewhere."""
-    if values.dtype.kind != "f" or times.dtype.kind != "f" or np.isinf(values).any():
-        return False
-    return np.array_equal(np.isnan(values), np.isnan(times))
-
-
-def are_counts(values: np.ndarray, times: np.ndarray) -> bool:
-    """Check that counts (line, boulder) are > 0 where times are finite, and 0 elsewhere."""
-    return (
-        values.dtype.kind == "i"
-        and np.array_equal(values > 0, ~np.isnan(times))
-        and (not values.size or int(values.min()) >= 0)
+    requested, first, last = (
+        int(data.attrs[name]) for name in ("boulders_requested", "boulder_first", "boulder_last")
     )
+    layout = (data[f"sample_{name}"].values.astype("i4") for name in ("part_last", "group_part"))
+    boulders = requested, first - 1, last - first + 1
+    run = RunArrays.joined(case_of(data).text(), boulders, Box(0, 0, 0, 0), 0, False, *layout)
+    sizes = (data.sizes[dim] for dim in ("boulder", "sample_entry", "sample_group_entry"))
+    rows, *bins = map(int, sizes)
+    run.begin_part(boulders[2], (rows, 0, 0, *bins), str(path))
+    for array in run.part_arrays():
+        if array.group == "sample" or array.name == "boulder":
+            values = data[array.file_name].values
+            if values.shape != array.values.shape:
+                raise RockfallError(f"{path}: {array.file_name}: holds what no run has")
+            array.values[...] = values
+    run.unpack_samples(str(path))
 
 
 def _are_edges(bounds: np.ndarray) -> bool:

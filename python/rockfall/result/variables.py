@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """All variables of a result: name -> CF attributes, by groups, from the kernel's table."""
 
+import numpy as np
+
 from rockfall._core import rockfall_f2py as _core
 
 _TABLE: dict[str, dict[str, dict[str, str]]] = {}  # in the order of the kernel's
@@ -26,7 +28,6 @@ BARRIER = _TABLE["barrier"]  # in files barrier_height, ...
 MAP = _TABLE["map"]
 HISTOGRAM = _TABLE["histogram"]  # in the kernel's order; units of the bins
 VERTEX = _TABLE["vertex"]  # in files trajectory_x, ...
-TALLY = _TABLE["tally"]  # in part files tally_cell, ...
 KEPT = _TABLE["kept"]  # of the boulders whose rows a part keeps, where these are not all
 SAMPLE = _TABLE["sample"]  # there, and in results: sample_bin, ...
 STATUS = {name: number for number, name in enumerate(_TABLE["status"], start=1)}
@@ -43,6 +44,15 @@ def about(group: str, name: str) -> dict[str, str]:
 def map_dims(name: str) -> tuple[str, ...]:
     """The dimensions of a map."""
     return ("threshold", "y", "x") if name in EXCEEDED else ("y", "x")
+
+
+def fault_of(name: str, values: np.ndarray, times: np.ndarray | None = None) -> str:
+    """Fault of values that are impossible in a run, by the name of their variable in files, those
+    at lines by the times of the crossings; "" if none."""
+    if not values.size:
+        return ""
+    times = values if times is None else times
+    return _core.value_fault(name, np.ravel(values), np.ravel(times)).decode().strip()
 
 
 def fields(rows: str) -> list[str]:

@@ -15,13 +15,14 @@ from rockfall.case import REPEATABLE, Case, file_keys, key_table
 from rockfall.errors import RockfallError
 from rockfall.io.layers import attribute, name_of, named_attribute, plain
 from rockfall.io.layers import read_lines as read_layer
+from rockfall.result.variables import fields
 from rockfall.scene.layers import Inputs, take_inputs
 from rockfall.scene.stages import FRESH, Stages
 
 OF_LAYER = {"name", "x", "y", "file", "layer", "field"}  # keys that are not attributes
 RECORDED = {"line", "barrier"}  # groups whose names results have
 LOGICAL = {"true": True, "1": True, "false": False, "0": False}  # as written by vector formats
-STRENGTH = {"capacity", "class", "diameter"}  # a barrier has exactly one of these
+STRENGTH = {*fields("strength")}  # a barrier has exactly one of these
 
 
 class _Drawn(NamedTuple):

@@ -18,12 +18,20 @@ _Volume = TypeVar("_Volume", float, np.ndarray)
 
 def sphere_radius(volume: _Volume) -> _Volume:
     """Radius [m] of a sphere of the given volume [m3]."""
-    return np.cbrt(0.75 / np.pi * volume)
+    return _core.sphere_radii(np.ravel(volume)).reshape(np.shape(volume))[()]
 
 
 def energy(v: np.ndarray) -> np.ndarray:
     """Twice the kinetic energy over the mass, (n,) [m2/s2]."""
-    return v[:, 0] ** 2 + v[:, 1] ** 2 + INERTIA_FACTOR * v[:, 2] ** 2
+    plan = np.column_stack([v[:, :2], np.zeros(len(v))])
+    return _core.kinetic_energies(np.full(len(v), 2.0), plan.T, v[:, 2]) if len(v) else v[:, 0]
+
+
+def kinetic_energy(mass: np.ndarray, speed: np.ndarray, spin: np.ndarray) -> np.ndarray:
+    """Kinetic energy (n,) [J] of boulders with these masses [kg], speeds and W [m/s]."""
+    if not speed.size:
+        return speed
+    return _core.kinetic_energies(mass, np.stack([speed, 0 * speed, 0 * speed]), spin)
 
 
 def ratio_class(ratio: np.ndarray) -> np.ndarray:

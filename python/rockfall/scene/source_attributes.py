@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.case import Case, key_table
+from rockfall.case import Case, facts, key_table
 from rockfall.errors import RockfallError
 from rockfall.io.layers import attribute, named_attribute, plain
 from rockfall.io.tables import decimal
@@ -182,17 +182,14 @@ def _check_laws(case: Case, table: Table, law: np.ndarray, given: np.ndarray) ->
 
 def _check_source(case: Case, table: Table, law: np.ndarray, given: np.ndarray) -> None:
     """Check that the boulders of a source are defined in one place only."""
-    boulder = case.boulder
-    if boulder["volume"] != "source":
-        return
     density = ~np.isnan(given[:, DENSITY])
-    if "d1" in boulder and (law.any() or density.any()):
+    if facts(case).by_raster and (law.any() or density.any()):
         k = int(np.argmax((law > 0) | density))
         raise RockfallError(
             f"{table.where(k)}: says what its boulders are, and so do the rasters of &boulder: "
             "give one of the two"
         )
-    if "d1" not in boulder and not law.all():
+    if facts(case).by_layer and not law.all():
         k = int(np.argmin(law))
         raise RockfallError(
             f"{table.where(k)}: has no volume: needed for &boulder volume = 'source'"

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rockfall.errors import RockfallError
+from rockfall.errors import OUR_FAULT, RockfallError
 from rockfall.io.grid import Box, Grid
 from rockfall.scene.ground import Ground
 from rockfall.scene.layers import Inputs
@@ -67,7 +67,7 @@ class Windows:
             box.stop_column < grid.nx and (column > box.stop_column - RIM).any(),
         ])  # fmt: skip
         if not left.any():
-            raise RockfallError("internal error: a boulder left the reachable area", code=1)
+            raise RockfallError("internal error: a boulder left the reachable area", code=OUR_FAULT)
         self.margins = np.where(left, 2 * self.margins, self.margins)
         self.sources = range(0)
 

@@ -11,7 +11,7 @@ from threading import RLock
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.errors import RockfallError
+from rockfall.errors import OUR_FAULT, RockfallError
 from rockfall.scene.scene import Scene
 from rockfall.simulation.maps import tells_sources
 from rockfall.simulation.tally import Tally
@@ -77,7 +77,7 @@ class Batches:
         left, _ = tally.run.advance(scene, first, len(piece), piece.step)
         if left.size:
             raise RockfallError(
-                f"internal error: boulder {left[0]} left the reachable area", code=1
+                f"internal error: boulder {left[0]} left the reachable area", code=OUR_FAULT
             )
         wall, cpu, own = (clock() - begun for clock, begun in zip(clocks, before, strict=True))
         tally.wall, tally.cpu = tally.wall + wall, tally.cpu + cpu

@@ -16,7 +16,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 from rockfall.result.dataset import put_netcdf
-from rockfall.simulation.part_file import CLOCKS, LAYOUT_OF, boulders_in, make_part, read_part
+from rockfall.simulation.part_file import CLOCKS, boulders_in, make_part, read_part
 from rockfall.simulation.tally import Tally, origin_of
 from rockfall.system import sync
 
@@ -64,25 +64,18 @@ class Checkpoint:
         if not self.found():
             return
         part = read_part(self.path)
-        what = origin_of(tally).difference(part.origin)
-        if not what and not (
-            part.first == tally.before + 1 <= part.last <= tally.before + tally.boulders
-        ):
-            what = "boulders"
-        if what:
+        own = range(tally.before + 1, tally.before + tally.boulders + 1)
+        theirs = range(part.first, part.last + 1)
+        if what := origin_of(tally).difference(part.origin, own, theirs):
             raise RockfallError(
                 f"{self.path}: is of another run, its {what} differs; remove it, or run without "
                 "--resume elsewhere"
             )
-        damaged = tally.differs_in(part.arrays, *LAYOUT_OF.values())
-        if not damaged:
-            part.load(tally.run)
-            tally.wall, tally.cpu = (part.clocks[clock] for clock in CLOCKS)
-            tally.done = self.saved = part.last - part.first + 1
-            if not tally.restore_sources(part.shared()):
-                damaged = "tally_shared_cell"
-        if damaged:
-            raise RockfallError(f"{self.path}: is damaged: {damaged}")
+        part.load(tally.run)
+        tally.wall, tally.cpu = (part.clocks[clock] for clock in CLOCKS)
+        tally.done = self.saved = len(theirs)
+        if not tally.restore_sources():
+            raise RockfallError(f"{self.path}: is damaged: tally_shared_cell")
 
     def look(self, tally: Tally) -> None:
         """Write the file if it is due."""
@@ -109,6 +102,8 @@ class Checkpoint:
             what = what or "not enough memory"
             self.say(f"{self.path}: no more checkpoints: {what}")
             self.every = np.inf
+        finally:
+            tally.run.forget_part()
         end = time.monotonic()
         self.next = end + max(self.every, REST * (end - begun))
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rockfall.case import Case
-from rockfall.errors import RockfallError, need
+from rockfall.errors import OUR_FAULT, RockfallError, need
 from rockfall.interrupts import interrupts
 from rockfall.result.dataset import provenance
 from rockfall.scene.read import read_scene
@@ -106,7 +106,7 @@ def _result(future: Any) -> Contents:
     try:
         return future.result()
     except KilledWorker as error:
-        raise RockfallError(f"workers died again and again: {error}", code=1) from error
+        raise RockfallError(f"workers died again and again: {error}", code=OUR_FAULT) from error
 
 
 def _part(case: Case, memory: float | None, which: int, parts: int) -> Contents:

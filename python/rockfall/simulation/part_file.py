@@ -27,19 +27,12 @@ from rockfall.io.input_warnings import InputWarning
 from rockfall.result import variables
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import DAMAGED, georeference
-from rockfall.result.samples import lengths, possible, sample_dims
-from rockfall.result.validate import COUNT_AT_LINES, are_counts, are_crossings, out_of_range
 from rockfall.scene.forest.trees import Stand
 from rockfall.scene.parts import Features
 from rockfall.simulation.maps import SHARED
 from rockfall.simulation.run_state import Run
 from rockfall.simulation.tally import Origin
-from rockfall.simulation.tally_dataset import (
-    run_attributes,
-    sample_variables,
-    table_variables,
-    trajectory_variables,
-)
+from rockfall.simulation.tally_dataset import described, run_attributes, trajectory_variables
 from rockfall.terrain.dams import DamShape
 
 if TYPE_CHECKING:
@@ -47,15 +40,15 @@ if TYPE_CHECKING:
     from rockfall.simulation.tally import Tally
 
 LAYOUT = int(_core.constant("part_layout"))  # layout version of the file
-STACKS = ("counts", "sums", "maxima")  # of maps, by layer
 BEFORE = "tally_"  # prefix of the names of tallies
-GROUPS = (  # of the table of variables
-    "kept", "boulder", "energy", "feature", "mass", "tree", "breakage", "line", "fragment",
-    "barrier", "count", "ground", "histogram",
-)  # fmt: skip
 CLOCKS = ("wall_seconds", "cpu_seconds")
 NUMBERS = ("boulders_requested", "boulder_first", "boulder_last", "threads")
 LAYOUT_OF = {"part": "sample_part_last", "group": "sample_group_part"}  # of samples
+LENGTHS = ("status", "tally_cell", "tally_shared_cell", "sample_bin", "sample_group_bin")
+OWN = (  # dimensions whose lengths depend on the part
+    "boulder", "tally", "tally_shared", "sample_part", "sample_group", "sample_entry",
+    "sample_group_entry",
+)  # fmt: skip
 SUMS = ("input_checksums", "decoded_checksums")
 PACKING = int(_core.constant("max_packing"))  # maximum compression ratio of zlib
 
@@ -64,19 +57,16 @@ PACKING = int(_core.constant("max_packing"))  # maximum compression ratio of zli
 
 
 def make_part(tally: Tally) -> Contents:
-    """Part with the completed boulders of a tally, which may continue."""
-    shared = tally.settle()
+    """Part with the completed boulders of a tally, which may continue; its arrays are views until
+    the next part is made."""
+    tally.settle()
     try:
-        arrays = tallies(tally) | shared
+        tally.run.pack_part()
     finally:
         tally.settle(-1)
     grid, box = tally.scene.grid, tally.window
     window = [box.column, box.row, *box.shape[::-1]]
-    data = table_variables(tally, *GROUPS) | sample_variables(tally)
-    data |= {
-        BEFORE + name: (_dimensions(name), values, variables.TALLY[name])
-        for name, values in arrays.items()
-    }
+    data = described(tally.part_arrays())
     data |= trajectory_variables(tally.trajectories)
     data["crs"] = ((), np.int32(0), georeference(grid))
     places = {
@@ -86,36 +76,12 @@ def make_part(tally: Tally) -> Contents:
     return Contents(data, {"part_layout": LAYOUT} | run_attributes(tally) | places)
 
 
-def tallies(tally: Tally) -> dict[str, np.ndarray]:
-    """Tallies of the cells that boulders reached, numbered by `cell`: `counts`, `sums`, `maxima`
-    (layers, cells) and `bin_counts` (cells, bins), as far as they exist."""
-    stored = {array.name: array.values for array in tally.arrays("tally", "work")}
-    cells = _reached(stored)
-    arrays = {"cell": cells}
-    for name in STACKS:
-        if name in stored:
-            arrays[name] = stored[name].reshape(len(stored[name]), -1)[:, cells]
-    if "column" in stored:
-        column = stored["column"].ravel()[cells]
-        arrays["bin_counts"] = np.where(column[:, None] > 0, stored["bin_counts"][column - 1], 0)
-    return arrays
-
-
-def _reached(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Cells with a non-zero tally, counted from 0 by rows from the north-west."""
-    layers = [layer for name in STACKS for layer in arrays.get(name, ())]
-    reached = np.zeros(1, bool)
-    for layer in layers + ([arrays["column"]] if "column" in arrays else []):
-        reached = reached | (layer.ravel() != 0)
-    return np.flatnonzero(reached)
-
-
 # ---- to a tally
 
 
 @dataclass
 class Part:
-    """A part that was read and checked: each value is possible in a run."""
+    """A part that was read; its values are checked when it is loaded."""
 
     name: str  # for messages
     origin: Origin
@@ -143,36 +109,20 @@ class Part:
         return run
 
     def load(self, run: Run) -> None:
-        """Store rows, sums and tallies in an empty run that begins with these boulders; the cells
-        of sources that the part splits are left to be joined or continued."""
-        arrays, work = self.arrays, {}
-        cells, n = arrays[f"{BEFORE}cell"], arrays["status"].size
-        for array in run.arrays():
-            name, values = array.file_name, array.values
-            if array.group == "work":
-                work[array.name] = values
-            elif array.group == "kept":
-                empty = values[:n] > self.origin.boulders
-                if n > values.size or not (empty | (values[:n] == arrays[name])).all():
-                    raise _damaged(self, name)
-                values[:n] = arrays[name]
-            elif "boulder" in array.dims:
-                values[..., :n] = arrays[name]
-            elif array.dims[1:] == ("y", "x"):
-                values.reshape(len(values), -1)[:, cells] = arrays[name]
-            elif array.name == "bin_counts":
-                if cells.size > len(values):
-                    raise RockfallError("the counts of quantile maps do not fit in memory")
-                values[: cells.size] = arrays[name]
-            elif array.name not in SHARED:
-                values[...] = arrays[name]
-        for before, bins in ("", "bins"), ("group_", "groups"):
-            if bins in work:
-                filled = arrays[f"sample_{before}bin"]
-                work[bins].reshape(-1)[filled] = arrays[f"sample_{before}count"]
-        if "column" in work:
-            work["column"].reshape(-1)[cells] = np.arange(1, cells.size + 1)
-            work["columns"][0] = cells.size
+        """Store the part in an empty run that begins with its boulders; a RockfallError names
+        values that are impossible in a run. The cells of sources that the part splits are left to
+        be joined or restored."""
+        arrays, boulders = self.arrays, self.last - self.first + 1
+        lengths = [arrays[name].size if name in arrays else -1 for name in LENGTHS]
+        run.begin_part(boulders, lengths, self.name)
+        for array in run.part_arrays():
+            own, values = arrays[array.file_name], array.values
+            if "boulder" in array.dims:
+                values = values[..., : own.shape[-1]]
+            if values.shape != own.shape:
+                raise _damaged(self, array.file_name)
+            values[...] = own
+        run.unpack_part(self.origin.grid, self.name)
 
     def shared(self) -> dict[str, np.ndarray]:
         """Cells reached from sources that the part splits; {} if no map needs them."""
@@ -206,8 +156,8 @@ def boulders_in(path: Path) -> int | None:
 
 
 def read_part(part: Held | str | Path) -> Part:
-    """Read a part from a Dataset or a file and check all its values; a RockfallError refuses other
-    or damaged files. Files are read directly, since xarray would take several times as long."""
+    """Read a part from a Dataset or a file; a RockfallError refuses other files, and those of other
+    shapes. Files are read directly, since xarray would take several times as long."""
     if not isinstance(part, str | Path):
         head = _head(part.attrs, part["crs"].attrs if "crs" in part else {}, "a part")
         held: Mapping[Any, Any] = part.variables
@@ -224,7 +174,7 @@ def read_part(part: Held | str | Path) -> Part:
             raise RockfallError(f"{part}: no such file") from error
         except DAMAGED as error:
             raise RockfallError(f"{part}: is damaged: {error}") from error
-    _check_values(head)
+    _check_trajectories(head)
     return head
 
 
@@ -356,27 +306,14 @@ def _table(
         text, (boulders, 0, 0), Box(0, 0, 0, 0), grounds, features, *np.zeros((2, 1), "i4")
     )
     table: dict[str, tuple[Any, tuple[str, ...]]] = {"crs": ("i4", ())}
-    table[f"{BEFORE}cell"] = variables.TYPES["tally"]["cell"], _dimensions("cell")
     shape: dict[str, int] = {}
-    for array in run.arrays():
-        if array.group == "work":
-            continue
-        dims = _dimensions(array.name) if array.group == "tally" else array.dims
-        table[array.file_name] = array.values.dtype, dims
+    run.begin_part(0, (0, 0, 0, 0, 0), "")
+    for array in run.part_arrays():
+        table[array.file_name] = array.values.dtype, array.dims
         shape |= dict(zip(array.dims, array.values.shape, strict=True))
-    if "sample_ended" in table:
-        for name in "bin", "count", "group_bin", "group_count":
-            table[f"sample_{name}"] = variables.TYPES["sample"][name], sample_dims(name)
-    for dim in "boulder", "tally_shared", "sample_part", "sample_group":
+    for dim in OWN:
         shape.pop(dim, None)
     return table, shape
-
-
-def _dimensions(tally: str) -> tuple[str, ...]:
-    """Dimensions of a tally in files; those of stacks include a layer."""
-    if tally in STACKS:
-        return f"tally_{tally}_layer", "tally"
-    return {"cell": ("tally",), "bin_counts": ("tally", "tally_bin")}.get(tally, ("tally_shared",))
 
 
 def _check_shapes(
@@ -408,69 +345,14 @@ def _check_shapes(
             raise _damaged(part, name)
 
 
-def _check_values(part: Part) -> None:
-    """Check that values are possible in a run."""
-    arrays, window = part.arrays, part.origin.window
-    cells = window.shape[0] * window.shape[1]
-    boulders = part.last - part.first + 1
-    if "sample_bin" in arrays:
-        shape = lengths(part.origin.case, part.origin.boulders)
-        shape |= {dim: arrays[name].size for dim, name in LAYOUT_OF.items()}
-        if damaged := possible(arrays, shape, boulders):
-            raise _damaged(part, damaged)
-        if not are_numbers(arrays["boulder"], part.first, part.last):
-            raise _damaged(part, "boulder")
-    for name, values in arrays.items():
-        if name.startswith("sample_"):
-            continue
-        if not _possible(name, values, arrays.get("line_time"), cells):
+def _check_trajectories(part: Part) -> None:
+    """Check that vertices are numbers, those of boulders of the part in order."""
+    vertices = {name: part.arrays[name] for name in part.arrays if name.startswith("trajectory_")}
+    for name, values in vertices.items():
+        if not np.isfinite(values).all():
             raise _damaged(part, name)
-        if fault := out_of_range(name, values, part.origin.grid):
-            raise _damaged(part, fault)
-    if not _are_sources(part):
-        raise _damaged(part, "source: must be that from which each boulder comes")
-    if "trajectory_boulder" in arrays:
-        numbers = arrays["trajectory_boulder"]
+    if vertices:
+        numbers = vertices["trajectory_boulder"]
         inside = (numbers >= part.first) & (numbers <= part.last)
         if not (np.diff(numbers) >= 0).all() or not inside.all():
             raise _damaged(part, "trajectory_boulder")
-
-
-def _are_sources(part: Part) -> bool:
-    """Check that boulders come from sources in order, and from the expected ones where each source
-    releases the same number."""
-    sources, case = part.arrays["source"].astype(np.int64), part.origin.case
-    if not (np.diff(sources) >= 0).all():
-        return False
-    if "boulders" not in case.case or case.release["by_area"]:
-        return bool((sources <= part.origin.boulders).all())
-    numbers = part.arrays.get("boulder", np.arange(part.first, part.last + 1, dtype="i8"))
-    return np.array_equal(sources, (numbers - 1) // case.case["boulders"] + 1)
-
-
-def are_numbers(numbers: np.ndarray, first: int, last: int) -> bool:
-    """Check for increasing boulder numbers from the first to the last."""
-    rising = bool((np.diff(numbers) > 0).all())
-    return rising and (not numbers.size or first <= numbers[0] <= numbers[-1] <= last)
-
-
-def _possible(name: str, values: np.ndarray, times: np.ndarray | None, cells: int) -> bool:
-    if name == f"line_{COUNT_AT_LINES}":
-        assert times is not None
-        return are_counts(values, times)
-    if name.startswith("line_"):
-        assert times is not None
-        return are_crossings(values, times)
-    if name == "status":
-        return bool(np.isin(values, list(variables.STATUS.values())).all())
-    if name == "barrier_outcome":
-        return bool(np.isin(values, [0, *variables.OUTCOME.values()]).all())
-    if name == f"{BEFORE}cell":
-        return bool((np.diff(values, prepend=-1) > 0).all() and (values < cells).all())
-    if name == f"{BEFORE}shared_cell":
-        return bool(((values >= 0) & (values < cells)).all())
-    if values.dtype.kind == "f" and not np.isfinite(values).all():
-        return False
-    minimum = int(name in ("source", "source_feature", f"{BEFORE}shared_source"))
-    counts = values.dtype.kind == "i" or name.startswith(BEFORE)
-    return not counts or bool((values >= minimum).all())

@@ -12,7 +12,7 @@ import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
-from rockfall.errors import RockfallError, check_kernel
+from rockfall.errors import OUR_FAULT, RockfallError, check_kernel
 from rockfall.interrupts import interrupts
 from rockfall.result.samples import simulated
 from rockfall.result.variables import fields
@@ -212,7 +212,7 @@ def _fly(tally: Tally, first: int, size: int) -> int:
     if left.size:
         if windows is None:
             raise RockfallError(
-                f"internal error: boulder {left[0]} left the reachable area", code=1
+                f"internal error: boulder {left[0]} left the reachable area", code=OUR_FAULT
             )
         windows.widen(grid, *stop)
         for start_, n in groups(left):

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -16,14 +17,16 @@ from rockfall.grounds import GroundRule
 from rockfall.io.grid import Box, Grid
 from rockfall.io.input_warnings import InputWarning
 from rockfall.result.dataset import georeference
-from rockfall.result.samples import rows_kept
+from rockfall.result.run_arrays import Array, window
 from rockfall.scene.forest.trees import Stand
 from rockfall.scene.parts import Features
 from rockfall.scene.scene import Scene
-from rockfall.simulation.maps import SHARED, tells_sources
-from rockfall.simulation.run_state import Array, Run
+from rockfall.simulation.maps import tells_sources
+from rockfall.simulation.run_state import Run
 from rockfall.terrain.dams import DamShape
 from rockfall.version import __version__
+
+ANY = range(1, 2)  # in place of boulders that do not matter
 
 
 @dataclass
@@ -43,19 +46,20 @@ class Origin:
     dams: Sequence[DamShape] = ()
     stands: Sequence[Stand] = ()
 
-    def difference(self, other: Origin) -> str:
-        """First item in which another run differs, "" if none; threads and the layout of the case
-        text are ignored."""
-        for what in ("version", "boulders", "checksums", "decoded", "grid", "window"):
-            own, theirs = getattr(self, what), getattr(other, what)
-            if isinstance(own, dict):
-                differ = (key for key in sorted({*own, *theirs}) if own.get(key) != theirs.get(key))
-                if key := next(differ, ""):
-                    return key
-            elif own != theirs:
-                return what
-        texts = (run.case.replace(case={"threads": 0}).text() for run in (self, other))
-        return "" if len({*texts}) == 1 else "case"
+    def difference(self, other: Origin, own: range = ANY, theirs: range = ANY) -> str:
+        """First item in which another run differs, "" if none; threads and the notation of the case
+        are ignored. Ranges of boulders differ unless theirs begins our own."""
+        texts, numbers, corners = zip(self._identity(own), other._identity(theirs), strict=True)
+        what = _core.run_difference(*texts, np.array(numbers).T, np.array(corners).T)
+        return what.decode().strip()
+
+    def _identity(self, numbers: range) -> tuple[bytes, list[int], tuple[float, ...]]:
+        """Texts, integers and reals of the kernel's identity_t; numbers are of boulders, from 1."""
+        sums = (json.dumps(by_name, sort_keys=True) for by_name in (self.checksums, self.decoded))
+        texts = "\1".join((self.version, self.case.text(), *sums)).encode(errors="replace")
+        grid, ends = self.grid, (numbers.start, numbers.stop - 1)
+        integers = [self.boulders, *ends, grid.nx, grid.ny, *window(self.window)]
+        return texts, integers, (grid.west, grid.north, grid.cell)
 
 
 @dataclass
@@ -95,8 +99,15 @@ class Tally:
     def arrays(self, *groups: str) -> list[Array]:
         """Arrays of some groups of the table of variables; row arrays are limited to completed
         boulders."""
+        return self._chosen(self.run.arrays(*groups))
+
+    def part_arrays(self) -> list[Array]:
+        """Arrays of the packed part, likewise."""
+        return self._chosen(self.run.part_arrays())
+
+    def _chosen(self, arrays: Iterable[Array]) -> list[Array]:
         rows, chosen = self.chosen, []
-        for array in self.run.arrays(*groups):
+        for array in arrays:
             values = array.values
             if "boulder" in array.dims:
                 values = values[..., rows]
@@ -108,9 +119,7 @@ class Tally:
     @property
     def number(self) -> np.ndarray | None:
         """Boulder number of each row; None if all boulders have rows."""
-        if rows_kept(self.scene.case, self.scene.boulders) is None:
-            return None
-        return self.array("boulder")
+        return next((array.values for array in self.run.arrays("kept")), None)
 
     @property
     def rows(self) -> int:
@@ -153,25 +162,21 @@ class Tally:
         """Kernel columns of these rows, and sums over boulders, by name."""
         return {array.name: array.values for array in self.arrays("boulder", "count")}
 
-    def settle(self, sign: int = 1) -> dict[str, np.ndarray]:
+    def settle(self, sign: int = 1) -> None:
         """Reduce the counts of split sources in their cells to the completed boulders, as a part
-        stores them, and return these cells by source; with sign -1 restore the counts of all
-        boulders, to continue the run. {} if no map needs them."""
-        if not tells_sources(self.scene.case):
-            return {}
-        assert isinstance(self.scene, Scene)
-        _core.settle_sources(self.run.handle, self.scene.kernel.handle, self.done, sign)
-        self.run.changed()
-        return {name: self.array(f"tally_{name}").copy() for name in SHARED}
+        stores them; with sign -1 restore the counts of all boulders, to continue the run."""
+        if tells_sources(self.scene.case):
+            assert isinstance(self.scene, Scene)
+            _core.settle_sources(self.run.handle, self.scene.kernel.handle, self.done, sign)
+            self.run.changed()
 
-    def restore_sources(self, shared: dict[str, np.ndarray]) -> bool:
-        """Continue from the result of `settle`; False if it does not match the completed
-        boulders."""
-        if not shared or not shared["shared_cell"].size:
+    def restore_sources(self) -> bool:
+        """Continue from an unpacked part; False if the cells of its split sources do not match the
+        completed boulders."""
+        if not tells_sources(self.scene.case):
             return True
         assert isinstance(self.scene, Scene)
-        handles = self.run.handle, self.scene.kernel.handle
-        good = _core.restore_sources(*handles, self.done, *(shared[name] for name in SHARED))
+        good = _core.restore_sources(self.run.handle, self.scene.kernel.handle)
         self.run.changed()
         return bool(good)
 

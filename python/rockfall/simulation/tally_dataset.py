@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from datetime import datetime
 from typing import Any
 
@@ -15,7 +16,7 @@ from rockfall.io.grid import row_blocks
 from rockfall.result import variables
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import CONVENTIONS, centre_variables, feature_names, provenance
-from rockfall.result.samples import sample_dims
+from rockfall.result.run_arrays import Array
 from rockfall.result.variables import fields
 from rockfall.simulation.maps import HITS, boulders_per_cluster, plan_of
 from rockfall.simulation.tally import Tally
@@ -62,8 +63,13 @@ def make_result(tally: Tally, maps: bool = True) -> Contents:
 
 def table_variables(tally: Tally, *groups: str) -> dict[str, Any]:
     """Kernel arrays of some groups of the table of variables, for rows of completed boulders."""
+    return described(sorted(tally.arrays(*groups), key=lambda array: groups.index(array.group)))
+
+
+def described(arrays: Iterable[Array]) -> dict[str, Any]:
+    """Arrays as variables, by the table of variables."""
     data: dict[str, tuple] = {}
-    for array in sorted(tally.arrays(*groups), key=lambda array: groups.index(array.group)):
+    for array in arrays:
         attrs: dict[str, Any] = {**variables.about(array.group, array.name)}
         if array.name == "status":
             attrs |= _flags(variables.STATUS)
@@ -85,16 +91,12 @@ def sample_variables(tally: Tally) -> dict[str, Any]:
     """Samples with non-empty bins only; none where all rows are kept."""
     if tally.number is None:
         return {}
-    arrays = {array.name: array.values for array in tally.arrays("sample", "work")}
-    for name, dense in (("", "bins"), ("group_", "groups")):
-        flat = arrays[dense].reshape(-1)
-        arrays[f"{name}bin"] = np.flatnonzero(flat)
-        arrays[f"{name}count"] = flat[arrays[f"{name}bin"]]
-    arrays["largest"] = np.sort(arrays["largest"])
-    return {
-        f"sample_{name}": (sample_dims(name), arrays[name], attrs)
-        for name, attrs in variables.SAMPLE.items()
-    }
+    _core.pack_samples(tally.run.handle)
+    order = [*variables.SAMPLE]
+    samples = (array for array in tally.part_arrays() if array.group == "sample")
+    data = described(sorted(samples, key=lambda array: order.index(array.name)))
+    dims, largest, attrs = data["sample_largest"]
+    return data | {"sample_largest": (dims, np.sort(largest), attrs)}
 
 
 def _grounds_themselves(tally: Tally) -> dict[str, Any]:

@@ -127,17 +127,15 @@ class Uncertain:
         ]
 
     def _check_factors(self) -> None:
-        """Refuse factors on values that neither the case nor the source layer gives."""
+        """Refuse factors on values that a source layer does not give (the kernel refuses those that
+        a case without one does not give), and on rocks that no zone has."""
         scene = self.scene
-        of_case = {
-            "volume_std": scene.case.boulder.get("volume_std", 0.0),
-            "drop_height": scene.case.release["drop_height"],
-        }
-        for name, value in of_case.items():
+        of_case, features = {**scene.case.boulder, **scene.case.release}, scene.features
+        for name in ("volume_std", "drop_height") if features is not None else ():
             own = np.zeros(1)
-            if scene.features is not None and scene.features.value is not None:
-                own = np.nan_to_num(scene.features.value[:, VALUES.index(name)])
-            if self.given[f"{name}_factor"] > 1 and not max(value, own.max()) > 0:
+            if features is not None and features.value is not None:
+                own = np.nan_to_num(features.value[:, VALUES.index(name)])
+            if self.given[f"{name}_factor"] > 1 and not max(of_case.get(name, 0), own.max()) > 0:
                 raise RockfallError(
                     f"{scene.case.name}: &ensemble {name}_factor: is only valid with a "
                     f"{name}, in the case or in the layer of the sources"

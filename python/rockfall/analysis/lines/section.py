@@ -25,7 +25,7 @@ from rockfall.io.arrays import corner_of
 from rockfall.result.motion import Motion, motion_of, spins, spread
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import curves
-from rockfall.scene.rebound import INERTIA_FACTOR, sphere_radius
+from rockfall.scene.rebound import kinetic_energy, sphere_radius
 from rockfall.terrain.height import height, inside, steepness
 from rockfall.terrain.polyline import beside, lengths
 
@@ -202,7 +202,7 @@ def _values(
     (x, y, z, _), speed = motion.at(part)
     here = x + 1j * y
     jump = np.maximum(0.0, z - _ground(context.terrain, here, height))
-    energy = 0.5 * context.mass[row] * (speed**2 + INERTIA_FACTOR * spin**2)
+    energy = kinetic_energy(context.mass[row], speed, spin)
     passing = jump + context.radius[row] * _ground(context.terrain, here, steepness)
     shown = (speed, energy, jump, passing)
     return {"elevation": z, **dict(zip(QUANTITIES, shown, strict=True))}

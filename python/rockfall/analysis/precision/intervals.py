@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.case import case_of
-from rockfall.limits import MIN_FOR_MEAN, Z, fraction_limits
+from rockfall.limits import MIN_FOR_MEAN, Z, fraction_limits, limit_ranks
 
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
@@ -318,8 +318,7 @@ def between_ranks(ordered: np.ndarray, level: float, effective: float) -> tuple[
 
 def ranks_around(n: int, level: float, effective: float) -> np.ndarray:
     """Ranks, from 1, that enclose a quantile of n values."""
-    half = Z * np.sqrt(level * (1 - level) / effective)
-    return n * np.array([level - half, level + half]) + 0.5
+    return limit_ranks(level, n, n / effective) + 0.5
 
 
 def half_width(row: Mapping[str, float], name: str) -> float:

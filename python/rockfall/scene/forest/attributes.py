@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rockfall.case import key_table
 from rockfall.errors import RockfallError
 from rockfall.io.layers import SHORT, plain
 from rockfall.scene.forest.trees import MAX_DBH, MAX_DENSITY
@@ -29,11 +30,12 @@ NAMES = {  # the first is that of the case; English, German, French, Italian
     "density_factor": ("density_factor", "remaining", "restanteil", "part_restante",
                        "parte_restante"),
 }  # fmt: skip
-LIMITS = {  # minimum, maximum, and the rule in words
+_CONIFERS = next(key.allowed for key in key_table() if key.name == "uniform_conifers")
+LIMITS: dict[str, Any] = {  # minimum, maximum, and the rule in words
     "stems": (0.0, MAX_DENSITY, f"0 to {MAX_DENSITY:,.0f} stems a hectare"),
     "dbh_mean": (1e-2, MAX_DBH, f"> 0 and at most {MAX_DBH:g} cm"),
     "dbh_std": (0.0, MAX_DBH, f"0 to {MAX_DBH:g} cm"),
-    "conifers": (0.0, 100.0, "0 to 100 %"),
+    "conifers": (*map(float, _CONIFERS.split(" to ")), f"{_CONIFERS} %"),
     "density_factor": (0.0, 1.0, "0 to 1"),
 }
 

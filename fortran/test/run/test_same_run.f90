@@ -1,13 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Which key of two cases differs: their values, not how they are written.
-program test_case_file
-   use rockfall_case_file, only: differing_key
+!> What differs between two runs; of cases their values, not how they are written.
+program test_same_run
+   use rockfall_kinds, only: i8
+   use rockfall_same_run, only: identity_t, difference, differing_key
    use check_m, only: check, finish
    implicit none
 
    character(len=*), parameter :: case = "&case boulders = 3 / &terrain dem = 'a.tif' / &surface &
       &uniform_mean_radius = 0.5 / &boulder volume_mean = 1.0 / &release x = 1.0, y = 2.0 / &
       &&line name = 'a', x = 0, 1, y = 0, 1 /"
+
+   type(identity_t) :: ours, theirs
 
    call check("the same values, written otherwise", differs( &
       "! again"//achar(10)//"&terrain dem = ""a.tif"" / &case threads = 3 seed = 1, boulders = 03 / &surface &
@@ -23,9 +26,48 @@ program test_case_file
    call check("what a scene file holds", differing_key(case, changed("x = 1.0", "x = 1.5"), .true.) == "&release x")
    call check("what it does not", differing_key(case, changed("y = 2.0", "y = 2.0, velocity = 3*1.0"), .true.) == "" &
               .and. differing_key(case, changed("boulders = 3", "boulders = 4, seed = 9"), .true.) == "")
+   call new_run(ours)
+   call new_run(theirs)
+   theirs%last = 7
+   call check("a part that begins a run", difference(ours, theirs) == "")
+   theirs%last = 11
+   call check("boulders past its end", difference(ours, theirs) == "boulders")
+   call new_run(theirs)
+   theirs%first = 2
+   call check("boulders that do not begin it", difference(ours, theirs) == "boulders")
+   call new_run(theirs)
+   theirs%read = '{"dem": "ab", "sets": "ce"}'
+   call check("a checksum", difference(ours, theirs) == "sets")
+   theirs%read = '{"DEM": "ab", "sets": "cd"}'
+   call check("the name of an input", difference(ours, theirs) == "dem")
+   theirs%read = '{"dem": "ab", "sets": "cd", "zones": "ef"}'
+   call check("one input more", difference(ours, theirs) == "zones")
+   call check("one fewer", difference(theirs, ours) == "zones")
+   theirs%read = "{}"
+   call check("none", difference(ours, theirs) == "dem" .and. difference(theirs, ours) == "dem")
+   theirs%read = "damaged"
+   call check("no checksums", difference(ours, theirs) /= "" .and. difference(theirs, ours) /= "")
+   call new_run(theirs)
+   theirs%grid%west = 1
+   call check("a grid", difference(ours, theirs) == "grid")
+   call new_run(theirs)
+   theirs%window(4) = 5
+   call check("a window", difference(ours, theirs) == "window")
    call finish()
 
 contains
+
+   subroutine new_run(run)
+      type(identity_t), intent(out) :: run
+
+      run%version = "1"
+      run%case = case
+      run%read = '{"dem": "ab", "sets": "cd"}'
+      run%decoded = "{}"
+      run%total = 20_i8
+      run%first = 1_i8
+      run%last = 10_i8
+   end subroutine new_run
 
    function differs(other) result(key)
       character(len=*), intent(in) :: other
@@ -43,4 +85,4 @@ contains
       at = index(case, old)
       text = case(:at - 1)//new//case(at + len(old):)
    end function changed
-end program test_case_file
+end program test_same_run

@@ -1,0 +1,450 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Part of a run as files have it: rows and sums of the run, tallies of the cells that boulders reached, and samples in
+!> bins that are not empty. A run is packed to be written; what was read is unpacked into a run, once it is known that
+!> a run can have its values.
+module rockfall_part
+   use, intrinsic :: iso_c_binding, only: c_f_pointer
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use rockfall_kinds, only: wp, sp, i1, i4, i8
+   use rockfall_error, only: error_t, fail
+   use rockfall_grid, only: grid_t
+   use rockfall_boulder, only: release_t, source_of
+   use rockfall_variables, only: line_fields, row_integers, name_in_files
+   use rockfall_samples, only: base_bits
+   use rockfall_source_maps, only: contributing_t
+   use rockfall_line_samples, only: layout_t
+   use rockfall_state_table, only: array_t, table_t
+   use rockfall_run_state, only: run_t, arrays_of, rows_of, tells_sources, no_row
+   use rockfall_value_rules, only: value_fault, crossing_fault
+   implicit none
+   private
+   public :: part_t, part_lengths_t, pack_part, pack_samples, make_room, unpack_part, unpack_samples, part_arrays
+
+   integer, parameter :: time = findloc(line_fields, "time", dim=1)
+
+   !> Arrays of a part that differ from those of its run.
+   type :: part_t
+      integer(i8), allocatable :: number(:)            !! of the boulder of each row, if not all are kept
+      type(layout_t) :: layout                         !! of samples
+      integer(i8), allocatable :: bin(:), group_bin(:) !! of samples that are not empty, 0-based, in order
+      integer(i4), allocatable :: bin_count(:), group_count(:)
+      integer(i8), allocatable :: cell(:)              !! with tallies, 0-based by rows from the north-west, in order
+      integer(i4), allocatable :: counts(:, :)         !! (cells, layers)
+      integer(i8), allocatable :: sums(:, :)
+      real(sp), allocatable :: maxima(:, :)
+      integer(i4), allocatable :: bin_counts(:, :)     !! (bins, cells)
+   end type part_t
+
+   !> Stacks of the maps of a run, by cell and layer.
+   type :: stacks_t
+      integer(i4), pointer, contiguous :: counts(:, :) => null(), column(:) => null()
+      integer(i8), pointer, contiguous :: sums(:, :) => null()
+      real(sp), pointer, contiguous :: maxima(:, :) => null()
+   end type stacks_t
+
+   !> Lengths of these arrays in a file; -1: not present.
+   type :: part_lengths_t
+      integer(i8) :: rows = -1, cells = -1, shared = -1, bins = -1, group_bins = -1
+   end type part_lengths_t
+
+contains
+
+   !> Pack a run, whose partial sources are settled.
+   subroutine pack_part(run, part, error)
+      type(run_t), intent(in) :: run
+      type(part_t), intent(inout) :: part
+      type(error_t), allocatable, intent(out) :: error
+      type(stacks_t) :: stacks
+      integer(i8) :: k
+
+      call pack_samples(run, part)
+      call find_reached_cells(run, part)
+      call allocate_tallies(run, part, error)
+      if (allocated(error)) return
+      stacks = stacks_of(run)
+      associate (at => part%cell + 1)
+         part%counts = stacks%counts(at, :)
+         part%sums = stacks%sums(at, :)
+         part%maxima = stacks%maxima(at, :)
+      end associate
+      do k = 1, size(part%bin_counts, 2, i8)
+         associate (column => stacks%column(part%cell(k) + 1))
+            part%bin_counts(:, k) = 0
+            if (column > 0) part%bin_counts(:, k) = run%bin_counts(:, column)
+         end associate
+      end do
+   end subroutine pack_part
+
+   !> Pack the samples of a run.
+   subroutine pack_samples(run, part)
+      type(run_t), intent(in) :: run
+      type(part_t), intent(out) :: part
+
+      if (.not. allocated(run%number)) return
+      part%number = run%number
+      part%layout = run%layout
+      call pack_bins(size(run%samples%bins, kind=i8), run%samples%bins, part%bin, part%bin_count)
+      call pack_bins(size(run%samples%groups, kind=i8), run%samples%groups, part%group_bin, part%group_count)
+   end subroutine pack_samples
+
+   subroutine pack_bins(n, flat, bin, counts)
+      integer(i8), intent(in) :: n
+      integer(i4), intent(in) :: flat(n)
+      integer(i8), allocatable, intent(out) :: bin(:)
+      integer(i4), allocatable, intent(out) :: counts(:)
+      integer(i8) :: k, filled
+
+      allocate (bin(count(flat /= 0, kind=i8)))
+      filled = 0
+      do k = 1, n
+         if (flat(k) == 0) cycle
+         filled = filled + 1
+         bin(filled) = k - 1
+      end do
+      counts = flat(bin + 1)
+   end subroutine pack_bins
+
+   !> Find the cells in which any tally is not zero.
+   subroutine find_reached_cells(run, part)
+      type(run_t), intent(in) :: run
+      type(part_t), intent(inout) :: part
+      integer(i8) :: found
+      integer :: i, j
+
+      allocate (part%cell(sum([(count(reached(j), kind=i8), j=1, run%nodes(2))])))
+      found = 0
+      do j = 1, run%nodes(2)
+         associate (is_reached => reached(j))
+            do i = 1, run%nodes(1)
+               if (.not. is_reached(i)) cycle
+               found = found + 1
+               part%cell(found) = (j - 1)*int(run%nodes(1), i8) + i - 1
+            end do
+         end associate
+      end do
+
+   contains
+
+      !> Cells of a row.
+      pure function reached(j)
+         integer, intent(in) :: j
+         logical :: reached(run%nodes(1))
+
+         reached = any(run%counts(:, j, :) /= 0, dim=2) .or. any(run%sums(:, j, :) /= 0, dim=2) &
+                   .or. any(run%maxima(:, j, :) > 0, dim=2)
+         if (size(run%column) > 0) reached = reached .or. run%column(:, j) > 0
+      end function reached
+   end subroutine find_reached_cells
+
+   subroutine allocate_tallies(run, part, error)
+      type(run_t), intent(in) :: run
+      type(part_t), intent(inout) :: part
+      type(error_t), allocatable, intent(out) :: error
+      integer(i8) :: n
+      integer :: status
+
+      n = size(part%cell, kind=i8)
+      allocate (part%counts(n, size(run%counts, 3)), part%sums(n, size(run%sums, 3)), &
+                part%maxima(n, size(run%maxima, 3)), &
+                part%bin_counts(run%plan%rows, merge(n, 0_i8, run%plan%rows > 0)), stat=status)
+      if (status /= 0) call fail(error, "the maps of a part do not fit in memory")
+   end subroutine allocate_tallies
+
+   !> Stacks of maps by cell.
+   type(stacks_t) function stacks_of(run) result(stacks)
+      type(run_t), intent(in) :: run
+      integer(i8) :: n
+
+      n = product(int(run%nodes, i8))
+      stacks%counts(1:n, 1:size(run%counts, 3)) => run%counts
+      stacks%sums(1:n, 1:size(run%sums, 3)) => run%sums
+      stacks%maxima(1:n, 1:size(run%maxima, 3)) => run%maxima
+      stacks%column(1:size(run%column, kind=i8)) => run%column
+   end function stacks_of
+
+   !> Table of the arrays of a part as files have them; of rows, more may be allocated than are used.
+   function part_arrays(run, part) result(table)
+      type(run_t), intent(in), target :: run
+      type(part_t), intent(in), target :: part
+      type(table_t) :: table, of_run
+      integer :: k
+
+      of_run = arrays_of(run)
+      allocate (table%row(0))
+      do k = 1, size(of_run%row)
+         associate (row => of_run%row(k))
+            if (any(row%axis(1) == [character(len=12) :: "x", "tally_bin", "sample_part", "sample_group"])) cycle
+            if (all(row%variable%group /= ["work", "kept"])) table%row = [table%row, row]
+         end associate
+      end do
+      if (allocated(part%number)) then
+         call table%add("kept", "boulder", ["boulder"], part%number)
+         call table%add("sample", "part_last", ["sample_part"], part%layout%part_last)
+         call table%add("sample", "group_part", ["sample_group"], part%layout%group_part)
+         call table%add("sample", "bin", ["sample_entry"], part%bin)
+         call table%add("sample", "count", ["sample_entry"], part%bin_count)
+         call table%add("sample", "group_bin", ["sample_group_entry"], part%group_bin)
+         call table%add("sample", "group_count", ["sample_group_entry"], part%group_count)
+      end if
+      if (.not. allocated(part%cell)) return
+      call table%add("tally", "cell", ["tally"], part%cell)
+      if (size(run%counts, 3) > 0) &
+         call table%add("tally", "counts", [character(len=18) :: "tally", "tally_counts_layer"], part%counts)
+      if (size(run%sums, 3) > 0) &
+         call table%add("tally", "sums", [character(len=16) :: "tally", "tally_sums_layer"], part%sums)
+      if (size(run%maxima, 3) > 0) &
+         call table%add("tally", "maxima", [character(len=18) :: "tally", "tally_maxima_layer"], part%maxima)
+      if (run%plan%rows > 0) &
+         call table%add("tally", "bin_counts", [character(len=9) :: "tally_bin", "tally"], part%bin_counts)
+   end function part_arrays
+
+   ! ---- from a file --------------------------------------------------------------------------
+
+   !> Allocate a part of the boulders of a run that are done, to be read from a file with these lengths.
+   subroutine make_room(run, part, length, error)
+      type(run_t), intent(inout) :: run
+      type(part_t), intent(out) :: part
+      type(part_lengths_t), intent(in) :: length
+      type(error_t), allocatable, intent(out) :: error
+      character(len=:), allocatable :: fault
+      integer :: status
+
+      fault = ""
+      if (.not. is_between(length%cells, product(int(run%nodes, i8)))) fault = "tally_cell"
+      if (tells_sources(run) .and. .not. is_between(length%shared, 2*product(int(run%nodes, i8)))) &
+         fault = "tally_shared_cell"
+      if (allocated(run%number)) then
+         if (.not. is_between(length%rows, size(run%number, kind=i8))) fault = "boulder"
+         if (.not. is_between(length%bins, size(run%samples%bins, kind=i8))) fault = "sample_bin"
+         if (.not. is_between(length%group_bins, size(run%samples%groups, kind=i8))) fault = "sample_group_bin"
+      end if
+      if (fault /= "") then
+         call fail(error, "is damaged: "//fault)
+         return
+      end if
+      allocate (part%cell(length%cells), stat=status)
+      if (status == 0) call allocate_tallies(run, part, error)
+      if (allocated(error)) return
+      if (status == 0 .and. allocated(run%number)) then
+         part%layout = run%layout
+         allocate (part%number(length%rows), part%bin(length%bins), part%bin_count(length%bins), &
+                   part%group_bin(length%group_bins), part%group_count(length%group_bins), stat=status)
+      end if
+      if (status == 0 .and. tells_sources(run)) then
+         run%shared = contributing_t()
+         allocate (run%shared%cell(length%shared), run%shared%source(length%shared), &
+                   run%shared%boulders(length%shared), stat=status)
+      end if
+      if (status /= 0) call fail(error, "the maps of a part do not fit in memory")
+
+   contains
+
+      pure logical function is_between(n, most)
+         integer(i8), intent(in) :: n, most
+
+         is_between = n >= 0 .and. n <= most
+      end function is_between
+   end subroutine make_room
+
+   !> Store a part in an empty run that begins with its boulders, if a run can have its values; the cells of sources
+   !> that it splits are left to be joined or restored.
+   subroutine unpack_part(run, part, grid, error)
+      type(run_t), intent(inout), target :: run
+      type(part_t), intent(in), target :: part
+      type(grid_t), intent(in) :: grid  !! of the terrain
+      type(error_t), allocatable, intent(out) :: error
+      type(stacks_t) :: stacks
+      character(len=:), allocatable :: fault
+      integer(i8) :: k, n
+
+      call unpack_samples(run, part, error)
+      if (allocated(error)) return
+      n = size(part%cell, kind=i8)
+      fault = ""
+      if (.not. are_rising(part%cell, product(int(run%nodes, i8)))) fault = "tally_cell"
+      if (allocated(run%shared%cell)) then
+         if (any(run%shared%cell < 0 .or. run%shared%cell >= product(int(run%nodes, i8)))) fault = "tally_shared_cell"
+      end if
+      if (fault == "") fault = array_fault(run, part_arrays(run, part), grid)
+      if (fault == "") fault = source_fault(run)
+      if (fault /= "") then
+         call fail(error, "is damaged: "//fault)
+      else if (size(part%bin_counts) > 0 .and. n > size(run%bin_counts, 2, i8)) then
+         call fail(error, "the counts of quantile maps do not fit in memory")
+      end if
+      if (allocated(error)) return
+      stacks = stacks_of(run)
+      associate (at => part%cell + 1)
+         stacks%counts(at, :) = part%counts
+         stacks%sums(at, :) = part%sums
+         stacks%maxima(at, :) = part%maxima
+         if (run%plan%rows == 0) return
+         run%bin_counts(:, :n) = part%bin_counts
+         stacks%column(at) = [(int(k, i4), k=1, n)]
+         run%columns = int(n, i4)
+      end associate
+   end subroutine unpack_part
+
+   !> Store the numbers of rows and the samples of a part.
+   subroutine unpack_samples(run, part, error)
+      type(run_t), intent(inout) :: run
+      type(part_t), intent(in) :: part
+      type(error_t), allocatable, intent(out) :: error
+      character(len=:), allocatable :: fault
+
+      if (.not. allocated(run%number)) return
+      fault = sample_fault(run, part)
+      if (fault == "") call unpack_bins(size(run%samples%bins, kind=i8), part%bin, part%bin_count, run%samples%bins)
+      if (fault == "") &
+         call unpack_bins(size(run%samples%groups, kind=i8), part%group_bin, part%group_count, run%samples%groups)
+      if (fault == "" .and. size(part%number) > 0) then
+         associate (number => run%number(:size(part%number)))
+            if (any(number /= part%number .and. number /= no_row)) fault = "boulder"
+            number = part%number
+         end associate
+         if (.not. are_rising(part%number - run%before - 1, run%done)) fault = "boulder"
+      end if
+      if (fault == "" .and. rows_of(run) /= size(part%number)) fault = "boulder"
+      if (fault /= "") call fail(error, "is damaged: "//fault)
+   end subroutine unpack_samples
+
+   subroutine unpack_bins(n, bin, counts, flat)
+      integer(i8), intent(in) :: n
+      integer(i8), intent(in) :: bin(:)
+      integer(i4), intent(in) :: counts(:)
+      integer(i4), intent(inout) :: flat(n)
+
+      flat(bin + 1) = counts
+   end subroutine unpack_bins
+
+   !> Return whether numbers from 0 to n - 1 are in order, each once.
+   pure logical function are_rising(numbers, n)
+      integer(i8), intent(in) :: numbers(:), n
+
+      are_rising = all(numbers >= 0 .and. numbers < n) .and. all(numbers(2:) > numbers(:size(numbers) - 1))
+   end function are_rising
+
+   ! ---- values -------------------------------------------------------------------------------
+
+   !> First array of samples with values that the boulders done cannot have; "" if none.
+   function sample_fault(run, part) result(fault)
+      type(run_t), intent(in) :: run
+      type(part_t), intent(in) :: part
+      character(len=:), allocatable :: fault
+      integer(i4), allocatable :: last(:)
+
+      fault = ""
+      associate (sums => run%samples%sums, ended => run%samples%ended)
+         if (any(sums(2:, :, :, :) < 0) .or. any(shiftr(sums(2:4:2, :, :, :), base_bits) /= 0)) fault = "sample_sums"
+         if (any(ended < 0) .or. sum(ended) /= run%done) fault = "sample_ended"
+      end associate
+      if (.not. are_heaps(run%samples%largest)) fault = "sample_largest"
+      if (.not. are_rising(part%bin, size(run%samples%bins, kind=i8))) fault = "sample_bin"
+      if (.not. are_rising(part%group_bin, size(run%samples%groups, kind=i8))) fault = "sample_group_bin"
+      if (any(part%bin_count < 1 .or. part%bin_count > run%done)) fault = "sample_count"
+      if (any(part%group_count < 1 .or. part%group_count > run%done)) fault = "sample_group_count"
+      last = [0, part%layout%part_last]
+      if (any(last(2:) <= last(:size(last) - 1)) .or. any(part%layout%part_last /= run%layout%part_last)) &
+         fault = "sample_part_last"
+      if (any(part%layout%group_part < 1 .or. part%layout%group_part > size(part%layout%part_last)) &
+          .or. any(part%layout%group_part /= run%layout%group_part)) fault = "sample_group_part"
+   end function sample_fault
+
+   !> Return whether each column is a heap of numbers, with -1 for none; sorted columns are heaps.
+   pure logical function are_heaps(largest)
+      real(wp), intent(in) :: largest(:, :, :)
+      integer :: k
+
+      are_heaps = all(ieee_is_finite(largest)) .and. all(largest >= 0 .or. largest <= -1)
+      do k = 2, size(largest, 1)
+         are_heaps = are_heaps .and. all(largest(k, :, :) >= largest(k/2, :, :))
+      end do
+   end function are_heaps
+
+   !> Fault of the first array with values that a run cannot have; "" if none.
+   function array_fault(run, table, grid) result(fault)
+      type(run_t), intent(in), target :: run
+      type(table_t), intent(in) :: table
+      type(grid_t), intent(in) :: grid
+      character(len=:), allocatable :: fault
+      integer :: k
+
+      fault = ""
+      do k = 1, size(table%row)
+         associate (row => table%row(k))
+            if (any(row%variable%group == ["sample", "kept  ", "vertex"]) .or. product(row%length) == 0) cycle
+            fault = fault_of(row, name_in_files(row%variable))
+         end associate
+         if (fault /= "") return
+      end do
+
+   contains
+
+      function fault_of(row, name) result(fault)
+         type(array_t), intent(in) :: row
+         character(len=*), intent(in) :: name
+         character(len=:), allocatable :: fault
+         integer(i1), pointer, contiguous :: i1_values(:, :)
+         integer(i4), pointer, contiguous :: i4_values(:, :)
+         integer(i8), pointer, contiguous :: i8_values(:, :)
+         real(sp), pointer, contiguous :: f4_values(:, :)
+         real(wp), pointer, contiguous :: f8_values(:, :)
+         integer(i8) :: shape(2), n
+         integer :: line
+
+         shape = [row%length(1), product(row%length(2:))]
+         n = shape(1)
+         if (row%axis(1) == "boulder") n = rows_of(run)
+         fault = ""
+         if (n == 0) return
+         select case (row%kind)
+         case ("i1")
+            call c_f_pointer(row%at, i1_values, shape)
+            fault = value_fault(name, real([minval(i1_values(:n, :)), maxval(i1_values(:n, :))], wp))
+         case ("i4")
+            call c_f_pointer(row%at, i4_values, shape)
+            fault = value_fault(name, real([minval(i4_values(:n, :)), maxval(i4_values(:n, :))], wp))
+            if (row%variable%group /= "fragment") return
+            do line = 1, size(run%line, 2)
+               if (fault == "") fault = crossing_fault(name, real(i4_values(:n, line), wp), run%line(:n, line, time))
+            end do
+         case ("i8")
+            call c_f_pointer(row%at, i8_values, shape)
+            fault = value_fault(name, real([minval(i8_values), maxval(i8_values)], wp))
+         case ("f4")
+            call c_f_pointer(row%at, f4_values, shape)
+            fault = value_fault(name, real([minval(f4_values), maxval(f4_values)], wp))
+            if (.not. all(ieee_is_finite(f4_values))) fault = name
+         case ("f8")
+            call c_f_pointer(row%at, f8_values, shape)
+            if (all(row%variable%group /= ["line    ", "fragment"])) fault = value_fault(name, f8_values(:n, 1), grid)
+            if (all(row%variable%group /= ["line    ", "fragment"])) return
+            do line = 1, size(run%line, 2)
+               if (fault == "") fault = crossing_fault(name, f8_values(:n, line), run%line(:n, line, time), grid)
+            end do
+         end select
+      end function fault_of
+   end function array_fault
+
+   !> Check that boulders come from sources in order, and from the expected ones where each source releases the same
+   !> number.
+   function source_fault(run) result(fault)
+      type(run_t), intent(in) :: run
+      character(len=:), allocatable :: fault
+      integer, parameter :: source = findloc(row_integers, "source", dim=1)
+      type(release_t) :: release
+      integer(i8) :: row, number
+      logical :: good
+
+      release%boulders_per_source = run%per_source
+      associate (sources => run%integers(:rows_of(run), findloc(run%integer_columns, source, dim=1)))
+         good = all(sources(2:) >= sources(:size(sources) - 1)) .and. all(sources <= run%total)
+         do row = 1, merge(size(sources, kind=i8), 0_i8, run%per_source > 0)
+            number = run%before + row
+            if (allocated(run%number)) number = run%number(row)
+            good = good .and. sources(row) == source_of(release, number)
+         end do
+      end associate
+      fault = trim(merge("source: must be that from which each boulder comes", repeat(" ", 50), .not. good))
+   end function source_fault
+end module rockfall_part

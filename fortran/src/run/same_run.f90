@@ -1,0 +1,158 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Comparison of runs: whether parts are of the same one, and whether their cases are the same in any notation.
+module rockfall_same_run
+   use rockfall_kinds, only: wp, i8
+   use rockfall_error, only: error_t
+   use rockfall_text, only: integer_text, joined
+   use rockfall_grid, only: grid_t
+   use rockfall_namelist, only: namelist_t, group_t
+   use rockfall_values, only: has_key, get_text, get_integer, get_real, get_logical
+   use rockfall_case_keys, only: read_keys, key_t, key_table, text_length
+   implicit none
+   private
+   public :: identity_t, difference, differing_key
+
+   !> What identifies a run, and a range of its boulders.
+   type :: identity_t
+      character(len=:), allocatable :: version, case  !! of this software; text of the case
+      character(len=:), allocatable :: read, decoded  !! checksums of inputs by name, as in files (JSON)
+      integer(i8) :: total = 0, first = 0, last = 0   !! boulders of the run, of the range
+      type(grid_t) :: grid                            !! of the terrain
+      integer :: window(4) = 0                        !! of the maps: first column and row, columns, rows
+   end type identity_t
+
+contains
+
+   !> Return what differs, "" if nothing: theirs must be of the same run, and begin ours.
+   pure function difference(ours, theirs) result(what)
+      type(identity_t), intent(in) :: ours, theirs
+      character(len=:), allocatable :: what
+
+      what = "version"
+      if (ours%version /= theirs%version) return
+      what = differing_key(ours%case, theirs%case, of_arrays=.false.)
+      if (what /= "") return
+      what = "boulders"
+      if (ours%total /= theirs%total .or. ours%first /= theirs%first) return
+      if (theirs%last < ours%first .or. theirs%last > ours%last) return
+      what = differing_checksum(ours%read, theirs%read)
+      if (what == "") what = differing_checksum(ours%decoded, theirs%decoded)
+      if (what /= "") return
+      what = "grid"
+      if (any([ours%grid%nx, ours%grid%ny] /= [theirs%grid%nx, theirs%grid%ny])) return
+      associate (a => [ours%grid%west, ours%grid%north, ours%grid%cell], &
+                 b => [theirs%grid%west, theirs%grid%north, theirs%grid%cell])
+         if (any(a < b .or. a > b)) return
+      end associate
+      what = "window"
+      if (any(ours%window /= theirs%window)) return
+      what = ""
+   end function difference
+
+   !> Name of the first input whose checksums differ, "" if none.
+   pure function differing_checksum(ours, theirs) result(name)
+      character(len=*), intent(in) :: ours, theirs
+      character(len=:), allocatable :: name
+      integer :: at, begin
+
+      name = ""
+      if (ours == theirs) return
+      do at = 1, min(len(ours), len(theirs))
+         if (ours(at:at) /= theirs(at:at)) exit
+      end do
+      name = ours
+      if (ours(at:min(at, len(ours))) == "}") then  ! theirs has one more
+         name = theirs
+         at = at + 4
+      end if
+      begin = max(index(name(:min(at, len(name))), '{"', back=.true.) + 2, &
+                  index(name(:min(at, len(name))), ', "', back=.true.) + 3)
+      name = name(begin:)
+      if (index(name, '"') > 0) name = name(:index(name, '"') - 1)
+      if (name == "") name = "input"
+   end function differing_checksum
+
+   !> First key, as `&group key`, whose values differ between the texts of two cases, "" if none: among the keys that
+   !> determine the arrays of a scene file, or all that must agree to continue a run. "&case" if a text is not a case.
+   pure function differing_key(ours, theirs, of_arrays) result(name)
+      character(len=*), intent(in) :: ours, theirs
+      logical, intent(in) :: of_arrays
+      character(len=:), allocatable :: name
+      type(namelist_t) :: lists(2)
+      type(error_t), allocatable :: error
+      integer :: k
+
+      name = "&case"
+      call read_keys(ours, "", lists(1), error)
+      if (allocated(error)) return
+      call read_keys(theirs, "", lists(2), error)
+      if (allocated(error)) return
+      do k = 1, size(key_table)
+         associate (key => key_table(k))
+            if (of_arrays .and. .not. key%of_scene) cycle
+            if (key%group == "case" .and. key%name == "threads") cycle  ! does not affect results
+            name = "&"//trim(key%group)//" "//trim(key%name)
+            if (.not. same_values(groups_of(lists(1), key%group), groups_of(lists(2), key%group), key)) return
+         end associate
+      end do
+      name = ""
+   end function differing_key
+
+   pure function groups_of(list, name) result(groups)
+      type(namelist_t), intent(in) :: list
+      character(len=*), intent(in) :: name
+      type(group_t), allocatable :: groups(:)
+
+      groups = pack(list%group, list%group%name == name)
+   end function groups_of
+
+   !> Return whether groups with the same name have equal values of a key, in any notation.
+   pure logical function same_values(ours, theirs, key) result(same)
+      type(group_t), intent(in) :: ours(:), theirs(:)
+      type(key_t), intent(in) :: key
+      integer :: g
+
+      same = size(ours) == size(theirs)
+      do g = 1, size(ours)
+         if (same) same = plain(ours(g), key) == plain(theirs(g), key)
+      end do
+   end function same_values
+
+   !> Canonical text of the values of a key; "" if absent.
+   pure function plain(group, key) result(text)
+      type(group_t), intent(in) :: group
+      type(key_t), intent(in) :: key
+      character(len=:), allocatable :: text
+      character(len=text_length), allocatable :: words(:)
+      real(wp), allocatable :: numbers(:)
+      integer(i8) :: whole
+      logical :: switch
+      type(error_t), allocatable :: error
+
+      text = ""
+      if (.not. has_key(group, trim(key%name))) return
+      select case (key%kind)
+      case ("text")
+         call get_text(group, trim(key%name), words, error)
+         text = joined(words, achar(10))
+      case ("integer")
+         call get_integer(group, trim(key%name), whole, error)
+         text = integer_text(whole)
+      case ("real")
+         call get_real(group, trim(key%name), numbers, error)
+         text = repeat(" ", 25*size(numbers))
+         write (text, "(*(es25.16e3))") numbers + 0.0_wp  ! avoids negative zero
+      case ("count")
+         call get_text(group, trim(key%name), words, error)
+         if (.not. allocated(error)) then
+            text = joined(words, achar(10))
+         else
+            call get_integer(group, trim(key%name), whole, error)
+            text = integer_text(whole)
+         end if
+      case default
+         call get_logical(group, trim(key%name), switch, error)
+         text = merge("yes", "no ", switch)
+      end select
+   end function plain
+end module rockfall_same_run

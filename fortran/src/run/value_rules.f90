@@ -1,0 +1,104 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Values that the variables of a run can have, by their names in files.
+module rockfall_value_rules
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
+   use rockfall_kinds, only: wp
+   use rockfall_text, only: integer_text, real_text
+   use rockfall_grid, only: grid_t
+   use rockfall_variables, only: statuses
+   use rockfall_barrier, only: passed_over
+   implicit none
+   private
+   public :: value_fault, crossing_fault
+
+   !> Range of values; the grid of the terrain, if known, bounds places.
+   type :: range_t
+      real(wp) :: lowest = 0.0_wp, highest = huge(1.0_wp)
+      logical :: excludes_lowest = .false.
+      character(len=16) :: place = ""  !! for messages
+   end type range_t
+
+contains
+
+   !> Fault of the values of a variable without missing ones; "" if a run can have them.
+   pure function value_fault(name, values, grid) result(fault)
+      character(len=*), intent(in) :: name
+      real(wp), intent(in) :: values(:)
+      type(grid_t), intent(in), optional :: grid
+      character(len=:), allocatable :: fault
+      type(range_t) :: range
+      logical :: is_wrong
+      integer :: k
+
+      range = range_of(name, grid)
+      do k = 1, size(values)
+         is_wrong = .not. (values(k) >= range%lowest .and. values(k) <= range%highest)
+         if (range%excludes_lowest) is_wrong = is_wrong .or. .not. values(k) > range%lowest
+         if (is_wrong) exit
+      end do
+      fault = ""
+      if (k > size(values)) return
+      if (.not. ieee_is_finite(values(k))) then
+         fault = name//": must be a number"
+      else if (range%highest < huge(1.0_wp)) then
+         fault = name//" = "//real_text(values(k), 6)//": must be "//real_text(range%lowest, 10)//" to " &
+                 //real_text(range%highest, 10)//trim(range%place)
+      else
+         fault = name//" = "//real_text(values(k), 6)//": must be "//trim(merge("> ", ">=", range%excludes_lowest)) &
+                 //" "//real_text(range%lowest, 10)
+      end if
+   end function value_fault
+
+   !> The same for values at lines, by the times of the crossings: they are missing (NaN, counts zero) where a boulder
+   !> did not cross, and only there.
+   pure function crossing_fault(name, values, times, grid) result(fault)
+      character(len=*), intent(in) :: name
+      real(wp), intent(in) :: values(:), times(:)
+      type(grid_t), intent(in), optional :: grid
+      character(len=:), allocatable :: fault
+
+      if (name == "line_fragments") then
+         fault = name//": must be > 0 where a boulder crossed a line"
+         if (any((values > 0) .eqv. ieee_is_nan(times))) return
+         fault = value_fault(name, values)
+      else
+         fault = name//": must be a number where a boulder crossed a line"
+         if (any(ieee_is_nan(values) .neqv. ieee_is_nan(times))) return
+         if (any(.not. (ieee_is_nan(values) .or. ieee_is_finite(values)))) return
+         fault = value_fault(name, pack(values, .not. ieee_is_nan(values)), grid)
+      end if
+   end function crossing_fault
+
+   !> Range of a variable; lengths, times, speeds, energies and counts are not negative.
+   pure type(range_t) function range_of(name, grid) result(range)
+      character(len=*), intent(in) :: name
+      type(grid_t), intent(in), optional :: grid
+
+      select case (name)
+      case ("volume", "line_volume"); range%excludes_lowest = .true.
+      case ("source", "source_feature", "tally_shared_source"); range%lowest = 1
+      case ("status")
+         range%lowest = 1
+         range%highest = size(statuses)
+      case ("barrier_outcome"); range%highest = passed_over
+      case ("start_x", "stop_x", "line_x", "start_y", "stop_y", "line_y")
+         range%lowest = -huge(1.0_wp)
+         if (.not. present(grid)) return
+         range%place = ", on the terrain"
+         if (name(len(name):) == "x") then
+            range%lowest = grid%west
+            range%highest = grid%west + grid%nx*grid%cell
+         else
+            range%lowest = grid%north - grid%ny*grid%cell
+            range%highest = grid%north
+         end if
+      case ("path_length", "plan_distance", "travel_time", "speed_max", "jump_height_max", "impacts", "line_time", &
+            "line_speed", "line_energy_translational", "line_energy_rotational", "line_fragments", "trees_hit", &
+            "fines_volume", "fragments", "breakages", "breakages_capped")
+         range%lowest = 0
+      case default
+         if (index(name, "tally_") /= 1 .and. index(name, "rebounds") /= 1 .and. index(name, "_histogram") == 0) &
+            range%lowest = -huge(1.0_wp)
+      end select
+   end function range_of
+end module rockfall_value_rules

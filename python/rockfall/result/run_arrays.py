@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Results of a run in the kernel: handle, and views of its arrays by name."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.errors import check_kernel
+from rockfall.io.grid import Box, Grid
+
+
+class Array(NamedTuple):
+    """A row of the kernel's table of the arrays of a run, with a view of the array."""
+
+    group: str  # group and name in the table of variables; "work": in no file
+    name: str
+    file_name: str
+    dims: tuple[str, ...]
+    values: np.ndarray
+
+
+class _Row(NamedTuple):
+    """A row of that table as the kernel has it. (RunArrays keeps no views, which keep it alive.)"""
+
+    group: str
+    name: str
+    file_name: str
+    dims: tuple[str, ...]
+    kind: str  # type of its values
+    shape: tuple[int, ...]
+    address: int
+
+
+class RunArrays:
+    """Handle of a run; closed when neither the run nor a view of it remains."""
+
+    def __init__(self, opened: tuple[int, int, bytes], name: str) -> None:
+        handle, code, message = opened
+        check_kernel(code, message, name)
+        self.handle = handle
+        self._table: list[_Row] | None = None  # None: not listed since it last changed
+        weakref.finalize(self, _core.close_run, handle)
+
+    @classmethod
+    def joined(
+        cls, case: str, boulders: tuple[int, int, int], box: Box, grounds: int, features: bool,
+        *layout: np.ndarray,
+    ) -> Self:  # fmt: skip
+        """Create a run to be joined from parts, or a part. `boulders`: of the complete run, before
+        the part, in it; `layout`: part_last and group_part of samples."""
+        extent = case.encode(), boulders, window(box), grounds, features
+        return cls(_core.open_joined_run(*extent, *layout), "merge")
+
+    def merge(self, part: RunArrays) -> None:
+        """Add a part."""
+        code, message = _core.merge_run(self.handle, part.handle)
+        self.changed()
+        check_kernel(code, message, "merge")
+
+    def arrays(self, *groups: str) -> Iterator[Array]:
+        """All arrays, or those of some groups, including those that the next chunk replaces."""
+        if self._table is None:
+            self._table = [*self._listed()]
+        return self._views(row for row in self._table if not groups or row.group in groups)
+
+    def part_arrays(self) -> Iterator[Array]:
+        """All arrays of the part, as files have them; the next part replaces those that the run
+        itself does not have."""
+        return self._views(self._listed(of_part=True))
+
+    def _views(self, rows: Iterable[_Row]) -> Iterator[Array]:
+        for group, name, file_name, dims, kind, shape, address in rows:
+            if 0 in shape:
+                values = np.empty(shape, kind)
+            else:
+                values = np.asarray(_Memory(self, address, shape, np.dtype(kind).str))
+            yield Array(group, name, file_name, dims, values)
+
+    def _listed(self, of_part: bool = False) -> Iterator[_Row]:
+        """The kernel's table of arrays."""
+        k = 1
+        while text := (row := _core.array(self.handle, of_part, k))[0].decode().split():
+            group, name, file_name, kind, *axes = text
+            shape = tuple(row[1][: len(axes)][::-1].tolist())
+            yield _Row(group, name, file_name, tuple(axes[::-1]), kind, shape, int(row[2]))
+            k += 1
+
+    def changed(self) -> None:
+        """Note that the kernel may have replaced arrays."""
+        self._table = None
+
+    def array(self, file_name: str) -> np.ndarray:
+        """View of an array by its name in files."""
+        for array in self.arrays():
+            if array.file_name == file_name:
+                return array.values
+        raise KeyError(file_name)
+
+    def pack_part(self) -> None:
+        """Pack the results into a part; the run must be settled."""
+        check_kernel(*_core.pack_part(self.handle))
+
+    def begin_part(self, boulders: int, lengths: Sequence[int], name: str) -> None:
+        """Make room for a part of the first boulders, to be filled: numbers of rows, cells, shared
+        cells, bins, and coarse bins of samples (-1: none)."""
+        code, message = _core.begin_part(self.handle, boulders, lengths)
+        check_kernel(code, message, name)
+        self.changed()
+
+    def unpack_part(self, grid: Grid, name: str) -> None:
+        """Store the filled part, and forget it; a RockfallError names values that no run has."""
+        corner, nodes = (grid.west, grid.north, grid.cell), (grid.nx, grid.ny)
+        code, message = _core.unpack_part(self.handle, corner, nodes)
+        check_kernel(code, message, name)
+        self.changed()
+
+    def unpack_samples(self, name: str) -> None:
+        """Store the samples of the filled part, and the numbers of its rows, likewise."""
+        code, message = _core.unpack_samples(self.handle)
+        check_kernel(code, message, name)
+
+    def forget_part(self) -> None:
+        """Free the memory of the part."""
+        _core.forget_part(self.handle)
+
+    def forget_tallies(
+        self, counts: bool = False, sums: bool = False, maxima: bool = False
+    ) -> None:
+        """Free the memory of map tallies and samples once their results are made, except for stacks
+        with remaining views."""
+        _core.forget_tallies(self.handle, [not held for held in (counts, sums, maxima)])
+        self.changed()
+
+
+class _Memory:
+    """Memory of a run, kept as long as there are views of it."""
+
+    def __init__(self, run: RunArrays, address: int, shape: tuple[int, ...], dtype: str) -> None:
+        self.run = run
+        self.__array_interface__: dict[str, Any] = {
+            "version": 3, "data": (address, False), "shape": shape, "typestr": dtype,
+        }  # fmt: skip
+
+
+def window(box: Box) -> list[int]:
+    """First column and row, from 1, and numbers of columns and rows, in the kernel's form."""
+    return [box.column + 1, box.row + 1, *box.shape[::-1]]
