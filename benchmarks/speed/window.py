@@ -60,7 +60,8 @@ def serve(path: Path, folder: Path, said: Connection) -> None:
     """Serve a case to one page, and send its address."""
     warnings.simplefilter("ignore")
     os.environ["XDG_STATE_HOME"] = str(folder)
-    server = Server(Room(path), bind(0), page=folder, grace=0.0)
+    server = Server(bind(0), page=folder, grace=0.0)
+    server.admit(Room(path))
     said.send(server.url)
     server.run()
 

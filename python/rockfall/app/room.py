@@ -22,6 +22,7 @@ from rockfall.app.messages import (
     text_message,
 )
 from rockfall.app.opening import is_result, open_site
+from rockfall.app.outbox import Client
 from rockfall.app.pictures import MAX_TRAJECTORIES, View, map_choices
 from rockfall.app.places import without_files
 from rockfall.app.recent import note_recent, recent_files
@@ -36,14 +37,6 @@ MAX_REVISION = 2**53  # up to which numbers of JSON are exact in a browser
 KEPT = ("terrain", "background", "state", "batch", "trajectories")  # sent to a page that enters
 
 Shown: TypeAlias = "Live | Exhibit"
-
-
-class Client:
-    """A page: where messages to it go."""
-
-    def __init__(self, send: Callable[[str, Message], None]) -> None:
-        self.send, self.language = send, LANGUAGES[0]
-        self.recent: list[Path] = []  # as offered to it
 
 
 class Room:
