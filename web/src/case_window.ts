@@ -231,6 +231,7 @@ export class CaseWindow {
   receive(message: Text): void {
     switch (message.type) {
       case 'state':
+        if (message.refused) this.sender.refused(message.revision);
         if (message.revision < this.sender.revision) return;
         this.state = message;
         if (message.errors.length) this.sender.answer();

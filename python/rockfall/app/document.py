@@ -95,7 +95,8 @@ class Site:
             if name not in self.layer_forms:
                 place = {"layer": name} if name in LAYERS else {}
                 raise Refused(say("app.server_no_layer", name=str(name)[:40]), **place)
-            new_layers[name] = check_features(name, given, self.layer_forms[name])
+            form, before = self.layer_forms[name], document.layers[name]
+            new_layers[name] = check_features(name, given, form, before)
         for group, values in settings.items():
             new_settings[group] = self._group(group, values)
         check_size(new_layers.values())

@@ -193,14 +193,16 @@ class Room:
     def _edit(self, client: Client, message: dict[str, Any]) -> None:
         revision = message.get("revision")
         layers, settings = message.get("layers", {}), message.get("settings", {})
-        variant = message.get("variant", "")
+        variant, whole = message.get("variant", ""), message.get("whole", False)
         if type(revision) is not int or not 0 < revision <= MAX_REVISION:
             raise Refused(say("app.server_wrong_type", name="revision"))
         if not isinstance(layers, dict) or not isinstance(settings, dict):
             raise Refused(say("app.server_wrong_type", name="edit"))
+        if not isinstance(whole, bool):
+            raise Refused(say("app.server_wrong_type", name="whole"))
         with self._lock:  # its results come after it
             live = self._live()
-            live.edit(revision, layers, settings, variant)
+            live.edit(revision, layers, settings, variant, whole)
             if readers := [reader for reader in self._clients if reader is not client]:
                 content = document_message(live)
                 for reader in readers:

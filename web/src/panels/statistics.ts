@@ -25,28 +25,26 @@ function limit(value: number | null, decimals: number): string {
 }
 
 /** Distribution as bars, with a mark at the 95 % quantile. */
-export function histogram({ counts, edges, q95: [q95], label, unit }: QuantityStatistics): SVGSVGElement {
+export function histogram({ counts, range: [first, last], q95: [q95], label, unit }: QuantityStatistics): SVGSVGElement {
   const [width, height] = [66, 28];
   const most = Math.max(...counts, 1);
-  const first = edges[0] ?? 0;
-  const last = edges.at(-1) ?? 1;
   const x = (value: number): number => (width * (value - first)) / (last - first || 1);
   const bars = counts.map((count, k) => {
-    const [left, right] = [x(edges[k] ?? 0), x(edges[k + 1] ?? 0)];
+    const [left, right] = [k, k + 1].map((edge) => (width * edge) / counts.length) as [number, number];
     const top = height - 1 - ((height - 3) * count) / most;
     return count
       ? `M${left.toFixed(1)} ${height - 1}V${top.toFixed(1)}H${Math.max(left + 0.5, right - 0.6).toFixed(1)}V${height - 1}Z`
       : '';
   });
-  const range = `${label}: ${decimal(Number(first.toPrecision(2)))} – ${decimal(Number(last.toPrecision(2)))} ${unit}`;
+  const about = `${label}: ${decimal(Number(first.toPrecision(2)))} – ${decimal(Number(last.toPrecision(2)))} ${unit}`;
   const drawing = svg(
     'svg',
-    { viewBox: `0 0 ${width} ${height}`, class: 'histogram', role: 'img', 'aria-label': range },
+    { viewBox: `0 0 ${width} ${height}`, class: 'histogram', role: 'img', 'aria-label': about },
     svg('path', { d: bars.join(''), class: 'bars' }),
     svg('path', { d: `M0 ${height - 0.5}H${width}`, class: 'axis' }),
   );
   const title = svg('title', {});
-  title.textContent = range;
+  title.textContent = about;
   drawing.append(title);
   if (q95 !== null) drawing.append(svg('path', { d: `M${x(q95).toFixed(1)} 0V${height - 1}`, class: 'mark' }));
   return drawing;
