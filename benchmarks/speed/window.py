@@ -10,8 +10,12 @@ without; and once, from the hello to the terrain. The server is another process;
 
 With `--page` the page itself is timed instead, in a headless Chromium that draws by software and is
 open already: from the start of `rockfall app` to the first terrain on the map and to the end of the
-run, for both cases, and for the second one with thousands of lines, and of sources; there also a
-click into the list, which selects a feature and moves the map, until the page has drawn again.
+run, for both cases, and for the second one with thousands of lines, and of sources. Then, by the
+clock of the page: a click into the list, which selects a feature and moves the map, until the page
+has drawn again; an arrow key, which moves that feature by a cell, until the first results and those
+of all boulders are drawn; of which, by the profiler of the browser, the page's own script ran. What
+else the processor does then is to simulate, and to draw by software. Last, 120 frames of the view in
+three dimensions with 500 trajectories that play: each as the browser draws it, and the script in it.
 """
 
 from __future__ import annotations
@@ -46,10 +50,18 @@ from rockfall.io.raster import write_geotiff
 
 BOULDERS = 10_000
 STARTS = 3
-PHASES = ("command to terrain", "command to all boulders", "click")
-TERRAIN_DRAWN = """[...document.querySelectorAll('#map canvas')].some((one) => one.width > 0
-    && one.getContext('2d').getImageData(one.width / 2, one.height / 2, 1, 1).data[3] > 0)"""
+PHASES = (
+    "command to terrain", "command to all boulders", "click", "move to first results",
+    "move to all boulders", "of it script of the page",
+)  # fmt: skip
+#: Time of a mark of the page: since the epoch, and for a revision since the key was pressed.
+MARKED = """const [mark] = performance.getEntriesByName(arguments[0]).slice(-1);
+return mark && (arguments[1] === null || mark.detail === arguments[1])
+    ? mark.startTime + (arguments[1] === null ? performance.timeOrigin : -window.pressed) : null"""
 RUN_COMPLETE = "window.rockfall && !rockfall.preliminary && rockfall.batch?.complete"
+LISTEN = """document.querySelector('#map').focus();
+addEventListener('keydown', (event) => window.pressed = event.timeStamp, {capture: true});
+return rockfall.revision + 1"""
 CLICK = """const done = arguments[0], begun = performance.now();
 document.querySelector('[data-feature]').click();
 requestAnimationFrame(() => requestAnimationFrame(() => done(performance.now() - begun)));"""
@@ -169,24 +181,61 @@ def _chromium() -> Any:
 
 
 def _start(browser: Any, path: Path, environment: dict[str, str]) -> list[float]:
-    """Milliseconds from the command to each of PHASES, the last one of them from the click."""
+    """Milliseconds of each of PHASES."""
     browser.get("about:blank")
     command = [sys.executable, "-m", "rockfall", "app", str(path), "--no-browser"]
-    begun = time.perf_counter()
+    begun = 1e3 * time.time()
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as server:
         try:
             assert server.stdout is not None
             browser.get(server.stdout.readline().strip())
-            found = []
-            for script in TERRAIN_DRAWN, RUN_COMPLETE:
-                while not browser.execute_script(f"return {script}"):
-                    time.sleep(0.005)
-                found.append(1e3 * (time.perf_counter() - begun))
+            drawn, found = _marked(browser, "terrain"), []
+            found.append(drawn - begun)
+            found.append(_marked(browser, "all results") - begun)
+            _wait(browser, RUN_COMPLETE)
             found.append(browser.execute_async_script(CLICK))
+            found += _move(browser)
             browser.get("about:blank")
         finally:
             server.terminate()
     return found
+
+
+def _move(browser: Any) -> list[float]:
+    """Milliseconds from a key that moves the selected feature to its first and to all results, and
+    those in which the script of the page ran meanwhile."""
+    time.sleep(0.5)  # for the map to arrive at the feature
+    revision = browser.execute_script(LISTEN)
+    browser.execute_cdp_cmd("Profiler.enable", {})
+    browser.execute_cdp_cmd("Profiler.start", {})
+    for kind in "rawKeyDown", "keyUp":
+        key = {"type": kind, "key": "ArrowRight", "code": "ArrowRight"}
+        browser.execute_cdp_cmd("Input.dispatchKeyEvent", {**key, "windowsVirtualKeyCode": 39})
+    found = [_marked(browser, name, revision) for name in ("first results", "all results")]
+    return [*found, script_time(browser.execute_cdp_cmd("Profiler.stop", {})["profile"])]
+
+
+def script_time(profile: dict[str, Any]) -> float:
+    """Milliseconds of a profile of the browser in functions of a script, and in its garbage."""
+    native = "(root)", "(program)", "(idle)"
+    own = {
+        node["id"] for node in profile["nodes"]
+        if node["callFrame"]["functionName"] not in native
+    }  # fmt: skip
+    pairs = zip(profile["samples"], profile["timeDeltas"], strict=True)
+    return 1e-3 * sum(spent for node, spent in pairs if node in own)
+
+
+def _marked(browser: Any, name: str, revision: int | None = None) -> float:
+    """Time of a mark of the page [ms], once it is there."""
+    while (found := browser.execute_script(MARKED, name, revision)) is None:
+        time.sleep(0.02)
+    return float(found)
+
+
+def _wait(browser: Any, script: str) -> None:
+    while not browser.execute_script(f"return {script}"):
+        time.sleep(0.02)
 
 
 def time_page(folder: Path, side: int) -> None:

@@ -308,11 +308,16 @@ export class CaseWindow {
     this.view.map.updateSize();
     this.view.fitTerrain();
     this.scene.update('terrain');
+    if (first) this.markDrawn('terrain');
   }
 
   private setBatch(message: Binary<BatchMessage>): void {
     const { header } = message;
-    if (this.batch?.header.revision !== header.revision) this.setTrajectories(null);
+    if (this.batch?.header.revision !== header.revision) {
+      this.setTrajectories(null);
+      this.markDrawn('first results', header.revision);
+    }
+    if (header.complete) this.markDrawn('all results', header.revision);
     this.batch = message;
     this.sender.answer();
     const overlay = message.f4('overlay');
@@ -324,6 +329,14 @@ export class CaseWindow {
     this.scene.update('drape');
     this.refresh();
     if (this.mode === 'compare') this.compare.update(this.states());
+  }
+
+  /** Mark in the browser's timeline, for benchmarks, when what has just been handed to the map is on the screen. */
+  private markDrawn(what: string, revision = 0): void {
+    performance.clearMarks(what);
+    this.view.map.once('postrender', () =>
+      requestAnimationFrame(() => performance.mark(what, { detail: revision })),
+    );
   }
 
   private setTrajectories(trajectories: Trajectories | null): void {
@@ -451,10 +464,11 @@ export class CaseWindow {
   private propertiesOf(layer: Layer): Record<string, Value> {
     const fields = new Set(this.welcome.forms.layers[layer]?.map(({ name }) => name));
     const used = new Set(LAYERS.flatMap((one) => this.store.layer(one).map(({ properties }) => properties['name'])));
-    const free = (n: number): string => (used.has(`${LETTERS[layer]}${n}`) ? free(n + 1) : `${LETTERS[layer]}${n}`);
+    let n = 1;
+    while (used.has(`${LETTERS[layer]}${n}`)) n++;
     const own = layer === 'dams' ? { height: damHeight(this.cell) } : {};
     return Object.fromEntries(
-      Object.entries({ name: free(1), ...INITIAL[layer], ...own }).filter(([name]) => fields.has(name)),
+      Object.entries({ name: `${LETTERS[layer]}${n}`, ...INITIAL[layer], ...own }).filter(([name]) => fields.has(name)),
     );
   }
 
@@ -623,6 +637,7 @@ export class CaseWindow {
     const { mode } = this;
     this.show('map');
     this.view.map.renderSync();
+    this.statistics.writeAll();
     for (const one of this.messages.root.querySelectorAll('details')) one.open = true;
     this.shell.printed(this.drawPicture());
     window.addEventListener('afterprint', () => this.show(mode), { once: true });
