@@ -165,6 +165,7 @@ export class CaseWindow {
       compare: (k) => this.openCompare(k + 1),
       restore: (k) => this.restore(k),
       forget: (k) => this.forget(k),
+      base: () => welcome.base && this.take(welcome.base),
     });
     const tab = (name: string, content: HTMLElement): Tab => ({ name, title: say(`app.tab.${name}`), content });
     const [features, display] = [tab('features', this.features.root), tab('display', this.display.root)];
@@ -393,7 +394,8 @@ export class CaseWindow {
       errors.some(({ group, id }) => group !== undefined && id === undefined),
     );
     this.topBar.allow(this.writer && this.store.canUndo, this.writer && this.store.canRedo);
-    this.variantPanel.update(this.variants, this.batch !== null && !preliminary, this.writer);
+    const based = this.welcome.base ? this.store.document.variant : null;
+    this.variantPanel.update(this.variants, this.batch !== null && !preliminary, this.writer, based);
   }
 
   private showEnded({ ended, boulders }: BatchMessage): void {
@@ -523,8 +525,11 @@ export class CaseWindow {
 
   private restore(index: number): void {
     const variant = this.variants[index];
-    if (!variant) return;
-    this.store.change(variant.document);
+    if (variant) this.take(variant.document);
+  }
+
+  private take(document: CaseDocument): void {
+    this.store.change(document);
     this.show('map');
   }
 

@@ -90,6 +90,7 @@ export interface Welcome {
   texts: Record<string, string>;
   recent: { name: string; folder: string }[];
   document: CaseDocument;
+  base: CaseDocument | null; // the case without its variants, if it has some
   variants: CaseDocument[];
   revision: number;
   forms: Forms;

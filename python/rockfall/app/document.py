@@ -50,6 +50,7 @@ class Variants:
 
     groups: list[dict[str, Any]] = field(default_factory=list)  # as given
     cases: dict[str, Case] = field(default_factory=dict)
+    base: Document | None = None  # of the case without them
     documents: dict[str, Document] = field(default_factory=dict)  # of those that can be shown
     others: dict[str, str] = field(default_factory=dict)  # groups that keep one from being shown
 

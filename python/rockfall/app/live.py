@@ -23,6 +23,7 @@ from rockfall.app.pictures import (
 )
 from rockfall.app.places import entry_of, without_files
 from rockfall.case import REPEATABLE, Case, key_table
+from rockfall.case_variants import BASE
 from rockfall.case_zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.io.raster import read_dem
@@ -220,6 +221,8 @@ class Live:
                     f"{without_files(where, self.site)}: {translated(text)}"
                     for where, text in input_warnings(scene_of(self._session))
                 ]
+                if self.site.variants.base and not document.variant:
+                    warnings.append(say("app.server_base", name=BASE))
                 warnings += [
                     say("app.server_variant", name=name, group=f"&{group}")
                     for name, group in self.site.variants.others.items()

@@ -310,16 +310,18 @@ def about_shown(shown: Shown | None, language: str) -> dict[str, Any]:
         return {
             "mode": "start", "title": "", "file": "", "folder": "", "revision": 0, "maps": [],
             "document": Document().content(), "forms": {"settings": {}, "layers": {}},
-            "variants": [],
+            "base": None, "variants": [],
             "view": View("", 0)._asdict(),
         }  # fmt: skip
     site, document = shown.site, shown.document
+    base = site.variants.base
     return {
         "mode": site.mode, "title": document.settings.get("case", {}).get("title", ""),
         "file": site.file.name, "folder": str(site.folder), "revision": shown.revision,
         "maps": map_choices(shown.maps, language), "document": document.content(),
         "forms": {"settings": _forms(site.settings_forms), "layers": _forms(site.layer_forms)},
         "view": shown.view._asdict(),
+        "base": base.content() if base else None,
         "variants": [variant.content() for variant in site.variants.documents.values()],
     }  # fmt: skip
 
