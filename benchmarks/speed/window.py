@@ -14,8 +14,9 @@ run, for both cases, and for the second one with thousands of lines, and of sour
 clock of the page: a click into the list, which selects a feature and moves the map, until the page
 has drawn again; an arrow key, which moves that feature by a cell, until the first results and those
 of all boulders are drawn; of which, by the profiler of the browser, the page's own script ran. What
-else the processor does then is to simulate, and to draw by software. Last, 120 frames of the view in
-three dimensions with 500 trajectories that play: each as the browser draws it, and the script in it.
+else the processor does then is to simulate, and to draw by software. Last, frames of the view in
+three dimensions while 500 trajectories play: the median time between two as the browser draws them
+by software, and the median time of the script for one without the drawing.
 """
 
 from __future__ import annotations
@@ -62,6 +63,14 @@ RUN_COMPLETE = "window.rockfall && !rockfall.preliminary && rockfall.batch?.comp
 LISTEN = """document.querySelector('#map').focus();
 addEventListener('keydown', (event) => window.pressed = event.timeStamp, {capture: true});
 return rockfall.revision + 1"""
+MORE = """const number = document.querySelector('[data-action="trajectories"]');
+number.value = '500';
+number.dispatchEvent(new Event('change'))"""
+PLAY = """document.querySelector('[data-view="scene"]').click();
+document.querySelector('.view3d-player select').value = '0.25';
+document.querySelector('.view3d-player button').click();
+window.played = performance.now()"""
+FRAMES = 30
 CLICK = """const done = arguments[0], begun = performance.now();
 document.querySelector('[data-feature]').click();
 requestAnimationFrame(() => requestAnimationFrame(() => done(performance.now() - begun)));"""
@@ -226,6 +235,27 @@ def script_time(profile: dict[str, Any]) -> float:
     return 1e-3 * sum(spent for node, spent in pairs if node in own)
 
 
+def measure_frames(path: Path, environment: dict[str, str]) -> None:
+    """Print the median time between frames of the view in three dimensions while 500 trajectories
+    play, and of the script for one."""
+    browser = _chromium()
+    command = [sys.executable, "-m", "rockfall", "app", str(path), "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as server:
+        assert server.stdout is not None
+        browser.get(server.stdout.readline().strip())
+        _wait(browser, RUN_COMPLETE)
+        browser.execute_script(MORE)
+        _wait(browser, "rockfall.trajectories === 500")
+        browser.execute_script(PLAY)
+        _wait(browser, f"rockfall.frames.at(-{FRAMES})?.now > window.played")
+        frames = browser.execute_script(f"return rockfall.frames.slice(-{FRAMES})")
+        server.terminate()
+    browser.quit()
+    between = np.diff([frame["now"] for frame in frames])
+    print(f"{'frame, 500 trajectories':<60}{np.median(between):9.1f}")
+    print(f"{'of it script of the page':<60}{np.median([frame['cost'] for frame in frames]):9.2f}")
+
+
 def _marked(browser: Any, name: str, revision: int | None = None) -> float:
     """Time of a mark of the page [ms], once it is there."""
     while (found := browser.execute_script(MARKED, name, revision)) is None:
@@ -248,6 +278,7 @@ def time_page(folder: Path, side: int) -> None:
     }  # fmt: skip
     for name, path in cases.items():
         measure_page(name, path, environment)
+    measure_frames(VAUJANY, environment)
 
 
 def many(path: Path, lines: int, sources: int) -> Path:

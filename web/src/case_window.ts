@@ -42,7 +42,7 @@ import { Toolbar } from './toolbar';
 import { TopBar } from './top_bar';
 import { extended } from './trajectories';
 import { unrun, withResults, type Snapshot } from './variants';
-import type { Shade, Terrain, Trajectories } from './view3d/view3d';
+import type { Frame, Shade, Terrain, Trajectories } from './view3d/view3d';
 
 const OPACITY = 0.85; // of results, at first
 
@@ -208,6 +208,12 @@ export class CaseWindow {
   }
   get document(): CaseDocument {
     return this.store.document;
+  }
+  get shownTrajectories(): number {
+    return this.trajectories?.boulder.length ?? 0;
+  }
+  get frames(): readonly Frame[] {
+    return this.scene.frames;
   }
   /** Variants kept, if a window of the same file takes the place of this one. */
   variantsFor({ file, folder, mode }: Welcome): Snapshot[] | null {
