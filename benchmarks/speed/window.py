@@ -10,8 +10,13 @@ without; and once, from the hello to the terrain. The server is another process;
 
 With `--page` the page itself is timed instead, in a headless Chromium that draws by software and is
 open already: from the start of `rockfall app` to the first terrain on the map and to the end of the
-run, for both cases, and for the second one with thousands of lines, and of sources; there also a
-click into the list, which selects a feature and moves the map, until the page has drawn again.
+run, for both cases, and for the second one with thousands of lines, and of sources. Then, by the
+clock of the page: a click into the list, which selects a feature and moves the map, until the page
+has drawn again; an arrow key, which moves that feature by a cell, until the first results and those
+of all boulders are drawn; of which, by the profiler of the browser, the page's own script ran. What
+else the processor does then is to simulate, and to draw by software. Last, frames of the view in
+three dimensions while 500 trajectories play: the median time between two as the browser draws them
+by software, and the median time of the script for one without the drawing.
 """
 
 from __future__ import annotations
@@ -46,10 +51,26 @@ from rockfall.io.raster import write_geotiff
 
 BOULDERS = 10_000
 STARTS = 3
-PHASES = ("command to terrain", "command to all boulders", "click")
-TERRAIN_DRAWN = """[...document.querySelectorAll('#map canvas')].some((one) => one.width > 0
-    && one.getContext('2d').getImageData(one.width / 2, one.height / 2, 1, 1).data[3] > 0)"""
+PHASES = (
+    "command to terrain", "command to all boulders", "click", "move to first results",
+    "move to all boulders", "of it script of the page",
+)  # fmt: skip
+#: Time of a mark of the page: since the epoch, and for a revision since the key was pressed.
+MARKED = """const [mark] = performance.getEntriesByName(arguments[0]).slice(-1);
+return mark && (arguments[1] === null || mark.detail === arguments[1])
+    ? mark.startTime + (arguments[1] === null ? performance.timeOrigin : -window.pressed) : null"""
 RUN_COMPLETE = "window.rockfall && !rockfall.preliminary && rockfall.batch?.complete"
+LISTEN = """document.querySelector('#map').focus();
+addEventListener('keydown', (event) => window.pressed = event.timeStamp, {capture: true});
+return rockfall.revision + 1"""
+MORE = """const number = document.querySelector('[data-action="trajectories"]');
+number.value = '500';
+number.dispatchEvent(new Event('change'))"""
+PLAY = """document.querySelector('[data-view="scene"]').click();
+document.querySelector('.view3d-player select').value = '0.25';
+document.querySelector('.view3d-player button').click();
+window.played = performance.now()"""
+FRAMES = 30
 CLICK = """const done = arguments[0], begun = performance.now();
 document.querySelector('[data-feature]').click();
 requestAnimationFrame(() => requestAnimationFrame(() => done(performance.now() - begun)));"""
@@ -60,7 +81,8 @@ def serve(path: Path, folder: Path, said: Connection) -> None:
     """Serve a case to one page, and send its address."""
     warnings.simplefilter("ignore")
     os.environ["XDG_STATE_HOME"] = str(folder)
-    server = Server(Room(path), bind(0), page=folder, grace=0.0)
+    server = Server(bind(0), page=folder, grace=0.0)
+    server.admit(Room(path))
     said.send(server.url)
     server.run()
 
@@ -168,24 +190,82 @@ def _chromium() -> Any:
 
 
 def _start(browser: Any, path: Path, environment: dict[str, str]) -> list[float]:
-    """Milliseconds from the command to each of PHASES, the last one of them from the click."""
+    """Milliseconds of each of PHASES."""
     browser.get("about:blank")
     command = [sys.executable, "-m", "rockfall", "app", str(path), "--no-browser"]
-    begun = time.perf_counter()
+    begun = 1e3 * time.time()
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as server:
         try:
             assert server.stdout is not None
             browser.get(server.stdout.readline().strip())
-            found = []
-            for script in TERRAIN_DRAWN, RUN_COMPLETE:
-                while not browser.execute_script(f"return {script}"):
-                    time.sleep(0.005)
-                found.append(1e3 * (time.perf_counter() - begun))
+            drawn, found = _marked(browser, "terrain"), []
+            found.append(drawn - begun)
+            found.append(_marked(browser, "all results") - begun)
+            _wait(browser, RUN_COMPLETE)
             found.append(browser.execute_async_script(CLICK))
+            found += _move(browser)
             browser.get("about:blank")
         finally:
             server.terminate()
     return found
+
+
+def _move(browser: Any) -> list[float]:
+    """Milliseconds from a key that moves the selected feature to its first and to all results, and
+    those in which the script of the page ran meanwhile."""
+    time.sleep(0.5)  # for the map to arrive at the feature
+    revision = browser.execute_script(LISTEN)
+    browser.execute_cdp_cmd("Profiler.enable", {})
+    browser.execute_cdp_cmd("Profiler.start", {})
+    for kind in "rawKeyDown", "keyUp":
+        key = {"type": kind, "key": "ArrowRight", "code": "ArrowRight"}
+        browser.execute_cdp_cmd("Input.dispatchKeyEvent", {**key, "windowsVirtualKeyCode": 39})
+    found = [_marked(browser, name, revision) for name in ("first results", "all results")]
+    return [*found, script_time(browser.execute_cdp_cmd("Profiler.stop", {})["profile"])]
+
+
+def script_time(profile: dict[str, Any]) -> float:
+    """Milliseconds of a profile of the browser in functions of a script, and in its garbage."""
+    native = "(root)", "(program)", "(idle)"
+    own = {
+        node["id"] for node in profile["nodes"]
+        if node["callFrame"]["functionName"] not in native
+    }  # fmt: skip
+    pairs = zip(profile["samples"], profile["timeDeltas"], strict=True)
+    return 1e-3 * sum(spent for node, spent in pairs if node in own)
+
+
+def measure_frames(path: Path, environment: dict[str, str]) -> None:
+    """Print the median time between frames of the view in three dimensions while 500 trajectories
+    play, and of the script for one."""
+    browser = _chromium()
+    command = [sys.executable, "-m", "rockfall", "app", str(path), "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as server:
+        assert server.stdout is not None
+        browser.get(server.stdout.readline().strip())
+        _wait(browser, RUN_COMPLETE)
+        browser.execute_script(MORE)
+        _wait(browser, "rockfall.trajectories === 500")
+        browser.execute_script(PLAY)
+        _wait(browser, f"rockfall.frames.at(-{FRAMES})?.now > window.played")
+        frames = browser.execute_script(f"return rockfall.frames.slice(-{FRAMES})")
+        server.terminate()
+    browser.quit()
+    between = np.diff([frame["now"] for frame in frames])
+    print(f"{'frame, 500 trajectories':<60}{np.median(between):9.1f}")
+    print(f"{'of it script of the page':<60}{np.median([frame['cost'] for frame in frames]):9.2f}")
+
+
+def _marked(browser: Any, name: str, revision: int | None = None) -> float:
+    """Time of a mark of the page [ms], once it is there."""
+    while (found := browser.execute_script(MARKED, name, revision)) is None:
+        time.sleep(0.02)
+    return float(found)
+
+
+def _wait(browser: Any, script: str) -> None:
+    while not browser.execute_script(f"return {script}"):
+        time.sleep(0.02)
 
 
 def time_page(folder: Path, side: int) -> None:
@@ -198,6 +278,7 @@ def time_page(folder: Path, side: int) -> None:
     }  # fmt: skip
     for name, path in cases.items():
         measure_page(name, path, environment)
+    measure_frames(VAUJANY, environment)
 
 
 def many(path: Path, lines: int, sources: int) -> Path:

@@ -13,6 +13,7 @@ from rockfall.case import Case, varied_key
 from rockfall.errors import RockfallError
 from rockfall.result.variables import fields
 
+BASE = "base"  # name of the case without its variants, unless one is called so
 #: Lists of names, and their groups.
 CHOSEN = dict(zip(fields("variant_list"), fields("listed_group"), strict=True))
 
@@ -35,11 +36,14 @@ def variants(case: Case) -> dict[str, Case]:
 
 
 def chosen_variant(case: Case, name: str | None) -> Case:
-    """The variant of a name, or the case itself if it has none; a case with several needs one."""
+    """The variant of a name, or the case itself if it has none; a case with several needs one,
+    or BASE for the case without them."""
     if name is None:
         check_single(case)
         return case
     by_name = variants(case)
+    if by_name:
+        by_name = {BASE: case.replace(variant=[]), **by_name}
     if name not in by_name:
         has = f"the variants are {', '.join(by_name)}" if by_name else "the case has no &variant"
         raise RockfallError(f"{case.name}: --variant {name}: {has}")
@@ -52,7 +56,8 @@ def check_single(case: Case) -> None:
         names = ", ".join(variant["name"] for variant in case.variant)
         raise RockfallError(
             f"{case.name}: &variant: has the variants {names}: `rockfall variants` runs all, "
-            "--variant NAME (in Python rockfall.variants(case)[NAME]) takes one"
+            f"--variant NAME (in Python rockfall.variants(case)[NAME]) takes one, --variant {BASE} "
+            "the case without them"
         )
 
 

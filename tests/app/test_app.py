@@ -35,8 +35,8 @@ from rockfall.app import exhibit, show  # noqa: E402
 from rockfall.app.document import runnable  # noqa: E402
 from rockfall.app.messages import MAX_BYTES, binary_message  # noqa: E402
 from rockfall.app.opening import open_site  # noqa: E402
-from rockfall.app.outbox import Outbox  # noqa: E402
-from rockfall.app.room import Client, Room  # noqa: E402
+from rockfall.app.outbox import Client, Outbox  # noqa: E402
+from rockfall.app.room import Room  # noqa: E402
 from rockfall.app.saving import save  # noqa: E402
 from rockfall.app.server import FILES, Server, bind  # noqa: E402
 from rockfall.cli.command_line import main  # noqa: E402
@@ -94,8 +94,8 @@ def serve(place):
     running = []
 
     def start(path="case.nml", keep=True):
-        room = Room(None if path is None else Path(path))
-        server = Server(room, bind(0), page=place / "page", keep=keep, grace=1000.0)
+        server = Server(bind(0), page=place / "page", keep=keep, grace=1000.0)
+        server.admit(Room(None if path is None else Path(path)))
         thread = threading.Thread(target=server.run)
         thread.start()
         running.append((server, thread))
@@ -331,10 +331,10 @@ def mute(server):
     hello = json.dumps({"type": "hello", "key": server.key}).encode()
     assert len(hello) < 126
     connection.sendall(bytes([0x81, 0x80 | len(hello), 0, 0, 0, 0]) + hello)
-    while server._room.is_empty:
+    while server._opening.result().is_empty:
         time.sleep(0.01)
     for _ in range(2):  # the second waits for the first, which waits in buffers
-        server._room._clients[0].send("x", b"x" * 20_000_000)
+        server._opening.result()._clients[0].send("x", b"x" * 20_000_000)
     return connection
 
 
@@ -342,7 +342,7 @@ def test_a_page_that_takes_nothing_is_left(serve, visit, monkeypatch, capfd):
     monkeypatch.setattr("rockfall.app.server.TAKE_SECONDS", 0.1)
     server = serve("dem.tif")
     with mute(server):
-        while not server._room.is_empty:
+        while not server._opening.result().is_empty:
             time.sleep(0.01)
         assert visit(server).until("welcome")["writer"]
         server.stop()
@@ -1112,7 +1112,8 @@ def test_a_page_that_comes_later_gets_what_is_known(serve, visit):
 
 
 def test_the_server_ends_when_the_last_page_has_closed(place, visit):
-    server = Server(Room(Path("case.nml")), bind(0), page=place / "page", grace=0.0)
+    server = Server(bind(0), page=place / "page", grace=0.0)
+    server.admit(Room(Path("case.nml")))
     thread = threading.Thread(target=server.run)
     thread.start()
     first, second = visit(server), visit(server)
@@ -1165,16 +1166,17 @@ def test_a_reload_does_not_end_the_server(serve, visit):
 
 def test_a_page_that_comes_while_another_leaves_keeps_the_server(place):
     with bind(0) as bound:
-        server = Server(Room(Path("dem.tif")), bound, page=place / "page", grace=0.0)
+        server = Server(bound, page=place / "page", grace=0.0)
+        server.admit(Room(Path("dem.tif")))
 
         async def leave_and_come():
             server._end_later()
-            server._room.enter(Client(lambda *_: None), {})
+            server._opening.result().enter(Client(lambda *_: None), {})
             await asyncio.sleep(0.01)
 
         asyncio.run(leave_and_come())
         assert not server._server.should_exit
-        server._room.close()
+        server._opening.result().close()
 
 
 def test_files_opened_before_are_offered(serve, place, visit):

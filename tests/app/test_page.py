@@ -73,7 +73,8 @@ def place(tmp_path, monkeypatch):
 
 @contextmanager
 def served(path):
-    server = Server(Room(Path(path)), bind(0), keep=True)
+    server = Server(bind(0), keep=True)
+    server.admit(Room(Path(path)))
     thread = threading.Thread(target=server.run)
     thread.start()
     try:

@@ -42,7 +42,7 @@ import { Toolbar } from './toolbar';
 import { TopBar } from './top_bar';
 import { extended } from './trajectories';
 import { unrun, withResults, type Snapshot } from './variants';
-import type { Shade, Terrain, Trajectories } from './view3d/view3d';
+import type { Frame, Shade, Terrain, Trajectories } from './view3d/view3d';
 
 const OPACITY = 0.85; // of results, at first
 
@@ -165,6 +165,7 @@ export class CaseWindow {
       compare: (k) => this.openCompare(k + 1),
       restore: (k) => this.restore(k),
       forget: (k) => this.forget(k),
+      base: () => welcome.base && this.take(welcome.base),
     });
     const tab = (name: string, content: HTMLElement): Tab => ({ name, title: say(`app.tab.${name}`), content });
     const [features, display] = [tab('features', this.features.root), tab('display', this.display.root)];
@@ -208,6 +209,12 @@ export class CaseWindow {
   get document(): CaseDocument {
     return this.store.document;
   }
+  get shownTrajectories(): number {
+    return this.trajectories?.boulder.length ?? 0;
+  }
+  get frames(): readonly Frame[] {
+    return this.scene.frames;
+  }
   /** Variants kept, if a window of the same file takes the place of this one. */
   variantsFor({ file, folder, mode }: Welcome): Snapshot[] | null {
     const same = file === this.welcome.file && folder === this.welcome.folder && mode === this.welcome.mode;
@@ -231,6 +238,7 @@ export class CaseWindow {
   receive(message: Text): void {
     switch (message.type) {
       case 'state':
+        if (message.refused) this.sender.refused(message.revision);
         if (message.revision < this.sender.revision) return;
         this.state = message;
         if (message.errors.length) this.sender.answer();
@@ -307,11 +315,16 @@ export class CaseWindow {
     this.view.map.updateSize();
     this.view.fitTerrain();
     this.scene.update('terrain');
+    if (first) this.markDrawn('terrain');
   }
 
   private setBatch(message: Binary<BatchMessage>): void {
     const { header } = message;
-    if (this.batch?.header.revision !== header.revision) this.setTrajectories(null);
+    if (this.batch?.header.revision !== header.revision) {
+      this.setTrajectories(null);
+      this.markDrawn('first results', header.revision);
+    }
+    if (header.complete) this.markDrawn('all results', header.revision);
     this.batch = message;
     this.sender.answer();
     const overlay = message.f4('overlay');
@@ -323,6 +336,14 @@ export class CaseWindow {
     this.scene.update('drape');
     this.refresh();
     if (this.mode === 'compare') this.compare.update(this.states());
+  }
+
+  /** Mark in the browser's timeline, for benchmarks, when what has just been handed to the map is on the screen. */
+  private markDrawn(what: string, revision = 0): void {
+    performance.clearMarks(what);
+    this.view.map.once('postrender', () =>
+      requestAnimationFrame(() => performance.mark(what, { detail: revision })),
+    );
   }
 
   private setTrajectories(trajectories: Trajectories | null): void {
@@ -379,7 +400,8 @@ export class CaseWindow {
       errors.some(({ group, id }) => group !== undefined && id === undefined),
     );
     this.topBar.allow(this.writer && this.store.canUndo, this.writer && this.store.canRedo);
-    this.variantPanel.update(this.variants, this.batch !== null && !preliminary, this.writer);
+    const based = this.welcome.base ? this.store.document.variant : null;
+    this.variantPanel.update(this.variants, this.batch !== null && !preliminary, this.writer, based);
   }
 
   private showEnded({ ended, boulders }: BatchMessage): void {
@@ -450,10 +472,11 @@ export class CaseWindow {
   private propertiesOf(layer: Layer): Record<string, Value> {
     const fields = new Set(this.welcome.forms.layers[layer]?.map(({ name }) => name));
     const used = new Set(LAYERS.flatMap((one) => this.store.layer(one).map(({ properties }) => properties['name'])));
-    const free = (n: number): string => (used.has(`${LETTERS[layer]}${n}`) ? free(n + 1) : `${LETTERS[layer]}${n}`);
+    let n = 1;
+    while (used.has(`${LETTERS[layer]}${n}`)) n++;
     const own = layer === 'dams' ? { height: damHeight(this.cell) } : {};
     return Object.fromEntries(
-      Object.entries({ name: free(1), ...INITIAL[layer], ...own }).filter(([name]) => fields.has(name)),
+      Object.entries({ name: `${LETTERS[layer]}${n}`, ...INITIAL[layer], ...own }).filter(([name]) => fields.has(name)),
     );
   }
 
@@ -508,8 +531,11 @@ export class CaseWindow {
 
   private restore(index: number): void {
     const variant = this.variants[index];
-    if (!variant) return;
-    this.store.change(variant.document);
+    if (variant) this.take(variant.document);
+  }
+
+  private take(document: CaseDocument): void {
+    this.store.change(document);
     this.show('map');
   }
 
@@ -622,6 +648,7 @@ export class CaseWindow {
     const { mode } = this;
     this.show('map');
     this.view.map.renderSync();
+    this.statistics.writeAll();
     for (const one of this.messages.root.querySelectorAll('details')) one.open = true;
     this.shell.printed(this.drawPicture());
     window.addEventListener('afterprint', () => this.show(mode), { once: true });

@@ -28,6 +28,7 @@ export class DocumentStore {
   private past: CaseDocument[] = [];
   private future: CaseDocument[] = [];
   private gesture = '';
+  private last = 0; // number of the last new id
   private readonly listeners: ((changed: Difference) => void)[] = [];
 
   get document(): CaseDocument {
@@ -123,15 +124,10 @@ export class DocumentStore {
 
   /** An id that no feature has, nor had: an undone feature may come back. */
   newId(layer: Layer): string {
-    const used = new Set(
-      [...this.past, this.now, ...this.future].flatMap((one) =>
-        LAYERS.flatMap((name) => one.layers[name].map(({ id }) => id)),
-      ),
-    );
-    for (let n = 1; ; n++) {
-      const id = `${layer.slice(0, 1)}${n}`;
-      if (!used.has(id)) return id;
-    }
+    const letter = layer.slice(0, 1);
+    for (const { id } of LAYERS.flatMap((name) => this.layer(name)))
+      this.last = Math.max(this.last, Number(/^[a-z](\d+)$/.exec(id)?.[1] ?? 0));
+    return `${letter}${++this.last}`;
   }
 
   private step(from: CaseDocument[], to: CaseDocument[]): void {

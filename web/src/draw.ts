@@ -8,6 +8,7 @@ import Draw from 'ol/interaction/Draw';
 import Modify from 'ol/interaction/Modify';
 import Snap from 'ol/interaction/Snap';
 import Translate from 'ol/interaction/Translate';
+import type VectorSource from 'ol/source/Vector';
 import type MapBrowserEvent from 'ol/MapBrowserEvent';
 import { Style } from 'ol/style';
 import type { DocumentStore } from './document';
@@ -85,7 +86,8 @@ export class Drawer {
     });
     map.addInteraction(this.translate);
     map.addInteraction(this.modify);
-    this.snaps = LAYERS.map((layer) => new Snap({ source: features.source(layer), pixelTolerance: 9 }));
+    const sources = [...LAYERS.map((layer) => features.source(layer)), features.selection.getSource() as VectorSource];
+    this.snaps = sources.map((source) => new Snap({ source, pixelTolerance: 9 }));
     map.on('singleclick', (event) => this.click(event));
     map.on('pointermove', (event) => this.point(event));
     this.activate();
@@ -257,7 +259,7 @@ export class Drawer {
         best = String(data);
         return true;
       },
-      { hitTolerance: 6, layerFilter: (layer) => Object.values<unknown>(this.view.features.layers).includes(layer) },
+      { hitTolerance: 6, layerFilter: (layer) => this.view.features.all.some((one) => one === layer) },
     );
     return best;
   }

@@ -14,13 +14,15 @@ let current: CaseWindow | null = null;
 
 const connection = new Connection({ text: receive, binary, lost });
 
-/** Read-only handles for tests. */
+/** Read-only handles for tests and benchmarks. */
 export interface Handles {
   pixelOf(place: [number, number]): [number, number] | null;
   readonly revision: number;
   readonly preliminary: boolean;
   readonly batch: unknown;
   readonly document: unknown;
+  readonly trajectories: number;
+  readonly frames: unknown; // of the view in three dimensions
 }
 declare global {
   interface Window {
@@ -40,6 +42,12 @@ window.rockfall = Object.freeze({
   },
   get document() {
     return current?.document ?? null;
+  },
+  get trajectories() {
+    return current?.shownTrajectories ?? 0;
+  },
+  get frames() {
+    return current?.frames ?? [];
   },
 });
 

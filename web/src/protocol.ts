@@ -56,15 +56,19 @@ export interface MapName {
 export type LongTask = 'report' | 'export' | 'simulate';
 export type Task = 'save' | LongTask;
 
+/** A layer, or what of it differs from the last one sent. */
+export type LayerChange = readonly Feature[] | { set: readonly Feature[]; remove: readonly string[] };
+
 /** From the page to the server. */
 export type Request =
   | { type: 'hello'; key: string; language: string }
   | {
       type: 'edit';
       revision: number;
-      layers?: Partial<Record<Layer, readonly Feature[]>>;
-      settings?: Record<string, Group>;
+      layers: Partial<Record<Layer, LayerChange>>;
+      settings: Record<string, Group>;
       variant: string;
+      whole: boolean; // all layers and groups, which an edit after one that was refused must have
     }
   | { type: 'compare'; variant: string }
   | { type: 'view'; map: string; trajectories: number }
@@ -86,6 +90,7 @@ export interface Welcome {
   texts: Record<string, string>;
   recent: { name: string; folder: string }[];
   document: CaseDocument;
+  base: CaseDocument | null; // the case without its variants, if it has some
   variants: CaseDocument[];
   revision: number;
   forms: Forms;
@@ -106,6 +111,7 @@ export interface State {
   revision: number;
   errors: CaseError[];
   warnings: string[];
+  refused?: boolean; // the edit was, and the server's document is older
 }
 export interface Progress {
   type: 'progress';
@@ -161,7 +167,7 @@ export interface QuantityStatistics {
   q95: Estimate;
   max: number | null;
   counts: number[];
-  edges: number[];
+  range: [number, number]; // of the bins
 }
 export interface LineStatistics {
   name: string;

@@ -3,7 +3,7 @@
 import type { Extent } from './map/plot_layer';
 import type { Layers } from './protocol';
 import { say } from './texts';
-import { View3d, type Line3d, type Shade, type Terrain, type Trajectories } from './view3d/view3d';
+import { View3d, type Frame, type Line3d, type Shade, type Terrain, type Trajectories } from './view3d/view3d';
 
 /** What a scene shows, as it is now. */
 export interface SceneContent {
@@ -31,6 +31,11 @@ export class ScenePane {
     this.shown = true;
     this.view.show();
     this.update('terrain', 'trajectories', 'drape', 'layers');
+  }
+
+  /** Times of the last frames, for benchmarks. */
+  get frames(): readonly Frame[] {
+    return this.view?.frames ?? [];
   }
 
   hide(): void {

@@ -2,7 +2,7 @@
 // Sends changes of the document: at most every 60 ms, and while a shape is dragged not before the results of the last ones are here.
 import type { Connection } from './connection';
 import type { Difference, DocumentStore } from './document';
-import type { Feature, Group, Layer } from './protocol';
+import { LAYERS, type Feature, type Group, type Layer, type LayerChange, type Layers } from './protocol';
 
 const SHORTEST = 60; // ms between two edits
 const LONGEST = 400; // ms that an edit waits for results of the one before
@@ -10,6 +10,7 @@ const LONGEST = 400; // ms that an edit waits for results of the one before
 export class Sender {
   /** Revision of the last edit sent. */
   revision = 0;
+  private known: Layers | null = null; // to the server; null after an edit that it refused
   private layers = new Set<Layer>();
   private groups = new Set<string>();
   private sent = -Infinity;
@@ -29,6 +30,7 @@ export class Sender {
 
   start(revision: number): void {
     this.revision = revision;
+    this.known = this.store.document.layers;
     this.layers.clear();
     this.groups.clear();
     this.answered = true;
@@ -46,6 +48,15 @@ export class Sender {
     if (this.pending) this.schedule();
   }
 
+  /** An edit was refused: the next one has all, and follows at once if edits were sent that the server did not take either. */
+  refused(revision: number): void {
+    if (!this.known) return;
+    this.known = null;
+    if (revision === this.revision) return;
+    for (const layer of LAYERS) this.layers.add(layer);
+    this.schedule();
+  }
+
   private schedule(): void {
     window.clearTimeout(this.timer);
     const wait = this.sent + (this.answered ? SHORTEST : LONGEST) - performance.now();
@@ -56,16 +67,29 @@ export class Sender {
   private flush(): void {
     if (!this.pending) return;
     const { layers, settings, variant } = this.store.document;
-    const changed: Partial<Record<Layer, readonly Feature[]>> = {};
-    for (const layer of this.layers) changed[layer] = layers[layer];
+    const whole = this.known === null;
+    const changed: Partial<Record<Layer, LayerChange>> = {};
+    for (const layer of whole ? LAYERS.filter((one) => layers[one].length) : this.layers)
+      changed[layer] = this.known ? change(this.known[layer], layers[layer]) : layers[layer];
     const groups: Record<string, Group> = {};
-    for (const group of this.groups) groups[group] = settings[group] ?? {};
+    for (const group of whole ? Object.keys(settings) : this.groups) groups[group] = settings[group] ?? {};
+    this.known = layers;
     this.layers.clear();
     this.groups.clear();
     this.revision += 1;
     this.sent = performance.now();
     this.answered = false;
-    this.connection.send({ type: 'edit', revision: this.revision, layers: changed, settings: groups, variant });
+    this.connection.send({ type: 'edit', revision: this.revision, layers: changed, settings: groups, variant, whole });
     this.onSent();
   }
+}
+
+/** What makes a layer of another; all of it where the order differs by more than features added at the end. */
+function change(before: readonly Feature[], after: readonly Feature[]): LayerChange {
+  const old = new Map(before.map((feature) => [feature.id, feature]));
+  const now = new Set(after.map(({ id }) => id));
+  const remove = before.filter(({ id }) => !now.has(id)).map(({ id }) => id);
+  const kept = before.filter(({ id }) => now.has(id));
+  if (!kept.every(({ id }, k) => id === after[k]?.id)) return after;
+  return { set: after.filter((feature) => old.get(feature.id) !== feature), remove };
 }

@@ -50,6 +50,7 @@ class Variants:
 
     groups: list[dict[str, Any]] = field(default_factory=list)  # as given
     cases: dict[str, Case] = field(default_factory=dict)
+    base: Document | None = None  # of the case without them
     documents: dict[str, Document] = field(default_factory=dict)  # of those that can be shown
     others: dict[str, str] = field(default_factory=dict)  # groups that keep one from being shown
 
@@ -95,7 +96,8 @@ class Site:
             if name not in self.layer_forms:
                 place = {"layer": name} if name in LAYERS else {}
                 raise Refused(say("app.server_no_layer", name=str(name)[:40]), **place)
-            new_layers[name] = check_features(name, given, self.layer_forms[name])
+            form, before = self.layer_forms[name], document.layers[name]
+            new_layers[name] = check_features(name, given, form, before)
         for group, values in settings.items():
             new_settings[group] = self._group(group, values)
         check_size(new_layers.values())

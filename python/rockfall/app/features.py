@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,15 +54,29 @@ class Feature(NamedTuple):
         return shapely.Polygon(self.rings[0], self.rings[1:])
 
 
-def check_features(layer: str, given: Any, form: Form) -> list[Feature]:
-    """Features of a layer as the page sends them; Refused if they cannot be such."""
-    if not isinstance(given, list):
+def check_features(
+    layer: str, given: Any, form: Form, before: Sequence[Feature] = ()
+) -> list[Feature]:
+    """Features of a layer as the page sends them, a list of all or, as `set` and `remove`, what
+    differs from those before; Refused if they cannot be such."""
+    remove: Any = []
+    if isinstance(given, dict):
+        given, remove = given.get("set"), given.get("remove")
+    else:
+        before = ()
+    if not isinstance(given, list) or not isinstance(remove, list):
         raise Refused(say("app.server_wrong_type", name=layer), layer=layer)
+    if not all(isinstance(id, str) for id in remove):
+        raise Refused(say("app.server_wrong_type", name="remove"), layer=layer)
     if len(given) > MAX_FEATURES:
         raise Refused(say("app.server_too_many", name=layer), layer=layer)
-    features = [_feature(layer, feature, form) for feature in given]
-    if len({feature.id for feature in features}) < len(features):
+    new = [_feature(layer, feature, form) for feature in given]
+    by_id = {feature.id: feature for feature in new}
+    if len(by_id) < len(new):
         raise Refused(say("app.server_same_id"), layer=layer)
+    removed = {*remove}
+    features = [by_id.pop(one.id, one) for one in before if one.id not in removed]
+    features += by_id.values()
     if len({feature.type for feature in features}) > 1:
         raise Refused(say("app.server_mixed_shapes"), layer=layer)
     return features
@@ -145,18 +160,28 @@ class Layer:
 
     def shapes(self) -> np.ndarray:
         """Shapes for GEOS."""
-        shapes = np.empty(len(self.features), object)
-        shapes[:] = [feature.shape() for feature in self.features]
-        return shapes
+        import shapely
+
+        places = [feature.coordinates for feature in self.features]
+        if self.geometry == "Point":
+            return shapely.points(np.array(places))
+        if self.geometry == "LineString":
+            vertices, line = _joined(places)
+            return shapely.linestrings(vertices, indices=line)
+        rings, polygon = _joined(places)
+        vertices, ring = _joined(rings)
+        return shapely.polygons(shapely.linearrings(vertices, indices=ring), indices=polygon)
 
     def columns(self) -> dict[str, np.ndarray]:
         """Attributes that any feature has: reals, integers (reals if one is missing) and texts."""
-        columns = {}
-        for name, kind in self.kinds:
-            values = [feature.properties.get(name) for feature in self.features]
-            if any(value is not None for value in values):
-                columns[name] = _column(kind, values)
-        return columns
+        given = {
+            name for feature in self.features
+            for name, value in feature.properties.items() if value is not None
+        }  # fmt: skip
+        return {
+            name: _column(kind, [feature.properties.get(name) for feature in self.features])
+            for name, kind in self.kinds if name in given
+        }  # fmt: skip
 
     def groups(self) -> Iterator[dict[str, Any]]:
         """Lines as groups of a case."""
@@ -167,6 +192,12 @@ class Layer:
     def frame(self, crs: Any) -> Frame:
         """Layer as `rockfall.open` takes it."""
         return Frame(self, crs)
+
+
+def _joined(parts: Sequence[Sequence[Any]]) -> tuple[Any, np.ndarray]:
+    """Items of all parts, one after the other, and the index of the part of each."""
+    owner = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    return [*chain.from_iterable(parts)], owner
 
 
 def _column(kind: str, values: list[Any]) -> np.ndarray:

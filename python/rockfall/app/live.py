@@ -23,6 +23,7 @@ from rockfall.app.pictures import (
 )
 from rockfall.app.places import entry_of, without_files
 from rockfall.case import REPEATABLE, Case, key_table
+from rockfall.case_variants import BASE
 from rockfall.case_zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.io.raster import read_dem
@@ -99,13 +100,18 @@ class Live:
         self._thread.join()
 
     def edit(
-        self, revision: int, layers: Mapping[str, Any], settings: Mapping[str, Any], variant: str
-    ) -> None:
-        """Replace layers and groups of the document, and run it; an edit that is refused leaves the
-        document as it was, and nothing runs until the next."""
+        self, revision: int, layers: Mapping[str, Any], settings: Mapping[str, Any], variant: str,
+        whole: bool = False,
+    ) -> None:  # fmt: skip
+        """Replace layers and groups of the document, and run it. An edit that is refused leaves the
+        document as it was, which is no longer that of the page: nothing runs until an edit has the
+        `whole` document."""
         with self._wake:
             try:
-                self.document = self.site.edited(self.document, layers, settings, variant)
+                if self.error is not None and not whole:
+                    raise self.error
+                before = Document() if whole else self.document
+                self.document = self.site.edited(before, layers, settings, variant)
                 self.error = None
             except Refused as error:
                 self.error = error
@@ -215,6 +221,8 @@ class Live:
                     f"{without_files(where, self.site)}: {translated(text)}"
                     for where, text in input_warnings(scene_of(self._session))
                 ]
+                if self.site.variants.base and not document.variant:
+                    warnings.append(say("app.server_base", name=BASE))
                 warnings += [
                     say("app.server_variant", name=name, group=f"&{group}")
                     for name, group in self.site.variants.others.items()
@@ -223,8 +231,9 @@ class Live:
                 errors = [refused.entry()]
             except RockfallError as refusal:
                 errors = [entry_of(str(refusal), self.site, document)]
-        fields = {"revision": revision, "errors": errors, "warnings": warnings}
-        self._send("state", text_message("state", **fields, running=self.running))
+        fields: dict[str, Any] = {"revision": revision, "errors": errors, "warnings": warnings}
+        fields |= {"refused": error is not None, "running": self.running}
+        self._send("state", text_message("state", **fields))
         if not errors:
             assert self._session is not None and self._ground is not None
             self._show_background(made)

@@ -14,9 +14,10 @@ import os
 import struct
 import traceback
 from collections.abc import Mapping
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np
 
 MAX_BYTES = 4_000_000  # of a message from the page
 _TYPES = {"f4": "<f4", "f8": "<f8", "u1": "<u1", "u4": "<u4", "i4": "<i4"}
@@ -55,6 +56,8 @@ def fault_message(error: Exception) -> str:
 
 def binary_message(type: str, /, arrays: Mapping[str, np.ndarray], **content: Any) -> bytes:
     """Binary message of a type, with arrays by name."""
+    import numpy as np  # which the server can do without until the file is opened
+
     entries, parts, offset = [], [], 0
     for name, array in arrays.items():
         kind = f"{array.dtype.kind}{array.dtype.itemsize}"
@@ -92,14 +95,17 @@ def _finite(token: str) -> float:
 
 def _json(content: Any) -> str:
     # In ASCII: names of files, and what a page sends, may have code points that UTF-8 has not.
-    return json.dumps(_plain(content), allow_nan=False, separators=(",", ":"))
+    try:
+        return json.dumps(content, allow_nan=False, separators=(",", ":"), default=_plain)
+    except (TypeError, ValueError):  # for NaN, and for keys of NumPy: twenty times as long
+        return json.dumps(_plain(content), allow_nan=False, separators=(",", ":"))
 
 
 def _plain(value: Any) -> Any:
     """Content in types of JSON; None for numbers that are not finite."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
+    if hasattr(value, "tolist"):  # of NumPy
         return _plain(value.tolist())
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]

@@ -93,7 +93,7 @@ def _open_case(path: Path) -> tuple[Site, Document]:
     site = Site(
         path, case.name, grid, settings_forms(grounds), forms, kept=kept,
         opened={group: dict(values) for group, values in document.settings.items()},
-        variants=Variants(case.variant, cases),
+        variants=Variants(case.variant, cases, document if cases else None),
     )  # fmt: skip
     for name, variant in cases.items():
         variant_document, kept, forms = _read(variant, grid, grounds)

@@ -5,8 +5,11 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
+from collections.abc import Callable
+from pathlib import Path
 
 from rockfall.app.messages import Message
+from rockfall.language import LANGUAGES
 
 #: Kinds of messages that make waiting ones of some kinds pointless.
 REPLACED = {
@@ -15,6 +18,14 @@ REPLACED = {
     "background": ("background",), "document": ("document",), "variant batch": ("variant batch",),
     "unfinished": ("unfinished",),
 }  # fmt: skip
+
+
+class Client:
+    """A page: where messages to it go."""
+
+    def __init__(self, send: Callable[[str, Message], None]) -> None:
+        self.send, self.language = send, LANGUAGES[0]
+        self.recent: list[Path] = []  # as offered to it
 
 
 class Outbox:

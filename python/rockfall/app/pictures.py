@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
 SHOWN = ("speed", "energy_total", "passing_height")  # quantities at lines
 NUMBERS = ("mean", "q50", "q95")
+ENDS = ("", "_low", "_high")  # of a number and the limits of its interval
 MAX_HEIGHTS, MAX_SHADE = 1001, 2001  # cells along a side, for the view in 3-D and the map
 MAX_OVERLAY = 1001
 MAX_TRAJECTORIES = 1000
@@ -200,10 +202,15 @@ def _lines(result: Contents) -> list[dict[str, Any]]:
         first = rows[0]
         statistics.append({
             "name": name, "kind": "barrier" if barrier else "line", "n": int(first["n"]),
-            "fraction": [first[f"fraction{end}"] for end in ("", "_low", "_high")],
+            "fraction": [_known(first[f"fraction{end}"]) for end in ENDS],
             "quantities": {row["quantity"]: _numbers(result, k, row) for row in rows},
         })  # fmt: skip
     return statistics
+
+
+def _known(value: float) -> float | None:
+    """The number, or null for NaN, which messages of thousands of lines had to be searched for."""
+    return value if math.isfinite(value) else None
 
 
 def _numbers(result: Contents, line: int, row: dict[str, Any]) -> dict[str, Any]:
@@ -212,27 +219,28 @@ def _numbers(result: Contents, line: int, row: dict[str, Any]) -> dict[str, Any]
     withheld, factor = str(row["withheld"]).split(", "), quantity.factor
     numbers: dict[str, Any] = {
         "label": quantity.label, "unit": quantity.unit, "factor": factor,
-        "decimals": quantity.decimals, "max": factor * row["max"],
+        "decimals": quantity.decimals, "max": _known(factor * row["max"]),
     }  # fmt: skip
     for name in NUMBERS:
-        shown = name not in withheld
-        limits = [factor * row[f"{name}{end}"] if shown else None for end in ("", "_low", "_high")]
-        numbers[name] = limits
-    counts, edges = _histogram(result, line, row["quantity"])
-    return numbers | {"counts": counts, "edges": factor * edges}
+        numbers[name] = [
+            None if name in withheld else _known(factor * row[f"{name}{end}"]) for end in ENDS
+        ]
+    counts, low, high = _histogram(result, line, row["quantity"])
+    return numbers | {"counts": counts, "range": [factor * low, factor * high]}
 
 
-def _histogram(result: Contents, line: int, quantity: str) -> tuple[np.ndarray, np.ndarray]:
-    """Counts in equal bins from 0, or the minimum if negative, to the maximum; none without rows
-    of the boulders that passed."""
+def _histogram(result: Contents, line: int, quantity: str) -> tuple[list[int], float, float]:
+    """Counts in equal bins from 0, or the minimum if negative, to the maximum, and both ends; none
+    without rows of the boulders that passed."""
     if result.sizes["boulder"] < simulated(result):
-        return np.zeros(0, int), np.zeros(0)
+        return [], 0.0, 1.0
     values = line_values(result, quantity, line)
     values = values[np.isfinite(values)]
     if not values.size:
-        return np.zeros(0, int), np.zeros(0)
+        return [], 0.0, 1.0
     low, high = min(0.0, float(values.min())), float(values.max())
-    return np.histogram(values, BINS, (low, high if high > low else low + 1.0))
+    high = high if high > low else low + 1.0
+    return np.histogram(values, BINS, (low, high))[0].tolist(), low, high
 
 
 def trajectory_message(

@@ -22,6 +22,7 @@ from rockfall.app.messages import (
     text_message,
 )
 from rockfall.app.opening import is_result, open_site
+from rockfall.app.outbox import Client
 from rockfall.app.pictures import MAX_TRAJECTORIES, View, map_choices
 from rockfall.app.places import without_files
 from rockfall.app.recent import note_recent, recent_files
@@ -36,14 +37,6 @@ MAX_REVISION = 2**53  # up to which numbers of JSON are exact in a browser
 KEPT = ("terrain", "background", "state", "batch", "trajectories")  # sent to a page that enters
 
 Shown: TypeAlias = "Live | Exhibit"
-
-
-class Client:
-    """A page: where messages to it go."""
-
-    def __init__(self, send: Callable[[str, Message], None]) -> None:
-        self.send, self.language = send, LANGUAGES[0]
-        self.recent: list[Path] = []  # as offered to it
 
 
 class Room:
@@ -200,14 +193,16 @@ class Room:
     def _edit(self, client: Client, message: dict[str, Any]) -> None:
         revision = message.get("revision")
         layers, settings = message.get("layers", {}), message.get("settings", {})
-        variant = message.get("variant", "")
+        variant, whole = message.get("variant", ""), message.get("whole", False)
         if type(revision) is not int or not 0 < revision <= MAX_REVISION:
             raise Refused(say("app.server_wrong_type", name="revision"))
         if not isinstance(layers, dict) or not isinstance(settings, dict):
             raise Refused(say("app.server_wrong_type", name="edit"))
+        if not isinstance(whole, bool):
+            raise Refused(say("app.server_wrong_type", name="whole"))
         with self._lock:  # its results come after it
             live = self._live()
-            live.edit(revision, layers, settings, variant)
+            live.edit(revision, layers, settings, variant, whole)
             if readers := [reader for reader in self._clients if reader is not client]:
                 content = document_message(live)
                 for reader in readers:
@@ -315,16 +310,18 @@ def about_shown(shown: Shown | None, language: str) -> dict[str, Any]:
         return {
             "mode": "start", "title": "", "file": "", "folder": "", "revision": 0, "maps": [],
             "document": Document().content(), "forms": {"settings": {}, "layers": {}},
-            "variants": [],
+            "base": None, "variants": [],
             "view": View("", 0)._asdict(),
         }  # fmt: skip
     site, document = shown.site, shown.document
+    base = site.variants.base
     return {
         "mode": site.mode, "title": document.settings.get("case", {}).get("title", ""),
         "file": site.file.name, "folder": str(site.folder), "revision": shown.revision,
         "maps": map_choices(shown.maps, language), "document": document.content(),
         "forms": {"settings": _forms(site.settings_forms), "layers": _forms(site.layer_forms)},
         "view": shown.view._asdict(),
+        "base": base.content() if base else None,
         "variants": [variant.content() for variant in site.variants.documents.values()],
     }  # fmt: skip
 

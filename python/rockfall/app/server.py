@@ -15,16 +15,17 @@ import secrets
 import socket
 import webbrowser
 from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from rockfall.app.messages import MAX_BYTES, Message, Refused, read_message
-from rockfall.app.outbox import Outbox
-from rockfall.app.room import Client, Room
+from rockfall.app.messages import MAX_BYTES, Message, Refused, read_message, text_message
+from rockfall.app.outbox import Client, Outbox
 from rockfall.errors import RockfallError
 
 if TYPE_CHECKING:
+    from rockfall.app.room import Room
     from starlette.applications import Starlette
     from starlette.types import ASGIApp, Receive, Scope
     from starlette.types import Send as Sends
@@ -62,18 +63,20 @@ def check_page(page: Path) -> None:
 
 
 class Server:
-    """Server of one room, on a bound socket, until the last page has closed."""
+    """Server of one room, on a bound socket, until the last page has closed. It serves the page
+    while the room is still being opened: pages wait for `admit`."""
 
     def __init__(
-        self, room: Room, bound: socket.socket, *, page: Path | None = None, keep: bool = False,
+        self, bound: socket.socket, *, page: Path | None = None, keep: bool = False,
         grace: float = GRACE_SECONDS,
     ) -> None:  # fmt: skip
         import uvicorn
 
         page = page or PAGE
         check_page(page)
-        self._room, self._bound, self._keep, self._grace = room, bound, keep, grace
+        self._bound, self._keep, self._grace = bound, keep, grace
         self.port, self.key = bound.getsockname()[1], secrets.token_urlsafe(24)
+        self._opening: Future[Room] = Future()
         self._left: asyncio.TimerHandle | None = None
         bound.listen()  # whoever knows the address may connect, and is served once this runs
         app = _Guard(self._app(page), self.port)
@@ -94,12 +97,21 @@ class Server:
         try:
             self._server.run(sockets=[self._bound])
         finally:
-            self._room.close()
+            if self._opening.done() and not self._opening.exception():
+                self._opening.result().close()
             self._bound.close()
 
     def stop(self) -> None:
         """Stop serving; may be called from any thread."""
         self._server.should_exit = True
+
+    def admit(self, room: Room) -> None:
+        """Let the pages that wait, and later ones, into a room; may be called from any thread."""
+        self._opening.set_result(room)
+
+    def refuse(self, error: RockfallError) -> None:
+        """Tell the first page that comes why there is no room, and stop; from any thread."""
+        self._opening.set_exception(error)
 
     def _app(self, page: Path) -> Starlette:
         from starlette.applications import Starlette
@@ -127,7 +139,13 @@ class Server:
             if hello is None:
                 await socket.close(WRONG_KEY)
                 return
-            await self._serve(socket, hello)
+            try:
+                room = await asyncio.shield(asyncio.wrap_future(self._opening))
+            except RockfallError as error:
+                await socket.send_text(text_message("fault", text=str(error)))
+                self.stop()
+                return
+            await self._serve(socket, room, hello)
         except WebSocketDisconnect:
             pass
 
@@ -141,7 +159,7 @@ class Server:
         valid = isinstance(key, str) and key.isascii() and secrets.compare_digest(key, self.key)
         return given if valid and given["type"] == "hello" else None
 
-    async def _serve(self, socket: WebSocket, hello: dict[str, Any]) -> None:
+    async def _serve(self, socket: WebSocket, room: Room, hello: dict[str, Any]) -> None:
         """Pass messages both ways until the page closes or takes no more."""
         outbox = Outbox(asyncio.get_running_loop())
         client = Client(outbox.put)
@@ -150,8 +168,8 @@ class Server:
             self._left = None
         sender = asyncio.ensure_future(_send_all(socket, outbox))
         try:
-            await asyncio.to_thread(self._room.enter, client, hello)
-            listener = asyncio.ensure_future(self._listen(socket, client))
+            await asyncio.to_thread(room.enter, client, hello)
+            listener = asyncio.ensure_future(_listen(socket, room, client))
             both = sender, listener
             done, others = await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
             for task in others:
@@ -160,28 +178,29 @@ class Server:
                 task.result()
         finally:
             sender.cancel()
-            await asyncio.shield(asyncio.to_thread(self._room.leave, client))
-            if not self._keep and self._room.is_empty:
-                self._end_later()
+            await asyncio.shield(asyncio.to_thread(room.leave, client))
+            if not self._keep and room.is_empty:
+                self._end_later(room)
 
-    async def _listen(self, socket: WebSocket, client: Client) -> None:
-        """Do what a page asks for, one message after the other."""
-        while True:
-            text = await _text(socket)
-            await asyncio.to_thread(self._room.take, client, text)
-
-    def _end_later(self) -> None:
+    def _end_later(self, room: Room) -> None:
         """Stop after some seconds in which no page comes; what is being made is made first."""
 
         def end() -> None:
-            if not self._room.is_empty:  # one came while another was leaving
+            if not room.is_empty:  # one came while another was leaving
                 return
-            if self._room.is_busy:
-                self._end_later()
+            if room.is_busy:
+                self._end_later(room)
             else:
                 self.stop()
 
         self._left = asyncio.get_running_loop().call_later(self._grace, end)
+
+
+async def _listen(socket: WebSocket, room: Room, client: Client) -> None:
+    """Do what a page asks for, one message after the other."""
+    while True:
+        text = await _text(socket)
+        await asyncio.to_thread(room.take, client, text)
 
 
 async def _text(socket: WebSocket) -> str:

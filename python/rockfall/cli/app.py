@@ -5,33 +5,53 @@ from __future__ import annotations
 
 import argparse
 from contextlib import ExitStack
+from importlib import import_module
 from threading import Thread
+from typing import TYPE_CHECKING
 
-from rockfall.app.room import Room
 from rockfall.app.server import Server, bind, open_browser
 from rockfall.cli.messages import DONE
-from rockfall.errors import need
+from rockfall.errors import RockfallError, need
 from rockfall.interrupts import interrupts
 
+if TYPE_CHECKING:
+    from rockfall.app.room import Room
+
 LOOK_SECONDS = 0.1  # between looks for Ctrl-C
+TELL_SECONDS = 5.0  # for the browser to come and be told of an error
 
 
 def app_command(arguments: argparse.Namespace) -> int:
-    need("the window needs", "app", "starlette", "uvicorn", "websockets", "shapely")
-    bound = bind(arguments.port)
-    room = Room(arguments.path, arguments.language)
-    server = Server(room, bound, keep=arguments.keep)
-    with interrupts() as interrupted:  # uvicorn heeds no signals outside the main thread
+    need("the window needs", "app", "starlette", "uvicorn", "websockets")
+    if arguments.path is not None and not arguments.path.is_file():
+        raise RockfallError(f"{arguments.path}: no such file")
+    server = Server(bind(arguments.port), keep=arguments.keep)
+    with interrupts() as interrupted, ExitStack() as ending:  # uvicorn heeds no signals in a thread
         print(server.url, flush=True)
         thread = Thread(target=server.run, name="server")
         thread.start()
+        ending.callback(thread.join)
+        ending.callback(server.stop)
         with ExitStack() as opening:
             if not arguments.no_browser:
                 opening.enter_context(open_browser(server.url))
+            try:
+                room = _open_room(arguments)
+            except RockfallError as error:
+                server.refuse(error)
+                if not arguments.no_browser:
+                    thread.join(TELL_SECONDS)
+                raise
+            server.admit(room)
             while thread.is_alive() and not interrupted():
                 thread.join(LOOK_SECONDS)
                 if not room.is_empty:
                     opening.close()  # the page has the key
-        server.stop()
-        thread.join()
     return DONE
+
+
+def _open_room(arguments: argparse.Namespace) -> Room:
+    """Open the file; imported only now, while the browser starts and loads the page."""
+    need("the window needs", "app", "shapely")
+    room: Room = import_module("rockfall.app.room").Room(arguments.path, arguments.language)
+    return room

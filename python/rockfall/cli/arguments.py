@@ -46,7 +46,7 @@ def _add(
     if what:
         parser.add_argument(what.lower(), metavar=what, type=Path)
     if what == "CASE" and name != "variants":
-        text = "of a case with &variant groups, the one of this name"
+        text = "of a case with &variant groups, the one of this name; base: without them"
         parser.add_argument("--variant", metavar="NAME", help=text)
     if writes:
         _add_overwrite(parser)

@@ -132,7 +132,7 @@ def _write(frame: Any, name: str, folder: Path) -> Path:
     path, crs = folder / f"{name}.fgb", frame.crs
     columns = [k for k, column in enumerate(frame.columns) if column != frame.geometry.name]
     try:
-        shapes = np.array([*map(shapely.to_wkb, frame.geometry)], object)
+        shapes = shapely.to_wkb(np.array(frame.geometry, object))
         if not len(shapes):
             raise RockfallError(f"{name}: the GeoDataFrame is empty")
         pyogrio.raw.write(

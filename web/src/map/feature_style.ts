@@ -13,15 +13,24 @@ function stroke(colour: string, width: number, extra: { lineDash?: number[]; lin
   return new Stroke({ color: colour, width, ...extra });
 }
 
-function label(name: Value | undefined, colour: string, offsetY: number): Style[] {
+const LABEL_COLOURS: Readonly<Record<Layer, string>> = {
+  sources: '#8f3f00',
+  lines: '#00507d',
+  barriers: '#7a2f5c',
+  dams: '#6b4600',
+  zones: '#00664a',
+};
+const LABEL_HALO = stroke('rgb(255 255 255 / 0.9)', 3.5);
+
+function label(name: Value | undefined, layer: Layer, offsetY: number): Style[] {
   if (name === undefined || name === '') return [];
   const text = new Text({
     text: String(name),
     font: '600 12px system-ui, sans-serif',
     offsetY,
     overflow: true,
-    fill: new Fill({ color: colour }),
-    stroke: stroke('rgb(255 255 255 / 0.9)', 3.5),
+    fill: new Fill({ color: LABEL_COLOURS[layer] }),
+    stroke: LABEL_HALO,
   });
   return [new Style({ text, zIndex: 5 })];
 }
@@ -42,14 +51,8 @@ function footWidth(properties: Readonly<Record<string, Value>>): number {
   return number('crest_width', 0) + (2 * number('height', 0)) / Math.tan((number('slope', 45) * Math.PI) / 180);
 }
 
-function shapeStyles(
-  layer: Layer,
-  properties: Readonly<Record<string, Value>>,
-  selected: boolean,
-  resolution: number,
-): Style[] {
+function makeStyles(layer: Exclude<Layer, 'dams'>, wide: number): Style[] {
   const colour = LAYER_COLOURS[layer];
-  const wide = selected ? 1 : 0;
   switch (layer) {
     case 'sources':
       return [
@@ -78,14 +81,30 @@ function shapeStyles(
         new Style({ stroke: stroke(colour, 4 + wide), zIndex: 2 }),
         new Style({ stroke: stroke('#7a2f5c', 4 + wide, { lineDash: [1.5, 7], lineCap: 'butt' }), zIndex: 3 }), // its posts
       ];
-    case 'dams': {
-      const foot = footWidth(properties) / resolution;
-      return [
-        new Style({ stroke: stroke(translucent(colour, 45), Math.max(foot, 7), { lineCap: 'butt' }) }),
-        new Style({ stroke: stroke('#8a5a00', 2 + wide), zIndex: 2 }),
-      ];
-    }
   }
+}
+
+const made = new Map<string, Style[]>();
+
+/** Styles of a shape; those of a layer are the same objects, of which each would have a picture of its own. */
+function shapeStyles(
+  layer: Layer,
+  properties: Readonly<Record<string, Value>>,
+  selected: boolean,
+  resolution: number,
+): Style[] {
+  const wide = selected ? 1 : 0;
+  if (layer === 'dams') {
+    const foot = footWidth(properties) / resolution;
+    return [
+      new Style({ stroke: stroke(translucent(LAYER_COLOURS.dams, 45), Math.max(foot, 7), { lineCap: 'butt' }) }),
+      new Style({ stroke: stroke('#8a5a00', 2 + wide), zIndex: 2 }),
+    ];
+  }
+  const key = `${layer} ${wide}`;
+  let styles = made.get(key);
+  if (!styles) made.set(key, (styles = makeStyles(layer, wide)));
+  return styles;
 }
 
 /** Vertices, and between them places where a vertex can be pulled out. */
@@ -117,24 +136,37 @@ function handleStyles(geometry: unknown): Style[] {
   ];
 }
 
-/** Styles of a feature; handles only where it can be edited. */
+/** Styles of a feature, with its name if wanted. */
 export function featureStyles(
   feature: OlFeature,
   layer: Layer,
   properties: Readonly<Record<string, Value>>,
-  selected: boolean,
+  named: boolean,
+  resolution: number,
+): Style[] {
+  const shape = shapeStyles(layer, properties, false, resolution);
+  return named ? [...shape, ...label(properties['name'], layer, offsetOf(feature))] : shape;
+}
+
+/** Styles of the selected feature; handles only where it can be edited. */
+export function selectedStyles(
+  feature: OlFeature,
+  layer: Layer,
+  properties: Readonly<Record<string, Value>>,
   editable: boolean,
   resolution: number,
 ): Style[] {
-  const geometry = feature.getGeometry();
-  const dark = { sources: '#8f3f00', lines: '#00507d', barriers: '#7a2f5c', dams: '#6b4600', zones: '#00664a' }[layer];
   const styles = [
-    ...shapeStyles(layer, properties, selected, resolution),
-    ...label(properties['name'], dark, geometry instanceof Point ? -16 : -12),
+    ...shapeStyles(layer, properties, true, resolution),
+    ...label(properties['name'], layer, offsetOf(feature)),
   ];
-  if (!selected) return styles;
-  if (editable) return [...styles, ...handleStyles(geometry)];
+  if (editable) return [...styles, ...handleStyles(feature.getGeometry())];
   return [new Style({ stroke: stroke(translucent(ACCENT, 70), 13), image: RING }), ...styles];
+}
+
+/** Pixels from a shape to its name. */
+function offsetOf(feature: OlFeature): number {
+  return feature.getGeometry() instanceof Point ? -16 : -12;
 }
 
 /** The shape that is being drawn. */

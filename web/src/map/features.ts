@@ -4,35 +4,46 @@ import OlFeature from 'ol/Feature';
 import { LineString, Point, Polygon, type Geometry } from 'ol/geom';
 import VectorLayer from 'ol/layer/Vector';
 import VectorSource from 'ol/source/Vector';
+import type { Style } from 'ol/style';
 import { LAYERS, type Feature, type Layer, type Layers, type Position } from '../protocol';
-import { featureStyles } from './feature_style';
+import { featureStyles, selectedStyles } from './feature_style';
 
 const DATA = 'rockfall'; // property of a map's feature that holds the document's
 
+const LABELLED = 300; // features of a layer in view, above which their names would hide the map
+
 export class FeatureLayers {
   readonly layers: Readonly<Record<Layer, VectorLayer<VectorSource>>>;
+  /** The selected feature, alone: while it is dragged, none of the others is drawn again. */
+  readonly selection: VectorLayer<VectorSource>;
   selected = '';
-  editable = false;
+  private selectedLayer: Layer = 'sources';
+  private mayEdit = false;
+  private shown: Layers | null = null;
+  private readonly named = new Set<Layer>(LAYERS);
 
   constructor() {
-    const make = (name: Layer, k: number): VectorLayer<VectorSource> =>
-      new VectorLayer({
-        source: new VectorSource({ wrapX: false }),
-        zIndex: 30 + 2 * k,
-        updateWhileInteracting: true,
-        updateWhileAnimating: true,
-        style: (feature, resolution) => {
-          const data = feature instanceof OlFeature && dataOf(feature);
-          return data
-            ? featureStyles(feature, name, data.properties, data.id === this.selected, this.editable, resolution)
-            : [];
-        },
-      });
     const order: readonly Layer[] = ['zones', 'dams', 'lines', 'barriers', 'sources'];
-    this.layers = Object.fromEntries(order.map((name, k) => [name, make(name, k)])) as Record<
-      Layer,
-      VectorLayer<VectorSource>
-    >;
+    this.layers = Object.fromEntries(
+      order.map((name, k) => [
+        name,
+        makeLayer(30 + 2 * k, (feature, data, resolution) =>
+          featureStyles(feature, name, data.properties, this.named.has(name), resolution),
+        ),
+      ]),
+    ) as Record<Layer, VectorLayer<VectorSource>>;
+    this.selection = makeLayer(40, (feature, data, resolution) =>
+      selectedStyles(feature, this.selectedLayer, data.properties, this.mayEdit, resolution),
+    );
+  }
+
+  get all(): VectorLayer<VectorSource>[] {
+    return [...Object.values(this.layers), this.selection];
+  }
+
+  set editable(on: boolean) {
+    this.mayEdit = on;
+    this.selection.changed();
   }
 
   source(layer: Layer): VectorSource {
@@ -41,10 +52,13 @@ export class FeatureLayers {
 
   /** Show the features of a document. One that is under the hand keeps its geometry. */
   show(document: Layers): void {
-    for (const layer of LAYERS) this.showLayer(layer, document[layer]);
+    for (const layer of LAYERS) this.showLayer(layer, this.shown?.[layer] ?? [], document[layer]);
+    this.shown = document;
   }
 
   find(id: string): { layer: Layer; feature: OlFeature } | null {
+    const selected = id === this.selected ? this.selectedFeature : null;
+    if (selected) return { layer: this.selectedLayer, feature: selected };
     for (const layer of LAYERS) {
       const feature = this.source(layer).getFeatureById(id);
       if (feature instanceof OlFeature) return { layer, feature };
@@ -53,23 +67,73 @@ export class FeatureLayers {
   }
 
   select(id: string): void {
-    this.selected = id;
-    for (const layer of LAYERS) this.layers[layer].changed();
+    const found = this.find(id);
+    const before = this.selectedFeature;
+    if (found?.feature === before && before) return;
+    const { selectionSource } = this;
+    selectionSource.clear();
+    if (before) this.source(this.selectedLayer).addFeature(before);
+    this.selected = found ? id : '';
+    if (!found) return;
+    this.selectedLayer = found.layer;
+    this.source(found.layer).removeFeature(found.feature);
+    selectionSource.addFeature(found.feature);
   }
 
-  private showLayer(layer: Layer, features: readonly Feature[]): void {
+  /** Names only where there is room for them, in an extent of the map. */
+  nameWithin(extent: number[]): void {
+    for (const layer of LAYERS) {
+      const fits = (this.shown?.[layer].length ?? 0) <= LABELLED || this.source(layer).getFeaturesInExtent(extent).length <= LABELLED;
+      if (fits === this.named.has(layer)) continue;
+      if (fits) this.named.add(layer);
+      else this.named.delete(layer);
+      this.layers[layer].changed();
+    }
+  }
+
+  private get selectionSource(): VectorSource {
+    return this.selection.getSource() as VectorSource;
+  }
+  private get selectedFeature(): OlFeature | null {
+    return this.selectionSource.getFeatures()[0] ?? null;
+  }
+
+  private showLayer(layer: Layer, before: readonly Feature[], features: readonly Feature[]): void {
+    if (before === features) return;
     const source = this.source(layer);
     const ids = new Set(features.map(({ id }) => id));
-    for (const shown of source.getFeatures()) if (!ids.has(String(shown.getId()))) source.removeFeature(shown);
+    for (const { id } of before) {
+      const gone = ids.has(id) ? null : this.find(id);
+      if (gone && id === this.selected) this.selectionSource.clear();
+      else if (gone) source.removeFeature(gone.feature);
+    }
+    const known = new Set(before);
+    const added: OlFeature[] = [];
     for (const feature of features) {
-      const shown = source.getFeatureById(feature.id);
-      if (!(shown instanceof OlFeature)) source.addFeature(made(feature));
+      if (known.has(feature)) continue;
+      const shown = this.find(feature.id)?.feature;
+      if (!shown) added.push(made(feature));
       else if (dataOf(shown) !== feature) {
         shown.set(DATA, feature, true);
         shown.setGeometry(geometryOf(feature));
       }
     }
+    source.addFeatures(added);
   }
+}
+
+function makeLayer(
+  zIndex: number,
+  style: (feature: OlFeature, data: Feature, resolution: number) => Style[],
+): VectorLayer<VectorSource> {
+  return new VectorLayer({
+    source: new VectorSource({ wrapX: false }),
+    zIndex,
+    style: (feature, resolution) => {
+      const data = feature instanceof OlFeature && dataOf(feature);
+      return data ? style(feature, data, resolution) : [];
+    },
+  });
 }
 
 function made(feature: Feature): OlFeature {

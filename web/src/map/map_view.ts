@@ -68,12 +68,15 @@ export class MapView {
         this.sources,
         this.trajectories,
         this.stops,
-        ...Object.values(this.features.layers),
+        ...this.features.all,
       ],
     });
     // Until someone moves the view, it fits the terrain: after a fold of a panel, or a turn of a phone.
     this.map.on('change:size', () => {
       if (this.terrain && !this.moved) this.fitTerrain();
+    });
+    this.map.on('moveend', ({ frameState }) => {
+      if (frameState?.extent) this.features.nameWithin(frameState.extent);
     });
     for (const event of ['wheel', 'pointerdown', 'keydown'])
       target.addEventListener(event, () => (this.moved = true), { passive: true });
@@ -127,6 +130,7 @@ export class MapView {
 
   showDocument(layers: Layers): void {
     this.features.show(layers);
+    if (this.terrain) this.features.nameWithin(this.map.getView().calculateExtent());
   }
 
   setResult(header: OverlayHeader | null, values: Float32Array | null, shape: number[]): void {

@@ -5,7 +5,7 @@ import { button, element } from '../dom';
 import type { DocumentStore } from '../document';
 import { Form } from '../forms';
 import { icon } from '../icons';
-import { LAYERS, type CaseError, type Feature, type Forms, type Layer } from '../protocol';
+import { LAYERS, type CaseError, type Feature, type Forms, type Layer, type Layers } from '../protocol';
 import { decimal, say } from '../texts';
 import { applies } from '../volume_keys';
 
@@ -22,7 +22,9 @@ export class FeaturePanel {
   private readonly hint = element('p', { class: 'hint' }, say('app.features.hint'));
   private form: { id: string; layer: Layer; form: Form; size: HTMLElement } | null = null;
   private selected = '';
-  private listed = '';
+  private listed: Partial<Layers> = {};
+  private marked = ''; // features with errors
+  private readonly buttons = new Map<string, HTMLButtonElement>();
   private errors: readonly CaseError[] = [];
   private editable = false;
 
@@ -46,24 +48,35 @@ export class FeaturePanel {
     this.selected = id;
     this.showList();
     this.showProperties();
-    this.list.querySelector(`[data-feature="${id}"]`)?.scrollIntoView({ block: 'nearest' });
+    this.buttons.get(id)?.scrollIntoView({ block: 'nearest' });
   }
 
-  /** List what is drawn; only afresh if it reads otherwise than before, so that no click is lost while a shape is dragged. */
+  /** List what is drawn: of thousands only what reads otherwise than before, so that no click is lost while a shape is dragged. */
   private showList(): void {
-    const wrong = this.errors.map(({ id }) => id);
-    const listed = JSON.stringify([
-      this.selected,
-      wrong,
-      LAYERS.map((layer) => this.store.layer(layer).map(({ id, properties }) => [id, properties['name']])),
-    ]);
-    if (listed === this.listed) return;
-    this.listed = listed;
-    const focused =
-      document.activeElement instanceof HTMLElement && this.list.contains(document.activeElement)
-        ? document.activeElement.dataset['feature']
-        : undefined;
-    const sections = LAYERS.filter((layer) => this.store.layer(layer).length > 0).map((layer) => {
+    const shown = LAYERS.filter((layer) => this.store.layer(layer).length > 0);
+    const wrong = new Set(this.errors.map(({ id, layer }) => `${layer ?? ''} ${id ?? ''}`));
+    const isWrong = (layer: Layer, id: string): boolean => wrong.has(`${layer} ${id}`) || wrong.has(` ${id}`);
+    const same = shown.every((layer) => sameIds(this.listed[layer], this.store.layer(layer)));
+    if (!same || shown.length !== this.list.querySelectorAll('section').length) this.makeList(shown);
+    for (const layer of shown) {
+      const before = this.listed[layer];
+      this.store.layer(layer).forEach((feature, k) => {
+        if (same && before?.[k] === feature && this.marked === '' && wrong.size === 0) return;
+        const made = this.buttons.get(feature.id);
+        made?.replaceChildren(nameOf(layer, feature, k), ...(isWrong(layer, feature.id) ? [icon('warning')] : []));
+        made?.classList.toggle('wrong', isWrong(layer, feature.id));
+      });
+    }
+    this.marked = [...wrong].join();
+    this.listed = this.store.document.layers;
+    this.list.querySelector('[aria-pressed="true"]')?.setAttribute('aria-pressed', 'false');
+    this.buttons.get(this.selected)?.setAttribute('aria-pressed', 'true');
+  }
+
+  private makeList(shown: readonly Layer[]): void {
+    const focused = document.activeElement instanceof HTMLElement ? document.activeElement.dataset['feature'] : undefined;
+    this.buttons.clear();
+    const sections = shown.map((layer) => {
       const title = element(
         'h3',
         {},
@@ -71,28 +84,25 @@ export class FeaturePanel {
         say(`app.layer.${layer}`),
         element('span', { class: 'count' }, decimal(this.store.layer(layer).length)),
       );
-      const items = this.store.layer(layer).map((feature, k) => element('li', {}, this.item(layer, feature, k)));
+      const items = this.store.layer(layer).map(({ id }) => element('li', {}, this.item(id)));
       return element('section', {}, title, element('ul', {}, ...items));
     });
     this.list.replaceChildren(
       ...(sections.length ? sections : [element('p', { class: 'empty' }, say('app.features.none'))]),
     );
-    if (focused) this.list.querySelector<HTMLElement>(`[data-feature="${focused}"]`)?.focus();
+    if (focused) this.buttons.get(focused)?.focus();
   }
 
-  private item(layer: Layer, feature: Feature, index: number): HTMLButtonElement {
-    const wrong = this.errors.some((error) => error.id === feature.id && (error.layer ?? layer) === layer);
+  private item(id: string): HTMLButtonElement {
     const made = button(
-      [nameOf(layer, feature, index), wrong && icon('warning')],
+      [],
       () => {
-        this.actions.select(feature.id);
-        this.actions.zoom(feature.id);
+        this.actions.select(id);
+        this.actions.zoom(id);
       },
-      {
-        class: wrong ? 'wrong' : '',
-        attributes: { 'data-feature': feature.id, 'aria-pressed': String(feature.id === this.selected) },
-      },
+      { attributes: { 'data-feature': id, 'aria-pressed': 'false' } },
     );
+    this.buttons.set(id, made);
     return made;
   }
 
@@ -141,6 +151,10 @@ export class FeaturePanel {
     this.form = { id: feature.id, layer, form, size };
     this.properties.replaceChildren(heading, form.root, actions);
   }
+}
+
+function sameIds(before: readonly Feature[] | undefined, after: readonly Feature[]): boolean {
+  return before === after || (before?.length === after.length && after.every(({ id }, k) => before[k]?.id === id));
 }
 
 export function swatch(layer: keyof typeof LAYER_COLOURS): HTMLElement {

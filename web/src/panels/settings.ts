@@ -29,6 +29,7 @@ export class SettingsPanel {
   readonly root = element('div', { class: 'settings' });
   private readonly common: Section[];
   private readonly others: Section[];
+  private shown: readonly unknown[] = [];
   private readonly search = element('input', {
     attributes: { type: 'search', 'aria-label': say('app.settings.search'), placeholder: say('app.settings.search') },
   });
@@ -60,6 +61,9 @@ export class SettingsPanel {
 
   update(errors: readonly CaseError[], editable: boolean): void {
     const { settings } = this.store.document;
+    const now = [settings, errors, editable] as const;
+    if (now.every((one, k) => one === this.shown[k])) return; // while shapes are dragged
+    this.shown = now;
     for (const { group, form, root } of [...this.common, ...this.others]) {
       const found = errors
         .filter((error) => error.group === group && error.key)

@@ -4,6 +4,8 @@ import { button, element, svg } from '../dom';
 import type { Estimate, LineStatistics, QuantityStatistics } from '../protocol';
 import { decimal, rounded, say, sayOr, supportedDecimals } from '../texts';
 
+const FEW = 30; // lines whose numbers are all written
+
 export const QUANTITIES = ['speed', 'energy_total', 'passing_height'] as const;
 
 /** A value to the digits that its interval supports, and the interval below it. */
@@ -25,28 +27,26 @@ function limit(value: number | null, decimals: number): string {
 }
 
 /** Distribution as bars, with a mark at the 95 % quantile. */
-export function histogram({ counts, edges, q95: [q95], label, unit }: QuantityStatistics): SVGSVGElement {
+export function histogram({ counts, range: [first, last], q95: [q95], label, unit }: QuantityStatistics): SVGSVGElement {
   const [width, height] = [66, 28];
   const most = Math.max(...counts, 1);
-  const first = edges[0] ?? 0;
-  const last = edges.at(-1) ?? 1;
   const x = (value: number): number => (width * (value - first)) / (last - first || 1);
   const bars = counts.map((count, k) => {
-    const [left, right] = [x(edges[k] ?? 0), x(edges[k + 1] ?? 0)];
+    const [left, right] = [k, k + 1].map((edge) => (width * edge) / counts.length) as [number, number];
     const top = height - 1 - ((height - 3) * count) / most;
     return count
       ? `M${left.toFixed(1)} ${height - 1}V${top.toFixed(1)}H${Math.max(left + 0.5, right - 0.6).toFixed(1)}V${height - 1}Z`
       : '';
   });
-  const range = `${label}: ${decimal(Number(first.toPrecision(2)))} – ${decimal(Number(last.toPrecision(2)))} ${unit}`;
+  const about = `${label}: ${decimal(Number(first.toPrecision(2)))} – ${decimal(Number(last.toPrecision(2)))} ${unit}`;
   const drawing = svg(
     'svg',
-    { viewBox: `0 0 ${width} ${height}`, class: 'histogram', role: 'img', 'aria-label': range },
+    { viewBox: `0 0 ${width} ${height}`, class: 'histogram', role: 'img', 'aria-label': about },
     svg('path', { d: bars.join(''), class: 'bars' }),
     svg('path', { d: `M0 ${height - 0.5}H${width}`, class: 'axis' }),
   );
   const title = svg('title', {});
-  title.textContent = range;
+  title.textContent = about;
   drawing.append(title);
   if (q95 !== null) drawing.append(svg('path', { d: `M${x(q95).toFixed(1)} 0V${height - 1}`, class: 'mark' }));
   return drawing;
@@ -71,7 +71,8 @@ export function percent([value, low, high]: Estimate): Estimate {
   return [of(value), of(low), of(high)];
 }
 
-/** Row of a line: its head stays while numbers change, so that a click or the focus is not lost. */
+/** Row of a line: its head stays while numbers change, so that a click or the focus is not lost. Its numbers are made and written only
+ * while it is in view: there may be thousands. */
 interface Row {
   root: HTMLTableRowElement;
   update(line: LineStatistics): void;
@@ -82,6 +83,20 @@ export class StatisticsPanel {
   private shape = '';
   private selected = '';
   private rows = new Map<string, Row>();
+  private lines = new Map<string, LineStatistics>();
+  private readonly visible = new Set<string>();
+  private readonly seen = new IntersectionObserver((entries) => {
+    for (const { target, isIntersecting } of entries) {
+      const name = (target as HTMLElement).dataset['line'] ?? '';
+      if (isIntersecting) {
+        this.visible.add(name);
+        this.write(name);
+      } else {
+        this.visible.delete(name);
+        target.classList.add('unwritten'); // its numbers may be older when it comes into view again
+      }
+    }
+  });
 
   constructor(private readonly onChosen: (name: string) => void) {}
 
@@ -92,14 +107,27 @@ export class StatisticsPanel {
         lines.length ? this.table(lines) : element('p', { class: 'empty' }, say('app.statistics.none')),
       );
     this.shape = shape;
-    for (const line of lines) this.rows.get(line.name)?.update(line);
+    this.lines = new Map(lines.map((line) => [line.name, line]));
+    for (const name of lines.length > FEW ? this.visible : this.lines.keys()) this.write(name);
+  }
+
+  /** Write the numbers of all lines, to be printed. */
+  writeAll(): void {
+    for (const name of this.lines.keys()) this.write(name);
+  }
+
+  private write(name: string): void {
+    const line = this.lines.get(name);
+    if (line) this.rows.get(name)?.update(line);
   }
 
   /** Mark the line of this name. */
   select(name: string): void {
     this.rows.get(this.selected)?.root.classList.remove('selected');
     this.selected = name;
-    this.rows.get(name)?.root.classList.add('selected');
+    const root = this.rows.get(name)?.root;
+    root?.classList.add('selected');
+    if (this.rows.size > FEW) root?.scrollIntoView({ block: 'nearest' });
   }
 
   private table(lines: readonly LineStatistics[]): HTMLTableElement {
@@ -130,7 +158,10 @@ export class StatisticsPanel {
       element('tr', {}, tall('app.statistics.line', ''), tall('app.statistics.fraction', ' %'), ...heads),
       element('tr', {}, ...parts),
     );
+    this.seen.disconnect();
+    this.visible.clear();
     this.rows = new Map(lines.map((line) => [line.name, this.row(line, known)]));
+    if (lines.length > FEW) for (const { root } of this.rows.values()) this.seen.observe(root);
     const body = element('tbody', {}, ...[...this.rows.values()].map(({ root }) => root));
     return element(
       'table',
@@ -152,7 +183,8 @@ export class StatisticsPanel {
       class: 'fraction',
       attributes: { 'data-part': 'fraction', 'data-label': `${say('app.statistics.fraction')} [%]` },
     });
-    const cells = known.map((quantity) => {
+    let cells: ReturnType<typeof makeCells> = [];
+    const makeCells = (): { name: string; mean: HTMLElement; q95: HTMLElement; plot: HTMLElement }[] => known.map((quantity) => {
       const cell = (part: 'mean' | 'q95', style: string): HTMLElement =>
         element('td', {
           class: style,
@@ -173,10 +205,13 @@ export class StatisticsPanel {
       'tr',
       { class: name === this.selected ? 'selected' : '', attributes: { 'data-line': name } },
       element('th', { attributes: { scope: 'row' } }, chosen, number),
-      fraction,
-      ...cells.flatMap(({ mean, q95, plot }) => [mean, q95, plot]),
     );
     const update = (line: LineStatistics): void => {
+      if (!cells.length) {
+        cells = makeCells();
+        root.append(fraction, ...cells.flatMap(({ mean, q95, plot }) => [mean, q95, plot]));
+      }
+      root.classList.remove('unwritten');
       number.textContent = say('app.statistics.n', { n: line.n });
       const passing = percent(line.fraction);
       fraction.replaceChildren(estimate(passing, 1), fractionBar(passing));

@@ -10,6 +10,8 @@ interface Actions {
   compare(index: number): void;
   restore(index: number): void;
   forget(index: number): void;
+  /** Take the case without its variants as the document. */
+  base(): void;
 }
 
 export class VariantPanel {
@@ -39,16 +41,25 @@ export class VariantPanel {
     this.suggest();
   }
 
-  update(variants: readonly Snapshot[], canKeep: boolean, canRestore: boolean): void {
+  /** `based`: name of the variant of the case from which the present state comes, '' without; null if the case has none. */
+  update(variants: readonly Snapshot[], canKeep: boolean, canRestore: boolean, based: string | null): void {
     this.keepButton.disabled = !canKeep;
-    const listed = JSON.stringify([variants.map(({ name }) => name), canRestore]);
+    const listed = JSON.stringify([variants.map(({ name }) => name), canRestore, based]);
     if (listed === this.listed) return; // a click must not lose its button
     this.listed = listed;
+    const base = element(
+      'li',
+      { class: based === '' ? 'present' : '', attributes: { 'data-variant': '' } },
+      element('span', { class: 'variant-name' }, say('app.variants.base')),
+      canRestore && button(say('app.variants.restore'), () => this.actions.base(), { attributes: { 'data-action': 'base' } }),
+    );
+    const isPresent = ({ name, document }: Snapshot): boolean => based !== '' && name === document.variant && name === based;
     this.list.replaceChildren(
+      ...(based === null ? [] : [base]),
       ...variants.map((variant, k) =>
         element(
           'li',
-          { attributes: { 'data-variant': variant.name } },
+          { class: isPresent(variant) ? 'present' : '', attributes: { 'data-variant': variant.name } },
           element('span', { class: 'variant-name' }, variant.name),
           button(say('app.variants.compare'), () => this.actions.compare(k), {
             attributes: { 'data-action': 'compare' },

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Trajectories as lines, and the boulders that move along them.
 import {
-  BufferAttribute, Color, DodecahedronGeometry, Group, InstancedMesh, Matrix4, MeshLambertMaterial, Quaternion, Vector3, type PerspectiveCamera,
+  BufferAttribute, Color, DodecahedronGeometry, Group, InstancedBufferAttribute, InstancedMesh, MeshLambertMaterial, Vector3,
+  type PerspectiveCamera,
 } from 'three';
 import { plasma } from '../colours';
 import { scaleEnd, type Quantity } from './colours';
@@ -34,6 +35,8 @@ export class Paths {
   private readonly first: Uint32Array;
   private readonly radius: Float32Array; // [m]
   private readonly boulders: InstancedMesh<DodecahedronGeometry, MeshLambertMaterial>;
+  private readonly placed: Float32Array; // matrices of the boulders
+  private readonly coloured: Float32Array;
   private end = 1;
 
   constructor(trajectories: Trajectories, private readonly ground: Ground) {
@@ -62,6 +65,9 @@ export class Paths {
     this.ribbons.renderOrder = 3;
     this.boulders = new InstancedMesh(rock(), new MeshLambertMaterial({ flatShading: true }), Math.max(first.length - 1, 1));
     this.boulders.count = first.length - 1;
+    this.placed = this.boulders.instanceMatrix.array.fill(0) as Float32Array;
+    this.coloured = new Float32Array(3 * Math.max(first.length - 1, 1));
+    this.boulders.instanceColor = new InstancedBufferAttribute(this.coloured, 3);
     this.boulders.frustumCulled = false;
     this.group.add(this.boulders, this.ribbons);
   }
@@ -88,37 +94,56 @@ export class Paths {
   /** Place the boulders as they are at a time [s], at least a few pixels large; null: at their ends. */
   setTime(time: number | null, camera: PerspectiveCamera, pictureHeight: number): void {
     this.ribbons.setTime(time);
-    const { points, first } = this;
-    const place = new Vector3();
-    const axis = new Vector3();
-    const turn = new Quaternion();
-    const matrix = new Matrix4();
-    const size = new Vector3();
-    const colour = new Color();
+    const { points, first, placed, coloured, length } = this;
     const pixel = (2 * Math.tan((camera.fov * Math.PI) / 360)) / pictureHeight; // [m] at 1 m distance
-    const nearest = this.sample.reduce((least, point) => Math.min(least, camera.position.distanceToSquared(point)), Infinity);
+    const { x: eyeX, y: eyeY, z: eyeZ } = camera.position;
+    let nearest = Infinity;
+    for (const point of this.sample) nearest = Math.min(nearest, camera.position.distanceToSquared(point));
     this.ribbons.setDetail(pixel * Math.sqrt(nearest) < DETAIL);
+    // Numbers only, written where the picture is made of them: nothing is left behind for each boulder of each frame.
     for (let path = 0; path + 1 < first.length; path++) {
       const last = first[path + 1]! - 1;
       const k = time === null ? last : this.pointBefore(path, time);
       const next = Math.min(k + 1, last);
       const a = k * STRIDE;
       const b = next * STRIDE;
+      const [x, y, z] = [points[a]!, points[a + 1]!, points[a + 2]!];
+      const east = points[b]! - x;
+      const north = points[b + 1]! - y;
       const span = points[b + 3]! - points[a + 3]!;
       const part = span > 0 && time !== null ? Math.min(Math.max((time - points[a + 3]!) / span, 0), 1) : 0;
-      const along = (from: number, to: number): number => from + part * (to - from);
-      place.set(along(points[a]!, points[b]!), along(points[a + 1]!, points[b + 1]!),
-        along(points[a + 2]!, points[b + 2]!) + 0.5 * GRAVITY * span * span * part * (1 - part));
-      const radius = Math.max(this.radius[path]!, MIN_RADIUS * pixel * camera.position.distanceTo(place));
-      axis.set(points[a + 1]! - points[b + 1]!, points[b]! - points[a]!, 0.2 * (1 + (path % 3))).normalize(); // forward roll, not quite upright
-      turn.setFromAxisAngle(axis, path + along(this.length[k]!, this.length[next]!) / (2 * radius));
-      place.z += 0.8 * radius; // a trajectory runs along the underside of its boulder
-      this.boulders.setMatrixAt(path, matrix.compose(place, turn, size.setScalar(radius)));
-      const [red, green, blue] = plasma(along(points[a + 4]!, points[b + 4]!) / this.end);
-      this.boulders.setColorAt(path, colour.setRGB(red / 255, green / 255, blue / 255, 'srgb').lerp(WHITE, 0.12));
+      const centreX = x + part * east;
+      const centreY = y + part * north;
+      let centreZ = z + part * (points[b + 2]! - z) + 0.5 * GRAVITY * span * span * part * (1 - part);
+      const away = Math.hypot(centreX - eyeX, centreY - eyeY, centreZ - eyeZ);
+      const radius = Math.max(this.radius[path]!, MIN_RADIUS * pixel * away);
+      centreZ += 0.8 * radius; // a trajectory runs along the underside of its boulder
+      const upright = 0.2 * (1 + (path % 3)); // forward roll, not quite upright
+      const norm = 1 / Math.hypot(north, east, upright);
+      const [u, v, w] = [-north * norm, east * norm, upright * norm];
+      const angle = path + (length[k]! + part * (length[next]! - length[k]!)) / (2 * radius);
+      const [sine, cosine] = [radius * Math.sin(angle), radius * Math.cos(angle)];
+      const rest = radius - cosine;
+      const at = 16 * path; // columns of the turn about the axis (u, v, w), times the radius, and the place
+      placed[at] = rest * u * u + cosine;
+      placed[at + 1] = rest * u * v + sine * w;
+      placed[at + 2] = rest * u * w - sine * v;
+      placed[at + 4] = rest * u * v - sine * w;
+      placed[at + 5] = rest * v * v + cosine;
+      placed[at + 6] = rest * v * w + sine * u;
+      placed[at + 8] = rest * u * w + sine * v;
+      placed[at + 9] = rest * v * w - sine * u;
+      placed[at + 10] = rest * w * w + cosine;
+      placed[at + 12] = centreX;
+      placed[at + 13] = centreY;
+      placed[at + 14] = centreZ;
+      placed[at + 15] = 1;
+      const value = (points[a + 4]! + part * (points[b + 4]! - points[a + 4]!)) / this.end;
+      const shade = 3 * Math.round(SHADES * Math.min(Math.max(value, 0), 1) || 0);
+      for (let channel = 0; channel < 3; channel++) coloured[3 * path + channel] = PALETTE[shade + channel]!;
     }
     this.boulders.instanceMatrix.needsUpdate = true;
-    if (this.boulders.instanceColor) this.boulders.instanceColor.needsUpdate = true;
+    this.boulders.instanceColor!.needsUpdate = true;
   }
 
   dispose(): void {
@@ -141,7 +166,13 @@ export class Paths {
   }
 }
 
-const WHITE = new Color('white');
+const SHADES = 255;
+/** The palette, a little lighter, in linear light. */
+const PALETTE = Float32Array.from({ length: SHADES + 1 }, (_, k) => k).reduce((palette, k) => {
+  const [red, green, blue] = plasma(k / SHADES);
+  new Color().setRGB(red / 255, green / 255, blue / 255, 'srgb').lerp(new Color('white'), 0.12).toArray(palette, 3 * k);
+  return palette;
+}, new Float32Array(3 * (SHADES + 1)));
 
 /** A block with facets, of radius 1. */
 function rock(): DodecahedronGeometry {

@@ -14,6 +14,7 @@ export class Player {
   private readonly button = document.createElement('button');
   private readonly slider = document.createElement('input');
   private readonly clock = document.createElement('output');
+  private readonly format = new Intl.NumberFormat(document.documentElement.lang || undefined, { minimumFractionDigits: 1, maximumFractionDigits: 1 });
   private readonly pace = document.createElement('select');
 
   constructor(private readonly say: Say, private readonly moved: () => void) {
@@ -75,8 +76,7 @@ export class Player {
       this.button.setAttribute('aria-label', this.button.title);
     }
     this.slider.value = String(this.time);
-    const format = new Intl.NumberFormat(document.documentElement.lang || undefined, { minimumFractionDigits: 1, maximumFractionDigits: 1 });
-    this.clock.textContent = `${format.format(this.time)} s`;
+    this.clock.textContent = `${this.format.format(this.time)} s`;
     this.slider.setAttribute('aria-valuetext', this.clock.textContent);
     this.moved();
   }

@@ -13,6 +13,7 @@ import type { Extent, Line3d, Say, Shade, Terrain, Trajectories } from './types'
 
 export type { Line3d, Shade, Terrain, Trajectories } from './types';
 
+const FRAMES = 120; // of which times are kept
 const MAX_RATIO = 2; // pixels of the picture in a CSS pixel
 
 /** View that fills its parent. Hidden at first; draws only while shown, and only when something moved. */
@@ -56,6 +57,10 @@ export class View3d {
     this.stage?.setColouring(by);
   }
 
+  get frames(): readonly Frame[] {
+    return this.stage?.frames ?? [];
+  }
+
   show(): void {
     this.root.hidden = false;
     this.stage?.show();
@@ -70,6 +75,12 @@ export class View3d {
     this.stage?.dispose();
     this.root.remove();
   }
+}
+
+/** Milliseconds of the script for a frame, and the time at which the frame began. */
+export interface Frame {
+  cost: number;
+  now: number;
 }
 
 type Part = 'ground' | 'drape' | 'lines' | 'paths' | 'colours';
@@ -94,6 +105,7 @@ class Stage {
   private readonly due = new Set<Part>();
   private shown = false;
   private frame = 0; // requested, 0: none
+  readonly frames: Frame[] = [];
   private before: number | null = null; // [ms] of the last frame of a movement
 
   constructor(private readonly root: HTMLElement, private readonly canvas: HTMLCanvasElement, context: WebGL2RenderingContext, say: Say) {
@@ -266,6 +278,7 @@ class Stage {
   }
 
   private draw(now: number): void {
+    const begun = performance.now();
     this.makeDue();
     const { playing } = this.player;
     this.player.advance(this.before === null ? 0 : Math.min((now - this.before) / 1000, 0.25));
@@ -273,7 +286,14 @@ class Stage {
     const moving = this.camera.update(now);
     this.paths?.setTime(this.player.shown, this.camera.eye, this.canvas.clientHeight);
     (this.needle.firstElementChild as SVGElement).style.transform = `rotate(${-this.camera.heading}rad)`;
+    this.noteCost(performance.now() - begun, now);
     this.renderer.render(this.scene, this.camera.eye);
     if (moving || this.player.playing) this.request();
+  }
+
+  /** Keep how long the script took to prepare a frame [ms], without the drawing, and when, for benchmarks. */
+  private noteCost(cost: number, now: number): void {
+    this.frames.push({ cost, now });
+    if (this.frames.length > FRAMES) this.frames.shift();
   }
 }
