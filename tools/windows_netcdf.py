@@ -122,7 +122,7 @@ def cmake(place: Path, tree: Path, build: Path, options: list[str]) -> None:
     """Configure, build and install a library into `place`."""
     where = f"-DCMAKE_TOOLCHAIN_FILE={place}/windows.cmake", f"-DCMAKE_INSTALL_PREFIX={place}"
     run("cmake", "-S", tree, "-B", build, *where, *COMMON, *options)
-    run("cmake", "--build", build, "--target", "install", "--parallel")
+    run("cmake", "--build", build, "--target", "install", "--parallel", os.cpu_count())
 
 
 def run(*command: object) -> None:

@@ -16,7 +16,8 @@ import numpy as np
 
 from rockfall.case import Case, key_table
 from rockfall.errors import RockfallError
-from rockfall.io.files import atomic_write, check_netcdf
+from rockfall.io.files import atomic_write
+from rockfall.io.netcdf import load_dataset, open_netcdf, write_compressed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -117,8 +118,7 @@ def _write(table: ImpactTable, path: Path, **where: Any) -> None:
         data[name] = ("record", table.record[:, k])
     scales = {name: getattr(table, name) for name in SCALES}
     dataset = xr.Dataset(data, attrs={"title": "table of impacts", **scales, **table.attrs})
-    packed = {name: {"zlib": True, "complevel": 9} for name in data}
-    dataset.to_netcdf(path, encoding=packed, **where)
+    write_compressed(dataset, path, 9, **where)
 
 
 @cache
@@ -175,7 +175,6 @@ def open_table(path: str | Path) -> ImpactTable:
 def open_tables(path: str | Path) -> tuple[ImpactTable, ...]:
     """Read all draws of a file written by `save_ensemble`, or the single table of another file. A
     file is read once, and again when it has been replaced."""
-    check_netcdf(path)
     state = os.stat(path)
     return _read_tables(os.path.abspath(path), path, (state.st_ino, state.st_mtime_ns))
 
@@ -183,13 +182,12 @@ def open_tables(path: str | Path) -> tuple[ImpactTable, ...]:
 @lru_cache(maxsize=32)
 def _read_tables(place: str, path: str | Path, state: tuple[int, int]) -> tuple[ImpactTable, ...]:
     """Read all tables of a file; the first and last arguments are cache keys."""
-    import netCDF4
-    import xarray as xr
-
     try:
-        with netCDF4.Dataset(path) as file:
+        with open_netcdf(path) as file:
             groups: list[str | None] = list(file.groups) or [None]
-        tables = [xr.load_dataset(path, group=group) for group in groups]
+        tables = [load_dataset(path, group=group) for group in groups]
+    except RockfallError:
+        raise
     except (OSError, ValueError, RuntimeError) as error:
         raise RockfallError(
             f"{path}: is not a netCDF file of a table of impacts: {error}"

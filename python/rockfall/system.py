@@ -7,6 +7,7 @@ import os
 import signal
 import socket
 import sys
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -15,6 +16,8 @@ from pathlib import Path
 STOPS: tuple[signal.Signals, ...] = (signal.SIGINT, signal.SIGTERM)
 #: Flag of os.open that refuses symbolic links, where there is one.
 NO_FOLLOW = getattr(os, "O_NOFOLLOW", 0)
+#: Encoding of paths for netCDF, which takes the code page of Windows where Python writes UTF-8.
+NETCDF_NAMES = "mbcs" if sys.platform == "win32" else None
 
 if sys.platform == "win32":
     import ctypes
@@ -65,6 +68,16 @@ if sys.platform == "win32":
             finally:
                 os.close(descriptor)
 
+    def replace(source: Path, target: Path) -> None:
+        """Rename a file, over another if there is one; try for a second, since virus scanners and
+        backups hold new files open."""
+        for _ in range(10):
+            try:
+                return os.replace(source, target)
+            except PermissionError:
+                time.sleep(0.1)
+        os.replace(source, target)
+
     def before_fork(call: Callable[[], object]) -> None:
         """Call a function before the process forks, which it cannot here."""
 
@@ -98,6 +111,10 @@ else:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+    def replace(source: Path, target: Path) -> None:
+        """Rename a file, over another if there is one."""
+        os.replace(source, target)
 
     def before_fork(call: Callable[[], object]) -> None:
         """Call a function before the process forks."""

@@ -194,7 +194,7 @@ NEW, OLD = "new\n", "old\n"
 
 
 def failing(call, error):
-    """os.replace, which fails once, at this call."""
+    """`replace`, which fails once, at this call."""
     done = []
 
     def replace(source, target):
@@ -215,7 +215,7 @@ def test_files_of_a_folder_come_together_or_not_at_all(tmp_path, monkeypatch, ca
     for name in ("a.csv", "b.csv", "other.txt"):
         (folder / name).write_text(OLD)
     before = contents(tmp_path)
-    monkeypatch.setattr("rockfall.io.output_files.os.replace", failing(call, error))
+    monkeypatch.setattr("rockfall.io.output_files.replace", failing(call, error))
     with pytest.raises((rockfall.RockfallError, KeyboardInterrupt)) as caught:
         with atomic_folder(folder, last="z.csv") as part:
             for name in ("a.csv", "b.csv", "z.csv"):
@@ -232,12 +232,60 @@ def test_files_of_a_folder_come_together_or_not_at_all(tmp_path, monkeypatch, ca
 
 
 def test_folders_that_were_not_there_are_not_left(tmp_path, monkeypatch):
-    monkeypatch.setattr("rockfall.io.output_files.os.replace", failing(2, OSError(5, "broken")))
+    monkeypatch.setattr("rockfall.io.output_files.replace", failing(2, OSError(5, "broken")))
     with pytest.raises(rockfall.RockfallError, match="broken"):
         with atomic_folder(tmp_path / "some" / "where") as part:
             (part / "a").touch()
             (part / "b").touch()
     assert not list(tmp_path.iterdir())
+
+
+HELD = PermissionError(13, "Access is denied", "a.csv")
+
+
+def test_what_replaces_an_open_file_is_kept_next_to_it(place, monkeypatch, capsys):
+    """Windows renames nothing over a file that another program has open."""
+    before = Path("r.nc").read_bytes()
+    for kept in ("r-2.nc", "r-3.nc"):
+        monkeypatch.setattr("rockfall.io.files.replace", failing(1, HELD))
+        assert main(["run", "case.nml", "-o", "r.nc", "--quiet", "--overwrite"]) == 2
+        told = "cannot be replaced; is it open in another program?; the new file is"
+        assert capsys.readouterr().err == f"rockfall: r.nc: {told} {kept}\n"
+        assert rockfall.read_result(kept).equals(rockfall.read_result("r.nc"))
+    assert Path("r.nc").read_bytes() == before and not list(place.glob(".*"))
+
+
+def test_a_folder_with_an_open_file_keeps_its_files_and_leaves_the_new_ones(tmp_path, monkeypatch):
+    (folder := tmp_path / "zones").mkdir()
+    (folder / "a.csv").write_text(OLD)
+    monkeypatch.setattr("rockfall.io.output_files.replace", failing(1, HELD))
+    with pytest.raises(
+        rockfall.RockfallError, match=r"^a.csv: .* open .*zones-2$"
+    ):
+        with atomic_folder(folder) as part:
+            (part / "a.csv").write_text(NEW)
+    texts = {str(path.relative_to(tmp_path)): path.read_text() for path in contents(tmp_path)}
+    assert texts == {str(Path("zones/a.csv")): OLD, str(Path("zones-2/a.csv")): NEW}
+
+
+@pytest.mark.skipif(sys.platform != "win32", reason="other systems rename over an open file")
+def test_a_file_that_is_open_is_not_lost(tmp_path):
+    path = tmp_path / "lines.csv"
+    path.write_text(OLD)
+    with open(path), pytest.raises(rockfall.RockfallError, match=r"the new file is .*lines-2\.csv"):
+        with atomic_write(path) as part:
+            part.write_text(NEW)
+    assert path.read_text() == OLD and path.with_name("lines-2.csv").read_text() == NEW
+
+
+def test_a_result_has_a_name_that_netcdf_opens(place, monkeypatch, capsys):
+    """Before the run; on Windows netCDF takes paths in the code page, which has few alphabets."""
+    assert main(["run", "case.nml", "-o", "Blöcke.nc", "--quiet"]) == 0
+    if sys.platform != "win32":
+        monkeypatch.setattr("rockfall.io.netcdf.NETCDF_NAMES", "cp1252")
+    assert main(["run", "case.nml", "-o", "落石.nc", "--quiet"]) == 2
+    told = "netCDF opens no path with '落石' on this Windows, whose code page lacks it"
+    assert told in capsys.readouterr().err
 
 
 WORDS = {
@@ -251,21 +299,15 @@ WORDS = {
 
 @pytest.mark.parametrize("name", WORDS)
 def test_a_command_that_fails_half_way_changes_nothing(name, place, monkeypatch, capsys):
-    class Os:
-        """Nothing but `replace` is another."""
-
-        def __getattr__(self, name):
-            return getattr(os, name)
-
     words = [*WORDS[name], "--overwrite"]
     for earlier in (False, True):  # nothing is there, then the files of another run
         before = contents(place)
-        broken = Os()
-        broken.replace = failing(4 if earlier else 2, OSError(28, "No space left on device"))
-        monkeypatch.setattr(sys.modules["rockfall.io.output_files"], "os", broken)
+        broken = failing(4 if earlier else 2, OSError(28, "No space left on device"))
+        monkeypatch.setattr("rockfall.io.output_files.replace", broken)
         capsys.readouterr()
         assert main(words) == 2
         assert "cannot be written: No space left on device" in capsys.readouterr().err
         assert contents(place) == before and not list(place.glob(".*"))
-        monkeypatch.setattr(sys.modules["rockfall.io.output_files"], "os", os)
+        monkeypatch.undo()
+        monkeypatch.chdir(place)
         assert main(words) == 0

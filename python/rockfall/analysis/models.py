@@ -25,7 +25,7 @@ from rockfall.grounds import (
     shipped_grounds,
     table_path,
 )
-from rockfall.io.files import check_netcdf
+from rockfall.io.netcdf import load_dataset
 from rockfall.language import packed, say, unpacked
 from rockfall.quantities import percent
 from rockfall.result.contents import Contents
@@ -129,11 +129,8 @@ def write_models(models: Models, path: str | Path) -> None:
 
 def read_models(path: str | Path) -> Models:
     """Read models from a file written by `write_models`."""
-    import xarray as xr
-
-    check_netcdf(path)
     try:
-        dataset = xr.load_dataset(path, mask_and_scale=False, decode_times=False, engine="netcdf4")
+        dataset = load_dataset(path, mask_and_scale=False, decode_times=False)
     except OSError as error:
         reason = error.strerror or error
         raise RockfallError(f"{path}: cannot be read as models: {reason}") from error

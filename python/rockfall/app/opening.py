@@ -17,7 +17,7 @@ from rockfall.case import FROM_ARRAY, REPEATABLE, Case, default_values, given_gr
 from rockfall.case_variants import variants
 from rockfall.draft.groups import RADIUS, VOLUME
 from rockfall.errors import RockfallError
-from rockfall.io.files import NETCDF, check_netcdf, start_of
+from rockfall.io.files import NETCDF, start_of
 from rockfall.io.grid import Grid
 from rockfall.io.layers import (
     EXTENSIONS,
@@ -27,6 +27,7 @@ from rockfall.io.layers import (
     read_points,
     read_polygons,
 )
+from rockfall.io.netcdf import open_netcdf
 from rockfall.io.raster import dem_header
 from rockfall.io.tables import decimal, read_columns
 from rockfall.io.zone_table import NAMES, RADII
@@ -50,13 +51,10 @@ FIRST: Settings = {
 
 def is_result(path: Path) -> bool:
     """Return True for a netCDF file that is a result, and no DEM."""
-    import netCDF4
-
     if not start_of(path).startswith(NETCDF):
         return False
-    check_netcdf(path)
     try:
-        with netCDF4.Dataset(path) as file:
+        with open_netcdf(path) as file:
             return {"case", "case_file"} <= set(file.ncattrs())
     except DAMAGED:
         return False

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Atomic writing of files: they appear under their name only when complete."""
 
+import itertools
 import os
-import shlex
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,7 +10,9 @@ from pathlib import Path
 
 from rockfall.errors import RockfallError
 from rockfall.limits import MAX_TEXT
+from rockfall.system import replace
 
+IN_USE = "cannot be replaced; is it open in another program?"
 TEMPORARY = ".rockfall-"  # prefix of temporary folders
 START = 1024  # bytes by which GDAL identifies a format too
 #: First bytes of netCDF files, of the classic ones among them, and of GeoTIFFs.
@@ -23,16 +25,6 @@ def check_regular(path: str | Path) -> None:
     """Refuse a pipe or a device as input: it may be endless or block."""
     if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
         raise RockfallError(f"{path}: not a regular file")
-
-
-def check_netcdf(path: str | Path) -> None:
-    """Refuse files that are not regular, and classic netCDF: if its header claims more than the
-    file holds, the library allocates that memory, and aborts the process if there is too little."""
-    check_regular(path)
-    if os.path.isfile(path) and start_of(path).startswith(CLASSIC):
-        new = Path(path).with_name(f"{Path(path).stem}_nc4.nc")
-        command = shlex.join(["nccopy", "-k", "nc4", str(path), str(new)])
-        raise RockfallError(f"{path}: is classic netCDF; make netCDF-4 of it: {command}")
 
 
 def start_of(path: str | Path) -> bytes:
@@ -62,16 +54,29 @@ def read_text(path: str | Path) -> str:
         raise RockfallError(f"{path}: is not text (UTF-8)") from error
 
 
+def keep_next_to(path: Path, new: Path) -> Path:
+    """Move a file or folder next to the one that it cannot replace, as NAME-2, NAME-3, ..."""
+    names = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in itertools.count(2))
+    kept = next(name for name in names if not os.path.lexists(name))
+    os.rename(new, kept)
+    return kept
+
+
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path of the same name, renamed to `path` if the block succeeds and removed
     if it fails. It is in a new folder next to `path` with access for its owner only, so that in a
-    shared folder nobody can place a link where format drivers will write."""
+    shared folder nobody can place a link where format drivers will write. A file that cannot be
+    replaced, as on Windows one that is open, leaves the new one next to it."""
     path = Path(path)
     try:
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=TEMPORARY) as folder:
             part = Path(folder) / path.name
             yield part
-            os.replace(part, path)
+            try:
+                replace(part, path)
+            except PermissionError as error:
+                kept = keep_next_to(path, part)
+                raise RockfallError(f"{path}: {IN_USE}; the new file is {kept}") from error
     except OSError as error:
         raise RockfallError(f"{path}: cannot be written: {error.strerror or error}") from error

@@ -7,7 +7,6 @@ Contradictory attributes are refused.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,8 +16,8 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.crs import is_metre
-from rockfall.io.files import check_netcdf
 from rockfall.io.grid import TOLERANCE, Box, row_blocks
+from rockfall.io.netcdf import open_netcdf
 
 if TYPE_CHECKING:
     import netCDF4
@@ -68,12 +67,9 @@ class NetcdfCells:
 
 
 @contextmanager
-def open_netcdf(file: str) -> Iterator[netCDF4.Dataset]:
+def open_grid_file(file: str) -> Iterator[netCDF4.Dataset]:
     """Open a file whose dimensions are not excessive: GDAL reads coordinates before it checks."""
-    import netCDF4
-
-    check_netcdf(file)
-    with netCDF4.Dataset(os.path.abspath(file)) as data:
+    with open_netcdf(file) as data:
         data.set_auto_maskandscale(False)
         for group in (data, *data.groups.values()):
             for name, dimension in group.dimensions.items():

@@ -14,7 +14,9 @@ from pathlib import Path
 
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
-from rockfall.io.files import TEMPORARY, check_regular
+from rockfall.io.files import IN_USE, TEMPORARY, check_regular, keep_next_to
+from rockfall.io.netcdf import check_letters
+from rockfall.system import replace
 
 RESULT_NAME = re.compile(r"(\.nc|(^|\.)part\d+of\d+)$")
 EXISTS = "already exists; not overwritten (--overwrite replaces it)"
@@ -35,6 +37,7 @@ def overwriting(allowed: bool) -> Iterator[None]:
 def check_result_path(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
     """Refuse an output path for a result before the work starts."""
     check_output(path, inputs)
+    check_letters(path)
     if not RESULT_NAME.search(Path(path).name):
         raise RockfallError(f"{path}: results are netCDF files, their names must end in .nc")
 
@@ -86,7 +89,8 @@ def atomic_folder(
     folder: str | Path, inputs: Iterable[str | Path] = (), last: str = ""
 ) -> Iterator[Path]:
     """Yield a temporary folder, whose files are moved to `folder` if the block succeeds, `last` at
-    the end. If it fails, nothing has changed."""
+    the end. If it fails, nothing has changed; if a file of it cannot be replaced, as on Windows one
+    that is open, the new ones are left in a folder next to it."""
     folder = Path(folder)
     check_folder(folder)
     place = folder.resolve()
@@ -103,8 +107,14 @@ def atomic_folder(
         check_outputs(targets, inputs)
         moves = [(path, old / path.name) for path in reversed(targets) if os.path.lexists(path)]
         moves += zip(paths, targets, strict=True)
-        with _made(folder), interrupts():  # all of them, or none
-            _move_all(moves)
+        try:
+            with _made(folder), interrupts():  # all of them, or none
+                _move_all(moves)
+        except PermissionError as error:
+            kept = keep_next_to(folder, new)
+            raise RockfallError(
+                f"{error.filename}: {IN_USE}; the new files are in {kept}"
+            ) from error
     except OSError as error:
         raise RockfallError(f"{folder}: cannot be written: {error.strerror or error}") from error
     except RockfallError as error:
@@ -134,9 +144,9 @@ def _move_all(moves: Iterable[tuple[Path, Path]]) -> None:
     try:
         for source, target in moves:
             begun.append((source, target))
-            os.replace(source, target)
+            replace(source, target)
     except BaseException:
         for source, target in reversed(begun):
             if os.path.lexists(target) and not os.path.lexists(source):
-                os.replace(target, source)
+                replace(target, source)
         raise

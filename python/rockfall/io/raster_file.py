@@ -28,7 +28,7 @@ from rockfall.io.gdal_files import (
     plain_file,
 )
 from rockfall.io.grid import Box, Grid, Transform, flaw_of, row_blocks
-from rockfall.io.netcdf_grid import cells_of, open_netcdf
+from rockfall.io.netcdf_grid import cells_of, open_grid_file
 from rockfall.limits import MACHINE_MEMORY
 
 if TYPE_CHECKING:
@@ -222,7 +222,7 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
     name = plain_file(file)
     start = start_of(file)
     if start.startswith(NETCDF):
-        data = stack.enter_context(open_netcdf(file))
+        data = stack.enter_context(open_grid_file(file))
         name = f'NETCDF:"{name}":{variable}' if variable else name
         source = _dataset(path, name, ("netCDF",), stack)
         variable = variable or source.tags(1).get("NETCDF_VARNAME", "")

@@ -12,6 +12,7 @@ import numpy as np
 from rockfall._lab import lab_f2py as _lab
 from rockfall.errors import RockfallError
 from rockfall.io.files import atomic_write
+from rockfall.io.netcdf import write_compressed
 from rockfall.lab.case import names
 from rockfall.lab.experiment import load_measured
 from rockfall.version import __version__
@@ -100,7 +101,7 @@ def contact_dataset(
 def save_contacts(data: xr.Dataset, path: str | Path) -> None:
     """Write contacts as netCDF."""
     with atomic_write(path) as part:
-        data.to_netcdf(part, encoding={name: {"zlib": True, "complevel": 4} for name in data})
+        write_compressed(data, part, 4)
 
 
 def open_contacts(path: str | Path) -> xr.Dataset:

@@ -14,7 +14,8 @@ import numpy as np
 from rockfall._lab import lab_f2py as _lab
 from rockfall.errors import RockfallError, check_kernel
 from rockfall.interrupts import interrupts
-from rockfall.io.files import atomic_write, check_netcdf
+from rockfall.io.files import atomic_write
+from rockfall.io.netcdf import load_dataset, write_compressed
 from rockfall.lab.case import LabCase, lab_case_of, names
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import check_team
@@ -141,16 +142,15 @@ def run_impacts(
 def save_impacts(data: xr.Dataset, path: str | Path) -> None:
     """Write impacts as netCDF."""
     with atomic_write(path) as part:
-        data.to_netcdf(part, encoding={name: {"zlib": True, "complevel": 1} for name in data})
+        write_compressed(data, part, 1)
 
 
 def load_measured(path: str | Path, what: str) -> xr.Dataset:
     """Load a netCDF file of the laboratory; `what` names its contents in messages."""
-    import xarray as xr
-
-    check_netcdf(path)
     try:
-        data = xr.load_dataset(path)
+        data = load_dataset(path)
+    except RockfallError:
+        raise
     except FileNotFoundError as error:
         raise RockfallError(f"{path}: cannot be read: no such file") from error
     except (OSError, ValueError, RuntimeError) as error:

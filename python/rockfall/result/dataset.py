@@ -12,9 +12,10 @@ import numpy as np
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError
 from rockfall.io.crs import grid_mapping
-from rockfall.io.files import atomic_write, check_netcdf
+from rockfall.io.files import atomic_write
 from rockfall.io.grid import row_blocks
 from rockfall.io.input_warnings import stored_warnings
+from rockfall.io.netcdf import open_dataset, open_netcdf
 from rockfall.io.output_files import check_result_path
 from rockfall.limits import PIECE
 from rockfall.result.validate import TEXTS, check_result, check_values
@@ -72,11 +73,10 @@ def feature_names(scene: Any) -> dict[str, str]:
 
 def open_result(path: str | Path) -> xr.Dataset:
     """Open a netCDF result as stored: counts remain integers, seconds remain numbers."""
-    import xarray as xr
-
-    check_netcdf(path)
     try:
-        data = xr.open_dataset(path, mask_and_scale=False, decode_times=False, engine="netcdf4")
+        data = open_dataset(path, mask_and_scale=False, decode_times=False)
+    except RockfallError:
+        raise
     except FileNotFoundError:
         raise RockfallError(f"{path}: no such file") from None
     except DAMAGED as error:
@@ -127,10 +127,8 @@ def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
     """Write the complete data to a new file, not through a link; `name` is for messages. Uses
     netCDF4 directly: xarray would copy entire maps, and load Dask if installed, which takes longer
     than writing."""
-    import netCDF4
-
     try:
-        with netCDF4.Dataset(path, "x") as file:
+        with open_netcdf(path, "x") as file:
             file.setncatts(data.attrs)
             for dim, size in data.sizes.items():
                 file.createDimension(str(dim), size)

@@ -18,7 +18,7 @@ from rockfall.errors import RockfallError
 from rockfall.result.dataset import put_netcdf
 from rockfall.simulation.part_file import CLOCKS, boulders_in, make_part, read_part
 from rockfall.simulation.tally import Tally, origin_of
-from rockfall.system import sync
+from rockfall.system import replace, sync
 
 REST = _core.constant("save_rest")  # minimum pause between saves over the duration of the last
 
@@ -92,7 +92,7 @@ class Checkpoint:
             self.part.unlink(missing_ok=True)  # left by a run that was killed while saving
             put_netcdf(make_part(tally), self.part, self.path)
             sync(self.part)
-            os.replace(self.part, self.path)
+            replace(self.part, self.path)
             sync(self.path.parent)
             self.saved = tally.done
         except (OSError, RockfallError, MemoryError) as error:

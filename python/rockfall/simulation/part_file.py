@@ -21,9 +21,9 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case, case_in
 from rockfall.errors import RockfallError
 from rockfall.grounds import GroundRule
-from rockfall.io.files import check_netcdf
 from rockfall.io.grid import Box, Grid
 from rockfall.io.input_warnings import InputWarning
+from rockfall.io.netcdf import open_netcdf
 from rockfall.result import variables
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import DAMAGED, georeference
@@ -180,10 +180,7 @@ def read_part(part: Held | str | Path) -> Part:
 
 @contextmanager
 def _opened(path: str | Path) -> Iterator[Any]:
-    import netCDF4
-
-    check_netcdf(path)
-    with netCDF4.Dataset(path) as file:
+    with open_netcdf(path) as file:
         file.set_auto_maskandscale(False)
         yield file
 

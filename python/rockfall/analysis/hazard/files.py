@@ -27,7 +27,7 @@ from rockfall.analysis.hazard.zones import (
 )
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
-from rockfall.io.files import check_netcdf
+from rockfall.io.netcdf import load_dataset, open_netcdf
 from rockfall.io.output_files import atomic_folder
 from rockfall.io.tables import write_csv
 from rockfall.result.classes import classes_of, shown_as
@@ -74,10 +74,8 @@ def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
 
 def read_hazard(path: str | Path) -> xr.Dataset:
     """Read the hazard from a file hazard.nc; a RockfallError refuses other files."""
-    import xarray as xr
-
     try:
-        dataset = xr.load_dataset(path, mask_and_scale=False, decode_times=False, engine="netcdf4")
+        dataset = load_dataset(path, mask_and_scale=False, decode_times=False)
     except OSError as error:
         raise RockfallError(f"{path}: cannot be read as a hazard: {error.strerror}") from error
     if "hazard_class" not in dataset:
@@ -87,11 +85,8 @@ def read_hazard(path: str | Path) -> xr.Dataset:
 
 def is_hazard(path: str | Path) -> bool:
     """Return True if a netCDF file holds a hazard; False for any other, or none."""
-    import netCDF4
-
     try:
-        check_netcdf(path)
-        with netCDF4.Dataset(path) as file:
+        with open_netcdf(path) as file:
             return "hazard_class" in file.variables
     except (OSError, RockfallError):  # whoever reads it as a result says what is wrong
         return False

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""NetCDF-4 files, opened and written under names that Windows has too."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from rockfall.errors import RockfallError
+from rockfall.io.files import CLASSIC, check_regular, start_of
+from rockfall.system import NETCDF_NAMES
+
+if TYPE_CHECKING:
+    import netCDF4
+    import xarray as xr
+
+Mode = Literal["r", "w", "x", "a"]
+
+
+def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
+    """Open a netCDF-4 file. A RockfallError refuses files that are not regular, classic netCDF (if
+    its header claims more than the file holds, the library allocates that memory, and aborts the
+    process if there is too little), and names that netCDF cannot open."""
+    import netCDF4
+
+    check_regular(path)
+    if os.path.isfile(path) and start_of(path).startswith(CLASSIC):
+        new = Path(path).with_name(f"{Path(path).stem}_nc4.nc")
+        command = shlex.join(["nccopy", "-k", "nc4", str(path), str(new)])
+        raise RockfallError(f"{path}: is classic netCDF; make netCDF-4 of it: {command}")
+    check_letters(path)
+    # absolute, since netCDF takes other names for addresses
+    return netCDF4.Dataset(os.path.abspath(path), mode, encoding=NETCDF_NAMES)
+
+
+def check_letters(path: str | Path) -> None:
+    """Refuse a path with letters that netCDF cannot open on this Windows."""
+    if NETCDF_NAMES is None:
+        return
+    try:
+        os.path.abspath(path).encode(NETCDF_NAMES)
+    except UnicodeEncodeError as error:
+        letters = error.object[error.start : error.end]
+        raise RockfallError(
+            f"{path}: netCDF opens no path with '{letters}' on this Windows, whose code page lacks "
+            "it; rename the file or its folder"
+        ) from error
+
+
+def open_dataset(path: str | Path, group: str | None = None, **decoding: Any) -> xr.Dataset:
+    """Open a netCDF-4 file, or a group of it, with xarray; `decoding` goes to
+    `xarray.open_dataset`."""
+    import xarray as xr
+
+    store = xr.backends.NetCDF4DataStore(open_netcdf(path), group=group)
+    return xr.open_dataset(store, **decoding)
+
+
+def load_dataset(path: str | Path, group: str | None = None, **decoding: Any) -> xr.Dataset:
+    """Read a netCDF-4 file into memory, and close it; as `open_dataset`."""
+    with open_dataset(path, group, **decoding) as data:
+        return data.load()
+
+
+def write_compressed(
+    data: xr.Dataset, path: str | Path, level: int, group: str | None = None, mode: Mode = "w"
+) -> None:
+    """Write a dataset as netCDF-4, or as a group of it with mode "a"; all variables are compressed
+    at a level."""
+    import xarray as xr
+
+    packed = {name: {"zlib": True, "complevel": level} for name in data}
+    with open_netcdf(path, mode) as file:
+        store = xr.backends.NetCDF4DataStore(file, group=group, mode=mode)
+        data.dump_to_store(store, encoding=packed)
