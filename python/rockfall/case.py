@@ -131,7 +131,8 @@ class Case:
         if "dem" not in groups["terrain"]:
             groups["terrain"] = {**groups["terrain"], "dem": FROM_ARRAY}
         self._groups = {group: plain_values(values) for group, values in groups.items()}
-        _checked(self.text().encode(), name)
+        self._checked_text = self.text().encode()
+        _checked(self._checked_text, name)
         defaults = default_values()
         for group, values in self._groups.items():
             self._groups[group] = _typed(group, defaults.get(group, {}) | values)
@@ -153,7 +154,7 @@ class Case:
         >>> case.has_forest, case.replace(forest={"trees": "trees.csv"}).has_forest
         (False, True)
         """
-        return facts(self).has_forest
+        return facts(self, "forest").has_forest
 
     @property
     def lines(self) -> list[dict[str, Any]]:
@@ -163,7 +164,7 @@ class Case:
         >>> [line["name"] for line in rockfall.read_case("case.nml").lines]
         ['L']
         """
-        return [line for group in LINES for line in self.__dict__[group]]
+        return [line for group in LINES for line in getattr(self, group)]
 
     def files(self) -> Iterator[tuple[Key, str]]:
         """Files that the case names, with their keys.
@@ -247,9 +248,11 @@ class Facts(NamedTuple):
     by_raster: bool  # rasters say it
 
 
-def facts(case: Case) -> Facts:
-    """Facts of a case."""
-    return _facts(case.text().encode())
+def facts(case: Case, *groups: str) -> Facts:
+    """Facts of a case, which follow from the keys of these groups: stages note them."""
+    for group in groups:
+        getattr(case, group)
+    return _facts(case._checked_text)
 
 
 @lru_cache(maxsize=8)

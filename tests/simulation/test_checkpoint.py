@@ -152,8 +152,9 @@ def test_a_checkpoint_of_another_run_is_refused(scene, tmp_path):
         with pytest.raises(rockfall.RockfallError, match=said):
             simulate.run_scene(other, checkpoint=Checkpoint(tmp_path / "c", 0.0))
 
-    for change in {"case": {"seed": 9}}, {"impact": {"stop_speed": 0.4}}:
-        differs(read_scene(scene.case.replace(**change), dem=Z, transform=grid(Z)), "case")
+    for group, key, value in ("case", "seed", 9), ("impact", "stop_speed", 0.4):
+        changed = scene.case.replace(**{group: {key: value}})
+        differs(read_scene(changed, dem=Z, transform=grid(Z)), f"&{group} {key}")
     differs(read_scene(scene.case, dem=Z + 1, transform=grid(Z)), "dem")
 
 

@@ -102,7 +102,7 @@ def test_what_is_missing_twice_or_of_another_run_is_named(tmp_path, case):
     with refused(f"merge: boulders 100 to 100 are twice: {other}"):
         rockfall.merge([*paths, other])
     rockfall.write_result(run(case.replace(case={"seed": 5}), shard=(2, 4)), other)
-    with refused(f"{other}: is of another run than {paths[0]}: its case differs"):
+    with refused(f"{other}: is of another run than {paths[0]}: its &case seed differs"):
         rockfall.merge([paths[0], other, *paths[2:]])
     z = rough(seed=2)
     rockfall.write_result(rockfall.run(case, dem=z, transform=grid(z), shard=(2, 4)), other)

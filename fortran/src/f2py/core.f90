@@ -55,8 +55,8 @@ module rockfall_f2py
    use rockfall_state_table, only: array_t, row_text
    use rockfall_run_state, only: plan_of, add_part => merge_run, settle_run => settle_partial_sources, &
                                  restore_run => restore_sources, forget_tallies_of => forget_tallies
-   use rockfall_part, only: part_t, part_lengths_t, make_room, pack_run => pack_part, pack_samples_of => pack_samples, &
-                            unpack => unpack_part, unpack_samples_of => unpack_samples
+   use rockfall_part, only: part_t, part_lengths_t, make_room, pack_run => pack_part, pack_samples, unpack => unpack_part, &
+                            unpack_samples
    use rockfall_value_rules, only: fault_of_values => value_fault, crossing_fault
    use rockfall_same_run, only: identity_t, difference
    use rockfall_handles, only: scene_handle_t, run_handle_t, scene_at, run_at, empty_scene => new_scene, close_handle
@@ -67,8 +67,7 @@ module rockfall_f2py
    public :: block_of, map_plan
    public :: open_run, open_joined_run, continue_run, merge_run, close_run, advance, array, map, map_passages, &
              settle_sources, restore_sources
-   public :: forget_tallies, pack_part, pack_samples, begin_part, unpack_part, unpack_samples, &
-             forget_part
+   public :: forget_tallies, pack_part, begin_part, unpack_part, forget_part
    public :: value_fault, run_difference, case_facts, decimal, sphere_radii, kinetic_energies, limit_ranks, table_model
    public :: check_maps, count_limits, check_case, table_row, repeatable_groups, read_sets, fields
    public :: histogram_bins, team
@@ -306,28 +305,21 @@ contains
       address = transfer(row%at, address)
    end subroutine array
 
-   !> Pack a run into a part; views of its last part become invalid.
-   subroutine pack_part(run, code, message)
+   !> Pack a run into a part, or only its samples (1); views of its last part become invalid.
+   subroutine pack_part(run, only_samples, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run
+      integer(c_int), intent(in) :: only_samples
       integer(c_int), intent(out) :: code
       character(len=max_message), intent(out) :: message
       type(run_handle_t), pointer :: opened
       type(error_t), allocatable :: error
 
       opened => run_of(run)
-      call pack_run(opened%run, opened%part, error)
+      if (only_samples /= 0) call pack_samples(opened%run, opened%part)
+      if (only_samples == 0) call pack_run(opened%run, opened%part, error)
       call give_error(error, code, message)
    end subroutine pack_part
-
-   !> Pack the samples of a run only.
-   subroutine pack_samples(run)
-      integer(c_int64_t), intent(in) :: run
-      type(run_handle_t), pointer :: opened
-
-      opened => run_of(run)
-      call pack_samples_of(opened%run, opened%part)
-   end subroutine pack_samples
 
    !> Allocate a part of the first `done` boulders of a run, to be filled, with the lengths of part_lengths_t.
    subroutine begin_part(run, done, lengths, code, message)
@@ -345,10 +337,12 @@ contains
       call give_error(error, code, message)
    end subroutine begin_part
 
-   !> Store a filled part in its run, whose terrain has this raster, if a run can have its values.
-   subroutine unpack_part(run, corner, nodes, code, message)
+   !> Store a filled part in its run, whose terrain has this raster, if a run can have its values; or only its samples
+   !> and the numbers of its rows (1).
+   subroutine unpack_part(run, only_samples, corner, nodes, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run
+      integer(c_int), intent(in) :: only_samples
       real(c_double), intent(in) :: corner(3)               !! west, north, cell [m]
       integer(c_int), intent(in) :: nodes(2)
       integer(c_int), intent(out) :: code
@@ -357,23 +351,11 @@ contains
       type(error_t), allocatable :: error
 
       opened => run_of(run)
-      call unpack(opened%run, opened%part, grid_of(corner, nodes), error)
+      if (only_samples /= 0) call unpack_samples(opened%run, opened%part, error)
+      if (only_samples == 0) call unpack(opened%run, opened%part, grid_of(corner, nodes), error)
       opened%part = part_t()
       call give_error(error, code, message)
    end subroutine unpack_part
-
-   !> Store the samples of a part and the numbers of its rows, likewise.
-   subroutine unpack_samples(run, code, message)
-      integer(c_int64_t), intent(in) :: run
-      integer(c_int), intent(out) :: code
-      character(len=max_message), intent(out) :: message
-      type(run_handle_t), pointer :: opened
-      type(error_t), allocatable :: error
-
-      opened => run_of(run)
-      call unpack_samples_of(opened%run, opened%part, error)
-      call give_error(error, code, message)
-   end subroutine unpack_samples
 
    !> Free the memory of the part of a run; views of it become invalid.
    subroutine forget_part(run)

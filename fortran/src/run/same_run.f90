@@ -61,10 +61,8 @@ contains
          if (ours(at:at) /= theirs(at:at)) exit
       end do
       name = ours
-      if (ours(at:min(at, len(ours))) == "}") then  ! theirs has one more
-         name = theirs
-         at = at + 4
-      end if
+      if (ours(at:min(at, len(ours))) == "}") name = theirs
+      if (ours(at:min(at, len(ours))) == "}" .or. theirs(at:min(at, len(theirs))) == "}") at = at + 4  ! one more
       begin = max(index(name(:min(at, len(name))), '{"', back=.true.) + 2, &
                   index(name(:min(at, len(name))), ', "', back=.true.) + 3)
       name = name(begin:)

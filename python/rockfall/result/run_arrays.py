@@ -101,9 +101,9 @@ class RunArrays:
                 return array.values
         raise KeyError(file_name)
 
-    def pack_part(self) -> None:
-        """Pack the results into a part; the run must be settled."""
-        check_kernel(*_core.pack_part(self.handle))
+    def pack_part(self, only_samples: bool = False) -> None:
+        """Pack the results into a part, or only the samples; the run must be settled."""
+        check_kernel(*_core.pack_part(self.handle, only_samples))
 
     def begin_part(self, boulders: int, lengths: Sequence[int], name: str) -> None:
         """Make room for a part of the first boulders, to be filled: numbers of rows, cells, shared
@@ -112,17 +112,13 @@ class RunArrays:
         check_kernel(code, message, name)
         self.changed()
 
-    def unpack_part(self, grid: Grid, name: str) -> None:
-        """Store the filled part, and forget it; a RockfallError names values that no run has."""
+    def unpack_part(self, name: str, grid: Grid, only_samples: bool = False) -> None:
+        """Store the filled part, or only its samples and the numbers of its rows, and forget it; a
+        RockfallError names values that no run has."""
         corner, nodes = (grid.west, grid.north, grid.cell), (grid.nx, grid.ny)
-        code, message = _core.unpack_part(self.handle, corner, nodes)
+        code, message = _core.unpack_part(self.handle, only_samples, corner, nodes)
         check_kernel(code, message, name)
         self.changed()
-
-    def unpack_samples(self, name: str) -> None:
-        """Store the samples of the filled part, and the numbers of its rows, likewise."""
-        code, message = _core.unpack_samples(self.handle)
-        check_kernel(code, message, name)
 
     def forget_part(self) -> None:
         """Free the memory of the part."""

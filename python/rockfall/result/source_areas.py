@@ -32,7 +32,7 @@ def are_cells(data: xr.Dataset) -> bool:
     """Return True if the sources of a result are cells of its terrain; False for points, and for a
     result whose case or cells are not known."""
     try:
-        has_points = facts(case_of(data)).has_points
+        has_points = facts(case_of(data), "release").has_points
     except (RockfallError, KeyError):
         return False
     has_grid = "crs" in data.variables and "GeoTransform" in data["crs"].attrs

@@ -182,14 +182,14 @@ def _check_laws(case: Case, table: Table, law: np.ndarray, given: np.ndarray) ->
 
 def _check_source(case: Case, table: Table, law: np.ndarray, given: np.ndarray) -> None:
     """Check that the boulders of a source are defined in one place only."""
-    density = ~np.isnan(given[:, DENSITY])
-    if facts(case).by_raster and (law.any() or density.any()):
+    density, says = ~np.isnan(given[:, DENSITY]), facts(case, "boulder", "release")
+    if says.by_raster and (law.any() or density.any()):
         k = int(np.argmax((law > 0) | density))
         raise RockfallError(
             f"{table.where(k)}: says what its boulders are, and so do the rasters of &boulder: "
             "give one of the two"
         )
-    if facts(case).by_layer and not law.all():
+    if says.by_layer and not law.all():
         k = int(np.argmin(law))
         raise RockfallError(
             f"{table.where(k)}: has no volume: needed for &boulder volume = 'source'"

@@ -122,7 +122,7 @@ class Part:
             if values.shape != own.shape:
                 raise _damaged(self, array.file_name)
             values[...] = own
-        run.unpack_part(self.origin.grid, self.name)
+        run.unpack_part(self.name, self.origin.grid)
 
     def shared(self) -> dict[str, np.ndarray]:
         """Cells reached from sources that the part splits; {} if no map needs them."""

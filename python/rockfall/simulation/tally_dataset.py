@@ -91,7 +91,7 @@ def sample_variables(tally: Tally) -> dict[str, Any]:
     """Samples with non-empty bins only; none where all rows are kept."""
     if tally.number is None:
         return {}
-    _core.pack_samples(tally.run.handle)
+    tally.run.pack_part(only_samples=True)
     order = [*variables.SAMPLE]
     samples = (array for array in tally.part_arrays() if array.group == "sample")
     data = described(sorted(samples, key=lambda array: order.index(array.name)))
