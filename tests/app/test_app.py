@@ -1230,7 +1230,7 @@ def test_a_page_that_comes_while_another_leaves_keeps_the_server(place):
         server.admit(Room(Path("dem.tif")))
 
         async def leave_and_come():
-            server._end_later()
+            server._end_later(server._opening.result())
             server._opening.result().enter(Client(lambda *_: None), {})
             await asyncio.sleep(0.01)
 
