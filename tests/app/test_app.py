@@ -712,7 +712,9 @@ def test_raster_zones_steep_cells_and_trees_are_background(serve, place, visit):
     assert found["arrays"]["trees"].tolist() == [[W + 50, N - 200, 40]]
     state = page.edit(1, layers={"zones": [polygon(1, 9, 9, 1)]})
     assert state["errors"]
-    page.edit(2, layers={"sources": [point(150, 40)]})  # in place of steep cells
+    settings = welcome["document"]["settings"]
+    sources = [point(150, 40)]  # in place of steep cells
+    page.edit(2, layers={"sources": sources}, settings=settings, whole=True)
     assert page.until("background")["sources"] == 0
     assert page.until("batch", revision=2, complete=True)["boulders"] == 120
 

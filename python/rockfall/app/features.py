@@ -61,7 +61,7 @@ def check_features(
     differs from those before; Refused if they cannot be such."""
     remove: Any = []
     if isinstance(given, dict):
-        given, remove = given.get("set"), given.get("remove")
+        remove, given = given.get("remove"), given.get("set")
     else:
         before = ()
     if not isinstance(given, list) or not isinstance(remove, list):
