@@ -75,7 +75,7 @@ def check_features(
     if len(by_id) < len(new):
         raise Refused(say("app.server_same_id"), layer=layer)
     removed = {*remove}
-    features = [by_id.pop(one.id, one) for one in before if one.id not in removed]
+    features = [by_id.pop(feature.id, feature) for feature in before if feature.id not in removed]
     features += by_id.values()
     if len({feature.type for feature in features}) > 1:
         raise Refused(say("app.server_mixed_shapes"), layer=layer)
