@@ -70,7 +70,7 @@ PLAY = """document.querySelector('[data-view="scene"]').click();
 document.querySelector('.view3d-player select').value = '0.25';
 document.querySelector('.view3d-player button').click();
 window.played = performance.now()"""
-FRAMES = 20
+FRAMES = 10
 CLICK = """const done = arguments[0], begun = performance.now();
 document.querySelector('[data-feature]').click();
 requestAnimationFrame(() => requestAnimationFrame(() => done(performance.now() - begun)));"""
