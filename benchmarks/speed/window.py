@@ -70,7 +70,7 @@ PLAY = """document.querySelector('[data-view="scene"]').click();
 document.querySelector('.view3d-player select').value = '0.25';
 document.querySelector('.view3d-player button').click();
 window.played = performance.now()"""
-FRAMES = 30
+FRAMES = 10
 CLICK = """const done = arguments[0], begun = performance.now();
 document.querySelector('[data-feature]').click();
 requestAnimationFrame(() => requestAnimationFrame(() => done(performance.now() - begun)));"""
@@ -183,7 +183,8 @@ def _chromium() -> Any:
 
     options = webdriver.ChromeOptions()
     options.binary_location = str(shutil.which("chromium") or shutil.which("google-chrome"))
-    for one in "headless=new", "no-sandbox", "window-size=1280,800", "use-angle=swiftshader":
+    software = "use-gl=angle", "use-angle=swiftshader", "enable-unsafe-swiftshader"
+    for one in ("headless=new", "no-sandbox", "window-size=1280,800", *software):
         options.add_argument(f"--{one}")
     service = webdriver.ChromeService(str(shutil.which("chromedriver")))
     return webdriver.Chrome(options=options, service=service)

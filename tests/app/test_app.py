@@ -388,19 +388,46 @@ WRONG = {
     "ground": ({}, {"surface": {"ground": "sets.nml"}}, {"group": "surface", "key": "ground"}),
     "points": ({}, {"release": {"points": "x.csv"}}, {"group": "release", "key": "points"}),
     "many": ({"sources": [point(9, 9)] * 10_001}, {}, {"layer": "sources"}),
+    "no set": ({"lines": {"remove": []}}, {}, {"layer": "lines"}),
+    "no ids": ({"lines": {"set": [], "remove": [5]}}, {}, {"layer": "lines"}),
+    "another shape": ({"sources": {"set": [polygon(1, 9, 9, 1), point(9, 9)], "remove": []}}, {},
+                      {"layer": "sources"}),
 }  # fmt: skip
 
 
 def test_what_the_page_cannot_mean_is_refused_at_its_place(serve, visit):
     page = visit(serve())
+    document = page.until("welcome")["document"]
     for revision, (about, (layers, settings, place)) in enumerate(WRONG.items(), start=1):
-        state = page.edit(revision, layers=layers, settings=settings)
-        assert len(state["errors"]) == 1, about
+        state = page.edit(revision, layers=layers, settings=settings, whole=True)
+        assert len(state["errors"]) == 1 and state["refused"], about
         assert place.items() <= state["errors"][0].items(), (about, state)
     page.send("save", name="x")
     assert page.until("refused")["task"] == "save"
-    assert page.edit(99)["errors"] == []
+    # The page now has what the server has not: changes of it would make another document.
+    assert page.edit(98)["errors"] == state["errors"]
+    drawn = {name: features for name, features in document["layers"].items() if features}
+    state = page.edit(99, layers=drawn, settings=document["settings"], whole=True)
+    assert state["errors"] == [] and not state["refused"]
     assert page.until("batch", revision=99, complete=True)["boulders"] == 120
+
+
+def test_what_differs_is_sent_alone(serve, place, visit):
+    page = visit(serve())
+    three = [point(x, 40, id=f"p{x}") for x in (90, 120, 150)]
+    page.edit(1, layers={"sources": three})
+    moved, added = point(91.5, 42, id="p90", name="A"), point(100, 45, id="q")
+    change = {"set": [added, moved], "remove": ["p120", "unknown"]}
+    assert page.edit(2, layers={"sources": change})["errors"] == []
+    changed = page.until("batch", revision=2, complete=True)
+    whole = [moved, three[2], added]
+    page.edit(3, layers={"sources": whole})
+    assert page.until("batch", revision=3, complete=True)["lines"] == changed["lines"]
+    page.send("save", name="x")
+    page.until("saved")
+    site, document = open_site(Path("x.nml"))
+    places = [(one.coordinates, one.properties) for one in document.layers["sources"]]
+    assert places == [(one["coordinates"], one["properties"]) for one in whole]
 
 
 REFUSED = {
@@ -685,7 +712,9 @@ def test_raster_zones_steep_cells_and_trees_are_background(serve, place, visit):
     assert found["arrays"]["trees"].tolist() == [[W + 50, N - 200, 40]]
     state = page.edit(1, layers={"zones": [polygon(1, 9, 9, 1)]})
     assert state["errors"]
-    page.edit(2, layers={"sources": [point(150, 40)]})  # in place of steep cells
+    settings = welcome["document"]["settings"]
+    sources = [point(150, 40)]  # in place of steep cells
+    page.edit(2, layers={"sources": sources}, settings=settings, whole=True)
     assert page.until("background")["sources"] == 0
     assert page.until("batch", revision=2, complete=True)["boulders"] == 120
 
@@ -774,7 +803,7 @@ def test_variants_of_a_case_are_listed_run_and_taken_as_the_document(serve, vari
     page = visit(serve(varied))
     bare, net = page.until("welcome")["variants"]
     assert [bare["variant"], net["variant"]] == ["bare", "net"]
-    assert "variant dug is not in the list" in page.until("state")["warnings"][0]
+    assert "variant dug is not in the list" in page.until("state")["warnings"][1]
     page.until("batch", complete=True)
     for name in "net", "bare":
         page.send("compare", variant=name)
@@ -824,7 +853,7 @@ def test_variants_are_saved_with_what_they_name(varied, place):
     site, document = open_site(varied)
     drawn = [one._asdict() for one in document.layers["lines"]] + [line(100, id="m", name="M")]
     saved = save(site, site.edited(document, {"lines": drawn}, {}), "more", False)
-    assert saved.remark == ""
+    assert "--variant base" in saved.remark
     cases = rockfall.variants(rockfall.read_case("more.nml"))
     assert [*cases] == ["bare", "net", "dug"]
     for name, one in rockfall.variants(rockfall.read_case(varied)).items():
@@ -1155,6 +1184,39 @@ def test_ctrl_c_ends_the_server_quietly(place, stop):
     assert (said, errors, child.returncode) == ("", "", 0)
 
 
+def test_a_file_that_cannot_be_opened_is_told_on_the_page(place, visit):
+    server = Server(bind(0), page=place / "page")
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    page = visit(server)
+    server.refuse(RockfallError("case.nml: &case: no such key"))
+    assert page.get() == {"type": "fault", "text": "case.nml: &case: no such key"}
+    thread.join(10)
+    assert not thread.is_alive()
+
+
+def test_a_case_that_is_wrong_ends_the_command(place, capsys):
+    Path("wrong.nml").write_text("&case seed = 'x' /\n")
+    assert main(["app", "wrong.nml", "--no-browser"]) == 2
+    assert "wrong.nml: &case seed" in capsys.readouterr().err
+
+
+def test_the_base_of_a_case_with_variants_is_named_and_run_by_its_command(serve, varied, visit):
+    page = visit(serve(varied))
+    welcome = page.until("welcome")
+    assert welcome["base"] == welcome["document"] and welcome["base"]["variant"] == ""
+    assert "--variant base" in page.until("state")["warnings"][0]
+    shown = page.until("batch", complete=True)["lines"]
+    assert main(["run", str(varied), "--variant", "base", "-o", "base.nc"]) == 0
+    fresh = rockfall.line_statistics(rockfall.read_result("base.nc"), quantities=["speed"])
+    assert [one["n"] for one in shown] == fresh["n"].tolist() and len(shown) == 3
+    net = welcome["variants"][1]
+    page.edit(1, layers=net["layers"], settings=net["settings"], variant="net")
+    base = welcome["base"]
+    page.edit(2, layers=base["layers"], settings=base["settings"], variant="")
+    assert page.until("batch", revision=2, complete=True)["lines"] == shown
+
+
 def test_a_reload_does_not_end_the_server(serve, visit):
     server = serve("dem.tif", keep=False)
     visit(server).close()
@@ -1170,7 +1232,7 @@ def test_a_page_that_comes_while_another_leaves_keeps_the_server(place):
         server.admit(Room(Path("dem.tif")))
 
         async def leave_and_come():
-            server._end_later()
+            server._end_later(server._opening.result())
             server._opening.result().enter(Client(lambda *_: None), {})
             await asyncio.sleep(0.01)
 

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("starlette", reason="the app extra is not installed")
@@ -292,7 +293,10 @@ def test_a_long_run_is_paused_and_gives_way_to_an_edit(window):
 def test_variants_of_the_case_are_compared_and_made_current(browser):
     net = f"name = 'N', x = {W}, {W + 300}, y = {N - 150}, {N - 150}, height = 4.0, capacity = 2e3"
     groups = f"&barrier {net} /\n&variant name = 'bare', without = 'barrier' /\n"
-    Path("varied.nml").write_text(CASE + groups, encoding="utf-8")
+    make_raster("zones.tif", np.ones((80, 60), "i4"))
+    Path("zones.csv").write_text("zone,mean_radius\n1,0.25\n")
+    text = CASE.replace("uniform_mean_radius = 0.25", "zones = 'zones.tif', table = 'zones.csv'")
+    Path("varied.nml").write_text(text + groups, encoding="utf-8")
     with served("varied.nml") as server:
         resize(browser, 1280, 800)
         window = open_window(browser, server)
@@ -304,6 +308,34 @@ def test_variants_of_the_case_are_compared_and_made_current(browser):
         window.click('[data-action="close-compare"]')
         bare = window.changed(lambda: window.click('[data-variant="bare"] [data-action="restore"]'))
         assert [*bare] == ["L"] and window.layers["barriers"] == []
+        assert "N" in window.changed(lambda: window.click('[data-action="base"]'))
+        browser.get("about:blank")
+
+
+def test_of_many_lines_one_is_sent_and_those_in_view_are_written(browser):
+    rows = [f"&line name = 'M{k}', x = {W}, {W + 300}, y = {N - 100 - 2 * k}, {N - 100 - 2 * k} /"
+            for k in range(60)]  # fmt: skip
+    Path("many.nml").write_text(CASE + "\n".join(rows), encoding="utf-8")
+    with served("many.nml") as server:
+        resize(browser, 1280, 800)
+        window = open_window(browser, server)
+        window.until("the first rows", "document.querySelector('[data-line=L] .estimate')")
+        assert browser.execute_script("return !document.querySelector('[data-line=M50] .estimate')")
+        browser.execute_script("""window.sent = [];
+            const send = WebSocket.prototype.send;
+            WebSocket.prototype.send = function (text) { sent.push(text); send.call(this, text); };
+            [...document.querySelectorAll('[data-feature]')].at(-10).click();
+            document.querySelector('#map').focus();""")
+        keys = ActionChains(browser).send_keys(Keys.ARROW_RIGHT)
+        lines = window.changed(keys.perform)
+        edit = json.loads(browser.execute_script("return sent.at(-1)"))
+        change = edit["layers"]["lines"]
+        assert [one["properties"]["name"] for one in change["set"]] == ["M50"]
+        assert change["remove"] == [] and not edit["whole"]
+        window.until("its row", "document.querySelector('[data-line=M50] .estimate')")
+        assert window.text('[data-line="M50"]').split("\n")[0] == "M50"
+        window.save("moved")
+        agrees(lines, "moved.nml")
         browser.get("about:blank")
 
 

@@ -148,7 +148,10 @@ export class DocumentStore {
 function difference(before: CaseDocument, after: CaseDocument): Difference {
   const groups = new Set([...Object.keys(before.settings), ...Object.keys(after.settings)]);
   return {
-    layers: LAYERS.filter((layer) => before.layers[layer] !== after.layers[layer]),
+    layers: LAYERS.filter((layer) => {
+      const [old, now] = [before.layers[layer], after.layers[layer]];
+      return old !== now && old.length + now.length > 0; // an empty layer may be one that cannot be drawn
+    }),
     groups: [...groups].filter((group) => before.settings[group] !== after.settings[group]),
   };
 }

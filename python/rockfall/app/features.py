@@ -61,7 +61,7 @@ def check_features(
     differs from those before; Refused if they cannot be such."""
     remove: Any = []
     if isinstance(given, dict):
-        given, remove = given.get("set"), given.get("remove")
+        remove, given = given.get("remove"), given.get("set")
     else:
         before = ()
     if not isinstance(given, list) or not isinstance(remove, list):
@@ -75,7 +75,7 @@ def check_features(
     if len(by_id) < len(new):
         raise Refused(say("app.server_same_id"), layer=layer)
     removed = {*remove}
-    features = [by_id.pop(one.id, one) for one in before if one.id not in removed]
+    features = [by_id.pop(feature.id, feature) for feature in before if feature.id not in removed]
     features += by_id.values()
     if len({feature.type for feature in features}) > 1:
         raise Refused(say("app.server_mixed_shapes"), layer=layer)

@@ -14,7 +14,7 @@ from rockfall.app.messages import Refused
 from rockfall.app.places import without_files
 from rockfall.case import REPEATABLE, Case, Key, file_keys, given_groups, namelist_text
 from rockfall.case_files import input_files
-from rockfall.case_variants import CHOSEN, variants
+from rockfall.case_variants import BASE, CHOSEN, variants
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import atomic_folder, overwriting
 from rockfall.language import say
@@ -95,7 +95,7 @@ def _with_variants(
         inline = {layer for layer in made.layers if GROUPS.get(layer) in named}
         case = made.named(file, inline).replace(variant=groups)
         _check_layers(site, variants(case))
-        return case, inline, ""
+        return case, inline, say("app.server_base", name=BASE)
     except RockfallError as error:
         reason = without_files(str(error), site)
         return made.named(file), set(), say("app.server_without_variants", reason=reason)

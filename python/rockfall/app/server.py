@@ -25,11 +25,12 @@ from rockfall.app.outbox import Client, Outbox
 from rockfall.errors import RockfallError
 
 if TYPE_CHECKING:
-    from rockfall.app.room import Room
     from starlette.applications import Starlette
     from starlette.types import ASGIApp, Receive, Scope
     from starlette.types import Send as Sends
     from starlette.websockets import WebSocket
+
+    from rockfall.app.room import Room
 
 HOST = "127.0.0.1"
 PAGE = Path(__file__).with_name("page")

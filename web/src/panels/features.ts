@@ -9,6 +9,8 @@ import { LAYERS, type CaseError, type Feature, type Forms, type Layer, type Laye
 import { decimal, say } from '../texts';
 import { applies } from '../volume_keys';
 
+const LONG = 30; // features, from which the list scrolls by itself
+
 interface Actions {
   select(id: string): void;
   zoom(id: string): void;
@@ -48,7 +50,12 @@ export class FeaturePanel {
     this.selected = id;
     this.showList();
     this.showProperties();
-    this.buttons.get(id)?.scrollIntoView({ block: 'nearest' });
+    const row = this.buttons.get(id);
+    if (!row) return;
+    // The list scrolls, not the panel, whose top has the properties.
+    const above = row.offsetTop - this.list.scrollTop;
+    if (above < 0 || above > this.list.clientHeight - row.offsetHeight) this.list.scrollTop = row.offsetTop - this.list.clientHeight / 2;
+    this.properties.scrollIntoView({ block: 'nearest' });
   }
 
   /** List what is drawn: of thousands only what reads otherwise than before, so that no click is lost while a shape is dragged. */
@@ -76,6 +83,7 @@ export class FeaturePanel {
   private makeList(shown: readonly Layer[]): void {
     const focused = document.activeElement instanceof HTMLElement ? document.activeElement.dataset['feature'] : undefined;
     this.buttons.clear();
+    this.list.classList.toggle('long', shown.some((layer) => this.store.layer(layer).length > LONG));
     const sections = shown.map((layer) => {
       const title = element(
         'h3',
