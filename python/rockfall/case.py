@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError, check_kernel
-from rockfall.io.files import check_text_file
+from rockfall.io.files import check_text_file, reason
 
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
@@ -76,7 +76,7 @@ def read_case(path: str | Path) -> Case:
     try:
         text = path.read_bytes()
     except OSError as error:
-        raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error
+        raise RockfallError(f"{path}: cannot be read: {reason(error, path)}") from error
     _check(text, str(path))
     return _case(text.decode("utf-8-sig"), path)
 

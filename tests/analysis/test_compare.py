@@ -63,7 +63,7 @@ def place(tmp_path, monkeypatch):
 
 
 def file(text, name="o.csv"):
-    Path(name).write_text(text)
+    Path(name).write_text(text, "utf-8")
     return name
 
 

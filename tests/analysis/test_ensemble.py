@@ -377,7 +377,7 @@ def test_an_ensemble_is_a_result(place, capsys, monkeypatch):
     assert "epistemic, std" in capsys.readouterr().out
     names = " ".join(path.name for path in Path("out").glob("*.tif"))
     assert "reached_runs" in names and "energy_max_q95" in names
-    page = Path("all.html").read_text().replace("\u00a0", " ")
+    page = Path("all.html").read_text("utf-8").replace("\u00a0", " ")
     first = page[page.index('id="answer"') : page.index('id="validity"')]
     assert "uncertain inputs, 90 % of the draws" in first and "Sobol" in first
     assert "rockfall ensemble case.nml" in page
@@ -655,7 +655,7 @@ def test_the_command_writes_what_it_prints(place, capsys):
         assert written["input"].values.tolist() == ["source", "radius"]
         assert written.attrs["seed"] == 7 and "source_shift" in written.attrs["case"]
     table = rockfall.ensemble_table(found)
-    assert Path("table.csv").read_text() == table.to_csv(index=False)
+    assert Path("table.csv").read_text() == table.to_csv(index=False, lineterminator="\n")
     lines = [line.split() for line in printed.splitlines()]
     share = table.loc[0]
     labels = {"case as it is": "case_value", "Monte Carlo error, std": "monte_carlo_std"}

@@ -60,10 +60,10 @@ contains
       done = is_ok(file)
       if (done) done = replace_file(part, name)
       if (done) return
-      done = remove_file(part)
       if (is_ok(file)) then
-         call fail(error, name//": cannot be written: its name cannot be taken")
+         call fail(error, name//": cannot be replaced; is it open in another program? The new file is "//part)
       else
+         done = remove_file(part)
          call fail(error, name//": cannot be written: "//trim(nf90_strerror(file%status))//" (the disk may be full)")
       end if
    end subroutine write_part

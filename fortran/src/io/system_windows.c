@@ -121,16 +121,22 @@ void rockfall_unlock(void)
     lock[0] = '\0';
 }
 
+/* Try for a second: virus scanners and backups hold new files open. */
 int rockfall_replace(const char *from, const char *to, const char *folder)
 {
-    int file = _open(from, _O_RDWR), ok;
+    int file = _open(from, _O_RDWR), ok, tries;
 
     (void)folder; /* its names are on disk with those of the file system */
     if (file < 0)
         return 0;
     ok = _commit(file) == 0;
     _close(file);
-    return ok && MoveFileExA(from, to, MOVEFILE_REPLACE_EXISTING | MOVEFILE_WRITE_THROUGH) != 0;
+    for (tries = 0; ok && tries < 10; tries++) {
+        if (MoveFileExA(from, to, MOVEFILE_REPLACE_EXISTING | MOVEFILE_WRITE_THROUGH))
+            return 1;
+        Sleep(100);
+    }
+    return 0;
 }
 
 /* Character other than '/' that separates folders in paths, if there is one. */

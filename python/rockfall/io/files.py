@@ -33,7 +33,12 @@ def start_of(path: str | Path) -> bytes:
         with open(path, "rb") as file:
             return file.read(START)
     except OSError as error:
-        raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error
+        raise RockfallError(f"{path}: cannot be read: {reason(error, path)}") from error
+
+
+def reason(error: OSError, path: str | Path) -> str:
+    """Why a file cannot be read; Windows says of a folder that permission is denied."""
+    return "Is a directory" if os.path.isdir(path) else error.strerror or str(error)
 
 
 def check_text_file(path: str | Path) -> None:
@@ -49,7 +54,7 @@ def read_text(path: str | Path) -> str:
     try:
         return Path(path).read_text(encoding="utf-8-sig")
     except OSError as error:
-        raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error
+        raise RockfallError(f"{path}: cannot be read: {reason(error, path)}") from error
     except UnicodeDecodeError as error:
         raise RockfallError(f"{path}: is not text (UTF-8)") from error
 
@@ -77,6 +82,6 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
                 replace(part, path)
             except PermissionError as error:
                 kept = keep_next_to(path, part)
-                raise RockfallError(f"{path}: {IN_USE}; the new file is {kept}") from error
+                raise RockfallError(f"{path}: {IN_USE} The new file is {kept}") from error
     except OSError as error:
         raise RockfallError(f"{path}: cannot be written: {error.strerror or error}") from error

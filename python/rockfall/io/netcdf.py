@@ -42,10 +42,9 @@ def check_letters(path: str | Path) -> None:
     try:
         os.path.abspath(path).encode(NETCDF_NAMES)
     except UnicodeEncodeError as error:
-        letters = error.object[error.start : error.end]
         raise RockfallError(
-            f"{path}: netCDF opens no path with '{letters}' on this Windows, whose code page lacks "
-            "it; rename the file or its folder"
+            f"{path}: netCDF opens no path with letters that the code page of this Windows lacks; "
+            "rename the file or its folder"
         ) from error
 
 

@@ -113,7 +113,7 @@ def atomic_folder(
         except PermissionError as error:
             kept = keep_next_to(folder, new)
             raise RockfallError(
-                f"{error.filename}: {IN_USE}; the new files are in {kept}"
+                f"{error.filename}: {IN_USE} The new files are in {kept}"
             ) from error
     except OSError as error:
         raise RockfallError(f"{folder}: cannot be written: {error.strerror or error}") from error

@@ -14,7 +14,7 @@ import numpy as np
 
 from rockfall import limits
 from rockfall.errors import RockfallError
-from rockfall.io.files import atomic_write, check_text_file
+from rockfall.io.files import atomic_write, check_text_file, reason
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,7 +44,7 @@ def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
                     yield line, cells
                 line = reader.line_num + 1
     except OSError as error:
-        raise RockfallError(f"{path}: {(error.strerror or str(error)).lower()}") from error
+        raise RockfallError(f"{path}: {reason(error, path).lower()}") from error
     except UnicodeDecodeError as error:
         raise RockfallError(f"{path}: is not text in UTF-8") from error
     except csv.Error as error:

@@ -15,7 +15,7 @@ from rockfall.case import Case, file_keys
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import as_plan, grid_of
 from rockfall.io.crs import crs_name, same_crs
-from rockfall.io.files import check_regular
+from rockfall.io.files import check_regular, reason
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.io.layers import REPROJECTED, name_of
 from rockfall.io.raster import aligned_blocks
@@ -136,4 +136,4 @@ def file_checksum(path: Path) -> str:
         with open(file, "rb") as opened:
             return hashlib.file_digest(opened, "sha256").hexdigest()
     except OSError as error:
-        raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error
+        raise RockfallError(f"{path}: cannot be read: {reason(error, path)}") from error

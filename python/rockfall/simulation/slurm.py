@@ -116,7 +116,7 @@ def write_jobs(
     scripts = {"run.sh": RUN, "merge.sh": MERGE, "submit.sh": SUBMIT}
     with atomic_folder(folder, inputs) as part:
         for name, text in scripts.items():
-            (part / name).write_text(text.substitute(attrs))
+            (part / name).write_text(text.substitute(attrs), "utf-8", newline="\n")
             (part / name).chmod(0o755)
     return [folder / name for name in scripts]
 
