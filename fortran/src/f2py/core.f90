@@ -55,8 +55,8 @@ module rockfall_f2py
    use rockfall_state_table, only: array_t, row_text
    use rockfall_run_state, only: plan_of, add_part => merge_run, settle_run => settle_partial_sources, &
                                  restore_run => restore_sources, forget_tallies_of => forget_tallies
-   use rockfall_part, only: part_t, part_lengths_t, make_room, pack_run => pack_part, pack_samples, unpack => unpack_part, &
-                            unpack_samples
+   use rockfall_part, only: part_t, part_lengths_t, make_room, pack_run => pack_part, pack_samples, &
+                            unpack => unpack_part, unpack_samples
    use rockfall_value_rules, only: fault_of_values => value_fault, crossing_fault
    use rockfall_same_run, only: identity_t, difference
    use rockfall_handles, only: scene_handle_t, run_handle_t, scene_at, run_at, empty_scene => new_scene, close_handle
