@@ -43,7 +43,7 @@ def chosen_variant(case: Case, name: str | None) -> Case:
         return case
     by_name = variants(case)
     if by_name:
-        by_name = {BASE: case.replace(variant=[]), **by_name}
+        by_name.setdefault(BASE, case.replace(variant=[]))
     if name not in by_name:
         has = f"the variants are {', '.join(by_name)}" if by_name else "the case has no &variant"
         raise RockfallError(f"{case.name}: --variant {name}: {has}")
