@@ -32,7 +32,17 @@ def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
         raise RockfallError(f"{path}: is classic netCDF; make netCDF-4 of it: {command}")
     check_letters(path)
     # absolute, since netCDF takes other names for addresses
-    return netCDF4.Dataset(os.path.abspath(path), mode, encoding=NETCDF_NAMES)
+    name = os.path.abspath(path)
+    if NETCDF_NAMES is None or name.isascii():
+        return netCDF4.Dataset(name, mode)
+
+    class Named(netCDF4.Dataset):
+        """A file whose name xarray can ask for."""
+
+        def filepath(self, encoding: str | None = None) -> str:
+            return super().filepath(encoding or NETCDF_NAMES)
+
+    return Named(name, mode, encoding=NETCDF_NAMES)
 
 
 def check_letters(path: str | Path) -> None:
