@@ -3,10 +3,8 @@
 
 from importlib import import_module
 
-from rockfall._core import rockfall_f2py as _core
-
-BAD_INPUT = int(_core.constant("bad_input"))  # exit status of errors that the user can correct
-OUR_FAULT = int(_core.constant("our_fault"))  # exit status of internal errors
+BAD_INPUT = 2  # exit status of errors that the user can correct, as in the kernel
+OUR_FAULT = 1  # of internal errors
 
 
 class RockfallError(ValueError):

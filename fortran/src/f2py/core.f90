@@ -9,7 +9,7 @@ module rockfall_f2py
    use ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_ptr, &
                             c_loc, c_f_pointer
-   use rockfall_error, only: error_t, give_error, bad_input, our_fault
+   use rockfall_error, only: error_t, give_error
    use rockfall_sizes, only: max_message, max_list, max_array_row, n_boulder_fields, n_boulder_counts, n_line_fields, &
                              n_vertex_fields, n_line_quantities, n_impact_sets, n_set_numbers, n_incidence_limits, &
                              n_lateral_classes, n_lateral_quantiles, n_map_counts, n_map_sums, n_map_maxima, n_stacks, &
@@ -1122,8 +1122,6 @@ contains
       real(c_double), intent(out) :: value
 
       select case (name)
-      case ("bad_input"); value = bad_input          ! exit status
-      case ("our_fault"); value = our_fault
       case ("any_speed"); value = any_speed          ! [m/s] end of the range of a set without one
       case ("inertia_factor"); value = inertia_factor  ! [-]
       case ("min_normal"); value = min_normal

@@ -10,11 +10,8 @@ from contextlib import contextmanager
 
 from rockfall.errors import BAD_INPUT, OUR_FAULT
 
-DONE, FAULT, REFUSED = (
-    0,
-    OUR_FAULT,
-    BAD_INPUT,
-)  # for interrupts see `rockfall.interrupts.exit_status`
+# for interrupts see `rockfall.interrupts.exit_status`
+DONE, FAULT, REFUSED = 0, OUR_FAULT, BAD_INPUT
 
 
 def say(line: str, status: int) -> int:
