@@ -27,14 +27,13 @@ contains
       type(grid_t), intent(in), optional :: grid
       character(len=:), allocatable :: fault
       type(range_t) :: range
-      logical :: is_wrong
       integer :: k
 
       range = range_of(name, grid)
       do k = 1, size(values)
-         is_wrong = .not. (values(k) >= range%lowest .and. values(k) <= range%highest)
-         if (range%excludes_lowest) is_wrong = is_wrong .or. .not. values(k) > range%lowest
-         if (is_wrong) exit
+         if (ieee_is_nan(values(k))) exit  ! first: to compare it would trap
+         if (values(k) < range%lowest .or. values(k) > range%highest) exit
+         if (range%excludes_lowest .and. values(k) <= range%lowest) exit
       end do
       fault = ""
       if (k > size(values)) return
