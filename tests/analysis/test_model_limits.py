@@ -157,6 +157,11 @@ def test_shipped_sets_are_said_to_err_on_the_unsafe_side(tmp_path, grounds, said
     assert all(one.is_warning for one in found)
 
 
+def test_nothing_is_said_of_sets_without_rebounds(tmp_path):
+    case = make_case(tmp_path, *sets(), release=POINT, impact={"sets": "rocky-slope"})
+    assert not [*set_remarks(values(rebounds=0), case)]
+
+
 def test_of_own_sets_nothing_is_said(tmp_path):
     assert not [*set_remarks(values(), make_case(tmp_path, *sets(), release=POINT))]
 

@@ -115,13 +115,13 @@ def _part_of_all(grounds: Iterable[GroundRebounds], values: Variables) -> Text:
 def set_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """Remark on the field validation of the shipped impact sets, whose errors are all on the unsafe
     side (docs/validation); none without rebounds by them."""
-    followed = set(sets_followed(values, case.impact["sets"])) & set(shipped_sets())
-    if names := sorted(followed):
-        grounds = [ground for ground in rebounds_by_ground(values) if ground.name in followed]
-        total = _total(values, "rebounds")
-        rebounds = sum(ground.rebounds for ground in grounds) if grounds else total
-        part = part_of_rebounds(rebounds, max(1, total))
-        yield Remark(say("model.sets", followed=part, names=", ".join(names)), True)
+    names = sorted(set(sets_followed(values, case.impact["sets"])) & set(shipped_sets()))
+    total = _total(values, "rebounds")
+    if not (names and total):
+        return
+    grounds = [ground for ground in rebounds_by_ground(values) if ground.name in names]
+    part = _part_of_all(grounds, values) if grounds else part_of_rebounds(total, total)
+    yield Remark(say("model.sets", followed=part, names=", ".join(names)), True)
 
 
 def table_remarks(values: Variables) -> Iterator[Remark]:
