@@ -316,8 +316,11 @@ contains
       type(error_t), allocatable :: error
 
       opened => run_of(run)
-      if (only_samples /= 0) call pack_samples(opened%run, opened%part)
-      if (only_samples == 0) call pack_run(opened%run, opened%part, error)
+      if (only_samples /= 0) then
+         call pack_samples(opened%run, opened%part)
+      else
+         call pack_run(opened%run, opened%part, error)
+      end if
       call give_error(error, code, message)
    end subroutine pack_part
 
@@ -351,8 +354,11 @@ contains
       type(error_t), allocatable :: error
 
       opened => run_of(run)
-      if (only_samples /= 0) call unpack_samples(opened%run, opened%part, error)
-      if (only_samples == 0) call unpack(opened%run, opened%part, grid_of(corner, nodes), error)
+      if (only_samples /= 0) then
+         call unpack_samples(opened%run, opened%part, error)
+      else
+         call unpack(opened%run, opened%part, grid_of(corner, nodes), error)
+      end if
       opened%part = part_t()
       call give_error(error, code, message)
    end subroutine unpack_part
