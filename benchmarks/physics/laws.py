@@ -60,7 +60,7 @@ def table(text: str) -> Law:
     name, _, file = text.partition("=")
     file, _, angle = (file or name).partition("@")
     rest = {"rest_angle": float(angle)} if angle else {}
-    return Law(name, {"impact": {"form": "table", "table": file} | rest})
+    return Law(name, {"impact": {"form": "table", "table": file} | rest}, ROCKS)
 
 
 def ground(text: str) -> Law:

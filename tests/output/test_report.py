@@ -233,7 +233,7 @@ def test_each_caution_has_its_number_in_the_order_of_a_decision(result):
     assert [one[:40] for one in warnings(changed)] == ["450 of 1,000 rebounds (45.0 %) were slow"]
     drawn = list(technical(changed))
     assert drawn[0].startswith("20 of 1,000 rebounds (2.0 %) needed more than one draw")
-    assert drawn[1].startswith("1 of 1,000 rebounds (0.1 %) had no admissible draw")
+    assert drawn[1].startswith("1 of 1,000 rebounds (0.1 %) were limited")
 
 
 def test_what_lies_outside_the_model_is_a_box_at_the_top(tmp_path, monkeypatch):

@@ -78,7 +78,7 @@ module rockfall_variables
       variable_t("count", "rebounds_redrawn", "integer", "1", &
                  "rebounds whose matrix was drawn more than once"), &
       variable_t("count", "rebounds_forced", "integer", "1", &
-                 "rebounds without an admissible draw in 32"), &
+                 "rebounds limited, not being admissible; by a matrix after 32 draws"), &
       variable_t("count", "rebounds_out_of_range", "integer", "1", &
                  "rebounds with R_b/R_m outside 0.5 to 5.5, or those of their table of impacts"), &
       variable_t("count", "rebounds_out_of_speed", "integer", "1", &

@@ -112,6 +112,6 @@ def _rebounds(result: Held) -> Iterator[str]:
     )
     yield f"  {rebounds:,} rebounds" + (f", {redrawn / rebounds:.1%} redrawn" if redrawn else "")
     if forced:
-        yield f"  forced rebounds: {forced:,} (none of 32 draws was admissible)"
+        yield f"  {forced:,} rebounds limited: they would gain energy or enter the ground"
     for remark in model_remarks(result, case_of(result)):
         yield f"  {'warning: ' if remark.is_warning else ''}{remark.text}"
