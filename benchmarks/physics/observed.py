@@ -25,6 +25,8 @@ from rockfall.lab.talus import CELL, NORTH, WEST, Talus, zones
 CASES = ROOT / "cases" / "vaujany"
 FIRST = 1000  # seed of the relief: none that a calibration has seen
 METHODS = {"A": "case_A.nml", "B": "case.nml"}
+LINES = "EL1", "EL2"
+QUANTITIES = "speed", "passing_height", "energy_translational"
 
 
 def measure(case: rockfall.Case, seed: int, boulders: int) -> pd.DataFrame:
@@ -54,8 +56,8 @@ def main() -> None:
         name: [measure(case, given.first + k, given.boulders) for k in range(given.slopes)]
         for name, case in cases.items()
     }
-    for line in ("EL1", "EL2"):
-        for quantity in ("speed", "passing_height", "energy_translational"):
+    for line in LINES:
+        for quantity in QUANTITIES:
             for number in ("mean", "std"):
                 seen = printed.loc[(line, "observed", quantity), number]
                 paper = [printed.loc[(line, one, quantity), number] / seen - 1 for one in METHODS]
