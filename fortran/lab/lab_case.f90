@@ -42,7 +42,7 @@ module lab_case
       key_t("impact", "step_factor", "real"), key_t("impact", "retries", "integer"), &
       key_t("throw", "throws", "list"), key_t("throw", "on_layer", "integer"), &
       key_t("throw", "contacts", "integer"), key_t("throw", "radius", "real"), &
-      key_t("throw", "max_depth", "real"), key_t("throw", "relief", "real"), &
+      key_t("throw", "max_depth", "real"), key_t("throw", "relief", "list"), &
       key_t("throw", "shape", "text"), key_t("throw", "adaptive", "logical"), &
       key_t("throw", "slope", "range"), key_t("throw", "speed", "range"), &
       key_t("throw", "angle", "range"), key_t("throw", "spin", "range")]
@@ -70,6 +70,7 @@ module lab_case
       type(range_t) :: range
       logical :: throwing = .false.       !! the case has a group &throw
       real(wp), allocatable :: throws(:)  !! per ratio, or one number for all
+      real(wp), allocatable :: relief(:)  !! of `boulder`, likewise [degrees]
       integer(i8) :: on_layer = 20        !! throws at each layer
       integer(i8) :: contacts = 8         !! maximum number per throw
       real(wp) :: max_depth = 12          !! of a layer, if less than &packing depth [R_m]
@@ -92,6 +93,7 @@ contains
       case%title = ""
       case%ratios = default_ratios
       case%throws = [500.0_wp]
+      case%relief = [case%boulder%relief]
       call parse_namelist(text, file, list, error)
       if (.not. allocated(error)) call check_names(list, key_table%group, key_table%name, [character(len=1) ::], &
                                                    "stands more than once", error)
@@ -181,17 +183,17 @@ contains
       type(group_t), intent(in) :: group
       type(lab_case_t), intent(inout) :: case
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: numbers(4)
+      real(wp) :: numbers(3)
 
-      numbers = [case%boulder%radius, case%boulder%relief, case%max_depth, merge(1.0_wp, 0.0_wp, case%boulder%adaptive)]
-      call take_row(group, key_table, [character(len=9) :: "radius", "relief", "max_depth", "adaptive"], numbers, error)
+      numbers = [case%boulder%radius, case%max_depth, merge(1.0_wp, 0.0_wp, case%boulder%adaptive)]
+      call take_row(group, key_table, [character(len=9) :: "radius", "max_depth", "adaptive"], numbers, error)
       if (.not. allocated(error)) then
          case%boulder%radius = numbers(1)
-         case%boulder%relief = numbers(2)
-         case%max_depth = numbers(3)
-         case%boulder%adaptive = numbers(4) > 0
+         case%max_depth = numbers(2)
+         case%boulder%adaptive = numbers(3) > 0
          call get_real(group, "throws", case%throws, error)
       end if
+      if (.not. allocated(error)) call get_real(group, "relief", case%relief, error)
       if (.not. allocated(error)) call take_shape(group, case%boulder%kind, error)
       if (.not. allocated(error)) call get_integer(group, "on_layer", case%on_layer, error)
       if (.not. allocated(error)) call get_integer(group, "contacts", case%contacts, error)
@@ -268,9 +270,13 @@ contains
    pure subroutine check_thrown(case, error)
       type(lab_case_t), intent(in) :: case
       type(error_t), allocatable, intent(out) :: error
+      type(boulder_t) :: boulder
+      integer :: k
 
-      if (size(case%throws) /= 1 .and. size(case%throws) /= size(case%ratios)) then
+      if (all(size(case%throws) /= [1, size(case%ratios)])) then
          call fail(error, "&throw throws: must be one number, or one for each of &lab ratios")
+      else if (all(size(case%relief) /= [1, size(case%ratios)])) then
+         call fail(error, "&throw relief: must be one number, or one for each of &lab ratios")
       else if (case%on_layer < 1 .or. case%on_layer > max_shots) then
          call fail(error, "&throw on_layer: must be 1 to "//integer_text(int(max_shots)))
       else if (case%contacts < 1) then
@@ -278,7 +284,11 @@ contains
       else if (.not. case%max_depth > 0) then
          call fail(error, "&throw max_depth: must be > 0 [R_m]")
       else
-         call check_boulder(case%boulder, error)
+         boulder = case%boulder
+         do k = 1, size(case%relief)
+            boulder%relief = case%relief(k)
+            if (.not. allocated(error)) call check_boulder(boulder, error)
+         end do
          if (.not. allocated(error)) call check_throws(case%throw_range, int(min(case%contacts, 2000_i8)), error)
       end if
    end subroutine check_thrown

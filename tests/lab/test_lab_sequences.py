@@ -129,6 +129,14 @@ def test_relief_turns_boulders_aside(data):
     assert turn[1] > 1.2 * turn[0]
 
 
+def test_each_ratio_can_have_a_relief_of_its_own(data):
+    both = run_sequences(SMALL.replace(throw={"relief": [0, 15]}), threads=1)
+    rough = run_sequences(SMALL.replace(throw={"relief": 15}), threads=1)
+    for ratio, alike in ((1, data), (2, rough)):
+        one, other = (found.isel(contact=found["ratio"].values == ratio) for found in (both, alike))
+        xr.testing.assert_identical(numbers(one), numbers(other))
+
+
 def test_throws_without_a_stable_step_are_reported(data):
     """Their absence is no chance: it is the fastest throws that rocks too soft do not stand."""
     assert "warning" not in sequences_summary(data)
@@ -229,6 +237,8 @@ def test_a_case_without_throws_has_no_group_of_them():
         ("&throw throws=0 /", "&throw throws = 0: must be whole numbers, 1 to"),
         ("&throw throws=1.5 /", "must be whole numbers"),
         ("&throw throws=1,2 /", "must be one number, or one for each of &lab ratios"),
+        ("&throw relief=1,2 /", "relief: must be one number, or one for each of &lab ratios"),
+        ("&lab ratios=1,2 / &throw relief=1,40 /", "relief must be 0 (none) to 30 degrees"),
         ("&throw relief=40 /", "relief must be 0 (none) to 30 degrees"),
         ("&throw radius=0 /", "radius must be 0.01 to 10 m"),
         ("&throw max_depth=0 /", "max_depth: must be > 0"),

@@ -63,7 +63,7 @@ def _throw_defaults() -> dict[str, Any]:
     limits = dict(zip(names("throw"), _lab.defaults("throw").tolist(), strict=False))
     throws, on_layer, contacts, max_depth = _lab.defaults("throws")[:4].tolist()
     plan = {"throws": [throws], "on_layer": on_layer, "contacts": contacts}
-    plan |= {"radius": boulder["radius"], "max_depth": max_depth, "relief": boulder["relief"]}
+    plan |= {"radius": boulder["radius"], "max_depth": max_depth, "relief": [boulder["relief"]]}
     plan["shape"] = names("shape")[int(boulder["shape"]) - 1]
     plan["adaptive"] = boulder["adaptive"]
     return plan | {key: [limits[f"{key}_{end}"] for end in ends] for key, ends in THROWN.items()}
@@ -142,8 +142,12 @@ class LabCase:
 
     def throws_of(self, ratio: float) -> int:
         """Number of throws at a ratio R_b/R_m."""
-        throws = self.throw["throws"]
-        return int(throws[self.lab["ratios"].index(ratio) if len(throws) > 1 else 0])
+        return int(self._at("throws", ratio))
+
+    def _at(self, key: str, ratio: float) -> float:
+        """Value of a list of &throw at a ratio R_b/R_m."""
+        values = self.throw[key]
+        return values[self.lab["ratios"].index(ratio) if len(values) > 1 else 0]
 
     def radius(self, ratio: float) -> float:
         """R_b at a ratio R_b/R_m [m]."""
@@ -187,7 +191,10 @@ class LabCase:
             },
             "throw": lambda: range_values(self.throw) | {"gravity": self.packing["gravity"]},
             "boulder": lambda: (
-                self.impact | self.throw | {"shape": 1 + names("shape").index(self.throw["shape"])}
+                self.impact
+                | self.throw
+                | {"shape": 1 + names("shape").index(self.throw["shape"])}
+                | {"relief": self._at("relief", ratio)}
             ),
         }[kind]()
         return np.array([float(values[key]) for key in names(kind)])

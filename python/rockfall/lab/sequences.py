@@ -134,8 +134,8 @@ def _throw(
     """Contacts of some throws, numbered from 0, and the number of throws that were cut short."""
     layer = numbers // case.throw["on_layer"]
     rows, counts, n_contacts, complete, code, message = _lab.throw_at_rocks(
-        case.row("material"), case.row("packing", ratio), case.row("boulder"), case.row("throw"),
-        seed=case.lab["seed"], threads=threads, x=layers.x, radius=layers.radius,
+        case.row("material"), case.row("packing", ratio), case.row("boulder", ratio),
+        case.row("throw"), seed=case.lab["seed"], threads=threads, x=layers.x, radius=layers.radius,
         bodies=layers.bodies, facts=layers.facts, place=(layer - first_layer + 1).astype("i4"),
         layer=(layer + 1).astype("i4"), number=numbers + 1, contacts=case.throw["contacts"],
     )  # fmt: skip
@@ -156,7 +156,7 @@ def _dataset(
         "title": case.lab["title"], "lab_case": case.text(), "ground": GROUND,
         "shape": case.throw["shape"],
         "density": case.impact["density"], "yield_pressure": 0.0, "rest_angle": repose(),
-        "inertia_factor": float(_lab.inertia_factor(case.row("boulder"))),
+        "inertia_factor": float(_lab.inertia_factor(case.row("boulder", case.lab["ratios"][0]))),
         "ratios": case.lab["ratios"], **counters,
     }  # fmt: skip
     return contact_dataset(columns, case.throw["radius"], case.packing["gravity"], attributes)
