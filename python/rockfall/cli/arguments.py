@@ -47,16 +47,31 @@ def _add(
         parser.add_argument(what.lower(), metavar=what, type=Path)
     if what == "CASE" and name != "variants":
         text = "of a case with &variant groups, the one of this name; base: without them"
-        parser.add_argument("--variant", metavar="NAME", help=text)
+        _option(parser, "--variant NAME", str, text)
     if writes:
         _add_overwrite(parser)
     parser.set_defaults(command=_command(module, name.replace("-", "_")))
     return parser
 
 
+def _option(
+    parser: argparse._ActionsContainer, names: str, kind: Any, does: str | None = None, **more: Any
+) -> None:
+    """Add an option with a value of some kind; its names end with that of the value:
+    `-o --output DIR`."""
+    *flags, value = names.split()
+    if kind is not str:
+        more["type"] = kind
+    parser.add_argument(*flags, metavar=value, help=does, **more)
+
+
+def _switch(parser: argparse._ActionsContainer, names: str, does: str) -> None:
+    """Add an option without a value."""
+    parser.add_argument(*names.split(), action="store_true", help=does)
+
+
 def _add_overwrite(command: argparse.ArgumentParser) -> None:
-    text = "replace existing files, never inputs; default: refuse"
-    command.add_argument("--overwrite", action="store_true", help=text)
+    _switch(command, "--overwrite", "replace existing files, never inputs; default: refuse")
 
 
 def _command(module: str, name: str) -> Callable[[argparse.Namespace], int]:
@@ -94,30 +109,25 @@ def _add_draft(commands: _Commands) -> None:
     new = _add(commands, "draft", "new", text, "DEM", writes=False)
     text = "GeoPackage, GeoJSON, shapefile: each layer is known by shapes, attributes and name"
     new.add_argument("layers", metavar="LAYER", type=Path, nargs="*", help=text)
-    new.add_argument("-o", "--output", metavar="CASE.nml", type=Path, required=True)
+    _option(new, "-o --output CASE.nml", Path, required=True)
     text = "make a DEM of surveyed points, or edit one: edits in the order in which they are given"
     dem = _add(commands, "draft", "dem", text)
     text = "points.csv with x, y, z; point clouds (.las, .laz, .xyz), several too; or a DEM"
     dem.add_argument("input", metavar="FILE", type=Path, nargs="+", help=text)
-    dem.add_argument("-o", "--output", metavar="DEM.tif", type=Path, required=True)
+    _option(dem, "-o --output DEM.tif", Path, required=True)
     points = dem.add_argument_group("points")
     text = "side of a cell; default: 1, 2, 5, 10..., at most the mean spacing of the points"
-    points.add_argument("--cell", metavar="M", type=float, help=text)
-    text = "points weigh 1/distance**P; default: 2"
-    points.add_argument("--power", metavar="P", type=float, help=text)
-    text = "points of which a cell is made, at most; default: 12"
-    points.add_argument("--neighbours", metavar="N", type=int, help=text)
-    text = "nodata beyond; default: three times the mean spacing"
-    points.add_argument("--within", metavar="M", type=float, help=text)
-    points.add_argument(
-        "--crs",
-        metavar="CODE",
-        help="of the points, or of a DEM that names none, such as EPSG:2056",
+    _option(points, "--cell M", float, text)
+    _option(points, "--power P", float, "points weigh 1/distance**P; default: 2")
+    _option(points, "--neighbours N", int, "points of which a cell is made, at most; default: 12")
+    _option(points, "--within M", float, "nodata beyond; default: three times the mean spacing")
+    _option(
+        points, "--crs CODE", str, "of the points, or of a DEM that names none, such as EPSG:2056"
     )
     text = "of .las and .laz: points of these classes; default: 2, ground"
-    points.add_argument("--classes", metavar="N", type=int, nargs="+", help=text)
+    _option(points, "--classes N", int, text, nargs="+")
     text = "of point clouds: the mean of the points in each square of M metres"
-    points.add_argument("--thin", metavar="M", type=float, help=text)
+    _option(points, "--thin M", float, text)
     edits = dem.add_argument_group("edits")
     for name, metavar, kind, does in (
         ("fill", "M", float, "fill holes, as far as M from their edges"),
@@ -136,14 +146,10 @@ def _add_app(commands: _Commands) -> None:
     app = _add(commands, "app", "app", text, writes=False)
     text = "case, DEM or result; default: a list of those opened before"
     app.add_argument("path", metavar="PATH", type=Path, nargs="?", help=text)
-    text = "de, en, fr or it; default: that of the browser"
-    app.add_argument("--language", metavar="XX", default="", help=text)
-    text = "port on this machine; default: any that is free"
-    app.add_argument("--port", metavar="N", type=int, default=0, help=text)
-    text = "go on when the last page has closed, until Ctrl-C"
-    app.add_argument("--keep", action="store_true", help=text)
-    text = "print the address only"
-    app.add_argument("--no-browser", action="store_true", help=text)
+    _option(app, "--language XX", str, "de, en, fr or it; default: that of the browser", default="")
+    _option(app, "--port N", int, "port on this machine; default: any that is free", default=0)
+    _switch(app, "--keep", "go on when the last page has closed, until Ctrl-C")
+    _switch(app, "--no-browser", "print the address only")
 
 
 def _add_runs(commands: _Commands) -> None:
@@ -152,12 +158,12 @@ def _add_runs(commands: _Commands) -> None:
     run = _add(commands, "run", "run", "run a case and write its result as netCDF", "CASE")
     for parser in check, run:
         _add_memory(parser)
-    run.add_argument("-o", "--output", metavar="OUT.nc", type=Path, help="default: CASE.nc, here")
+    _option(run, "-o --output OUT.nc", Path, "default: CASE.nc, here")
     text = f"run until 95 %% confidence intervals are narrow enough: {_RULES}"
-    run.add_argument("--until", metavar="RULES", help=text)
-    run.add_argument("--cap", metavar="N", type=int, help="with --until: maximum from each source")
-    run.add_argument("--shard", metavar="I/N", help="the I-th of N parts, for `rockfall merge`")
-    run.add_argument("--dask", metavar="WHERE", help="on a Dask cluster: its address, or local:N")
+    _option(run, "--until RULES", str, text)
+    _option(run, "--cap N", int, "with --until: maximum from each source")
+    _option(run, "--shard I/N", str, "the I-th of N parts, for `rockfall merge`")
+    _option(run, "--dask WHERE", str, "on a Dask cluster: its address, or local:N")
     _add_resume(run, "OUT.nc.checkpoint")
     _add_overrides(run)
     text = "make a case that rockfall-batch reads without Python"
@@ -165,60 +171,57 @@ def _add_runs(commands: _Commands) -> None:
     prepare.add_argument("folder", metavar="DIR", type=Path, help="is made; for the prepared files")
     text = "make a case of a folder of Rockyfor3D, whose files stay where they are"
     rocky = _add(commands, "imports", "import-rockyfor3d", text, "DIR")
-    rocky.add_argument("-o", "--output", metavar="CASEDIR", type=Path, required=True)
-    rocky.add_argument("--crs", metavar="CODE", help="of its rasters, such as EPSG:2056")
+    _option(rocky, "-o --output CASEDIR", Path, required=True)
+    _option(rocky, "--crs CODE", str, "of its rasters, such as EPSG:2056")
     text = "write a Slurm job array for a case, with its merge job"
     slurm = _add(commands, "parts", "slurm", text, "CASE")
     slurm.add_argument("folder", metavar="DIR", type=Path, help="is made; jobs, parts and result")
-    slurm.add_argument("--shards", metavar="N", type=int, required=True, help="jobs of the array")
+    _option(slurm, "--shards N", int, "jobs of the array", required=True)
     slurm.add_argument("--program", default="python", help="python (default), or batch")
-    slurm.add_argument("--threads", metavar="N", type=int, default=4, help="of each job; default 4")
+    _option(slurm, "--threads N", int, "of each job; default 4", default=4)
     slurm.add_argument("--time", default="24:00:00", help="of each job; default 24:00:00")
     text = "merge the parts of a run; the result is that of a run in one piece, bit for bit"
     merge = _add(commands, "parts", "merge", text)
     merge.add_argument("parts", metavar="PART.nc", type=Path, nargs="+")
-    merge.add_argument("-o", "--output", metavar="OUT.nc", type=Path, required=True)
+    _option(merge, "-o --output OUT.nc", Path, required=True)
 
 
 def _add_memory(command: argparse.ArgumentParser) -> None:
     text = "of the run; terrain beyond half of it is read in windows; default: the machine's"
-    command.add_argument("--memory", metavar="SIZE", help=text)
+    _option(command, "--memory SIZE", str, text)
 
 
 def _add_resume(command: argparse.ArgumentParser, place: str) -> None:
-    text = "go on from the last checkpoint, if any"
-    command.add_argument("--resume", action="store_true", help=text)
+    _switch(command, "--resume", "go on from the last checkpoint, if any")
     text = f"between checkpoints, in {place}; default: 60, 0 = none"
-    command.add_argument("--checkpoint", metavar="SECONDS", type=float, default=60.0, help=text)
+    _option(command, "--checkpoint SECONDS", float, text, default=60.0)
 
 
 def _add_overrides(command: argparse.ArgumentParser) -> None:
     """Add the options that replace values of the case."""
-    command.add_argument("--boulders", metavar="N", type=int, help="released from each source")
-    text = "released from all sources together"
-    command.add_argument("--boulders-total", metavar="N", type=int, help=text)
-    command.add_argument("--seed", metavar="N", type=int, help="of the random numbers")
-    command.add_argument("--threads", metavar="N", type=int, help="0 = all cores")
-    command.add_argument("--quiet", action="store_true", help="no progress, no summary")
+    _option(command, "--boulders N", int, "released from each source")
+    _option(command, "--boulders-total N", int, "released from all sources together")
+    _option(command, "--seed N", int, "of the random numbers")
+    _option(command, "--threads N", int, "0 = all cores")
+    _switch(command, "--quiet", "no progress, no summary")
 
 
 def _add_studies(commands: _Commands) -> None:
     text = "run a case over its uncertain inputs, and say which of them matter"
     vary = _add(commands, "studies", "ensemble", text, "CASE")
-    vary.add_argument("-o", "--output", metavar="OUT", type=Path, help="OUT.nc, or a table OUT.csv")
-    vary.add_argument("--runs", metavar="M", type=int, help="draws of the uncertain inputs")
+    _option(vary, "-o --output OUT", Path, "OUT.nc, or a table OUT.csv")
+    _option(vary, "--runs M", int, "draws of the uncertain inputs")
     _add_overrides(vary)
     text = "seek the uncertain inputs that make observations likely: a posterior"
     back = _add(commands, "studies", "back", text, "CASE")
     back.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
-    back.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_back")
-    back.add_argument("--members", metavar="M", type=int, help="runs at most; default: 1024")
-    text = "members that the posterior must be worth; default: 100"
-    back.add_argument("--effective", metavar="N", type=int, help=text)
+    _option(back, "-o --output DIR", Path, "default: CASE_back")
+    _option(back, "--members M", int, "runs at most; default: 1024")
+    _option(back, "--effective N", int, "members that the posterior must be worth; default: 100")
     _add_overrides(back)
     text = "run the scenarios of a case: annual frequencies, zones of hazard, objects at risk"
     zone = _add(commands, "hazard", "hazard", text, "CASE")
-    zone.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_hazard")
+    _option(zone, "-o --output DIR", Path, "default: CASE_hazard")
     _add_imprint(zone, "on the sheet")
     text = "points, lines, polygons, with name, vulnerability, value, persons, aadt, ...; several: "
     text += "--objects A --objects B"
@@ -226,27 +229,26 @@ def _add_studies(commands: _Commands) -> None:
         "--objects", metavar="LAYER", type=Path, action="append", default=[], help=text
     )
     text = "of a file with several layers; again for another of them, or one for each file"
-    zone.add_argument("--objects-layer", metavar="NAME", action="append", default=[], help=text)
+    _option(zone, "--objects-layer NAME", str, text, action="append", default=[])
     text = "lines of roads, with name, width, chainage: frequencies of each segment"
-    zone.add_argument("--segments", metavar="LAYER", type=Path, help=text)
-    zone.add_argument("--segments-layer", metavar="NAME", help="of a file with several layers")
+    _option(zone, "--segments LAYER", Path, text)
+    _option(zone, "--segments-layer NAME", str, "of a file with several layers")
     text = "of the segments [m]; default: each line is one"
-    zone.add_argument("--segment-length", metavar="LENGTH", type=float, help=text)
+    _option(zone, "--segment-length LENGTH", float, text)
     text = "curves for the objects: name, energy [kJ], vulnerability, source"
-    zone.add_argument("--vulnerability", metavar="CURVES.csv", type=Path, help=text)
+    _option(zone, "--vulnerability CURVES.csv", Path, text)
     text = "write each scenario as a case, CASE_scenarioN.nml, and run nothing"
-    zone.add_argument("--write-cases", action="store_true", help=text)
+    _switch(zone, "--write-cases", text)
     text = "of these cases, one for each scenario, in place of running them"
-    zone.add_argument("--results", metavar="OUT.nc", type=Path, nargs="+", default=[], help=text)
+    _option(zone, "--results OUT.nc", Path, text, nargs="+", default=[])
     _add_memory(zone)
     _add_resume(zone, "DIR.scenarioN.checkpoint")
     _add_overrides(zone)
     text = "run the variants of a case, with common random numbers, and compare them"
     several = _add(commands, "variants", "variants", text, "CASE")
-    several.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_variants")
-    text = "one page, too, with a column for each variant: DIR/variants.html"
-    several.add_argument("--report", action="store_true", help=text)
-    several.add_argument("--pdf", action="store_true", help="the page as DIR/variants.pdf")
+    _option(several, "-o --output DIR", Path, "default: CASE_variants")
+    _switch(several, "--report", "one page, too, with a column for each variant: DIR/variants.html")
+    _switch(several, "--pdf", "the page as DIR/variants.pdf")
     _add_yearly(several, "")
     _add_imprint(several, "in the report")
     _add_memory(several)
@@ -254,27 +256,25 @@ def _add_studies(commands: _Commands) -> None:
     _add_overrides(several)
     text = "run a case by every rebound model, with common random numbers"
     every = _add(commands, "studies", "models", text, "CASE")
-    every.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_models")
+    _option(every, "-o --output DIR", Path, "default: CASE_models")
     text = "a ground, in place of those that stand for rocks; several: --ground A --ground B"
-    every.add_argument("--ground", metavar="NAME", action="append", default=[], help=text)
+    _option(every, "--ground NAME", str, text, action="append", default=[])
     _add_overrides(every)
     text = "set a case by every law of rebound beside what was observed at its site"
     site = _add(commands, "studies", "validate", text, "CASE")
     site.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
-    site.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="all numbers as CSV")
+    _option(site, "-o --output TABLE.csv", Path, "all numbers as CSV")
     text = "a table of impacts; several: --table A --table B; default: all that are shipped"
-    site.add_argument("--table", metavar="NAME", action="append", default=[], help=text)
+    _option(site, "--table NAME", str, text, action="append", default=[])
     text = "runs of each law, by seeds after the case's; default: %(default)s"
-    site.add_argument("--seeds", metavar="N", type=int, default=5, help=text)
+    _option(site, "--seeds N", int, text, default=5)
     _add_overrides(site)
     text = "measure how a case's numbers converge, and the cost"
     converge = _add(commands, "studies", "convergence", text, "CASE")
-    converge.add_argument(
-        "-o", "--output", metavar="DIR", type=Path, help="default: CASE_convergence"
-    )
-    converge.add_argument("--boulders", metavar="N", type=int, nargs="+", help="from each source")
+    _option(converge, "-o --output DIR", Path, "default: CASE_convergence")
+    _option(converge, "--boulders N", int, "from each source", nargs="+")
     text = "boulders from each source to measure errors; default: 1000000 over all"
-    converge.add_argument("--reference", metavar="N", type=int, help=text)
+    _option(converge, "--reference N", int, text)
 
 
 def _add_results(commands: _Commands) -> None:
@@ -285,103 +285,95 @@ def _add_results(commands: _Commands) -> None:
     export = result("export", text)
     export.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
     text = "some of tif, gpkg, csv (default: these), czml, kml, dxf; of HAZARD.nc: kml, dxf"
-    export.add_argument("--formats", metavar="FORMAT", nargs="+", help=text)
-    text = "of drawn parabolas; default: 0.05"
-    export.add_argument("--tolerance", metavar="M", type=float, help=text)
+    _option(export, "--formats FORMAT", str, text, nargs="+")
+    _option(export, "--tolerance M", float, "of drawn parabolas; default: 0.05")
     text = "height of the DEM's vertical datum above the ellipsoid, for czml"
-    export.add_argument("--geoid", metavar="M", type=float, help=text)
+    _option(export, "--geoid M", float, text)
     _add_tables(export, "line statistics and return levels")
     text = "project.qgz, too: a project with groups, styles and layouts on A3"
     project = export.add_argument_group("project of QGIS")
     project.add_argument("--qgis", action="store_true", help=text)
-    project.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
-    project.add_argument("--hazard", metavar="HAZARD.nc", type=Path, help="its zones, too")
+    _option(project, "--dem FILE", Path, "default: the case's, if found")
+    _option(project, "--hazard HAZARD.nc", Path, "its zones, too")
     _add_imprint(project, "on layouts", "of the project and of tables: ")
     text = "compare a result with observations (several: rank them), or variants with the first"
     compare = _add(commands, "results", "compare", text)
     text = "results OUT.nc and observations OBSERVED.csv, or trajectories .rts, .pts of RAMMS; "
     text += "or variants A.nc B.nc ... alone"
     compare.add_argument("files", metavar="FILE", type=Path, nargs="+", help=text)
-    compare.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="all tables as CSV")
+    _option(compare, "-o --output TABLE.csv", Path, "all tables as CSV")
     text = "of the trajectories: J or kJ; default: energies are left out"
-    compare.add_argument("--energy-unit", metavar="UNIT", help=text)
-    text = "of variants: maps of the differences, as GeoTIFF"
-    compare.add_argument("--maps", metavar="DIR", type=Path, help=text)
+    _option(compare, "--energy-unit UNIT", str, text)
+    _option(compare, "--maps DIR", Path, "of variants: maps of the differences, as GeoTIFF")
     text = "of variants: one page (.html, .pdf) with a column for each"
-    compare.add_argument("--report", metavar="FILE", type=Path, help=text)
+    _option(compare, "--report FILE", Path, text)
     _add_yearly(compare, "of variants: ")
     text = "of variants, for the report: NAME=AMOUNT"
-    compare.add_argument("--costs", metavar="COST", nargs="+", default=[], help=text)
+    _option(compare, "--costs COST", str, text, nargs="+", default=[])
     _add_imprint(compare, "in the report")
     lines = result("lines", "print line statistics with intervals, and return levels")
-    lines.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="write them, too")
-    text = "split them: source or volume"
-    lines.add_argument("--by", metavar="WHAT", help=text)
+    _option(lines, "-o --output TABLE.csv", Path, "write them, too")
+    _option(lines, "--by WHAT", str, "split them: source or volume")
     text = "edges between classes of volume [m3], as 0.1,0.5,1; default: quarters of the boulders"
-    lines.add_argument("--classes", metavar="V,V", help=text)
+    _option(lines, "--classes V,V", str, text)
     text = "what passes where on this line; with -o TABLE.csv also the figure TABLE.png"
-    lines.add_argument("--along", metavar="LINE", help=text)
+    _option(lines, "--along LINE", str, text)
     text = "of windows along the line; default: a round one, for about 40"
-    lines.add_argument("--width", metavar="M", type=float, help=text)
+    _option(lines, "--width M", float, text)
     _add_section(commands)
     figures = result("figures", "draw every figure of a result, those of the paper too")
     figures.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
     figures.add_argument("--format", default="png", help="png (default), pdf or svg")
     report = result("report", "write a result as one HTML page, to be read offline, or as PDF")
-    report.add_argument("-o", "--output", metavar="FILE", type=Path, help="default: OUT.html")
-    report.add_argument("--pdf", action="store_true", help="a PDF in place of the page")
+    _option(report, "-o --output FILE", Path, "default: OUT.html")
+    _switch(report, "--pdf", "a PDF in place of the page")
     report.add_argument(
         "--3d", dest="view", action="store_true", help="the terrain in three dimensions, too"
     )
     _add_imprint(report, "on page 1")
-    text = "date of the survey of the DEM"
-    report.add_argument("--dem-date", metavar="TEXT", default="", help=text)
-    report.add_argument("--hazard", metavar="HAZARD.nc", type=Path, help="its zones, too")
+    _option(report, "--dem-date TEXT", str, "date of the survey of the DEM", default="")
+    _option(report, "--hazard HAZARD.nc", Path, "its zones, too")
     text = "of `rockfall models`: the spread over rebound models, on page 1"
-    report.add_argument("--models", metavar="MODELS.nc", type=Path, help=text)
+    _option(report, "--models MODELS.nc", Path, text)
     text = "a section along this line, as in `rockfall section`"
-    report.add_argument("--section", metavar="X,Y", nargs="+", help=text)
-    report.add_argument("--section-layer", metavar="NAME", help="of a file with several layers")
+    _option(report, "--section X,Y", str, text, nargs="+")
+    _option(report, "--section-layer NAME", str, "of a file with several layers")
     text = "boulders count so far to either side; default: %(default)s"
-    report.add_argument("--section-within", metavar="M", type=float, default=10.0, help=text)
+    _option(report, "--section-within M", float, text, default=10.0)
     _add_design(commands)
     for verb in figures, report:
-        verb.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
-        verb.add_argument("--observed", metavar="CSV", type=Path, nargs="+", help="drawn beside it")
-        verb.add_argument("--basemap", metavar="FILE", type=Path, help="a picture below the maps")
-        verb.add_argument(
-            "--limits", metavar="UNIT=LIMITS", nargs="+", help="of classes: kJ=30,300 m=1,5"
-        )
+        _option(verb, "--dem FILE", Path, "default: the case's, if found")
+        _option(verb, "--observed CSV", Path, "drawn beside it", nargs="+")
+        _option(verb, "--basemap FILE", Path, "a picture below the maps")
+        _option(verb, "--limits UNIT=LIMITS", str, "of classes: kJ=30,300 m=1,5", nargs="+")
 
 
 def _add_yearly(command: argparse.ArgumentParser, unit: str) -> None:
     text = f"{unit}boulders that come loose a year, for frequencies in the report"
-    command.add_argument("--yearly", metavar="N", type=float, default=0.0, help=text)
+    _option(command, "--yearly N", float, text, default=0.0)
 
 
 def _add_section(commands: _Commands) -> None:
     text = "draw a section along a line: profile, trajectories, envelopes of energy and height"
     section = _add(commands, "section", "section", text, "OUT.nc")
     text = "its vertices, in quotes if one is negative, or a layer with one line"
-    section.add_argument("--line", metavar="X,Y", nargs="+", required=True, help=text)
-    section.add_argument("--line-layer", metavar="NAME", help="of a file with several layers")
-    text = "boulders count so far to either side; default: 10"
-    section.add_argument("--within", metavar="M", type=float, help=text)
-    text = "between stations; default: a round one, for about 100"
-    section.add_argument("--every", metavar="M", type=float, help=text)
+    _option(section, "--line X,Y", str, text, nargs="+", required=True)
+    _option(section, "--line-layer NAME", str, "of a file with several layers")
+    _option(section, "--within M", float, "boulders count so far to either side; default: 10")
+    _option(section, "--every M", float, "between stations; default: a round one, for about 100")
     text = "tables NAME.csv, NAME_lines.csv and figure NAME.png; default: OUT_section.csv"
-    section.add_argument("-o", "--output", metavar="NAME.csv", type=Path, help=text)
-    section.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
+    _option(section, "-o --output NAME.csv", Path, text)
+    _option(section, "--dem FILE", Path, "default: the case's, if found")
 
 
 def _add_tables(command: argparse.ArgumentParser, what: str) -> None:
     text = f"{what}, too, as a workbook (xlsx) and a document (docx)"
-    command.add_argument("--tables", metavar="FORMAT", nargs="+", default=[], help=text)
+    _option(command, "--tables FORMAT", str, text, nargs="+", default=[])
 
 
 def _add_imprint(command: argparse._ActionsContainer, where: str, what: str = "") -> None:
     help_text = f"{what}en (default), de, fr or it"
-    command.add_argument("--language", metavar="XX", default="en", help=help_text)
+    _option(command, "--language XX", str, help_text, default="en")
     for name, help_text in (
         ("project", "its name or number"),
         ("client", "who asked"),
@@ -394,54 +386,48 @@ def _add_design(commands: _Commands) -> None:
     text = "what barriers at lines of results must be, or the block of a return period"
     sheet = _add(commands, "protection", "design", text)
     sheet.add_argument("results", metavar="OUT.nc", type=Path, nargs="*")
-    sheet.add_argument("-o", "--output", metavar="DIR", type=Path, help="for tables and figures")
+    _option(sheet, "-o --output DIR", Path, "for tables and figures")
     _add_tables(sheet, "the tables")
     text = "of these tables: en (default), de, fr or it"
-    sheet.add_argument("--language", metavar="XX", default="en", help=text)
+    _option(sheet, "--language XX", str, text, default="en")
     _add_conditions(sheet)
     text = "that may pass, of the boulders that come; default: 0.01"
-    sheet.add_argument("--residual", metavar="FRACTION", type=float, help=text)
-    sheet.add_argument("--along", metavar="LINE", help="its height and class, metre by metre")
-    text = "of windows along the line; default: 10"
-    sheet.add_argument("--width", metavar="M", type=float, help=text)
-    text = "boulders that a window needs; default: 50"
-    sheet.add_argument("--min-boulders", metavar="N", type=int, help=text)
+    _option(sheet, "--residual FRACTION", float, text)
+    _option(sheet, "--along LINE", str, "its height and class, metre by metre")
+    _option(sheet, "--width M", float, "of windows along the line; default: 10")
+    _option(sheet, "--min-boulders N", int, "boulders that a window needs; default: 50")
     block = sheet.add_argument_group("block of a return period")
     text = "print the block that is exceeded once in so many years, from the survey --blocks"
-    block.add_argument("--return-period", metavar="YEARS", type=float, help=text)
-    text = "in which each fall of a block was recorded"
-    block.add_argument("--years", metavar="YEARS", type=float, help=text)
+    _option(block, "--return-period YEARS", float, text)
+    _option(block, "--years YEARS", float, "in which each fall of a block was recorded")
     text = "blocks that fell in these years; default: those of --blocks that have a year"
-    block.add_argument("--events", metavar="CSV", type=Path, help=text)
+    _option(block, "--events CSV", Path, text)
     text = "larger blocks count; default: the smallest above which a distribution fits"
-    block.add_argument("--threshold", metavar="M3", type=float, help=text)
+    _option(block, "--threshold M3", float, text)
     text = "largest block of the scenario; default: that of ten return periods"
-    block.add_argument("--volume-max", metavar="M3", type=float, help=text)
+    _option(block, "--volume-max M3", float, text)
     _add_site(commands)
 
 
 def _add_site(commands: _Commands) -> None:
     text = "compare alignments of a barrier above a line: loads, requirements, the best of them"
     site = _add(commands, "protection", "site", text, "CASE")
-    site.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_siting")
+    _option(site, "-o --output DIR", Path, "default: CASE_siting")
     text = "evaluation line of the case that is to be protected"
-    site.add_argument("--line", metavar="NAME", required=True, help=text)
+    _option(site, "--line NAME", str, text, required=True)
     text = "between alignments, which are the line shifted towards the sources; default: 10"
-    site.add_argument("--every", metavar="M", type=float, help=text)
-    text = "up to this distance; default: 100"
-    site.add_argument("--to", metavar="M", type=float, help=text)
+    _option(site, "--every M", float, text)
+    _option(site, "--to M", float, "up to this distance; default: 100")
     text = "degrees from north, in place of perpendicular to the line"
-    site.add_argument("--direction", metavar="AZIMUTH", type=float, help=text)
-    text = "drawn alignments, in place of shifted ones"
-    site.add_argument("--candidates", metavar="LAYER", type=Path, help=text)
-    site.add_argument("--candidates-layer", metavar="NAME", help="of a file with several layers")
-    text = "of the barrier"
-    site.add_argument("--max-height", metavar="M", type=float, help=text)
-    site.add_argument("--max-class", metavar="CLASS", type=int, help="EAD 340059 class, 0 to 7")
+    _option(site, "--direction AZIMUTH", float, text)
+    _option(site, "--candidates LAYER", Path, "drawn alignments, in place of shifted ones")
+    _option(site, "--candidates-layer NAME", str, "of a file with several layers")
+    _option(site, "--max-height M", float, "of the barrier")
+    _option(site, "--max-class CLASS", int, "EAD 340059 class, 0 to 7")
     text = "of the boulders that come to the line, around an alignment; default: 0.01"
-    site.add_argument("--max-bypass", metavar="FRACTION", type=float, help=text)
+    _option(site, "--max-bypass FRACTION", float, text)
     text = "boulders at more alignments than half of it holds take several runs; default: all"
-    site.add_argument("--memory", metavar="SIZE", help=text)
+    _option(site, "--memory SIZE", str, text)
     _add_conditions(site)
     _add_overrides(site)
 
@@ -459,11 +445,11 @@ def _add_conditions(command: argparse.ArgumentParser) -> None:
         text = f"{does}; default: {default}"
         command.add_argument(f"--{key}", metavar=key.upper().replace("-", "_"), help=text)
     text = "of the design block; default: a quantile of those that come"
-    command.add_argument("--volume", metavar="M3", type=float, help=text)
+    _option(command, "--volume M3", float, text)
     text = "standard, factor, condition, value, source; default: the shipped table"
-    command.add_argument("--factors", metavar="CSV", type=Path, help=text)
+    _option(command, "--factors CSV", Path, text)
     text = "class, height, cost of a metre; default: class energy times height"
-    command.add_argument("--costs", metavar="CSV", type=Path, help=text)
+    _option(command, "--costs CSV", Path, text)
 
 
 def _add_lab(commands: _Commands) -> None:
@@ -479,26 +465,23 @@ def _add_lab(commands: _Commands) -> None:
 
     pack = verb("pack", "let layers settle, say what they are, draw the first")
     pack.add_argument("case", metavar="LAB.nml", type=Path)
-    pack.add_argument("-o", "--output", metavar="LAYER.png", type=Path, help="a picture")
-    pack.add_argument("--layers", metavar="N", type=int, default=8, help="default: 8")
-    pack.add_argument("--ratio", metavar="R", type=float, default=5.0, help="R_b/R_m; default: 5")
+    _option(pack, "-o --output LAYER.png", Path, "a picture")
+    _option(pack, "--layers N", int, "default: 8", default=8)
+    _option(pack, "--ratio R", float, "R_b/R_m; default: 5", default=5.0)
     impact = verb("impact", "fire all impacts of a laboratory case")
     impact.add_argument("case", metavar="LAB.nml", type=Path)
-    impact.add_argument("-o", "--output", metavar="OUT.nc", type=Path, help="default: LAB.nc, here")
-    impact.add_argument("--resume", action="store_true", help="go on with OUT.nc")
+    _option(impact, "-o --output OUT.nc", Path, "default: LAB.nc, here")
+    _switch(impact, "--resume", "go on with OUT.nc")
     relief = verb("relief", "give the spectrum of a measured patch, for &ground of blocks")
     relief.add_argument("patch", metavar="PATCH.tif", type=Path, help="elevations in small cells")
-    text = "R_b of the blocks [m]; default: 0.4"
-    relief.add_argument("--radius", metavar="R", type=float, default=0.4, help=text)
-    text = "wave over R_b; default: 2"
-    relief.add_argument("--shortest", metavar="L", type=float, default=2.0, help=text)
-    text = "wave over R_b; default: 16"
-    relief.add_argument("--longest", metavar="L", type=float, default=16.0, help=text)
+    _option(relief, "--radius R", float, "R_b of the blocks [m]; default: 0.4", default=0.4)
+    _option(relief, "--shortest L", float, "wave over R_b; default: 2", default=2.0)
+    _option(relief, "--longest L", float, "wave over R_b; default: 16", default=16.0)
     fit = verb("fit", "make impact sets from impacts, or from measured contacts")
     fit.add_argument(
         "impacts", metavar="IMPACTS", type=Path, help=".nc of the laboratory, or .csv of contacts"
     )
-    fit.add_argument("-o", "--output", metavar="SETS.nml", type=Path, help="for rockfall run")
+    _option(fit, "-o --output SETS.nml", Path, "for rockfall run")
     fit.add_argument(
         "--state", help="of the boulder in the laboratory: peak (default), loss or clear"
     )
@@ -508,9 +491,7 @@ def _add_lab(commands: _Commands) -> None:
     )  # fmt: skip
     tables = verb("table", "make a table of impacts from contacts of the laboratory")
     tables.add_argument("contacts", metavar="CONTACTS.nc", nargs="+", type=Path, help="of blocks")
-    tables.add_argument(
-        "-o", "--output", metavar="TABLE.nc", type=Path, required=True, help="for &impact table"
-    )
+    _option(tables, "-o --output TABLE.nc", Path, "for &impact table", required=True)
     card = verb("scorecard", "set impact sets beside what is known of rebounds on rocky slopes")
     card.add_argument("sets", metavar="SETS", nargs="*", help="shipped or files; default: shipped")
     card.add_argument(
@@ -526,10 +507,8 @@ def _add_lab(commands: _Commands) -> None:
     remake = verb("remake", "make set files and tables again from their provenance, and compare")
     remake.add_argument("sets", metavar="FILE", nargs="+", help="shipped or files")
     for parser in (pack, impact, remake):
-        parser.add_argument(
-            "--threads", metavar="N", type=int, default=0, help="default: all cores"
-        )
+        _option(parser, "--threads N", int, "default: all cores", default=0)
     for parser in (pack, impact, fit, tables):
         _add_overwrite(parser)
     for parser in (impact, fit, tables, card, remake):
-        parser.add_argument("--quiet", action="store_true", help="no progress, no summary")
+        _switch(parser, "--quiet", "no progress, no summary")

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from rockfall.cli.given import given_options
 from rockfall.cli.messages import DONE, warn
 from rockfall.draft.dem import Dem, check_place, dem_of_points, edited, read_source, write_dem
 from rockfall.draft.new_case import new_case
@@ -45,8 +46,7 @@ def dem_command(arguments: argparse.Namespace) -> int:
 
 def _source(arguments: argparse.Namespace) -> Dem:
     """Read a raster, or the points of files, with their properties."""
-    given = {key: getattr(arguments, key) for key in OF_POINTS}
-    given = {key: value for key, value in given.items() if value is not None}
+    given = given_options(arguments, OF_POINTS)
     path, *others = arguments.input
     if not is_cloud(path) and path.suffix.lower() not in (".csv", ".txt"):
         crs = given.pop("crs", None)

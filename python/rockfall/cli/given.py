@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
+from typing import Any
 
 from rockfall.case import Case, read_case
 from rockfall.case_variants import chosen_variant
@@ -12,6 +14,17 @@ from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.simulation.memory import machine_memory, read_memory
+
+
+def given_options(arguments: argparse.Namespace, keys: Iterable[str]) -> dict[str, Any]:
+    """Options of these names that have a value."""
+    given = {key: getattr(arguments, key) for key in keys}
+    return {key: value for key, value in given.items() if value is not None}
+
+
+def memory_of(arguments: argparse.Namespace) -> float:
+    """Memory that a run may take [bytes]: `--memory`, or that of the machine."""
+    return machine_memory() if arguments.memory is None else read_memory(arguments.memory)
 
 
 def given_case(arguments: argparse.Namespace) -> Case:
@@ -32,9 +45,7 @@ def overridden(arguments: argparse.Namespace) -> Case:
 
 def with_overrides(case: Case, arguments: argparse.Namespace) -> Case:
     """Case with values replaced by the command line."""
-    keys = ("boulders", "boulders_total", "seed", "threads")
-    given = {key: getattr(arguments, key) for key in keys}
-    given = {key: value for key, value in given.items() if value is not None}
+    given = given_options(arguments, ("boulders", "boulders_total", "seed", "threads"))
     for key, other in (("boulders", "boulders_total"), ("boulders_total", "boulders")):
         if key in given:
             given.setdefault(other, None)
@@ -43,8 +54,7 @@ def with_overrides(case: Case, arguments: argparse.Namespace) -> Case:
 
 def scene_of(case: Case, arguments: argparse.Namespace) -> Scene:
     """Scene of a case, with warnings about doubtful inputs."""
-    memory = machine_memory() if arguments.memory is None else read_memory(arguments.memory)
-    scene = read_scene(case, memory=memory)
+    scene = read_scene(case, memory=memory_of(arguments))
     _warn_of(scene)
     return scene
 

@@ -15,7 +15,7 @@ from rockfall.analysis.hazard.variables import map_names
 from rockfall.case import Case
 from rockfall.case_files import input_files
 from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
-from rockfall.cli.given import overridden, stem_of
+from rockfall.cli.given import memory_of, overridden, stem_of
 from rockfall.cli.messages import DONE, warn
 from rockfall.errors import RockfallError, need
 from rockfall.interrupts import interrupts
@@ -28,7 +28,6 @@ from rockfall.plots.style import save
 from rockfall.result.flat_maps import shown
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.lock import locked
-from rockfall.simulation.memory import machine_memory, read_memory
 from rockfall.simulation.simulate import Interrupted
 from rockfall.text.hazard import hazard_summary, hazard_warnings
 
@@ -52,7 +51,7 @@ def hazard_command(arguments: argparse.Namespace) -> int:
     with locked(folder.resolve(), warn):
         runs = [f"scenario{k}" for k in range(1, len(case.scenario) + 1)]
         checkpoints = study_checkpoints(arguments, folder.resolve(), runs, "a hazard")
-        memory = machine_memory() if arguments.memory is None else read_memory(arguments.memory)
+        memory = memory_of(arguments)
         study = _study(arguments, case, memory)
         for line in study.remarks:
             warn(line)

@@ -15,7 +15,7 @@ import numpy as np
 
 from rockfall.case_files import files_behind, input_files
 from rockfall.cli import design_block
-from rockfall.cli.given import overridden, stem_of, warn_of_inputs
+from rockfall.cli.given import given_options, overridden, stem_of, warn_of_inputs
 from rockfall.cli.messages import DONE
 from rockfall.errors import RockfallError, need
 from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
@@ -60,8 +60,7 @@ def design_command(arguments: argparse.Namespace) -> int:
         check_folder(folder)
         if arguments.along:
             need("figures need", "report", "matplotlib")
-    given = {key: getattr(arguments, key) for key in keys}
-    given = {key: value for key, value in given.items() if value is not None}
+    given = given_options(arguments, keys)
     results, sheets = {}, {}
     for path in paths:
         if path in results:
@@ -96,8 +95,7 @@ def _check_mode(arguments: argparse.Namespace, keys: list[str]) -> None:
 def site_command(arguments: argparse.Namespace) -> int:
     case = overridden(arguments)
     folder = arguments.output or Path(f"{stem_of(arguments)}_siting")
-    given = {key: getattr(arguments, key) for key in SITING}
-    given = {key: value for key, value in given.items() if value is not None}
+    given = given_options(arguments, SITING)
     if arguments.memory is not None:
         given["memory"] = read_memory(arguments.memory)
     files = [given[key] for key in ("candidates", "factors", "costs") if key in given]

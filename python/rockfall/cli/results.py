@@ -15,6 +15,7 @@ from rockfall.analysis.observations import read_observed
 from rockfall.analysis.ranks import rank_results
 from rockfall.analysis.variants import compare_variants, difference_maps, write_variants
 from rockfall.case_files import files_behind
+from rockfall.cli.given import given_options
 from rockfall.cli.messages import DONE, warnings_told
 from rockfall.cli.section import drawn
 from rockfall.errors import RockfallError
@@ -67,8 +68,7 @@ def export_command(arguments: argparse.Namespace) -> int:
 def _chosen(arguments: argparse.Namespace) -> Chosen:
     """Choices for an export, by the options given."""
     keys = ("formats", "tolerance", "geoid")
-    given = {key: getattr(arguments, key) for key in keys}
-    given = {key: value for key, value in given.items() if value is not None}
+    given = given_options(arguments, keys)
     if "geoid" in given and "czml" not in given.get("formats", ()):
         raise RockfallError("--geoid: needs --formats czml")
     return Chosen(**given)

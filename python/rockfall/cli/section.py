@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rockfall.case_files import files_behind
+from rockfall.cli.given import given_options
 from rockfall.cli.messages import DONE, warnings_told
 from rockfall.errors import RockfallError, need
 from rockfall.io.output_files import atomic_folder, check_output
@@ -33,8 +34,7 @@ def section_command(arguments: argparse.Namespace) -> int:
         inputs = [path, *files_behind(data), *([line] if isinstance(line, Path) else [])]
     for place in places:
         check_output(place, inputs)
-    given = {key: getattr(arguments, key) for key in ("within", "every")}
-    given = {key: value for key, value in given.items() if value is not None}
+    given = given_options(arguments, ("within", "every"))
     with warnings_told():
         cut = section(path, line, layer=arguments.line_layer, dem=arguments.dem, **given)
     table, lines, picture = places

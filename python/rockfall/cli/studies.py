@@ -17,7 +17,7 @@ from rockfall.analysis.observations import read_observed
 from rockfall.analysis.validation import validate
 from rockfall.case import Case
 from rockfall.case_files import input_files
-from rockfall.cli.given import given_case, overridden, stem_of, warn_of_inputs
+from rockfall.cli.given import given_case, given_options, overridden, stem_of, warn_of_inputs
 from rockfall.cli.messages import DONE, say
 from rockfall.errors import RockfallError, need
 from rockfall.interrupts import exit_status
@@ -103,8 +103,7 @@ def convergence_command(arguments: argparse.Namespace) -> int:
     case = given_case(arguments)
     inputs = list(input_files(case))
     check_writable(folder, inputs)
-    given = {key: getattr(arguments, key) for key in ("boulders", "reference")}
-    given = {key: value for key, value in given.items() if value is not None}
+    given = given_options(arguments, ("boulders", "reference"))
     warn_of_inputs(case)
     study = converge(case, **given, progress=True)
     paths = write_convergence(study, folder, inputs)

@@ -20,7 +20,7 @@ from rockfall.case import Case, read_case
 from rockfall.case_files import input_files
 from rockfall.case_variants import variants
 from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
-from rockfall.cli.given import with_overrides
+from rockfall.cli.given import memory_of, with_overrides
 from rockfall.cli.messages import DONE, warn, warnings_told
 from rockfall.cli.results import IMPRINT
 from rockfall.errors import RockfallError
@@ -33,7 +33,6 @@ from rockfall.products import report_variants
 from rockfall.result.dataset import write_result
 from rockfall.result.samples import kept_note
 from rockfall.simulation.lock import locked
-from rockfall.simulation.memory import machine_memory, read_memory
 from rockfall.simulation.simulate import Interrupted
 from rockfall.text.variants import variants_text
 
@@ -53,7 +52,7 @@ def variants_command(arguments: argparse.Namespace) -> int:
         Given(arguments.yearly).check({})
     with locked(folder.resolve(), warn):
         checkpoints = study_checkpoints(arguments, folder.resolve(), names, "a variant")
-        memory = machine_memory() if arguments.memory is None else read_memory(arguments.memory)
+        memory = memory_of(arguments)
         for remark in check_variant_scenes(case, memory=memory):
             warn(remark)
         with interrupts():  # completed work is kept
