@@ -67,7 +67,8 @@ def text_of(page):
 
 
 def page_1(result, language="en", **about):
-    return report(result, (rough(), grid(rough())), language=language, parties=PEOPLE, **about)
+    with speaking(language):
+        return report(result, (rough(), grid(rough())), parties=PEOPLE, **about)
 
 
 @pytest.fixture(scope="module")

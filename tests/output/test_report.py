@@ -538,7 +538,8 @@ def test_every_kind_of_result_has_a_page_in_every_language(tmp_path, monkeypatch
     for k, one in enumerate(kinds_of_result(tmp_path)):
         on_paper = k % 2 == 1
         seen = read_observed(*(tmp_path / name for name in OBSERVED)) if "line" in one else None
-        text = report(one, observed=seen, on_paper=on_paper, language="fr")
+        with speaking("fr"):
+            text = report(one, observed=seen, on_paper=on_paper)
         shown = re.sub("<svg.*?</svg>|<img [^>]*>|<style>.*</script>", "", text, flags=re.S)
         assert "nan" not in shown.lower() and "inf " not in shown.lower()
         said = re.sub("<(pre|header)[ >].*?</\\1>|<dl .*?</dl>|<[^>]*>", " ", shown, flags=re.S)

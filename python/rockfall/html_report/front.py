@@ -140,7 +140,7 @@ def _cut(tables: Sequence[Table], order: list[int], left: int) -> tuple[list[Tab
     shown: list[Table] = []
     more: list[Table] = []
     for k, table in enumerate(tables):
-        rows = [tuple(_on_one_line(cell) for cell in row) for row in table.rows]
+        rows = [tuple(str(cell).replace("\n", " ") for cell in row) for row in table.rows]
         room = max(left - HEAD, 0 if k else 1)
         if room < sum(map(_high, rows)):
             more.append(table)
@@ -155,10 +155,6 @@ def _cut(tables: Sequence[Table], order: list[int], left: int) -> tuple[list[Tab
 def _high(row: Sequence[object]) -> int:
     """Lines of a row: one per cell, but names may take more."""
     return -(-len(str(row[0])) // NAME)
-
-
-def _on_one_line(cell: object) -> str:
-    return " ".join(str(cell).split("\n"))
 
 
 def overview(

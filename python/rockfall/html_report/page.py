@@ -88,6 +88,7 @@ if TYPE_CHECKING:
     from rockfall.analysis.models import Models
     from rockfall.html_report.intervals import Rows
     from rockfall.html_report.tables import Table
+    from rockfall.plots.figures import Figure
     from rockfall.plots.map_figures import Look
     from rockfall.result.trajectories import Terrain
 
@@ -114,12 +115,21 @@ def write_report(
     `report`."""
     path = Path(path)
     check_page(path, files_behind(result))
-    on_paper = path.suffix.lower() == PDF
-    view = view and not on_paper
-    page = report(
-        result, terrain, observed, look, view, on_paper, language, parties, hazard, models, section
-    )
-    if on_paper:
+    on_paper = is_pdf(path)
+    drawn = result, terrain, observed, look, view and not on_paper, on_paper
+    with speaking(language):
+        page = report(*drawn, parties, hazard, models, section)
+    write_page(page, path)
+
+
+def is_pdf(path: Path) -> bool:
+    """Return True for the path of a page on paper."""
+    return path.suffix.lower() == PDF
+
+
+def write_page(page: str, path: Path) -> None:
+    """Write a page, or typeset it as a PDF, atomically."""
+    if is_pdf(path):
         write_pdf(page, path)
         return
     with atomic_write(path) as part:
@@ -136,10 +146,9 @@ def check_page_needs(path: str | Path) -> None:
     """Refuse a page that cannot be made, wherever it is to be written."""
     path = Path(path)
     need("a report needs", "report", "matplotlib", "PIL", "jinja2")
-    ending = path.suffix.lower()
-    if ending not in (".html", ".htm", PDF):
+    if path.suffix.lower() not in (".html", ".htm", PDF):
         raise RockfallError(f"{path}: is no name for a page; it must end in .html or .pdf")
-    if ending == PDF:
+    if is_pdf(path):
         check_pdf()
 
 
@@ -150,42 +159,20 @@ def report(
     look: Look | None = None,
     view: bool = False,
     on_paper: bool = False,
-    language: str = "en",
     parties: Parties = NOBODY,
     hazard: xr.Dataset | None = None,
     models: Models | None = None,
     section: Section | None = None,
 ) -> str:
-    """Page of a result as text. The same result gives the same text.
+    """Page of a result as text, in the language in force. The same result gives the same text.
 
     `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps; `observed`, from
     `rockfall.analysis.observations.read_observed`, is compared with the result in figures and
     tables; `look` has limits between classes of maps and a basemap. `view` adds a three-dimensional
-    view of the terrain, and needs `terrain`. With `on_paper` all maps are figures. `language` is
-    en, de, fr or it; `hazard`, from `rockfall.hazard`, adds its zones; `models`, from
-    `rockfall.analysis.models`, the spread over rebound models; `section`, from `rockfall.section`,
-    its figure.
+    view of the terrain, and needs `terrain`. With `on_paper` all maps are figures. `hazard`, from
+    `rockfall.hazard`, adds its zones; `models`, from `rockfall.analysis.models`, the spread over
+    rebound models; `section`, from `rockfall.section`, its figure.
     """
-    with speaking(language):
-        return _report(
-            result, terrain, observed, look, view, on_paper, language, parties, hazard, models,
-            section,
-        )  # fmt: skip
-
-
-def _report(
-    result: xr.Dataset,
-    terrain: Terrain | None,
-    observed: Any,
-    look: Look | None,
-    view: bool,
-    on_paper: bool,
-    language: str,
-    parties: Parties,
-    hazard: xr.Dataset | None,
-    models: Models | None,
-    section: Section | None,
-) -> str:
     result = flat_maps(result)
     rows, levels = rows_of(result), return_levels(result)
     sheet = design(result) if rows and has_rows(result) else None
@@ -251,10 +238,7 @@ def _report(
         factors=list(factor_lines(sheet.factors)) if sheet else [],
         hazard=endangered[1:],
         hazard_warnings=[] if hazard is None else list(hazard_warnings(hazard)),
-        hazard_figures=[
-            picture(figure.draw(), figure.title, figure.caption)
-            for figure in ([] if hazard is None else hazard_figures(hazard, terrain))
-        ],
+        hazard_figures=_pictures([] if hazard is None else hazard_figures(hazard, terrain)),
         grounds=[
             *([ground_table(result)] if "rebounds_by_ground" in result else ()),
             *model_tables(models),
@@ -262,15 +246,15 @@ def _report(
         has_clusters=LineSamples(result).sampled,
         convergence=list(_convergence(result, rows)),
         comparison=None if observed is None else compared(compare(result, observed)),
-        figures=[
-            picture(figure.draw(), figure.title, figure.caption)
-            for figure in shown
-            if figure.name not in LABORATORY
-        ],
-        appendix=[picture(figure.draw(), figure.title, figure.caption) for figure in laboratory],
+        figures=_pictures(figure for figure in shown if figure.name not in LABORATORY),
+        appendix=_pictures(laboratory),
         technical=[*technical(result), *requested(result)],
         provenance=provenance(result),
     )
+
+
+def _pictures(shown: Iterable[Figure]) -> list[Picture]:
+    return [picture(figure.draw(), figure.title, figure.caption) for figure in shown]
 
 
 def _convergence(

@@ -20,12 +20,10 @@ from rockfall.analysis.variants import (
 from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.html_report.inputs import Parties
-from rockfall.html_report.page import NOBODY, check_page
-from rockfall.html_report.pdf import write_pdf
+from rockfall.html_report.page import NOBODY, check_page, is_pdf, write_page
 from rockfall.html_report.render import picture, rendered
 from rockfall.html_report.tables import Table
 from rockfall.html_report.validity import warnings
-from rockfall.io.files import atomic_write
 from rockfall.language import Number, Text, localised, say, speaking
 from rockfall.plots.difference_figures import difference_figure
 from rockfall.quantities import QUANTITIES, number
@@ -84,19 +82,14 @@ def write_variants_page(
     check_page(path, inputs)
     given.check(results)
     with speaking(language):
-        page = _page(results, terrain, given, language, parties, path.suffix.lower() == ".pdf")
-    if path.suffix.lower() == ".pdf":
-        write_pdf(page, path)
-        return
-    with atomic_write(path) as part:
-        part.write_text(page, encoding="utf-8")
+        page = _page(results, terrain, given, parties, is_pdf(path))
+    write_page(page, path)
 
 
 def _page(
     results: Mapping[str, xr.Dataset],
     terrain: Terrain | None,
     given: Given,
-    language: str,
     parties: Parties,
     on_paper: bool,
 ) -> str:

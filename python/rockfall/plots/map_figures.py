@@ -68,9 +68,7 @@ def map_figure(
     sheet = new_sheet(extent, terrain, key, BAR, look.basemap, room)
     _draw_map(sheet, result, name, look.limits)
     _draw_observed(sheet.axes, observed)
-    draw_marks(sheet, result)
-    finish(sheet, result["crs"].attrs)
-    return sheet.figure
+    return _finished(sheet, result)
 
 
 @styled
@@ -84,9 +82,7 @@ def trajectories_figure(
     basemap = (look or Look()).basemap
     sheet = new_sheet(reached(result, terrain), terrain, key, 0.0, basemap, PAGE)
     _draw_trajectories(sheet.axes, result)
-    draw_marks(sheet, result)
-    finish(sheet, result["crs"].attrs)
-    return sheet.figure
+    return _finished(sheet, result)
 
 
 @styled
@@ -104,6 +100,10 @@ def stops_figure(
     sheet = new_sheet(extent, terrain, key, 0.0, basemap, room)
     _draw_stops(sheet.axes, result)
     _draw_observed(sheet.axes, observed)
+    return _finished(sheet, result)
+
+
+def _finished(sheet: Sheet, result: xr.Dataset) -> Figure:
     draw_marks(sheet, result)
     finish(sheet, result["crs"].attrs)
     return sheet.figure
