@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 FROM_ARRAY = "(array)"  # the DEM of a case whose elevations come from `run(case, dem=...)`
 WIDTH = 72  # columns after which a list continues on the next line
 LINES = tuple(_core.fields("line_group").decode().split())  # groups of lines, in their order
-REPEATABLE = tuple(_core.repeatable_groups().decode().split())  # groups that are lists
+REPEATABLE = tuple(_core.fields("repeatable_group").decode().split())  # groups that are lists
 
 
 class Key(NamedTuple):

@@ -16,7 +16,6 @@ PIECE = int(_core.constant("piece"))  # values of a part or a scene that share a
 Z = _core.constant("z_95")  # of a normal distribution, 95 % within
 MIN_FOR_MEAN = int(_core.constant("min_for_mean"))  # boulders needed for a valid interval
 MIN_FOR_STD = int(_core.constant("min_for_std"))
-fraction_limits = _core.fraction_limits  # of the 95 % interval of a fraction of n (Wilson 1927)
 limit_ranks = _core.limit_ranks  # of the interval of a quantile of n values (binomial)
 decimal = _core.decimal  # number that a text spells, as in all files; NaN if none
 EAD_ENERGY = tuple(_core.ead_energies().tolist())  # of barriers of classes 0 to 7 [J]
@@ -32,3 +31,9 @@ SAMPLE_TAILS = int(_core.constant("sample_tails"))
 SAMPLE_EDGES = _core.sample_edges(SAMPLE_BINS + 1)  # of bins, in units
 #: Units in one of the quantity: (at lines, at ends; quantities).
 SAMPLE_UNITS = _core.sample_units(SAMPLE_QUANTITIES).T
+
+
+def fraction_limits(fraction: float, n: float) -> tuple[float, float]:
+    """Limits of the 95 % interval of a fraction of n (Wilson 1927)."""
+    low, high = _core.fraction_limits(fraction, n)
+    return float(low[0]), float(high[0])

@@ -108,7 +108,7 @@ contains
       type(array_t), pointer :: row
 
       opened => run_at(run)
-      row => opened%list(k + 1)
+      row => opened%list(k + 1, of_part=.false.)
       exists = merge(1, 0, associated(row))
       if (.not. associated(row)) return
       call put(row_text(row), text)

@@ -48,7 +48,7 @@ module rockfall_f2py
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
-   use rockfall_case_keys, only: key_text, key_table, broken_rule, n_keys, repeatable, max_real, max_name
+   use rockfall_case_keys, only: key_row_text => row_text, key_table, broken_rule, n_keys, repeatable, max_real, max_name
    use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading, line_groups, variant_lists, &
                             listed_groups, barrier_strengths
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
@@ -69,7 +69,7 @@ module rockfall_f2py
              settle_sources, restore_sources
    public :: forget_tallies, pack_part, begin_part, unpack_part, forget_part
    public :: value_fault, run_difference, case_facts, decimal, sphere_radii, kinetic_energies, limit_ranks, table_model
-   public :: check_maps, count_limits, check_case, table_row, repeatable_groups, read_sets, fields
+   public :: check_maps, check_case, table_row, read_sets, fields
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, points_outside, boulders
    public :: boulders_of_source, recorded_numbers, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
@@ -291,11 +291,7 @@ contains
       type(array_t), pointer :: row
 
       opened => run_of(run)
-      if (of_part /= 0) then
-         row => opened%list_part(k)
-      else
-         row => opened%list(k)
-      end if
+      row => opened%list(k, of_part /= 0)
       text = ""
       length = 1
       address = 0
@@ -669,19 +665,6 @@ contains
       layers = stack_layers(plan)
    end subroutine map_plan
 
-   !> Limits of the 95 % intervals of fractions of the boulders of a run; boulders of a cluster may all behave alike.
-   subroutine count_limits(counts, boulders, per_cluster, low, high, n)
-      integer(c_int), intent(in) :: n
-      integer(c_int32_t), intent(in) :: counts(n)
-      integer(c_int64_t), intent(in) :: boulders, per_cluster
-      real(c_double), intent(out) :: low(n), high(n)
-      real(c_double) :: all
-
-      all = real(boulders, c_double)
-      low = fraction_limit(counts/all, all/per_cluster, -1)
-      high = fraction_limit(counts/all, all/per_cluster, 1)
-   end subroutine count_limits
-
    !> Reject a run whose maps could overflow; `fall` is the height from the maximum energy head to the minimum elevation
    !> [m].
    subroutine check_maps(handle, fall, code, message)
@@ -861,13 +844,14 @@ contains
       boulders = proportional_part(n, part, parts)
    end subroutine boulders_in_parts
 
-   !> Limits of the 95 % interval of a fraction of n.
-   subroutine fraction_limits(fraction, n, low, high)
-      real(c_double), intent(in) :: fraction, n
-      real(c_double), intent(out) :: low, high
+   !> Limits of the 95 % intervals of fractions of `boulders`.
+   subroutine fraction_limits(fraction, boulders, low, high, n)
+      integer(c_int), intent(in) :: n
+      real(c_double), intent(in) :: fraction(n), boulders
+      real(c_double), intent(out) :: low(n), high(n)
 
-      low = fraction_limit(fraction, n, -1)
-      high = fraction_limit(fraction, n, 1)
+      low = fraction_limit(fraction, boulders, -1)
+      high = fraction_limit(fraction, boulders, 1)
    end subroutine fraction_limits
 
    !> Sources of boulders, from 1.
@@ -1013,7 +997,7 @@ contains
       character(len=max_list), intent(out) :: text
 
       text = ""
-      if (table == "keys" .and. k >= 1 .and. k <= n_keys) text = key_text(k)
+      if (table == "keys" .and. k >= 1 .and. k <= n_keys) text = key_row_text(key_table(k))
       if (table == "ground_parameters") text = parameter_of_ground(k)
       if (table == "variables") text = variable_text(k)
    end subroutine table_row
@@ -1030,13 +1014,6 @@ contains
       text = model_names(k)
       rocks = rocks_of_model(k)
    end subroutine ground_model
-
-   !> Names of groups that may occur several times in a case.
-   subroutine repeatable_groups(text)
-      character(len=max_list), intent(out) :: text
-
-      text = joined(repeatable, " ")
-   end subroutine repeatable_groups
 
    !> The numbers of the five impact sets in a text, as in coefficients_t, for a rule of turning.
    subroutine read_sets(text, name, turning, draw, mean, covariance, incidence, lateral, ranges, draws, code, message)
@@ -1159,7 +1136,7 @@ contains
    end subroutine constant
 
    !> Names of the columns of rows, of the distributions of volumes, of the quantities of samples, and of what cases
-   !> list: groups of lines, lists of variants and their groups, alternative strengths of barriers.
+   !> list: groups of lines, those that may repeat, lists of variants and their groups, alternative strengths of barriers.
    subroutine fields(rows, text)
       character(len=*), intent(in) :: rows
       character(len=max_list), intent(out) :: text
@@ -1175,6 +1152,7 @@ contains
       case ("line_quantity"); text = joined(line_quantity, " ")
       case ("end_quantity"); text = joined(end_quantity, " ")
       case ("line_group"); text = joined(line_groups, " ")
+      case ("repeatable_group"); text = joined(repeatable, " ")
       case ("variant_list"); text = joined(variant_lists, " ")
       case ("listed_group"); text = joined(listed_groups, " ")
       case ("strength"); text = joined(barrier_strengths, " ")

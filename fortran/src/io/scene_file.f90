@@ -58,7 +58,7 @@ contains
       call read_surface(inputs, case)
       call read_sources(inputs, case)
       if (case%forest) call read_trees(inputs)
-      call read_sets(inputs)
+      call read_letters(inputs%file, "impact_sets", inputs%arrays%sets_text, inputs%arrays%sets_name, "file")
       call end_reading()
       if (.not. is_ok(inputs%file)) then
          call fail_damaged(inputs%file, error)
@@ -419,13 +419,6 @@ contains
             call mark_damaged(file, "tree_x, or tree_y,")
       end associate
    end subroutine read_trees
-
-   !> Read the file of impact sets, as text.
-   subroutine read_sets(inputs)
-      type(inputs_t), intent(inout) :: inputs
-
-      call read_letters(inputs%file, "impact_sets", inputs%arrays%sets_text, inputs%arrays%sets_name, "file")
-   end subroutine read_sets
 
    !> Read a text of any length, stored one letter per element, and an attribute of it.
    subroutine read_letters(file, name, text, attribute, attribute_name)

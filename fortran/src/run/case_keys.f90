@@ -12,7 +12,7 @@ module rockfall_case_keys
    use rockfall_decimal, only: parse_real
    implicit none
    private
-   public :: key_t, key_table, n_keys, key_text, row_text, read_keys, check_key, repeatable, broken_rule
+   public :: key_t, key_table, n_keys, row_text, read_keys, check_key, repeatable, broken_rule
    public :: map_names, n_maps, max_thresholds, max_periods, hazard_classes, many, text_length, max_name, max_real
 
    integer, parameter :: many = 100000                !! maximum number of values in a list
@@ -345,14 +345,6 @@ contains
       if (.not. allocated(error)) call complete(list, file)
       if (.not. allocated(error)) call check_keys(list, error)
    end subroutine read_keys
-
-   !> Format row k of the table as text.
-   pure function key_text(k) result(text)
-      integer, intent(in) :: k
-      character(len=:), allocatable :: text
-
-      text = row_text(key_table(k))
-   end function key_text
 
    !> Format a key as text: group|key|kind|most|default|allowed|unit|meaning|file.
    pure function row_text(key) result(text)

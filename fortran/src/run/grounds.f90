@@ -21,7 +21,7 @@ module rockfall_grounds
    implicit none
    private
    public :: read_ground, read_stochastic, rest_angle_of_rocks, ground_parameter, model_names, table_model, max_grounds
-   public :: rocks_of_model, no_rocks, any_rocks, some_rocks
+   public :: rocks_of_model
 
    integer, parameter :: max_grounds = huge(1_i1)  !! of a scene: their numbers are bytes
 

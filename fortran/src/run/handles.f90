@@ -39,9 +39,9 @@ module rockfall_handles
       type(run_t) :: run
       type(scene_handle_t), pointer :: scene => null()  !! on which it was opened, if any
       type(part_t) :: part    !! its arrays in files, when packed or to be unpacked
-      type(table_t) :: table, part_table  !! tables of the arrays
+      type(table_t) :: table  !! of the arrays of the run, or of its part, as listed last
    contains
-      procedure :: begin, begin_joined, begin_continued, advance, list, list_part, write_map
+      procedure :: begin, begin_joined, begin_continued, advance, list, write_map
    end type run_handle_t
 
 contains
@@ -219,29 +219,19 @@ contains
       call advance_run(this%run, scene, first, step, n, error)
    end subroutine advance
 
-   !> Array k of a run, from 1; null past the last. k = 1 lists them again.
-   function list(this, k) result(row)
+   !> Array k of a run, or of its part, from 1; null past the last. k = 1 lists them again.
+   function list(this, k, of_part) result(row)
       class(run_handle_t), intent(inout), target :: this
       integer, intent(in) :: k
+      logical, intent(in) :: of_part
       type(array_t), pointer :: row
 
-      if (k == 1) this%table = arrays_of(this%run)
+      if (k == 1 .and. of_part) this%table = part_arrays(this%run, this%part)
+      if (k == 1 .and. .not. of_part) this%table = arrays_of(this%run)
       row => null()
       if (.not. allocated(this%table%row)) return
       if (k >= 1 .and. k <= size(this%table%row)) row => this%table%row(k)
    end function list
-
-   !> Array k of the part of a run, as in `list`.
-   function list_part(this, k) result(row)
-      class(run_handle_t), intent(inout), target :: this
-      integer, intent(in) :: k
-      type(array_t), pointer :: row
-
-      if (k == 1) this%part_table = part_arrays(this%run, this%part)
-      row => null()
-      if (.not. allocated(this%part_table%row)) return
-      if (k >= 1 .and. k <= size(this%part_table%row)) row => this%part_table%row(k)
-   end function list_part
 
    !> Write a requested map that has one layer to the cells of the run's maps.
    subroutine write_map(this, name, done, per_cluster, values, error)

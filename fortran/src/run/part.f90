@@ -445,6 +445,7 @@ contains
             good = good .and. sources(row) == source_of(release, number)
          end do
       end associate
-      fault = trim(merge("source: must be that from which each boulder comes", repeat(" ", 50), .not. good))
+      fault = ""
+      if (.not. good) fault = "source: must be that from which each boulder comes"
    end function source_fault
 end module rockfall_part

@@ -438,16 +438,16 @@ contains
       integer :: k
 
       columns = min(cells, run%max_columns)
-      run%block(7) = zeroed_block(columns*run%plan%rows, 4)
-      do k = 1, halvings
+      do k = 0, halvings
+         run%block(7) = zeroed_block(columns*run%plan%rows, 4)
          if (c_associated(run%block(7))) exit
          columns = columns/2
-         run%block(7) = zeroed_block(columns*run%plan%rows, 4)
-         if (.not. c_associated(run%block(7))) cycle
+      end do
+      if (k > 0 .and. c_associated(run%block(7))) then  ! and half of what fits
          call c_free(run%block(7))
          columns = columns/2
          run%block(7) = zeroed_block(columns*run%plan%rows, 4)
-      end do
+      end if
       call c_f_pointer(run%block(7), run%bin_counts, [int(run%plan%rows, i8), columns])
    end subroutine allocate_bin_counts
 

@@ -71,7 +71,7 @@ class RunArrays:
     def part_arrays(self) -> Iterator[Array]:
         """All arrays of the part, as files have them; the next part replaces those that the run
         itself does not have."""
-        return self._views(self._listed(of_part=True))
+        return self._views([*self._listed(of_part=True)])
 
     def _views(self, rows: Iterable[_Row]) -> Iterator[Array]:
         for group, name, file_name, dims, kind, shape, address in rows:

@@ -68,7 +68,7 @@ def count_limits(
     counts: np.ndarray, boulders: int, per_cluster: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Limits of the 95 % intervals of fractions of the boulders, computed by the kernel."""
-    low, high = _core.count_limits(np.ravel(counts), boulders, per_cluster)
+    low, high = _core.fraction_limits(np.ravel(counts) / boulders, boulders / per_cluster)
     return low.reshape(np.shape(counts)), high.reshape(np.shape(counts))
 
 
