@@ -154,11 +154,11 @@ class Killed(BaseException):
 def killed_after(monkeypatch, chunks):
     """A run ends like one that is killed, after so many chunks."""
     calls = iter(range(chunks))
-    fly = simulate._fly
+    fly = simulate._run_range
 
     def until(*arguments):
         if next(calls, None) is None:
             raise Killed
         return fly(*arguments)
 
-    monkeypatch.setattr(simulate, "_fly", until)
+    monkeypatch.setattr(simulate, "_run_range", until)

@@ -289,12 +289,12 @@ def test_a_hazard_that_was_killed_goes_on(written, monkeypatch, capsys):
     whole = Path("out/hazard_class.tif").read_bytes(), rockfall_counts()
     monkeypatch.setattr(simulate, "FIRST_CHUNK", 3)
     monkeypatch.setattr(simulate, "CHUNK_SECONDS", 0.0)
-    fly = simulate._fly
+    fly = simulate._run_range
     killed_after(monkeypatch, 9)
     with pytest.raises(Killed):
         main([*ARGUMENTS, "--checkpoint", "1e-9", "--overwrite"])
     assert Path("out.scenario1.checkpoint").exists()
-    monkeypatch.setattr(simulate, "_fly", fly)
+    monkeypatch.setattr(simulate, "_run_range", fly)
     capsys.readouterr()
     assert main([*ARGUMENTS, "--overwrite"]) == 2  # not over what was done, unasked
     assert "go on with --resume" in capsys.readouterr().err
@@ -304,13 +304,13 @@ def test_a_hazard_that_was_killed_goes_on(written, monkeypatch, capsys):
 
 
 def test_a_finished_scenario_is_not_run_again(hazard_case, monkeypatch):
-    fly = simulate._fly
+    fly = simulate._run_range
     monkeypatch.setattr(simulate, "FIRST_CHUNK", 300)
     killed_after(monkeypatch, 1)  # the first scenario whole
     with pytest.raises(Killed):
         main(ARGUMENTS)
     calls = []
-    monkeypatch.setattr(simulate, "_fly", lambda *given: calls.append(given) or fly(*given))
+    monkeypatch.setattr(simulate, "_run_range", lambda *given: calls.append(given) or fly(*given))
     assert main([*ARGUMENTS, "--resume"]) == 0
     assert len(calls) == 1
 

@@ -21,8 +21,8 @@ from rockfall.simulation.part_file import boulders_in
 
 ONE_CHUNK = """import sys
 from rockfall.simulation import simulate
-simulate.FIRST_CHUNK, call = 10**8, simulate._fly
-simulate._fly = lambda *of: print("begun", flush=True) or call(*of)
+simulate.FIRST_CHUNK, call = 10**8, simulate._run_range
+simulate._run_range = lambda *of: print("begun", flush=True) or call(*of)
 """
 RUN = "import sys; from rockfall.cli import main; sys.exit(main(sys.argv[1:]))"
 

@@ -39,8 +39,8 @@ def test_a_run_goes_on_where_it_was_killed(scene, tmp_path, monkeypatch):
             with pytest.raises(Killed):
                 simulate.run_scene(scene, chunk=20, checkpoint=Checkpoint(tmp_path / "c", 0.0))
     flown = []
-    fly = simulate._fly
-    monkeypatch.setattr(simulate, "_fly", lambda *a: flown.append(a[2]) or fly(*a))
+    fly = simulate._run_range
+    monkeypatch.setattr(simulate, "_run_range", lambda *a: flown.append(a[2]) or fly(*a))
     saved = Checkpoint(tmp_path / "c", 0.0)
     result = simulate.run_scene(scene, chunk=20, threads=2, checkpoint=saved)
     same(result, whole)
@@ -158,7 +158,7 @@ def test_a_checkpoint_of_another_run_is_refused(scene, tmp_path):
 
 def test_threads_may_differ_and_a_finished_checkpoint_flies_nothing(scene, tmp_path, monkeypatch):
     whole = simulate.run_scene(scene, checkpoint=Checkpoint(tmp_path / "c", 0.0))
-    monkeypatch.setattr(simulate, "_fly", None)
+    monkeypatch.setattr(simulate, "_run_range", None)
     same(simulate.run_scene(scene, threads=2, checkpoint=Checkpoint(tmp_path / "c", 0.0)), whole)
 
 

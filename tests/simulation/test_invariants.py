@@ -97,7 +97,7 @@ def test_a_boulder_alone_is_that_of_the_crowd(folder, crowd, number):
     case = make_case(folder, 5000, line=LINES)
     scene = read_scene(case, z, scenes.grid(z, CELL), mean_radius=river())
     tally = simulate.start(scene, threads=1)
-    simulate._fly(tally, number, 1)
+    simulate._run_range(tally, number, 1)
     tally.done = number
     found = {array.file_name: array.values for array in tally.arrays("boulder", "line")}
     assert {"volume", "status", "line_x", "line_energy_rotational"} <= {*found}
@@ -173,7 +173,7 @@ def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
     alone = []
     for number in range(1, 401):
         tally = simulate.start(scene, 1)
-        simulate._fly(tally, number, 1)
+        simulate._run_range(tally, number, 1)
         passed = tally.array("tally_counts")[0] > 0
         alone.append(np.where(passed, tally.array("tally_maxima").astype("f8"), np.nan))
     alone = np.array(alone)  # (boulders, quantities, y, x)

@@ -36,7 +36,7 @@ def by_brute_force(case, arrays):
     for source in range(scene.x.size):
         numbers = scene.numbers_of(source)
         tally = simulate.start(scene, 1)
-        simulate._fly(tally, numbers.start, len(numbers))
+        simulate._run_range(tally, numbers.start, len(numbers))
         box = tally.box
         fed = tally.array("tally_counts")[0] > 0
         sources[box.rows, box.columns] += fed
@@ -104,7 +104,7 @@ def test_a_part_tells_of_its_own_boulders(tmp_path):
     scene = read_scene(case.replace(output={"maps": ["passages"]}), **arrays)
     for first, last in ((301, 400), (401, 600)):
         tally = simulate.start(scene, 1)
-        tally.done += simulate._fly(tally, first, last - first + 1)
+        tally.done += simulate._run_range(tally, first, last - first + 1)
         sources += tally.array("tally_counts")[0] > 0
         released += (last - first + 1) * (tally.array("tally_counts")[0] > 0)
     found = np.zeros((2, sources.size), int)
@@ -123,7 +123,7 @@ def test_an_interrupted_run_tells_of_the_boulders_done(tmp_path, monkeypatch):
     fed = []
     for first, n in ((1, 200), (201, 60)):
         tally = simulate.start(read_scene(case, **arrays), 1)
-        tally.done += simulate._fly(tally, first, n)
+        tally.done += simulate._run_range(tally, first, n)
         fed.append(tally.array("tally_counts")[0] > 0)
     check(result, fed[0] + fed[1].astype(int), 200 * fed[0] + 60 * fed[1])
 

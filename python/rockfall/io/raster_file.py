@@ -84,7 +84,7 @@ class GdalCells:
             yield slice(first, stop), block, self.source.read_masks(1, window=window) != 0
 
 
-class Alone:
+class AsciiSource:
     """Stand-in for GDAL's dataset of an ESRI ASCII grid without companion files. Importing GDAL
     would take longer than reading a small grid."""
 
@@ -101,7 +101,7 @@ class RasterFile:
     """An open raster file and its grid."""
 
     path: str
-    source: DatasetReader | Alone
+    source: DatasetReader | AsciiSource
     cells: Cells
     transform: Affine | Transform
     grid: Grid
@@ -232,7 +232,7 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
     if is_ascii(start):
         cells = open_ascii(file)
         if not companions(Path(file)):
-            return _raster(path, Alone(file, cells), cells)
+            return _raster(path, AsciiSource(file, cells), cells)
         return _raster(path, _dataset(path, name, ("AAIGrid",), stack), cells)
     if start.startswith(TIFF):
         check_nodata(file)
@@ -257,7 +257,7 @@ def _dataset(path: str, name: str, drivers: tuple[str, ...], stack: ExitStack) -
     return source
 
 
-def _raster(path: str, source: DatasetReader | Alone, cells: Cells) -> RasterFile:
+def _raster(path: str, source: DatasetReader | AsciiSource, cells: Cells) -> RasterFile:
     t = cells.transform if isinstance(cells, AsciiCells) else source.transform
     if (source.height, source.width) != getattr(cells, "shape", source.shape):
         raise RockfallError(f"{path}: GDAL reads another header: malformed")

@@ -9,7 +9,7 @@ import numpy as np
 
 from rockfall.io.grid import Box, row_blocks
 from rockfall.scene.kernel_scene import area_ratios
-from rockfall.scene.parts import Lowest, Rasters
+from rockfall.scene.parts import ExtremeCount, Rasters
 
 SAMPLES = 100_000  # approximate number of cells, evenly spaced, whose slope is sampled
 QUANTILES = (0.1, 0.5, 0.9)
@@ -21,8 +21,8 @@ SPIKE = (10.0, 5.0)  # [m], [cells]: no rock rises or drops so far from all eigh
 class Ground:
     """Statistics gathered from all rows of the terrain, one band at a time."""
 
-    low: Lowest = field(default_factory=Lowest)  # elevations [m]
-    high: Lowest = field(default_factory=Lowest)  # negative elevations [m]
+    low: ExtremeCount = field(default_factory=ExtremeCount)  # elevations [m]
+    high: ExtremeCount = field(default_factory=ExtremeCount)  # negative elevations [m]
     n_known: int = 0  # cells with an elevation
     deep: int = 0  # cells below LOWEST_LAND
     spikes: int = 0  # cells above or below all their neighbours

@@ -13,7 +13,7 @@ from rockfall.io.grid import Grid, row_blocks
 
 
 @dataclass
-class Lowest:
+class ExtremeCount:
     """Minimum of a stream of numbers, the number of its occurrences, and the next larger value."""
 
     value: float = np.inf
@@ -93,7 +93,8 @@ class Sources:
     frequency: np.ndarray | None = None  # weight of each source in boulders_total
     features: Features | None = None  # of the source layer
     source_boulders: SourceBoulders | None = None  # where sources define their boulders
-    source_values: Lowest = field(default_factory=Lowest)  # negative values of the source cells
+    #: Negative values of the source cells.
+    source_values: ExtremeCount = field(default_factory=ExtremeCount)
 
     def select(self, chosen: np.ndarray) -> Self:
         """The sources with these numbers, from 0, or those that are marked."""

@@ -19,7 +19,7 @@ from rockfall.io.tables import read_columns
 from rockfall.language import remark
 from rockfall.scene.kernel_scene import area_ratios, terrain_of
 from rockfall.scene.layers import Inputs
-from rockfall.scene.parts import Lowest, Rasters, SourceBoulders, Sources
+from rockfall.scene.parts import ExtremeCount, Rasters, SourceBoulders, Sources
 from rockfall.scene.source_attributes import Table, read_attributes
 
 SIDES = ("d1", "d2", "d3")
@@ -63,7 +63,7 @@ def read_sources(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Source
 def _find_cells(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources:
     """Find the centres of source cells."""
     case, grid, release = inputs.case, inputs.grid, inputs.case.release
-    centres, area, lowest = [], [], Lowest()
+    centres, area, lowest = [], [], ExtremeCount()
     polygons, table = _polygons(inputs)
     features: list[np.ndarray] = []
     for band, box in bands:
@@ -201,7 +201,7 @@ def _check(
 
 
 def _cells(
-    inputs: Inputs, band: Rasters, box: Box, polygons: np.ndarray | None, lowest: Lowest
+    inputs: Inputs, band: Rasters, box: Box, polygons: np.ndarray | None, lowest: ExtremeCount
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """Blocks of rows of a box, positive in source cells; records the values of these."""
     release, parts = inputs.case.release, list(row_blocks(box.shape))
@@ -223,7 +223,7 @@ def _cells(
 
 
 def _noted(
-    blocks: Iterable[tuple[slice, np.ndarray]], lowest: Lowest
+    blocks: Iterable[tuple[slice, np.ndarray]], lowest: ExtremeCount
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """Pass on blocks of source cells and record their values."""
     for rows, block in blocks:

@@ -190,7 +190,7 @@ def run_chunks(
     while tally.done < total and not interrupted():
         size = min(size, total - tally.done)
         wall, cpu = time.perf_counter(), time.process_time()
-        size = _fly(tally, tally.before + tally.done + 1, size)
+        size = _run_range(tally, tally.before + tally.done + 1, size)
         tally.done += size
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         tally.wall, tally.cpu = tally.wall + wall, tally.cpu + cpu
@@ -199,7 +199,7 @@ def run_chunks(
             size = max(1, int(size * min(4.0, CHUNK_SECONDS / max(wall, 1e-9))))
 
 
-def _fly(tally: Tally, first: int, size: int) -> int:
+def _run_range(tally: Tally, first: int, size: int) -> int:
     """Simulate boulders from number `first` on, and store them: `size` of them, or those whose
     sources lie in one window of the terrain. Returns their number."""
     scene = tally.scene
@@ -218,7 +218,7 @@ def _fly(tally: Tally, first: int, size: int) -> int:
         for start_, n in groups(left):
             done = 0
             while done < n:
-                done += _fly(tally, start_ + done, n - done)
+                done += _run_range(tally, start_ + done, n - done)
     return size
 
 
@@ -247,14 +247,14 @@ def recorded_numbers(scene: Scene, wanted: int, first: int, last: int) -> list[i
 def trajectory(scene: Scene, number: int) -> np.ndarray:
     """Vertices (release, contacts, end) of one boulder, with the columns `fields("vertex")`."""
     while True:
-        vertex, left = _fly_alone(scene.around(number, 1)[0], number)
+        vertex, left = _run_alone(scene.around(number, 1)[0], number)
         if left is None:
             return vertex
         assert scene.windows is not None
         scene.windows.widen(scene.grid, *left)
 
 
-def _fly_alone(
+def _run_alone(
     scene: Scene, number: int
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
     """Vertices of a boulder, and the place where it left the window, if it did; no tally
