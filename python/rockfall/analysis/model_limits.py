@@ -80,6 +80,11 @@ def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     )
 
 
+def model_warnings(values: Variables, case: Case) -> list[Text]:
+    """Remarks on the model that are warnings."""
+    return [remark.text for remark in model_remarks(values, case) if remark.is_warning]
+
+
 def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """Remarks on the fractions of classical rebounds and the reliability of their coefficients;
     none for runs with impact sets only."""

@@ -15,7 +15,7 @@ import numpy as np
 from rockfall.analysis.line_statistics import sample_numbers, with_limits
 from rockfall.analysis.lines.profile import line_number, windows
 from rockfall.analysis.lines.values import line_names
-from rockfall.analysis.model_limits import has_own_grounds, model_remarks
+from rockfall.analysis.model_limits import has_own_grounds, model_warnings
 from rockfall.analysis.return_levels import LEVELS, tail
 from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
@@ -125,7 +125,7 @@ def design(
         checks=_table(barriers, _CHECKS),
         choices=_table(chosen, _CHOICES),
         along=parts,
-        warnings=tuple(remark.text for remark in model_remarks(result, case) if remark.is_warning),
+        warnings=tuple(model_warnings(result, case)),
     )
 
 

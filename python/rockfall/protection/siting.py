@@ -15,7 +15,7 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import with_limits
 from rockfall.analysis.lines.values import line_names
-from rockfall.analysis.model_limits import model_remarks
+from rockfall.analysis.model_limits import model_warnings
 from rockfall.analysis.precision.intervals import fraction_interval, sources
 from rockfall.case import Case
 from rockfall.errors import RockfallError
@@ -152,7 +152,7 @@ def site(
     unconfirmed = unconfirmed_of(result, scene.case, standard)
     rows = [row | under_doubt(row, unconfirmed) for row in rows]
     come = int(np.count_nonzero(_crossed(result, line)))
-    notes = (*_notes(scene.case, line, come, alignments, rows), *_remarks(result, scene.case))
+    notes = (*_notes(scene.case, line, come, alignments, rows), *model_warnings(result, scene.case))
     if len(batches) > 1:
         notes = (_memory_note(scene, alignments, batches), *notes)
     if candidates is None and alignments[-1].distance + every <= to * (1 + 1e-9):
@@ -340,11 +340,6 @@ def _notes(
         yield f"no alignment is higher than {line}: give the direction in which the slope rises"
     if all(row["fits"] == NO for row in rows):
         yield "no alignment is within the limits"
-
-
-def _remarks(result: xr.Dataset, case: Case) -> Iterator[str]:
-    """Remarks on the model that limit every number."""
-    return (remark.text for remark in model_remarks(result, case) if remark.is_warning)
 
 
 def _table(rows: list[dict[str, Any]]) -> pd.DataFrame:

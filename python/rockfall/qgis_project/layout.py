@@ -65,7 +65,7 @@ def layout(
     attrs = {"name": name, "units": "mm", "printResolution": "300", "worldFileMap": ""}
     root = ElementTree.Element("Layout", attrs)
     pages = ElementTree.SubElement(root, "PageCollection")
-    pages.append(_page(name))
+    pages.append(_item(name, PAGE, "page", (0, 0, WIDE, HIGH), background="true"))
     chart = _map(name, theme, paper_extent(extent))
     chart_id = chart.attrib["uuid"]
     items = [chart, _frame(name), *_head(name, texts)]
@@ -112,10 +112,6 @@ def _item(layout_name: str, kind: int, what: str, place: Sequence[float], **opti
     ElementTree.SubElement(item, "FrameColor", red="34", green="34", blue="34", alpha="255")
     ElementTree.SubElement(item, "BackgroundColor", red="255", green="255", blue="255", alpha="255")
     return item
-
-
-def _page(name: str) -> ElementTree.Element:
-    return _item(name, PAGE, "page", (0, 0, WIDE, HIGH), background="true")
 
 
 def _map(name: str, theme: str, extent: Extent) -> ElementTree.Element:

@@ -30,7 +30,7 @@ from rockfall.result.drawing import write_drawing
 from rockfall.result.flat_maps import PLAN, flat_maps
 from rockfall.result.geographic import geographic
 from rockfall.result.kml import write_kml
-from rockfall.result.motion import TOLERANCE, Sampled, motion_of, sampled
+from rockfall.result.motion import TOLERANCE, Sampled, motion_of, sampled, seconds
 from rockfall.result.protection_lines import dam_lines, dams_in
 from rockfall.result.qgis_style import write_classes
 from rockfall.result.source_areas import SourceTable, are_cells, source_areas
@@ -240,7 +240,7 @@ def _stored(data: xr.DataArray) -> tuple[np.ndarray, float | int | None]:
 
     Decoding by xarray, from integers to reals and from seconds to durations, is undone.
     """
-    values = _seconds(data.values)
+    values = seconds(data.values)
     fill = data.attrs.get("_FillValue", data.encoding.get("_FillValue"))
     if values.dtype.kind == "f" and np.dtype(data.encoding.get("dtype", "f8")).kind in "iu":
         values = np.where(np.isnan(values), fill or 0, values).astype(data.encoding["dtype"])
@@ -249,11 +249,6 @@ def _stored(data: xr.DataArray) -> tuple[np.ndarray, float | int | None]:
     if fill is not None and not np.isnan(fill):
         values = np.where(values == values.dtype.type(fill), values.dtype.type(np.nan), values)
     return values, float("nan")
-
-
-def _seconds(values: np.ndarray) -> np.ndarray:
-    """Durations as numbers."""
-    return values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values
 
 
 def _numbers(data: xr.Dataset, dim: str) -> np.ndarray:

@@ -67,7 +67,7 @@ def motion_of(result: Held, number: int | None = None, gravity: float | None = N
         return Motion(np.empty((4, 0)), np.empty((4, 0)), np.empty((3, 0)), none, none, none)
     boulder = result["trajectory_boulder"].values
     vertex = np.flatnonzero(np.isin(boulder, spread(np.unique(boulder).tolist(), number)))
-    columns = np.stack([_numbers(result[f"trajectory_{name}"].values[vertex]) for name in _NAMES])
+    columns = np.stack([seconds(result[f"trajectory_{name}"].values[vertex]) for name in _NAMES])
     g = case_of(result).flight["gravity"] if gravity is None else gravity
     return _between(columns, boulder[vertex], vertex, g)
 
@@ -104,9 +104,9 @@ def _between(columns: np.ndarray, boulder: np.ndarray, vertex: np.ndarray, g: fl
     ).take(np.argsort(moves_of, kind="stable"))
 
 
-def _numbers(values: np.ndarray) -> np.ndarray:
-    """Values as float64, durations in seconds."""
-    return (values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values).astype(float)
+def seconds(values: np.ndarray) -> np.ndarray:
+    """Values with durations as numbers of seconds."""
+    return values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values
 
 
 def spins(result: Held, motion: Motion) -> np.ndarray:

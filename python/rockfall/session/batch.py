@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.line_statistics import line_statistics
-from rockfall.analysis.model_limits import model_remarks
+from rockfall.analysis.model_limits import model_warnings
 from rockfall.analysis.run_until import Rule, evaluate
 from rockfall.case import Case
 from rockfall.errors import RockfallError
@@ -157,8 +157,7 @@ class Batch:
         >>> isinstance(batch.warnings, list)
         True
         """
-        remarks = model_remarks(self._rows, self.case)
-        return [remark.text for remark in remarks if remark.is_warning]
+        return [*model_warnings(self._rows, self.case)]
 
     def line_statistics(
         self,

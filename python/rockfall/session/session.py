@@ -131,13 +131,11 @@ class Session:
         """
         with self._lock:
             before = {*self.warnings}
-            groups = {name: value for name, value in changes.items() if name in _groups()}
-            arrays = _changed_arrays(
-                self._arrays, {name: value for name, value in changes.items() if name not in groups}
-            )
-            self._read(
-                self._case.replace(**groups) if groups else self._case, arrays, self._boulders
-            )
+            names = {key.group for key in key_table()}
+            groups = {name: value for name, value in changes.items() if name in names}
+            others = {name: value for name, value in changes.items() if name not in names}
+            case = self._case.replace(**groups) if groups else self._case
+            self._read(case, _changed_arrays(self._arrays, others), self._boulders)
             self._warn(before)
 
     def run(
@@ -213,11 +211,6 @@ class Session:
 def scene_of(session: Session) -> Scene:
     """Scene that an open session has read, which is not to be changed."""
     return session._opened()
-
-
-def _groups() -> set[str]:
-    """Names of the groups of a case."""
-    return {key.group for key in key_table()}
 
 
 def _changed_arrays(before: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:

@@ -28,14 +28,11 @@ def design_block_text(block: DesignBlock) -> str:
     """Survey, distribution, table of return periods, warnings and scenario."""
     parts = [ABOUT, "", table(_survey_rows(block)), "", table(_level_rows(block))]
     parts += [f"Warning: {text}" for text in block.warnings]
-    parts += ["", f"Design sheet of a result: rockfall design OUT.nc --volume {_volume(block)}"]
+    volume = number(block.volume, up=True).replace(",", "")
+    parts += ["", f"Design sheet of a result: rockfall design OUT.nc --volume {volume}"]
     if block.scenario:
         parts += ["", "Scenario for `rockfall hazard`:", PLACE, "", scenario_text(block).rstrip()]
     return "\n".join(parts)
-
-
-def _volume(block: DesignBlock) -> str:
-    return number(block.volume, up=True).replace(",", "")
 
 
 def _survey_rows(block: DesignBlock) -> Iterator[list[str]]:

@@ -41,7 +41,7 @@ from rockfall.analysis.hazard.segment_hits import (
 from rockfall.analysis.hazard.segments import NO_ROADS, Roads, Segments, check_roads, roads_of
 from rockfall.analysis.hazard.variables import CLASS_ENDS, COORDINATES, ENDS, EXTREMES, TABLE
 from rockfall.analysis.hazard.vulnerability import KILOJOULE, read_curves
-from rockfall.analysis.model_limits import model_remarks
+from rockfall.analysis.model_limits import model_warnings
 from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.io.input_warnings import InputWarning, stored_warnings
@@ -241,9 +241,7 @@ class _Run:
         self.variable_attrs = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
-        self.warnings = [
-            remark.text for remark in model_remarks(result, case_of(result)) if remark.is_warning
-        ]
+        self.warnings = model_warnings(result, case_of(result))
 
     def _risk(self, objects: Objects, result: xr.Dataset) -> RunRisk:
         points = Points(objects.point, self.objects, result["threshold"].values)
@@ -262,7 +260,7 @@ def _dataset(study: Study, runs: list[_Run]) -> xr.Dataset:
     passages = frequencies(((run.passages, *run.sample) for run in runs), factor)
     hits = frequencies(((run.hits, *run.sample) for run in runs), factor)
     values |= _frequencies(passages, sum(run.yearly for run in runs))
-    values |= _with_ends("hit_frequency", "hit_exceedance_frequency", hits)
+    values |= _with_ends("hit_frequency", "hit_exceedance_frequency", hits, "f4")
     values |= _classes("", hits, matrix)
     for name, extreme in EXTREMES.items():
         values[name] = extreme.reduce([run.extremes[name] for run in runs])
@@ -313,7 +311,7 @@ def _scenarios(study: Study, runs: list[_Run]) -> dict[str, np.ndarray]:
 
 def _frequencies(rates: Frequencies, yearly: float) -> dict[str, np.ndarray]:
     """Frequencies of cells with their limits, and quantities derived from them."""
-    values = _with_ends("passage_frequency", "exceedance_frequency", rates)
+    values = _with_ends("passage_frequency", "exceedance_frequency", rates, "f4")
     with np.errstate(divide="ignore"):
         periods = np.where(rates.value > 0, 1 / rates.value, np.nan).astype("f4")
     values["passage_return_period"], values["exceedance_return_period"] = periods[0], periods[1:]
@@ -322,12 +320,14 @@ def _frequencies(rates: Frequencies, yearly: float) -> dict[str, np.ndarray]:
     return values
 
 
-def _with_ends(name: str, exceeded: str, rates: Frequencies) -> dict[str, np.ndarray]:
+def _with_ends(
+    name: str, exceeded: str, rates: Frequencies, kind: str = "f8"
+) -> dict[str, np.ndarray]:
     """Frequencies of all boulders, and of those above each threshold, with their limits."""
     values = {}
     for end, rate in zip(ENDS, rates, strict=True):
-        values[f"{name}{end}"] = rate[0].astype("f4")
-        values[f"{exceeded}{end}"] = rate[1:].astype("f4")
+        values[f"{name}{end}"] = rate[0].astype(kind)
+        values[f"{exceeded}{end}"] = rate[1:].astype(kind)
     return values
 
 
@@ -350,9 +350,7 @@ def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nda
         "object_passages": np.stack([run.objects[0] for run in runs]),
         "object_energy_exceeded": np.stack([run.objects[1:] for run in runs]),
     }
-    for end, rate in zip(ENDS, rates, strict=True):
-        values[f"object_frequency{end}"] = rate[0]
-        values[f"object_exceedance_frequency{end}"] = rate[1:]
+    values |= _with_ends("object_frequency", "object_exceedance_frequency", rates)
     values |= _classes("object_", rates, matrix)
     if risk := risks(study.objects, rates):
         values |= {f"object_risk{end}": value for end, value in zip(ENDS, risk, strict=True)}
@@ -377,9 +375,7 @@ def _segments(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nd
         "segment_passages": np.stack([run.segment_counts[0] for run in runs]),
         "segment_energy_exceeded": np.stack([run.segment_counts[1:] for run in runs]),
     }
-    for end, rate in zip(ENDS, rates, strict=True):
-        values[f"segment_frequency{end}"] = rate[0]
-        values[f"segment_exceedance_frequency{end}"] = rate[1:]
+    values |= _with_ends("segment_frequency", "segment_exceedance_frequency", rates)
     weighted = [Weighted(run.segments, run.yearly / run.boulders, run.per_cluster) for run in runs]
     numbers = segment_numbers(weighted)
     values |= {f"segment_{name}": number for name, number in numbers.items()}
