@@ -101,8 +101,8 @@ def refused(folder, words, *more):
 
 def test_a_checkpoint_is_not_overwritten_unasked(stopped, batch):
     refused(stopped, "a.nc.checkpoint: holds ")
-    refused(stopped, "a.nc.checkpoint: is of another run, its ", "--resume", "--seed", "3")
-    refused(stopped, "a.nc.checkpoint: is of another run, its ", "--resume", "--shard", "2/3")
+    refused(stopped, "a.nc.checkpoint: belongs to a different run (", "--resume", "--seed", "3")
+    refused(stopped, "a.nc.checkpoint: belongs to a different run (", "--resume", "--shard", "2/3")
 
 
 def test_a_result_is_not_overwritten_unasked(many):
@@ -148,8 +148,8 @@ def test_no_file_is_written_through_a_link_that_somebody_placed(many, program):
 def test_what_differs_is_named(stopped, batch):
     def said(what):
         return (
-            f"a.nc.checkpoint: is of another run, its {what} differs; remove it, or run without "
-            "--resume elsewhere\n"
+            f"a.nc.checkpoint: belongs to a different run ({what} differs); remove it, or choose "
+            "another output\n"
         )
 
     words = ("ready/case.nml", "-o", "a.nc", "--resume")
@@ -173,7 +173,7 @@ def test_what_cannot_be_read_is_refused(stopped):
         refused(stopped, "a.nc.checkpoint: is ", "--resume")
     path.unlink()
     path.mkdir()
-    refused(stopped, "a.nc.checkpoint: is there, and no checkpoint that can be read; ")
+    refused(stopped, "a.nc.checkpoint: exists but is not a readable checkpoint; ")
 
 
 def test_values_that_no_run_has_are_refused(stopped, subtests):

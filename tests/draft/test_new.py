@@ -168,7 +168,7 @@ def test_names_stay_in_their_comments_and_quotes():
     [
         (None, ["none.gpkg", "-o", "case.nml"], "none.gpkg: "),
         (None, ["dem.tif", "-o", "case.nml"], "dem.tif: is no layer: must end in"),
-        (None, ["-o", "case.txt"], "case.txt: is no name for a case; it must end in .nml"),
+        (None, ["-o", "case.txt"], "case.txt: output name must end in .nml"),
         (None, ["-o", "there.nml"], "there.nml: already exists; not overwritten"),
         (
             lambda: make_layer("a.gpkg", HALVES, mean_radius=[0.1, None]),

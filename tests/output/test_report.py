@@ -586,7 +586,7 @@ def test_the_command_writes_beside_the_result(stored, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["out.nc", "-o", "out.nc"], "out.nc: is no name for a page; it must end in .html"),
+        (["out.nc", "-o", "out.nc"], "out.nc: output name must end in .html"),
         (["out.nc", "-o", "none/out.html"], "none/out.html: there is no folder none"),
         (["out.nc", "--dem", "none.tif"], "none.tif"),
     ],
@@ -814,7 +814,7 @@ def test_the_report_on_paper(result, monkeypatch, tmp_path):
     [
         (["--pdf"], "weasyprint", "a PDF needs the pdf extra"),
         (["--3d"], "plotly", "a view in three dimensions needs the view extra"),
-        (["--pdf", "-o", "a.html"], "", "a.html: is no name for a PDF; it must end in .pdf"),
+        (["--pdf", "-o", "a.html"], "", "a.html: output name must end in .pdf"),
         (["--limits", "kJ=3,1"], "", "--limits kJ=3,1: must be unit=limit"),
         (["--basemap", "o.tif"], "", "o.tif: a basemap needs a result whose terrain has a CRS"),
     ],

@@ -102,11 +102,11 @@ def test_what_is_missing_twice_or_of_another_run_is_named(tmp_path, case):
     with refused(f"merge: boulders 100 to 100 are twice: {other}"):
         rockfall.merge([*paths, other])
     rockfall.write_result(run(case.replace(case={"seed": 5}), shard=(2, 4)), other)
-    with refused(f"{other}: is of another run than {paths[0]}: its &case seed differs"):
+    with refused(f"{other}: belongs to a different run than {paths[0]}: its &case seed differs"):
         rockfall.merge([paths[0], other, *paths[2:]])
     z = rough(seed=2)
     rockfall.write_result(rockfall.run(case, dem=z, transform=grid(z), shard=(2, 4)), other)
-    with refused(f"{other}: is of another run than {paths[0]}: its dem differs"):
+    with refused(f"{other}: belongs to a different run than {paths[0]}: its dem differs"):
         rockfall.merge([paths[0], other, *paths[2:]])
     rockfall.write_result(run(case), other)
     with refused(
@@ -211,7 +211,7 @@ def test_what_lies_beside_a_file_is_known_by_what_was_read(tmp_path, change, wha
         rockfall.write_result(rockfall.run(case, shard=(k, 2), memory=memory), path)
         if k == 1:
             change(tmp_path)
-    with refused(f"{paths[1]}: is of another run than {paths[0]}: its {what} differs"):
+    with refused(f"{paths[1]}: belongs to a different run than {paths[0]}: its {what} differs"):
         rockfall.merge(paths)
 
 
@@ -220,7 +220,7 @@ def test_a_run_does_not_go_on_with_other_elevations_of_the_same_file(tmp_path):
     case = case_in(tmp_path, **place()).replace(terrain={"dem": "tile.tif"})
     run_scene(read_scene(case), checkpoint=Checkpoint(tmp_path / "c", 0.0), chunk=100)
     change_statistics(tmp_path)
-    with pytest.raises(rockfall.RockfallError, match="is of another run, its dem differs"):
+    with pytest.raises(rockfall.RockfallError, match=r"belongs to a different run \(dem differs\)"):
         run_scene(read_scene(case), checkpoint=Checkpoint(tmp_path / "c", 0.0))
 
 

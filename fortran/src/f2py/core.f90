@@ -28,7 +28,8 @@ module rockfall_f2py
    use rockfall_outcome, only: boulder_result_t, left_window
    use rockfall_scratch, only: scratch_t
    use rockfall_run_loop, only: save_rest
-   use rockfall_scene, only: feature_fields, check_sources, boulder_count, max_volumes, object_reach, max_tree_hits
+   use rockfall_bounds, only: check_sources, boulder_count, max_volumes, max_tree_hits
+   use rockfall_scene, only: feature_fields, object_reach
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model, &
                                model_of_table => table_model, max_grounds
    use rockfall_reach, only: block_side, update_block_minima, reach_box
@@ -40,7 +41,7 @@ module rockfall_f2py
    use rockfall_limits, only: check_tallies
    use rockfall_threads, only: team_size, check_team, release_team
    use rockfall_ensemble, only: trace_boulder, recorded_boulders
-   use rockfall_result, only: boulder_row, boulder_count_row, vertex_row
+   use rockfall_rows, only: boulder_row, boulder_count_row, vertex_row
    use rockfall_samples, only: sample_edge, n_sample_bins, n_coarse_bins, base_bits
    use rockfall_line_samples, only: all_quantities => line_quantities, place_along, &
                                     line_quantity, end_quantity, units_of, n_quantities, n_tails => tails
@@ -48,7 +49,7 @@ module rockfall_f2py
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
-   use rockfall_case_keys, only: key_row_text => row_text, key_table, broken_rule, n_keys, repeatable, max_real, max_name
+   use rockfall_case_keys, only: key_text => row_text, key_table, broken_rule, n_keys, repeatable, max_real, max_name
    use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading, line_groups, variant_lists, &
                             listed_groups, barrier_strengths
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
@@ -997,7 +998,7 @@ contains
       character(len=max_list), intent(out) :: text
 
       text = ""
-      if (table == "keys" .and. k >= 1 .and. k <= n_keys) text = key_row_text(key_table(k))
+      if (table == "keys" .and. k >= 1 .and. k <= n_keys) text = key_text(key_table(k))
       if (table == "ground_parameters") text = parameter_of_ground(k)
       if (table == "variables") text = variable_text(k)
    end subroutine table_row
@@ -1136,7 +1137,7 @@ contains
    end subroutine constant
 
    !> Names of the columns of rows, of the distributions of volumes, of the quantities of samples, and of what cases
-   !> list: groups of lines, those that may repeat, lists of variants and their groups, alternative strengths of barriers.
+   !> list: groups of lines, groups that may repeat, lists of variants and their groups, strengths of barriers.
    subroutine fields(rows, text)
       character(len=*), intent(in) :: rows
       character(len=max_list), intent(out) :: text

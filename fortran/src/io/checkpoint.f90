@@ -40,7 +40,7 @@ contains
       if (.not. path_exists(name)) return
       boulders = boulders_in(name)
       if (boulders < 0) then
-         call fail(error, name//": is there, and no checkpoint that can be read; remove it, or choose another output")
+         call fail(error, name//": exists but is not a readable checkpoint; remove it, or choose another output")
       else if (.not. resume) then
          call fail(error, name//": holds "//integer_text(boulders)//" boulders of a run that was stopped; go on with " &
                    //"--resume, or remove it")

@@ -276,7 +276,7 @@ contains
          if (.not. good) call mark_damaged(file, "tally_shared_cell")
       end if
       if (.not. is_ok(file)) call fail_damaged(file, error)
-      if (allocated(error)) error%message = error%message//"; remove it to begin anew"
+      if (allocated(error)) error%message = error%message//"; remove it to start again"
       call close_netcdf(file)
    end subroutine read_part
 
@@ -323,8 +323,8 @@ contains
       what = "layout"
       if (integer_of(file, "part_layout") == layout) what = difference(ours, theirs)
       if (what /= "") then
-         call fail(error, file%name//": is of another run, its "//what//" differs; remove it, or run without " &
-                   //"--resume elsewhere")
+         call fail(error, file%name//": belongs to a different run ("//what//" differs); remove it, or choose " &
+                   //"another output")
          return
       end if
       run%done = theirs%last - theirs%first + 1

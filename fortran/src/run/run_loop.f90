@@ -9,7 +9,7 @@ module rockfall_run_loop
    use rockfall_scratch, only: scratch_t
    use rockfall_limits, only: check_tallies
    use rockfall_variables, only: vertex_fields
-   use rockfall_result, only: vertex_row
+   use rockfall_rows, only: vertex_row
    use rockfall_threads, only: team_size
    use rockfall_ensemble, only: trace_boulder, recorded_boulders
    use rockfall_sources, only: proportional_part
@@ -18,7 +18,8 @@ module rockfall_run_loop
    use rockfall_terrain, only: set_window
    use rockfall_reach, only: block_side, update_block_minima, reach_box
    use rockfall_run_state, only: run_t, open_run, advance, plan_of
-   use rockfall_scene, only: check_sources, boulder_count, max_volumes, object_reach, max_tree_hits
+   use rockfall_bounds, only: check_sources, boulder_count, max_volumes, max_tree_hits
+   use rockfall_scene, only: object_reach
    implicit none
    private
    public :: run_observer_t, run_case, scan_terrain, save_rest

@@ -18,7 +18,7 @@ module rockfall_run_state
    use rockfall_boulder, only: release_t
    use rockfall_variables, only: boulder_counts, line_fields, vertex_fields, histogram_fields, statuses, row_reals, &
                                  row_integers, real_groups, integer_groups
-   use rockfall_result, only: boulder_row, boulder_count_row, real_row, integer_row, line_row
+   use rockfall_rows, only: boulder_row, boulder_count_row, real_row, integer_row, line_row
    use rockfall_ensemble, only: run_boulders, recorded_boulders
    use rockfall_case_keys, only: map_names, n_maps
    use rockfall_case, only: case_t, keeps_all
@@ -26,7 +26,7 @@ module rockfall_run_state
    use rockfall_line, only: line_t
    use rockfall_line_samples, only: layout_t, layout_of, add_samples, n_quantities, tails
    use rockfall_state_table, only: table_t
-   use rockfall_scene, only: boulder_count
+   use rockfall_bounds, only: boulder_count
    implicit none
    private
    public :: run_t, open_run, open_joined_run, continue_run, merge_run, close_run, advance

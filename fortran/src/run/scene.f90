@@ -9,24 +9,23 @@ module rockfall_scene
    use rockfall_random, only: random_key, normal_table
    use rockfall_sobol, only: sobol_sequence, max_dimensions
    use rockfall_grid, only: grid_t
-   use rockfall_terrain, only: terrain, patch_t, locate, height, on_terrain
+   use rockfall_terrain, only: terrain
    use rockfall_surface, only: method_a
    use rockfall_sources, only: last_boulders, last_boulders_by_weight, proportional_part
    use rockfall_line, only: line, object_line
    use rockfall_line_index, only: line_index, worth_indexing
    use rockfall_barrier, only: barrier_t
-   use rockfall_boulder, only: release_t, volume_distribution_t, fixed_volume, last_of, max_volume, mean_volume, &
-                               sphere_radius
+   use rockfall_boulder, only: release_t, mean_volume
    use rockfall_ground, only: ground_t, rest_slope_of
    use rockfall_forest, only: build_forest
    use rockfall_scene_type, only: scene_t
+   use rockfall_bounds, only: boulder_count, max_radius
    use rockfall_case_keys, only: map_names
    use rockfall_case, only: case_t
    use rockfall_grounds, only: read_ground, read_stochastic, rest_angle_of_rocks
    implicit none
    private
-   public :: scene_arrays_t, feature_fields, is_borrowed, build_scene_of_case, check_sources, boulder_count, &
-             max_volumes, object_reach, max_tree_hits
+   public :: scene_arrays_t, feature_fields, is_borrowed, build_scene_of_case, object_reach
 
    !> Values of a feature, in the units of the keys of these names.
    character(len=*), parameter :: feature_fields(*) = [character(len=11) :: "volume_mean", "volume_std", "volume_min", &
@@ -430,31 +429,6 @@ contains
       if (case%rest_angle >= 0) ground%rest_slope = scene%rest_slope
    end subroutine set_ground_of
 
-   !> Volume distribution of a scene; if sources give volumes, the largest and the heaviest of their boulders.
-   pure type(volume_distribution_t) function max_volumes(scene) result(volumes)
-      type(scene_t), intent(in) :: scene
-      integer :: k
-
-      volumes = scene%volumes
-      if (allocated(scene%features)) then
-         volumes%kind = fixed_volume
-         volumes%mean = maxval([(max_volume(scene%features(k)%volumes, scene%table), k=1, size(scene%features))])
-         volumes%density = maxval([(scene%features(k)%volumes%density, k=1, size(scene%features))])
-      end if
-      if (.not. allocated(scene%of_source)) return
-      volumes%mean = max_volume(volumes, scene%table)*maxval(scene%of_source%volume)
-      volumes%kind = fixed_volume
-      volumes%density = maxval(scene%of_source%density)
-   end function max_volumes
-
-   !> Radius of the largest boulder of a scene [m], with a margin for rounding.
-   pure real(wp) function max_radius(scene)
-      type(scene_t), intent(in) :: scene
-      real(wp), parameter :: margin = 1.001_wp
-
-      max_radius = margin*sphere_radius(max_volume(max_volumes(scene), scene%table))
-   end function max_radius
-
    !> Distance from the path of a boulder within which maps may show hits [cells].
    pure integer function object_reach(scene, case)
       type(scene_t), intent(in) :: scene
@@ -464,72 +438,4 @@ contains
       if (any(case%map .and. index(map_names, "hits") == 1)) &
          object_reach = ceiling((0.5_wp*scene%object_width + max_radius(scene))*scene%dem%per_cell)
    end function object_reach
-
-   !> Maximum number of hits of trees by a boulder and its fragments.
-   pure integer function max_tree_hits(scene)
-      type(scene_t), intent(in) :: scene
-      integer :: fragments
-
-      fragments = 1
-      if (allocated(scene%breakage)) fragments = 2*scene%breakage%max_fragments  ! these, and pieces that broke
-      max_tree_hits = int(min(int(huge(1), i8), int(fragments, i8)*scene%max_impacts))
-   end function max_tree_hits
-
-   !> Number of boulders of the whole run.
-   pure integer(i8) function boulder_count(scene)
-      type(scene_t), intent(in) :: scene
-
-      boulder_count = 0
-      if (size(scene%release%x) > 0) boulder_count = last_of(scene%release, size(scene%release%x, kind=i8))
-   end function boulder_count
-
-   !> Height [m] above the ground of a source equivalent to the initial energy of its boulders.
-   pure real(wp) function lift_of(scene, source)
-      type(scene_t), intent(in) :: scene
-      integer, intent(in) :: source  !! 1..
-      real(wp) :: v(3)
-
-      lift_of = scene%release%drop_height
-      v = scene%release%velocity
-      if (allocated(scene%features)) then
-         lift_of = scene%features(scene%release%feature(source))%drop_height
-         v = scene%features(scene%release%feature(source))%velocity
-      end if
-      lift_of = lift_of + dot_product(v, v)/(2*scene%gravity)
-   end function lift_of
-
-   !> Check that sources in rows first to last of the raster lie on known terrain, given a window of it. Raises `head`
-   !> to the maximum energy head of their boulders.
-   pure subroutine check_sources(scene, first, last, head, error)
-      type(scene_t), intent(in) :: scene
-      integer, intent(in) :: first, last  !! rows from the north
-      real(wp), intent(inout) :: head     !! [m]
-      type(error_t), allocatable, intent(out) :: error
-      type(patch_t) :: patch
-      character(len=300) :: text
-      real(wp) :: u, w
-      integer :: k, row
-
-      associate (dem => scene%dem, x => scene%release%x, y => scene%release%y)
-         do k = 1, size(x)
-            row = dem%ny - int(max(0.0_wp, min(dem%ny - 1.0_wp, y(k)*dem%per_cell)))
-            if (row < first .or. row > last) cycle
-            if (.not. on_terrain(dem, x(k), y(k))) then
-               write (text, "(a,i0,6(a,f0.3),a)") "&release: source ", k, " (", x(k) + dem%x0, ", ", y(k) + dem%y0, &
-                  ") lies outside the terrain between its outer cell centres: must be x ", dem%x0, " to ", &
-                  dem%x0 + (dem%nx - 1)*dem%cell, ", y ", dem%y0, " to ", dem%y0 + (dem%ny - 1)*dem%cell, ""
-               call fail(error, trim(text))
-               return
-            end if
-            call locate(dem, x(k), y(k), patch, u, w)
-            if (.not. patch%known) then
-               write (text, "(a,i0,2(a,f0.3),a)") "&release: source ", k, " (", x(k) + dem%x0, ", ", y(k) + dem%y0, &
-                  ") lies on nodata of the DEM, or beside it: must be on known terrain"
-               call fail(error, trim(text))
-               return
-            end if
-            head = max(head, height(patch, u, w) + lift_of(scene, k))
-         end do
-      end associate
-   end subroutine check_sources
 end module rockfall_scene

@@ -6,7 +6,7 @@ program test_plane
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_terrain, only: terrain, set_window
    use rockfall_random, only: random_key, normal_table
-   use rockfall_scene, only: check_sources
+   use rockfall_bounds, only: check_sources
    use rockfall_impact, only: impact_set
    use rockfall_direction, only: to_aspect
    use rockfall_scene_type, only: scene_t

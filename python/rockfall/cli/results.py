@@ -198,7 +198,7 @@ def report_command(arguments: argparse.Namespace) -> int:
     ending = ".pdf" if arguments.pdf else ".html"
     path = arguments.output or given.with_name(f"{given.name.removesuffix('.nc')}{ending}")
     if arguments.pdf and path.suffix.lower() != ending:
-        raise RockfallError(f"{path}: is no name for a PDF; it must end in .pdf")
+        raise RockfallError(f"{path}: output name must end in .pdf")
     with warnings_told():
         named = {key: getattr(arguments, key) for key in REPORTED}
         if arguments.section:

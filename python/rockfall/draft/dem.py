@@ -151,7 +151,7 @@ def check_place(
 ) -> None:
     """Refuse an output path for a DEM before the work starts."""
     if Path(path).suffix.lower() not in (".tif", ".tiff"):
-        raise RockfallError(f"{path}: is no name for a GeoTIFF; it must end in .tif")
+        raise RockfallError(f"{path}: output name must end in .tif")
     layers = [given for _, given in steps if isinstance(given, Path)]
     files = (file for source in sources for file in raster_files(source))
     check_output(path, [*files, *layers])

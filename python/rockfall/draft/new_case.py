@@ -44,7 +44,7 @@ def new_case(dem: str | Path, layers: Iterable[str | Path], out: str | Path) -> 
     """
     dem, out, files = Path(dem), Path(out), [Path(path) for path in layers]
     if out.suffix.lower() != ".nml":
-        raise RockfallError(f"{out}: is no name for a case; it must end in .nml")
+        raise RockfallError(f"{out}: output name must end in .nml")
     for path in out, *(out.with_name(f"{out.stem}_zones.{ending}") for ending in ("csv", "gpkg")):
         if os.path.lexists(path):
             raise RockfallError(f"{path}: already exists; not overwritten")

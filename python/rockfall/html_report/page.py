@@ -147,7 +147,7 @@ def check_page_needs(path: str | Path) -> None:
     path = Path(path)
     need("a report needs", "report", "matplotlib", "PIL", "jinja2")
     if path.suffix.lower() not in (".html", ".htm", PDF):
-        raise RockfallError(f"{path}: is no name for a page; it must end in .html or .pdf")
+        raise RockfallError(f"{path}: output name must end in .html or .pdf")
     if is_pdf(path):
         check_pdf()
 

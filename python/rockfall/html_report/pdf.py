@@ -33,5 +33,5 @@ def write_pdf(page: str, path: Path) -> None:
         document = HTML(string=page, url_fetcher=fetcher).render(**attrs)
         if "signature" not in document.pages[0].anchors:
             reason = "the signature is not on page 1; shorten the title and the names of lines"
-            warnings.warn(f"{path}: {reason}", stacklevel=3)
+            warnings.warn(f"{path}: {reason}", stacklevel=4)
         document.write_pdf(part, **attrs)

@@ -20,7 +20,7 @@ from rockfall.analysis.variants import (
 from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.html_report.inputs import Parties
-from rockfall.html_report.page import NOBODY, check_page, is_pdf, write_page
+from rockfall.html_report.page import check_page, is_pdf, write_page
 from rockfall.html_report.render import picture, rendered
 from rockfall.html_report.tables import Table
 from rockfall.html_report.validity import warnings
@@ -64,17 +64,14 @@ class Given(NamedTuple):
                 raise RockfallError(f"cost of {name} = {cost:g}: must be >= 0")
 
 
-NOTHING = Given()
-
-
 def write_variants_page(
     results: Mapping[str, xr.Dataset],
     path: str | Path,
-    terrain: Terrain | None = None,
-    given: Given = NOTHING,
-    language: str = "en",
-    parties: Parties = NOBODY,
-    inputs: Iterable[str | Path] = (),
+    terrain: Terrain | None,
+    given: Given,
+    language: str,
+    parties: Parties,
+    inputs: Iterable[str | Path],
 ) -> None:
     """Write the page of variants to `path` (.html, or .pdf) atomically; `inputs` are files that
     must not be replaced."""

@@ -53,7 +53,7 @@ class Checkpoint:
         boulders = boulders_in(self.path)
         if boulders is None:
             raise RockfallError(
-                f"{self.path}: is there, and no checkpoint that can be read; remove it, or choose "
+                f"{self.path}: exists but is not a readable checkpoint; remove it, or choose "
                 "another output"
             )
         return boulders
@@ -68,8 +68,8 @@ class Checkpoint:
         theirs = range(part.first, part.last + 1)
         if what := origin_of(tally).difference(part.origin, own, theirs):
             raise RockfallError(
-                f"{self.path}: is of another run, its {what} differs; remove it, or run without "
-                "--resume elsewhere"
+                f"{self.path}: belongs to a different run ({what} differs); remove it, or choose "
+                "another output"
             )
         part.load(tally.run)
         tally.wall, tally.cpu = (part.clocks[clock] for clock in CLOCKS)

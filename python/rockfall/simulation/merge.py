@@ -65,9 +65,8 @@ class Joined:
         if not what and self.tally.differs_in(part.arrays, *LAYOUT_OF.values()):
             what = "sources"
         if what:
-            raise RockfallError(
-                f"{part.name}: is of another run than {self.first.name}: its {what} differs"
-            )
+            different = f"belongs to a different run than {self.first.name}"
+            raise RockfallError(f"{part.name}: {different}: its {what} differs")
         self.tally.run.merge(part.loaded_run())
         self.tally.wall += part.clocks["wall_seconds"]
         self.tally.cpu += part.clocks["cpu_seconds"]

@@ -70,7 +70,6 @@ class Sheet:
     left: float
     wide: float
     bottom: float
-    key_rows: int
     labels: Labels
     contours: Contours | None
     paper: str = "A4"  # on which the scale holds
@@ -120,7 +119,7 @@ def new_sheet(
     axes = figure.add_axes((left / w, bottom / h, wide / w, high / h))
     axes.set(xlim=(west, east), ylim=(south, north))
     contours = contours_of(terrain, extent) if terrain is not None else None
-    sheet = Sheet(figure, axes, extent, scale, left, wide, bottom, rows, Labels(axes), contours)
+    sheet = Sheet(figure, axes, extent, scale, left, wide, bottom, Labels(axes), contours)
     if basemap is not None:
         _draw_basemap(axes, basemap)
     elif terrain is not None:

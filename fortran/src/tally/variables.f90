@@ -54,7 +54,7 @@ module rockfall_variables
 
    integer :: k
 
-   !> Within each group, reals and integers have the order of the rows of rockfall_result; histograms that of
+   !> Within each group, reals and integers have the order of the rows of rockfall_rows; histograms that of
    !> rockfall_histogram; statuses that of their numbers, from 1.
    type(variable_t), parameter :: variable_table(*) = [ &
       variable_t("boulder", "volume", "real", "m3", "volume of the boulder"), &

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Results as rows of numbers in map coordinates, the same for both programs.
-module rockfall_result
+module rockfall_rows
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, i8
    use rockfall_terrain, only: terrain_t
@@ -86,4 +86,4 @@ contains
       row = [vertex%x + dem%x0, vertex%y + dem%y0, vertex%z, vertex%time, vertex%v, vertex%v_in, vertex%v_out, &
              vertex%ratio]
    end function vertex_row
-end module rockfall_result
+end module rockfall_rows
