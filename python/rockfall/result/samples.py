@@ -45,3 +45,17 @@ def check_all_rows(result: Held, what: str) -> None:
     """Refuse an analysis that needs rows of all boulders if a run did not keep them."""
     if result.sizes["boulder"] < simulated(result):
         raise RockfallError(f"{what}: needs rows of all boulders: &output kept = 'all'")
+
+
+#: Dimensions of arrays in files, after "sample_".
+DIMS: dict[str, tuple[str, ...]] = {
+    "bin": ("entry",), "count": ("entry",),
+    "group_bin": ("group_entry",), "group_count": ("group_entry",),
+    "sums": ("place", "part", "quantity", "word"), "largest": ("line", "tail", "rank"),
+    "ended": ("status",), "part_last": ("part",), "group_part": ("group",),
+}  # fmt: skip
+
+
+def sample_dims(name: str) -> tuple[str, ...]:
+    """Dimensions of a variable of samples in a file."""
+    return tuple(f"sample_{dim}" for dim in DIMS[name])

@@ -15,6 +15,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.grid import Box, Grid
 from rockfall.result import variables
 from rockfall.result.run_arrays import RunArrays
+from rockfall.result.samples import sample_dims
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -69,8 +70,7 @@ def check_dimensions(data: xr.Dataset, path: str | Path) -> None:
 
 def _check_groups(data: xr.Dataset, path: str | Path) -> None:
     """Check that lines, histograms, trajectories and maps are complete if present."""
-    samples = [f"sample_{name}" for name in variables.SAMPLE]
-    for group in (*_groups(), samples):
+    for group in _groups():
         if any(name in data.variables or name in data.dims for name in group):
             for name in group:
                 if name not in data.variables:
@@ -106,6 +106,7 @@ def _groups() -> Iterator[_Group]:
         "barrier_outcome": ("line", "boulder"),
     }  # fmt: skip
     yield {f"trajectory_{name}": ("trajectory_vertex",) for name in variables.VERTEX}
+    yield {f"sample_{name}": sample_dims(name) for name in variables.SAMPLE}
     yield {axis: (axis,) for axis in ("x", "y")}
     yield {"threshold": ("threshold",)}
     for name in variables.HISTOGRAM:
@@ -152,23 +153,19 @@ def check_samples(data: xr.Dataset, path: str | Path) -> None:
     requested, first, last = (
         int(data.attrs[name]) for name in ("boulders_requested", "boulder_first", "boulder_last")
     )
-    names = "sample_part_last", "sample_group_part"
-    layout = [data[name].values for name in names]
-    if any(values.ndim != 1 or values.dtype.kind not in "iu" for values in layout):
-        raise RockfallError(f"{path}: {', '.join(names)}: must be lists of integers")
-    layout = [values.astype("i4") for values in layout]
+    layout = (data[f"sample_{name}"].values.astype("i4") for name in ("part_last", "group_part"))
     boulders = requested, first - 1, last - first + 1
     run = RunArrays.joined(case_of(data).text(), boulders, Box(0, 0, 0, 0), 0, False, *layout)
-    sizes = (data.sizes.get(dim, 0) for dim in ("boulder", "sample_entry", "sample_group_entry"))
+    sizes = (data.sizes[dim] for dim in ("boulder", "sample_entry", "sample_group_entry"))
     rows, *bins = map(int, sizes)
     run.begin_part(boulders[2], (rows, 0, 0, *bins), str(path))
     for array in run.part_arrays():
         if array.group == "sample" or array.name == "boulder":
-            given, own = data.variables[array.file_name], array.values
-            is_alike = (given.dims, given.shape) == (array.dims, own.shape)
-            if not is_alike or given.dtype.kind != own.dtype.kind:
+            values = data[array.file_name].values
+            own = array.values
+            if (values.shape, values.dtype.kind) != (own.shape, own.dtype.kind):
                 raise RockfallError(f"{path}: {array.file_name}: holds what no run has")
-            own[...] = given.values
+            own[...] = values
     run.unpack_part(str(path), Grid(0.0, 0.0, 1.0, 0, 0), only_samples=True)
 
 
