@@ -85,7 +85,7 @@ def put_project(
             maps, classes, tuple(relief),
         )  # fmt: skip
         themes = list(_themes(layers))
-        title = _title(data)
+        title = str(data.attrs.get("title") or Path(str(data.attrs["case_file"])).stem)
         drawn = [
             layout(theme.name, theme.name, extent, filter(attrgetter("in_legend"), theme.layers),
                    _texts(data, title, theme.name, imprint, relief))
@@ -207,10 +207,6 @@ def _groups(layers: _Layers) -> Iterator[Group]:
 
 def _id(layers: dict[str, Layer], name: str) -> str:
     return layers[name].id if name in layers else ""
-
-
-def _title(data: xr.Dataset) -> str:
-    return str(data.attrs.get("title") or Path(str(data.attrs["case_file"])).stem)
 
 
 def _texts(

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from rockfall.protection.siting import BEST, NOT_TOLD_APART, YES
 from rockfall.quantities import number
@@ -43,18 +43,14 @@ def _rows(siting: Siting) -> Iterator[list[str]]:
            "E_d [kJ]", "height needed [m]", "class", "round [%]", "left [%]", cost, "fits",
            ""]  # fmt: skip
     for row in siting.table.to_dict("records"):
+        verdict = ": ".join(filter(None, [row["fits"], row["fails"]]))
         yield [
             f"  {row['alignment']}", number(row["distance"]), number(row["elevation"], 4),
             f"{row['n']:,}", shown(row, "energy_q95", 1e-3), shown(row, "height_q95"),
             needed(row, "E_d", 1e-3), needed(row, "height_needed"),
             class_name(row) if row["n"] else "-", shown(row, "bypass", 100.0),
-            shown(row, "remaining", 100.0), shown(row, "cost"), _fits(row), row["choice"],
+            shown(row, "remaining", 100.0), shown(row, "cost"), verdict, row["choice"],
         ]  # fmt: skip
-
-
-def _fits(row: Mapping[str, Any]) -> str:
-    """Verdict and its reasons."""
-    return ": ".join(filter(None, [row["fits"], row["fails"]]))
 
 
 def _choice(siting: Siting) -> Iterator[str]:
