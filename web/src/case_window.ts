@@ -18,6 +18,7 @@ import { StatisticsPanel } from './panels/statistics';
 import { Tabs, type Tab } from './panels/tabs';
 import { VariantPanel } from './panels/variants';
 import {
+  hasStatistics,
   isOf,
   LAYERS,
   variantOf,
@@ -27,9 +28,11 @@ import {
   type CaseDocument,
   type CaseError,
   type Layer,
+  type LinesMessage,
   type State,
   type Text,
   type Value,
+  type Wanted,
   type Welcome,
 } from './protocol';
 import { RunBar } from './run_bar';
@@ -77,7 +80,10 @@ export class CaseWindow {
   private readonly toolbar: Toolbar;
   private readonly runBar: RunBar;
   private readonly legend: Legend;
-  private readonly statistics = new StatisticsPanel((name) => this.selectLine(name));
+  private readonly statistics = new StatisticsPanel(
+    (name) => this.selectLine(name),
+    (lines) => this.chooser && this.want({ ...this.wanted, lines }),
+  );
   private readonly messages = new MessagePanel((error) => this.showError(error));
   private readonly features: FeaturePanel;
   private readonly settings: SettingsPanel;
@@ -105,7 +111,7 @@ export class CaseWindow {
   private unfinished: readonly { name: string; boulders: number }[] = [];
   private mode: Mode = 'map';
   private bySpeed = false;
-  private wanted: Welcome['view'];
+  private wanted: Wanted;
 
   constructor(
     parent: HTMLElement,
@@ -292,9 +298,10 @@ export class CaseWindow {
       this.display.offer('zones', cells !== null);
       this.display.offer('background_sources', sources > 0);
       this.display.offer('trees', trees > 0);
-    } else if (message.header.type === 'batch' || message.header.type === 'trajectories') {
-      if (message.header.revision < this.sender.revision) return; // of an older state
-      if (isOf(message, 'batch')) this.setBatch(message);
+    } else {
+      if ('revision' in message.header && message.header.revision < this.sender.revision) return; // of an older state
+      if (isOf(message, 'lines')) this.addLines(message.header);
+      else if (isOf(message, 'batch')) this.setBatch(message);
       else if (isOf(message, 'trajectories')) this.setTrajectories(extended(this.trajectories, message));
     }
   }
@@ -336,6 +343,16 @@ export class CaseWindow {
     this.scene.update('drape');
     this.refresh();
     if (this.mode === 'compare') this.compare.update(this.states());
+  }
+
+  /** Take over statistics of further lines of what is shown. */
+  private addLines({ revision, boulders, lines }: LinesMessage): void {
+    const shown = this.batch?.header;
+    if (!shown || shown.revision !== revision || shown.boulders !== boulders) return;
+    const added = new Map(lines.map((line) => [line.name, line]));
+    shown.lines = shown.lines.map((line) => added.get(line.name) ?? line);
+    this.statistics.update(shown.lines);
+    if (this.mode === 'compare' && shown.lines.every(hasStatistics)) this.compare.update(this.states());
   }
 
   /** Mark in the browser's timeline, for benchmarks, when what has just been handed to the map is on the screen. */
@@ -427,7 +444,7 @@ export class CaseWindow {
     this.legend.setSpeeds(on ? this.view.trajectories.maxSpeed : null);
   }
 
-  private want(wanted: Welcome['view']): void {
+  private want(wanted: Wanted): void {
     this.wanted = wanted;
     this.connection.send({ type: 'view', ...wanted });
     this.refresh();

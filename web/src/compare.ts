@@ -5,7 +5,7 @@ import { button, element, select } from './dom';
 import { Legend } from './legend';
 import { MapView } from './map/map_view';
 import { estimate, percent, QUANTITIES } from './panels/statistics';
-import type { BackgroundMessage, Binary, Estimate, LineStatistics, OverlayHeader } from './protocol';
+import { hasStatistics, type BackgroundMessage, type Binary, type Estimate, type LineStatistics, type OverlayHeader } from './protocol';
 import { decimal, rounded, say, sayOr, supportedDecimals } from './texts';
 import { difference, type Snapshot } from './variants';
 import type { Shade, Terrain } from './view3d/view3d';
@@ -130,7 +130,7 @@ interface Row {
 
 function tableOf(a: Snapshot, b: Snapshot): HTMLElement {
   if (!a.batch || !b.batch) return element('p', { class: 'empty' }, say('app.variants.running'));
-  const [of, other] = [a.batch.lines, b.batch.lines];
+  const [of, other] = [a.batch.lines.filter(hasStatistics), b.batch.lines.filter(hasStatistics)];
   const names = [...new Set([...of, ...other].map(({ name }) => name))];
   if (!names.length) return element('p', { class: 'empty' }, say('app.statistics.none'));
   const rows = rowsOf([...of, ...other]);

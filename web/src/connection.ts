@@ -96,8 +96,9 @@ class Frame {
 }
 
 function replaces(message: Binary, earlier: Binary): boolean {
-  if (isOf(message, 'trajectories') && message.header.append) return false;
-  return message.header.type === earlier.header.type && variantOf(message) === variantOf(earlier);
+  if (isOf(message, 'lines') || (isOf(message, 'trajectories') && message.header.append)) return false;
+  const kind = isOf(earlier, 'lines') ? 'batch' : earlier.header.type; // further lines go with their batch
+  return message.header.type === kind && variantOf(message) === variantOf(earlier);
 }
 
 /** The key, from the address at first, then from the store of this tab. */

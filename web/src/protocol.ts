@@ -71,12 +71,18 @@ export type Request =
       whole: boolean; // all layers and groups, which an edit after one that was refused must have
     }
   | { type: 'compare'; variant: string }
-  | { type: 'view'; map: string; trajectories: number }
+  | ({ type: 'view' } & Wanted)
   | { type: 'run' | 'stop' | 'cancel' | 'take_over' }
   | { type: Task; name: string; overwrite: boolean }
   | { type: 'resume'; name: string }
   | { type: 'open_recent'; index: number };
 
+/** What results are wanted: a map, a number of trajectories, and, where they are many, the lines in view. */
+export interface Wanted {
+  map: string;
+  trajectories: number;
+  lines: readonly string[];
+}
 export interface Welcome {
   type: 'welcome';
   mode: 'case' | 'result' | 'start';
@@ -95,7 +101,7 @@ export interface Welcome {
   revision: number;
   forms: Forms;
   maps: MapName[];
-  view: { map: string; trajectories: number };
+  view: Wanted;
   limits: Record<string, number>;
 }
 export interface CaseError {
@@ -169,12 +175,17 @@ export interface QuantityStatistics {
   counts: number[];
   range: [number, number]; // of the bins
 }
-export interface LineStatistics {
+export interface Line {
   name: string;
   kind: 'line' | 'barrier';
+}
+export interface LineStatistics extends Line {
   n: number;
   fraction: Estimate;
   quantities: Record<string, QuantityStatistics>;
+}
+export function hasStatistics(line: Line | LineStatistics): line is LineStatistics {
+  return 'n' in line;
 }
 export interface OverlayHeader {
   name: string;
@@ -201,8 +212,16 @@ export interface BatchMessage {
   warnings: string[];
   ended: Record<string, number>;
   statuses: Record<string, number>; // numbers of `stop_status` by name
-  lines: LineStatistics[];
+  lines: (Line | LineStatistics)[]; // where they are many, only those in view have statistics at first
   overlay: OverlayHeader | null;
+}
+/** Statistics of further lines, of the boulders of a batch. */
+export interface LinesMessage {
+  type: 'lines';
+  revision: number;
+  variant?: string;
+  boulders: number;
+  lines: LineStatistics[];
 }
 export interface TrajectoriesMessage {
   type: 'trajectories';
@@ -211,7 +230,7 @@ export interface TrajectoriesMessage {
   append: boolean;
   count: number;
 }
-export type BinaryHeader = TerrainMessage | BackgroundMessage | BatchMessage | TrajectoriesMessage;
+export type BinaryHeader = TerrainMessage | BackgroundMessage | BatchMessage | LinesMessage | TrajectoriesMessage;
 
 const KINDS = { f4: Float32Array, f8: Float64Array, u1: Uint8Array, u4: Uint32Array, i4: Int32Array };
 type Kind = keyof typeof KINDS;

@@ -237,13 +237,14 @@ def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     if not all(name in values for name in names):
         return
     lines, speeds, passing, jump, volume = (np.asarray(values[name]) for name in names)
-    radius = np.cbrt(0.75 / np.pi * volume)
+    radius = np.broadcast_to(np.cbrt(0.75 / np.pi * volume), speeds.shape)
     lowest = LOWEST_REST if rebounds_by_ground(values) else repose()
-    rests = np.radians(case.impact.get("rest_angle", lowest))
-    steep = radius < (passing - jump) * np.cos(rests)
-    for name, speed, rolls in zip(lines, speeds, steep & (speeds < SLOW), strict=True):
-        passed = np.isfinite(speed)
-        if passed.any() and (fraction := float(rolls[passed].mean())) > MAX_SLOW:
+    cosine = np.cos(np.radians(case.impact.get("rest_angle", lowest)))
+    for k, name in enumerate(lines):
+        passed = np.flatnonzero(np.isfinite(speeds[k]))
+        above = passing[k, passed] - jump[k, passed]
+        rolls = (radius[k, passed] < above * cosine) & (speeds[k, passed] < SLOW)
+        if passed.size and (fraction := float(rolls.mean())) > MAX_SLOW:
             attrs = {"line": str(name), "fraction": percent(fraction), "slow": SLOW}
             yield Remark(say("model.rolling", **attrs), True)
 

@@ -13,6 +13,7 @@ import numpy as np
 from rockfall.app.document import Document, Site
 from rockfall.app.features import LAYERS
 from rockfall.app.forms import Form, layer_forms, settings_forms
+from rockfall.app.line_table import LineTable
 from rockfall.app.messages import Message, binary_message, text_message
 from rockfall.app.opening import line_features
 from rockfall.app.pictures import (
@@ -104,10 +105,14 @@ class Exhibit:
             "total": int(attrs["boulders_requested"]), "complete": bool(attrs["complete"]),
             "seconds": float(attrs["wall_seconds"]),
         }  # fmt: skip
+        table = LineTable(result)
         yield (
             "batch",
-            batch_message(result, self.case, view.map, self._ground, self.language, **progress),
-        )
+            batch_message(
+                result, self.case, view.map, self._ground, self.language,
+                lines=table.entries(table.names), **progress,
+            ),
+        )  # fmt: skip
         shown = trajectories(result, view.trajectories) if view.trajectories else []
         mass = masses(result, [trajectory.boulder for trajectory in shown], self.case)
         message = trajectory_message(shown, mass, self._ground, revision=0, append=False)

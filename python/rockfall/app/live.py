@@ -4,16 +4,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from threading import Condition, Event, Thread
 from typing import Any
 
 from rockfall.app.document import Document, Runnable, Site, runnable, with_output
 from rockfall.app.features import Frame
-from rockfall.app.messages import Message, Refused, fault_message, text_message
+from rockfall.app.line_table import LineTable
+from rockfall.app.messages import Message, Refused, binary_message, fault_message, text_message
 from rockfall.app.pictures import (
     BY_SOURCE,
+    MAX_LINES,
     Ground,
     View,
     background_message,
@@ -258,7 +261,8 @@ class Live:
         """Begin a run of the session."""
         assert self._session is not None and self._ground is not None
         batches = self._session.run(cancel=cancel, batch_seconds=STEP)
-        return _Progress(batches, fields, self.view, self._ground, send, self.language)
+        every_line = send is not self._send  # of a variant, whose page shows all of them
+        return _Progress(batches, fields, self.view, self._ground, send, self.language, every_line)
 
     def _show_background(self, made: Runnable) -> None:
         """Send what of the case is no feature, if it has changed."""
@@ -307,26 +311,31 @@ class _Progress:
 
     def __init__(
         self, batches: Iterator[Batch], fields: dict[str, Any], view: View, ground: Ground,
-        send: Send, language: str,
+        send: Send, language: str, every_line: bool = False,
     ) -> None:  # fmt: skip
         self.over, self.told_running = False, True
         self._batches, self._fields, self._view = batches, fields, view
         self._ground, self._send = ground, send
-        self._language = language
+        self._language, self._every_line = language, every_line
+        self._table: LineTable | None = None  # of the last message
         self._sent: set[int] = set()  # numbers of the boulders whose trajectories were sent
         self._begun = time.perf_counter()
         self._due = self._begun + FIRST  # of the next message
         self._batch: Batch | None = None
+        self._told = 0  # boulders of the last message
 
     def has_work(self, running: bool) -> bool:
         """Return True if there is something to simulate, or to tell."""
         return (running and not self.over) or self.told_running != running
 
     def step(self, running: bool) -> bool:
-        """Advance the run, and send results if they are due; False at its end."""
+        """Advance the run, and send results if they are due, at last those of lines that are not in
+        view; False at its end."""
         if not running:
             self._tell(running)
             return True
+        if self._batch is not None and self._batch.complete and self.told_running:
+            return self._tell_further()
         if self._batch is None or not self._batch.complete:
             batch = next(self._batches, None)
             if batch is None:  # cancelled
@@ -334,13 +343,15 @@ class _Progress:
             self._batch = batch
         if self._batch.complete or time.perf_counter() >= self._due or not self.told_running:
             self._tell(running)
-        return not self._batch.complete
+        return not self._batch.complete or self._has_missing()
 
     def look(self, view: View) -> None:
-        """Show another number of trajectories."""
-        self._view, self._sent = view, set()
-        if self._batch is not None:
+        """Show another number of trajectories, or other lines."""
+        before, self._view = self._view, view
+        if self._batch is not None and view.trajectories != before.trajectories:
+            self._sent = set()
             self._tell_trajectories(self._batch)
+        self._tell_lines(view.lines)
 
     def _tell(self, running: bool) -> None:
         """Send what is known, and plan the next message, so that the kernel gets most of the
@@ -354,16 +365,35 @@ class _Progress:
         left = None
         if batch.seconds and batch.boulders:
             left = batch.seconds / batch.boulders * (batch.total - batch.boulders)
+        table = self._table = LineTable(result)
+        few = self._every_line or len(table.names) <= MAX_LINES
+        lines = table.entries(table.names if few else self._view.lines or table.names[:MAX_LINES])
         message = batch_message(
             result, batch.case, self._view.map, self._ground, self._language,
-            **self._fields, boulders=batch.boulders, total=batch.total,
+            **self._fields, lines=lines, boulders=batch.boulders, total=batch.total,
             complete=batch.complete, running=running and not batch.complete,
             seconds=batch.seconds, seconds_left=left,
         )  # fmt: skip
         self._send("batch", message)
         self._tell_trajectories(batch)
+        self._told = batch.boulders
         now = time.perf_counter()
         self._due = now + max(SECOND, PATIENCE * (now - begun))
+
+    def _has_missing(self) -> bool:
+        return self._table is not None and bool(self._table.missing)
+
+    def _tell_further(self) -> bool:
+        """Send the statistics of some lines that were not in view; False if there are no more."""
+        if self._table is not None:
+            self._tell_lines(list(islice(self._table.missing, MAX_LINES)))
+        return self._has_missing()
+
+    def _tell_lines(self, names: Sequence[str]) -> None:
+        """Send the statistics of these lines, of the boulders of the last message, if not sent."""
+        if self._table is not None and (lines := self._table.further(names)):
+            fields = {**self._fields, "boulders": self._told, "lines": lines}
+            self._send("lines", binary_message("lines", {}, **fields))
 
     def _tell_trajectories(self, batch: Batch) -> None:
         number = self._view.trajectories

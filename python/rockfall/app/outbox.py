@@ -13,7 +13,7 @@ from rockfall.language import LANGUAGES
 
 #: Kinds of messages that make waiting ones of some kinds pointless.
 REPLACED = {
-    "batch": ("batch",), "state": ("state", "batch", "trajectories"),
+    "batch": ("batch", "lines"), "state": ("state", "batch", "lines", "trajectories"),
     "trajectories": ("trajectories",), "terrain": ("terrain",), "progress": ("progress",),
     "background": ("background",), "document": ("document",), "variant batch": ("variant batch",),
     "unfinished": ("unfinished",),

@@ -3,14 +3,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_statistics
-from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.app.messages import binary_message
 from rockfall.case import Case
@@ -21,11 +18,9 @@ from rockfall.language import speaking
 from rockfall.plots.cartography.rasters import cropped, merged
 from rockfall.plots.cartography.relief import shade
 from rockfall.plots.extent import of_none
-from rockfall.quantities import QUANTITIES
 from rockfall.result.classes import map_unit, shown_as
-from rockfall.result.contents import Contents
 from rockfall.result.map_labels import map_label
-from rockfall.result.samples import has_rows, simulated
+from rockfall.result.samples import has_rows
 from rockfall.result.trajectories import POINTS, Trajectory, ended
 from rockfall.result.variables import MAP, STATUS, TYPES
 
@@ -35,23 +30,22 @@ if TYPE_CHECKING:
     from rockfall.io.zone_table import Zone
     from rockfall.scene.scene import Scene
 
-SHOWN = ("speed", "energy_total", "passing_height")  # quantities at lines
-NUMBERS = ("mean", "q50", "q95")
-ENDS = ("", "_low", "_high")  # of a number and the limits of its interval
 MAX_HEIGHTS, MAX_SHADE = 1001, 2001  # cells along a side, for the view in 3-D and the map
 MAX_OVERLAY = 1001
 MAX_TRAJECTORIES = 1000
+MAX_LINES = 30  # whose statistics come with each picture; those of more where they are in view
 MAX_STOPS, MAX_SOURCES, MAX_TREES = 5000, 20_000, 20_000
-BINS = 20
 WIDE = 100.0  # ratio of the largest value of a map to its smallest, from which its scale is log
 BY_SOURCE = ("sources", "reach_probability_by_source")  # maps for which runs go source by source
 
 
 class View(NamedTuple):
-    """Map and number of trajectories shown besides statistics."""
+    """Map and number of trajectories shown besides statistics, and the lines whose statistics are
+    in view where there are more than MAX_LINES."""
 
     map: str = ""
     trajectories: int = 100
+    lines: tuple[str, ...] = ()
 
 
 class Ground:
@@ -140,7 +134,6 @@ def batch_message(
         warnings = [
             f"{remark.text}." for remark in model_remarks(result, case) if remark.is_warning
         ]
-    lines = _lines(_without_maps(result))
     arrays = _stops(result, ground)
     overlay = None
     if shown and shown in result:
@@ -148,7 +141,7 @@ def batch_message(
             overlay, arrays["overlay"] = _overlay(result, shown)
     return binary_message(
         "batch", arrays, **fields, warnings=warnings, ended=ended(result), statuses=STATUS,
-        lines=lines, overlay=overlay,
+        overlay=overlay,
     )  # fmt: skip
 
 
@@ -178,69 +171,6 @@ def _overlay(result: xr.Dataset, shown: str) -> tuple[dict[str, Any], np.ndarray
         "whole": data.dtype.kind in "iu",
     }  # fmt: skip
     return _about_map(shown) | fields, values
-
-
-def _without_maps(result: xr.Dataset) -> Contents:
-    """Result without its maps. Of thousands of lines each is looked up many times, which takes most
-    of the time in a Dataset."""
-    held = {
-        str(name): (variable.dims, variable.values, variable.attrs)
-        for name, variable in result.variables.items() if "x" not in variable.dims
-    }  # fmt: skip
-    return Contents(held, result.attrs, map(str, result.coords))
-
-
-def _lines(result: Contents) -> list[dict[str, Any]]:
-    """Statistics of each line, in shown units; null where the package withholds them."""
-    statistics = []
-    names = line_names(result)
-    numbers = line_statistics(result, quantities=SHOWN).to_dict("records")
-    height = result["barrier_height"].values if "barrier_height" in result else None
-    for k, name in enumerate(names):
-        rows = numbers[k * len(SHOWN) : (k + 1) * len(SHOWN)]
-        barrier = height is not None and np.isfinite(height[k])
-        first = rows[0]
-        statistics.append({
-            "name": name, "kind": "barrier" if barrier else "line", "n": int(first["n"]),
-            "fraction": [_known(first[f"fraction{end}"]) for end in ENDS],
-            "quantities": {row["quantity"]: _numbers(result, k, row) for row in rows},
-        })  # fmt: skip
-    return statistics
-
-
-def _known(value: float) -> float | None:
-    """The number, or null for NaN, which messages of thousands of lines had to be searched for."""
-    return value if math.isfinite(value) else None
-
-
-def _numbers(result: Contents, line: int, row: dict[str, Any]) -> dict[str, Any]:
-    """Numbers of a quantity at a line, and its histogram."""
-    quantity = QUANTITIES[row["quantity"]]
-    withheld, factor = str(row["withheld"]).split(", "), quantity.factor
-    numbers: dict[str, Any] = {
-        "label": quantity.label, "unit": quantity.unit, "factor": factor,
-        "decimals": quantity.decimals, "max": _known(factor * row["max"]),
-    }  # fmt: skip
-    for name in NUMBERS:
-        numbers[name] = [
-            None if name in withheld else _known(factor * row[f"{name}{end}"]) for end in ENDS
-        ]
-    counts, low, high = _histogram(result, line, row["quantity"])
-    return numbers | {"counts": counts, "range": [factor * low, factor * high]}
-
-
-def _histogram(result: Contents, line: int, quantity: str) -> tuple[list[int], float, float]:
-    """Counts in equal bins from 0, or the minimum if negative, to the maximum, and both ends; none
-    without rows of the boulders that passed."""
-    if result.sizes["boulder"] < simulated(result):
-        return [], 0.0, 1.0
-    values = line_values(result, quantity, line)
-    values = values[np.isfinite(values)]
-    if not values.size:
-        return [], 0.0, 1.0
-    low, high = min(0.0, float(values.min())), float(values.max())
-    high = high if high > low else low + 1.0
-    return np.histogram(values, BINS, (low, high))[0].tolist(), low, high
 
 
 def trajectory_message(

@@ -33,8 +33,18 @@ from rockfall.language import LANGUAGES, say, speaking, texts_of
 from rockfall.result.dataset import read_result
 from rockfall.version import __version__
 
+MAX_VISIBLE = 200  # lines in view
 MAX_REVISION = 2**53  # up to which numbers of JSON are exact in a browser
-KEPT = ("terrain", "background", "state", "batch", "trajectories")  # sent to a page that enters
+KEPT = (
+    "terrain",
+    "background",
+    "state",
+    "batch",
+    "lines",
+    "trajectories",
+)  # sent to a page that enters
+ADDED = {"more": "trajectories", "lines": "lines"}  # kinds that add to those of a kind
+STALE = {"state": ("batch", "lines", "trajectories"), "batch": ("lines",)}  # kinds that it ends
 
 Shown: TypeAlias = "Live | Exhibit"
 
@@ -159,13 +169,12 @@ class Room:
     def _send(self, kind: str, message: Message) -> None:
         """Send to all pages, and keep for those that come later."""
         with self._lock:
-            if kind == "more":
-                self._last.setdefault("trajectories", []).append(message)
+            if kind in ADDED:
+                self._last.setdefault(ADDED[kind], []).append(message)
             elif kind in KEPT:
                 self._last[kind] = [message]
-            if kind == "state":
-                self._last.pop("batch", None)
-                self._last.pop("trajectories", None)
+            for stale in STALE.get(kind, ()):
+                self._last.pop(stale, None)
             for client in self._clients:
                 client.send(kind, message)
 
@@ -212,13 +221,20 @@ class Room:
 
     def _view(self, _: Client, message: dict[str, Any]) -> None:
         name, number = message.get("map", ""), message.get("trajectories", 0)
+        lines = message.get("lines", [])
         if self._shown is None:
             raise Refused(say("app.server_nothing_open"))
         if not isinstance(name, str) or name not in ("", *self._shown.maps):
             raise Refused(say("app.server_wrong_type", name="map"))
         if type(number) is not int or not 0 <= number <= MAX_TRAJECTORIES:
             raise Refused(say("app.server_wrong_type", name="trajectories"))
-        self._shown.look(View(name, number))
+        if (
+            not isinstance(lines, list)
+            or len(lines) > MAX_VISIBLE
+            or any(type(line) is not str for line in lines)
+        ):
+            raise Refused(say("app.server_wrong_type", name="lines"))
+        self._shown.look(View(name, number, tuple(lines)))
 
     def _compare(self, _: Client, message: dict[str, Any]) -> None:
         live, variant = self._live(), message.get("variant")

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Statistics at the lines, with 95 % intervals and small distributions.
 import { button, element, svg } from '../dom';
-import type { Estimate, LineStatistics, QuantityStatistics } from '../protocol';
+import { hasStatistics, type Estimate, type Line, type LineStatistics, type QuantityStatistics } from '../protocol';
 import { decimal, rounded, say, sayOr, supportedDecimals } from '../texts';
 
 const FEW = 30; // lines whose numbers are all written
+const MOST = 200; // lines in view of which the server is told
+const PAUSE = 80; // ms in which the table stands still before it is
 
 export const QUANTITIES = ['speed', 'energy_total', 'passing_height'] as const;
 
@@ -83,8 +85,9 @@ export class StatisticsPanel {
   private shape = '';
   private selected = '';
   private rows = new Map<string, Row>();
-  private lines = new Map<string, LineStatistics>();
+  private lines = new Map<string, Line | LineStatistics>();
   private readonly visible = new Set<string>();
+  private timer = 0;
   private readonly seen = new IntersectionObserver((entries) => {
     for (const { target, isIntersecting } of entries) {
       const name = (target as HTMLElement).dataset['line'] ?? '';
@@ -96,12 +99,17 @@ export class StatisticsPanel {
         target.classList.add('unwritten'); // its numbers may be older when it comes into view again
       }
     }
+    window.clearTimeout(this.timer);
+    this.timer = window.setTimeout(() => this.onSeen([...this.visible].slice(0, MOST)), PAUSE);
   });
 
-  constructor(private readonly onChosen: (name: string) => void) {}
+  constructor(
+    private readonly onChosen: (name: string) => void,
+    private readonly onSeen: (lines: string[]) => void,
+  ) {}
 
-  update(lines: readonly LineStatistics[]): void {
-    const shape = JSON.stringify(lines.map(({ name, kind, quantities }) => [name, kind, Object.keys(quantities)]));
+  update(lines: readonly (Line | LineStatistics)[]): void {
+    const shape = JSON.stringify(lines.map(({ name, kind }) => [name, kind]));
     if (shape !== this.shape)
       this.root.replaceChildren(
         lines.length ? this.table(lines) : element('p', { class: 'empty' }, say('app.statistics.none')),
@@ -118,7 +126,9 @@ export class StatisticsPanel {
 
   private write(name: string): void {
     const line = this.lines.get(name);
-    if (line) this.rows.get(name)?.update(line);
+    const row = this.rows.get(name);
+    if (line && hasStatistics(line)) row?.update(line);
+    else row?.root.classList.add('unwritten'); // its numbers come once the server knows that it is in view
   }
 
   /** Mark the line of this name. */
@@ -130,9 +140,9 @@ export class StatisticsPanel {
     if (this.rows.size > FEW) root?.scrollIntoView({ block: 'nearest' });
   }
 
-  private table(lines: readonly LineStatistics[]): HTMLTableElement {
+  private table(lines: readonly (Line | LineStatistics)[]): HTMLTableElement {
     const known = QUANTITIES.flatMap((name) => {
-      const first = lines.map((line) => line.quantities[name]).find((one) => one !== undefined);
+      const first = lines.map((line) => (hasStatistics(line) ? line.quantities[name] : undefined)).find((one) => one !== undefined);
       return first ? [{ name, title: sayOr(`app.quantity.${name}`, first.label), unit: first.unit }] : [];
     });
     const column = (text: string, options: { class?: string } = {}): HTMLElement =>
@@ -172,7 +182,7 @@ export class StatisticsPanel {
     );
   }
 
-  private row({ name, kind }: LineStatistics, known: readonly { name: string; title: string; unit: string }[]): Row {
+  private row({ name, kind }: Line, known: readonly { name: string; title: string; unit: string }[]): Row {
     const chosen = button(
       [element('span', { class: `swatch ${kind}s` }), element('span', {}, name)],
       () => this.onChosen(name),

@@ -88,21 +88,21 @@ class Values(Sample):
 
     def __init__(self, values: np.ndarray, source: Sources) -> None:
         self._has, self._all = ~np.isnan(values), source
-        self._values, self._source = values[self._has], source[self._has]
-        self.n, self.released = self._values.size, values.size
+        self.values, self._source = values[self._has], source[self._has]
+        self.n, self.released = self.values.size, values.size
 
     @cached_property
     def _ordered(self) -> np.ndarray:
-        return np.sort(self._values)
+        return np.sort(self.values)
 
     def mean(self) -> float:
-        return self._values.mean()
+        return self.values.mean()
 
     def std(self) -> float:
-        return self._values.std(ddof=1)
+        return self.values.std(ddof=1)
 
     def max(self) -> float:
-        return self._values.max()
+        return self.values.max()
 
     def quantile(self, levels: Sequence[float]) -> np.ndarray:
         return np.quantile(self._ordered, levels)
@@ -117,14 +117,14 @@ class Values(Sample):
         return effective_number(self._has.astype(float), self._all)
 
     def effective_below(self, value: float) -> float:
-        return effective_number((self._values <= value).astype(float), self._source)
+        return effective_number((self.values <= value).astype(float), self._source)
 
     def limits_of_mean(self, signed: bool) -> tuple[float, float]:
-        return self._limits_of(self._values, signed)
+        return self._limits_of(self.values, signed)
 
     def limits_of_variance(self) -> tuple[float, float]:
         middle = float(self._ordered[self._cut : self.n - self._cut].mean())
-        return self._limits_of((self._values - middle) ** 2, *OF_SQUARES)
+        return self._limits_of((self.values - middle) ** 2, *OF_SQUARES)
 
     def _limits_of(self, values: np.ndarray, *rule: Any) -> tuple[float, float]:
         sums = self._source.sums(values - values.mean())
