@@ -36,6 +36,7 @@ from rockfall.app.document import runnable  # noqa: E402
 from rockfall.app.messages import MAX_BYTES, binary_message  # noqa: E402
 from rockfall.app.opening import open_site  # noqa: E402
 from rockfall.app.outbox import Client, Outbox  # noqa: E402
+from rockfall.app.pictures import MAX_LINES  # noqa: E402
 from rockfall.app.room import Room  # noqa: E402
 from rockfall.app.saving import save  # noqa: E402
 from rockfall.app.server import FILES, Server, bind  # noqa: E402
@@ -268,6 +269,7 @@ HOSTILE = {
     "no revision": '{"type": "edit"}', "no map": '{"type": "view", "map": "../x"}',
     "list as a map": '{"type": "view", "map": ["passages"], "trajectories": 5}',
     "many": '{"type": "view", "map": "", "trajectories": 1e9}',
+    "lines of no names": '{"type": "view", "map": "", "trajectories": 5, "lines": [1]}',
     "no name": '{"type": "save"}', "index": '{"type": "open_recent", "index": -1}',
     "layers": '{"type": "edit", "revision": 1, "layers": []}',
     "half a character": r'{"type": "\ud800"}',
@@ -582,6 +584,34 @@ def test_a_net_drawn_and_removed_brings_the_numbers_back(serve, visit):
     after = page.until("batch", complete=True, revision=2)
     assert after["lines"] == before["lines"]
     assert np.array_equal(after["arrays"]["stops"], before["arrays"]["stops"])
+
+
+def test_of_many_lines_those_in_view_come_first_and_all_at_the_end(serve, visit):
+    page = visit(serve())
+    count = 2 * MAX_LINES + 10
+    many = [line(100 + 3 * k, id=f"l{k}", name=f"M{k}") for k in range(count)]
+    page.send("view", map="passages", trajectories=0, lines=[f"M{count - 1}", "gone"])
+    page.edit(1, layers={"lines": many})
+    found = page.all_until("batch", revision=1, complete=True)
+    for batch in [one for one in found if one["type"] == "batch" and one["revision"] == 1]:
+        assert [one["name"] for one in batch["lines"] if "n" in one] == [f"M{count - 1}"]
+        assert [one["name"] for one in batch["lines"]] == [
+            one["properties"]["name"] for one in many
+        ]
+    lines = {one["name"]: one for one in batch["lines"] if "n" in one}
+    page.send("view", map="passages", trajectories=0, lines=["M50"])
+    while len(lines) < count:
+        further = page.until("lines", revision=1, boulders=batch["boulders"])["lines"]
+        assert not {one["name"] for one in further} & {*lines}
+        lines |= {one["name"]: one for one in further}
+    page.send("save", name="many")
+    page.until("saved")
+    table = rockfall.line_statistics(rockfall.run(rockfall.read_case("many.nml")), quantities=SHOWN)
+    for row in table.itertuples():
+        shown = lines[row.line]
+        assert shown["n"] == row.n and shown["fraction"][0] == row.fraction
+        mean = shown["quantities"][row.quantity]
+        assert mean["max"] == (None if np.isnan(row.max) else row.max * mean["factor"])
 
 
 def test_trajectories_come_once_each_and_thinned(serve, visit):
