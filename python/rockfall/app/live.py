@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from threading import Condition, Event, Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rockfall.app.document import Document, Runnable, Site, runnable, with_output
 from rockfall.app.features import Frame
@@ -35,6 +35,9 @@ from rockfall.result.variables import EXCEEDED, MAP
 from rockfall.scene.plausible import input_warnings
 from rockfall.session.batch import Batch
 from rockfall.session.session import Session, open_session, scene_of
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 STEP = 0.05  # seconds of the kernel between looks at what to do
 FIRST_MAP = "passages"
@@ -350,7 +353,7 @@ class _Progress:
         before, self._view = self._view, view
         if self._batch is not None and view.trajectories != before.trajectories:
             self._sent = set()
-            self._tell_trajectories(self._batch)
+            self._tell_trajectories(self._batch, self._batch.dataset())
         self._tell_lines(view.lines)
 
     def _tell(self, running: bool) -> None:
@@ -375,7 +378,7 @@ class _Progress:
             seconds=batch.seconds, seconds_left=left,
         )  # fmt: skip
         self._send("batch", message)
-        self._tell_trajectories(batch)
+        self._tell_trajectories(batch, result)
         self._told = batch.boulders
         now = time.perf_counter()
         self._due = now + max(SECOND, PATIENCE * (now - begun))
@@ -395,13 +398,13 @@ class _Progress:
             fields = {**self._fields, "boulders": self._told, "lines": lines}
             self._send("lines", binary_message("lines", {}, **fields))
 
-    def _tell_trajectories(self, batch: Batch) -> None:
+    def _tell_trajectories(self, batch: Batch, result: xr.Dataset) -> None:
         number = self._view.trajectories
         new = batch.trajectories(number, skip=self._sent)
         if not new and self._sent:
             return
         append = bool(self._sent)
         self._sent |= {trajectory.boulder for trajectory in new}
-        mass = masses(batch.dataset(), [trajectory.boulder for trajectory in new], batch.case)
+        mass = masses(result, [trajectory.boulder for trajectory in new], batch.case)
         message = trajectory_message(new, mass, self._ground, **self._fields, append=append)
         self._send("more" if append else "trajectories", message)

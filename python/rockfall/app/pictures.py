@@ -191,7 +191,8 @@ def trajectory_message(
 def _points(path: Trajectory, ground: Ground) -> np.ndarray:
     """Points (n, 5) of a trajectory: x, y, z, time and speed at both ends of each flight, between
     which the page draws the parabola."""
-    chosen = np.isin(np.arange(path.x.size) % POINTS, (0, POINTS - 1))
+    place = np.arange(path.x.size) % POINTS
+    chosen = (place == 0) | (place == POINTS - 1)
     plan = ground.relative(path.x[chosen], path.y[chosen])
     return np.column_stack([plan, path.z[chosen], path.time[chosen], path.speed[chosen]])
 
