@@ -695,6 +695,20 @@ def test_warnings_are_in_the_language_of_the_page_that_writes(serve, visit):
     assert all(one != other for one, other in zip(found["en"], found["de"], strict=True))
 
 
+def test_a_page_in_another_language_gets_everything_in_it(serve, visit):
+    server = serve()
+    page = visit(server)
+    flat = {"surface": {"uniform_mean_radius": 5.0}, "release": {"drop_height": 0.0}}
+    english = page.edit(1, settings=flat)["warnings"]
+    english += page.until("batch", complete=True, revision=1)["warnings"]
+    page = visit(server, {"language": "de"})
+    page.send("take_over")
+    page.until("role", writer=True)
+    german = page.until("state", revision=1)["warnings"]
+    german += page.until("batch", complete=True, revision=1)["warnings"]
+    assert len(english) == len(german) >= 2 and not {*english} & {*german}
+
+
 def test_a_run_pauses_and_goes_on(serve, visit):
     page = visit(serve())
     page.edit(1, settings=LONG)

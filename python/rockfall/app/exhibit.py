@@ -86,6 +86,12 @@ class Exhibit:
         for kind, message in self._pictures():
             self._tell(kind, message)
 
+    def speak(self, language: str) -> None:
+        """Change the language, in which everything with words is sent again."""
+        if language != self.language:
+            self.language = language
+            self.look(self.view)
+
     def _tell(self, kind: str, message: Message) -> None:
         assert self._send is not None
         self._send(kind, message)

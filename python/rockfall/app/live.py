@@ -144,6 +144,16 @@ class Live:
             self.view = self._pending.view = view
             self._wake.notify()
 
+    def speak(self, language: str) -> None:
+        """Change the language, in which everything is sent again: what was sent has words in it."""
+        with self._wake:
+            if language != self.language:
+                self.language = language
+                self._pending.document = self._pending.document or self.document
+                self._pending.revision, self._pending.error = self.revision, self.error
+                self._cancel.set()
+                self._wake.notify()
+
     def compare(self, variant: str) -> None:
         """Run a variant of the case as opened besides the document, to compare it."""
         with self._wake:

@@ -87,11 +87,11 @@ class Room:
         with self._lock:
             wish = hello.get("language")
             client.language = self._language or (wish if wish in LANGUAGES else LANGUAGES[0])
-            self._clients.append(client)
             if self._writer is None:
                 self._writer = client
             if self._shown is not None and self._writer is client:
-                self._shown.language = client.language
+                self._shown.speak(client.language)
+            self._clients.append(client)  # what it is to know so far comes after the welcome
             self._welcome(client)
 
     def leave(self, client: Client) -> None:
@@ -141,7 +141,7 @@ class Room:
         if before is not None and before is not client:
             before.send("role", text_message("role", writer=False))
         if self._shown is not None:
-            self._shown.language = client.language
+            self._shown.speak(client.language)
             client.send("document", document_message(self._shown))
         client.send("role", text_message("role", writer=True))
 
