@@ -246,6 +246,28 @@ def test_a_source_is_drawn_dragged_and_saved_as_what_the_command_line_runs(windo
     agrees(dragged, "drawn.nml")
 
 
+def test_a_source_is_dragged_on_four_million_cells(browser):
+    make_raster("dem.tif", scenes.rough(2000, 2000, dtype="f4"))
+    middle = (f"{W + 150}", W + 5000), (f"{N - 40}", N - 4000), (f"{N - 200}", N - 4300)
+    text = CASE.replace(f"x = {W}, {W + 300}", f"x = {W + 3000}, {W + 7000}")
+    for given, place in middle:
+        text = text.replace(given, f"{place}")
+    Path("large.nml").write_text(text, encoding="utf-8")
+    with served("large.nml") as server:
+        resize(browser, 1280, 800)
+        window = open_window(browser, server)
+        before = window.complete()
+        places = [W + 5000, N - 4000], [W + 4800, N - 3900], [W + 4500, N - 3800]
+        window.touch(places[0])
+        window.until("the source", "document.querySelector('.properties:not([hidden])')")
+        window.changed(lambda: window.touch(*places, drag=True))
+        lines = window.complete(window.revision)
+        assert lines["L"]["quantities"] != before["L"]["quantities"]
+        window.save("moved")
+        agrees(lines, "moved.nml")
+        browser.get("about:blank")
+
+
 def test_undo_takes_back_a_net_and_the_numbers_with_it(window):
     before = window.complete()
     across = [W + 60, N - 150], [W + 240, N - 150]
@@ -451,6 +473,19 @@ def test_nothing_is_wider_than_the_page(width, window):
     sizes = "[document.documentElement.scrollWidth, innerWidth]"
     wide, inner = window.browser.execute_script(f"return {sizes}")
     assert wide <= inner == width
+
+
+def test_a_phone_has_the_legend_above_the_terrain_and_room_for_fingers(window):
+    resize(window.browser, 390, 844)
+    top = "rockfall.pixelOf(arguments[0])?.[1]"
+    legend = "document.querySelector('.legend').getBoundingClientRect().bottom"
+    window.until("a legend above the terrain", f"{top} >= {legend} && {legend} > 0", [W + 150, N])
+    window.click("[data-feature]")
+    sizes = window.browser.execute_script("""
+    const fields = 'button, select, summary, input[type=text], [role=tab], .check';
+    return [...document.querySelectorAll(fields)].filter((one) => one.offsetParent)
+        .map((one) => [one.getBoundingClientRect().height, one.outerHTML.slice(0, 80)])""")
+    assert len(sizes) > 20 and [one for one in sizes if one[0] < 36] == []
 
 
 def test_the_page_speaks_the_language_that_is_chosen(window):

@@ -31,7 +31,7 @@ export type Shown =
 
 const PADDING = 28; // pixels around what the view is fitted to
 const TAG = 44; // and above it, where it says preliminary
-const LEGEND = 134; // and on a phone, where the legend is
+const LEGEND = 156; // and on a phone, where the legend is
 
 export class MapView {
   readonly map: OlMap;
