@@ -48,7 +48,7 @@ def main() -> None:
     extensions = {name: link(name, python) for name in EXTENSIONS}
     print(write_wheel(extensions).relative_to(ROOT))
     program = BUILD / "kernel/fortran/rockfall-batch.exe"
-    run("x86_64-w64-mingw32-strip", "-o", ROOT / "dist/rockfall-batch.exe", program)
+    run("x86_64-w64-mingw32-strip", "-p", "-o", ROOT / "dist/rockfall-batch.exe", program)
 
 
 def run(*command: object, **options: object) -> None:
@@ -105,7 +105,8 @@ def link(name: str, python: Path) -> Path:
     archives = [kernel / one for one in libraries]
     group = ["-Wl,--start-group", *archives, BUILD / "lapack/liblapack.a", "-Wl,--end-group"]
     run(
-        FC, "-shared", "-static", "-fopenmp", "-s", "-o", target, *objects, *group,
+        FC, "-shared", "-static", "-fopenmp", "-s", "-Wl,--no-insert-timestamp",
+        "-o", target, *objects, *group,
         python / "libs/python311.lib", f"-Wl,--exclude-all-symbols,{exported(name, folder)}",
     )  # fmt: skip
     return target
