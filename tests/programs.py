@@ -34,6 +34,19 @@ OWN = (
     "cpu_seconds",
 )  # attributes that are a run's own
 
+#: For tests that send a running program a signal.
+sends_signals = pytest.mark.skipif(
+    sys.platform == "win32", reason="a process gets signals of its console alone there"
+)
+#: For tests that put a library of their own before a program's (crash.c).
+preloads = pytest.mark.skipif(sys.platform == "win32", reason="LD_PRELOAD is of POSIX")
+#: For tests that run a shell.
+runs_shell = pytest.mark.skipif(sys.platform == "win32", reason="needs a POSIX shell")
+#: For tests that make symbolic links.
+makes_links = pytest.mark.skipif(
+    sys.platform == "win32", reason="symbolic links need a privilege there"
+)
+
 
 def find_program():
     """The program of this build, or of this installation."""

@@ -1,23 +1,34 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Tests under Wine: in Fortran, and of cases that must have the bits of this system; or in Python.
 
-usage: wine_test.py [ARGS]   after `./run wheel-windows`; packages for Windows come from PyPI
+usage: wine_test.py             after `./run wheel-windows`; packages for Windows come from PyPI
+       wine_test.py ARGS        pytest alone
+       wine_test.py --python [FILE...]   each file of Python tests that has not run, or these; hours
 
-With ARGS the Python tests alone: `tests`, which takes hours, or what goes to pytest.
+`--python` keeps what became of each file in build-windows/python-tests.json, and what was printed
+next to it. Stopped, it goes on with the next file; without that table it begins again.
 """
 
+import json
 import os
+import pty
 import re
 import shutil
 import subprocess
 import sys
+import threading
+import time
 import zipfile
+from contextlib import suppress
 from pathlib import Path
+
+import rockfall
 
 ROOT = Path(__file__).parents[1]
 BUILD = ROOT / "build-windows"
 PYTHON = BUILD / "python/org/bytedeco/cpython/windows-x86_64"
-WINE = "/usr/lib/wine/wine64"
+WINE, WINESERVER = "/usr/lib/wine/wine64", "/usr/lib/wine/wineserver64"
+PYTEST = [WINE, PYTHON / "python.exe", "-m", "pytest", "-p", "no:cacheprovider"]
 #: The newest that Wine 8 can load, with what they need; then the newest of what tests use.
 PACKAGES = """
 numpy==1.26.4 scipy==1.12.0 netCDF4==1.6.5 cftime==1.6.3 pandas==2.1.4 xarray==2024.11.0
@@ -25,11 +36,28 @@ pyogrio==0.11.0 shapely==2.0.2 pyproj==3.6.1 rasterio==1.4.0 f90nml rich coloram
 pytest hypothesis psutil matplotlib pillow jinja2 threadpoolctl openpyxl python-docx ezdxf laspy
 pooch
 """.split()
-#: Tests of what is not there: browsers, QGIS, Slurm, Dask, limits of a process, our own tools.
-LEFT_OUT = """
-app qgis cluster docs fuzz/test_hostile.py simulation/test_dask.py simulation/test_slurm.py
-test_architecture.py test_packages.py test_release.py test_theory.py
-""".split()
+#: Files of tests that cannot run there, and why.
+LEFT_OUT = {
+    "app/test_page.py": "needs Chromium",
+    "cluster/test_slurm.py": "needs Slurm",
+    "docs": "runs shell scripts of pages",
+    "fuzz/test_hostile.py": "needs limits of a process",
+    "qgis/test_qgis.py": "needs QGIS",
+    "simulation/test_dask.py": "needs Dask, whose workers are forked",
+    "simulation/test_slurm.py": "needs a shell",
+    "test_architecture.py": "looks at sources",
+    "test_packages.py": "looks at sources",
+    "test_release.py": "looks at sources",
+    "test_theory.py": "looks at sources",
+}
+#: Tests that Wine alone cannot run, and why.
+DESELECTED = {
+    "cli/test_hazard_command.py::test_gdal_opens_every_map_where_the_terrain_lies": (
+        "GDAL's netCDF driver ends the process"
+    ),
+}
+#: What one file may take there [s].
+LIMIT = 2400
 
 
 def main(words: list[str]) -> str | None:
@@ -37,16 +65,19 @@ def main(words: list[str]) -> str | None:
     env = os.environ | {"WINEDEBUG": "-all", "WINEPREFIX": str(BUILD / "prefix")}
     env["PYTHONUTF8"] = "1"  # files that tests write have no code page
     env.pop("PYTHONPATH", None)  # of this system's Python
+    env["WINEPATH"] = str(ROOT / "dist")  # rockfall-batch.exe, for tests
     install()
     subprocess.run(
         [WINE, "wineboot", "--init"], env=env, check=True
     )  # alone: tests run two at a time
+    if words[:1] == ["--python"]:
+        return run_files(words[1:], env)
     if words:
-        return run_suite(words, env)
+        return "tests fail" if run_piped([*PYTEST, *words], ROOT, env) else None
     tests = ["meson", "test", "-C", BUILD / "kernel", "--print-errorlogs"]
     if subprocess.run(tests, env=env).returncode:
         return "the Fortran tests fail"
-    return compare_cases(env)
+    return compare_cases(env) or press_ctrl_c(env)
 
 
 def compare_cases(env: dict[str, str]) -> str | None:
@@ -73,45 +104,132 @@ def compare_cases(env: dict[str, str]) -> str | None:
     return None
 
 
-def run_suite(words: list[str], env: dict[str, str]) -> str | None:
-    """Run the Python tests, each file in a process, since Wine ends some of them; returns what is
-    wrong."""
-    left_out = [ROOT / "tests" / name for name in LEFT_OUT]
-    pytest = [WINE, PYTHON / "python.exe", "-m", "pytest", "-q", "-p", "no:cacheprovider"]
-    if words != ["tests"]:
-        return "tests fail" if run_piped([*pytest, *words], ROOT, env) else None
-    failed = []
-    for path in sorted((ROOT / "tests").rglob("test_*.py")):
-        if not {path, *path.parents} & {*left_out}:
-            name = path.relative_to(ROOT)
-            failed += [str(name)] * (
-                run_piped([*pytest, "--tb=line", name], ROOT, env) not in (0, 5)
-            )
-    return f"tests fail in {', '.join(failed)}" if failed else None
+def press_ctrl_c(env: dict[str, str]) -> str | None:
+    """Type Ctrl-C in the console of a run that has saved something; returns what is wrong."""
+    folder = BUILD / "cases/Übung in/vaujany"
+    result, state = folder / "typed.nc", folder / "typed.nc.checkpoint"
+    for path in (result, state):
+        path.unlink(missing_ok=True)
+    words = ["run", "many.nml", "--threads", "1", "--checkpoint", "0.1", "-o", result.name]
+    here, there = pty.openpty()  # which Wine makes a console of
+    streams = {"stdin": there, "stdout": there, "stderr": there}
+    command = [WINE, PYTHON / "python.exe", "-m", "rockfall", *words]
+    with subprocess.Popen(command, cwd=folder, env=env, **streams) as process:
+        os.close(there)
+
+        def press() -> None:
+            while process.poll() is None and not state.exists():
+                time.sleep(0.05)
+            os.write(here, b"\x03")
+
+        threading.Thread(target=press).start()
+        with suppress(OSError):  # the console is closed
+            while os.read(here, 4096):
+                pass
+    kept = rockfall.read_result(result).sizes["boulder"] if result.exists() else 0
+    print(f"Ctrl-C: status {process.returncode}, {kept} of 30000 boulders kept")
+    well = process.returncode == 130 and 0 < kept < 30_000 and state.exists()
+    return None if well else "Ctrl-C does not keep what was done"
 
 
-def run_piped(command: list[object], folder: Path, env: dict[str, str]) -> int:
-    """Run a command and show what it prints, through a pipe: Windows' Python refuses to start under
-    Wine if its output is a file."""
+def run_files(words: list[str], env: dict[str, str]) -> str | None:
+    """Run files of Python tests, each in a process since Wine ends some, and show a table; returns
+    what is wrong."""
+    table = BUILD / "python-tests.json"
+    done = json.loads(table.read_text("utf-8")) if table.exists() else {}
+    for name in words or [name for name in test_files() if name not in done]:
+        done[name] = run_file(name, env)
+        table.write_text(json.dumps(done, indent=1), "utf-8")
+        print(one_row(name, done[name]), flush=True)
+    print("", *(one_row(name, done[name]) for name in sorted(done)), sep="\n")
+    for name, reason in {**LEFT_OUT, **DESELECTED}.items():
+        print(f"{name:44} left out: {reason}")
+    total = {key: sum(one[key] for one in done.values()) for key in COUNTED}
+    print(", ".join(f"{number} {key}" for key, number in total.items()))
+    wrong = [name for name, one in done.items() if one["ended"]]
+    return f"tests fail in {', '.join(wrong)}" if wrong else None
+
+
+#: What pytest counts in its last line.
+COUNTED = "passed", "failed", "error", "skipped"
+
+
+def test_files() -> list[str]:
+    """The files of tests that can run there, without `tests/`."""
+    tests = ROOT / "tests"
+    names = [path.relative_to(tests).as_posix() for path in tests.rglob("test_*.py")]
+    return sorted(name for name in names if not {name, name.split("/")[0]} & {*LEFT_OUT})
+
+
+def run_file(name: str, env: dict[str, str]) -> dict[str, int | str]:
+    """Run a file of tests; what became of it: counts, seconds, and how it ended if not well."""
+    begun = time.monotonic()
+    # `-v` names the test that was running when Wine ended the process
+    command = [*PYTEST, "-v", "--tb=short", "--color=no", f"tests/{name}"]
+    command += [f"--deselect=tests/{one}" for one in DESELECTED if one.startswith(name)]
+    lines: list[str] = []
+    status = run_piped(command, ROOT, env, lines, LIMIT)
+    seconds = round(time.monotonic() - begun)
+    said = BUILD / "python-tests" / name.replace("/", "-").replace(".py", ".txt")
+    said.parent.mkdir(exist_ok=True)
+    said.write_text("\n".join(lines), "utf-8")
+    counts = {
+        key: int((re.findall(rf"(\d+) {key}", lines[-1] if lines else "") or "0")[0])
+        for key in COUNTED
+    }
+    ends = {0: "", 1: "tests fail", 5: ""}  # 5: no test that can run
+    ended = "timed out" if seconds >= LIMIT else ends.get(status, f"ended by {status}")
+    return {**counts, "seconds": seconds, "ended": ended}
+
+
+def one_row(name: str, one: dict[str, int | str]) -> str:
+    counts = ", ".join(f"{one[key]} {key}" for key in COUNTED if one[key])
+    return f"{name:44} {one['seconds']:5} s  {counts}  {one['ended']}"
+
+
+def run_piped(
+    command: list[object],
+    folder: Path,
+    env: dict[str, str],
+    lines: list[str] | None = None,
+    limit: float | None = None,
+) -> int:
+    """Run a command and show or keep what it prints, through a pipe: Windows' Python refuses to
+    start under Wine if its output is a file. After `limit` seconds all of Wine is ended."""
     pipe = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "stdin": subprocess.PIPE}
+    timer = threading.Timer(limit or 0, subprocess.run, [[WINESERVER, "-k"]], {"env": env})
     with subprocess.Popen([*map(str, command)], cwd=folder, env=env, **pipe) as process:
+        if limit:
+            timer.start()
         process.stdin.close()
-        for line in process.stdout:
-            print(line.decode("utf-8", "replace").rstrip(), flush=True)
+        for raw in process.stdout:
+            line = raw.decode("utf-8", "replace").rstrip()
+            if lines is None:
+                print(line, flush=True)
+            else:
+                lines.append(line)
+    timer.cancel()
     return process.returncode
 
 
 def install() -> None:
-    """Unpack packages for Windows, and the wheel, beside its Python."""
+    """Unpack packages for Windows, and the wheel, beside its Python, unless they are there."""
     place, wheels = PYTHON / "lib/site-packages", BUILD / "wheels"
     if not wheels.exists():
         where = "--platform", "win_amd64", "--python-version", "3.11", "--only-binary=:all:"
         download = [sys.executable, "-m", "pip", "download", "-q", "-d", wheels]
         subprocess.run([*download, *where, *PACKAGES], check=True)
     for path in [*wheels.glob("*.whl"), *(ROOT / "dist").glob("rockfall-*-win_amd64.whl")]:
+        stamp = place / f"{path.stem}.installed"
+        if stamp.exists() and stamp.stat().st_mtime > path.stat().st_mtime:
+            continue
+        if path.name.startswith("rockfall-"):  # nothing of an earlier one
+            shutil.rmtree(place / "rockfall", ignore_errors=True)
         with zipfile.ZipFile(path) as archive:
             archive.extractall(place)
-    add_stable_interface()
+        stamp.touch()
+    if not (PYTHON / "python3.dll").exists():
+        add_stable_interface()
 
 
 def add_stable_interface() -> None:

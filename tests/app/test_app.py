@@ -31,6 +31,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 import rockfall  # noqa: E402
 import scenes  # noqa: E402
 from made import make_layer, make_page, make_raster  # noqa: E402
+from programs import makes_links, sends_signals  # noqa: E402
 from rockfall.app import exhibit, show  # noqa: E402
 from rockfall.app.document import runnable  # noqa: E402
 from rockfall.app.messages import MAX_BYTES, binary_message  # noqa: E402
@@ -945,7 +946,9 @@ def test_files_are_replaced_on_request_only_and_inputs_never(serve, place, visit
     assert Path("case.nml").read_text() != text
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+@pytest.mark.skipif(
+    os.name == "nt" or os.geteuid() == 0, reason="root may write anywhere, Windows has other rights"
+)
 def test_a_folder_that_is_read_only_serves_until_something_is_saved(serve, place, visit):
     folder = place / "locked"
     folder.mkdir()
@@ -980,6 +983,7 @@ def test_the_report_is_that_of_a_fresh_run(serve, visit, blank_figures):
     assert '<html lang="fr"' in Path("rapport.html").read_text(encoding="utf-8")
 
 
+@makes_links
 def test_nothing_is_written_through_a_link_to_a_folder(serve, place, visit):
     (place / "elsewhere").mkdir()
     os.symlink(place / "elsewhere", "out_layers")
@@ -1220,6 +1224,7 @@ def test_command_lines_have_no_key(place, visit):
             time.sleep(0.01)
 
 
+@sends_signals
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_ends_the_server_quietly(place, stop):
     with program() as (child, _):

@@ -16,7 +16,15 @@ import pytest
 
 import rockfall
 from benchmarks.stability.kills import CRASHED, INTERRUPTED, build_shim
-from programs import MANY, everything, find_program, same_results
+from programs import (
+    MANY,
+    everything,
+    find_program,
+    makes_links,
+    preloads,
+    same_results,
+    sends_signals,
+)
 from rockfall.cli import main
 from rockfall.simulation.part_file import boulders_in
 
@@ -39,7 +47,7 @@ def kill(folder, program, *words, wait=0.0):
     while process.poll() is None and not (state.exists() and state.stat().st_ino != before):
         time.sleep(0.001)
     time.sleep(wait)
-    process.send_signal(signal.SIGKILL)
+    process.kill()
     process.communicate()
     return process.returncode != 0
 
@@ -105,6 +113,7 @@ def test_a_checkpoint_is_not_overwritten_unasked(stopped, batch):
     refused(stopped, "a.nc.checkpoint: belongs to a different run (", "--resume", "--shard", "2/3")
 
 
+@sends_signals
 def test_a_result_is_not_overwritten_unasked(many):
     """By both programs alike; what a stopped run left gives way to what goes on from it."""
     few = ("--boulders", "3")
@@ -132,6 +141,7 @@ def test_a_result_is_not_overwritten_unasked(many):
     assert b"a.nc holds " in running.communicate()[1]
 
 
+@makes_links
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_no_file_is_written_through_a_link_that_somebody_placed(many, program):
     """Nor is anything left of it where the name was a known one."""
@@ -223,6 +233,7 @@ def test_a_full_disk_is_said_once_and_the_last_good_checkpoint_stays(many, batch
     same_results(result_of(many / "a.nc"), rockfall.run(rockfall.read_case(many / "case.nml")))
 
 
+@preloads
 def test_a_crash_at_every_step(ready):
     """Each is followed by an interrupt right after the next has begun."""
     shim = build_shim(ready)

@@ -15,7 +15,7 @@ import xarray as xr
 import rockfall
 import scenes
 from made import make_raster
-from programs import limited, refuses, wait_until_busy
+from programs import limited, refuses, runs_shell, sends_signals, wait_until_busy
 from rockfall.cli import main
 from slope_case import CASE, slope, zones
 
@@ -206,6 +206,7 @@ def test_letters_that_the_terminal_does_not_have(place):
     assert (done.returncode, done.stderr) == (0, "") and "Stra?e" in done.stdout
 
 
+@runs_shell
 def test_output_that_nobody_takes(place):
     with open("/dev/full", "w") as full:
         done = subprocess.run(
@@ -329,6 +330,7 @@ def test_a_fault_of_ours_is_one_line(place, capsys, monkeypatch):
     assert "Traceback" in capsys.readouterr().err
 
 
+@sends_signals
 def test_ctrl_c_keeps_the_boulders_done(place):
     whole = 3_000_000
     words = ["run", "case.nml", "-o", "part.nc", "--boulders", str(whole)]

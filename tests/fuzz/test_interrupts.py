@@ -12,7 +12,7 @@ import pytest
 
 import rockfall
 from benchmarks.stability.kills import build_shim
-from programs import find_program, make_full_case, wait_until_busy
+from programs import find_program, make_full_case, preloads, sends_signals, wait_until_busy
 from rockfall import interrupts
 from rockfall.cli import main
 from rockfall.result import export
@@ -39,6 +39,7 @@ def shim(tmp_path_factory):
     return build_shim(tmp_path_factory.mktemp("shim"))
 
 
+@sends_signals
 def test_a_run_that_slurm_ends_goes_on(place):
     """`timeout` and others send a signal twice in a row: to the process, and to its group."""
     words = ["run", "case.nml", "-o", "part.nc", "--boulders", "3000000"]
@@ -57,6 +58,7 @@ def test_a_run_that_slurm_ends_goes_on(place):
     assert not list(place.glob(".*"))
 
 
+@sends_signals
 def test_a_second_ctrl_c_ends_a_chunk_that_lasts(place):
     """Pressed until it ends: on a busy machine a chunk begins slowly, and not to be stopped."""
     words = ["run", "case.nml", "-o", "part.nc", "--boulders", "1000000", "--threads", "1"]
@@ -152,6 +154,7 @@ def wait_for(process, path):
         time.sleep(0.002)
 
 
+@sends_signals
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_saves_what_rockfall_batch_has_done(number, status, prepared):
     before = {path.name for path in prepared.iterdir()}
@@ -166,6 +169,7 @@ def test_a_signal_saves_what_rockfall_batch_has_done(number, status, prepared):
     assert {path.name for path in prepared.iterdir()} == before | {"a.checkpoint"}
 
 
+@preloads
 def test_rockfall_batch_keeps_nothing_where_none_is_asked(prepared, shim):
     before = sorted(prepared.iterdir())
     process = start_batch(prepared, shim | {"INTERRUPT_READY": "1"}, "--checkpoint", "0")
@@ -174,6 +178,7 @@ def test_rockfall_batch_keeps_nothing_where_none_is_asked(prepared, shim):
     assert sorted(prepared.iterdir()) == before
 
 
+@preloads
 def test_a_second_signal_ends_rockfall_batch_though_the_disk_hangs(prepared, shim):
     """It is within its second save when the first comes; what was saved before stays."""
     process = start_batch(prepared, shim | {"STALL_AT": "8"}, "--checkpoint", "1e-9")
