@@ -4,7 +4,7 @@
 
     python tools/ship_tables.py [GROUND ... | rocky-slope]
 
-Half a minute each, on two cores, `rocky-slope` a quarter of an hour; `rockfall lab remake` makes
+Half a minute each, on two cores, `rocky-slope` half an hour; `rockfall lab remake` makes
 one again from what it says itself. Of a ground whose values evidence leaves open, each shape comes
 with an ensemble: draws of these values (data/lab_draws.csv, made by benchmarks.physics.posterior).
 """

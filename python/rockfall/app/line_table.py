@@ -56,13 +56,13 @@ class LineTable:
         samples = {quantity: self._samples.sample(line, quantity) for quantity in SHOWN}
         rows = {quantity: numbers(sample, quantity) for quantity, sample in samples.items()}
         first = rows[SHOWN[0]]
-        known = {
+        quantities = {
             quantity: _numbers(quantity, row, samples[quantity]) for quantity, row in rows.items()
         }
         return self._head(name) | {
             "n": int(first["n"]),
             "fraction": [_known(first, f"fraction{end}") for end in ENDS],
-            "quantities": known,
+            "quantities": quantities,
         }
 
 

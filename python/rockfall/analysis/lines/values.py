@@ -46,18 +46,18 @@ def is_derived(result: Held, quantity: str) -> bool:
 def derived_values(result: Held, line: int) -> np.ndarray:
     """Values (quantities, boulder) at a line of the quantities that follow from others; NaN where a
     boulder did not cross."""
-    known = {
+    columns = {
         fields("line").index(name): result[f"line_{name}"].values[line]
         for name in HEIGHT_NEEDS + ENERGY_NEEDS
         if f"line_{name}" in result
     }
     crossed = np.zeros(result.sizes["boulder"], bool)
-    for column in known.values():
+    for column in columns.values():
         crossed |= ~np.isnan(column)
     values = np.full((len(QUANTITIES), crossed.size), np.nan)
     if crossed.any():
         rows = np.full((len(fields("line")), np.count_nonzero(crossed)), np.nan, order="F")
-        for row, column in known.items():
+        for row, column in columns.items():
             rows[row] = column[crossed]
         has_volume = "volume" in result or "line_volume" in result
         volumes = volumes_at_line(result, line)[crossed] if has_volume else rows[0]
