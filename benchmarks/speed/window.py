@@ -310,13 +310,13 @@ def _wait(browser: Any, script: str) -> None:
         time.sleep(0.02)
 
 
-def time_page(folder: Path, side: int) -> None:
+def time_page(folder: Path, side: int, lines: int) -> None:
     """Print the times of the page of each case [ms]."""
     environment = os.environ | {"XDG_STATE_HOME": str(folder), "PYTHONWARNINGS": "ignore"}
     made_case, _ = made(folder, side)
     cases = {
         "cases/vaujany": VAUJANY, f"{side} x {side} cells": made_case,
-        "2,000 lines": many(made_case, 2000, 0), "5,000 sources": many(made_case, 0, 5000),
+        f"{lines:,} lines": many(made_case, lines, 0), "5,000 sources": many(made_case, 0, 5000),
     }  # fmt: skip
     for name, path in cases.items():
         measure_page(name, path, environment)
@@ -344,6 +344,7 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=15)
     parser.add_argument("--side", type=int, default=2000)
     parser.add_argument("--trajectories", type=int, default=100)
+    parser.add_argument("--lines", type=int, default=2000)
     parser.add_argument("--page", action="store_true")
     given = parser.parse_args()
     print(machine())
@@ -351,7 +352,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if given.page:
-            time_page(folder, given.side)
+            time_page(folder, given.side, given.lines)
             return
         for file, _ in FILES.values():
             (folder / file).touch()

@@ -38,7 +38,7 @@ class LineSamples:
         if source is None and not self._counted:
             source = sources(result)
         self._source = source
-        self._derived: dict[int, np.ndarray] = {}  # values of derived quantities, by line
+        self._derived: dict[int, np.ndarray] = {}  # values of derived quantities at the last line
         self.sampled = are_sampled(result) if source is None else source.sampled
 
     @property
@@ -91,7 +91,7 @@ class LineSamples:
         if not is_derived(self.result, quantity) or not self.result.sizes["boulder"]:
             return line_values(self.result, quantity, line)
         if line not in self._derived:
-            self._derived[line] = derived_values(self.result, line)
+            self._derived = {line: derived_values(self.result, line)}
         return self._derived[line][QUANTITIES.index(quantity)]
 
     def ends(self, quantity: str) -> Sample:
