@@ -253,7 +253,9 @@ def test_an_unknown_table_is_refused(made):
     assert caught.value.code == 2
 
 
-@pytest.mark.parametrize(("field", "value"), [("along_out", np.nan), ("follower", 1e6)])
+@pytest.mark.parametrize(
+    ("field", "value"), [("along_out", np.nan), ("follower", 1e6), ("pull_along", 9.0)]
+)
 def test_a_damaged_table_is_refused(made, tmp_path, field, value):
     table = open_table(made / "meadow.nc")
     record = table.record.copy()

@@ -6,12 +6,13 @@
 !> Velocities are scaled by U = sqrt(g R_b), times by sqrt(R_b/g), lengths by R_b: contacts that agree in the scaled
 !> quantities, and in the ratio of the speed to the yield speed of the ground, are similar.
 module rockfall_impact_table
+   use, intrinsic :: iso_c_binding, only: c_float
    use rockfall_kinds, only: wp, sp
    use rockfall_math, only: logarithm
    implicit none
    private
-   public :: impact_table_t, bins_t, approach_t, outcome_t, choose_record, transfer_record, ratio_at, beyond_ratios, &
-             exceeds_table, compare_scales, scaled_energy
+   public :: impact_table_t, bins_t, approach_t, outcome_t, index_records, choose_record, transfer_record, ratio_at, &
+             beyond_ratios, exceeds_table, compare_scales, scaled_energy
    public :: record_fields, pull_along, pull_across, follower, n_inputs, n_mapped, flies, rolls_on, stops
 
    !> Exit codes of a record, as written by the laboratory.
@@ -28,6 +29,7 @@ module rockfall_impact_table
    integer, parameter :: n_mapped = 3  !! along, V_n, W
    integer, parameter :: window = 6      !! 1/window of a bin is eligible: the nearest in gravity along the heading
    integer, parameter :: candidates = 3  !! of these, the nearest in gravity across it is taken
+   integer, parameter :: marks = 16      !! parts of a bin, of which only one is searched
 
    !> Tolerances within which a contact equals the one that followed in the laboratory: V, V_n and W differ by no more
    !> than the speed there, or than `relief_speed`; gravity along and across the heading by no more than
@@ -58,7 +60,10 @@ module rockfall_impact_table
       real(wp), allocatable :: low(:, :), high(:, :)  !! range of a bin's inputs, W over V (n_inputs, bins)
       real(wp) :: fastest = huge(1.0_wp)   !! V**2 of the fastest record, scaled like the speed key
       real(sp), allocatable :: record(:, :)     !! (record_fields, records), sorted by pull_along within a bin
+      ! From `index_records`:
       real(sp), allocatable :: pull_along(:), pull_across(:)  !! gravity along and across the heading, over g
+      real(sp), allocatable :: mark(:, :)       !! pull_along where the next part of each bin begins (marks, bins)
+      real(wp), allocatable :: step(:)          !! logarithm of the ratio of the next part to that of each [-]
    end type impact_table_t
 
    !> Start of a contact.
@@ -84,7 +89,40 @@ module rockfall_impact_table
       integer :: next = 0                   !! record that followed in the laboratory; 0: none
    end type outcome_t
 
+   interface
+      !> Load the cache line of a number into the cache, without waiting for it.
+      pure subroutine prefetch(number) bind(c, name="rockfall_prefetch")
+         import :: c_float
+         real(c_float), intent(in) :: number
+      end subroutine prefetch
+   end interface
+
 contains
+
+   !> Index the records of a table, so that a contact reads few of them.
+   pure subroutine index_records(table)
+      type(impact_table_t), intent(inout) :: table
+      integer :: bin, k, next
+
+      table%pull_along = table%record(pull_along, :)
+      table%pull_across = table%record(pull_across, :)
+      table%step = logarithm(table%ratio(2:)/table%ratio(:size(table%ratio) - 1))
+      allocate (table%mark(marks, size(table%first) - 1), source=huge(1.0_sp))
+      do bin = 1, size(table%first) - 1
+         do k = 1, marks
+            next = table%first(bin) + k*part_size(table, bin)
+            if (next < table%first(bin + 1)) table%mark(k, bin) = table%pull_along(next)
+         end do
+      end do
+   end subroutine index_records
+
+   !> Number of records in each part of a bin; the last ones may have fewer.
+   pure integer function part_size(table, bin)
+      type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: bin
+
+      part_size = (table%first(bin + 1) - table%first(bin) + marks - 1)/marks
+   end function part_size
 
    !> Part of a table for a ratio R_b/R_m: the lower or upper neighbour, with the probability given by interpolation
    !> linear in the logarithm of the ratio.
@@ -103,7 +141,7 @@ contains
          if (ratio <= low) return
          if (ratio >= high) then
             part = part + 1
-         else if (u*logarithm(high/low) < logarithm(ratio/low)) then
+         else if (u*table%step(part) < logarithm(ratio/low)) then
             part = part + 1
          end if
       end associate
@@ -136,6 +174,7 @@ contains
       else
          bin = contact_bin(table, part, in)
          record = nearest_record(table, bin, in%pull, u)
+         call prefetch_record(table, record)
       end if
    end subroutine choose_record
 
@@ -149,8 +188,9 @@ contains
 
       r = real(table%record(:, record), wp)
       ratio = in%speed/r(speed_in)
-      out%exit = nint(r(exit_code))
-      out%next = nint(r(follower))
+      out%exit = int(r(exit_code))
+      out%next = int(r(follower))
+      if (out%next > 0) call prefetch_record(table, out%next)
       out%advance = r(advance_out)
       out%rise = r(rise_out)
       if (bin == 0) then
@@ -163,6 +203,15 @@ contains
                     + min(1.0_wp, ratio*ratio)*hidden_gain(r, in%inertia) &
                       *hidden_gain_fraction(in%pull(1), r(pull_along))
    end subroutine transfer_record
+
+   !> Load a record into the cache ahead of its use: records lie anywhere in memory, and two cache lines hold each.
+   pure subroutine prefetch_record(table, record)
+      type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: record
+
+      call prefetch(table%record(1, record))
+      call prefetch(table%record(record_fields, record))
+   end subroutine prefetch_record
 
    !> Copy the outcome of the record: a slow block is held by its hollow, so a small difference in velocity or slope
    !> changes nothing.
@@ -284,7 +333,7 @@ contains
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin
       real(wp), intent(in) :: pull(2), u
-      integer :: first, last, n, from, candidate, k
+      integer :: first, last, n, start, from, candidate, k
       real(sp) :: along
       real(wp) :: separation, min_separation
 
@@ -292,8 +341,12 @@ contains
       last = table%first(bin + 1) - 1
       n = (last - first + window)/window
       along = real(pull(1), sp)
-      from = first - n/2
-      do k = first, last  ! comparing all, vectorised, is faster than bisection
+      start = first
+      do k = 1, marks  ! comparing all, vectorised, is faster than bisection
+         start = start + merge(part_size(table, bin), 0, table%mark(k, bin) < along)
+      end do
+      from = start - n/2
+      do k = start, min(last, start + part_size(table, bin) - 1)
          from = from + merge(1, 0, table%pull_along(k) < along)
       end do
       from = max(first, min(from, last + 1 - n))

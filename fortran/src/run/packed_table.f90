@@ -6,7 +6,7 @@ module rockfall_packed_table
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use rockfall_kinds, only: wp, sp, i4
    use rockfall_error, only: error_t, fail
-   use rockfall_impact_table, only: impact_table_t, bins_t, record_fields, pull_along, pull_across, follower, &
+   use rockfall_impact_table, only: impact_table_t, bins_t, index_records, record_fields, pull_along, follower, &
                                     n_inputs, n_mapped
    implicit none
    private
@@ -62,24 +62,33 @@ contains
             do k = 1, counts(8)
                call take_singles(text, position, table%record(:, k))
             end do
-            table%pull_along = table%record(pull_along, :)
-            table%pull_across = table%record(pull_across, :)
-            if (is_valid(table, counts(8), bins)) return
+            if (is_valid(table, counts(8), bins)) then
+               call index_records(table)
+               return
+            end if
          end if
       end if
       call fail(error, file//": is a damaged table of impacts")
    end subroutine read_packed_table
 
-   !> Check the assumptions of the kernel: finite numbers, a record in each bin, and valid indices of following records.
+   !> Check the assumptions of the kernel: finite numbers, a record in each bin, records of a bin in order of gravity
+   !> along the heading, and valid indices of following records.
    pure logical function is_valid(table, records, bins)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: records, bins
+      integer :: bin
 
       is_valid = all(ieee_is_finite(table%record)) .and. all(ieee_is_finite(table%map)) .and. table%first(1) == 1 &
                  .and. table%first(bins + 1) == records + 1 .and. all(table%first(2:) > table%first(:bins)) &
                  .and. table%density > 0 .and. table%inertia > 0 .and. table%rest_angle >= 0 &
                  .and. all(table%record(4, :) > 0) &
                  .and. all(table%record(follower, :) >= 0 .and. table%record(follower, :) <= records)
+      if (.not. is_valid) return
+      do bin = 1, bins
+         associate (pull => table%record(pull_along, table%first(bin):table%first(bin + 1) - 1))
+            is_valid = is_valid .and. all(pull(2:) >= pull(:size(pull) - 1))
+         end associate
+      end do
    end function is_valid
 
    !> Size in bytes of a packed table, with a final newline.
