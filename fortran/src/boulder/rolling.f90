@@ -14,8 +14,8 @@ module rockfall_rolling
    use rockfall_flight, only: flight_t, landing_t, flight_from, inverse_speed, side_time
    implicit none
    private
-   public :: roll_t, touch_t, find_roll, find_slide, slide_on_patch, falls_away, time_slide, flight_after_roll, &
-             speed_within, cut_roll
+   public :: roll_t, touch_t, find_roll, find_slide, slide_on_patch, walk_patches, falls_away, time_slide, &
+             flight_after_roll, speed_within, cut_roll
 
    !> Relative excess over the drop held by friction up to which a boulder is still held [-]: on a plane at the rest
    !> angle, rounding must not decide.
@@ -215,27 +215,11 @@ contains
       type(landing_t), intent(in) :: start
       real(wp), intent(inout) :: length  !! in plan; on return the distance covered [m]
       type(roll_t), intent(inout) :: roll
-      type(patch_t) :: patch, next
-      real(wp) :: inverse(2), tx, ty
-      integer :: step(2)
+      type(patch_t) :: patch, beyond
 
       patch = start%patch
-      step = merge(1, -1, roll%path%heading > 0)
-      inverse = inverse_speed(roll%path%heading, dem%cell)
       associate (end => roll%landing)
-         end%contact = .true.
-         do
-            tx = side_time(start%x, roll%path%heading(1), real(patch%i, wp), dem%cell, inverse(1))
-            ty = side_time(start%y, roll%path%heading(2), real(patch%j, wp), dem%cell, inverse(2))
-            if (min(tx, ty) >= length) exit
-            call read_patch(dem, patch%i + merge(step(1), 0, tx <= ty), patch%j + merge(0, step(2), tx <= ty), next)
-            if (.not. next%known) then
-               end%contact = .false.
-               length = max(0.0_wp, min(tx, ty))
-               exit
-            end if
-            patch = next
-         end do
+         call walk_patches(dem, start%x, start%y, roll%path%heading, length, patch, beyond, end%contact)
          end%x = start%x + length*roll%path%heading(1)
          end%y = start%y + length*roll%path%heading(2)
          end%u = patch_position(dem, end%x, patch%i)
@@ -243,9 +227,38 @@ contains
          end%z = height(patch, end%u, end%w)
          end%jump_height = 0
          end%patch = patch
-         if (.not. end%contact) end%patch = next
+         if (.not. end%contact) end%patch = beyond
       end associate
    end subroutine move_along
+
+   !> Find the patch on which a straight path ends, or the last known one before.
+   pure subroutine walk_patches(dem, x, y, heading, length, patch, beyond, known)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: x, y           !! its start [m]
+      real(wp), intent(in) :: heading(2)     !! of any length
+      real(wp), intent(inout) :: length      !! over that of the heading; on return the known part [m]
+      type(patch_t), intent(inout) :: patch  !! at its start; on return at its end
+      type(patch_t), intent(out) :: beyond   !! the unknown patch, if any
+      logical, intent(out) :: known          !! all of the path
+      type(patch_t) :: next
+      real(wp) :: inverse(2), tx, ty
+      integer :: step(2)
+
+      step = merge(1, -1, heading > 0)
+      inverse = inverse_speed(heading, dem%cell)
+      known = .true.
+      do
+         tx = side_time(x, heading(1), real(patch%i, wp), dem%cell, inverse(1))
+         ty = side_time(y, heading(2), real(patch%j, wp), dem%cell, inverse(2))
+         if (min(tx, ty) >= length) return
+         call read_patch(dem, patch%i + merge(step(1), 0, tx <= ty), patch%j + merge(0, step(2), tx <= ty), next)
+         if (.not. next%known) exit
+         patch = next
+      end do
+      known = .false.
+      beyond = next
+      length = max(0.0_wp, min(tx, ty))
+   end subroutine walk_patches
 
    !> Return whether a patch of the terrain lies outside the current window. A boulder at its edge then leaves the
    !> window and is traced again, since whether it rests is unknown here.

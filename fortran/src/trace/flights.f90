@@ -128,20 +128,27 @@ contains
       f%c(n) = l%c(k)
    end subroutine take_off_again
 
-   !> Add the next flight of a boulder from another point on its patch, or above it.
-   subroutine take_off_from(f, l, k, x, y, z, above, v1, v2, v3, rate)
+   !> Add the next flight of a boulder from another point, or above it.
+   subroutine take_off_from(f, l, k, x, y, z, i, j, z00, a, b, c, above, v1, v2, v3, rate)
       type(flights_t), intent(inout) :: f
       type(landings_t), intent(in) :: l
       integer, intent(in) :: k
-      real(wp), intent(in) :: x, y, z           !! on the patch [m]
-      real(wp), intent(in) :: above             !! height above the patch [m]
-      real(wp), intent(in) :: v1, v2, v3, rate  !! [m/s]
+      real(wp), intent(in) :: x, y, z            !! on a patch [m]
+      real(wp), intent(in) :: i, j, z00, a, b, c !! the patch, as in patch_t [-], [m]
+      real(wp), intent(in) :: above              !! height above the patch [m]
+      real(wp), intent(in) :: v1, v2, v3, rate   !! [m/s]
 
       call take_off_again(f, l, k, v1, v2, v3, rate)
       f%x(f%n) = x
       f%y(f%n) = y
       f%z(f%n) = z + above
       f%d0(f%n) = above
+      f%i(f%n) = i
+      f%j(f%n) = j
+      f%z00(f%n) = z00
+      f%a(f%n) = a
+      f%b(f%n) = b
+      f%c(f%n) = c
    end subroutine take_off_from
 
    !> Set the patch that a flight is over.

@@ -661,7 +661,8 @@ contains
          result%path_length = result%path_length + b%length(k)
          result%time = result%time + b%slides(k)
          result%time = result%time + b%waits(k)
-         call take_off_from(flights, l, k, b%x(k), b%y(k), b%z(k), b%above(k), b%v1(k), b%v2(k), b%v3(k), b%rate(k))
+         call take_off_from(flights, l, k, b%x(k), b%y(k), b%z(k), b%i(k), b%j(k), b%z00(k), b%a(k), b%b(k), b%c(k), &
+                            b%above(k), b%v1(k), b%v2(k), b%v3(k), b%rate(k))
          return
       end if
       flight%v = [b%v1(k), b%v2(k), b%v3(k)]

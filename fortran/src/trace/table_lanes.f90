@@ -1,16 +1,17 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Contacts by tables of impacts, for several boulders at a time. Each goes through the steps of `table_contact` in the
 !> same order, so results are bitwise identical. Steps with roots and divisions are loops over all contacts. All records
-!> are chosen before the first is read, so that memory accesses overlap; a boulder walks over the terrain only if its
-!> contact leaves its first patch, or if its path is needed.
+!> are chosen before the first is read, so that memory accesses overlap. Only a path that is needed, or leaves the known
+!> terrain, is found by `find_slide`.
 !>
 !> Compiled twice, like rockfall_lanes.
 module rockfall_table_lanes
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: words_per_block, uniform
-   use rockfall_terrain, only: slope_at, gradient
+   use rockfall_terrain, only: terrain_t, patch_t, slope_at, gradient
    use rockfall_boulder, only: boulder_t
-   use rockfall_rolling, only: roll_t, touch_t, find_slide, slide_on_patch, falls_away, time_slide
+   use rockfall_rolling, only: roll_t, touch_t, find_slide, slide_on_patch, walk_patches, falls_away, &
+                               time_slide
    use rockfall_direction, only: shortest
    use rockfall_local_frame, only: signed_w
    use rockfall_impact_table, only: approach_t, outcome_t, flies, stops
@@ -50,6 +51,9 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: velocity_factor = 0, n_left = 0  !! as in scale_to_energy; V_n [-]
       real(wp), dimension(lanes) :: slide = 0, time = 0, speed = 0  !! as in find_slide [m], [s], [m/s]
       real(wp), dimension(lanes) :: inside = 0, off = 0           !! ends on its first patch; ground falls away: 1 or 0
+      real(wp), dimension(lanes) :: i = 0, j = 0, z00 = 0, a = 0, b = 0, c = 0  !! patch of its end, as in patch_t
+      real(wp), dimension(lanes) :: covered = 0                   !! length within the known terrain [m]
+      real(wp), dimension(lanes) :: found = 0                     !! the loops find its end: 1 or 0
       real(wp), dimension(lanes) :: x = 0, y = 0, z = 0           !! end [m]
       real(wp), dimension(lanes) :: end1 = 0, end2 = 0            !! gradient at the end [-]
       real(wp), dimension(lanes) :: length = 0, slides = 0, waits = 0  !! from time_slide [m], [s]
@@ -113,9 +117,11 @@ contains
       call drop_vertical_impacts(b)
       call draw_records(scene, word, b)
       call follow_records(scene, b)
-      call slide_on_patches(l, scene%gravity, scene%dem%per_cell, b)
+      call start_slides(l, scene%gravity, scene%dem%per_cell, b)
+      if (.not. paths) call leave_patches(scene%dem, l, b)
+      call end_slides(l, scene%gravity, scene%dem%per_cell, b)
       if (allocated(scene%lines)) call find_paths_near_lines(scene, l%n, l%x, l%y, b%x, b%y, b%near)
-      call walk_terrain(scene, l, g1, g2, paths, b)
+      call find_paths(scene, l, g1, g2, paths, b)
       call set_departures(l, g1, g2, steepness, b)
    end subroutine handle_table_contacts
 
@@ -205,40 +211,98 @@ contains
       end do
    end subroutine follow_records
 
-   !> Find the ends of contacts that stay on their first patch.
-   subroutine slide_on_patches(l, gravity, per_cell, b)
+   !> Find the lengths of contacts, and which of them end on their first patch.
+   subroutine start_slides(l, gravity, per_cell, b)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
       type(table_batch_t), intent(inout) :: b
-      real(wp) :: speed, slide, time, u, w, x, y, z, inside, still_inside, off
+      real(wp) :: speed, slide, u, w, x, y, z, inside
       integer :: k
 
-      !$omp simd private(speed, slide, time, u, w, x, y, z, inside, still_inside, off)
+      !$omp simd private(speed, slide, u, w, x, y, z, inside)
       do k = 1, padded(l%n)
          call limit_energy(b%along(k), b%across(k), b%drawn(k), b%w_drawn(k), b%inertia(k), b%allowed(k), &
                            b%speed_in(k), b%advance(k), b%radius(k), b%total(k), b%left(k), speed, slide)
-         speed = b%unit(k)*speed
-         time = b%duration(k)*(b%unit(k)/gravity)
          b%slide(k) = slide
-         b%time(k) = time
-         b%speed(k) = speed
+         b%covered(k) = slide
+         b%speed(k) = b%unit(k)*speed
+         b%time(k) = b%duration(k)*(b%unit(k)/gravity)
          call slide_on_patch(l%x(k), l%y(k), b%t1(k), b%t2(k), slide, per_cell, l%i(k), l%j(k), l%z00(k), l%a(k), &
                              l%b(k), l%c(k), x, y, u, w, z, inside)
-         off = falls_away(l%z(k) - z, b%t3(k), slide, gravity, time)
+         b%inside(k) = inside
+         b%found(k) = inside
+         b%i(k) = l%i(k)
+         b%j(k) = l%j(k)
+         b%z00(k) = l%z00(k)
+         b%a(k) = l%a(k)
+         b%b(k) = l%b(k)
+         b%c(k) = l%c(k)
+      end do
+   end subroutine start_slides
+
+   !> Find the patches on which the other contacts end.
+   subroutine leave_patches(dem, l, b)
+      type(terrain_t), intent(in) :: dem
+      type(landings_t), intent(in) :: l
+      type(table_batch_t), intent(inout) :: b
+      type(patch_t) :: patch, beyond
+      logical :: known
+      integer :: leaving(lanes + 1), n, m, k
+
+      n = 0
+      do m = 1, b%n  ! branchless: the outcome is unpredictable
+         k = b%landing(m)
+         leaving(n + 1) = k
+         n = n + 1 - int(b%inside(k))
+      end do
+      do m = 1, n
+         k = leaving(m)
+         patch = patch_t(int(l%i(k)), int(l%j(k)), l%z00(k), l%a(k), l%b(k), l%c(k), .true.)
+         call walk_patches(dem, l%x(k), l%y(k), [b%t1(k), b%t2(k)], b%covered(k), patch, beyond, known)
+         b%found(k) = merge(1.0_wp, 0.0_wp, known)
+         b%i(k) = patch%i
+         b%j(k) = patch%j
+         b%z00(k) = patch%z00
+         b%a(k) = patch%a
+         b%b(k) = patch%b
+         b%c(k) = patch%c
+      end do
+   end subroutine leave_patches
+
+   !> Find the ends of contacts: where the ground falls away, the point where they begin.
+   subroutine end_slides(l, gravity, per_cell, b)
+      type(landings_t), intent(in) :: l
+      real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
+      type(table_batch_t), intent(inout) :: b
+      real(wp) :: slide, time, u, w, x, y, z, inside, off
+      integer :: k
+
+      !$omp simd private(slide, time, u, w, x, y, z, inside, off)
+      do k = 1, padded(l%n)
+         call slide_on_patch(l%x(k), l%y(k), b%t1(k), b%t2(k), b%covered(k), per_cell, b%i(k), b%j(k), b%z00(k), &
+                             b%a(k), b%b(k), b%c(k), x, y, u, w, z, inside)
+         off = falls_away(l%z(k) - z, b%t3(k), b%covered(k), gravity, b%time(k))
          b%off(k) = off
-         slide = merge(0.0_wp, slide, off > 0)
-         time = merge(0.0_wp, time, off > 0)
-         call slide_on_patch(l%x(k), l%y(k), b%t1(k), b%t2(k), slide, per_cell, l%i(k), l%j(k), l%z00(k), l%a(k), &
-                             l%b(k), l%c(k), x, y, u, w, z, still_inside)
-         b%inside(k) = merge(inside, 0.0_wp, still_inside > 0)
-         call time_slide(b%t1(k), b%t2(k), slide, l%z(k) - z, time, speed, b%length(k), b%slides(k), b%waits(k))
+         slide = merge(0.0_wp, b%covered(k), off > 0)
+         time = merge(0.0_wp, b%time(k), off > 0)
+         b%i(k) = merge(l%i(k), b%i(k), off > 0)
+         b%j(k) = merge(l%j(k), b%j(k), off > 0)
+         b%z00(k) = merge(l%z00(k), b%z00(k), off > 0)
+         b%a(k) = merge(l%a(k), b%a(k), off > 0)
+         b%b(k) = merge(l%b(k), b%b(k), off > 0)
+         b%c(k) = merge(l%c(k), b%c(k), off > 0)
+         call slide_on_patch(l%x(k), l%y(k), b%t1(k), b%t2(k), slide, per_cell, b%i(k), b%j(k), b%z00(k), &
+                             b%a(k), b%b(k), b%c(k), x, y, u, w, z, inside)
+         inside = merge(inside, 1.0_wp, off > 0)
+         b%found(k) = min(b%found(k), inside)
+         call time_slide(b%t1(k), b%t2(k), slide, l%z(k) - z, time, b%speed(k), b%length(k), b%slides(k), b%waits(k))
          b%x(k) = x
          b%y(k) = y
          b%z(k) = z
-         b%end1(k) = slope_at(l%a(k), l%c(k), w, per_cell)
-         b%end2(k) = slope_at(l%b(k), l%c(k), u, per_cell)
+         b%end1(k) = slope_at(b%a(k), b%c(k), w, per_cell)
+         b%end2(k) = slope_at(b%b(k), b%c(k), u, per_cell)
       end do
-   end subroutine slide_on_patches
+   end subroutine end_slides
 
    !> Find the straight paths that may cross a line.
    subroutine find_paths_near_lines(scene, n, x0, y0, x, y, near)
@@ -268,8 +332,8 @@ contains
       end do
    end subroutine find_paths_near_lines
 
-   !> Walk the other contacts over the terrain.
-   subroutine walk_terrain(scene, l, g1, g2, paths, b)
+   !> Find the paths of the other contacts, and of those whose path is needed.
+   subroutine find_paths(scene, l, g1, g2, paths, b)
       type(scene_t), intent(in) :: scene
       type(landings_t), intent(in) :: l
       real(wp), dimension(lanes), intent(in) :: g1, g2
@@ -281,7 +345,7 @@ contains
 
       do m = 1, b%n
          k = b%landing(m)
-         b%walks(k) = paths .or. .not. b%inside(k) > b%near(k)
+         b%walks(k) = paths .or. .not. b%found(k) > b%near(k)
          if (.not. b%walks(k)) cycle
          associate (roll => b%roll(k))
             call find_slide(scene%dem, scene%gravity, landing_of(l, k), [b%t1(k), b%t2(k), b%t3(k)], b%slide(k), &
@@ -294,7 +358,7 @@ contains
          b%end1(k) = g(1)
          b%end2(k) = g(2)
       end do
-   end subroutine walk_terrain
+   end subroutine find_paths
 
    !> Compute the velocities after the contacts.
    subroutine set_departures(l, g1, g2, steepness, b)

@@ -153,7 +153,8 @@ contains
       call check_close("hops for two", l%time(1), 2.0_wp, near)
       call check_close("from its landing", l%x(1), 69.0_wp, near)
       call check("in its lane", l%lane(1) == 5)
-      call take_off_from(f, first, 1, 64.0_wp, 50.0_wp, 0.0_wp, 4.905_wp, -1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp)
+      call take_off_from(f, first, 1, 64.0_wp, 50.0_wp, 0.0_wp, first%i(1), first%j(1), 0.0_wp, 0.0_wp, 0.0_wp, &
+                         0.0_wp, 4.905_wp, -1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp)
       call fly_to_landings(dem, gravity, spin, f, l, scratch)
       call check_close("falls from above another place", l%x(1), 63.0_wp, near)
    end subroutine test_hops
