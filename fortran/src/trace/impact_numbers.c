@@ -72,11 +72,11 @@ static double normal(const double *table, uint64_t word)
 }
 #endif
 
-/* Words of n impacts from their counters (boulder, impact, and a last one for all), and standard normal numbers of
-   the first three. Arrays are padded to a multiple of four. */
-void impact_numbers(const uint64_t round[ROUNDS][2], const double *table, int n, const uint64_t *boulder,
-                    const uint64_t *impact, uint64_t last, uint64_t *w1, uint64_t *w2, uint64_t *w3, uint64_t *w4,
-                    double *z1, double *z2, double *z3)
+/* Words of n impacts from their counters (boulder, impact, and a last one for all), and, `with_normals`, standard
+   normal numbers of the first three. Arrays are padded to a multiple of four. */
+void impact_numbers(const uint64_t round[ROUNDS][2], const double *table, int with_normals, int n,
+                    const uint64_t *boulder, const uint64_t *impact, uint64_t last, uint64_t *w1, uint64_t *w2,
+                    uint64_t *w3, uint64_t *w4, double *z1, double *z2, double *z3)
 {
 #if defined(__AVX2__)
     for (int k = 0; k < n; k += 4) {
@@ -99,6 +99,8 @@ void impact_numbers(const uint64_t round[ROUNDS][2], const double *table, int n,
         _mm256_storeu_si256((__m256i *)(w2 + k), c1);
         _mm256_storeu_si256((__m256i *)(w3 + k), c2);
         _mm256_storeu_si256((__m256i *)(w4 + k), c3);
+        if (!with_normals)
+            continue;
         _mm256_storeu_pd(z1 + k, normals(table, c0));
         _mm256_storeu_pd(z2 + k, normals(table, c1));
         _mm256_storeu_pd(z3 + k, normals(table, c2));
@@ -119,6 +121,8 @@ void impact_numbers(const uint64_t round[ROUNDS][2], const double *table, int n,
         w2[k] = c1;
         w3[k] = c2;
         w4[k] = c3;
+        if (!with_normals)
+            continue;
         z1[k] = normal(table, c0);
         z2[k] = normal(table, c1);
         z3[k] = normal(table, c2);

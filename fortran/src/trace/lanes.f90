@@ -47,6 +47,7 @@ module rockfall_lanes
       integer :: index(lanes) = 0                       !! index in the results
       real(wp) :: heading1(lanes) = 0, heading2(lanes) = 0  !! after the last rebound [-]
       real(wp) :: w(lanes) = 0                          !! W = R_b omega [m/s]
+      type(touch_t) :: touch(lanes)                     !! state on the ground of a table, in place of scratch_t's
       integer :: free(lanes) = 0, n_free = 0            !! lanes without a boulder
       integer :: from = 1, to = 0                       !! indices of assigned boulders not yet started
    end type pool_t
@@ -93,12 +94,13 @@ module rockfall_lanes
    end type draws_t
 
    interface
-      !> Random words of n impacts and standard normal numbers of the first three, in loops of whole vectors.
-      subroutine impact_numbers(round_keys, coefficients, n, number, impact, last, word1, word2, word3, word4, &
-                                z1, z2, z3) bind(c, name="rockfall_impact_numbers")
+      !> Random words of n impacts, and standard normal numbers of the first three, in loops of whole vectors.
+      subroutine impact_numbers(round_keys, coefficients, with_normals, n, number, impact, last, word1, word2, word3, &
+                                word4, z1, z2, z3) bind(c, name="rockfall_impact_numbers")
          import :: c_int, c_int64_t, c_double
          integer(c_int64_t), intent(in) :: round_keys(2, *)   !! as in random_key_t
          real(c_double), intent(in) :: coefficients(6, *)     !! as in normal_table_t
+         integer(c_int), value :: with_normals                    !! 1: with normal numbers, else 0
          integer(c_int), value :: n
          integer(c_int64_t), intent(in) :: number(*), impact(*)  !! of each, up to a multiple of `width`
          integer(c_int64_t), value :: last                       !! as from last_counter
@@ -142,15 +144,14 @@ contains
          if (flights%n == 0) exit
          call fly_to_landings(scene%dem, scene%gravity, pool%w, flights, landings, scratch)
          if (allocated(scene%lines)) call record_line_crossings(scene, results, pool, landings, scratch)
-         call classify_contacts(scene, sets, first, step, results, pool, landings, scratch, contacts)
+         call classify_contacts(scene, sets, first, step, results, pool, landings, scratch, contacts, by_table)
          call compute_incidence(landings, scene%gravity, scene%dem%per_cell, contacts)
-         call draw_random_numbers(scene, landings%n, contacts)
+         call draw_random_numbers(scene, size(sets%set) > 0, landings%n, contacts)
          if (size(sets%set) > 0) then
             call draw_rebounds(scene, sets, landings%n, contacts, draws)
             call turn_and_launch(landings%n, scene%dem%per_cell, contacts)
          end if
          if (allocated(by_table)) then
-            call collect_table_contacts(scene, results, pool, landings, contacts, scratch, by_table)
             call handle_table_contacts(scene, landings, contacts%g1, contacts%g2, contacts%steepness, contacts%word, &
                                        scratch(1)%cells_requested, by_table)
          end if
@@ -232,6 +233,7 @@ contains
          end associate
          call clear_scratch(scene, with_all, scratch(lane))
          call set_heading(pool, lane, flight%heading(1), flight%heading(2), 0.0_wp)
+         pool%touch(lane) = touch_t()
          call take_off(flights, lane, flight)
          pool%n_free = pool%n_free - 1
       end do
@@ -268,8 +270,8 @@ contains
       end do
    end subroutine record_line_crossings
 
-   !> Find the ground properties at the landings.
-   subroutine classify_contacts(scene, sets, first, step, results, pool, l, scratch, c)
+   !> Find the ground properties at the landings; collect those by tables.
+   subroutine classify_contacts(scene, sets, first, step, results, pool, l, scratch, c, by_table)
       type(scene_t), intent(in) :: scene
       type(set_list_t), intent(in) :: sets
       integer(i8), intent(in) :: first, step
@@ -278,10 +280,13 @@ contains
       type(landings_t), intent(in) :: l
       type(scratch_t), intent(inout) :: scratch(:)
       type(contacts_t), intent(inout) :: c
+      type(table_batch_t), intent(inout), allocatable :: by_table
       type(patch_t) :: patch
       real(wp) :: radius, obstacle, u_ground(words_per_block), z(3, 3)
       integer :: cell(2), k, lane, set, row
+      logical :: is_sobol
 
+      if (allocated(by_table)) call clear_batch(by_table)
       do k = 1, l%n
          lane = l%lane(k)
          c%ground(k) = 1
@@ -308,10 +313,17 @@ contains
             c%ground(k) = max(1, c%ground(k))
             if (result%status == absorbed) cycle
             c%ratio(k) = result%boulder%radius/radius
-            if (sets%offset(c%ground(k)) < 0) cycle
+            is_sobol = result%impacts == 1 .and. scene%sobol%dimensions > 1  ! left to the scalar code
+            if (sets%offset(c%ground(k)) < 0) then
+               if (allocated(scene%grounds(c%ground(k))%table) .and. .not. is_sobol) &
+                  call add_contact(by_table, k, c%ground(k), result%boulder, inertia_of(scene, c%number(k)), &
+                                   c%ratio(k), l%jump_height(k), c%w(k), c%heading1(k), c%heading2(k), &
+                                   pool%touch(lane))
+               cycle
+            end if
             call find_impact_set(scene, c%ratio(k), u_ground, set, c%outside(k))
             c%set(k) = sets%offset(c%ground(k)) + set
-            if (.not. has_neighbours(scene%dem, cell) .or. (result%impacts == 1 .and. scene%sobol%dimensions > 1)) then
+            if (.not. has_neighbours(scene%dem, cell) .or. is_sobol) then
                c%z(k, :) = 0  ! flat, like a window with nodata: left to the scalar code
                cycle
             end if
@@ -324,30 +336,6 @@ contains
          end associate
       end do
    end subroutine classify_contacts
-
-   !> Handle contacts by a table. The random numbers of a boulder's first contact may come from a Sobol' point.
-   subroutine collect_table_contacts(scene, results, pool, l, c, scratch, b)
-      type(scene_t), intent(in) :: scene
-      type(boulder_result_t), intent(in) :: results(:)
-      type(pool_t), intent(in) :: pool
-      type(landings_t), intent(in) :: l
-      type(contacts_t), intent(in) :: c
-      type(scratch_t), intent(in) :: scratch(:)
-      type(table_batch_t), intent(inout) :: b
-      integer :: k, lane
-
-      call clear_batch(b)
-      do k = 1, l%n
-         lane = l%lane(k)
-         associate (result => results(pool%index(lane)))
-            if (result%status /= 0 .or. (result%impacts == 1 .and. scene%sobol%dimensions > 1)) cycle
-            if (.not. allocated(scene%grounds(c%ground(k))%table)) cycle
-            call add_contact(b, k, c%ground(k), result%boulder, inertia_of(scene, c%number(k)), c%ratio(k), &
-                             l%jump_height(k), pool%w(lane), pool%heading1(lane), pool%heading2(lane), &
-                             scratch(lane)%touch)
-         end associate
-      end do
-   end subroutine collect_table_contacts
 
    !> Transform the velocities at the ends of the flights to the local frames.
    subroutine compute_incidence(l, gravity, per_cell, c)
@@ -376,14 +364,17 @@ contains
    end subroutine compute_incidence
 
    !> Draw the random numbers of the contacts.
-   subroutine draw_random_numbers(scene, n, c)
+   subroutine draw_random_numbers(scene, rebounds, n, c)
       type(scene_t), intent(in) :: scene
+      logical, intent(in) :: rebounds  !! with the numbers of rebounds by impact sets
       integer, intent(in) :: n
       type(contacts_t), intent(inout) :: c
       integer :: k
 
-      call impact_numbers(scene%key%round, scene%table%c, n, c%number, c%impact, last_counter(for_impact, 0_i8), &
-                          c%word(:, 1), c%word(:, 2), c%word(:, 3), c%word(:, 4), c%z1, c%z2, c%z3)
+      call impact_numbers(scene%key%round, scene%table%c, merge(1, 0, rebounds), n, c%number, c%impact, &
+                          last_counter(for_impact, 0_i8), c%word(:, 1), c%word(:, 2), c%word(:, 3), c%word(:, 4), &
+                          c%z1, c%z2, c%z3)
+      if (.not. rebounds) return
       !$omp simd
       do k = 1, padded(n)
          c%u(k) = uniform(c%word(k, turn_word))
@@ -462,8 +453,9 @@ contains
       end do
       number(n + 1:padded(n)) = 0
       impact(n + 1:padded(n)) = 0
-      call impact_numbers(scene%key%round, scene%table%c, n, number, impact, last_counter(for_impact, draw - 1_i8), &
-                          w1, w2, w3, w4, d%z1(first:), d%z2(first:), d%z3(first:))
+      call impact_numbers(scene%key%round, scene%table%c, 1, n, number, impact, &
+                          last_counter(for_impact, draw - 1_i8), w1, w2, w3, w4, &
+                          d%z1(first:), d%z2(first:), d%z3(first:))
    end subroutine draw_other_numbers
 
    !> Store draws, and keep those that are not admissible.
@@ -594,7 +586,7 @@ contains
                call rebound_single(scene, c%number(k), l, k, pool, result, flights, scratch(lane))
                cycle
             end if
-            if (allocated(by_table)) scratch(lane)%touch = touch_t()
+            if (allocated(by_table)) pool%touch(lane) = touch_t()
             call count_outcome(rebound_t([0.0_wp, 0.0_wp, 0.0_wp], c%draws(k), c%forced(k)), c%outside(k), &
                                c%fast(k) > 0, c%steep(k) > 0, result)
             if (allocated(scene%grounds)) call count_ground(c%ground(k), scratch(lane))
@@ -639,15 +631,15 @@ contains
                             velocity_after(b%unit(k), b%velocity_factor(k)*b%along(k), &
                                            b%velocity_factor(k)*b%across(k), b%n_left(k), &
                                            b%velocity_factor(k)*b%w_drawn(k)))
-      scratch%touch = b%touch(k)
-      scratch%touch%normal = b%pressed(k)
-      scratch%touch%lift = b%lift(k)
-      call end_touch(b%off(k) > 0, b%rolls(k) > 0, scratch%touch)
+      pool%touch(lane) = b%touch(k)
+      pool%touch(lane)%normal = b%pressed(k)
+      pool%touch(lane)%lift = b%lift(k)
+      call end_touch(b%off(k) > 0, b%rolls(k) > 0, pool%touch(lane))
       call set_heading(pool, lane, b%heading1(k), b%heading2(k), b%next_w(k))
       call close_impact(scene, b%speed2(k), .not. b%stops(k) > 0, result)
       if (result%status /= 0) return
       if (b%stops(k) > 0) then
-         scratch%touch = touch_t()
+         pool%touch(lane) = touch_t()
          call rest_or_roll(scene, b%ground(k), landing_of(l, k), b%speed2(k), b%next_w(k), result, b%roll(k))
          if (result%status /= 0) return
       else if (b%walks(k)) then
@@ -686,8 +678,10 @@ contains
       lane = l%lane(k)
       flight = flight_of(l, k)
       flight%heading = [pool%heading1(lane), pool%heading2(lane)]
+      scratch%touch = pool%touch(lane)
       call handle_impact(scene, number, landing_of(l, k), [l%v1(k), l%v2(k), l%v3(k) - scene%gravity*l%time(k)], &
                          pool%w(lane), with_all, result, flight, roll, scratch)
+      pool%touch(lane) = scratch%touch
       if (roll%rolls .and. result%status == 0) then
          call roll_single(scene, l, k, pool, result, flight, roll, flights, scratch)
          return

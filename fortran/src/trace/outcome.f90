@@ -25,20 +25,20 @@ module rockfall_outcome
       real(wp) :: breakage = 0.0_wp  !! kinetic energy that breaking took, with that of fines
    end type energy_balance_t
 
-   !> Result of a boulder (theory, chapter 10).
+   !> Result of a boulder (theory, chapter 10); first what each contact changes, so that it lies together in memory.
    type :: boulder_result_t
       type(boulder_t) :: boulder
       integer :: status = 0
       integer :: impacts = 0               !! contacts with the slope
-      integer :: source = 0                !! 1..
-      real(wp) :: start(3) = 0.0_wp, stop(3) = 0.0_wp  !! local coordinates [m]
-      integer :: stop_cell(2) = 0          !! column, row; only valid with a contact
       real(wp) :: path_length = 0.0_wp     !! along the flights [m]
       real(wp) :: time = 0.0_wp            !! [s]
       real(wp) :: speed_max = 0.0_wp       !! [m/s]; squared until the end
       real(wp) :: jump_height_max = 0.0_wp !! [m]
       integer :: rebounds = 0, redrawn = 0, forced = 0
       integer :: out_of_range = 0, out_of_speed = 0, out_of_angle = 0  !! rebounds outside the fitted ranges
+      integer :: source = 0                !! 1..
+      real(wp) :: start(3) = 0.0_wp, stop(3) = 0.0_wp  !! local coordinates [m]
+      integer :: stop_cell(2) = 0          !! column, row; only valid with a contact
       integer :: trees_hit = 0             !! repeated hits of a tree count
       integer :: fragments = 1             !! into which it broke; 1: it did not
       integer :: breakages = 0, capped = 0 !! number of times, and of those limited by the maximum number of fragments

@@ -33,10 +33,10 @@ program test_impact_numbers
       do draw = 0, 31
          word = -1
          if (copy == 1) then
-            call narrow_numbers(key%round, table%c, n - 2, number, impact, last_counter(for_impact, int(draw, i8)), &
+            call narrow_numbers(key%round, table%c, 1, n - 2, number, impact, last_counter(for_impact, int(draw, i8)), &
                                 word(:, 1), word(:, 2), word(:, 3), word(:, 4), z(:, 1), z(:, 2), z(:, 3))
          else
-            call wide_numbers(key%round, table%c, n - 2, number, impact, last_counter(for_impact, int(draw, i8)), &
+            call wide_numbers(key%round, table%c, 1, n - 2, number, impact, last_counter(for_impact, int(draw, i8)), &
                               word(:, 1), word(:, 2), word(:, 3), word(:, 4), z(:, 1), z(:, 2), z(:, 3))
          end if
          do k = 1, n - 2
