@@ -15,9 +15,10 @@ from pathlib import Path
 
 import xarray as xr
 
-from rockfall.impact_tables import ENSEMBLE, SHAPES, save_ensemble, save_table
+from rockfall.impact_tables import ENSEMBLE, save_ensemble, save_table
 from rockfall.lab.blocks.case import BlockCase, draws_of, grounds
 from rockfall.lab.blocks.contacts import run_throws
+from rockfall.lab.blocks.shapes import SHAPES
 from rockfall.lab.case import read_lab_case
 from rockfall.lab.sequences import run_sequences
 from rockfall.lab.tables import KEPT, table_of

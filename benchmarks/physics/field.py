@@ -61,9 +61,9 @@ from rockfall.analysis.validation import (
 )
 from rockfall.errors import RockfallError
 from rockfall.field.download import fetch
-from rockfall.impact_tables import SHAPES
 from rockfall.io.files import atomic_write
 from rockfall.lab.blocks.case import grounds
+from rockfall.lab.blocks.shapes import SHAPES
 from rockfall.lab.talus import CELL, NORTH, WEST, Talus, zones
 from rockfall.quantities import QUANTITIES
 
@@ -114,7 +114,7 @@ def site_laws(
     given: argparse.Namespace,
     tables: Sequence[str],
     rows: Sequence[str],
-    shapes: Sequence[str] = SHAPES[:1],
+    shapes: Sequence[str] = ("compact",),
 ) -> list[Law]:
     """The matrix, tables, the first of these with other reliefs, classical grounds, and those that
     were asked for besides."""
@@ -152,7 +152,7 @@ def pasture(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
         folder = Path(name)
         make(given.half, given.data, folder)
         parts = pasture_parts(folder)
-        for law in site_laws(given, PASTURE_TABLES, ON_PASTURE, SHAPES):
+        for law in site_laws(given, PASTURE_TABLES, ON_PASTURE, tuple(SHAPES)):
             runs = []
             for seed in given.seeds:
                 pairs = []
