@@ -3,7 +3,7 @@
 # The loops over lanes are vector instructions in a program: their roots (flight, landing, frame, law, turn) are
 # packed, of contacts by tables in the wide copy. Usage: vectorised.sh PROGRAM
 objdump -d --no-show-raw-insn "$1" | awk '
-   /^[0-9a-f]+ <.*>:$/ { wide = /rockfall_wide_(lanes|flights)_MOD/; narrow = /rockfall_(lanes|flights)_MOD/ }
+   /^[0-9a-f]+ <.*>:$/ { wide = /rockfall_wide_((table_)?lanes|flights)_MOD/; narrow = /rockfall_((table_)?lanes|flights)_MOD/ }
    narrow && /[^v]sqrtpd/ { narrow_roots++ }
    wide && /vsqrtpd.*ymm/ { wide_roots++ }
    function check(what, found, least) {
