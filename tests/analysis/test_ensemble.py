@@ -399,7 +399,8 @@ def first_page(found, monkeypatch, language="en"):
         lambda figure, title, caption: Picture(title, caption, "data:,", 9, 9),
     )  # fmt: skip
     monkeypatch.setattr(html_page, "history_figure", lambda *_: None)
-    page = html_page.report(found, language=language).replace("\u00a0", " ")
+    with speaking(language):
+        page = html_page.report(found).replace("\u00a0", " ")
     return page, page[page.index('id="answer"') : page.index('id="inputs"')]
 
 

@@ -178,12 +178,14 @@ def test_what_cannot_be_read_is_refused(stopped):
     good = path.read_bytes()
     with netCDF4.Dataset(path) as file:  # values, which have checksums
         at = good.index(file["travel_time"][...].data.tobytes())
-    for bad in good[:-700], b"mine", good[:at] + bytes(64) + good[at + 64 :]:
+    unreadable = "exists but is not a readable checkpoint; "
+    damaged = good[:at] + bytes(64) + good[at + 64 :]
+    for bad, said in (good[:-700], unreadable), (b"mine", unreadable), (damaged, "is damaged: "):
         path.write_bytes(bad)
-        refused(stopped, "a.nc.checkpoint: is ", "--resume")
+        refused(stopped, f"a.nc.checkpoint: {said}", "--resume")
     path.unlink()
     path.mkdir()
-    refused(stopped, "a.nc.checkpoint: exists but is not a readable checkpoint; ")
+    refused(stopped, f"a.nc.checkpoint: {unreadable}")
 
 
 def test_values_that_no_run_has_are_refused(stopped, subtests):
