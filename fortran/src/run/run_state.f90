@@ -9,7 +9,7 @@ module rockfall_run_state
    use rockfall_text, only: integer_text
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, left_window
-   use rockfall_crossings, only: crossing_t
+   use rockfall_crossings, only: crossings_t, outcome_at
    use rockfall_maps, only: maps_t, lacks_slots
    use rockfall_source_maps, only: contributing_t, contributing_cells, partial_sources, boulders_within, &
                                    first_partial, adjust_released
@@ -23,8 +23,7 @@ module rockfall_run_state
    use rockfall_case_keys, only: map_names, n_maps
    use rockfall_case, only: case_t, keeps_all
    use rockfall_samples, only: merge_samples, merge_tails, samples_t, n_sample_bins, n_coarse_bins, n_words, n_largest
-   use rockfall_line, only: line_t
-   use rockfall_line_samples, only: layout_t, layout_of, add_samples, n_quantities, tails
+   use rockfall_line_samples, only: layout_t, layout_of, add_end, add_crossing, n_quantities, tails
    use rockfall_state_table, only: table_t
    use rockfall_bounds, only: boulder_count
    implicit none
@@ -497,13 +496,13 @@ contains
       integer(i8), intent(in) :: first, step, n
       type(error_t), allocatable, intent(out) :: error
       type(boulder_result_t), allocatable :: results(:)
-      type(crossing_t), allocatable :: crossings(:, :)
+      type(crossings_t), allocatable :: crossings(:)
       type(maps_t), allocatable :: maps(:)
       integer(i8), allocatable :: row(:)  !! of each boulder; 0: none is kept
       integer(i8) :: k, number
       integer :: status
 
-      allocate (results(n), crossings(size(run%line, 2), n), row(n), stat=status)
+      allocate (results(n), crossings(n), row(n), stat=status)
       if (status /= 0) then
          call fail(error, integer_text(n)//" boulders of a chunk do not fit in memory")
          return
@@ -519,12 +518,12 @@ contains
       do k = 1, n
          number = first + (k - 1)*step
          row(k) = row_kept(run, number)
-         if (row(k) > 0) call store_row(run, scene, results(k), crossings(:, k), row(k))
+         if (row(k) > 0) call store_row(run, scene, results(k), crossings(k), row(k))
          if (results(k)%status == left_window) cycle
          call add_counts(run, results(k))
-         if (allocated(run%number)) call add_sample(run, scene, results(k), crossings(:, k))
+         if (allocated(run%number)) call add_sample(run, scene, results(k), crossings(k))
       end do
-      call store_line_rows(run, scene, results, crossings, row)
+      if (allocated(scene%lines)) call store_line_rows(run, scene, results, crossings, row)
       run%left = pack([(first + (k - 1)*step, k=1, n)], results%status == left_window)
       if (allocated(run%left_at)) deallocate (run%left_at)
       allocate (run%left_at(size(run%left), 2))
@@ -593,39 +592,53 @@ contains
       type(run_t), intent(inout) :: run
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: result
-      type(crossing_t), intent(in) :: crossings(:)
+      type(crossings_t), intent(in) :: crossings
       integer(i8), intent(in) :: row
       real(wp) :: reals(size(row_reals))
-      integer :: integers(size(row_integers))
+      integer :: integers(size(row_integers)), k
 
       reals = real_row(scene%dem, result)
       integers = integer_row(scene%release, result)
       run%reals(row, :) = reals(run%real_columns)
       run%status(row) = int(result%status, i1)
       run%integers(row, :) = integers(run%integer_columns)
-      if (allocated(scene%breakage)) then
-         run%line_volume(row, :) = merge(crossings%fragment%volume, ieee_value(0.0_wp, ieee_quiet_nan), &
-                                         crossings%crossed)
-         run%line_fragments(row, :) = crossings%fragments
+      if (allocated(scene%breakage) .and. allocated(crossings%at)) then
+         run%line_volume(row, :) = ieee_value(0.0_wp, ieee_quiet_nan)
+         run%line_fragments(row, :) = 0
+         do k = 1, size(crossings%at)
+            associate (at => crossings%at(k))
+               if (at%crossed) run%line_volume(row, at%line) = at%fragment%volume
+               run%line_fragments(row, at%line) = at%fragments
+            end associate
+         end do
       end if
-      if (allocated(scene%barriers)) run%outcome(row, :) = crossings(scene%barriers%line)%outcome
+      if (allocated(scene%barriers)) &
+         run%outcome(row, :) = [(outcome_at(crossings, scene%barriers(k)%line), k=1, size(scene%barriers))]
    end subroutine store_row
 
-   !> Store the rows of boulders at lines, those of some boulders line by line: they are neighbours in memory.
+   !> Store the rows of boulders at lines. Most are NaN where there are many lines: these are written first, those of
+   !> all boulders at a line together, which are neighbours in memory.
    subroutine store_line_rows(run, scene, results, crossings, row)
       type(run_t), intent(inout) :: run
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: results(:)
-      type(crossing_t), intent(in) :: crossings(:, :)  !! (lines, boulders)
-      integer(i8), intent(in) :: row(:)                !! of each boulder; 0: none is kept
-      integer, parameter :: block = 16
-      integer :: from, line, k
+      type(crossings_t), intent(in) :: crossings(:)
+      integer(i8), intent(in) :: row(:)  !! of each boulder; 0: none is kept
+      real(wp) :: nan
+      integer :: field, line, k, j
 
-      do from = 1, size(results), block
-         do line = 1, size(crossings, 1)
-            do k = from, min(from + block - 1, size(results))
-               if (row(k) > 0) run%line(row(k), line, :) = line_row(scene%dem, results(k), crossings(line, k))
+      nan = ieee_value(nan, ieee_quiet_nan)
+      do field = 1, size(line_fields)
+         do line = 1, size(run%line, 2)
+            do k = 1, size(row)
+               if (row(k) > 0) run%line(row(k), line, field) = nan
             end do
+         end do
+      end do
+      do k = 1, size(row)
+         if (row(k) == 0) cycle
+         do j = 1, size(crossings(k)%at)
+            run%line(row(k), crossings(k)%at(j)%line, :) = line_row(scene%dem, results(k), crossings(k)%at(j))
          end do
       end do
    end subroutine store_line_rows
@@ -635,20 +648,18 @@ contains
       type(run_t), intent(inout) :: run
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: result
-      type(crossing_t), intent(in) :: crossings(:)
-      real(wp) :: rows(size(line_fields), size(crossings))
-      type(line_t) :: no_lines(0)
+      type(crossings_t), intent(in) :: crossings
       integer :: k
 
-      do k = 1, size(crossings)
-         rows(:, k) = line_row(scene%dem, result, crossings(k))
-      end do
       associate (origin => [scene%dem%x0, scene%dem%y0], row => boulder_row(scene%dem, result))
-         if (allocated(scene%lines)) then
-            call add_samples(run%samples, run%layout, scene%lines, origin, row, boulder_count_row(result), rows)
-         else
-            call add_samples(run%samples, run%layout, no_lines, origin, row, boulder_count_row(result), rows)
-         end if
+         call add_end(run%samples, run%layout, row, boulder_count_row(result))
+         if (.not. allocated(crossings%at)) return
+         do k = 1, size(crossings%at)
+            associate (at => crossings%at(k))
+               if (at%crossed) call add_crossing(run%samples, run%layout, at%line, scene%lines(at%line), origin, row, &
+                                                 int(result%source), line_row(scene%dem, result, at))
+            end associate
+         end do
       end associate
    end subroutine add_sample
 

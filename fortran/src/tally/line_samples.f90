@@ -2,7 +2,6 @@
 !> Samples of boulders whose rows are not kept: quantities at each line and at their ends, over all boulders, by part
 !> (features or sources named in statistics), and coarsely by group of sources, for confidence intervals.
 module rockfall_line_samples
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, i4, i8
    use rockfall_line, only: line_t
    use rockfall_boulder, only: release_t, feature_of, sphere_radius
@@ -10,7 +9,7 @@ module rockfall_line_samples
    use rockfall_variables, only: boulder_fields, boulder_counts, line_fields
    implicit none
    private
-   public :: layout_t, layout_of, add_samples, line_quantities, place_along
+   public :: layout_t, layout_of, add_end, add_crossing, line_quantities, place_along
    public :: line_quantity, end_quantity, units_of, n_quantities, tails
 
    !> Quantities at a line, of which the first may have a tail; quantities at the end of a boulder.
@@ -90,37 +89,44 @@ contains
       layout%group_part = [((p, k=1, each), p=1, size(n_sources))]
    end function layout_of
 
-   !> Add a boulder from its rows. A boulder that left the window of the terrain has no status and is ignored.
-   pure subroutine add_samples(samples, layout, lines, origin, boulder, counts, crossing)
+   !> Add the end of a boulder.
+   pure subroutine add_end(samples, layout, boulder, counts)
       type(samples_t), intent(inout) :: samples
       type(layout_t), intent(in) :: layout
-      type(line_t), intent(in) :: lines(:)
-      real(wp), intent(in) :: origin(2)       !! of local coordinates [m]
-      real(wp), intent(in) :: boulder(:)      !! boulder_fields
-      integer, intent(in) :: counts(:)        !! boulder_counts
-      real(wp), intent(in) :: crossing(:, :)  !! (line_fields, lines)
-      real(wp) :: values(n_quantities)
-      integer :: k, q
+      real(wp), intent(in) :: boulder(:)  !! boulder_fields
+      integer, intent(in) :: counts(:)    !! boulder_counts
+      real(wp) :: values(size(end_quantity))
 
-      if (counts(status) < 1) return
       samples%ended(counts(status)) = samples%ended(counts(status)) + 1
-      values(:size(end_quantity)) = [boulder(findloc(boulder_fields, "plan_distance", dim=1)), &
-                                     boulder(findloc(boulder_fields, "path_length", dim=1)), &
-                                     boulder(findloc(boulder_fields, "travel_time", dim=1)), &
-                                     boulder(findloc(boulder_fields, "speed_max", dim=1)), &
-                                     boulder(findloc(boulder_fields, "jump_height_max", dim=1)), &
-                                     boulder(volume), real(counts(impacts), wp)]
-      call add_quantities(samples, layout, counts(source), values(:size(end_quantity)), 2, 1)
-      do k = 1, size(lines)
-         if (ieee_is_nan(crossing(1, k))) cycle
-         values(:n_quantities - 1) = line_quantities(crossing(:, k), boulder(volume))
-         values(n_quantities) = place_along(lines(k), crossing(:2, k) - origin)
-         call add_quantities(samples, layout, counts(source), values, 1, k + 1)
-         do q = 1, tails
-            call add_tail(samples%largest(:, q, k), values(q))
-         end do
+      values = [boulder(findloc(boulder_fields, "plan_distance", dim=1)), &
+                boulder(findloc(boulder_fields, "path_length", dim=1)), &
+                boulder(findloc(boulder_fields, "travel_time", dim=1)), &
+                boulder(findloc(boulder_fields, "speed_max", dim=1)), &
+                boulder(findloc(boulder_fields, "jump_height_max", dim=1)), &
+                boulder(volume), real(counts(impacts), wp)]
+      call add_quantities(samples, layout, counts(source), values, 2, 1)
+   end subroutine add_end
+
+   !> Add the crossing of a line by a boulder.
+   pure subroutine add_crossing(samples, layout, index, line, origin, boulder, source_number, crossing)
+      type(samples_t), intent(inout) :: samples
+      type(layout_t), intent(in) :: layout
+      integer, intent(in) :: index           !! of the line
+      type(line_t), intent(in) :: line
+      real(wp), intent(in) :: origin(2)      !! of local coordinates [m]
+      real(wp), intent(in) :: boulder(:)     !! boulder_fields
+      integer, intent(in) :: source_number
+      real(wp), intent(in) :: crossing(:)    !! line_fields
+      real(wp) :: values(n_quantities)
+      integer :: q
+
+      values(:n_quantities - 1) = line_quantities(crossing, boulder(volume))
+      values(n_quantities) = place_along(line, crossing(:2) - origin)
+      call add_quantities(samples, layout, source_number, values, 1, index + 1)
+      do q = 1, tails
+         call add_tail(samples%largest(:, q, index), values(q))
       end do
-   end subroutine add_samples
+   end subroutine add_crossing
 
    !> Add the quantities of a boulder at a place.
    pure subroutine add_quantities(samples, layout, source_number, values, kind, place)

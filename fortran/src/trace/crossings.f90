@@ -11,7 +11,7 @@ module rockfall_crossings
    use rockfall_outcome, only: boulder_result_t
    implicit none
    private
-   public :: crossing_t, crossing, record_crossings
+   public :: crossing_t, crossings_t, crossing, record_crossings, keep_crossings, outcome_at
 
    !> First crossing of an evaluation line.
    type :: crossing_t
@@ -21,9 +21,15 @@ module rockfall_crossings
       real(wp) :: v(3) = 0, omega = 0  !! [m/s], [rad/s]
       real(wp) :: jump_height = 0      !! lowest point above the surface [m]
       real(wp) :: passing_height = 0   !! centre of the sphere above the surface, vertical [m]
+      integer :: line = 0              !! its index; in crossings_t only
       integer :: fragments = 0         !! of a boulder that may break: those that crossed, and
       type(boulder_t) :: fragment      !! the one that the rest is of
    end type crossing_t
+
+   !> Crossings of a boulder. Of thousands of lines it crosses few.
+   type :: crossings_t
+      type(crossing_t), allocatable :: at(:)  !! by increasing line
+   end type crossings_t
 
 contains
 
@@ -76,6 +82,42 @@ contains
       end if
       if (fraction <= 1) crossed = crossing(scene, gravity, result, flight, fraction*landing%time, omega_r)
    end subroutine record_crossing
+
+   !> Keep the crossings of a boulder that has ended, of those at all lines.
+   pure subroutine keep_crossings(crossings, kept)
+      type(crossing_t), intent(in) :: crossings(:)
+      type(crossings_t), intent(inout) :: kept
+      integer :: n, k
+
+      n = count(is_kept(crossings))
+      if (allocated(kept%at)) deallocate (kept%at)
+      allocate (kept%at(n))
+      n = 0
+      do k = 1, size(crossings)
+         if (.not. is_kept(crossings(k))) cycle
+         n = n + 1
+         kept%at(n) = crossings(k)
+         kept%at(n)%line = k
+      end do
+   end subroutine keep_crossings
+
+   elemental logical function is_kept(crossing)
+      type(crossing_t), intent(in) :: crossing
+
+      is_kept = crossing%crossed .or. crossing%outcome /= 0
+   end function is_kept
+
+   !> Outcome of a boulder at the barrier on a line, as in crossing_t.
+   pure integer(i1) function outcome_at(crossings, line) result(outcome)
+      type(crossings_t), intent(in) :: crossings
+      integer, intent(in) :: line
+      integer :: k
+
+      outcome = 0
+      do k = 1, size(crossings%at)
+         if (crossings%at(k)%line == line) outcome = crossings%at(k)%outcome
+      end do
+   end function outcome_at
 
    !> State of a boulder `t` after the start of a flight.
    !>

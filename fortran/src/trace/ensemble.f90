@@ -9,7 +9,7 @@ module rockfall_ensemble
    use rockfall_flight, only: span_t
    use rockfall_scene_type, only: scene_t, goes_in_lanes, has_obstacles, one_by_one, narrow_lanes, wide_lanes
    use rockfall_outcome, only: boulder_result_t
-   use rockfall_crossings, only: crossing_t
+   use rockfall_crossings, only: crossings_t, keep_crossings
    use rockfall_scratch, only: scratch_t
    use rockfall_trajectory, only: trace_full, choose_tracer
    use rockfall_fragments, only: trace_fragments
@@ -56,7 +56,7 @@ contains
       integer(i8), intent(in) :: first, step                 !! step: 1 if maps count sources
       integer, intent(in) :: threads                         !! as for team_size
       type(boulder_result_t), intent(out) :: results(:)
-      type(crossing_t), intent(inout) :: crossings(:, :)     !! (lines, boulders)
+      type(crossings_t), intent(inout) :: crossings(:)       !! of each boulder, if there are lines
       type(maps_t), intent(in) :: maps(:)                    !! one, or one for each thread
       integer(i8), intent(inout) :: histogram_counts(:, :)   !! (bins, quantities)
       integer(i8), intent(inout) :: by_ground(:)             !! rebounds, if the scene has several grounds
@@ -85,7 +85,7 @@ contains
       integer(i8), intent(in) :: first, step
       integer, intent(in) :: threads
       type(boulder_result_t), intent(inout) :: results(:)
-      type(crossing_t), intent(inout) :: crossings(:, :)
+      type(crossings_t), intent(inout) :: crossings(:)
       type(maps_t), intent(in) :: maps
       integer(i8), intent(inout) :: histogram_counts(:, :), by_ground(:)
       integer, intent(inout) :: next
@@ -110,7 +110,7 @@ contains
          else
             !$omp do schedule(dynamic, batch)
             do k = 1, size(results)
-               call run_boulder(scene, first + (k - 1)*step, results(k), crossings(:, k), maps, worker)
+               call run_boulder(scene, first + (k - 1)*step, results(k), crossings(k), maps, worker)
             end do
             !$omp end do
          end if
@@ -126,12 +126,12 @@ contains
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       type(boulder_result_t), intent(inout) :: result
-      type(crossing_t), intent(inout) :: crossings(:)
+      type(crossings_t), intent(inout) :: crossings
       type(maps_t), intent(in) :: maps
       type(worker_t), intent(inout) :: worker
 
       call worker%trace(scene, number, result, worker%scratch, worker%spans)
-      if (allocated(worker%scratch%crossings)) crossings = worker%scratch%crossings
+      if (allocated(worker%scratch%crossings)) call keep_crossings(worker%scratch%crossings, crossings)
       call add_boulder(scene, maps, result, worker%scratch, worker%totals)
    end subroutine run_boulder
 
@@ -143,7 +143,7 @@ contains
       integer(i8), intent(in) :: first
       integer, intent(in) :: threads
       type(boulder_result_t), intent(inout) :: results(:)
-      type(crossing_t), intent(inout) :: crossings(:, :)
+      type(crossings_t), intent(inout) :: crossings(:)
       type(maps_t), intent(in) :: maps
       type(worker_t), intent(inout) :: worker
       type(visits_t) :: cells
@@ -160,7 +160,7 @@ contains
             !$omp do schedule(dynamic, batch)
             do b = next, min(last, last_of(scene%release, source))
                k = int(b - first) + 1
-               call run_boulder(scene, b, results(k), crossings(:, k), maps, worker)
+               call run_boulder(scene, b, results(k), crossings(k), maps, worker)
                call add_source_of_boulder(maps, worker%scratch%visits, source, released_by(scene%release, source))
             end do
             !$omp end do
@@ -173,7 +173,7 @@ contains
                call start_visits(cells)
                do b = first_of(scene%release, s), last_of(scene%release, s)
                   k = int(b - first) + 1
-                  call run_boulder(scene, b, results(k), crossings(:, k), maps, worker)
+                  call run_boulder(scene, b, results(k), crossings(k), maps, worker)
                   call gather_cells(cells, worker%scratch%visits)
                end do
                call join_visits(cells)

@@ -21,7 +21,7 @@ module rockfall_lanes
    use rockfall_table_contact, only: velocity_after, end_touch
    use rockfall_scene_type, only: scene_t, inertia_of, is_slow
    use rockfall_outcome, only: boulder_result_t, departure_status, add_flight, count_outcome, absorbed
-   use rockfall_crossings, only: crossing_t, record_crossings
+   use rockfall_crossings, only: crossings_t, record_crossings, keep_crossings
    use rockfall_scratch, only: scratch_t, with_all, clear_scratch, count_ground
    use rockfall_start, only: start_boulder, end_boulder
    use rockfall_contact, only: handle_impact, find_ground, find_impact_set, close_impact, rest_or_roll
@@ -116,7 +116,7 @@ contains
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first, step              !! number of the first boulder, from one to the next
       type(boulder_result_t), intent(inout) :: results(:)
-      type(crossing_t), intent(inout) :: crossings(:, :)  !! (lines, boulders)
+      type(crossings_t), intent(inout) :: crossings(:)  !! of each boulder
       type(maps_t), intent(in) :: maps                    !! none counts sources
       integer, intent(inout) :: next                      !! index of the next boulder
       type(totals_t), intent(inout) :: totals
@@ -721,7 +721,7 @@ contains
    subroutine retire_boulders(scene, results, crossings, maps, l, pool, scratch, totals)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(inout) :: results(:)
-      type(crossing_t), intent(inout) :: crossings(:, :)
+      type(crossings_t), intent(inout) :: crossings(:)
       type(maps_t), intent(in) :: maps
       type(landings_t), intent(in) :: l
       type(pool_t), intent(inout) :: pool
@@ -734,7 +734,7 @@ contains
          associate (result => results(pool%index(lane)), work => scratch(lane))
             if (result%status == 0) cycle
             call end_boulder(scene, landing_of(l, k), with_all, result, work)
-            if (allocated(work%crossings)) crossings(:, pool%index(lane)) = work%crossings
+            if (allocated(work%crossings)) call keep_crossings(work%crossings, crossings(pool%index(lane)))
             call add_boulder(scene, maps, result, work, totals)
          end associate
          pool%n_free = pool%n_free + 1
