@@ -9,7 +9,7 @@ module rockfall_run_state
    use rockfall_text, only: integer_text
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, left_window
-   use rockfall_crossings, only: crossings_t, outcome_at
+   use rockfall_crossings, only: crossings_t
    use rockfall_maps, only: maps_t, lacks_slots
    use rockfall_source_maps, only: contributing_t, contributing_cells, partial_sources, boulders_within, &
                                    first_partial, adjust_released
@@ -378,7 +378,12 @@ contains
                 run%outcome(n, count(case%lines%height > 0)), &
                 run%line_volume(n, merge(size(case%lines), 0, allocated(case%breakage))), &
                 run%line_fragments(n, merge(size(case%lines), 0, allocated(case%breakage))), stat=status)
-      if (status /= 0) call report_memory(run, error)
+      if (status /= 0) then
+         call report_memory(run, error)
+         return
+      end if
+      run%line = ieee_value(0.0_wp, ieee_quiet_nan)  ! of thousands of lines a boulder crosses few
+      run%line_volume = ieee_value(0.0_wp, ieee_quiet_nan)
    end subroutine allocate_rows
 
    !> Empty maps, and samples where not all rows are kept.
@@ -498,11 +503,10 @@ contains
       type(boulder_result_t), allocatable :: results(:)
       type(crossings_t), allocatable :: crossings(:)
       type(maps_t), allocatable :: maps(:)
-      integer(i8), allocatable :: row(:)  !! of each boulder; 0: none is kept
-      integer(i8) :: k, number
+      integer(i8) :: k, row
       integer :: status
 
-      allocate (results(n), crossings(n), row(n), stat=status)
+      allocate (results(n), crossings(n), stat=status)
       if (status /= 0) then
          call fail(error, integer_text(n)//" boulders of a chunk do not fit in memory")
          return
@@ -516,14 +520,12 @@ contains
          return
       end if
       do k = 1, n
-         number = first + (k - 1)*step
-         row(k) = row_kept(run, number)
-         if (row(k) > 0) call store_row(run, scene, results(k), crossings(k), row(k))
          if (results(k)%status == left_window) cycle
+         row = row_kept(run, first + (k - 1)*step)
+         if (row > 0) call store_row(run, scene, results(k), crossings(k), row)
          call add_counts(run, results(k))
          if (allocated(run%number)) call add_sample(run, scene, results(k), crossings(k))
       end do
-      if (allocated(scene%lines)) call store_line_rows(run, scene, results, crossings, row)
       run%left = pack([(first + (k - 1)*step, k=1, n)], results%status == left_window)
       if (allocated(run%left_at)) deallocate (run%left_at)
       allocate (run%left_at(size(run%left), 2))
@@ -602,46 +604,18 @@ contains
       run%reals(row, :) = reals(run%real_columns)
       run%status(row) = int(result%status, i1)
       run%integers(row, :) = integers(run%integer_columns)
-      if (allocated(scene%breakage) .and. allocated(crossings%at)) then
-         run%line_volume(row, :) = ieee_value(0.0_wp, ieee_quiet_nan)
-         run%line_fragments(row, :) = 0
-         do k = 1, size(crossings%at)
-            associate (at => crossings%at(k))
-               if (at%crossed) run%line_volume(row, at%line) = at%fragment%volume
-               run%line_fragments(row, at%line) = at%fragments
-            end associate
-         end do
-      end if
-      if (allocated(scene%barriers)) &
-         run%outcome(row, :) = [(outcome_at(crossings, scene%barriers(k)%line), k=1, size(scene%barriers))]
+      run%outcome(row, :) = 0
+      run%line_fragments(row, :) = 0
+      do k = 1, crossings%n
+         associate (at => crossings%at(k))
+            if (at%outcome /= 0) run%outcome(row, findloc(scene%barriers%line, at%line, dim=1)) = at%outcome
+            run%line(row, at%line, :) = line_row(scene%dem, result, at)
+            if (at%fragments == 0) cycle
+            run%line_volume(row, at%line) = at%fragment%volume
+            run%line_fragments(row, at%line) = at%fragments
+         end associate
+      end do
    end subroutine store_row
-
-   !> Store the rows of boulders at lines. Most are NaN where there are many lines: these are written first, those of
-   !> all boulders at a line together, which are neighbours in memory.
-   subroutine store_line_rows(run, scene, results, crossings, row)
-      type(run_t), intent(inout) :: run
-      type(scene_t), intent(in) :: scene
-      type(boulder_result_t), intent(in) :: results(:)
-      type(crossings_t), intent(in) :: crossings(:)
-      integer(i8), intent(in) :: row(:)  !! of each boulder; 0: none is kept
-      real(wp) :: nan
-      integer :: field, line, k, j
-
-      nan = ieee_value(nan, ieee_quiet_nan)
-      do field = 1, size(line_fields)
-         do line = 1, size(run%line, 2)
-            do k = 1, size(row)
-               if (row(k) > 0) run%line(row(k), line, field) = nan
-            end do
-         end do
-      end do
-      do k = 1, size(row)
-         if (row(k) == 0) cycle
-         do j = 1, size(crossings(k)%at)
-            run%line(row(k), crossings(k)%at(j)%line, :) = line_row(scene%dem, results(k), crossings(k)%at(j))
-         end do
-      end do
-   end subroutine store_line_rows
 
    !> Add a boulder to the samples.
    subroutine add_sample(run, scene, result, crossings)
@@ -653,8 +627,7 @@ contains
 
       associate (origin => [scene%dem%x0, scene%dem%y0], row => boulder_row(scene%dem, result))
          call add_end(run%samples, run%layout, row, boulder_count_row(result))
-         if (.not. allocated(crossings%at)) return
-         do k = 1, size(crossings%at)
+         do k = 1, crossings%n
             associate (at => crossings%at(k))
                if (at%crossed) call add_crossing(run%samples, run%layout, at%line, scene%lines(at%line), origin, row, &
                                                  int(result%source), line_row(scene%dem, result, at))
@@ -663,7 +636,7 @@ contains
       end associate
    end subroutine add_sample
 
-   !> Row of a boulder, 0 if it is not kept.
+   !> Row of a boulder; 0: it is not kept.
    pure integer(i8) function row_kept(run, number) result(row)
       type(run_t), intent(in) :: run
       integer(i8), intent(in) :: number

@@ -11,7 +11,8 @@ module rockfall_crossings
    use rockfall_outcome, only: boulder_result_t
    implicit none
    private
-   public :: crossing_t, crossings_t, crossing, record_crossings, keep_crossings, outcome_at
+   public :: crossing_t, crossings_t, crossing, record_crossings, start_crossings, clear_crossings, keep_crossings, &
+             outcome_at, find_entry
 
    !> First crossing of an evaluation line.
    type :: crossing_t
@@ -21,15 +22,19 @@ module rockfall_crossings
       real(wp) :: v(3) = 0, omega = 0  !! [m/s], [rad/s]
       real(wp) :: jump_height = 0      !! lowest point above the surface [m]
       real(wp) :: passing_height = 0   !! centre of the sphere above the surface, vertical [m]
-      integer :: line = 0              !! its index; in crossings_t only
+      integer :: line = 0              !! its index
       integer :: fragments = 0         !! of a boulder that may break: those that crossed, and
       type(boulder_t) :: fragment      !! the one that the rest is of
    end type crossing_t
 
-   !> Crossings of a boulder. Of thousands of lines it crosses few.
+   !> Crossings of a boulder, each of another line: of thousands of lines it crosses few.
    type :: crossings_t
-      type(crossing_t), allocatable :: at(:)  !! by increasing line
+      integer :: n = 0
+      type(crossing_t), allocatable :: at(:)  !! the first n
+      integer, allocatable :: place(:)        !! of each line among these; 0: none; not allocated once it has ended
    end type crossings_t
+
+   integer, parameter :: first_room = 4  !! for so many crossings
 
 contains
 
@@ -41,13 +46,13 @@ contains
       type(flight_t), intent(in) :: flight
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: omega_r  !! W [m/s]
-      type(crossing_t), intent(inout) :: crossings(:)
+      type(crossings_t), intent(inout) :: crossings
       real(wp), intent(in), optional :: until  !! since the start of the flight [s]
       integer :: columns(2), rows(2), k, j
 
       if (.not. allocated(scene%line_index)) then
          do k = 1, size(scene%lines)
-            call record_crossing(scene, gravity, result, flight, landing, omega_r, k, crossings(k), until)
+            call record_crossing(scene, gravity, result, flight, landing, omega_r, k, crossings, until)
          end do
          return
       end if
@@ -55,15 +60,14 @@ contains
          call buckets_of(index, [flight%x, flight%y], [landing%x, landing%y], columns, rows)
          do j = (rows(1) - 1)*index%n(1), (rows(2) - 1)*index%n(1), index%n(1)
             do k = index%first(j + columns(1)), index%first(j + columns(2) + 1) - 1
-               call record_crossing(scene, gravity, result, flight, landing, omega_r, index%line(k), &
-                                    crossings(index%line(k)), until)
+               call record_crossing(scene, gravity, result, flight, landing, omega_r, index%line(k), crossings, until)
             end do
          end do
       end associate
    end subroutine record_crossings
 
    !> Record the first crossing of a line, unless an earlier flight crossed it.
-   pure subroutine record_crossing(scene, gravity, result, flight, landing, omega_r, line, crossed, until)
+   pure subroutine record_crossing(scene, gravity, result, flight, landing, omega_r, line, crossings, until)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: gravity
       type(boulder_result_t), intent(in) :: result
@@ -71,52 +75,75 @@ contains
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: omega_r
       integer, intent(in) :: line  !! its index
-      type(crossing_t), intent(inout) :: crossed
+      type(crossings_t), intent(inout) :: crossings
       real(wp), intent(in), optional :: until
       real(wp) :: fraction
+      integer :: k
 
-      if (crossed%crossed) return
+      if (crossings%place(line) > 0) return
       fraction = first_meeting(scene%lines(line), [flight%x, flight%y], [landing%x, landing%y], result%boulder%radius)
       if (present(until)) then
          if (fraction*landing%time > until) return
       end if
-      if (fraction <= 1) crossed = crossing(scene, gravity, result, flight, fraction*landing%time, omega_r)
+      if (.not. fraction <= 1) return
+      call find_entry(crossings, line, k)
+      crossings%at(k) = crossing(scene, gravity, result, flight, fraction*landing%time, omega_r)
+      crossings%at(k)%line = line
    end subroutine record_crossing
 
-   !> Keep the crossings of a boulder that has ended, of those at all lines.
+   !> Allocate crossings of so many lines.
+   pure subroutine start_crossings(lines, crossings)
+      integer, intent(in) :: lines
+      type(crossings_t), intent(out) :: crossings
+
+      allocate (crossings%at(min(lines, first_room)), crossings%place(lines))
+      crossings%place = 0
+   end subroutine start_crossings
+
+   !> Forget all crossings.
+   pure subroutine clear_crossings(crossings)
+      type(crossings_t), intent(inout) :: crossings
+
+      crossings%place(crossings%at(:crossings%n)%line) = 0
+      crossings%n = 0
+   end subroutine clear_crossings
+
+   !> Find the place of a line among the crossings, an empty one at their end if it has none.
+   pure subroutine find_entry(crossings, line, k)
+      type(crossings_t), intent(inout) :: crossings
+      integer, intent(in) :: line
+      integer, intent(out) :: k
+      type(crossing_t), allocatable :: longer(:)
+
+      k = crossings%place(line)
+      if (k > 0) return
+      k = crossings%n + 1
+      if (k > size(crossings%at)) then
+         allocate (longer(min(2*size(crossings%at), size(crossings%place))))
+         longer(:crossings%n) = crossings%at
+         call move_alloc(longer, crossings%at)
+      end if
+      crossings%n = k
+      crossings%at(k) = crossing_t(line=line)
+      crossings%place(line) = k
+   end subroutine find_entry
+
+   !> Keep the crossings of a boulder that has ended.
    pure subroutine keep_crossings(crossings, kept)
-      type(crossing_t), intent(in) :: crossings(:)
+      type(crossings_t), intent(in) :: crossings
       type(crossings_t), intent(inout) :: kept
-      integer :: n, k
 
-      n = count(is_kept(crossings))
-      if (allocated(kept%at)) deallocate (kept%at)
-      allocate (kept%at(n))
-      n = 0
-      do k = 1, size(crossings)
-         if (.not. is_kept(crossings(k))) cycle
-         n = n + 1
-         kept%at(n) = crossings(k)
-         kept%at(n)%line = k
-      end do
+      kept%n = crossings%n
+      kept%at = crossings%at(:crossings%n)
    end subroutine keep_crossings
-
-   elemental logical function is_kept(crossing)
-      type(crossing_t), intent(in) :: crossing
-
-      is_kept = crossing%crossed .or. crossing%outcome /= 0
-   end function is_kept
 
    !> Outcome of a boulder at the barrier on a line, as in crossing_t.
    pure integer(i1) function outcome_at(crossings, line) result(outcome)
       type(crossings_t), intent(in) :: crossings
       integer, intent(in) :: line
-      integer :: k
 
       outcome = 0
-      do k = 1, size(crossings%at)
-         if (crossings%at(k)%line == line) outcome = crossings%at(k)%outcome
-      end do
+      if (crossings%place(line) > 0) outcome = crossings%at(crossings%place(line))%outcome
    end function outcome_at
 
    !> State of a boulder `t` after the start of a flight.

@@ -18,7 +18,7 @@ module rockfall_fragments
    use rockfall_histogram, only: bins, quantities
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, at_rest, broken, left_window
-   use rockfall_crossings, only: crossing_t
+   use rockfall_crossings, only: crossing_t, crossings_t, start_crossings, find_entry
    use rockfall_scratch, only: scratch_t, contact_t, piece_t, gathered_t, with_all, clear_scratch
    use rockfall_start, only: start_boulder, energy_head
    use rockfall_breaking, only: break_at_release, fragment_piece
@@ -47,7 +47,7 @@ module rockfall_fragments
       type(tree_hits_t) :: tree_hits
       integer(i8) :: histogram(bins, quantities) = 0
       integer(i8), allocatable :: by_ground(:)
-      type(crossing_t), allocatable :: crossings(:)
+      type(crossings_t), allocatable :: crossings
       real(wp), allocatable :: raised(:, :)  !! (3, lines): highest jump, centre and upper edge of those there [m]
       real(wp), allocatable :: energy(:)     !! largest of those that crossed, per line [J]
       type(contact_t), allocatable :: record(:)
@@ -96,8 +96,11 @@ contains
       if (allocated(scratch%by_ground)) allocate (all%by_ground(size(scratch%by_ground)), source=0_i8)
       if (allocated(scratch%record)) allocate (all%record(0))
       if (.not. allocated(scratch%crossings)) return
-      allocate (all%crossings(size(scratch%crossings)))
-      allocate (all%raised(3, size(scratch%crossings)), all%energy(size(scratch%crossings)), source=-1.0_wp)
+      associate (lines => size(scratch%crossings%place))
+         allocate (all%crossings)
+         call start_crossings(lines, all%crossings)
+         allocate (all%raised(3, lines), all%energy(lines), source=-1.0_wp)
+      end associate
    end subroutine prepare
 
    !> Release a boulder, as a block or as its fragments.
@@ -185,7 +188,7 @@ contains
       type(boulder_result_t), intent(in) :: result
       type(scratch_t), intent(in) :: scratch
       type(all_pieces_t), intent(inout) :: all
-      integer :: k
+      integer :: k, entry
 
       associate (mass => result%boulder%mass)
          if (scratch%cells_requested) call merge_visits(all%visits, scratch%visits, mass)
@@ -201,8 +204,12 @@ contains
       if (scene%histograms_requested) all%histogram = all%histogram + scratch%histograms%count
       if (allocated(all%by_ground)) all%by_ground = all%by_ground + scratch%by_ground
       if (allocated(all%crossings)) then
-         do k = 1, size(all%crossings)
-            call add_crossing(result, scratch%crossings(k), all%crossings(k), all%energy(k), all%raised(:, k))
+         do k = 1, scratch%crossings%n
+            associate (line => scratch%crossings%at(k)%line)
+               call find_entry(all%crossings, line, entry)
+               call add_crossing(result, scratch%crossings%at(k), all%crossings%at(entry), all%energy(line), &
+                                 all%raised(:, line))
+            end associate
          end do
       end if
       call add_counts(result, all%result)
@@ -318,10 +325,10 @@ contains
       scratch%histograms%count = all%histogram
       if (allocated(all%by_ground)) scratch%by_ground = all%by_ground
       if (allocated(all%crossings)) then
-         do k = 1, size(all%crossings)
-            associate (at => all%crossings(k))
+         do k = 1, all%crossings%n
+            associate (at => all%crossings%at(k))
                if (.not. at%crossed) cycle
-               call raise(maxval(all%raised(:, k) - [at%jump_height, at%passing_height, &
+               call raise(maxval(all%raised(:, at%line) - [at%jump_height, at%passing_height, &
                                                      at%passing_height + at%fragment%radius]), at)
             end associate
          end do

@@ -14,7 +14,7 @@ module rockfall_obstacles
    use rockfall_tree_maps, only: add_tree_hit
    use rockfall_scene_type, only: scene_t, is_slow
    use rockfall_outcome, only: boulder_result_t, stopped_by_tree, stopped_by_barrier, impact_limit
-   use rockfall_crossings, only: crossing_t, crossing, record_crossings
+   use rockfall_crossings, only: crossing_t, crossings_t, crossing, record_crossings, outcome_at, find_entry
    use rockfall_scratch, only: scratch_t, contact_t, record_vertex
    implicit none
    private
@@ -61,13 +61,13 @@ contains
       type(flight_t), intent(in) :: flight
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: omega_r    !! W [m/s]
-      type(crossing_t), intent(in) :: crossings(:)
+      type(crossings_t), intent(in) :: crossings
       type(obstacle_t), intent(inout) :: obstacle
       real(wp) :: fraction, time
       integer :: k
 
       do k = 1, size(scene%barriers)
-         if (crossings(scene%barriers(k)%line)%outcome == broken_through) cycle
+         if (outcome_at(crossings, scene%barriers(k)%line) == broken_through) cycle
          fraction = -1
          do  ! a polyline may be crossed several times
             fraction = next_crossing(scene%lines(scene%barriers(k)%line), [flight%x, flight%y], &
@@ -96,11 +96,12 @@ contains
    pure subroutine record_passed_over(scene, result, crossings)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: result
-      type(crossing_t), intent(inout) :: crossings(:)
+      type(crossings_t), intent(inout) :: crossings
       integer :: k
 
       do k = 1, size(scene%barriers)
-         associate (at => crossings(scene%barriers(k)%line))
+         if (crossings%place(scene%barriers(k)%line) == 0) cycle
+         associate (at => crossings%at(crossings%place(scene%barriers(k)%line)))
             if (.not. at%crossed .or. at%outcome /= 0) cycle
             if (.not. hits_barrier(scene%barriers(k), result, at)) at%outcome = passed_over
          end associate
@@ -135,6 +136,7 @@ contains
       type(tree_impact_t) :: impact
       type(landing_t) :: place
       real(wp) :: energy, loss, speed_factor, turned(2), heading(2)
+      integer :: k
 
       energy = sum(kinetic_energy(result%boulder, v, omega_r/result%boulder%radius))
       turned = v(1:2)
@@ -160,8 +162,11 @@ contains
       else if (result%trees_hit >= scene%max_impacts) then
          result%status = impact_limit
       end if
-      if (obstacle%kind == barrier) scratch%crossings(scene%barriers(obstacle%number)%line)%outcome = &
-         int(merge(stopped_there, broken_through, result%status == stopped_by_barrier), i1)
+      if (obstacle%kind == barrier) then
+         call find_entry(scratch%crossings, scene%barriers(obstacle%number)%line, k)
+         scratch%crossings%at(k)%outcome = &
+            int(merge(stopped_there, broken_through, result%status == stopped_by_barrier), i1)
+      end if
       call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v))
    end subroutine hit_obstacle
 

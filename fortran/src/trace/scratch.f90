@@ -13,7 +13,7 @@ module rockfall_scratch
    use rockfall_scene_type, only: scene_t
    use rockfall_breakage, only: split_t
    use rockfall_outcome, only: boulder_result_t
-   use rockfall_crossings, only: crossing_t
+   use rockfall_crossings, only: crossings_t, clear_crossings
    implicit none
    private
    public :: scratch_t, contact_t, piece_t, gathered_t, basic, with_lines, with_maps, with_all
@@ -58,7 +58,7 @@ module rockfall_scratch
       type(visits_t) :: visits, hits
       type(histograms_t) :: histograms
       integer(i8), allocatable :: by_ground(:)   !! rebounds on each of the scene's grounds
-      type(crossing_t), allocatable :: crossings(:)
+      type(crossings_t), allocatable :: crossings
       integer, allocatable :: felled(:)          !! broken trees
       logical :: tree_hits_requested = .false.   !! maps need hits of trees
       type(tree_hits_t) :: tree_hits
@@ -84,13 +84,12 @@ contains
       scratch%recorded = 0
       scratch%touch = touch_t()
       if (level >= with_lines) then
-         if (allocated(scratch%crossings)) scratch%crossings%crossed = .false.
+         if (allocated(scratch%crossings)) call clear_crossings(scratch%crossings)
          if (scene%histograms_requested) scratch%histograms%count = 0
       end if
       if (level >= with_maps .and. scratch%cells_requested) call start_visits(scratch%visits)
       if (level >= with_maps .and. scratch%hits_requested) call start_visits(scratch%hits)
       if (level >= with_all) then
-         if (allocated(scene%barriers)) scratch%crossings%outcome = 0
          if (allocated(scratch%by_ground)) scratch%by_ground = 0
          if (allocated(scene%forest)) scratch%felled = [integer ::]
          scratch%tree_hits%n = 0

@@ -4,6 +4,7 @@
 module rockfall_tallies
    use rockfall_kinds, only: wp, i8
    use rockfall_scene_type, only: scene_t
+   use rockfall_crossings, only: start_crossings
    use rockfall_outcome, only: boulder_result_t, at_rest, left_window
    use rockfall_scratch, only: scratch_t
    use rockfall_maps, only: maps_t, needs_visits, needs_heights, join_visits, add_visits, add_deposit
@@ -37,7 +38,10 @@ contains
       if (allocated(scene%breakage)) allocate (scratch%gathered)
       scratch%passing_requested = needs_passing(maps)
       scratch%tree_hits_requested = allocated(scene%forest) .and. needs_tree_hits(maps)
-      if (allocated(scene%lines)) allocate (scratch%crossings(size(scene%lines)))
+      if (allocated(scene%lines)) then
+         allocate (scratch%crossings)
+         call start_crossings(size(scene%lines), scratch%crossings)
+      end if
       if (scene%histograms_requested) scratch%histograms = empty_histograms()
       if (allocated(scene%grounds)) allocate (scratch%by_ground(size(scene%grounds)), source=0_i8)
    end subroutine prepare_scratch

@@ -8,7 +8,7 @@ program test_crossings
    use rockfall_line, only: line
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t
-   use rockfall_crossings, only: crossing_t, record_crossings
+   use rockfall_crossings, only: crossings_t, record_crossings, start_crossings, clear_crossings
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -53,14 +53,15 @@ contains
 
    !> Ten metres on at 8 m/s the boulder is 1.25 s in the air.
    subroutine test_state()
-      type(crossing_t) :: crossings(3)
+      type(crossings_t) :: crossings
       real(wp), parameter :: t = 1.25_wp
       real(wp) :: above
 
+      call start_crossings(3, crossings)
       call check("flies over both lines", landing%x > 26)
       call record_crossings(scene, gravity, result, flight, landing, 2.0_wp, crossings)
-      call check("crosses those ahead of it", all(crossings%crossed .eqv. [.true., .true., .false.]))
-      associate (c => crossings(1))
+      call check("crosses those ahead of it", all((crossings%place > 0) .eqv. [.true., .true., .false.]))
+      associate (c => crossings%at(crossings%place(1)))
          above = 5 + 4*t - 0.5_wp*gravity*t**2 + fall*8*t
          call check_close("x", c%x, 20.0_wp, near)
          call check_close("y", c%y, 30 + t, near)
@@ -74,22 +75,28 @@ contains
       end associate
    end subroutine test_state
 
-   !> A second flight over the same line changes nothing.
+   !> A second flight over the same line changes nothing, unless it is that of the next boulder.
    subroutine test_first_only()
-      type(crossing_t) :: crossings(3)
+      type(crossings_t) :: crossings
 
+      call start_crossings(3, crossings)
       call record_crossings(scene, gravity, result, flight, landing, 2.0_wp, crossings)
       result%time = 50
       call record_crossings(scene, gravity, result, flight, landing, 7.0_wp, crossings)
-      call check_close("the first crossing stays", crossings(1)%time, 4.25_wp, near)
+      call check_close("the first crossing stays", crossings%at(crossings%place(1))%time, 4.25_wp, near)
+      call clear_crossings(crossings)
+      call check("forgotten", crossings%n == 0 .and. all(crossings%place == 0))
+      call record_crossings(scene, gravity, result, flight, landing, 7.0_wp, crossings)
+      call check_close("the next boulder's", crossings%at(crossings%place(1))%time, 51.25_wp, near)
       result%time = 3
    end subroutine test_first_only
 
    !> What lies beyond an obstacle is not crossed.
    subroutine test_until()
-      type(crossing_t) :: crossings(3)
+      type(crossings_t) :: crossings
 
+      call start_crossings(3, crossings)
       call record_crossings(scene, gravity, result, flight, landing, 2.0_wp, crossings, 1.5_wp)
-      call check("up to the obstacle only", all(crossings%crossed .eqv. [.true., .false., .false.]))
+      call check("up to the obstacle only", all((crossings%place > 0) .eqv. [.true., .false., .false.]))
    end subroutine test_until
 end program test_crossings

@@ -12,6 +12,7 @@ program test_obstacles
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, stopped_by_barrier
    use rockfall_scratch, only: scratch_t, clear_scratch, with_all
+   use rockfall_crossings, only: start_crossings, outcome_at
    use rockfall_obstacles, only: obstacle_t, find_obstacle, hit_obstacle, record_passed_over, none
    use check_m, only: check, check_close, finish
    implicit none
@@ -33,7 +34,8 @@ program test_obstacles
    scene%key = random_key(7_i8)
    scene%lines = [line([40.0_wp, 40.0_wp], [1.0_wp, 90.0_wp])]
    scene%barriers = [barrier_t(1, 3.0_wp, 1.0e5_wp)]
-   allocate (scratch%crossings(1))
+   allocate (scratch%crossings)
+   call start_crossings(1, scratch%crossings)
    call test_break_through()
    call test_stop()
    call test_pass_over()
@@ -79,14 +81,14 @@ contains
 
       call shoot(2.0_wp)
       call check_close("met after 10 m", obstacle%time, 0.5_wp, near)
-      call check("and crossed", scratch%crossings(1)%crossed)
+      call check("and crossed", scratch%crossings%n == 1)
       before = energy_of(v)
       call hit_obstacle(scene, 1_i8, obstacle, landing, v, w, result, flight, scratch)
       call check_close("energy that is left", energy_of(flight%v), before - 1.0e5_wp, near)
       call check_close("energy that was taken", result%energy%barriers, 1.0e5_wp, near)
       call check("the direction stays", abs(flight%v(1)*v(3) - flight%v(3)*v(1)) <= near)
       call check("it flies on", result%status == 0)
-      call check("broken through", scratch%crossings(1)%outcome == int(broken_through, i1))
+      call check("broken through", outcome_at(scratch%crossings, 1) == int(broken_through, i1))
       call check("from a place in front of it", flight%x < 40 .and. flight%x > 40 - 1.0e-6_wp)
    end subroutine test_break_through
 
@@ -98,7 +100,7 @@ contains
       before = energy_of(v)
       call hit_obstacle(scene, 1_i8, obstacle, landing, v, w, result, flight, scratch)
       call check("stopped", result%status == stopped_by_barrier)
-      call check("so the barrier says", scratch%crossings(1)%outcome == int(stopped_there, i1))
+      call check("so the barrier says", outcome_at(scratch%crossings, 1) == int(stopped_there, i1))
       call check_close("it takes all", result%energy%barriers, before, near)
       scene%barriers%capacity = 1.0e5_wp
    end subroutine test_stop
@@ -107,9 +109,9 @@ contains
    subroutine test_pass_over()
       call shoot(5.0_wp)
       call check("no obstacle", obstacle%kind == none)
-      call check("but a crossing", scratch%crossings(1)%crossed .and. scratch%crossings(1)%outcome == 0)
+      call check("but a crossing", scratch%crossings%n == 1 .and. outcome_at(scratch%crossings, 1) == 0)
       call record_passed_over(scene, result, scratch%crossings)
-      call check("passed over", scratch%crossings(1)%outcome == int(passed_over, i1))
+      call check("passed over", outcome_at(scratch%crossings, 1) == int(passed_over, i1))
    end subroutine test_pass_over
 
    !> A stem of 40 cm in the way, 5 m on: hit in the middle when the boulder touches it, and broken.
@@ -134,7 +136,7 @@ contains
    subroutine test_nearer_first()
       call shoot(2.0_wp)
       call check("the tree in front of the barrier", obstacle%hit%tree == 1)
-      call check("the line is not reached", .not. scratch%crossings(1)%crossed)
+      call check("the line is not reached", scratch%crossings%n == 0)
       call build_forest([45.0_wp], [50.5_wp], [0.0_wp, 0.0_wp], [40.0_wp], [1.0_wp], tree_model_t(), scene%forest)
       call shoot(2.0_wp)
       call check("the barrier in front of the tree", obstacle%number == 1 .and. obstacle%hit%tree == 0)
