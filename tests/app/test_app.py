@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from subprocess import PIPE
 from types import SimpleNamespace
@@ -301,9 +301,17 @@ def test_an_internal_error_is_told_and_closes_no_page(serve, visit, monkeypatch)
 def test_a_message_that_is_too_large_closes_its_page_only(serve, visit):
     server = serve("dem.tif")
     first, second = visit(server), visit(server)
+
+    def send_too_much():
+        with suppress(ConnectionClosed):
+            first.socket.send('{"type": "' + "x" * MAX_BYTES + '"}')
+
+    # a page reads while it sends; one that did not would not see that it is closed
+    sender = threading.Thread(target=send_too_much)
+    sender.start()
     with pytest.raises(ConnectionClosed):
-        first.socket.send('{"type": "' + "x" * MAX_BYTES + '"}')
         first.all_until("never")
+    sender.join()
     assert second.until("role")["writer"]
 
 
