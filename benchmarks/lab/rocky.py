@@ -7,7 +7,7 @@ CONTACTS is what `rockfall lab impact` has written for a case that throws. Print
 R_b/R_m, R_n by incidence beside Wyllie's field curve R_n = 19.5 theta^-1.03, R_t, the part of
 rotation in the energy, turns, and the neutral slope: on which half of the boulders by the table
 pass 100 m; standard errors leave out fifths of the layers in turn, where there are fewer than five,
-of the throws. With --cost the CPU time of a
+of the throws. Beside it the friction angle of stones on scree. With --cost the CPU time of a
 contact at R_b/R_m = 1 to 20 instead, by the case of the contacts.
 """
 
@@ -30,6 +30,8 @@ from rockfall.lab.tables import table_of
 
 CLASSES = (3, 15), (15, 30), (30, 45), (45, 60), (60, 90)  # of incidence [degree]
 TURNS = 0, 22.5, 45, 181  # [degree]
+# tan(angle) = tan(internal) + k R_m/R_b: Statham 1976, ranges after Dorren 2003, eq. 1
+INTERNAL, PER_SIZE = (20.3, 33.8), (0.17, 0.26)  # [degree], [-]
 PARTS = 5  # of the layers, left out one after the other
 RATIOS, THROWS = (1, 2, 3, 5, 8, 12, 20), (20, 20, 10, 5, 3, 2, 1)  # of --cost
 RADIUS, SPEED, PASSED, CELL, COLUMNS, ABOVE = 0.4, 5.0, 100.0, 2.5, 80, 8  # [m], [m/s], [m]
@@ -38,6 +40,12 @@ RADIUS, SPEED, PASSED, CELL, COLUMNS, ABOVE = 0.4, 5.0, 100.0, 2.5, 80, 8  # [m]
 def wyllie(angle: np.ndarray) -> np.ndarray:
     """R_n of field impacts at an angle from the ground [degree]."""
     return 19.5 * angle**-1.03
+
+
+def scree_friction(ratio: float) -> str:
+    """Range of the friction angle of stones on scree, R_b/R_m times as large as its own."""
+    low, high = np.degrees(np.arctan(np.tan(np.radians(INTERNAL)) + np.array(PER_SIZE) / ratio))
+    return f"{low:.1f} to {high:.1f}"
 
 
 def with_error(values: np.ndarray) -> str:
@@ -163,6 +171,7 @@ def main() -> None:
         print(f"| {name} | " + " | ".join(one[name] for one in columns.values()) + " |")
     found = [slope_with_error(data, ratio, given.slopes) for ratio in ratios]
     print("| neutral slope [degree] | " + " | ".join(found) + " | |", flush=True)
+    print("| scree [degree] | " + " | ".join(map(scree_friction, ratios)) + " | |", flush=True)
 
 
 if __name__ == "__main__":
