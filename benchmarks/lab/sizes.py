@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A shipped table of blocks for boulders of other sizes than its own, beside tables of their size:
+
+    python -m benchmarks.lab.sizes talus --fitted 0.5 [--radii 0.2 1 2] [--exponent -0.2]
+
+The shipped tables are thrown with R_b = 0.4 m, and scaled. A table of a size is thrown with blocks
+of that R_b, on a relief whose slope is the ground's where R_b = FITTED [m], the size of the
+boulders to which it was fitted, and follows a power of R_b: 0.8 - 1 for a Hurst exponent of 0.8.
+Prints for compact boulders on planes the fraction that passes 200 m, with a standard error, and the
+mean speed there, by both.
+"""
+
+import argparse
+import tempfile
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+import rockfall
+from benchmarks.machine import machine
+from rockfall.impact_tables import save_table
+from rockfall.io.grid import Grid
+from rockfall.lab.blocks.case import BlockCase, grounds
+from rockfall.lab.blocks.contacts import run_throws
+from rockfall.lab.tables import table_of
+
+SHAPE, DENSITY, BOULDERS = "compact", 2700.0, 600
+LENGTH, LINE, SPEED = 400.0, 200.0, 5.0  # [m], down the plane; [m/s]
+CELL, COLUMNS, ABOVE = 2.5, 120, 8
+
+
+def on_plane(table: str, radius: float, slope: float, folder: Path) -> str:
+    """What boulders by a table do on a plane."""
+    angle = np.radians(slope)
+    rows = int((LENGTH * np.cos(angle) + 80) / CELL)
+    y = np.mgrid[rows - 1 : -1 : -1, 0:COLUMNS][0] * CELL
+    top, width = (rows - ABOVE) * CELL, COLUMNS * CELL
+    at = top - LINE * np.cos(angle)
+    case = rockfall.Case(
+        folder=folder,
+        case={"boulders": BOULDERS, "seed": 7},
+        impact={"form": "table", "table": table},
+        surface={"uniform_mean_radius": 0.1},
+        boulder={"volume": "fixed", "volume_mean": 4 / 3 * np.pi * radius**3, "density": DENSITY},
+        release={
+            "x": [width / 2], "y": [top], "drop_height": 0.5,
+            "velocity": [0.0, -SPEED * np.cos(angle), -SPEED * np.sin(angle)],
+        },
+        line=[{"name": "line", "x": [0.0, width], "y": [at, at]}],
+    )  # fmt: skip
+    place = Grid(0.0, rows * CELL, CELL, COLUMNS, rows)
+    result = rockfall.run(case, dem=500 + np.tan(angle) * y, transform=place)
+    speeds = result["line_speed"].isel(line=0).values
+    speeds = speeds[~np.isnan(speeds)]
+    part = len(speeds) / BOULDERS
+    error = np.sqrt(part * (1 - part) / BOULDERS)
+    return f"{part:.2f} ± {error:.2f}" + (f", {speeds.mean():.1f} m/s" if len(speeds) else "")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("ground", choices=list(grounds()))
+    parser.add_argument("--fitted", type=float, required=True, help="R_b [m]")
+    parser.add_argument("--radii", type=float, nargs="+", default=[0.2, 1.0, 2.0], help="[m]")
+    parser.add_argument("--slopes", type=float, nargs="+", default=[16.0, 25.0, 31.0, 38.0])
+    parser.add_argument("--exponent", type=float, default=-0.2)
+    parser.add_argument("--throws", type=int, default=1500)
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")  # a table asks for no rocks
+    print(machine())
+    print("| R_b [m] | relief [degree] | slope | by the shipped table | by a table of this size |")
+    print("|---|---|---|---|---|")
+    for radius in given.radii:
+        relief = grounds()[given.ground]["relief"] * (radius / given.fitted) ** given.exponent
+        lab = {"ground": given.ground, "shape": SHAPE, "throws": given.throws}
+        contacts = run_throws(
+            BlockCase(lab=lab, ground={"relief": relief}, block={"radius": radius})
+        )
+        with tempfile.TemporaryDirectory() as folder:
+            save_table(table_of([contacts]), Path(folder) / "own.nc")
+            for slope in given.slopes:
+                found = [
+                    on_plane(table, radius, slope, Path(folder))
+                    for table in (given.ground, "own.nc")
+                ]
+                print(
+                    f"| {radius:g} | {relief:.1f} | {slope:g} | {' | '.join(found)} |", flush=True
+                )
+
+
+if __name__ == "__main__":
+    main()
