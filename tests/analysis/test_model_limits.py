@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rockfall.analysis.model_limits import (
+    end_remarks,
     extrapolations,
     faster_than_observed,
     forest_experiment,
@@ -15,6 +16,7 @@ from rockfall.analysis.model_limits import (
 )
 from rockfall.html_report.validity import warnings
 from rockfall.language import speaking, translated
+from rockfall.result.variables import STATUS
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 from rockfall.text.preview import preview
@@ -96,6 +98,117 @@ def test_nothing_has_nothing_beyond():
     assert list(extrapolations(values(rebounds=0, speed=[]))) == []
 
 
+# ---- ends that say little of a slope
+
+LINE = {"name": "road", "x": [0.0, 100.0], "y": [50.0, 50.0]}
+
+
+def ends(status, count=2, crossed=False, stop=(50.0, 80.0), fall=50.0):
+    """100 boulders from (50, 100), of which the first `count` ended so and there; others lie below
+    the line."""
+    is_cut = np.arange(100) < count
+    x, y = (np.where(is_cut, cut, other) for cut, other in zip(stop, (50.0, 10.0), strict=True))
+    return {
+        "status": np.where(is_cut, STATUS[status], STATUS["absorbed"]),
+        "start_x": np.full(100, 50.0), "start_y": np.full(100, 100.0), "stop_x": x, "stop_y": y,
+        "start_z": np.full(100, fall), "stop_z": np.zeros(100),
+        "plan_distance": np.hypot(x - 50.0, y - 100.0),
+        "line_speed": np.where(is_cut & (not crossed), np.nan, 1.0)[None],
+    }  # fmt: skip
+
+
+def end_texts(folder, values, line=LINE):
+    case = make_case(folder, *sets(), release=POINT, line=[line] if line else [])
+    found = [*end_remarks(values, case)]
+    assert all(one.is_warning for one in found)
+    return [one.text for one in found]
+
+
+@pytest.mark.parametrize("status", ["left_domain", "hit_nodata"])
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ({}, True),
+        ({"count": 1}, False),  # 1 % may
+        ({"crossed": True, "stop": (50.0, 5.0)}, False),  # it has passed the line
+        ({"stop": (20.0, 90.0)}, True),  # over the side, above the line
+    ],
+)
+def test_who_leaves_the_terrain_before_a_line_is_said_to_lower_fractions(
+    tmp_path, status, how, said
+):
+    texts = end_texts(tmp_path, ends(status, **how))
+    words = ["2 of 100 boulders (2.0 %) left the known terrain"]
+    assert [text.partition(",")[0] for text in texts] == words * said
+
+
+def test_a_void_between_two_lines_is_said(tmp_path):
+    """Boulders that crossed the upper line would meet the lower one, had they gone on; not one that
+    ends beside their way, or lies behind them."""
+    upper, held = {"name": "upper", "x": [0.0, 100.0], "y": [90.0, 90.0]}, ends("hit_nodata")
+    for lower, said in (
+        (LINE, True),
+        (LINE | {"x": [100.0, 0.0]}, True),
+        (LINE | {"x": [0.0, 40.0]}, False),
+        (LINE | {"x": [60.0, 100.0]}, False),
+        (LINE | {"y": [120.0, 120.0]}, False),
+        (LINE | {"x": [50.0, 50.0], "y": [40.0, 60.0]}, False),  # along their way
+    ):
+        case = make_case(tmp_path, *sets(), release=POINT, line=[upper, lower])
+        speeds = np.concatenate([np.ones((1, 100)), held["line_speed"]])
+        assert bool([*end_remarks(held | {"line_speed": speeds}, case)]) == said
+
+
+def test_without_lines_all_who_leave_the_terrain_are_said(tmp_path):
+    values = ends("left_domain", crossed=True)
+    (text,) = end_texts(tmp_path, values, line=None)
+    assert text.startswith("2 of 100 boulders (2.0 %) left the known terrain, over its edge or")
+    for language in "de", "fr", "it":
+        with speaking(language):
+            assert "dem --fill" in translated(text) and "known" not in translated(text)
+
+
+def test_who_reaches_the_limit_of_contacts_is_said(tmp_path):
+    assert end_texts(tmp_path, ends("impact_limit", count=1)) == []
+    (text,) = end_texts(tmp_path, ends("impact_limit", crossed=True))
+    assert text.startswith("2 of 100 boulders (2.0 %) were still moving at the limit of contacts")
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ({"count": 21}, True),
+        ({"count": 20}, False),
+        ({"count": 21, "stop": (50.0, 89.0)}, False),
+        ({"count": 21, "fall": 10.1}, False),  # down a wall
+    ],
+)
+def test_who_stays_at_the_source_is_said_to_lower_fractions(tmp_path, how, said):
+    how = {"stop": (50.0, 99.0), "fall": 5.0} | how
+    texts = end_texts(tmp_path, ends("stopped", **how))
+    words = ["21 of 100 boulders (21.0 %) came to rest within 10 m of their release"]
+    assert [text.partition(",")[0] for text in texts] == words * said
+    assert end_texts(tmp_path, ends("stopped_by_tree", **how)) == []
+
+
+def test_of_runs_without_rows_no_end_is_said(tmp_path):
+    none = {name: value[..., :0] for name, value in ends("hit_nodata").items()}
+    assert end_texts(tmp_path, none) == []
+
+
+@pytest.mark.parametrize("is_void", [True, False])
+def test_check_and_run_say_that_a_void_ends_boulders(tmp_path, is_void):
+    z = rough()
+    z[30:34] = np.nan if is_void else z[30:34]  # from y = 230 to 250
+    case = make_case(
+        tmp_path, *sets(), terrain={}, case={"boulders": 100}, release={"x": 150.0, "y": 380.0},
+        line=[{"name": f"at {y:g}", "x": [2.5, 297.5], "y": [y, y]} for y in (300.0, 200.0)],
+    )  # fmt: skip
+    scene = read_scene(case, dem=z, transform=grid(z))
+    for text in preview(scene), summary(run_scene(scene)):
+        assert ("left the known terrain, over its edge or into" in text) == is_void
+
+
 # ---- check, run, report
 
 
@@ -124,10 +237,11 @@ def test_check_summary_and_report_say_the_same(case, monkeypatch):
     result = run_scene(scene_of(case))
     texts = [text.removesuffix(".") for text in warnings(result)]
     n = int(result.rebounds)
-    assert texts[0].startswith(f"{n:,} of {n:,} rebounds (100 %) were slower or faster")
-    assert len(texts) == 2 and "exceeded 0.8 m/s per degree" in texts[1]
+    assert "left the known terrain" in texts[0]
+    assert texts[1].startswith(f"{n:,} of {n:,} rebounds (100 %) were slower or faster")
+    assert len(texts) == 3 and "exceeded 0.8 m/s per degree" in texts[2]
     told = [line.strip() for line in page.splitlines()]
-    assert told[-2:] == [f"warning      in a pilot run {text}" for text in texts]
+    assert told[-3:] == [f"warning      in a pilot run {text}" for text in texts]
     said = [line.strip() for line in summary(result).splitlines() if "warning" in line]
     assert said == [f"warning: {text}" for text in texts]
     angle = int(result.rebounds_out_of_angle) / n

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Remarks on the validity of a run's model: the rebounds behind its numbers and their reliability,
-the unvalidated forest, and conditions outside the data of the model.
+the unvalidated forest, conditions outside the data of the model, and boulders whose end says little
+of a slope.
 
 They are printed by `rockfall check` for its pilot run; by `run`, `hazard`, `design` and the report
 for their results; by `import-rockyfor3d` for its case.
@@ -11,12 +12,13 @@ from __future__ import annotations
 import importlib.resources
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.run_out import mean_slopes
+from rockfall.analysis.run_out import falls_and_distances, mean_slopes
 from rockfall.grounds import IMPACT_SETS, RATIO_TABLE, other_tables, repose
 from rockfall.impact_sets import shipped_sets
 from rockfall.impact_tables import open_table, shipped_tables
@@ -30,6 +32,7 @@ from rockfall.result.grounds import (
     stochastic_fraction,
     table_grounds,
 )
+from rockfall.result.variables import STATUS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -54,6 +57,9 @@ OUTSIDE = {  # messages, by the count of a result
     "angle": "model.outside_angle",
 }
 MAX_FINES = 0.01  # fraction of the volume from which it is a warning
+MAX_CUT = 0.01  # fraction of the boulders that end while moving from which it is a warning
+MAX_STAYED = 0.2  # fraction of the boulders that stay at their sources
+STAYED = 10.0  # [m] from the release, drop included: no farther than a boulder rocks before it lies
 
 
 class Remark(NamedTuple):
@@ -67,6 +73,7 @@ class Remark(NamedTuple):
 def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """All remarks on the model, from the case and the variables of a result, or of boulders by
     name."""
+    yield from end_remarks(values, case)
     yield from rebound_remarks(values, case)
     yield from set_remarks(values, case)
     yield from table_remarks(values)
@@ -247,6 +254,57 @@ def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
         if passed.size and (fraction := float(rolls.mean())) > MAX_SLOW:
             attrs = {"line": str(name), "fraction": percent(fraction), "slow": SLOW}
             yield Remark(say("model.rolling", **attrs), True)
+
+
+def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
+    """Remarks on boulders that count as released but tell little of the slope: that left the known
+    terrain before a line, reached the limit of contacts, or stayed at their source. Fractions and
+    frequencies err low by them. None if rows are not kept."""
+    if "status" not in values or not (status := np.asarray(values["status"])).size:
+        return
+    is_gone = np.isin(status, [STATUS["left_domain"], STATUS["hit_nodata"]])
+    if is_gone.sum() > MAX_CUT * status.size:
+        is_gone[is_gone] = _misses_line(values, case, is_gone)
+    fall, distance = falls_and_distances(values)
+    stayed = (status == STATUS["stopped"]) & (np.hypot(fall, distance) < STAYED)
+    for key, found, most in (
+        ("model.cut_short", is_gone, MAX_CUT),
+        ("model.impact_limit", status == STATUS["impact_limit"], MAX_CUT),
+        ("model.stayed", stayed, MAX_STAYED),
+    ):
+        if (n := int(found.sum())) > most * status.size:
+            numbers = {"distance": STAYED} if key == "model.stayed" else {}
+            yield Remark(say(key, part=part_of_boulders(n, status.size), **numbers), True)
+
+
+def _misses_line(values: Variables, case: Case, chosen: np.ndarray) -> np.ndarray:
+    """Mask (chosen boulders,) of those that crossed no line, or that would meet one that they did
+    not cross if they went straight on; all without lines."""
+    if not case.lines or "line_speed" not in values:
+        return np.ones(int(chosen.sum()), bool)
+    crossed = np.isfinite(np.asarray(values["line_speed"])[:, chosen])
+    start, stop = (
+        np.array([np.asarray(values[f"{end}_{axis}"])[chosen] for axis in "xy"])
+        for end in ("start", "stop")
+    )
+    misses = ~crossed.any(axis=0)
+    for line, has_crossed in zip(case.lines, crossed, strict=True):
+        for first, last in pairwise(np.column_stack([line["x"], line["y"]])):
+            meets = _meets(stop, stop - start, first, last)
+            misses |= meets & ~has_crossed
+    return misses
+
+
+def _meets(
+    origin: np.ndarray, direction: np.ndarray, first: np.ndarray, last: np.ndarray
+) -> np.ndarray:
+    """Mask (n,) of the rays from `origin` (2, n) that meet the segment from `first` to `last`."""
+    (along_x, along_y), (to_x, to_y) = last - first, first[:, None] - origin
+    determinant = direction[0] * along_y - direction[1] * along_x
+    ray = to_x * along_y - to_y * along_x  # times the determinant
+    segment = to_x * direction[1] - to_y * direction[0]
+    sign, size = np.sign(determinant), np.abs(determinant)
+    return (size > 0) & (sign * ray >= 0) & (sign * segment >= 0) & (sign * segment <= size)
 
 
 class Extrapolation(NamedTuple):

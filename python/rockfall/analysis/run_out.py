@@ -409,9 +409,17 @@ def by_chance(seen: Sample, made: Sample, share: np.ndarray, random: np.random.G
 
 def mean_slopes(values: Held | Mapping[str, ArrayLike]) -> np.ndarray:
     """Slopes (boulders,) of the straight lines from releases to ends [degree]."""
-    names = "start_z", "stop_z", "plan_distance"
-    start, stop, distance = (np.asarray(values[name]) for name in names)
-    return np.degrees(np.arctan2(start - stop, distance))
+    return np.degrees(np.arctan2(*falls_and_distances(values)))
+
+
+def falls_and_distances(
+    values: Held | Mapping[str, ArrayLike],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Heights (boulders,) from releases down to ends, and their distances in plan [m]."""
+    start, stop, distance = (
+        np.asarray(values[name]) for name in ("start_z", "stop_z", "plan_distance")
+    )
+    return start - stop, distance
 
 
 def passing(

@@ -67,7 +67,7 @@ def preview(scene: Scene) -> str:
             "ground_model": [ground.model for ground in scene.grounds],
             "rebounds_by_ground": pilot.tally.array("rebounds_by_ground"),
         }
-    values |= {array.name: array.values for array in pilot.tally.arrays("breakage")}
+    values |= {array.file_name: array.values for array in pilot.tally.arrays("breakage", "line")}
     rows = [
         ("terrain", _terrain(scene)),
         ("elevations", _elevations(scene.ground)),
