@@ -507,6 +507,29 @@ def test_unusual_terrain(site, name):
     assert lines(site) == []
 
 
+@pytest.mark.parametrize(
+    ("cell", "noise", "slope", "angle"),
+    [
+        (1.0, 0.1, 34.0, 14),  # sqrt(6) x 0.1 m in a cell of 1 m
+        (2.0, 0.2, 34.0, 14),
+        (1.0, 0.05, 34.0, None),
+        (4.0, 0.4, 34.0, None),  # coarse cells hold no rocks
+        (1.0, 0.1, 10.0, None),
+        (1.0, 0.1, 58.0, None),
+    ],
+)
+def test_fine_cells_that_hold_noise_or_rocks_are_named(site, cell, noise, slope, angle):
+    fall = np.tan(np.radians(slope)) * cell * np.arange(NY)[:, None]
+    z = 2000.0 - fall + np.random.default_rng(1).normal(0.0, noise, (NY, NX))
+    site.uniform()
+    site.dem(z, transform=Affine(cell, 0, EAST, 0, -cell, NORTH))
+    site.set("release", x=[EAST + 30 * cell], y=[NORTH - 10 * cell])
+    said = lines(site)
+    assert len(said) == (angle is not None)
+    for text in said:
+        assert f"turns by {angle} degrees" in text and f"--smooth {2 * cell:g}" in text
+
+
 def test_a_saddle_of_integers_has_no_steps(site):
     y, x = np.mgrid[0:NY, 0:NX]
     site.dem(900 - (x - 30.0) ** 2 + (y - 40.0) ** 2)

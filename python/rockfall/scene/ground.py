@@ -13,6 +13,9 @@ from rockfall.scene.parts import ExtremeCount, Rasters
 
 SAMPLES = 100_000  # approximate number of cells, evenly spaced, whose slope is sampled
 QUANTILES = (0.1, 0.5, 0.9)
+MIDDLE = (20.0, 45.0)  # [degree] slopes on which boulders go on or stop; neither plains nor cliffs
+MIN_MIDDLE = 0.05  # fraction of the cells: edges of cliffs and terraces are fewer
+NORMAL_MEDIAN = 0.6745  # of the absolute value of a standard normal number
 LOWEST_LAND = -450.0  # [m] the shore of the Dead Sea is at -430 m
 SPIKE = (10.0, 5.0)  # [m], [cells]: no rock rises or drops so far from all eight neighbours
 
@@ -31,6 +34,7 @@ class Ground:
     steps: int = 0  # if so: bends along rows and columns that reverse in the next cell
     spans: int = 0  # number of places examined for steps
     slopes: list[np.ndarray] = field(default_factory=list)  # tangents, of SAMPLES cells
+    bends: list[np.ndarray] = field(default_factory=list)  # changes of tangents there (2, n)
     materials: list[np.ndarray] = field(default_factory=list)  # rows of `sizes` there, -1: unknown
     numbers: list[np.ndarray] = field(default_factory=list)  # their grounds, from 1
     rocks: list[np.ndarray] = field(default_factory=list)  # of these: sizes (n, 1 or 3) [m]
@@ -72,6 +76,7 @@ class Ground:
         """Sample the slopes of cells and their ground."""
         self.slopes.append(_slopes(band, band.grid.x[column], band.grid.y[row]))
         at = row - band.at[0], column - band.at[1]
+        self.bends.append(_bends(band, *at))
         if band.values is not None:
             self.rocks.append(band.values[:, *at].T)
         else:
@@ -133,6 +138,16 @@ class Ground:
         """Quantiles of the terrain slopes [degree]; NaN where no cell has all its neighbours."""
         return _degrees(self.slopes, QUANTILES)
 
+    def roughness(self) -> float:
+        """Robust standard deviation of the angles by which the ground turns from a cell to the next
+        on slopes in MIDDLE [degree]; NaN where these are few."""
+        slopes = np.degrees(np.arctan(np.concatenate([np.empty(0), *self.slopes])))
+        is_middle = (slopes > MIDDLE[0]) & (slopes < MIDDLE[1])
+        if not is_middle.size or is_middle.mean() < MIN_MIDDLE:
+            return np.nan
+        turns = np.abs(np.concatenate(self.bends, axis=1)[:, is_middle])
+        return float(np.degrees(np.arctan(np.median(turns) / NORMAL_MEDIAN)))
+
     def source_quantiles(self) -> np.ndarray:
         """Quantiles of the slopes at the sources [degree]."""
         return _degrees(self.source_slopes, QUANTILES)
@@ -165,6 +180,15 @@ def _slopes(band: Rasters, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     if not x.size:
         return np.empty(0)
     return np.sqrt(np.maximum(area_ratios(band, x, y) ** 2 - 1, 0.0))
+
+
+def _bends(band: Rasters, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Changes (2, n) of the tangent of the ground at cells of a band, along rows and columns."""
+    z = band.z
+    twice = 2 * z[row, column].astype(float)
+    along = z[row, column - 1] - twice + z[row, column + 1]
+    across = z[row - 1, column] - twice + z[row + 1, column]
+    return np.array([along, across]) / band.grid.cell
 
 
 def _ground_numbers(band: Rasters, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
