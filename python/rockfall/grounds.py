@@ -164,9 +164,11 @@ def find_ground(case: Case, table: GroundTable, name: str, where: str) -> Ground
     path = find_set(case, name)
     if path is None:
         names = "; impact sets: ".join(", ".join(names) for names in (table.rows, shipped_sets()))
+        is_table = name in table_names()
+        form = "a table of impacts, for &impact form = 'table'; " if is_table else ""
         raise RockfallError(
             f"{where} = '{name}': no ground of {table.path.name}, and no file of impact sets; "
-            f"grounds: {names}"
+            f"{form}grounds: {names}"
         )
     check_text_file(path)
     if len(name) > MAX_NAME:

@@ -256,6 +256,12 @@ def test_names_that_nothing_has(tmp_path):
     assert str(caught.value).startswith(f"{tmp_path}/zones.csv: line 3: ground = {said}")
 
 
+def test_a_table_of_impacts_without_its_form_is_named(tmp_path):
+    said = "and no file of impact sets; a table of impacts, for &impact form = 'table'; grounds: "
+    with pytest.raises(RockfallError, match=said):
+        read(case_with(tmp_path, ground="soft-soil"))
+
+
 def test_sizes_that_a_ground_needs(tmp_path):
     arrays, surface = zones(tmp_path, "1,0.2,\n2,,soil_4\n3,0.3,\n")
     with refused(f"{tmp_path}/zones.csv: zone 2: ground 'soil_4' needs mean_radius"):
