@@ -63,6 +63,7 @@ from rockfall.quantities import (  # noqa: E402
     number,
     percent,
 )
+from rockfall.result.variables import STATUS  # noqa: E402
 
 EVIL = "<script>document.title = 'run'</script> & \"x\" <img src=x onerror=alert(1)>"
 LINES = [
@@ -230,7 +231,11 @@ def test_each_caution_has_its_number_in_the_order_of_a_decision(result):
     ]  # fmt: skip
     found = [next(k for k, one in enumerate(text) if part in one) for part in order]
     assert found == sorted(found) and len(text) == len(order)
-    assert [one[:40] for one in warnings(changed)] == ["450 of 1,000 rebounds (45.0 %) were slow"]
+    assert [one[:40] for one in warnings(changed)] == [
+        "4 of 300 boulders (1.3 %) left the known",  # 26 of the 30 had crossed a line
+        "6 of 300 boulders (2.0 %) were still mov",
+        "450 of 1,000 rebounds (45.0 %) were slow",
+    ]
     drawn = list(technical(changed))
     assert drawn[0].startswith("20 of 1,000 rebounds (2.0 %) needed more than one draw")
     assert drawn[1].startswith("1 of 1,000 rebounds (0.1 %) were limited")
@@ -246,7 +251,7 @@ def test_what_lies_outside_the_model_is_a_box_at_the_top(tmp_path, monkeypatch):
         clean[f"rebounds_out_of_{name}"][...] = 0
         changed[f"rebounds_out_of_{name}"][...] = int(result.rebounds)
     for one in clean, changed:
-        one["speed_max"][:] = 1.0
+        one["speed_max"][:], one["status"][:] = 1.0, STATUS["absorbed"]
     changed["speed_max"][:16] = 999.0  # of 300
     page = report(changed)
     box = re.search('class="question".*?<aside class="warning">.*?</aside>', page, re.DOTALL)[0]

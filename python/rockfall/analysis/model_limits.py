@@ -267,14 +267,14 @@ def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
         is_gone[is_gone] = _misses_line(values, case, is_gone)
     fall, distance = falls_and_distances(values)
     stayed = (status == STATUS["stopped"]) & (np.hypot(fall, distance) < STAYED)
-    for key, found, most in (
+    for key, is_such, most in (
         ("model.cut_short", is_gone, MAX_CUT),
         ("model.impact_limit", status == STATUS["impact_limit"], MAX_CUT),
         ("model.stayed", stayed, MAX_STAYED),
     ):
-        if (n := int(found.sum())) > most * status.size:
-            numbers = {"distance": STAYED} if key == "model.stayed" else {}
-            yield Remark(say(key, part=part_of_boulders(n, status.size), **numbers), True)
+        if (n := int(is_such.sum())) > most * status.size:
+            part = part_of_boulders(n, status.size)
+            yield Remark(say(key, part=part, distance=STAYED), True)
 
 
 def _misses_line(values: Variables, case: Case, chosen: np.ndarray) -> np.ndarray:
@@ -288,7 +288,7 @@ def _misses_line(values: Variables, case: Case, chosen: np.ndarray) -> np.ndarra
         for end in ("start", "stop")
     )
     misses = ~crossed.any(axis=0)
-    for line, has_crossed in zip(case.lines, crossed, strict=True):
+    for line, has_crossed in zip(case.lines, crossed, strict=False):
         for first, last in pairwise(np.column_stack([line["x"], line["y"]])):
             meets = _meets(stop, stop - start, first, last)
             misses |= meets & ~has_crossed

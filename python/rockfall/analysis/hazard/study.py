@@ -241,7 +241,8 @@ class _Run:
         self.variable_attrs = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
-        self.warnings = model_warnings(result, case_of(result))
+        without_objects = result.drop_vars("line_speed", errors="ignore")  # zones end at any edge
+        self.warnings = model_warnings(without_objects, case_of(result))
 
     def _risk(self, objects: Objects, result: xr.Dataset) -> RunRisk:
         points = Points(objects.point, self.objects, result["threshold"].values)
