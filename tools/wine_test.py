@@ -65,6 +65,7 @@ def main(words: list[str]) -> str | None:
     env = os.environ | {"WINEDEBUG": "-all", "WINEPREFIX": str(BUILD / "prefix")}
     env["PYTHONUTF8"] = "1"  # files that tests write have no code page
     env.pop("PYTHONPATH", None)  # of this system's Python
+    env.pop("PYTHONDONTWRITEBYTECODE", None)  # each file would compile all packages again
     env["WINEPATH"] = str(ROOT / "dist")  # rockfall-batch.exe, for tests
     install()
     subprocess.run(
