@@ -167,15 +167,18 @@ ARGUMENTS = {
         r"no/out.nc: there is no folder no"),
     "output is another file": (["run", "case.nml", "-o", "dem.tif"],
         r"dem.tif: is an input; it is not overwritten"),
-    "output is a device": (["run", "case.nml", "-o", "/dev/null"],
-        r"/dev/null: not a regular file"),
-    "folder that takes no files": (["run", "case.nml", "-o", "/proc/out.nc"],
-        r"/proc/out.nc: folder /proc is not writable: .*"),
     "prepare over the case": (["prepare", "case.nml", ".", "--overwrite"],
         r"case.nml: is an input; it is not overwritten"),
-    "prepare where no folder can be": (["prepare", "case.nml", "/proc/prepared"],
-        r"/proc/prepared: cannot be written: .*"),
 }  # fmt: skip
+if sys.platform != "win32":  # where /dev and /proc are names like others
+    ARGUMENTS |= {
+        "output is a device": (["run", "case.nml", "-o", "/dev/null"],
+            r"/dev/null: not a regular file"),
+        "folder that takes no files": (["run", "case.nml", "-o", "/proc/out.nc"],
+            r"/proc/out.nc: folder /proc is not writable: .*"),
+        "prepare where no folder can be": (["prepare", "case.nml", "/proc/prepared"],
+            r"/proc/prepared: cannot be written: .*"),
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ARGUMENTS)

@@ -330,6 +330,7 @@ for names in sys.argv[1:]:
 
 
 def test_a_full_disk_leaves_nothing_under_the_final_name(result, tmp_path):
+    pytest.importorskip("resource", reason="this system has no limits of a process")
     rng = np.random.default_rng(1)
     grid = Grid(0.0, 300.0, 1.0, nx=300, ny=300)
     many = result.drop_dims(["x", "y", "boulder"]).assign(
