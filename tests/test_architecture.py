@@ -17,6 +17,7 @@ LEVELS = [
     [
         "case",
         "case_files",
+        "case_rules",
         "case_text",
         "case_variants",
         "case_zones",

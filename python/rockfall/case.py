@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall._core import rockfall_f2py as _core
+from rockfall.case_rules import first_fault
 from rockfall.errors import RockfallError, check_kernel
 from rockfall.io.files import check_text_file, reason
 
@@ -52,6 +53,12 @@ def key_table() -> tuple[Key, ...]:
 
 
 @cache
+def keys_of(group: str) -> dict[str, Key]:
+    """Keys of a group by name, in order."""
+    return {key.name: key for key in key_table() if key.group == group}
+
+
+@cache
 def varied_key(name: str) -> tuple[str, str] | None:
     """Group and key whose value a key of &variant replaces; None for its other keys."""
     group, _, key = name.partition("_")
@@ -78,7 +85,7 @@ def read_case(path: str | Path) -> Case:
     except OSError as error:
         raise RockfallError(f"{path}: cannot be read: {reason(error, path)}") from error
     _check(text, str(path))
-    return _case(text.decode("utf-8-sig"), path)
+    return _case(text, path)
 
 
 def case_of(result: Held) -> Case:
@@ -88,13 +95,16 @@ def case_of(result: Held) -> Case:
 
 def case_in(attrs: Mapping[str, Any]) -> Case:
     """Case stored in attributes; file names as in `case_of`."""
-    text, name = str(attrs["case"]), str(attrs["case_file"])
-    _checked(text.encode(errors="replace"), name)
+    text, name = str(attrs["case"]).encode(errors="replace"), str(attrs["case_file"])
+    _checked(text, name)
     return _case(text, Path(name))
 
 
-def _case(text: str, path: Path) -> Case:
-    return Case(folder=path.parent, name=str(path), **_parse(text))
+def _case(text: bytes, path: Path) -> Case:
+    """Case of a text that the kernel has checked."""
+    case = Case.__new__(Case)
+    case._set(path.parent, str(path), {**_parse(text.decode("utf-8-sig"))}, text)
+    return case
 
 
 class Case:
@@ -122,6 +132,12 @@ class Case:
     variant: list[dict[str, Any]]
 
     def __init__(self, *, folder: str | Path = ".", name: str = "case", **groups: Any) -> None:
+        self._set(folder, name, groups)
+
+    def _set(
+        self, folder: str | Path, name: str, groups: dict[str, Any], written: bytes = b""
+    ) -> None:
+        """Complete and check the groups; `written` is their text in a file, for messages."""
         self.folder, self.name = Path(folder), name
         lists = {group: [dict(entry) for entry in groups.pop(group, ())] for group in REPEATABLE}
         self.__dict__ |= lists
@@ -138,6 +154,16 @@ class Case:
             self._groups[group] = _typed(group, defaults.get(group, {}) | values)
         for group, several in lists.items():
             self.__dict__[group] = [_completed(group, plain_values(entry)) for entry in several]
+        self._check_rules(written or self._checked_text)
+
+    def _check_rules(self, text: bytes) -> None:
+        """Refuse a case that breaks a rule of `case_rules`; its text is shown in the message."""
+        groups = self._groups | {group: getattr(self, group) for group in REPEATABLE}
+        at_points = bool(self.scenario) and _facts(self._checked_text).has_points
+        classes = keys_of("hazard")["matrix"].allowed.split(", ")
+        if fault := first_fault(groups, at_points, classes):
+            message = _core.refusal(text, self.name, *fault)
+            raise RockfallError(message.decode(errors="replace").strip())
 
     def __getattr__(self, group: str) -> dict[str, Any]:
         try:
@@ -386,14 +412,9 @@ def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in plain_keys.items() if value is not None and value != []}
 
 
-@cache
-def _keys_of(group: str) -> dict[str, Key]:
-    return {key.name: key for key in key_table() if key.group == group}
-
-
 def _typed(group: str, values: Mapping[str, Any]) -> dict[str, Any]:
     """Reals as float, and a list wherever the table allows several values."""
-    kinds = _keys_of(group)
+    kinds = keys_of(group)
     typed = {}
     for name, value in plain_values(values).items():
         several = [*value] if isinstance(value, list) else [value]

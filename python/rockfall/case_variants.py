@@ -10,12 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from rockfall.case import Case, varied_key
+from rockfall.case_rules import CHOSEN
 from rockfall.errors import RockfallError
-from rockfall.result.variables import fields
 
 BASE = "base"  # name of the case without its variants, unless one is called so
-#: Lists of names, and their groups.
-CHOSEN = dict(zip(fields("variant_list"), fields("listed_group"), strict=True))
 
 
 def variants(case: Case) -> dict[str, Case]:

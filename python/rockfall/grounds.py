@@ -18,12 +18,12 @@ from rockfall.impact_sets import find_set, shipped_sets
 from rockfall.impact_tables import ImpactTable, find_table, open_table, open_tables, table_names
 from rockfall.io.files import check_text_file
 from rockfall.io.tables import Row, check_columns, read_table
+from rockfall.limits import MAX_NAME
 
 IMPACT_SETS = "impact_sets"  # model of a ground outside the table of grounds
 RATIO_TABLE = "ratio_table"  # model of a table of impacts by R_b/R_m
 TABLES = "impact_table", RATIO_TABLE  # models of tables of impacts
 ABSORBS = "absorbs"  # model of a ground without rebound
-MAX_NAME = int(_core.constant("max_name"))  # characters
 MAX_GROUNDS = int(_core.constant("max_grounds"))  # maximum number per scene
 WORDS = ("name", "id", "model", "meaning", "source")  # text columns
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.case import Case, key_table
+from rockfall.case import Case, keys_of
 from rockfall.errors import RockfallError
 from rockfall.io.files import atomic_write
 from rockfall.io.netcdf import load_dataset, open_netcdf, write_compressed
@@ -139,7 +139,7 @@ def ensemble_names() -> list[str]:
 
 
 def _names() -> list[str]:
-    shapes = next(key.allowed for key in key_table() if key.name == "block_shape")
+    shapes = keys_of("boulder")["block_shape"].allowed
     endings = tuple(f"-{shape}" for shape in shapes.split(", "))
     names = {
         name.rsplit("-", 1)[0] if name.endswith(endings) else name for name in shipped_tables()

@@ -11,6 +11,7 @@ MACHINE_MEMORY = physical_memory()  # bytes
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 MAX_TEXT = int(_core.constant("max_text"))  # maximum bytes of a text file
 MAX_ELEVATION = _core.constant("max_elevation")  # [m]; more is an undeclared nodata value
+MAX_NAME = int(_core.constant("max_name"))  # maximum characters of names in a case
 MAX_REAL = _core.constant("max_real")  # of a case, and coordinates [m]
 PIECE = int(_core.constant("piece"))  # values of a part or a scene that share a checksum
 Z = _core.constant("z_95")  # of a normal distribution, 95 % within

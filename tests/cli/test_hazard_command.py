@@ -336,6 +336,8 @@ def rockfall_counts():
          "case.nml: &scenario name is missing: text, of a class of boulders, with its frequency"),
         (SCENARIOS + "&hazard thresholds = 30.0, 20.0 /",
          "case.nml: &hazard thresholds = 30.0, 20.0: each must be above the one before"),
+        (SCENARIOS + "&hazard return_periods = 3e1, 20. /",
+         "case.nml: &hazard return_periods = 3e1, 20.: each must be above the one before"),
         (SCENARIOS + "&hazard matrix = 9*'fatal' /",
          "case.nml: &hazard matrix .value 1. = 'fatal': must be one of: residual, low, moderate, "
          "high"),

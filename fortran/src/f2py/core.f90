@@ -49,9 +49,12 @@ module rockfall_f2py
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
-   use rockfall_case_keys, only: key_text => row_text, key_table, broken_rule, n_keys, repeatable, max_real, max_name
-   use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading, line_groups, variant_lists, &
-                            listed_groups, barrier_strengths
+   use rockfall_namelist, only: namelist_t
+   use rockfall_values, only: refuse
+   use rockfall_case_keys, only: key_text => row_text, key_table, broken_rule, n_keys, repeatable, max_real, max_name, &
+                                 read_keys
+   use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading, line_groups, &
+                            barrier_strengths
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    use rockfall_state_table, only: array_t, row_text
    use rockfall_run_state, only: plan_of, add_part => merge_run, settle_run => settle_partial_sources, &
@@ -70,7 +73,7 @@ module rockfall_f2py
              settle_sources, restore_sources
    public :: forget_tallies, pack_part, begin_part, unpack_part, forget_part
    public :: value_fault, run_difference, case_facts, decimal, sphere_radii, kinetic_energies, limit_ranks, table_model
-   public :: check_maps, check_case, table_row, read_sets, fields
+   public :: check_maps, check_case, refusal, table_row, read_sets, fields
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, points_outside, boulders
    public :: boulders_of_source, recorded_numbers, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
@@ -899,6 +902,21 @@ contains
       call give_error(error, code, message)
    end subroutine check_case
 
+   !> One-line error message that refuses a key by a rule, in the text of a valid case, of group `number` of a name.
+   subroutine refusal(text, name, group, number, key, rule, message)
+      character(len=*), intent(in) :: text, name, group, key, rule
+      integer(c_int), intent(in) :: number  !! from 1
+      character(len=max_message), intent(out) :: message
+      type(namelist_t) :: list
+      type(error_t), allocatable :: error
+      integer(c_int) :: code
+
+      call read_keys(text, name, list, error)
+      list%group = pack(list%group, list%group%name == group)
+      call refuse(list%group(number), key, rule, error)
+      call give_error(error, code, message)
+   end subroutine refusal
+
    !> Facts of a valid case, 1 or 0: it has trees; its sources are points; its boulders are those of the layer of
    !> sources; of rasters.
    subroutine case_facts(text, facts)
@@ -1137,7 +1155,7 @@ contains
    end subroutine constant
 
    !> Names of the columns of rows, of the distributions of volumes, of the quantities of samples, and of what cases
-   !> list: groups of lines, groups that may repeat, lists of variants and their groups, strengths of barriers.
+   !> list: groups of lines, groups that may repeat, strengths of barriers.
    subroutine fields(rows, text)
       character(len=*), intent(in) :: rows
       character(len=max_list), intent(out) :: text
@@ -1154,8 +1172,6 @@ contains
       case ("end_quantity"); text = joined(end_quantity, " ")
       case ("line_group"); text = joined(line_groups, " ")
       case ("repeatable_group"); text = joined(repeatable, " ")
-      case ("variant_list"); text = joined(variant_lists, " ")
-      case ("listed_group"); text = joined(listed_groups, " ")
       case ("strength"); text = joined(barrier_strengths, " ")
       case default; text = ""
       end select

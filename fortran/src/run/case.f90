@@ -1,13 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Case file: reads the values of its keys (rockfall_case_keys) and checks the rules between keys, group by group.
+!> Case file: reads the values of its keys (rockfall_case_keys) and checks the rules between keys, group by group. Keys
+!> that no run uses are checked against their table only; case_rules.py has the rules between them.
 module rockfall_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_text, only: integer_text, first_repeated, joined, lower
+   use rockfall_text, only: integer_text, first_repeated
    use rockfall_namelist, only: namelist_t, group_t
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, key_location
-   use rockfall_case_keys, only: read_keys, map_names, n_maps, max_thresholds, max_periods, hazard_classes, &
-                                 text_length, max_name
+   use rockfall_case_keys, only: read_keys, map_names, n_maps, text_length, max_name
    use rockfall_boulder, only: volume_distribution_t, fixed_volume, uniform_volume, distributions
    use rockfall_surface, only: method_a, method_b
    use rockfall_direction, only: past_aspect, to_aspect, by_lab
@@ -19,16 +19,13 @@ module rockfall_case
    implicit none
    private
    public :: case_t, case_line_t, read_case, turning_rule, radius_of_reading, keeps_all
-   public :: line_groups, variant_lists, listed_groups, barrier_strengths
+   public :: line_groups, barrier_strengths
 
    integer(i8), parameter :: keeps_all = huge(1_i8)
    !> Maximum volume_std/volume_mean of a normal distribution: truncation at zero then raises the mean to 4.6 times.
    integer, parameter :: max_spread = 5
 
    character(len=*), parameter :: line_groups(*) = [character(len=7) :: "line", "barrier"]  !! in this order in results
-   !> Lists of names in a variant, and the groups that they choose.
-   character(len=*), parameter :: variant_lists(*) = [character(len=8) :: "barriers", "dams"]
-   character(len=*), parameter :: listed_groups(*) = [character(len=7) :: "barrier", "dam"]
    !> A barrier has one of these.
    character(len=*), parameter :: barrier_strengths(*) = [character(len=8) :: "capacity", "class", "diameter"]
 
@@ -105,11 +102,8 @@ contains
       if (.not. allocated(error)) call read_output(group_of(list, "output"), group_of(list, "release"), &
                                                       this, error)
       if (.not. allocated(error)) call read_breakage(group_of(list, "breakage"), group_of(list, "output"), this, error)
-      if (.not. allocated(error)) call check_ensemble(group_of(list, "ensemble"), group_of(list, "release"), &
-                                                         this, error)
-      if (.not. allocated(error)) call read_hazard(group_of(list, "hazard"), list, this, error)
-      if (.not. allocated(error)) call check_scenarios(list, this, error)
-      if (.not. allocated(error)) call read_variants(list, this, error)
+      if (.not. allocated(error)) call read_hazard(group_of(list, "hazard"), this, error)
+      this%variants = variant_names(list)
    end subroutine read_case
 
    !> Find a group by name; `complete` has added absent ones.
@@ -303,7 +297,8 @@ contains
          needs(7:9) = this%by_source
       case default; needs(1) = .true.
       end select
-      this%volumes%kind = max(fixed_volume, findloc(distributions, distribution, dim=1))
+      ! not findloc(distributions, distribution): gfortran 12 mishandles different text lengths
+      this%volumes%kind = max(fixed_volume, findloc(distributions == distribution, .true., dim=1))
       takes = needs
       takes(10:) = this%by_source
       do k = 1, size(keys)
@@ -674,208 +669,30 @@ contains
                      //"the boulders of each place", error)
    end subroutine read_output
 
-   !> Check what `rockfall ensemble` varies; a run ignores it. Factors apply to the boulders of the case and of the
-   !> layer of sources, which is known only after it has been read.
-   pure subroutine check_ensemble(group, release, this, error)
-      type(group_t), intent(in) :: group, release
-      type(case_t), intent(in) :: this
-      type(error_t), allocatable, intent(out) :: error
-
-      if (real_of(group, "dem_error") > 0) call require_key(group, "dem_correlation", "for dem_error", error)
-      if (.not. allocated(error) .and. has_key(group, "draws")) call check_draws(group, error)
-      if (allocated(error) .or. has_key(release, "points") .or. has_key(release, "polygons")) return
-      if (real_of(group, "volume_std_factor") > 1 .and. this%volumes%std <= 0) then
-         call refuse(group, "volume_std_factor", "is only valid with a volume_std", error)
-      else if (real_of(group, "drop_height_factor") > 1 .and. this%drop_height <= 0) then
-         call refuse(group, "drop_height_factor", "is only valid with a drop_height", error)
-      end if
-   end subroutine check_ensemble
-
-   !> Check that a quantity in a file of draws is not also varied by a key.
-   pure subroutine check_draws(group, error)
+   !> Read the energy thresholds and the width of objects of maps.
+   pure subroutine read_hazard(group, this, error)
       type(group_t), intent(in) :: group
-      type(error_t), allocatable, intent(out) :: error
-      character(len=*), parameter :: factors(*) = [character(len=18) :: "radius_factor", "volume_factor", &
-                                                   "volume_std_factor", "drop_height_factor"]
-      integer :: k
-
-      if (real_of(group, "source_shift") > 0) call refuse(group, "source_shift", "must be 0: draws has it", error)
-      do k = 1, size(factors)
-         if (allocated(error)) return
-         if (real_of(group, trim(factors(k))) <= 1) cycle
-         call refuse(group, trim(factors(k)), "must be 1: draws has it", error)
-      end do
-   end subroutine check_draws
-
-   !> Read the thresholds and the width of objects of maps; the rest is for `rockfall hazard` and ignored by a run.
-   pure subroutine read_hazard(group, list, this, error)
-      type(group_t), intent(in) :: group
-      type(namelist_t), intent(in) :: list
       type(case_t), intent(inout) :: this
       type(error_t), allocatable, intent(out) :: error
-      real(wp), parameter :: joules = 1000.0_wp  !! per kJ
+      real(wp), allocatable :: kilojoules(:)
 
-      call check_rising(group, "thresholds", error)
-      if (.not. allocated(error)) call check_rising(group, "return_periods", error)
-      if (.not. allocated(error)) call check_factor(group, error)
-      if (allocated(error)) return
-      this%thresholds = joules*reals_of(group, "thresholds")
+      kilojoules = reals_of(group, "thresholds")
+      this%thresholds = 1000*kilojoules
       this%object_width = real_of(group, "object_width")
-      if (any(list%group%name == "scenario")) call check_matrix(group, error)
+      if (any(kilojoules(2:) <= kilojoules(:size(kilojoules) - 1))) &
+         call refuse(group, "thresholds", "each must be above the one before", error)
    end subroutine read_hazard
 
-   !> Check that a factor on frequencies may be one.
-   pure subroutine check_factor(group, error)
-      type(group_t), intent(in) :: group
-      type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable :: factor(:)
-
-      factor = reals_of(group, "frequency_factor")
-      if (size(factor) /= 2) then
-         call refuse(group, "frequency_factor", "must be two factors, the lowest and the highest", error)
-      else if (factor(1) > 1 .or. factor(2) < 1) then
-         call refuse(group, "frequency_factor", "must enclose 1", error)
-      end if
-   end subroutine check_factor
-
-   pure subroutine check_rising(group, key, error)
-      type(group_t), intent(in) :: group
-      character(len=*), intent(in) :: key
-      type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable :: values(:)
-
-      values = reals_of(group, key)
-      if (any(values(2:) <= values(:size(values) - 1))) &
-         call refuse(group, key, "each must be above the one before", error)
-   end subroutine check_rising
-
-   !> Check that there is a class for each intensity and return period, and that classes do not decrease with intensity
-   !> or frequency: then the classes at both ends of an interval of frequencies bound all classes between.
-   pure subroutine check_matrix(group, error)
-      type(group_t), intent(in) :: group
-      type(error_t), allocatable, intent(out) :: error
-      character(len=len(hazard_classes)), allocatable :: words(:)
-      integer, allocatable :: hazard(:, :)  !! increases with the class (return periods, intensities)
-      integer :: k, periods, intensities
-
-      periods = value_count(group, "return_periods")
-      intensities = value_count(group, "thresholds") + 1
-      allocate (words(0))
-      call get_text(group, "matrix", words, error)
-      if (size(words) /= periods*intensities) then
-         call refuse(group, "matrix", "must be "//integer_text(intensities)//" times "//integer_text(periods) &
-                     //" classes: below, between and above the thresholds, for each of return_periods", error)
-         return
-      end if
-      hazard = reshape([(index(hazard_classes, trim(words(k))), k=1, size(words))], [periods, intensities])
-      if (any(hazard(2:, :) > hazard(:periods - 1, :)) .or. any(hazard(:, 2:) < hazard(:, :intensities - 1))) then
-         call refuse(group, "matrix", "must not fall where boulders are stronger or more frequent", error)
-      end if
-   end subroutine check_matrix
-
-   !> Check the scenarios of `rockfall hazard`.
-   pure subroutine check_scenarios(list, this, error)
+   !> Names of the variants of a case, separated by commas.
+   pure function variant_names(list) result(names)
       type(namelist_t), intent(in) :: list
-      type(case_t), intent(in) :: this
-      type(error_t), allocatable, intent(out) :: error
-      character(len=*), parameter :: rates(*) = [character(len=13) :: "frequency", "return_period", "activity"]
-      character(len=*), parameter :: ends(*) = [character(len=15) :: "volume_min", "volume_max", "volume_exponent"]
-      integer :: g, other, k
+      character(len=:), allocatable :: names
+      integer :: g
 
+      names = ""
       do g = 1, size(list%group)
-         if (list%group(g)%name /= "scenario") cycle
-         associate (group => list%group(g))
-            do other = 1, g - 1
-               if (list%group(other)%name /= "scenario") cycle
-               if (text_of(list%group(other), "name") == text_of(group, "name")) &
-                  call refuse(group, "name", "must be unique among scenarios", error)
-            end do
-            if (len(text_of(group, "name")) > max_name) then
-               call refuse(group, "name", "must be at most "//integer_text(max_name)//" characters", error)
-            else if (count([(has_key(group, trim(rates(k))), k=1, size(rates))]) /= 1) then
-               call fail(error, key_location(group, joined(rates, ", "))//": give one of the three")
-            else if (has_key(group, "activity") .and. distribution_of(group) /= "pareto") then
-               call refuse(group, "activity", "is only valid with volume = 'pareto'", error)
-            else if (text_of(group, "frequency_per") == "km2" .and. this%at_points) then
-               call refuse(group, "frequency_per", "is not valid for points, which have no area", error)
-            else if ((text_of(group, "frequency_per") == "m") .neqv. has_key(group, "cliff_length")) then
-               call fail(error, key_location(group, &
-                                             "frequency_per, cliff_length")//": 'm' and the length need each other")
-            end if
-            if (has_key(group, "activity") .and. has_key(group, "volume")) then
-               do k = 1, size(ends)
-                  if (.not. allocated(error)) call require_key(group, trim(ends(k)), "for volume = 'pareto'", error)
-               end do
-            end if
-            if (allocated(error)) return
-         end associate
+         if (list%group(g)%name == "variant") names = names//", "//text_of(list%group(g), "name")
       end do
-
-   contains
-
-      !> Distribution of the volumes of a scenario.
-      pure function distribution_of(group) result(distribution)
-         type(group_t), intent(in) :: group
-         character(len=:), allocatable :: distribution
-
-         if (has_key(group, "volume")) then
-            distribution = text_of(group, "volume")
-         else
-            distribution = text_of(list%group(findloc(list%group%name, "boulder", dim=1)), "volume")
-         end if
-      end function distribution_of
-   end subroutine check_scenarios
-
-   !> Read the names of the variants, and check what each says alone; the case that it makes is checked when it is made.
-   pure subroutine read_variants(list, this, error)
-      type(namelist_t), intent(in) :: list
-      type(case_t), intent(inout) :: this
-      type(error_t), allocatable, intent(out) :: error
-      type(group_t), allocatable :: groups(:)
-      character(len=max_name), allocatable :: names(:)
-      integer :: k
-
-      this%variants = ""
-      groups = pack(list%group, list%group%name == "variant")
-      allocate (names(size(groups)))
-      do k = 1, size(groups)
-         call check_variant(groups(k), error)
-         if (allocated(error)) return
-         names(k) = text_of(groups(k), "name")
-      end do
-      do k = 1, size(groups)  ! file systems may not tell A from a
-         if (findloc(lower(names), lower(names(k)), dim=1) < k) then
-            call refuse(groups(k), "name", "must be unique among variants, in lower case, too", error)
-            return
-         end if
-      end do
-      if (size(groups) > 0) this%variants = joined(names, ", ")
-   end subroutine read_variants
-
-   !> Check the name of a variant, which is that of a file, and that its keys do not contradict each other.
-   pure subroutine check_variant(group, error)
-      type(group_t), intent(in) :: group
-      type(error_t), allocatable, intent(out) :: error
-      character(len=:), allocatable :: name
-      character(len=text_length), allocatable :: without(:)
-      integer :: k
-
-      name = text_of(group, "name")
-      if (len(name) > max_name) then
-         call refuse(group, "name", "must be at most "//integer_text(max_name)//" bytes", error)
-      else if (scan(name, "/\:*?""<>|,=") > 0 .or. scan(name(:1)//name(len(name):), ". ") > 0) then
-         call refuse(group, "name", "is that of a file, too: it must not begin or end with a dot or a blank, or " &
-                     //"contain one of / \ : * ? "" < > | , =", error)
-      end if
-      allocate (without(0))
-      if (.not. allocated(error)) call get_text(group, "without", without, error)
-      if (allocated(error)) return
-      do k = 1, size(variant_lists)
-         if (has_key(group, trim(variant_lists(k))) .and. any(without == listed_groups(k))) then
-            call refuse(group, trim(variant_lists(k)), "is not valid together with without = '" &
-                        //trim(listed_groups(k))//"'", error)
-            return
-         end if
-      end do
-   end subroutine check_variant
+      names = names(min(3, len(names) + 1):)
+   end function variant_names
 end module rockfall_case

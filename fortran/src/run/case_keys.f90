@@ -13,7 +13,7 @@ module rockfall_case_keys
    implicit none
    private
    public :: key_t, key_table, n_keys, row_text, read_keys, check_key, repeatable, broken_rule
-   public :: map_names, n_maps, max_thresholds, max_periods, hazard_classes, many, text_length, max_name, max_real
+   public :: map_names, n_maps, many, text_length, max_name, max_real
 
    integer, parameter :: many = 100000                !! maximum number of values in a list
    integer, parameter :: text_length = 4096           !! maximum length of a text

@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from rockfall.app.messages import Refused
-from rockfall.case import REPEATABLE, Case, Key, default_values, key_table
+from rockfall.case import REPEATABLE, Case, Key, default_values, key_table, keys_of
 from rockfall.grounds import GroundTable, table_path
 from rockfall.impact_sets import shipped_sets
 from rockfall.impact_tables import table_names
@@ -86,8 +86,8 @@ def layer_forms(case: Case, zones: bool, grounds: tuple[str, ...] | None) -> dic
     sources["frequency"] = _attribute(keys["scenario", "frequency"])
     forms = {"sources": sources}
     for layer, group in GROUPS.items():
-        own = [key for key in key_table() if key.group == group]
-        forms[layer] = {key.name: _field(key) for key in own if key.name not in PLACES}
+        own = keys_of(group).items()
+        forms[layer] = {name: _field(key) for name, key in own if name not in PLACES}
     if zones:
         forms["zones"] = _zone_form(case, keys, _field(text), grounds)
     return forms

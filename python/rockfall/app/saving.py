@@ -14,7 +14,8 @@ from rockfall.app.messages import Refused
 from rockfall.app.places import without_files
 from rockfall.case import REPEATABLE, Case, Key, file_keys, given_groups, namelist_text
 from rockfall.case_files import input_files
-from rockfall.case_variants import BASE, CHOSEN, variants
+from rockfall.case_rules import CHOSEN
+from rockfall.case_variants import BASE, variants
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import atomic_folder, overwriting
 from rockfall.language import say

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rockfall.case import key_table
+from rockfall.case import keys_of
 from rockfall.case_text import Entry, Group, case_text
 from rockfall.draft.recognise import LINES, NAMES, SEVERAL, SOURCES, STANDS, TREES, ZONES, Layer
 from rockfall.draft.zones import Zones
@@ -46,7 +46,7 @@ class New:
     @staticmethod
     def has_key(group: str, name: str) -> bool:
         """Return True if a key exists in cases."""
-        return any((key.group, key.name) == (group, name) for key in key_table())
+        return name in keys_of(group)
 
 
 def new_text(new: New, place: Path) -> str:
@@ -62,7 +62,7 @@ def new_text(new: New, place: Path) -> str:
 
 def _entry(group: str, key: str, value: Any, why: str = "", on: bool = True) -> Entry:
     """A key with its chosen value, and its description from the table of keys."""
-    key_row = next(row for row in key_table() if (row.group, row.name) == (group, key))
+    key_row = keys_of(group)[key]
     unit = f" [{key_row.unit}]" if key_row.unit else ""
     parts = why, f"{key_row.meaning}{unit}", key_row.allowed
     return Entry(key, value, " | ".join(filter(None, parts)), on)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rockfall.case import REPEATABLE, Case, file_keys, key_table
+from rockfall.case import REPEATABLE, Case, file_keys, keys_of
 from rockfall.errors import RockfallError
 from rockfall.io.layers import attribute, name_of, named_attribute, plain
 from rockfall.io.layers import read_lines as read_layer
@@ -84,9 +84,9 @@ def _features(inputs: Inputs, group: str, given: Mapping[str, Any]) -> Iterator[
     parts, columns = read_layer(path, given.get("layer"), inputs.grid, inputs.remarks)
     layer = given.get("layer")
     inputs.note_layer(f"{group} {name_of(given['file'], layer)}", path, layer)
-    types = {key.name: key.kind for key in key_table() if key.group == group}
+    keys = keys_of(group)
     own = {key: value for key, value in given.items() if key not in OF_LAYER}
-    asked = types.keys() - OF_LAYER - own.keys()
+    asked = keys.keys() - OF_LAYER - own.keys()
     if STRENGTH & own.keys():
         asked -= STRENGTH
     by_key = {key: attribute(columns, key) for key in sorted(asked)}
@@ -95,7 +95,7 @@ def _features(inputs: Inputs, group: str, given: Mapping[str, Any]) -> Iterator[
     if group in RECORDED:
         names = _names(path, given, columns, [len(parts_) for parts_ in parts])
     for k, feature in enumerate(parts):
-        values = {name: _plain(column[k], types[name]) for name, column in attributes.items()}
+        values = {name: _plain(column[k], keys[name].kind) for name, column in attributes.items()}
         values = {name: value for name, value in values.items() if value is not None} | own
         for part in feature:
             name = {} if names is None else {"name": next(names)}

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.case import Case, facts, key_table
+from rockfall.case import Case, facts, keys_of
 from rockfall.errors import RockfallError
 from rockfall.io.layers import attribute, named_attribute, plain
 from rockfall.io.tables import decimal
@@ -116,7 +116,7 @@ def _key(name: str) -> tuple[str, str]:
     """Group and name of the case key for such numbers."""
     name = "velocity" if name in VELOCITY else "volume_mean" if name == "volume" else name
     groups = ("boulder", "release", "scenario")
-    return next((g, k.name) for g in groups for k in key_table() if (k.group, k.name) == (g, name))
+    return next((group, name) for group in groups if name in keys_of(group))
 
 
 def _laws(case: Case, table: Table) -> tuple[np.ndarray, np.ndarray]:
@@ -170,9 +170,7 @@ def _check_laws(case: Case, table: Table, law: np.ndarray, given: np.ndarray) ->
     spread = given[3] - given[2]
     if not np.isnan(spread).all():
         given_features.add(int(np.nanargmin(spread)))
-    own = {
-        key.name: None for key in key_table() if key.group == "boulder" and key.name != "density"
-    }
+    own = dict.fromkeys(keys_of("boulder").keys() - {"density"})
     for k in sorted(given_features):
         values = {n: None if np.isnan(v) else v for n, v in zip(VOLUMES, given[:, k], strict=True)}
         alone = case.replace()

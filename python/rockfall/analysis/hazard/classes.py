@@ -9,13 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rockfall.case import Case, key_table
+from rockfall.case import Case, keys_of
 from rockfall.simulation.maps import count_limits
 
-(WORDS,) = (
-    key.allowed.split(", ") for key in key_table() if (key.group, key.name) == ("hazard", "matrix")
-)
-CLASSES = ("none", *WORDS)  # by number; the first if no boulder passes
+#: By number; the first if no boulder passes.
+CLASSES = ("none", *keys_of("hazard")["matrix"].allowed.split(", "))
 RESIDUAL = 1
 
 

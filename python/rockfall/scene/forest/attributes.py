@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rockfall.case import key_table
+from rockfall.case import keys_of
 from rockfall.errors import RockfallError
 from rockfall.io.layers import SHORT, plain
 from rockfall.scene.forest.trees import MAX_DBH, MAX_DENSITY
@@ -30,7 +30,7 @@ NAMES = {  # the first is that of the case; English, German, French, Italian
     "density_factor": ("density_factor", "remaining", "restanteil", "part_restante",
                        "parte_restante"),
 }  # fmt: skip
-_CONIFERS = next(key.allowed for key in key_table() if key.name == "uniform_conifers")
+_CONIFERS = keys_of("forest")["uniform_conifers"].allowed
 LIMITS: dict[str, Any] = {  # minimum, maximum, and the rule in words
     "stems": (0.0, MAX_DENSITY, f"0 to {MAX_DENSITY:,.0f} stems a hectare"),
     "dbh_mean": (1e-2, MAX_DBH, f"> 0 and at most {MAX_DBH:g} cm"),

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Rules between keys that studies use and no run: of &ensemble, &hazard, &scenario and &variant.
+The kernel checks the rest: the kind and range of each value, and rules that a run depends on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rockfall.limits import MAX_NAME
+
+#: Keys of &variant that choose among the groups of a name.
+CHOSEN = {"barriers": "barrier", "dams": "dam"}
+#: Factors of &ensemble for which draws may have a column.
+FACTORS = ("radius_factor", "volume_factor", "volume_std_factor", "drop_height_factor")
+
+Groups = Mapping[str, Any]  # a case: keys and values of each group, lists of repeatable ones
+Broken = Iterator[tuple[str, str]]  # keys, and the rules that they break
+
+
+class Fault(NamedTuple):
+    """A key that breaks a rule."""
+
+    group: str
+    number: int  # of the group among those of its name, from 1
+    key: str
+    rule: str
+
+
+def first_fault(groups: Groups, at_points: bool, classes: list[str]) -> Fault | None:
+    """Return the first key that breaks a rule, of a case with sources at points or not; `classes`
+    are those of hazard, rising."""
+    checks = [("ensemble", 1, _ensemble(groups)), ("hazard", 1, _hazard(groups, classes))]
+    for number in range(1, len(groups["scenario"]) + 1):
+        checks.append(("scenario", number, _scenario(groups, number, at_points)))
+    for number in range(1, len(groups["variant"]) + 1):
+        checks.append(("variant", number, _variant(groups["variant"], number)))
+    faults = (
+        Fault(group, number, key, rule) for group, number, broken in checks for key, rule in broken
+    )
+    return next(faults, None)
+
+
+def _ensemble(groups: Groups) -> Broken:
+    """A factor applies to boulders of the case and of the source layer; what the latter has is
+    only known once it has been read."""
+    ensemble, boulder, release = (groups[name] for name in ("ensemble", "boulder", "release"))
+    if ensemble["dem_error"] > 0 and "dem_correlation" not in ensemble:
+        yield "dem_correlation is missing", "needed for dem_error"
+    if "draws" in ensemble:
+        if ensemble["source_shift"] > 0:
+            yield "source_shift", "must be 0: draws has it"
+        for key in FACTORS:
+            if ensemble[key] > 1:
+                yield key, "must be 1: draws has it"
+    if "points" in release or "polygons" in release:
+        return
+    if ensemble["volume_std_factor"] > 1 and not boulder.get("volume_std"):
+        yield "volume_std_factor", "is only valid with a volume_std"
+    if ensemble["drop_height_factor"] > 1 and not release["drop_height"]:
+        yield "drop_height_factor", "is only valid with a drop_height"
+
+
+def _hazard(groups: Groups, classes: list[str]) -> Broken:
+    """Classes must not decrease with intensity or frequency: then those at both ends of an interval
+    of frequencies bound all classes between."""
+    hazard = groups["hazard"]
+    periods, factor = hazard["return_periods"], hazard["frequency_factor"]
+    if any(later <= earlier for earlier, later in pairwise(periods)):
+        yield "return_periods", "each must be above the one before"
+    if len(factor) != 2:
+        yield "frequency_factor", "must be two factors, the lowest and the highest"
+    elif not factor[0] <= 1 <= factor[1]:
+        yield "frequency_factor", "must enclose 1"
+    if not groups["scenario"]:
+        return
+    numbers = np.array([classes.index(word) for word in hazard["matrix"]])
+    intensities = len(hazard["thresholds"]) + 1
+    if numbers.size != intensities * len(periods):
+        yield (
+            "matrix",
+            f"must be {intensities} times {len(periods)} classes: below, between and above the "
+            "thresholds, for each of return_periods",
+        )
+        return
+    matrix = numbers.reshape(intensities, len(periods))
+    if (np.diff(matrix, axis=0) < 0).any() or (np.diff(matrix, axis=1) > 0).any():
+        yield "matrix", "must not fall where boulders are stronger or more frequent"
+
+
+def _scenario(groups: Groups, number: int, at_points: bool) -> Broken:
+    *earlier, given = groups["scenario"][:number]
+    rates = "frequency", "return_period", "activity"
+    if len(given["name"].encode()) > MAX_NAME:
+        yield "name", f"must be at most {MAX_NAME} characters"
+    if sum(rate in given for rate in rates) != 1:
+        yield ", ".join(rates), "give one of the three"
+    if "activity" in given and given.get("volume", groups["boulder"]["volume"]) != "pareto":
+        yield "activity", "is only valid with volume = 'pareto'"
+    if given["frequency_per"] == "km2" and at_points:
+        yield "frequency_per", "is not valid for points, which have no area"
+    if (given["frequency_per"] == "m") != ("cliff_length" in given):
+        yield "frequency_per, cliff_length", "'m' and the length need each other"
+    if given["name"] in (other["name"] for other in earlier):
+        yield "name", "must be unique among scenarios"
+    if "activity" in given and "volume" in given:
+        for key in "volume_min", "volume_max", "volume_exponent":
+            if key not in given:
+                yield f"{key} is missing", "needed for volume = 'pareto'"
+
+
+def _variant(variants: list[Groups], number: int) -> Broken:
+    """A variant must not contradict itself; the case that it makes is checked when it is made. Its
+    name is that of a file."""
+    *earlier, given = variants[:number]
+    name = given["name"]
+    if len(name.encode()) > MAX_NAME:
+        yield "name", f"must be at most {MAX_NAME} bytes"
+    if name[0] in ". " or name[-1] in ". " or {*name} & {*'/\\:*?"<>|,='}:
+        yield (
+            "name",
+            "is that of a file, too: it must not begin or end with a dot or a blank, or contain "
+            'one of / \\ : * ? " < > | , =',
+        )
+    for key, group in CHOSEN.items():
+        if key in given and group in given.get("without", []):
+            yield key, f"is not valid together with without = '{group}'"
+    if _lower(name) in (_lower(other["name"]) for other in earlier):
+        yield "name", "must be unique among variants, in lower case, too"
+
+
+def _lower(name: str) -> bytes:
+    """Name in lower case (ASCII): file systems may not tell A from a."""
+    return name.encode().lower()
