@@ -127,7 +127,9 @@ contains
       type(error_t), allocatable :: error
 
       opened => run_at(run)
-      cells(1:opened%run%nodes(1), 1:opened%run%nodes(2)) => values(:product(opened%run%nodes))
+      associate (nodes => opened%run%maps%nodes)
+         cells(1:nodes(1), 1:nodes(2)) => values(:product(nodes))
+      end associate
       call opened%write_map(text_of(name), opened%run%done, per_cluster, cells, error)
       call return_error(error, code, message)
    end function c_map

@@ -57,8 +57,8 @@ module rockfall_f2py
                             barrier_strengths
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    use rockfall_state_table, only: array_t, row_text
-   use rockfall_run_state, only: plan_of, add_part => merge_run, settle_run => settle_partial_sources, &
-                                 restore_run => restore_sources, forget_tallies_of => forget_tallies
+   use rockfall_run_state, only: plan_of, add_part => merge_run, settle_run, restore_run, &
+                                 forget_tallies_of => forget_tallies
    use rockfall_part, only: part_t, part_lengths_t, make_room, pack_run => pack_part, pack_samples, &
                             unpack => unpack_part, unpack_samples
    use rockfall_value_rules, only: fault_of_values => value_fault, crossing_fault
@@ -442,7 +442,7 @@ contains
       type(error_t), allocatable :: error
 
       opened => run_of(run)
-      call c_f_pointer(pointer_of(address), values, opened%run%nodes)
+      call c_f_pointer(pointer_of(address), values, opened%run%maps%nodes)
       call opened%write_map(name, boulders(1), boulders(2), values, error)
       call give_error(error, code, message)
    end subroutine map

@@ -21,7 +21,7 @@ module rockfall_part_file
    use rockfall_same_run, only: identity_t, difference
    use rockfall_scene_file, only: inputs_t
    use rockfall_state_table, only: array_t, table_t
-   use rockfall_run_state, only: run_t, rows_of, settle_partial_sources, restore_sources
+   use rockfall_run_state, only: run_t, rows_of, settle_run, restore_run
    use rockfall_part, only: part_t, part_lengths_t, pack_part, make_room, unpack_part, part_arrays
    implicit none
    private
@@ -44,14 +44,14 @@ contains
       type(part_t), target :: packed
       logical :: done
 
-      call settle_partial_sources(run, inputs%scene%release, 1)
+      call settle_run(run, inputs%scene%release, 1)
       call pack_part(run, packed, error)
       if (.not. allocated(error)) call create_netcdf(part, file)
       if (.not. allocated(error) .and. is_ok(file)) then
          call describe(file, case, text, inputs, run)
          call pass_arrays(file, run, packed)
       end if
-      call settle_partial_sources(run, inputs%scene%release, -1)
+      call settle_run(run, inputs%scene%release, -1)
       if (allocated(error)) then
          error%message = name//": cannot be written: "//error%message
          return
@@ -158,7 +158,7 @@ contains
       type(run_t), intent(in) :: run
       integer :: window(4)
 
-      window = [run%at - 1, run%nodes]
+      window = [run%maps%at - 1, run%maps%nodes]
    end function window_of
 
    ! ---- write and read -----------------------------------------------------------------------
@@ -271,8 +271,8 @@ contains
          if (.not. allocated(error) .and. is_ok(file)) call unpack_part(run, part, inputs%arrays%grid, error)
          if (allocated(error)) error%message = name//": "//error%message
       end if
-      if (.not. allocated(error) .and. is_ok(file) .and. allocated(run%shared%cell)) then
-         call restore_sources(run, inputs%scene%release, good)
+      if (.not. allocated(error) .and. is_ok(file) .and. allocated(run%maps%shared%cell)) then
+         call restore_run(run, inputs%scene%release, good)
          if (.not. good) call mark_damaged(file, "tally_shared_cell")
       end if
       if (.not. is_ok(file)) call fail_damaged(file, error)

@@ -10,6 +10,7 @@ module rockfall_handles
    use rockfall_scene_type, only: scene_t
    use rockfall_maps, only: maps_t
    use rockfall_map_values, only: map_row
+   use rockfall_map_tallies, only: views_of
    use rockfall_threads, only: check_team, team_size
    use rockfall_case_keys, only: map_names
    use rockfall_case, only: case_t, read_case
@@ -17,7 +18,7 @@ module rockfall_handles
    use rockfall_scene, only: scene_arrays_t, build_scene_of_case
    use rockfall_line_samples, only: layout_t
    use rockfall_state_table, only: array_t, table_t
-   use rockfall_run_state, only: run_t, open_run, open_joined_run, continue_run, close_run, arrays_of, map_tallies, &
+   use rockfall_run_state, only: run_t, open_run, open_joined_run, continue_run, close_run, arrays_of, &
                                  advance_run => advance
    use rockfall_part, only: part_t, part_arrays
    use rockfall_run_loop, only: scan_terrain
@@ -161,7 +162,7 @@ contains
       if (allocated(error)) return
       this%scene => scene
       this%run%threads = team_size(threads)
-      if (present(max_columns)) this%run%max_columns = max_columns
+      if (present(max_columns)) this%run%maps%max_columns = max_columns
       cells = [1, 1, scene%dem%nx, scene%dem%ny]
       if (present(window)) then
          cells = window
@@ -251,7 +252,7 @@ contains
          call fail(error, name//": has a layer for each threshold: take them from tally_counts")
       end if
       if (allocated(error)) return
-      maps = map_tallies(this%run, [1, 1])
+      maps = views_of(this%run%maps, [1, 1])
       do j = 1, size(values, 2)
          call map_row(maps, name, j, done, per_cluster, this%run%min_passages, values(:, j))
       end do

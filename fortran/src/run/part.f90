@@ -10,11 +10,14 @@ module rockfall_part
    use rockfall_grid, only: grid_t
    use rockfall_boulder, only: release_t, source_of
    use rockfall_variables, only: line_fields, row_integers, name_in_files
-   use rockfall_samples, only: base_bits
+   use rockfall_samples, only: base_bits, filled_bins_t, filled_bins, fill_bins
+   use rockfall_map_tallies, only: tells_sources
+   use rockfall_reached_cells, only: reached_cells_t, find_reached_cells, allocate_reached_cells, pack_cells, &
+                                     unpack_cells
    use rockfall_source_maps, only: contributing_t
    use rockfall_line_samples, only: layout_t
    use rockfall_state_table, only: array_t, table_t
-   use rockfall_run_state, only: run_t, arrays_of, rows_of, tells_sources, no_row
+   use rockfall_run_state, only: run_t, arrays_of, rows_of, no_row
    use rockfall_value_rules, only: value_fault, crossing_fault
    implicit none
    private
@@ -26,21 +29,9 @@ module rockfall_part
    type :: part_t
       integer(i8), allocatable :: number(:)            !! of the boulder of each row, if not all are kept
       type(layout_t) :: layout                         !! of samples
-      integer(i8), allocatable :: bin(:), group_bin(:) !! of samples that are not empty, 0-based, in order
-      integer(i4), allocatable :: bin_count(:), group_count(:)
-      integer(i8), allocatable :: cell(:)              !! with tallies, 0-based by rows from the north-west, in order
-      integer(i4), allocatable :: counts(:, :)         !! (cells, layers)
-      integer(i8), allocatable :: sums(:, :)
-      real(sp), allocatable :: maxima(:, :)
-      integer(i4), allocatable :: bin_counts(:, :)     !! (bins, cells)
+      type(filled_bins_t) :: bins, groups              !! of samples
+      type(reached_cells_t) :: maps
    end type part_t
-
-   !> Stacks of the maps of a run, by cell and layer.
-   type :: stacks_t
-      integer(i4), pointer, contiguous :: counts(:, :) => null(), column(:) => null()
-      integer(i8), pointer, contiguous :: sums(:, :) => null()
-      real(sp), pointer, contiguous :: maxima(:, :) => null()
-   end type stacks_t
 
    !> Lengths of these arrays in a file; -1: not present.
    type :: part_lengths_t
@@ -54,25 +45,13 @@ contains
       type(run_t), intent(in) :: run
       type(part_t), intent(inout) :: part
       type(error_t), allocatable, intent(out) :: error
-      type(stacks_t) :: stacks
-      integer(i8) :: k
+      logical :: fit
 
       call pack_samples(run, part)
-      call find_reached_cells(run, part)
-      call allocate_tallies(run, part, error)
-      if (allocated(error)) return
-      stacks = stacks_of(run)
-      associate (at => part%cell + 1)
-         part%counts = stacks%counts(at, :)
-         part%sums = stacks%sums(at, :)
-         part%maxima = stacks%maxima(at, :)
-      end associate
-      do k = 1, size(part%bin_counts, 2, i8)
-         associate (column => stacks%column(part%cell(k) + 1))
-            part%bin_counts(:, k) = 0
-            if (column > 0) part%bin_counts(:, k) = run%bin_counts(:, column)
-         end associate
-      end do
+      call find_reached_cells(run%maps, part%maps)
+      call allocate_reached_cells(run%maps, part%maps, fit)
+      if (fit) call pack_cells(run%maps, part%maps)
+      if (.not. fit) call fail(error, "the maps of a part do not fit in memory")
    end subroutine pack_part
 
    !> Pack the samples of a run.
@@ -83,84 +62,9 @@ contains
       if (.not. allocated(run%number)) return
       part%number = run%number
       part%layout = run%layout
-      call pack_bins(size(run%samples%bins, kind=i8), run%samples%bins, part%bin, part%bin_count)
-      call pack_bins(size(run%samples%groups, kind=i8), run%samples%groups, part%group_bin, part%group_count)
+      part%bins = filled_bins(size(run%samples%bins, kind=i8), run%samples%bins)
+      part%groups = filled_bins(size(run%samples%groups, kind=i8), run%samples%groups)
    end subroutine pack_samples
-
-   subroutine pack_bins(n, flat, bin, counts)
-      integer(i8), intent(in) :: n
-      integer(i4), intent(in) :: flat(n)
-      integer(i8), allocatable, intent(out) :: bin(:)
-      integer(i4), allocatable, intent(out) :: counts(:)
-      integer(i8) :: k, filled
-
-      allocate (bin(count(flat /= 0, kind=i8)))
-      filled = 0
-      do k = 1, n
-         if (flat(k) == 0) cycle
-         filled = filled + 1
-         bin(filled) = k - 1
-      end do
-      counts = flat(bin + 1)
-   end subroutine pack_bins
-
-   !> Find the cells in which any tally is not zero.
-   subroutine find_reached_cells(run, part)
-      type(run_t), intent(in) :: run
-      type(part_t), intent(inout) :: part
-      integer(i8) :: found
-      integer :: i, j
-
-      allocate (part%cell(sum([(count(reached(j), kind=i8), j=1, run%nodes(2))])))
-      found = 0
-      do j = 1, run%nodes(2)
-         associate (is_reached => reached(j))
-            do i = 1, run%nodes(1)
-               if (.not. is_reached(i)) cycle
-               found = found + 1
-               part%cell(found) = (j - 1)*int(run%nodes(1), i8) + i - 1
-            end do
-         end associate
-      end do
-
-   contains
-
-      !> Cells of a row.
-      pure function reached(j)
-         integer, intent(in) :: j
-         logical :: reached(run%nodes(1))
-
-         reached = any(run%counts(:, j, :) /= 0, dim=2) .or. any(run%sums(:, j, :) /= 0, dim=2) &
-                   .or. any(run%maxima(:, j, :) > 0, dim=2)
-         if (size(run%column) > 0) reached = reached .or. run%column(:, j) > 0
-      end function reached
-   end subroutine find_reached_cells
-
-   subroutine allocate_tallies(run, part, error)
-      type(run_t), intent(in) :: run
-      type(part_t), intent(inout) :: part
-      type(error_t), allocatable, intent(out) :: error
-      integer(i8) :: n
-      integer :: status
-
-      n = size(part%cell, kind=i8)
-      allocate (part%counts(n, size(run%counts, 3)), part%sums(n, size(run%sums, 3)), &
-                part%maxima(n, size(run%maxima, 3)), &
-                part%bin_counts(run%plan%rows, merge(n, 0_i8, run%plan%rows > 0)), stat=status)
-      if (status /= 0) call fail(error, "the maps of a part do not fit in memory")
-   end subroutine allocate_tallies
-
-   !> Stacks of maps by cell.
-   type(stacks_t) function stacks_of(run) result(stacks)
-      type(run_t), intent(in) :: run
-      integer(i8) :: n
-
-      n = product(int(run%nodes, i8))
-      stacks%counts(1:n, 1:size(run%counts, 3)) => run%counts
-      stacks%sums(1:n, 1:size(run%sums, 3)) => run%sums
-      stacks%maxima(1:n, 1:size(run%maxima, 3)) => run%maxima
-      stacks%column(1:size(run%column, kind=i8)) => run%column
-   end function stacks_of
 
    !> Table of the arrays of a part as files have them; of rows, more may be allocated than are used.
    function part_arrays(run, part) result(table)
@@ -181,21 +85,23 @@ contains
          call table%add("kept", "boulder", ["boulder"], part%number)
          call table%add("sample", "part_last", ["sample_part"], part%layout%part_last)
          call table%add("sample", "group_part", ["sample_group"], part%layout%group_part)
-         call table%add("sample", "bin", ["sample_entry"], part%bin)
-         call table%add("sample", "count", ["sample_entry"], part%bin_count)
-         call table%add("sample", "group_bin", ["sample_group_entry"], part%group_bin)
-         call table%add("sample", "group_count", ["sample_group_entry"], part%group_count)
+         call table%add("sample", "bin", ["sample_entry"], part%bins%bin)
+         call table%add("sample", "count", ["sample_entry"], part%bins%count)
+         call table%add("sample", "group_bin", ["sample_group_entry"], part%groups%bin)
+         call table%add("sample", "group_count", ["sample_group_entry"], part%groups%count)
       end if
-      if (.not. allocated(part%cell)) return
-      call table%add("tally", "cell", ["tally"], part%cell)
-      if (size(run%counts, 3) > 0) &
-         call table%add("tally", "counts", [character(len=18) :: "tally", "tally_counts_layer"], part%counts)
-      if (size(run%sums, 3) > 0) &
-         call table%add("tally", "sums", [character(len=16) :: "tally", "tally_sums_layer"], part%sums)
-      if (size(run%maxima, 3) > 0) &
-         call table%add("tally", "maxima", [character(len=18) :: "tally", "tally_maxima_layer"], part%maxima)
-      if (run%plan%rows > 0) &
-         call table%add("tally", "bin_counts", [character(len=9) :: "tally_bin", "tally"], part%bin_counts)
+      if (.not. allocated(part%maps%cell)) return
+      associate (maps => part%maps)
+         call table%add("tally", "cell", ["tally"], maps%cell)
+         if (size(maps%counts, 2) > 0) &
+            call table%add("tally", "counts", [character(len=18) :: "tally", "tally_counts_layer"], maps%counts)
+         if (size(maps%sums, 2) > 0) &
+            call table%add("tally", "sums", [character(len=16) :: "tally", "tally_sums_layer"], maps%sums)
+         if (size(maps%maxima, 2) > 0) &
+            call table%add("tally", "maxima", [character(len=18) :: "tally", "tally_maxima_layer"], maps%maxima)
+         if (size(maps%bin_counts, 1) > 0) &
+            call table%add("tally", "bin_counts", [character(len=9) :: "tally_bin", "tally"], maps%bin_counts)
+      end associate
    end function part_arrays
 
    ! ---- from a file --------------------------------------------------------------------------
@@ -207,12 +113,14 @@ contains
       type(part_lengths_t), intent(in) :: length
       type(error_t), allocatable, intent(out) :: error
       character(len=:), allocatable :: fault
+      integer(i8) :: cells
       integer :: status
+      logical :: fit
 
       fault = ""
-      if (.not. is_between(length%cells, product(int(run%nodes, i8)))) fault = "tally_cell"
-      if (tells_sources(run) .and. .not. is_between(length%shared, 2*product(int(run%nodes, i8)))) &
-         fault = "tally_shared_cell"
+      cells = product(int(run%maps%nodes, i8))
+      if (.not. is_between(length%cells, cells)) fault = "tally_cell"
+      if (tells_sources(run%maps) .and. .not. is_between(length%shared, 2*cells)) fault = "tally_shared_cell"
       if (allocated(run%number)) then
          if (.not. is_between(length%rows, size(run%number, kind=i8))) fault = "boulder"
          if (.not. is_between(length%bins, size(run%samples%bins, kind=i8))) fault = "sample_bin"
@@ -222,20 +130,21 @@ contains
          call fail(error, "is damaged: "//fault)
          return
       end if
-      allocate (part%cell(length%cells), stat=status)
-      if (status == 0) call allocate_tallies(run, part, error)
-      if (allocated(error)) return
-      if (status == 0 .and. allocated(run%number)) then
+      allocate (part%maps%cell(length%cells), stat=status)
+      fit = status == 0
+      if (fit) call allocate_reached_cells(run%maps, part%maps, fit)
+      if (fit .and. allocated(run%number)) then
          part%layout = run%layout
-         allocate (part%number(length%rows), part%bin(length%bins), part%bin_count(length%bins), &
-                   part%group_bin(length%group_bins), part%group_count(length%group_bins), stat=status)
+         allocate (part%number(length%rows), part%bins%bin(length%bins), part%bins%count(length%bins), &
+                   part%groups%bin(length%group_bins), part%groups%count(length%group_bins), stat=status)
       end if
-      if (status == 0 .and. tells_sources(run)) then
-         run%shared = contributing_t()
-         allocate (run%shared%cell(length%shared), run%shared%source(length%shared), &
-                   run%shared%boulders(length%shared), stat=status)
+      if (fit .and. status == 0 .and. tells_sources(run%maps)) then
+         run%maps%shared = contributing_t()
+         associate (shared => run%maps%shared, n => length%shared)
+            allocate (shared%cell(n), shared%source(n), shared%boulders(n), stat=status)
+         end associate
       end if
-      if (status /= 0) call fail(error, "the maps of a part do not fit in memory")
+      if (.not. fit .or. status /= 0) call fail(error, "the maps of a part do not fit in memory")
 
    contains
 
@@ -253,36 +162,26 @@ contains
       type(part_t), intent(in), target :: part
       type(grid_t), intent(in) :: grid  !! of the terrain
       type(error_t), allocatable, intent(out) :: error
-      type(stacks_t) :: stacks
       character(len=:), allocatable :: fault
-      integer(i8) :: k, n
+      integer(i8) :: cells
 
       call unpack_samples(run, part, error)
       if (allocated(error)) return
-      n = size(part%cell, kind=i8)
+      cells = product(int(run%maps%nodes, i8))
       fault = ""
-      if (.not. are_rising(part%cell, product(int(run%nodes, i8)))) fault = "tally_cell"
-      if (allocated(run%shared%cell)) then
-         if (any(run%shared%cell < 0 .or. run%shared%cell >= product(int(run%nodes, i8)))) fault = "tally_shared_cell"
+      if (.not. are_rising(part%maps%cell, cells)) fault = "tally_cell"
+      if (allocated(run%maps%shared%cell)) then
+         if (any(run%maps%shared%cell < 0 .or. run%maps%shared%cell >= cells)) fault = "tally_shared_cell"
       end if
       if (fault == "") fault = array_fault(run, part_arrays(run, part), grid)
       if (fault == "") fault = source_fault(run)
       if (fault /= "") then
          call fail(error, "is damaged: "//fault)
-      else if (size(part%bin_counts) > 0 .and. n > size(run%bin_counts, 2, i8)) then
+      else if (size(part%maps%bin_counts, 2, i8) > size(run%maps%bin_counts, 2, i8)) then
          call fail(error, "the counts of quantile maps do not fit in memory")
+      else
+         call unpack_cells(part%maps, run%maps)
       end if
-      if (allocated(error)) return
-      stacks = stacks_of(run)
-      associate (at => part%cell + 1)
-         stacks%counts(at, :) = part%counts
-         stacks%sums(at, :) = part%sums
-         stacks%maxima(at, :) = part%maxima
-         if (run%plan%rows == 0) return
-         run%bin_counts(:, :n) = part%bin_counts
-         stacks%column(at) = [(int(k, i4), k=1, n)]
-         run%columns = int(n, i4)
-      end associate
    end subroutine unpack_part
 
    !> Store the numbers of rows and the samples of a part.
@@ -294,9 +193,10 @@ contains
 
       if (.not. allocated(run%number)) return
       fault = sample_fault(run, part)
-      if (fault == "") call unpack_bins(size(run%samples%bins, kind=i8), part%bin, part%bin_count, run%samples%bins)
-      if (fault == "") &
-         call unpack_bins(size(run%samples%groups, kind=i8), part%group_bin, part%group_count, run%samples%groups)
+      if (fault == "") then
+         call fill_bins(size(run%samples%bins, kind=i8), part%bins, run%samples%bins)
+         call fill_bins(size(run%samples%groups, kind=i8), part%groups, run%samples%groups)
+      end if
       if (fault == "" .and. size(part%number) > 0) then
          associate (number => run%number(:size(part%number)))
             if (any(number /= part%number .and. number /= no_row)) fault = "boulder"
@@ -307,15 +207,6 @@ contains
       if (fault == "" .and. rows_of(run) /= size(part%number)) fault = "boulder"
       if (fault /= "") call fail(error, "is damaged: "//fault)
    end subroutine unpack_samples
-
-   subroutine unpack_bins(n, bin, counts, flat)
-      integer(i8), intent(in) :: n
-      integer(i8), intent(in) :: bin(:)
-      integer(i4), intent(in) :: counts(:)
-      integer(i4), intent(inout) :: flat(n)
-
-      flat(bin + 1) = counts
-   end subroutine unpack_bins
 
    !> Return whether numbers from 0 to n - 1 are in order, each once.
    pure logical function are_rising(numbers, n)
@@ -339,10 +230,10 @@ contains
          if (any(ended < 0) .or. sum(ended) /= run%done) fault = "sample_ended"
       end associate
       if (.not. are_heaps(run%samples%largest)) fault = "sample_largest"
-      if (.not. are_rising(part%bin, size(run%samples%bins, kind=i8))) fault = "sample_bin"
-      if (.not. are_rising(part%group_bin, size(run%samples%groups, kind=i8))) fault = "sample_group_bin"
-      if (any(part%bin_count < 1 .or. part%bin_count > run%done)) fault = "sample_count"
-      if (any(part%group_count < 1 .or. part%group_count > run%done)) fault = "sample_group_count"
+      if (.not. are_rising(part%bins%bin, size(run%samples%bins, kind=i8))) fault = "sample_bin"
+      if (.not. are_rising(part%groups%bin, size(run%samples%groups, kind=i8))) fault = "sample_group_bin"
+      if (any(part%bins%count < 1 .or. part%bins%count > run%done)) fault = "sample_count"
+      if (any(part%groups%count < 1 .or. part%groups%count > run%done)) fault = "sample_group_count"
       last = [0, part%layout%part_last]
       if (any(last(2:) <= last(:size(last) - 1)) .or. any(part%layout%part_last /= run%layout%part_last)) &
          fault = "sample_part_last"

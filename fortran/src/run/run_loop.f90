@@ -74,7 +74,7 @@ contains
                                                 - before, window, run, error)
       call name_case(case, error)
       if (allocated(error)) return
-      call set_window(scene%dem, run%at, run%at + run%nodes - 1)
+      call set_window(scene%dem, run%maps%at, run%maps%at + run%maps%nodes - 1)
       run%threads = team_size(case%threads)
       call observer%on_start(run, error)
       if (.not. allocated(error)) call run_all(case, scene, observer, run, error)

@@ -2,11 +2,14 @@
 !> Samples of numbers that are not stored individually: counts in narrow bins, exact sums, and the largest numbers. All
 !> are integers or a set, so neither the order nor the partition of the numbers changes a bit.
 module rockfall_samples
+   use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_associated, c_f_pointer
    use rockfall_kinds, only: wp, i4, i8, i16
+   use rockfall_memory, only: zeroed_block, free_block
    implicit none
    private
    public :: samples_t, add_number, add_tail, merge_samples, merge_tails, sample_bin, sample_edge
-   public :: sample_size, sample_sum
+   public :: sample_size, sample_sum, allocate_samples, continue_samples, free_samples, forget_samples
+   public :: filled_bins_t, fill_bins, filled_bins
    public :: n_sample_bins, n_coarse_bins, n_words, base_bits, n_largest, largest_unit
 
    !> Bins of integers: width 1 below 512, then 256 per octave, so that no bin is wider than 0.4 % of its numbers; up to
@@ -27,9 +30,112 @@ module rockfall_samples
       integer(i4), pointer, contiguous :: groups(:, :, :, :) => null()  !! (coarse bins, quantities, groups, places)
       real(wp), pointer, contiguous :: largest(:, :, :) => null()       !! heaps, -1 = none (numbers, tails, lines)
       integer(i8), pointer, contiguous :: ended(:) => null()            !! boulders by status
+      type(c_ptr), private :: block(5) = c_null_ptr                     !! of memory: bins, groups, sums, ended, largest
    end type samples_t
 
+   !> Bins that are not empty, 0-based over all dimensions, in order, and their counts.
+   type :: filled_bins_t
+      integer(i8), allocatable :: bin(:)
+      integer(i4), allocatable :: count(:)
+   end type filled_bins_t
+
 contains
+
+   !> Allocate empty samples, if they fit in memory: of quantities by part and coarsely by group, at all places; of the
+   !> boulders by status; and `numbers` of each tail at lines.
+   subroutine allocate_samples(samples, quantities, parts, groups, places, statuses, tails, numbers, fit)
+      type(samples_t), intent(inout) :: samples
+      integer, intent(in) :: quantities, parts, groups, places, statuses, tails
+      integer(i8), intent(in) :: numbers
+      logical, intent(out) :: fit
+      integer(i8) :: n
+      integer :: k
+
+      n = int(quantities, i8)*places
+      associate (block => samples%block)
+         block(1) = zeroed_block(n_sample_bins*parts*n, 4)
+         block(2) = zeroed_block(n_coarse_bins*groups*n, 4)
+         block(3) = zeroed_block(n_words*parts*n, 8)
+         block(4) = zeroed_block(int(statuses, i8), 8)
+         fit = all([(c_associated(block(k)), k=1, 4)])
+         if (.not. fit) return
+         call c_f_pointer(block(1), samples%bins, [n_sample_bins, quantities, parts, places])
+         call c_f_pointer(block(2), samples%groups, [n_coarse_bins, quantities, groups, places])
+         call c_f_pointer(block(3), samples%sums, [n_words, quantities, parts, places])
+         call c_f_pointer(block(4), samples%ended, [statuses])
+      end associate
+      call allocate_tails(samples, tails, places - 1, numbers, fit)
+   end subroutine allocate_samples
+
+   !> Allocate tails without a number.
+   subroutine allocate_tails(samples, tails, lines, numbers, fit)
+      type(samples_t), intent(inout) :: samples
+      integer, intent(in) :: tails, lines
+      integer(i8), intent(in) :: numbers
+      logical, intent(out) :: fit
+      integer :: shape(3)
+
+      shape = [int(min(numbers, int(n_largest, i8))), tails, lines]
+      samples%block(5) = zeroed_block(product(int(shape, i8)), 8)
+      fit = c_associated(samples%block(5))
+      if (.not. fit) return
+      call c_f_pointer(samples%block(5), samples%largest, shape)
+      samples%largest = -1
+   end subroutine allocate_tails
+
+   !> Continue samples with longer tails of up to `numbers`, if they fit in memory; the rest is moved.
+   subroutine continue_samples(from, to, numbers, fit)
+      type(samples_t), intent(inout) :: from
+      type(samples_t), intent(inout) :: to
+      integer(i8), intent(in) :: numbers
+      logical, intent(out) :: fit
+
+      to = from
+      from%block(:4) = c_null_ptr
+      call allocate_tails(to, size(from%largest, 2), size(from%largest, 3), numbers, fit)
+      if (fit) call merge_tails(to%largest, from%largest)
+   end subroutine continue_samples
+
+   !> Free the memory.
+   subroutine free_samples(samples)
+      type(samples_t), intent(inout) :: samples
+
+      call free_block(samples%block)
+   end subroutine free_samples
+
+   !> Forget the bins once all results are computed.
+   subroutine forget_samples(samples)
+      type(samples_t), intent(inout) :: samples
+
+      call free_block(samples%block(:2))
+      call c_f_pointer(c_null_ptr, samples%bins, [0, 0, 0, 0])
+      call c_f_pointer(c_null_ptr, samples%groups, [0, 0, 0, 0])
+   end subroutine forget_samples
+
+   !> Bins of n that are not empty.
+   pure type(filled_bins_t) function filled_bins(n, counts) result(filled)
+      integer(i8), intent(in) :: n
+      integer(i4), intent(in) :: counts(n)
+      integer(i8) :: k, last
+
+      allocate (filled%bin(count(counts /= 0, kind=i8)))
+      last = 0
+      do k = 1, n
+         if (counts(k) == 0) cycle
+         last = last + 1
+         filled%bin(last) = k - 1
+      end do
+      filled%count = counts(filled%bin + 1)
+   end function filled_bins
+
+   !> Fill n empty bins.
+   pure subroutine fill_bins(n, filled, counts)
+      integer(i8), intent(in) :: n
+      type(filled_bins_t), intent(in) :: filled
+      integer(i4), intent(inout) :: counts(n)
+
+      counts(filled%bin + 1) = filled%count
+   end subroutine fill_bins
 
    !> Bin of an integer number of units, from 1.
    pure integer function sample_bin(number) result(bin)

@@ -1,0 +1,38 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Zeroed memory for large arrays: allocated lazily, so that pages that nothing touches cost nothing.
+module rockfall_memory
+   use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_associated
+   use rockfall_kinds, only: i8
+   implicit none
+   private
+   public :: zeroed_block, free_block
+
+   interface
+      type(c_ptr) function c_zeros(n, size) bind(c, name="rockfall_zeros")
+         import :: c_ptr, i8
+         integer(i8), value :: n, size
+      end function c_zeros
+      subroutine c_free(block) bind(c, name="free")
+         import :: c_ptr
+         type(c_ptr), value :: block
+      end subroutine c_free
+   end interface
+
+contains
+
+   !> Block of n zeros, at least one; null if memory is short.
+   type(c_ptr) function zeroed_block(n, bytes) result(block)
+      integer(i8), intent(in) :: n
+      integer, intent(in) :: bytes  !! of each
+
+      block = c_zeros(max(1_i8, n), int(bytes, i8))
+   end function zeroed_block
+
+   !> Free a block, if there is one.
+   impure elemental subroutine free_block(block)
+      type(c_ptr), intent(inout) :: block
+
+      if (c_associated(block)) call c_free(block)
+      block = c_null_ptr
+   end subroutine free_block
+end module rockfall_memory
