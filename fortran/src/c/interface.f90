@@ -147,29 +147,24 @@ contains
    pure function text_of(string) result(text)
       character(kind=c_char), intent(in) :: string(*)
       character(len=:), allocatable :: text
-      integer :: n, k
+      integer :: n
 
       n = 0
       do while (string(n + 1) /= c_null_char)
          n = n + 1
       end do
-      allocate (character(len=n) :: text)
-      do k = 1, n
-         text(k:k) = string(k)
-      end do
+      text = transfer(string(:n), repeat(" ", n))
    end function text_of
 
    !> Write a text as a C string, cut to its length.
    pure subroutine put(text, string)
       character(len=*), intent(in) :: text
       character(kind=c_char), intent(out) :: string(:)
-      integer :: k, n
+      integer :: n
 
       n = min(len_trim(text), size(string) - 1)
-      do k = 1, n
-         string(k) = text(k:k)
-      end do
-      string(n + 1:) = c_null_char
+      string = c_null_char
+      string(:n) = transfer(text(:n), string, n)
    end subroutine put
 
    !> Convert an error: code 0 and an empty message mean success.

@@ -231,10 +231,8 @@ contains
       do k = 1, 3
          this%rg(k) = text_of(group, trim(rasters(k + 1)))
       end do
-      if (has_key(group, "zones_layer") .and. .not. has_key(group, "zones")) then
-         call refuse(group, "zones_layer", "is only valid with zones", error)
-         return
-      end if
+      call check_use(group, "zones_layer", has_key(group, "zones"), "zones", error)
+      if (allocated(error)) return
       if (has_key(group, "default_zone")) this%default_zone = int(integer_of(group, "default_zone"))
       zones = has_key(group, "zones") .or. has_key(group, "table") .or. has_key(group, "default_zone")
       by_raster = any([(has_key(group, trim(rasters(k))), k=1, 4)])
@@ -270,6 +268,17 @@ contains
       if (has_key(group, key)) return
       call fail(error, key_location(group, key)//" is missing: needed "//why)
    end subroutine require_key
+
+   !> Refuse a key that is only valid with something that the case does not have.
+   pure subroutine check_use(group, key, valid, with, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key, with
+      logical, intent(in) :: valid
+      type(error_t), allocatable, intent(inout) :: error
+
+      if (.not. (allocated(error) .or. valid) .and. has_key(group, key)) &
+         call refuse(group, key, "is only valid with "//with, error)
+   end subroutine check_use
 
    !> Read the volume distribution, with exactly the keys that it needs.
    pure subroutine read_boulder(group, release, this, error)
@@ -359,17 +368,15 @@ contains
          call refuse(group, "steep_cells", "is not valid for points", error)
       else if (points .and. this%by_area) then
          call refuse(group, "by_area", "is not valid for points", error)
-      else if (has_key(group, "slope_threshold") .and. .not. this%steep_cells) then
-         call refuse(group, "slope_threshold", "is only valid with steep_cells = .true.", error)
-      else if (has_key(group, "polygons_layer") .and. .not. has_key(group, "polygons")) then
-         call refuse(group, "polygons_layer", "is only valid with polygons", error)
-      else if (has_key(group, "points_layer") .and. .not. has_key(group, "points")) then
-         call refuse(group, "points_layer", "is only valid with points", error)
-      else if (has_key(group, "name_field") .and. .not. (has_key(group, "points") .or. has_key(group, "polygons"))) then
-         call refuse(group, "name_field", "is only valid with points or polygons", error)
-      else if (has_key(group, "x") .or. has_key(group, "y")) then
-         call check_points(group, 1, error)
       end if
+      associate (in_layer => has_key(group, "points"), in_polygons => has_key(group, "polygons"))
+         call check_use(group, "slope_threshold", this%steep_cells, "steep_cells = .true.", error)
+         call check_use(group, "polygons_layer", in_polygons, "polygons", error)
+         call check_use(group, "points_layer", in_layer, "points", error)
+         call check_use(group, "name_field", in_layer .or. in_polygons, "points or polygons", error)
+      end associate
+      if (.not. allocated(error) .and. (has_key(group, "x") .or. has_key(group, "y"))) &
+         call check_points(group, 1, error)
       if (has_key(group, "slope_threshold")) this%slope_threshold = real_of(group, "slope_threshold")
       this%at_points = points
       this%cells = text_of(group, "cells")
@@ -389,11 +396,8 @@ contains
       at = text_of(group, "at")
       breakage%at_release = at == "release" .or. at == "both"
       breakage%at_impact = at == "impact" .or. at == "both"
-      if (breakage%at_release) then
-         call require_key(group, "release_fall", "for at = '"//at//"'", error)
-      else if (has_key(group, "release_fall")) then
-         call refuse(group, "release_fall", "is only valid with at = 'release' or 'both'", error)
-      end if
+      if (breakage%at_release) call require_key(group, "release_fall", "for at = '"//at//"'", error)
+      call check_use(group, "release_fall", breakage%at_release, "at = 'release' or 'both'", error)
       if (allocated(error) .or. at == "none") return
       if (this%kept /= keeps_all) then
          call refuse(output, "kept", "must be 'all' where boulders break (&breakage at): counts of fragments are in " &
@@ -433,19 +437,12 @@ contains
       call check_either(group, "dbh_std", made, made .or. mapped, error)
       call check_either(group, "conifers", made, this%forest, error)
       if (allocated(error)) return
-      if (has_key(group, "trees_layer") .and. .not. listed) then
-         call refuse(group, "trees_layer", "is only valid with trees", error)
-      else if (has_key(group, "polygons_layer") .and. .not. mapped) then
-         call refuse(group, "polygons_layer", "is only valid with polygons", error)
-      else if (has_key(group, "clearings") .and. .not. this%forest) then
-         call refuse(group, "clearings", "is only valid with trees, polygons or stems", error)
-      else if (has_key(group, "clearings_layer") .and. .not. has_key(group, "clearings")) then
-         call refuse(group, "clearings_layer", "is only valid with clearings", error)
-      else if (has_key(group, "species_table") .and. .not. this%forest) then
-         call refuse(group, "species_table", "is only valid with trees or stems", error)
-      else if (has_key(group, "stem_height") .and. .not. this%forest) then
-         call refuse(group, "stem_height", "is only valid with trees or stems", error)
-      end if
+      call check_use(group, "trees_layer", listed, "trees", error)
+      call check_use(group, "polygons_layer", mapped, "polygons", error)
+      call check_use(group, "clearings", this%forest, "trees, polygons or stems", error)
+      call check_use(group, "clearings_layer", has_key(group, "clearings"), "clearings", error)
+      call check_use(group, "species_table", this%forest, "trees or stems", error)
+      call check_use(group, "stem_height", this%forest, "trees or stems", error)
       associate (model => this%tree_model)
          if (has_key(group, "stem_height")) model%stem_height = real_of(group, "stem_height")
          model%limit = [real_of(group, "lateral_from"), real_of(group, "scratch_from")]
@@ -469,12 +466,11 @@ contains
 
       if (allocated(error)) return
       uniform = "uniform_"//key
+      call check_use(group, key, allowed, "stems", error)
+      call check_use(group, uniform, allowed, "stems", error)
+      if (allocated(error)) return
       if (has_key(group, key) .and. has_key(group, uniform)) then
          call refuse(group, uniform, "give this or "//key//", not both", error)
-      else if (has_key(group, key) .and. .not. allowed) then
-         call refuse(group, key, "is only valid with stems", error)
-      else if (has_key(group, uniform) .and. .not. allowed) then
-         call refuse(group, uniform, "is only valid with stems", error)
       else if (needed .and. .not. (has_key(group, key) .or. has_key(group, uniform))) then
          call fail(error, key_location(group, key)//" is missing: a raster, or "//uniform//", to make trees of")
       end if
@@ -568,11 +564,11 @@ contains
       points = has_key(group, "x") .or. has_key(group, "y")
       if (has_key(group, "file") .eqv. points) then
          call fail(error, key_location(group, "x, y")//": give these, or file with lines in a layer")
-      else if (points .and. has_key(group, "layer")) then
-         call refuse(group, "layer", "is only valid with file", error)
-      else if (points .and. has_key(group, "field")) then
-         call refuse(group, "field", "is only valid with file", error)
-      else if (has_key(group, "name") .and. has_key(group, "field")) then
+      end if
+      call check_use(group, "layer", .not. points, "file", error)
+      call check_use(group, "field", .not. points, "file", error)
+      if (allocated(error)) return
+      if (has_key(group, "name") .and. has_key(group, "field")) then
          call refuse(group, "field", "is not valid together with name", error)
       else if (has_key(group, "capacity") .and. has_key(group, "class")) then
          call fail(error, key_location(group, "capacity, class")//": give one of the two")
@@ -621,7 +617,7 @@ contains
          call read_log(group, barrier)
          return
       end if
-      if (has_key(group, "decay_class")) call refuse(group, "decay_class", "is only valid with diameter", error)
+      call check_use(group, "decay_class", .false., "diameter", error)
       if (.not. allocated(error)) call require_key(group, "height", "here, or as attribute of a layer", error)
       if (allocated(error)) return
       barrier%height = real_of(group, "height")

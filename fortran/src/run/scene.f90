@@ -167,11 +167,8 @@ contains
    pure function text_of(bytes) result(text)
       integer(i1), intent(in) :: bytes(:)
       character(len=size(bytes)) :: text
-      integer :: k
 
-      do k = 1, size(bytes)
-         text(k:k) = transfer(bytes(k), "a")
-      end do
+      text = transfer(bytes, text)
    end function text_of
 
    !> Split grounds: texts are concatenated, and `names` has two lines for each, its name and its file.

@@ -7,10 +7,10 @@ module rockfall_samples
    use rockfall_memory, only: zeroed_block, free_block
    implicit none
    private
-   public :: samples_t, add_number, add_tail, merge_samples, merge_tails, sample_bin, sample_edge
+   public :: samples_t, add_number, add_tail, merge_samples, sample_bin, sample_edge
    public :: sample_size, sample_sum, allocate_samples, continue_samples, free_samples, forget_samples
    public :: filled_bins_t, fill_bins, filled_bins
-   public :: n_sample_bins, n_coarse_bins, n_words, base_bits, n_largest, largest_unit
+   public :: n_sample_bins, n_coarse_bins, n_words, base_bits, largest_unit
 
    !> Bins of integers: width 1 below 512, then 256 per octave, so that no bin is wider than 0.4 % of its numbers; up to
    !> 2**45, and down to -2**20.
