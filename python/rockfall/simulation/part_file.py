@@ -7,7 +7,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -50,6 +50,11 @@ OWN = (  # dimensions whose lengths depend on the part
     "sample_group_entry",
 )  # fmt: skip
 SUMS = ("input_checksums", "decoded_checksums")
+#: Attributes that a part may lack.
+USUAL = {
+    "date_created": "", "source_features": None, "grounds": None, "input_warnings": "[]",
+    "dams": "[]", "stands": "[]",
+}  # fmt: skip
 PACKING = int(_core.constant("max_packing"))  # maximum compression ratio of zlib
 
 
@@ -213,62 +218,83 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
         raise RockfallError(
             f"{name}: is no part of a run, as --shard, checkpoints and rockfall-batch make them"
         )
-    at = ""
-    try:
-        for at in NUMBERS:
-            if not 0 <= int(attrs[at]) < 2**31:
-                raise ValueError
-        for at in CLOCKS:
-            if not 0 <= float(attrs[at]) < math.inf:
-                raise ValueError
-        at = "date_created"
-        date = str(attrs.get(at, ""))
-        when(date)
-        at = "GeoTransform"
-        west, cell, _, north, _, _ = map(float, str(crs[at]).split())
-        if not (cell > 0 and all(map(math.isfinite, (west, cell, north)))):
-            raise ValueError
-        at = "terrain_cells"
-        nx, ny = map(int, attrs[at])
-        at = "map_window"
-        column, row, columns, rows = map(int, attrs[at])
-        if not (0 <= column <= column + columns <= nx and 0 <= row <= row + rows <= ny):
-            raise ValueError
-        sums = []
-        for at in SUMS:
-            sums.append({str(key): str(digest) for key, digest in json.loads(attrs[at]).items()})
-        at = "case"
-        case = _case(str(attrs["case"]), str(attrs["case_file"]))
-        at = "version"
-        version = str(attrs[at])
-        at = "source_features"
-        features = None
-        if at in attrs:
-            features = Features(str(attrs[at]).split("\n"), np.zeros(0, "i4"))
-        at = "grounds"
-        grounds = _grounds(attrs)
-        at = "input_warnings"
-        warnings = [InputWarning.of(row) for row in json.loads(attrs.get(at, "[]"))]
-        at = "dams"
-        dams = [DamShape(**row) for row in json.loads(attrs.get(at, "[]"))]
-        at = "stands"
-        stands = [Stand(*row) for row in json.loads(attrs.get(at, "[]"))]
-        crs_attrs = {key: v for key, v in crs.items() if key not in ("_FillValue", "GeoTransform")}
-    except DAMAGED as error:
-        raise RockfallError(f"{name}: is damaged: {at}") from error
-    grid, window = Grid(west, north, cell, nx, ny), Box(row, column, row + rows, column + columns)
-    checksums, decoded = sums
-    boulders = int(attrs["boulders_requested"])
+    values = USUAL | dict(attrs)
+
+    def read(at: str, parse: Callable[[Any], Any]) -> Any:
+        try:
+            return parse(values[at])
+        except DAMAGED as error:
+            raise RockfallError(f"{name}: is damaged: {at}") from error
+
+    boulders, first, last, threads = (read(at, _number) for at in NUMBERS)
+    clocks = {at: read(at, _seconds) for at in CLOCKS}
+    read("date_created", when)
+    values["GeoTransform"] = crs.get("GeoTransform")
+    corner = read("GeoTransform", _corner)
+    grid = read("terrain_cells", lambda cells: _grid(corner, *cells))
+    window = read("map_window", lambda cells: _window(grid, *map(int, cells)))
+    checksums, decoded = (read(at, _checksums) for at in SUMS)
     origin = Origin(
-        case, boulders, grid, window, checksums, decoded, version, grounds, features, warnings,
-        dams, stands,
-    )  # fmt: skip
-    first, last = int(attrs["boulder_first"]), int(attrs["boulder_last"])
-    clocks = {clock: float(attrs[clock]) for clock in CLOCKS}
-    part = Part(name, origin, first, last, int(attrs["threads"]), clocks, crs_attrs, date)
-    if not 1 <= first <= last + 1 <= origin.boulders + 1:
+        case=read("case", lambda text: _case(str(text), str(values["case_file"]))),
+        boulders=boulders,
+        grid=grid,
+        window=window,
+        checksums=checksums,
+        decoded=decoded,
+        version=read("version", str),
+        features=read("source_features", _features),
+        grounds=read("grounds", lambda _: _grounds(attrs)),
+        warnings=read("input_warnings", lambda rows: [*map(InputWarning.of, json.loads(rows))]),
+        dams=read("dams", lambda rows: [DamShape(**row) for row in json.loads(rows)]),
+        stands=read("stands", lambda rows: [Stand(*row) for row in json.loads(rows)]),
+    )
+    crs = {key: v for key, v in crs.items() if key not in ("_FillValue", "GeoTransform")}
+    part = Part(name, origin, first, last, threads, clocks, crs, str(values["date_created"]))
+    if not 1 <= first <= last + 1 <= boulders + 1:
         raise _damaged(part, "boulders")
     return part
+
+
+# Values of attributes; a ValueError, or another of DAMAGED, refuses those that cannot be.
+
+
+def _number(value: Any) -> int:
+    if not 0 <= int(value) < 2**31:
+        raise ValueError
+    return int(value)
+
+
+def _seconds(value: Any) -> float:
+    if not 0 <= float(value) < math.inf:
+        raise ValueError
+    return float(value)
+
+
+def _corner(transform: Any) -> tuple[float, float, float]:
+    """West, north and cell size [m] of a GeoTransform."""
+    west, cell, _, north, _, _ = map(float, str(transform).split())
+    if not (cell > 0 and all(map(math.isfinite, (west, cell, north)))):
+        raise ValueError
+    return west, north, cell
+
+
+def _grid(corner: tuple[float, float, float], columns: Any, rows: Any) -> Grid:
+    return Grid(*corner, int(columns), int(rows))
+
+
+def _window(grid: Grid, column: int, row: int, columns: int, rows: int) -> Box:
+    inside = 0 <= column <= column + columns <= grid.nx and 0 <= row <= row + rows <= grid.ny
+    if not inside:
+        raise ValueError
+    return Box(row, column, row + rows, column + columns)
+
+
+def _checksums(text: Any) -> dict[str, str]:
+    return {str(key): str(digest) for key, digest in json.loads(text).items()}
+
+
+def _features(names: Any) -> Features | None:
+    return None if names is None else Features(str(names).split("\n"), np.zeros(0, "i4"))
 
 
 def when(date: str) -> datetime:

@@ -4,6 +4,7 @@ with more members where it is high."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -103,13 +104,29 @@ def back_analysis(
     >>> found.effective > 1
     True
     """
-    import pandas as pd
+    _check_request(case, members, enough)
+    rounds = _Rounds(_read(case.replace(ensemble={"runs": ROUND}), observed, arrays))
+    stopped = False
+    with interrupts(), progress_bar(members, progress, "members") as advance:
+        try:
+            rounds.run(advance)
+            while effective(rounds.weight) < enough and len(rounds.cube) + ROUND <= members:
+                rounds.propose()
+                rounds.run(advance)
+        except Interrupted:
+            stopped = True
+    back = rounds.posterior(enough)
+    if stopped:
+        raise StudyInterrupted(back, len(back.members))
+    return back
 
+
+def _check_request(case: Case, members: int, enough: int) -> None:
+    """Refuse numbers that make no study, and cases whose members have no likelihood."""
     if members < 2 * ROUND:
         raise RockfallError(f"--members {members}: must be at least {2 * ROUND}")
     if not 2 <= enough <= members:
         raise RockfallError(f"--effective {enough}: must be 2 to --members {members}")
-    case = case.replace(ensemble={"runs": ROUND})
     if "draws" in case.ensemble:
         raise RockfallError(f"{case.name}: &ensemble draws: must be absent: they have no density")
     if case.breakage["at"] != "none":
@@ -117,6 +134,25 @@ def back_analysis(
             f"{case.name}: &breakage at = '{case.breakage['at']}': must be 'none': the end of a "
             "boulder is that of the fragment that came farthest, and no block that was found"
         )
+
+
+@dataclass(frozen=True)
+class _Study:
+    """Case, inputs and observations of a back-analysis."""
+
+    case: Case
+    scene: Scene
+    inputs: Uncertain
+    sought: np.ndarray  # as in `Back`
+    data: list[Evidence]
+    counts: np.ndarray  # of each set of data: its weight in the likelihood
+    notes: list[str]
+
+
+def _read(
+    case: Case, observed: tuple[str | Path | Observed, ...], arrays: Mapping[str, Any]
+) -> _Study:
+    """Read a case and the observations, with a run of the unchanged case."""
     read = read_scene(case, **arrays)
     warn_of(read)
     scene = lean(read, "a back-analysis", ["passages"])
@@ -130,82 +166,88 @@ def back_analysis(
     if witnesses(base, seen):
         check_on_terrain(scene, seen.where["stops"], *np.array(seen.stops).T)
     data, notes = evidence(base, seen, marks)
-    notes = [*seen.notes, *notes]
     counts = shares(data, base)
     if "dem" in inputs.names:
         _learn_noise(scene, inputs, data)
-    sought = _sought(inputs, base)
-    cube = inputs.design.reshape(-1, inputs.design.shape[-1])
-    levels = np.where(sought == inputs.ends[INPUTS.index("sets")], len(inputs.sets), 0)
-    sampler = Sampler(normal_scores(cube[:, sought]), levels)
-    random = np.random.default_rng((case.case["seed"], STREAM))
-    kept: list[dict[str, float]] = []
-    runs: list[list[np.ndarray]] = [[] for _ in data]
-    by_data = np.empty((len(data), 0))
-    stopped = False
-    with interrupts(), progress_bar(members, progress, "members") as advance:
-        while True:
-            for k in range(len(kept), len(cube)):
-                try:
-                    row, values = _member(scene, inputs, cube[k], k, data)
-                except Interrupted:
-                    stopped = True
-                    break
-                kept.append(row)
-                for kept_runs, value in zip(runs, values, strict=True):
-                    kept_runs.append(value)
-                advance(1)
-            if stopped:
-                break
-            new = slice(sampler.log_likelihood.size, None)
-            new_values = counts[:, None] * np.array([
-                item.log_likelihood(np.array(member_runs)[new])
-                for item, member_runs in zip(data, runs, strict=True)
-            ])  # fmt: skip
-            off = np.array([row.get("source_redrawn", 0) > 0 for row in kept[new]])
-            new_values[:, off] = -np.inf
-            by_data = np.concatenate([by_data, new_values], axis=1)
-            sampler.learn(new_values.sum(axis=0))
-            weight, ahead = sampler.weights(), sampler.log_prior_weights()
-            if effective(weight) >= enough or len(cube) + ROUND > members:
-                break
-            points = np.random.default_rng((case.case["seed"], STREAM, len(cube))).random(
-                (ROUND, cube.shape[1])
+    return _Study(case, scene, inputs, _sought(inputs, base), data, counts, [*seen.notes, *notes])
+
+
+class _Rounds:
+    """Members of a study, run in rounds: each learns from the likelihood of those before."""
+
+    def __init__(self, study: _Study) -> None:
+        inputs, sought = study.inputs, study.sought
+        self.study = study
+        self.cube = inputs.design.reshape(-1, inputs.design.shape[-1])  # a row for each member
+        is_set = sought == inputs.ends[INPUTS.index("sets")]
+        self.levels = np.where(is_set, len(inputs.sets), 0)
+        self.sampler = Sampler(normal_scores(self.cube[:, sought]), self.levels)
+        self.random = np.random.default_rng((study.case.case["seed"], STREAM))
+        self.rows: list[dict[str, float]] = []  # numbers drawn for each member
+        self.runs: list[list[np.ndarray]] = [[] for _ in study.data]  # what each set of data needs
+        # Of complete rounds: log-likelihoods by set of data, weights, and those of the prior alone.
+        self.by_data = np.empty((len(study.data), 0))
+        self.weight = self.ahead = np.empty(0)
+
+    def run(self, advance: Callable[[int], None]) -> None:
+        """Run the members of a round, and learn their likelihoods."""
+        study = self.study
+        for number in range(len(self.rows), len(self.cube)):
+            row, values = _member(study.scene, study.inputs, self.cube[number], number, study.data)
+            self.rows.append(row)
+            for runs, value in zip(self.runs, values, strict=True):
+                runs.append(value)
+            advance(1)
+        new = slice(self.by_data.shape[1], None)
+        values = [
+            item.log_likelihood(np.array(runs)[new])
+            for item, runs in zip(study.data, self.runs, strict=True)
+        ]
+        by_data = study.counts[:, None] * np.array(values)
+        by_data[:, [row.get("source_redrawn", 0) > 0 for row in self.rows[new]]] = -np.inf
+        self.by_data = np.concatenate([self.by_data, by_data], axis=1)
+        self.sampler.learn(by_data.sum(axis=0))
+        self.weight, self.ahead = self.sampler.weights(), self.sampler.log_prior_weights()
+
+    def propose(self) -> None:
+        """Add the members of another round: near those of high likelihood, or of the prior."""
+        seed, sought = self.study.case.case["seed"], self.study.sought
+        shape = ROUND, self.cube.shape[1]
+        points = np.random.default_rng((seed, STREAM, len(self.cube))).random(shape)
+        if self.weight.any():
+            points[:, sought] = _uniform(self.sampler.propose(ROUND, self.random))
+        else:
+            self.sampler.more_of_prior(normal_scores(points[:, sought]))
+        self.cube = np.concatenate([self.cube, points])
+
+    def posterior(self, enough: int) -> Back:
+        """Result of the complete rounds; KeyboardInterrupt if none is complete."""
+        import pandas as pd
+
+        study, sampler, weight = self.study, self.sampler, self.weight
+        if not (done := sampler.log_likelihood.size):
+            raise KeyboardInterrupt
+        if not weight.any():
+            raise RockfallError(
+                f"{study.case.name}: in none of {done} members as many as 20 boulders come to "
+                "where some were observed: the case, the prior or the number of boulders is wrong"
             )
-            if weight.any():
-                points[:, sought] = _uniform(sampler.propose(ROUND, random))
-            else:
-                sampler.more_of_prior(normal_scores(points[:, sought]))
-            cube = np.concatenate([cube, points])
-    if not (done := sampler.log_likelihood.size):
-        raise KeyboardInterrupt
-    cube, kept, runs = (
-        cube[:done],
-        kept[:done],
-        [member_runs[:done] for member_runs in runs],
-    )  # complete rounds only
-    if not weight.any():
-        raise RockfallError(
-            f"{case.name}: in none of {len(cube)} members as many as 20 boulders come to where "
-            "some were observed: the case, the prior or the number of boulders is wrong"
+        table = pd.DataFrame(self.rows[:done]).assign(
+            log_likelihood=sampler.log_likelihood, smooth=sampler.smooth, weight=weight
         )
-    table = pd.DataFrame(kept).assign(
-        log_likelihood=sampler.log_likelihood, smooth=sampler.smooth, weight=weight
-    )
-    each = contributions(sampler.points[:done], levels, ahead, weight, by_data)
-    records = [
-        as_record(item, count, predictive_p(item, np.array(member_runs), weight, random))
-        | part.record()
-        for item, count, member_runs, part in zip(data, counts, runs, each, strict=True)
-    ]
-    for item, member_runs in zip(data, runs, strict=True):
-        notes += item.remarks(np.array(member_runs), weight)
-    noise = sum(c * item.noise(scene.boulders) for c, item in zip(counts, data, strict=True))
-    back = Back(case, inputs, sought, cube, table, pd.DataFrame(records), tuple(notes), enough,
-                float(noise), scene.boulders, np.array([part.alone for part in each]))  # fmt: skip
-    if stopped:
-        raise StudyInterrupted(back, done)
-    return back
+        parts = contributions(sampler.points[:done], self.levels, self.ahead, weight, self.by_data)
+        records, notes, noise = [], [*study.notes], 0.0
+        for item, count, runs, part in zip(study.data, study.counts, self.runs, parts, strict=True):
+            values = np.array(runs[:done])
+            fit = predictive_p(item, values, weight, self.random)
+            records.append(as_record(item, count, fit) | part.record())
+            notes += item.remarks(values, weight)
+            noise += float(count * item.noise(study.scene.boulders))
+        return Back(
+            study.case, study.inputs, study.sought, self.cube[:done], table,
+            pd.DataFrame(records), tuple(notes), enough, noise, study.scene.boulders,
+            np.array([part.alone for part in parts]),
+        )  # fmt: skip
 
 
 def _places(marks: list[Mark]) -> tuple[list[str], np.ndarray, np.ndarray]:
