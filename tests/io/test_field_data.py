@@ -9,6 +9,8 @@ import sys
 import zipfile
 from dataclasses import replace
 from pathlib import Path
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 import numpy as np
 import pandas as pd
@@ -142,7 +144,7 @@ def cache(tmp_path, monkeypatch):
     def copier(url, **_):
         def copy(url, output, _pooch):
             asked.append(url)
-            Path(output).write_bytes(Path(url.removeprefix("file://")).read_bytes())
+            Path(output).write_bytes(Path(url2pathname(urlsplit(url).path)).read_bytes())
 
         return copy
 
