@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What several kinds of evidence leave open of a ground of the laboratory of blocks, by likelihood
-(docs/validation/field/protocol.md, fifth calibration):
+(docs/validation/field/protocol.md, fifth and sixth calibration):
 
     python -m benchmarks.physics.posterior meadow FIELD TABLES
     python -m benchmarks.physics.posterior talus FIELD TABLES --grid 2
@@ -35,11 +35,19 @@ from rockfall.io.tables import read_table
 from rockfall.lab.blocks.shapes import SHAPES
 
 POINTS = {  # grids of a ground, the later ones after looking at those before
-    "meadow": [{"relief": [5, 6.5, 8, 10, 12], "yield_pressure": [5e5, 1e6, 2e6]}],
+    "meadow": [
+        {"relief": [5, 6.5, 8, 10, 12], "yield_pressure": [5e5, 1e6, 2e6]},
+        {"relief": [8, 10, 12, 14, 16], "yield_pressure": [5e5, 1e6, 2e6]},
+    ],
     "talus": [
         {"relief": [10, 14, 18, 22, 26, 30], "yield_pressure": [3e5, 1e6, 3e6], "longest": [4, 16]},
         {
             "relief": [16, 18, 20, 22, 24, 26],
+            "yield_pressure": [1e5, 2e5, 3e5],
+            "longest": [16, 32],
+        },
+        {
+            "relief": [16, 18, 20, 22, 24],
             "yield_pressure": [1e5, 2e5, 3e5],
             "longest": [16, 32],
         },

@@ -8,7 +8,7 @@
 module rockfall_impact_table
    use, intrinsic :: iso_c_binding, only: c_float
    use rockfall_kinds, only: wp, sp
-   use rockfall_math, only: logarithm
+   use rockfall_math, only: logarithm, tangent
    implicit none
    private
    public :: impact_table_t, bins_t, approach_t, outcome_t, index_records, choose_record, transfer_record, ratio_at, &
@@ -64,6 +64,7 @@ module rockfall_impact_table
       real(sp), allocatable :: pull_along(:), pull_across(:)  !! gravity along and across the heading, over g
       real(sp), allocatable :: mark(:, :)       !! pull_along where the next part of each bin begins (marks, bins)
       real(wp), allocatable :: step(:)          !! logarithm of the ratio of the next part to that of each [-]
+      real(wp) :: hold = 0.0_wp                 !! tangent of the rest angle; 0 where nothing rests [-]
    end type impact_table_t
 
    !> Start of a contact.
@@ -106,6 +107,7 @@ contains
 
       table%pull_along = table%record(pull_along, :)
       table%pull_across = table%record(pull_across, :)
+      if (table%rest_angle < 90) table%hold = tangent(table%rest_angle)
       table%step = logarithm(table%ratio(2:)/table%ratio(:size(table%ratio) - 1))
       allocate (table%mark(marks, size(table%first) - 1), source=huge(1.0_sp))
       do bin = 1, size(table%first) - 1
@@ -258,6 +260,7 @@ contains
       ! velocities scale with speed, the work of gravity with duration only: that of the record is removed
       out%along = scaled*record(along_out) + in%pull(1)*out%duration - scaled*record(pull_along)*record(duration_out)
       out%across = scaled*record(across_out) + in%pull(2)*out%duration - scaled*record(pull_across)*record(duration_out)
+      if (.not. in%rolling) out%along = held_longer(out%along, table%hold, in, record(duration_out))
       out%normal = scaled*record(n_out)
       out%w = scaled*record(w_out)
       if (out%exit /= flies .or. out%normal + shift(2) > 0) then
@@ -266,6 +269,19 @@ contains
          out%w = out%w + shift(3)
       end if
    end subroutine map_outcome
+
+   !> Velocity along the heading, held back by the weight over the boulder's own duration of the contact in place of that
+   !> of the block in the laboratory: by as much as drives it at the rest angle of the ground. It is not reversed.
+   pure real(wp) function held_longer(along, hold, in, duration)
+      real(wp), intent(in) :: along     !! of a boulder that was held as long as the block [-]
+      real(wp), intent(in) :: hold      !! as in impact_table_t [-]
+      type(approach_t), intent(in) :: in
+      real(wp), intent(in) :: duration  !! of the record [-]
+      real(wp) :: pressing              !! gravity across the plane, over g [-]
+
+      pressing = sqrt(max(0.0_wp, 1 - in%pull(1)*in%pull(1) - in%pull(2)*in%pull(2)))
+      held_longer = sign(max(0.0_wp, abs(along) - hold*pressing*duration*(in%stretch - 1/in%stretch)), along)
+   end function held_longer
 
    !> Energy that a record gained beyond the work of gravity along the slope.
    pure real(wp) function hidden_gain(record, inertia)

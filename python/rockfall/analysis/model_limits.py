@@ -45,6 +45,8 @@ if TYPE_CHECKING:
 
 MAX_OUTSIDE = 0.2  # fraction of the rebounds from which it is a warning
 MAX_FAST = 0.05  # fraction of the boulders
+LARGE_BLOCK = 0.8  # R_b [m]: twice that of the blocks that tables are thrown with
+MAX_LARGE = 0.2  # fraction of the boulders
 SLOW = 2.0  # [m/s]: bouncing boulders pass a line faster
 LOWEST_REST = 22.0  # [degree] of all shipped grounds: soft soil
 MAX_SLOW = 0.1  # fraction of passing boulders from which quantiles are no design load
@@ -137,8 +139,8 @@ def set_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def table_remarks(values: Variables) -> Iterator[Remark]:
-    """Remarks on the fractions of rebounds by tables of impacts and their field validation; none
-    without tables."""
+    """Remarks on the fractions of rebounds by tables of impacts and their field validation, and on
+    boulders much larger than the blocks thrown; none without tables."""
     if not (tables := table_grounds(values)):
         return
     parts = [
@@ -147,6 +149,11 @@ def table_remarks(values: Variables) -> Iterator[Remark]:
     ]
     text = say("model.tables", drawn=_part_of_all(tables, values), grounds=parts)
     yield Remark(text, True)
+    if "volume" in values and any(table.model != RATIO_TABLE for table in tables):
+        large = np.asarray(values["volume"]) > 4 / 3 * np.pi * LARGE_BLOCK**3
+        if large.mean() > MAX_LARGE:
+            part = part_of_boulders(int(large.sum()), large.size)
+            yield Remark(say("model.large_blocks", part=part, radius=LARGE_BLOCK), True)
 
 
 def has_own_grounds(case: Case) -> bool:
