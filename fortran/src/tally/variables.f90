@@ -92,7 +92,6 @@ module rockfall_variables
       variable_t("energy", "energy_trees", "real", "J", "energy that trees took"), &
       variable_t("energy", "energy_barriers", "real", "J", "energy that barriers took"), &
       variable_t("energy", "energy_left", "real", "J", "kinetic energy at the end"), &
-      variable_t("energy", "speed_mean", "real", "m s-1", "path length over travel time"), &
       variable_t("feature", "source_feature", "integer", "1", "number of the feature that the source is of", &
                  "counts from 1", "i4"), &
       variable_t("mass", "mass", "real", "kg", "mass of the boulder"), &

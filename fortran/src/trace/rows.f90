@@ -44,8 +44,7 @@ contains
       real(wp) :: row(size(row_reals))
 
       associate (e => outcome%energy)
-         row = [boulder_row(dem, outcome), e%released, e%ground, e%trees, e%barriers, e%left, &
-                outcome%path_length/max(outcome%time, tiny(1.0_wp)), outcome%boulder%mass, &
+         row = [boulder_row(dem, outcome), e%released, e%ground, e%trees, e%barriers, e%left, outcome%boulder%mass, &
                 outcome%fines, e%breakage]
       end associate
    end function real_row
