@@ -86,7 +86,7 @@ def _between(columns: np.ndarray, boulder: np.ndarray, vertex: np.ndarray, g: fl
     # A slide that an obstacle ends is shorter, and ends on the ground, above or below its path.
     cut = (duration - steady <= EXACT) & (np.abs(lift) > EXACT)
     straight = rebounds & (np.hypot(*off[:2]) <= EXACT) & (cut | (np.abs(off[2]) <= np.abs(lift)))
-    lifted = ~begins & ~rebounds & ~ends & np.roll(straight, 1)
+    lifted = ~begins & ~rebounds & ~ends & np.roll(straight, 1) & (np.abs(lift) > EXACT)
     start[2, lifted] += lift[lifted]
     waits = np.flatnonzero(straight & (duration - steady > EXACT))
     arrival = end.copy()
