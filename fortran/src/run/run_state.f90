@@ -34,6 +34,7 @@ module rockfall_run_state
    public :: arrays_of, rows_of, no_row, plan_of, settle_run, restore_run, forget_tallies
 
    integer(i8), parameter :: no_row = huge(1_i8)           !! number of a row that is still empty
+   integer(i8), parameter :: few_values = 1000000          !! at lines: fewer are filled by one thread
    integer, parameter :: n_totals = size(boulder_counts) - 3  !! of boulder_counts: those summed over all boulders
 
    !> Run, or a range of its boulders. Arrays that the case does not need have size zero.
@@ -272,9 +273,24 @@ contains
          call report_memory(run, error)
          return
       end if
-      run%line = ieee_value(0.0_wp, ieee_quiet_nan)  ! of thousands of lines a boulder crosses few
+      call fill_with_nan(run%line)  ! of thousands of lines a boulder crosses few
       run%line_volume = ieee_value(0.0_wp, ieee_quiet_nan)
    end subroutine allocate_rows
+
+   !> Fill rows at lines with NaN, by all threads: of thousands of lines they take gigabytes, which are touched here
+   !> for the first time.
+   subroutine fill_with_nan(rows)
+      real(wp), intent(out) :: rows(:, :, :)
+      real(wp) :: nan
+      integer :: line
+
+      nan = ieee_value(nan, ieee_quiet_nan)
+      !$omp parallel do default(none) shared(rows, nan) if (size(rows, kind=i8) > few_values)
+      do line = 1, size(rows, 2)
+         rows(:, line, :) = nan
+      end do
+      !$omp end parallel do
+   end subroutine fill_with_nan
 
    !> Allocate empty maps, and samples where not all rows are kept.
    subroutine allocate_tallies(run, error)
