@@ -270,8 +270,8 @@ contains
       end if
    end subroutine map_outcome
 
-   !> Velocity along the heading, held back by the weight over the boulder's own duration of the contact in place of that
-   !> of the block in the laboratory: by as much as drives it at the rest angle of the ground. It is not reversed.
+   !> Velocity along the heading, held back by the weight over the boulder's own duration of the contact, not that of
+   !> the block in the laboratory: by as much as drives it at the rest angle of the ground. It is not reversed.
    pure real(wp) function held_longer(along, hold, in, duration)
       real(wp), intent(in) :: along     !! of a boulder that was held as long as the block [-]
       real(wp), intent(in) :: hold      !! as in impact_table_t [-]
