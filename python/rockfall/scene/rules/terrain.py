@@ -29,10 +29,9 @@ FEET = (52.0, 68.0)  # [degree] median and 90 % quantile of slopes: hardly any 5
 SCALE = 0.03  # scale error of a projection: smaller within the country it was made for
 STEPS = 0.05  # fraction of places with bends in integer elevations: rounded, not exact
 FINE = (0.2, 2.5)  # [m] coarser cells hold the shape of the slope, finer ones are of a laboratory
-ROUGH = (
-    8.0  # [degree] a slope of 34 degrees that turns so from cell to cell lets 8 to 36 % (matrix)
-)
-#: or 21 to 60 % (tables) fewer pass the gentle ground below it than a smooth one
+#: [degree] a slope of 34 degrees that turns so from cell to cell lets 8 to 36 % (matrix) or 21 to
+#: 60 % (tables) fewer pass the gentle ground below it than a smooth one
+ROUGH = 8.0
 STEP_SLOPE = 2.0  # [degree] maximum error of a slope by a 1 m step: above survey accuracy
 
 
