@@ -2,6 +2,8 @@
 """What must be said of the model is said before a run and after it: by which rebounds it came
 about, that forest is not validated, what lies beyond what the model was made from."""
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from rockfall.analysis.model_limits import (
     set_remarks,
 )
 from rockfall.html_report.validity import warnings
+from rockfall.impact_tables import shipped_tables
 from rockfall.language import speaking, translated
 from rockfall.result.variables import STATUS
 from rockfall.scene.read import read_scene
@@ -388,9 +391,13 @@ STAND = {"uniform_stems": 300.0, "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.
 
 @pytest.mark.parametrize(
     ("table", "volume", "said"),
-    [("talus", 3.0, True), ("talus", 1.0, False), ("rocky-slope", 3.0, False)],
-)
+    [
+        ("talus", 3.0, True), ("talus", 1.0, False), ("rocky-slope", 3.0, False),
+        ("own.nc", 3.0, False),  # thrown with blocks of the user's choice
+    ],
+)  # fmt: skip
 def test_boulders_larger_than_the_blocks_thrown_are_said_to_err_low(tmp_path, table, volume, said):
+    shutil.copy(shipped_tables()["talus-compact"], tmp_path / "own.nc")
     law = {"impact": {"form": "table", "table": table}, "boulder": {"volume_mean": volume}}
     texts = remarks(*on_grounds(tmp_path, {}, **law))
     assert any("larger than R_b = 0.8 m" in text for text in texts) == said, texts

@@ -284,7 +284,7 @@ contains
       real(wp) :: nan
       integer :: line
 
-      nan = ieee_value(nan, ieee_quiet_nan)
+      nan = ieee_value(0.0_wp, ieee_quiet_nan)
       !$omp parallel do default(none) shared(rows, nan) if (size(rows, kind=i8) > few_values)
       do line = 1, size(rows, 2)
          rows(:, line, :) = nan

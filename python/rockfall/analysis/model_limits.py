@@ -21,7 +21,7 @@ import numpy as np
 from rockfall.analysis.run_out import falls_and_distances, mean_slopes
 from rockfall.grounds import IMPACT_SETS, RATIO_TABLE, other_tables, repose
 from rockfall.impact_sets import shipped_sets
-from rockfall.impact_tables import open_table, shipped_tables
+from rockfall.impact_tables import open_table, shipped_tables, table_names
 from rockfall.io.tables import read_table
 from rockfall.language import Text, say, word
 from rockfall.quantities import part_of_boulders, part_of_rebounds, percent
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 MAX_OUTSIDE = 0.2  # fraction of the rebounds from which it is a warning
 MAX_FAST = 0.05  # fraction of the boulders
-LARGE_BLOCK = 0.8  # R_b [m]: twice that of the blocks that tables are thrown with
+LARGE_BLOCK = 0.8  # R_b [m]: twice that of the blocks that shipped tables are thrown with
 MAX_LARGE = 0.2  # fraction of the boulders
 SLOW = 2.0  # [m/s]: bouncing boulders pass a line faster
 LOWEST_REST = 22.0  # [degree] of all shipped grounds: soft soil
@@ -149,7 +149,8 @@ def table_remarks(values: Variables) -> Iterator[Remark]:
     ]
     text = say("model.tables", drawn=_part_of_all(tables, values), grounds=parts)
     yield Remark(text, True)
-    if "volume" in values and any(table.model != RATIO_TABLE for table in tables):
+    thrown = {table.name for table in tables if table.model != RATIO_TABLE} & set(table_names())
+    if thrown and "volume" in values:
         large = np.asarray(values["volume"]) > 4 / 3 * np.pi * LARGE_BLOCK**3
         if large.mean() > MAX_LARGE:
             part = part_of_boulders(int(large.sum()), large.size)
