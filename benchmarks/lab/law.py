@@ -18,9 +18,9 @@ import numpy as np
 from scipy.stats import wasserstein_distance
 
 import rockfall
+from benchmarks.lab.plane import plane
 from benchmarks.machine import machine
 from rockfall.impact_tables import save_table
-from rockfall.io.grid import Grid
 from rockfall.lab.blocks.case import BlockCase
 from rockfall.lab.blocks.contacts import run_throws
 from rockfall.lab.tables import table_of
@@ -75,7 +75,6 @@ def drawn(table: Path, slope: float, boulders: int) -> tuple[np.ndarray, np.ndar
     """The same by the program."""
     angle = np.radians(slope)
     rows = int((FAR * np.cos(angle) + 60) / CELL)
-    y = np.mgrid[rows - 1 : -1 : -1, 0:COLUMNS][0] * CELL
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL
     down = np.array([0.0, -np.cos(angle), -np.sin(angle)])
     out = np.array([0.0, -np.sin(angle), np.cos(angle)])
@@ -92,8 +91,7 @@ def drawn(table: Path, slope: float, boulders: int) -> tuple[np.ndarray, np.ndar
             for mark in MARKS
         ],
     )
-    place = Grid(0.0, rows * CELL, CELL, COLUMNS, rows)
-    result = rockfall.run(case, dem=500 + np.tan(angle) * y, transform=place)
+    result = rockfall.run(case, **plane(slope, rows, COLUMNS, CELL))
     return (top - result.stop_y.values) / np.cos(angle), result.line_speed.values.T
 
 

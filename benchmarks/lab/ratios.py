@@ -18,8 +18,8 @@ import numpy as np
 import xarray as xr
 
 import rockfall
+from benchmarks.lab.plane import plane
 from rockfall.impact_tables import save_table
-from rockfall.io.grid import Grid
 from rockfall.lab.sequences import open_sequences
 from rockfall.lab.tables import table_of
 from rockfall.result.trajectories import vertices_of
@@ -43,7 +43,6 @@ def selected(files: list[xr.Dataset], ratios: list[float], without: int = -1) ->
 def on_plane(table: Path, ratio: float, slope: float, contacts: int) -> np.ndarray:
     """Mean speed [m/s], R_n and fraction that stops, of boulders by a table down a plane."""
     angle = np.radians(slope)
-    y = np.mgrid[ROWS - 1 : -1 : -1, 0:COLUMNS][0] * CELL
     case = rockfall.Case(
         folder=table.parent,
         case={"boulders": BOULDERS, "seed": 11},
@@ -56,8 +55,7 @@ def on_plane(table: Path, ratio: float, slope: float, contacts: int) -> np.ndarr
         },
         output={"trajectories": BOULDERS},
     )  # fmt: skip
-    place = Grid(0.0, ROWS * CELL, CELL, COLUMNS, ROWS)
-    result = rockfall.run(case, dem=500 + np.tan(angle) * y, transform=place)
+    result = rockfall.run(case, **plane(slope, ROWS, COLUMNS, CELL))
     rows = vertices_of(result, "in_t", "in_n", "out_n")
     tangential, normal, out = np.concatenate(rows, axis=1)
     speed = np.hypot(tangential, normal)

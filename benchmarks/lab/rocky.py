@@ -21,9 +21,9 @@ import numpy as np
 import xarray as xr
 
 import rockfall
+from benchmarks.lab.plane import plane
 from benchmarks.machine import machine
 from rockfall.impact_tables import save_table
-from rockfall.io.grid import Grid
 from rockfall.lab.case import LabCase, lab_case_of
 from rockfall.lab.sequences import open_sequences, run_sequences
 from rockfall.lab.tables import table_of
@@ -88,7 +88,6 @@ def passing(table: Path, ratio: float, slope: float, boulders: int = 400) -> flo
     """Fraction of boulders by a table that pass 100 m down a plane."""
     angle = np.radians(slope)
     rows = int((PASSED * np.cos(angle) + 60) / CELL)
-    y = np.mgrid[rows - 1 : -1 : -1, 0:COLUMNS][0] * CELL
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL
     case = rockfall.Case(
         folder=table.parent,
@@ -101,8 +100,7 @@ def passing(table: Path, ratio: float, slope: float, boulders: int = 400) -> flo
             "velocity": [0.0, -SPEED * np.cos(angle), -SPEED * np.sin(angle)],
         },
     )  # fmt: skip
-    place = Grid(0.0, rows * CELL, CELL, COLUMNS, rows)
-    result = rockfall.run(case, dem=500 + np.tan(angle) * y, transform=place)
+    result = rockfall.run(case, **plane(slope, rows, COLUMNS, CELL))
     way = (top - result.stop_y.values) / np.cos(angle)
     return float((way > PASSED).mean())
 

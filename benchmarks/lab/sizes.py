@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 import rockfall
+from benchmarks.lab.plane import plane
 from benchmarks.machine import machine
 from rockfall.impact_tables import save_table
-from rockfall.io.grid import Grid
 from rockfall.lab.blocks.case import BlockCase, grounds
 from rockfall.lab.blocks.contacts import run_throws
 from rockfall.lab.tables import table_of
@@ -34,7 +34,6 @@ def on_plane(table: str, radius: float, slope: float, folder: Path) -> str:
     """What boulders by a table do on a plane."""
     angle = np.radians(slope)
     rows = int((LENGTH * np.cos(angle) + 80) / CELL)
-    y = np.mgrid[rows - 1 : -1 : -1, 0:COLUMNS][0] * CELL
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL
     at = top - LINE * np.cos(angle)
     case = rockfall.Case(
@@ -49,8 +48,7 @@ def on_plane(table: str, radius: float, slope: float, folder: Path) -> str:
         },
         line=[{"name": "line", "x": [0.0, width], "y": [at, at]}],
     )  # fmt: skip
-    place = Grid(0.0, rows * CELL, CELL, COLUMNS, rows)
-    result = rockfall.run(case, dem=500 + np.tan(angle) * y, transform=place)
+    result = rockfall.run(case, **plane(slope, rows, COLUMNS, CELL))
     speeds = result["line_speed"].isel(line=0).values
     speeds = speeds[~np.isnan(speeds)]
     part = len(speeds) / BOULDERS

@@ -1,0 +1,15 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Planes on which tables of the laboratory are tried."""
+
+from typing import Any
+
+import numpy as np
+
+from rockfall.io.grid import Grid
+
+
+def plane(slope: float, rows: int, columns: int, cell: float) -> dict[str, Any]:
+    """The terrain of a run: a plane that falls southwards [degree], at 500 m in its lowest row."""
+    y = np.mgrid[rows - 1 : -1 : -1, 0:columns][0] * cell
+    place = Grid(0.0, rows * cell, cell, columns, rows)
+    return {"dem": 500 + np.tan(np.radians(slope)) * y, "transform": place}
