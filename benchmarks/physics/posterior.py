@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What several kinds of evidence leave open of a ground of the laboratory of blocks, by likelihood
-(docs/validation/field/protocol.md, fifth and sixth calibration):
+(docs/validation/field/protocol.md, fifth and seventh calibration):
 
     python -m benchmarks.physics.posterior meadow FIELD TABLES
     python -m benchmarks.physics.posterior talus FIELD TABLES --grid 2
@@ -37,7 +37,7 @@ from rockfall.lab.blocks.shapes import SHAPES
 POINTS = {  # grids of a ground, the later ones after looking at those before
     "meadow": [
         {"relief": [5, 6.5, 8, 10, 12], "yield_pressure": [5e5, 1e6, 2e6]},
-        {"relief": [8, 10, 12, 14, 16], "yield_pressure": [5e5, 1e6, 2e6]},
+        {"relief": [8, 9.5, 11, 12.5, 14], "yield_pressure": [5e5, 1e6, 2e6]},
     ],
     "talus": [
         {"relief": [10, 14, 18, 22, 26, 30], "yield_pressure": [3e5, 1e6, 3e6], "longest": [4, 16]},
@@ -54,6 +54,7 @@ POINTS = {  # grids of a ground, the later ones after looking at those before
     ],
 }
 THROWS, SEED, BOULDERS = 1000, 1, 100
+RADIUS = {"meadow": 0.2, "talus": 0.6}  # R_b of the tables, near that of the evidence [m]
 ON_PLANES, ALLOWED, LIMIT_DEVIATION = 400, 0.05, 0.05
 ON_SLOPES, SLOPE_SEEDS = 1000, range(500, 508)
 MODEL_MEAN, MODEL_SPREAD, SPIN_DEVIATION = 0.1, 0.2, 0.15
@@ -215,7 +216,7 @@ def measured(
     if kept.exists():
         return json.loads(kept.read_text())
     for shape in SHAPES if ground == "meadow" else ("compact",):
-        make(folder / f"{name}-{shape}.nc", ground, shape, point, THROWS)
+        make(folder / f"{name}-{shape}.nc", ground, shape, point, THROWS, RADIUS[ground])
     law = table(f"{name}={folder.resolve() / name}-{{shape}}.nc")
     found = {kind: one.given(law, folder / f"{name}-compact.nc") for kind, one in kinds.items()}
     kept.write_text(json.dumps(found))

@@ -31,6 +31,7 @@ PLANNED = {  # keys of the plan, by group
     "throw": ("step_factor",),
 }
 WHOLE = "count", "patches"
+RELIEF_RADIUS = 0.4  # R_b of the blocks for which a ground's relief is given [m]
 POINTS = "points"  # shape of blocks from the user's points
 
 
@@ -175,6 +176,13 @@ class BlockCase:
             seed, count = self.lab["seed"], self.block["count"]
             blocks = [random_block(self.lab["shape"], seed, k) for k in range(count)]
         return [refine(block, self.block["edge"]) for block in blocks]
+
+
+def relief_for(ground: Mapping[str, Any], radius: float) -> float:
+    """Relief [degree] of a ground for blocks of R_b = `radius` [m], if `relief` is that for blocks of
+    `RELIEF_RADIUS`: slopes of a self-affine surface go with length to the power hurst - 1."""
+    hurst = ground.get("hurst", _defaults()["ground"]["hurst"])
+    return float(ground["relief"] * (radius / RELIEF_RADIUS) ** (hurst - 1))
 
 
 def relief_keys(spectrum: Spectrum) -> dict[str, float]:
