@@ -17,7 +17,7 @@ from benchmarks.physics.laws import table
 from benchmarks.physics.runaway import SLOPES, beyond
 from benchmarks.physics.tschamut import described, observed, simulated, terrain
 from rockfall.impact_tables import save_table
-from rockfall.lab.blocks.case import RELIEF_RADIUS, BlockCase, relief_for
+from rockfall.lab.blocks.case import BlockCase
 from rockfall.lab.blocks.contacts import run_throws
 from rockfall.lab.blocks.shapes import SHAPES
 from rockfall.lab.tables import table_of
@@ -27,14 +27,12 @@ SEED, BOULDERS, ON_PLANES = 1, 100, 400
 
 def make(
     path: Path, ground: str, shape: str, values: dict[str, float], throws: int,
-    radius: float = RELIEF_RADIUS,
+    radius: float = 0.4,
 ) -> None:  # fmt: skip
     """The table of a ground with other values, thrown at one size, unless it is there."""
     if not path.exists():
-        case = BlockCase(
-            lab={"ground": ground, "shape": shape, "throws": throws},
-            ground=values | {"relief": relief_for(values, radius)}, block={"radius": radius},
-        )  # fmt: skip
+        lab = {"ground": ground, "shape": shape, "throws": throws}
+        case = BlockCase(lab=lab, ground=values, block={"radius": radius})
         save_table(table_of([run_throws(case)]), path)
 
 

@@ -203,7 +203,7 @@ def ensemble_grounds(name: str, path: Path) -> list[GroundRule]:
 def _ground_of(name: str, path: Path, table: ImpactTable) -> GroundRule:
     if len(name) > MAX_NAME:
         raise RockfallError(f"ground '{name}': must be at most {MAX_NAME} characters")
-    model = _core.table_model(len(table.ratio)).decode().strip()
+    model = _core.table_model(len(table.size), table.speed2[0]).decode().strip()
     return GroundRule(name, model, table.pack(), str(path), table.rest_angle)
 
 

@@ -22,7 +22,7 @@ from rockfall.io.netcdf import load_dataset, open_netcdf, write_compressed
 if TYPE_CHECKING:
     import xarray as xr
 
-FIRST_LINE = b"rockfall impact table 2\n"
+FIRST_LINE = b"rockfall impact table 3\n"
 FIELDS = (
     "vt_in", "vn_in", "w_in", "speed_in", "height_in", "along_out", "across_out", "vn_out", "w_out",
     "duration", "advance", "rise", "pull_along", "pull_across", "exit", "follower",
@@ -30,27 +30,33 @@ FIELDS = (
 INPUTS, MAPPED = 4, 3  # V_t, V_n, W, height; along, V_n, W
 ENSEMBLE = "-ensemble"  # suffix of the name of an ensemble
 KINDS = "flight", "roll"
-SCALES = "speed2", "density", "inertia", "fastest", "rest_angle"  # scalars of a table
+OF_PART = {  # a number for each part
+    "size": "R_b [m] if speed2 is given, else R_b/R_m; 0: it does not matter",
+    "speed2": "g R_b of the blocks [m2 s-2] if the speed itself is a key, else 0",
+    "fastest": "V^2 of the fastest record, over g R_b",
+}
+SCALES = "density", "inertia", "rest_angle"  # scalars of a table
 EDGES = tuple(f"{kind}_edge_{key}" for kind in KINDS for key in (1, 2, 3))
 
 
 @dataclass(frozen=True)
 class ImpactTable:
-    """Records of contacts in bins (theory, chapter 5). Edges: (ratio, bins of the keys before,
-    edges); `map` (bin, MAPPED, INPUTS), `low` and `high` (bin, INPUTS), `record` (record, FIELDS)
-    in the order of their bins, bin b from `first[b]` on, counted from 0."""
+    """Records of contacts in bins (theory, chapter 5), in parts of one size of boulders. Edges:
+    (part, bins of the keys before, edges); `map` (bin, MAPPED, INPUTS), `low` and `high`
+    (bin, INPUTS), `record` (record, FIELDS) in the order of their bins, bin b from `first[b]` on,
+    counted from 0."""
 
-    ratio: np.ndarray
+    size: np.ndarray  # (part): R_b [m] if the speed itself is a key, else R_b/R_m [-]
+    speed2: np.ndarray  # (part): g R_b of the laboratory, if the speed is a key; else 0 [m2/s2]
+    fastest: np.ndarray  # (part): V^2 of the fastest incoming record, over g R_b [-]
     edges: dict[str, np.ndarray]
     first: np.ndarray
     map: np.ndarray
     low: np.ndarray
     high: np.ndarray
     record: np.ndarray
-    speed2: float  # g R_b of the laboratory, if the speed itself is a key; else 0 [m2/s2]
     density: float  # of its blocks [kg/m3]
     inertia: float  # I/(m R_b^2) [-]
-    fastest: float  # V^2 of the fastest incoming record, over g R_b [-]
     rest_angle: float  # of the ground: stopped boulders roll on where it is steeper [degree]
     attrs: dict[str, Any] = field(default_factory=dict)
 
@@ -64,11 +70,11 @@ class ImpactTable:
 
     def pack(self) -> bytes:
         """Table in packed form for the kernel."""
-        counts = [len(self.ratio), *self.bins["flight"], *self.bins["roll"], len(self.record)]
+        counts = [len(self.size), *self.bins["flight"], *self.bins["roll"], len(self.record)]
         scales = [getattr(self, name) for name in SCALES]
         parts = [
-            np.array(counts, "i4"), self.ratio.astype("f8"), np.array(scales, "f8"),
-            *(self._packed_edges(kind) for kind in KINDS),
+            np.array(counts, "i4"), *(getattr(self, name).astype("f8") for name in OF_PART),
+            np.array(scales, "f8"), *(self._packed_edges(kind) for kind in KINDS),
             (self.first + 1).astype("i4"),
             np.concatenate(
                 [self.map.reshape(len(self.map), -1), self.low, self.high], axis=1
@@ -78,13 +84,13 @@ class ImpactTable:
         return FIRST_LINE + b"".join(part.tobytes() for part in parts) + b"\n"
 
     def _packed_edges(self, kind: str) -> np.ndarray:
-        """Edges by ratio; within it each edge before those of the next key in its bin."""
+        """Edges by part; within it each edge before those of the next key in its bin."""
         first, second, third = (self.edges[f"{kind}_edge_{key}"] for key in (1, 2, 3))
         edges: list[np.ndarray] = []
-        for ratio in range(len(self.ratio)):
-            edges.append(first[ratio])
-            for i, row in enumerate(second[ratio]):
-                edges += [row, third[ratio, i].ravel()]
+        for part in range(len(self.size)):
+            edges.append(first[part])
+            for i, row in enumerate(second[part]):
+                edges += [row, third[part, i].ravel()]
         return np.concatenate(edges).astype("f8")
 
 
@@ -105,14 +111,14 @@ def _write(table: ImpactTable, path: Path, **where: Any) -> None:
     import xarray as xr
 
     data: dict[str, Any] = {
-        "ratio": ("ratio", table.ratio, {"long_name": "R_b/R_m; 0: it does not matter"}),
+        **{name: ("part", getattr(table, name), {"long_name": OF_PART[name]}) for name in OF_PART},
         "first": ("bin_end", table.first.astype("i4"), {"long_name": "first record of each bin"}),
         "map": (("bin", "mapped", "input"), table.map.astype("f4")),
         "low": (("bin", "input"), table.low.astype("f4")),
         "high": (("bin", "input"), table.high.astype("f4")),
     }
     for name, values in table.edges.items():
-        dims = ("ratio", *(f"{name}_{k}" for k in range(values.ndim - 1)))
+        dims = ("part", *(f"{name}_{k}" for k in range(values.ndim - 1)))
         data[name] = (dims, values.astype("f4"))
     for k, name in enumerate(FIELDS):
         data[name] = ("record", table.record[:, k])
@@ -196,7 +202,7 @@ def _read_tables(place: str, path: str | Path, state: tuple[int, int]) -> tuple[
 
 
 def _table(data: xr.Dataset, path: str | Path) -> ImpactTable:
-    arrays = {"ratio", "first", "map", "low", "high", *EDGES, *FIELDS}
+    arrays = {*OF_PART, "first", "map", "low", "high", *EDGES, *FIELDS}
     if not (arrays <= set(data.variables) and set(SCALES) <= set(data.attrs)):
         raise RockfallError(f"{path}: is not a table of impacts of this version: make it again")
     record = np.stack([data[name].values for name in FIELDS], axis=1).astype("f4")
@@ -204,6 +210,17 @@ def _table(data: xr.Dataset, path: str | Path) -> ImpactTable:
     edges = {name: data[name].values for name in EDGES}
     attrs = {str(name): value for name, value in data.attrs.items() if name not in SCALES}
     scales = {name: float(data.attrs[name]) for name in SCALES}
+    size, speed2, fastest = (data[name].values for name in OF_PART)
     return ImpactTable(
-        data["ratio"].values, edges, first, shift, low, high, record, **scales, attrs=attrs
+        size,
+        speed2,
+        fastest,
+        edges,
+        first,
+        shift,
+        low,
+        high,
+        record,
+        **scales,
+        attrs=attrs,
     )

@@ -156,7 +156,7 @@ def test_a_table_of_several_ratios_is_made_again(place, capsys):
     assert main(["lab", "impact", "t.nml", "-o", "c.nc"]) == 0
     assert "R_b/R_m  solid  throws" in capsys.readouterr().out
     assert main(["lab", "table", "c.nc", "-o", "t.nc"]) == 0
-    assert open_table(place / "t.nc").ratio.tolist() == [1, 2]
+    assert open_table(place / "t.nc").size.tolist() == [1, 2]
     capsys.readouterr()
     assert main(["lab", "remake", "t.nc", "--quiet"]) == 0
     assert "the same in every bit" in capsys.readouterr().out

@@ -26,7 +26,7 @@ from rockfall.impact_tables import (
 )  # fmt: skip
 from rockfall.lab.blocks.case import BlockCase
 from rockfall.lab.blocks.contacts import run_throws
-from rockfall.lab.contact_records import save_contacts
+from rockfall.lab.contact_records import open_contacts, save_contacts
 from rockfall.lab.tables import table_of
 from rockfall.result.trajectories import vertices_of
 from rockfall.scene.prepare import prepare
@@ -180,16 +180,124 @@ def test_the_density_of_the_blocks_matters_where_ground_yields(made):
 def test_boulders_of_other_sizes_are_as_fast_as_the_blocks_thrown(tmp_path):
     """On 34 degrees of talus they are: by tables thrown at 0.2 and at 1 m 12.8 and 11.0 m/s, with
     the same relief over R_b (benchmarks.lab.sizes)."""
+    case = CASE.replace(lab={"ground": "talus"})
+    save_table(table_of([run_throws(case)]), tmp_path / "talus.nc")
     speed = []
     for radius in 0.2, 0.4, 1.0:
         result = on_plane(
-            tmp_path, 34.0, 400, impact={"form": "table", "table": "talus"},
+            tmp_path, 34.0, 400, impact={"form": "table", "table": "talus.nc"},
             boulder={"volume_mean": 4 / 3 * np.pi * radius**3},
             line=[{"name": "low", "x": [0.0, 100.0], "y": [314.0, 314.0]}],
             output={"trajectories": 0}, surface={"uniform_mean_radius": 0.1},
         )  # fmt: skip
         speed.append(np.nanmean(result["line_speed"]))
     assert max(speed) < 1.3 * min(speed), speed
+
+
+SIZES = 0.2, 0.6
+
+
+@pytest.fixture(scope="module")
+def sized(tmp_path_factory):
+    """A folder with tables of blocks of two sizes, and one of both."""
+    folder = tmp_path_factory.mktemp("sized")
+    contacts = [run_throws(CASE.at_radius(radius)) for radius in SIZES]
+    every = 2 * max(data.sizes["contact"] for data in contacts)
+    for radius, data in zip(SIZES, contacts, strict=True):
+        save_table(table_of([data], every), folder / f"{radius}.nc")
+    save_table(table_of(contacts[::-1], 2 * every), folder / "both.nc")
+    return folder
+
+
+def of_size(folder, table, radius, **groups):
+    """A run of boulders of a size by a table."""
+    boulder = {"volume_mean": 4 / 3 * np.pi * radius**3}
+    case = {"impact": {"table": table, "form": "table"}, "boulder": boulder}
+    return on_plane(folder, 34.0, 100, **(case | groups))
+
+
+@pytest.mark.parametrize(("radius", "part"), [(0.1, 0.2), (0.2, 0.2), (0.6, 0.6), (2.0, 0.6)])
+def test_a_boulder_takes_the_part_of_its_size(sized, radius, part):
+    """Of a size that was thrown, or beyond all, in every bit; and needs no size of rocks."""
+    assert open_table(sized / "both.nc").size.tolist() == list(SIZES)
+    both, alone = (of_size(sized, table, radius) for table in ("both.nc", f"{part}.nc"))
+    for name in "stop_y", "speed_max", "path_length", "impacts":
+        assert np.array_equal(both[name], alone[name], equal_nan=True), name
+    assert int(both["rebounds_out_of_range"]) == 0
+    assert both["ground_model"].values.tolist() == ["impact_table"]
+
+
+def test_a_boulder_between_two_sizes_takes_both_parts(sized):
+    """Half way in the logarithm the density of what it does is between theirs."""
+    between = np.sqrt(np.prod(SIZES))
+    speeds = [
+        of_size(sized, table, between, output={"trajectories": 0})["speed_max"].values
+        for table in ("0.2.nc", "both.nc", "0.6.nc")
+    ]
+    low, mixed, high = (one.mean() for one in speeds)
+    error = max(one.std() for one in speeds) / np.sqrt(100)
+    assert min(low, high) - 2 * error < mixed < max(low, high) + 2 * error
+    assert not any(np.array_equal(speeds[1], speeds[k]) for k in (0, 2))
+
+
+@pytest.mark.parametrize("lanes", [1, 2])
+def test_parts_by_size_are_taken_alike_in_lanes(sized, lanes):
+    volumes = {"volume": "lognormal", "volume_mean": 0.3, "volume_std": 0.4}
+    case = case_in(
+        sized, case={"boulders": 100}, impact={"form": "table", "table": "both.nc"},
+        boulder=volumes, **place(),
+    )  # fmt: skip
+    scene = read_scene(case, **terrain())
+    _core.carry_in_lanes(scene.kernel.handle, lanes)
+    same(run_scene(scene), rockfall.run(case, **terrain()))
+
+
+def test_a_ground_is_smoother_for_a_larger_block():
+    ground = CASE.replace(lab={"ground": "talus"}).ground
+    large = CASE.replace(lab={"ground": "talus"}).at_radius(1.6)
+    factor = 1.6 / ground["fitted_radius"]
+    smoother = ground["relief"] * factor ** (ground["hurst"] - 1)
+    assert large.ground["relief"] == pytest.approx(smoother, abs=0.005)
+    assert large.ground["yield_pressure"] == pytest.approx(ground["yield_pressure"] * factor)
+    again = large.at_radius(1.6)
+    assert again == large
+    assert large.block["radius"] == 1.6 and large.ground["longest"] == ground["longest"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"block": {"radius": 0.4}}, "files of boulders of the same size, or without one"),
+        ({"lab": {"shape": "platy"}, "block": {"radius": 1.0}}, "files that differ in shape"),
+        (
+            {"ground": {"rest_angle": 30.0}, "block": {"radius": 1.0}},
+            "files that differ in rest",
+        ),
+    ],
+)
+def test_contacts_that_do_not_belong_together_are_refused(
+    made, tmp_path, monkeypatch, capsys, change, words
+):
+    monkeypatch.chdir(tmp_path)
+    save_contacts(run_throws(CASE.replace(lab={"throws": 40}).replace(**change)), "o.nc")
+    refuses(
+        ["lab", "table", str(made / "contacts.nc"), "o.nc", "-o", "t.nc"],
+        f"contacts: {words}.*",
+        capsys,
+    )
+
+
+def test_a_radius_for_the_laboratory_of_blocks(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "m.nml").write_text("&lab ground = 'meadow', throws = 40 /\n")
+    assert main(["lab", "impact", "m.nml", "--radius", "0.8", "--quiet"]) == 0
+    assert "radius = 0.8" in open_contacts(tmp_path / "m.nc").attrs["lab_case"]
+    for text, words in ("-1", "must be > 0"), ("nan", "must be > 0"):
+        command = ["lab", "impact", "m.nml", "--radius", text, "-o", "n.nc"]
+        refuses(command, f"--radius {text}: {words}", capsys)
+    (tmp_path / "r.nml").write_text("&lab throws = 40 /\n")
+    command = ["lab", "impact", "r.nml", "--radius", "1", "-o", "n.nc"]
+    refuses(command, "--radius: is for blocks on a ground", capsys)
 
 
 def test_a_table_is_made_again_bit_for_bit(made, capsys, tmp_path, monkeypatch):
@@ -330,7 +438,7 @@ def on_rocks(folder, ratio, **groups):
 
 @pytest.mark.parametrize("end", [0, -1])
 def test_contacts_beyond_the_ratios_of_a_table_are_counted_and_reported(tmp_path, end):
-    ratios = open_table(shipped_tables()["rocky-slope"]).ratio
+    ratios = open_table(shipped_tables()["rocky-slope"]).size
     outward = -1 if end == 0 else 1
     inside, outside = (on_rocks(tmp_path, ratios[end] * f) for f in (1.01**-outward, 1.01**outward))
     counts = [int(one["rebounds_out_of_range"]) for one in (inside, outside)]
@@ -357,7 +465,7 @@ def test_lanes_count_contacts_beyond_the_ratios_alike(tmp_path, lanes):
     _core.carry_in_lanes(scene.kernel.handle, lanes)
     result = run_scene(scene)
     n, total = int(result["rebounds_out_of_range"]), int(result["rebounds"])
-    largest = 0.02 * open_table(shipped_tables()["rocky-slope"]).ratio[-1]
+    largest = 0.02 * open_table(shipped_tables()["rocky-slope"]).size[-1]
     beyond = np.cbrt(0.75 / np.pi * result["volume"].values) > largest
     assert n == int(result["impacts"].values[beyond].sum()) and 0 < n < total
 

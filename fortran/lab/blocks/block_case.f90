@@ -26,7 +26,8 @@ module lab_block_case
       key_t("ground", "plough", "logical"), key_t("ground", "relief", "real"), &
       key_t("ground", "shortest", "real"), key_t("ground", "longest", "real"), &
       key_t("ground", "hurst", "real"), key_t("ground", "patches", "integer"), &
-      key_t("ground", "rest_angle", "real"), &
+      key_t("ground", "rest_angle", "real"), key_t("ground", "yield_exponent", "real"), &
+      key_t("ground", "fitted_radius", "real"), &
       key_t("throw", "slope", "range"), key_t("throw", "speed", "range"), &
       key_t("throw", "angle", "range"), key_t("throw", "spin", "range"), &
       key_t("throw", "gravity", "real"), key_t("throw", "step_factor", "real")]

@@ -23,12 +23,14 @@ module lab_block_tables
       integer :: patches = 4             !! number of patches of relief
       real(wp) :: step_factor = 1        !! time step relative to the default
       real(wp) :: rest_angle = 38        !! maximum slope on which boulders using the table rest [degrees]
+      real(wp) :: yield_exponent = 0     !! of the radius, in the yield pressure: 0 cohesive, 1 cohesionless ground
+      real(wp) :: fitted_radius = 0.4_wp !! R_b for which relief and yield pressure hold [m]
    end type plan_t
 
    integer, parameter :: long = 16
-   character(len=long), parameter :: plan_keys(11) = [character(len=long) :: &
+   character(len=long), parameter :: plan_keys(13) = [character(len=long) :: &
       "radius", "density", "count", "edge", "relief", "shortest", "longest", "hurst", "patches", "step_factor", &
-      "rest_angle"]
+      "rest_angle", "yield_exponent", "fitted_radius"]
    character(len=long), parameter :: ground_keys(5) = [character(len=long) :: &
       "yield_pressure", "restitution", "friction", "soil_density", "plough"]
 
@@ -52,7 +54,8 @@ contains
       real(wp), intent(in) :: v(size(plan_keys))  !! [units] of plan_t
 
       plan_of = plan_t(radius=v(1), density=v(2), count=nint(v(3)), edge=v(4), relief=v(5), shortest=v(6), &
-                       longest=v(7), hurst=v(8), patches=nint(v(9)), step_factor=v(10), rest_angle=v(11))
+                       longest=v(7), hurst=v(8), patches=nint(v(9)), step_factor=v(10), rest_angle=v(11), &
+                       yield_exponent=v(12), fitted_radius=v(13))
    end function plan_of
 
    pure function plan_row(p) result(row)
@@ -60,7 +63,7 @@ contains
       real(wp) :: row(size(plan_keys))
 
       row = [p%radius, p%density, real(p%count, wp), p%edge, p%relief, p%shortest, p%longest, p%hurst, &
-             real(p%patches, wp), p%step_factor, p%rest_angle]
+             real(p%patches, wp), p%step_factor, p%rest_angle, p%yield_exponent, p%fitted_radius]
    end function plan_row
 
    pure subroutine check_plan(p, error)
@@ -87,6 +90,10 @@ contains
          call fail(error, "throw: step_factor must be 0.01 to 4")
       else if (.not. (p%rest_angle >= 0 .and. p%rest_angle <= 90)) then
          call fail(error, "ground: rest_angle must be 0 to 90 degrees")
+      else if (.not. (p%yield_exponent >= 0 .and. p%yield_exponent <= 1)) then
+         call fail(error, "ground: yield_exponent must be 0 to 1")
+      else if (.not. (p%fitted_radius > 0 .and. p%fitted_radius <= 100)) then
+         call fail(error, "ground: fitted_radius must be > 0 and <= 100 m")
       end if
    end subroutine check_plan
 end module lab_block_tables

@@ -9,10 +9,11 @@ module rockfall_impact_table
    use, intrinsic :: iso_c_binding, only: c_float
    use rockfall_kinds, only: wp, sp
    use rockfall_math, only: logarithm, tangent
+   use rockfall_boulder, only: boulder_t
    implicit none
    private
-   public :: impact_table_t, bins_t, approach_t, outcome_t, index_records, choose_record, transfer_record, ratio_at, &
-             beyond_ratios, exceeds_table, compare_scales, scaled_energy
+   public :: impact_table_t, bins_t, approach_t, outcome_t, index_records, has_ratios, beyond_ratios, choose_record, &
+             transfer_record, exceeds_table, scaled_energy
    public :: record_fields, pull_along, pull_across, follower, n_inputs, n_mapped, flies, rolls_on, stops
 
    !> Exit codes of a record, as written by the laboratory.
@@ -43,27 +44,28 @@ module rockfall_impact_table
    !> Bins of one kind of contact. Edges of each key are given per bin of the previous key.
    type :: bins_t
       integer :: n(3) = 0
-      real(wp), allocatable :: first_edge(:, :)         !! (n(1) - 1, ratios)
-      real(wp), allocatable :: second_edge(:, :, :)     !! (n(2) - 1, n(1), ratios)
-      real(wp), allocatable :: third_edge(:, :, :, :)   !! (n(3) - 1, n(2), n(1), ratios)
+      real(wp), allocatable :: first_edge(:, :)         !! (n(1) - 1, parts)
+      real(wp), allocatable :: second_edge(:, :, :)     !! (n(2) - 1, n(1), parts)
+      real(wp), allocatable :: third_edge(:, :, :, :)   !! (n(3) - 1, n(2), n(1), parts)
    end type bins_t
 
    type :: impact_table_t
-      real(wp), allocatable :: ratio(:)    !! R_b/R_m of each part, increasing; a single zero: not used [-]
-      real(wp) :: speed = 0.0_wp           !! sqrt(g R_b) in the laboratory if the absolute speed is a key, else 0 [m/s]
+      ! Of each part, made from boulders of one size; a table may have a single one:
+      real(wp), allocatable :: size(:)     !! increasing: R_b [m] if the absolute speed is a key, else R_b/R_m [-]
+      real(wp), allocatable :: speed(:)    !! sqrt(g R_b) in the laboratory if the absolute speed is a key, else 0 [m/s]
+      real(wp), allocatable :: fastest(:)  !! V**2 of the fastest record, scaled like the speed key
       real(wp) :: density = 1.0_wp         !! of the laboratory's blocks [kg/m3]
       real(wp) :: inertia = 0.4_wp         !! of the laboratory's blocks, I/(m R_b**2) [-]
       real(wp) :: rest_angle = 90.0_wp     !! of its ground: on steeper ground a boulder that stops rolls on [degrees]
       type(bins_t) :: flights, rolls       !! by (V_n/V)**2, W/V, speed; by speed, height, V_n
-      integer, allocatable :: first(:)     !! first record of each bin, and end; flights before rolls, by ratio
+      integer, allocatable :: first(:)     !! first record of each bin, and end; flights before rolls, by part
       real(wp), allocatable :: map(:, :, :)     !! (n_inputs, n_mapped, bins)
       real(wp), allocatable :: low(:, :), high(:, :)  !! range of a bin's inputs, W over V (n_inputs, bins)
-      real(wp) :: fastest = huge(1.0_wp)   !! V**2 of the fastest record, scaled like the speed key
       real(sp), allocatable :: record(:, :)     !! (record_fields, records), sorted by pull_along within a bin
       ! From `index_records`:
       real(sp), allocatable :: pull_along(:), pull_across(:)  !! gravity along and across the heading, over g
       real(sp), allocatable :: mark(:, :)       !! pull_along where the next part of each bin begins (marks, bins)
-      real(wp), allocatable :: step(:)          !! logarithm of the ratio of the next part to that of each [-]
+      real(wp), allocatable :: step(:)          !! logarithm of the size of the next part over that of each [-]
       real(wp) :: hold = 0.0_wp                 !! tangent of the rest angle; 0 where nothing rests [-]
    end type impact_table_t
 
@@ -73,7 +75,7 @@ module rockfall_impact_table
       real(wp) :: speed             !! sqrt(V_t**2 + V_n**2) [-]
       real(wp) :: height = 0.0_wp   !! above the mean ground, of a block that rolls [-]
       logical :: rolling = .false.  !! continues a contact that was cut
-      real(wp) :: key               !! factor from V**2 to the speed key, from `compare_scales` [-]
+      real(wp) :: key               !! factor from V**2 to the speed key, from `choose_record` [-]
       real(wp) :: stretch           !! ratio of its duration to that of the record, likewise [-]
       real(wp) :: inertia           !! I/(m R_b**2) [-]
       real(wp) :: pull(2)           !! gravity along the heading, and across it towards the descent, over g [-]
@@ -108,7 +110,7 @@ contains
       table%pull_along = table%record(pull_along, :)
       table%pull_across = table%record(pull_across, :)
       if (table%rest_angle < 90) table%hold = tangent(table%rest_angle)
-      table%step = logarithm(table%ratio(2:)/table%ratio(:size(table%ratio) - 1))
+      table%step = logarithm(table%size(2:)/table%size(:size(table%size) - 1))
       allocate (table%mark(marks, size(table%first) - 1), source=huge(1.0_sp))
       do bin = 1, size(table%first) - 1
          do k = 1, marks
@@ -126,28 +128,13 @@ contains
       part_size = (table%first(bin + 1) - table%first(bin) + marks - 1)/marks
    end function part_size
 
-   !> Part of a table for a ratio R_b/R_m: the lower or upper neighbour, with the probability given by interpolation
-   !> linear in the logarithm of the ratio.
-   pure integer function ratio_at(table, ratio, u) result(part)
-      type(impact_table_t), intent(in) :: table
-      real(wp), intent(in) :: ratio  !! R_b/R_m [-]
-      real(wp), intent(in) :: u      !! uniform in (0, 1) [-]
+   !> Return whether a table has parts for R_b/R_m, from the number of its parts and the speed of one.
+   pure logical function has_ratios(parts, speed)
+      integer, intent(in) :: parts
+      real(wp), intent(in) :: speed  !! as in impact_table_t, or its square
 
-      part = 1
-      if (size(table%ratio) == 1) return
-      do while (part < size(table%ratio) - 1)
-         if (ratio < table%ratio(part + 1)) exit
-         part = part + 1
-      end do
-      associate (low => table%ratio(part), high => table%ratio(part + 1))
-         if (ratio <= low) return
-         if (ratio >= high) then
-            part = part + 1
-         else if (u*table%step(part) < logarithm(ratio/low)) then
-            part = part + 1
-         end if
-      end associate
-   end function ratio_at
+      has_ratios = parts > 1 .and. .not. speed > 0
+   end function has_ratios
 
    !> Return whether a ratio R_b/R_m is outside those of a table, so that its smallest or largest serves in its place.
    pure logical function beyond_ratios(table, ratio)
@@ -155,27 +142,77 @@ contains
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
 
       beyond_ratios = .false.
-      if (size(table%ratio) == 1) return
-      beyond_ratios = ratio < table%ratio(1) .or. ratio > table%ratio(size(table%ratio))
+      if (.not. has_ratios(size(table%size), table%speed(1))) return
+      beyond_ratios = ratio < table%size(1) .or. ratio > table%size(size(table%size))
    end function beyond_ratios
 
-   !> Choose the record of a contact: the one that followed in the laboratory, or one drawn with a single random number.
-   pure subroutine choose_record(table, part, u, in, bin, record)
+   !> Part of a table for a boulder: the next smaller or larger one, with the probability given by interpolation linear
+   !> in the logarithm of the size.
+   pure integer function part_at(table, radius, ratio, u) result(part)
       type(impact_table_t), intent(in) :: table
-      integer, intent(in) :: part      !! part of the table, from ratio_at
-      real(wp), intent(in) :: u        !! uniform in (0, 1) [-]
-      type(approach_t), intent(in) :: in
-      integer, intent(out) :: bin      !! bin of the contact; 0: the boulder is like the block of the record
-      integer, intent(out) :: record
+      real(wp), intent(in) :: radius  !! R_b [m]
+      real(wp), intent(in) :: ratio   !! R_b/R_m [-]
+      real(wp), intent(in) :: u       !! uniform in (0, 1) [-]
+      real(wp) :: own
 
-      record = in%next
+      part = 1
+      if (size(table%size) == 1) return
+      own = merge(ratio, radius, has_ratios(size(table%size), table%speed(1)))
+      do while (part < size(table%size) - 1)
+         if (own < table%size(part + 1)) exit
+         part = part + 1
+      end do
+      associate (low => table%size(part), high => table%size(part + 1))
+         if (own <= low) return
+         if (own >= high) then
+            part = part + 1
+         else if (u*table%step(part) < logarithm(own/low)) then
+            part = part + 1
+         end if
+      end associate
+   end function part_at
+
+   !> Part to which a record belongs.
+   pure integer function part_of(table, record) result(part)
+      type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: record
+      integer :: bins
+
+      bins = (size(table%first) - 1)/size(table%size)
+      do part = 1, size(table%size) - 1
+         if (record < table%first(part*bins + 1)) exit
+      end do
+   end function part_of
+
+   !> Choose the record of a contact: the one that followed in the laboratory, or one drawn with a single random number;
+   !> and compare the scales of boulder and block.
+   pure subroutine choose_record(table, boulder, ratio, unit, u_part, u_record, in, part, bin, record)
+      type(impact_table_t), intent(in) :: table
+      type(boulder_t), intent(in) :: boulder
+      real(wp), intent(in) :: ratio     !! R_b/R_m [-]
+      real(wp), intent(in) :: unit      !! sqrt(g R_b) [m/s]
+      real(wp), intent(in) :: u_part, u_record  !! uniform in (0, 1) [-]
+      type(approach_t), intent(inout) :: in     !! its `key` and `stretch` are set
+      integer, intent(out) :: part
+      integer, intent(out) :: bin       !! bin of the contact; 0: the boulder is like the block of the record
+      integer, intent(out) :: record
+      logical :: continues
+
+      continues = continues_sequence(table, in)
+      if (continues) then
+         record = in%next
+         part = part_of(table, record)
+      else
+         part = part_at(table, boulder%radius, ratio, u_part)
+      end if
+      call compare_scales(table, part, unit, boulder%mass/boulder%volume, in%key, in%stretch)
       bin = 0
-      if (continues_sequence(table, in)) then
+      if (continues) then
          if (table%record(speed_in, record) < relief_speed) return
          bin = contact_bin(table, part, in)
       else
          bin = contact_bin(table, part, in)
-         record = nearest_record(table, bin, in%pull, u)
+         record = nearest_record(table, bin, in%pull, u_record)
          call prefetch_record(table, record)
       end if
    end subroutine choose_record
@@ -415,26 +452,28 @@ contains
       scaled_energy = along*along + across*across + normal*normal + inertia*w*w
    end function scaled_energy
 
-   !> Return whether a contact is faster than all records of the table.
-   pure logical function exceeds_table(table, in)
+   !> Return whether a contact is faster than all records of its part of the table.
+   pure logical function exceeds_table(table, part, in)
       type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: part
       type(approach_t), intent(in) :: in
 
-      exceeds_table = .not. in%rolling .and. in%key*(in%speed*in%speed) > table%fastest
+      exceeds_table = .not. in%rolling .and. in%key*(in%speed*in%speed) > table%fastest(part)
    end function exceeds_table
 
    !> Scale factors between a boulder and the laboratory's blocks if the ground yields at an absolute speed: the key is
    !> the speed there, adjusted for density, so that S = rho_b V_n**2/(2 p_y) is equal.
-   pure subroutine compare_scales(table, unit, density, key, stretch)
+   pure subroutine compare_scales(table, part, unit, density, key, stretch)
       type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: part
       real(wp), intent(in) :: unit          !! sqrt(g R_b) [m/s]
       real(wp), intent(in) :: density       !! of the boulder [kg/m3]
       real(wp), intent(out) :: key, stretch !! as in approach_t [-]
 
       key = 1
       stretch = 1
-      if (.not. table%speed > 0) return
-      stretch = unit/table%speed
+      if (.not. table%speed(part) > 0) return
+      stretch = unit/table%speed(part)
       key = stretch*stretch*(density/table%density)
    end subroutine compare_scales
 end module rockfall_impact_table

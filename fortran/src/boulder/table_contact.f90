@@ -10,8 +10,8 @@ module rockfall_table_contact
    use rockfall_rolling, only: roll_t, touch_t, find_slide
    use rockfall_direction, only: unit_vector, random_heading, along_aspect, shortest
    use rockfall_local_frame, only: in_local_frame, signed_w
-   use rockfall_impact_table, only: impact_table_t, approach_t, outcome_t, choose_record, transfer_record, ratio_at, &
-                                    exceeds_table, compare_scales, scaled_energy, flies, rolls_on, stops
+   use rockfall_impact_table, only: impact_table_t, approach_t, outcome_t, choose_record, transfer_record, &
+                                    exceeds_table, scaled_energy, flies, rolls_on, stops
    implicit none
    private
    public :: table_contact_t, table_contact, side_u
@@ -21,7 +21,7 @@ module rockfall_table_contact
 
    !> Use of the random numbers of a contact: the record; the part of the table; side or heading, where the ground gives
    !> none.
-   integer, parameter :: record_u = 1, ratio_u = 2, side_u = 3
+   integer, parameter :: record_u = 1, part_u = 2, side_u = 3
 
    !> Rise over R_b up to which a boulder whose last contact was cut is still in it [-]: the laboratory records higher
    !> rises as flights.
@@ -198,15 +198,15 @@ contains
       type(touch_t), intent(in) :: touch
       type(approach_t), intent(inout) :: in         !! v, speed, and pull on entry; complete on return
       integer, intent(out) :: bin, record
-      logical, intent(out) :: fast                  !! faster than all records of the table
+      logical, intent(out) :: fast                  !! faster than all records of its part of the table
+      integer :: part
 
       in%next = touch%next
       in%height = touch%height
       in%rolling = touch%rolling
       in%inertia = inertia
-      call compare_scales(table, unit, boulder%mass/boulder%volume, in%key, in%stretch)
-      fast = exceeds_table(table, in)
-      call choose_record(table, ratio_at(table, ratio, u(ratio_u)), u(record_u), in, bin, record)
+      call choose_record(table, boulder, ratio, unit, u(part_u), u(record_u), in, part, bin, record)
+      fast = exceeds_table(table, part, in)
    end subroutine draw_record
 
    !> Apply the record, and keep what the next contact needs.

@@ -969,12 +969,13 @@ contains
       ranks = [limit_rank(level, n, per_cluster, -1), limit_rank(level, n, per_cluster, 1)]
    end subroutine limit_ranks
 
-   !> Model of a table of impacts, by its number of ratios.
-   subroutine table_model(ratios, text)
-      integer(c_int), intent(in) :: ratios
+   !> Model of a table of impacts, from the number of its parts and g R_b of one, if the speed is a key.
+   subroutine table_model(parts, speed2, text)
+      integer(c_int), intent(in) :: parts
+      real(c_double), intent(in) :: speed2
       character(len=max_list), intent(out) :: text
 
-      text = model_names(model_of_table(ratios))
+      text = model_names(model_of_table(parts, speed2))
    end subroutine table_model
 
    !> Height of the top edge [m] and capacity [J] of each line of a case, evaluation lines first, then barriers; zero

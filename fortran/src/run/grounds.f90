@@ -15,6 +15,7 @@ module rockfall_grounds
    use rockfall_classical_rebound, only: classical_t, scatter_t, scatter, by_sets, rockyfor3d, &
                                          pfeiffer_bowen, bourrier_hungr, constant, absorbing, by_table, by_ratio_table
    use rockfall_ground, only: ground_t, rest_slope_of
+   use rockfall_impact_table, only: has_ratios
    use rockfall_packed_table, only: is_packed_table, read_packed_table
    use rockfall_case_keys, only: key_t, check_key, row_text
    use rockfall_impact_sets, only: coefficients_t, read_sets
@@ -101,7 +102,7 @@ contains
          allocate (ground%table)
          call read_packed_table(text, file, ground%table, error)
          if (allocated(error)) return
-         ground%classical%model = table_model(size(ground%table%ratio))
+         ground%classical%model = table_model(size(ground%table%size), ground%table%speed(1))
          ground%rest_slope = rest_slope_of(ground%table%rest_angle)
          return
       end if
@@ -116,11 +117,12 @@ contains
       end if
    end subroutine read_ground
 
-   !> Model of a table of impacts, by its number of ratios.
-   pure integer function table_model(ratios)
-      integer, intent(in) :: ratios
+   !> Model of a table of impacts, from the number of its parts and the speed of one.
+   pure integer function table_model(parts, speed)
+      integer, intent(in) :: parts
+      real(wp), intent(in) :: speed  !! as in impact_table_t, or its square
 
-      table_model = merge(by_table, by_ratio_table, ratios == 1)
+      table_model = merge(by_ratio_table, by_table, has_ratios(parts, speed))
    end function table_model
 
    !> Read and factor impact sets, with their lateral deviations.

@@ -12,10 +12,11 @@ module rockfall_packed_table
    private
    public :: is_packed_table, read_packed_table
 
-   character(len=*), parameter :: first_line = "rockfall impact table 2"//new_line("a")
-   integer, parameter :: n_counts = 8   !! ratios; bins of flights and of rolls, three each; records
-   integer, parameter :: n_scales = 5   !! speed2, density, inertia, fastest, rest angle
-   integer, parameter :: max_bins = 100000, max_ratios = 100
+   character(len=*), parameter :: first_line = "rockfall impact table 3"//new_line("a")
+   integer, parameter :: n_counts = 8   !! parts; bins of flights and of rolls, three each; records
+   integer, parameter :: n_of_part = 3  !! size, speed2, fastest
+   integer, parameter :: n_scales = 3   !! density, inertia, rest angle
+   integer, parameter :: max_bins = 100000, max_parts = 100
 
 contains
 
@@ -37,18 +38,20 @@ contains
 
       position = len(first_line)
       call take_integers(text, position, counts)
-      if (all(counts >= 1) .and. counts(1) <= max_ratios .and. all(counts(2:7) <= max_bins)) then
+      if (all(counts >= 1) .and. counts(1) <= max_parts .and. all(counts(2:7) <= max_bins)) then
          bins = counts(1)*(product(counts(2:4)) + product(counts(5:7)))
          if (expected_size(counts, bins) == len(text)) then
-            allocate (table%ratio(counts(1)), table%first(bins + 1), table%map(n_inputs, n_mapped, bins))
+            allocate (table%size(counts(1)), table%speed(counts(1)), table%fastest(counts(1)))
+            allocate (table%first(bins + 1), table%map(n_inputs, n_mapped, bins))
             allocate (table%low(n_inputs, bins), table%high(n_inputs, bins), table%record(record_fields, counts(8)))
-            call take_reals(text, position, table%ratio)
+            call take_reals(text, position, table%size)
+            call take_reals(text, position, table%speed)
+            table%speed = sqrt(max(0.0_wp, table%speed))
+            call take_reals(text, position, table%fastest)
             call take_reals(text, position, scales)
-            table%speed = sqrt(max(0.0_wp, scales(1)))
-            table%density = scales(2)
-            table%inertia = scales(3)
-            table%fastest = scales(4)
-            table%rest_angle = scales(5)
+            table%density = scales(1)
+            table%inertia = scales(2)
+            table%rest_angle = scales(3)
             call take_bins(text, position, counts(1), counts(2:4), table%flights)
             call take_bins(text, position, counts(1), counts(5:7), table%rolls)
             call take_integers(text, position, table%first)
@@ -71,17 +74,19 @@ contains
       call fail(error, file//": is a damaged table of impacts")
    end subroutine read_packed_table
 
-   !> Check the assumptions of the kernel: finite numbers, a record in each bin, records of a bin in order of gravity
-   !> along the heading, and valid indices of following records.
+   !> Check the assumptions of the kernel: sizes in order, finite numbers, a record in each bin, records of a bin in
+   !> order of gravity along the heading, and valid indices of following records.
    pure logical function is_valid(table, records, bins)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: records, bins
-      integer :: bin
+      integer :: bin, parts
 
+      parts = size(table%size)
       is_valid = all(ieee_is_finite(table%record)) .and. all(ieee_is_finite(table%map)) .and. table%first(1) == 1 &
                  .and. table%first(bins + 1) == records + 1 .and. all(table%first(2:) > table%first(:bins)) &
                  .and. table%density > 0 .and. table%inertia > 0 .and. table%rest_angle >= 0 &
-                 .and. all(table%record(4, :) > 0) &
+                 .and. all(table%record(4, :) > 0) .and. (parts == 1 .or. table%size(1) > 0) &
+                 .and. all(table%size(2:) > table%size(:parts - 1)) &
                  .and. all(table%record(follower, :) >= 0 .and. table%record(follower, :) <= records)
       if (.not. is_valid) return
       do bin = 1, bins
@@ -99,26 +104,26 @@ contains
       associate (f => counts(2:4), r => counts(5:7))
          edges = f(1) - 1 + f(1)*(f(2) - 1 + f(2)*(f(3) - 1)) + r(1) - 1 + r(1)*(r(2) - 1 + r(2)*(r(3) - 1))
       end associate
-      bytes = len(first_line) + 4*(n_counts + bins + 1) + 8*(counts(1)*(1 + edges) + n_scales) &
+      bytes = len(first_line) + 4*(n_counts + bins + 1) + 8*(counts(1)*(n_of_part + edges) + n_scales) &
               + 8*bins*n_inputs*(n_mapped + 2) + 4*record_fields*counts(8) + 1
    end function expected_size
 
-   pure subroutine take_bins(text, position, ratios, n, bins)
+   pure subroutine take_bins(text, position, parts, n, bins)
       character(len=*), intent(in) :: text
       integer, intent(inout) :: position
-      integer, intent(in) :: ratios, n(3)
+      integer, intent(in) :: parts, n(3)
       type(bins_t), intent(out) :: bins
-      integer :: ratio, i, j
+      integer :: part, i, j
 
       bins%n = n
-      allocate (bins%first_edge(n(1) - 1, ratios), bins%second_edge(n(2) - 1, n(1), ratios))
-      allocate (bins%third_edge(n(3) - 1, n(2), n(1), ratios))
-      do ratio = 1, ratios
-         call take_reals(text, position, bins%first_edge(:, ratio))
+      allocate (bins%first_edge(n(1) - 1, parts), bins%second_edge(n(2) - 1, n(1), parts))
+      allocate (bins%third_edge(n(3) - 1, n(2), n(1), parts))
+      do part = 1, parts
+         call take_reals(text, position, bins%first_edge(:, part))
          do i = 1, n(1)
-            call take_reals(text, position, bins%second_edge(:, i, ratio))
+            call take_reals(text, position, bins%second_edge(:, i, part))
             do j = 1, n(2)
-               call take_reals(text, position, bins%third_edge(:, j, i, ratio))
+               call take_reals(text, position, bins%third_edge(:, j, i, part))
             end do
          end do
       end do

@@ -267,8 +267,11 @@ def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """Remarks on boulders that count as released but tell little of the slope: that left the known
     terrain before a line, reached the limit of contacts, or stayed at their source. Fractions and
-    frequencies err low by them. None if rows are not kept."""
-    if "status" not in values or not (status := np.asarray(values["status"])).size:
+    frequencies err low by them. That nothing is known of these if no rows are kept."""
+    if "status" not in values:
+        return
+    if not (status := np.asarray(values["status"])).size:
+        yield Remark(say("model.not_kept"), True, is_counted=False)
         return
     is_gone = np.isin(status, [STATUS["left_domain"], STATUS["hit_nodata"]])
     if is_gone.sum() > MAX_CUT * status.size:
@@ -360,7 +363,7 @@ def _outside_ratios(values: Variables) -> tuple[str, dict[str, Any]]:
         return "model.outside_both", {}
     if len(tables) > 1 or tables[0] not in shipped_tables():
         return "model.outside_tables", {}
-    ratios = open_table(shipped_tables()[tables[0]]).ratio
+    ratios = open_table(shipped_tables()[tables[0]]).size
     return "model.outside_table", {"name": tables[0], "low": ratios[0], "high": ratios[-1]}
 
 

@@ -472,6 +472,7 @@ def _add_lab(commands: _Commands) -> None:
     impact.add_argument("case", metavar="LAB.nml", type=Path)
     _option(impact, "-o --output OUT.nc", Path, "default: LAB.nc, here")
     _switch(impact, "--resume", "go on with OUT.nc")
+    _option(impact, "--radius R", float, "the same ground for blocks of another R_b [m]")
     relief = verb("relief", "give the spectrum of a measured patch, for &ground of blocks")
     relief.add_argument("patch", metavar="PATCH.tif", type=Path, help="elevations in small cells")
     _option(relief, "--radius R", float, "R_b of the blocks [m]; default: 0.4", default=0.4)

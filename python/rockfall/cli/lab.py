@@ -75,6 +75,8 @@ def impact_command(arguments: argparse.Namespace) -> int:
         check_output(path, [arguments.case])
     if is_block_case(arguments.case):
         return _throw(arguments, path)
+    if arguments.radius is not None:
+        raise RockfallError("--radius: is for blocks on a ground")
     case = read_lab_case(arguments.case)
     run = run_sequences if case.throws else run_impacts
     try:
@@ -94,6 +96,10 @@ def _throw(arguments: argparse.Namespace, path: Path) -> int:
     if arguments.resume:
         raise RockfallError("--resume: throws of blocks take minutes at most and are not resumed")
     case = read_block_case(arguments.case)
+    if (radius := arguments.radius) is not None:
+        if not 0 < radius < inf:
+            raise RockfallError(f"--radius {radius:g}: must be > 0")
+        case = case.at_radius(radius)
     data = run_throws(case, progress=not arguments.quiet, threads=arguments.threads)
     save_contacts(data, path)
     if not arguments.quiet:

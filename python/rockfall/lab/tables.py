@@ -25,12 +25,14 @@ KEPT = 34_000  # maximum contacts per table: complete throws, so that records ha
 RIDGE = 0.01  # regularisation of a bin's least squares, over the variance of each input
 USUAL = 0.02, 0.98  # of W/V where a block rolls: values beyond are clipped
 SLOWEST = 0.05  # V/sqrt(g R_b) of a flight: slower ones have no significant direction
+ALIKE = "ground", "shape", "density", "rest_angle"  # of contacts of one table
 DIGITS = 9  # bits kept of a record's numbers: their noise does not compress
 
 
 @dataclass(frozen=True)
 class _Contacts:
-    """Contacts of one R_b/R_m, dimensionless: `record` (n, FIELDS) without derived fields."""
+    """Contacts of one size of boulders, dimensionless: `record` (n, FIELDS) without derived
+    fields."""
 
     record: np.ndarray
     entry: np.ndarray
@@ -42,13 +44,17 @@ class _Contacts:
 
 
 def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
-    """Make a table from contacts: a file for each R_b/R_m where that matters, identified by its
-    attribute `ratio` or its column; else a single file. At most `kept` contacts become records;
-    bins and maps use all. Raises a RockfallError where contacts are too few."""
+    """Make a table from contacts: a part for each R_b/R_m, which a column or an attribute gives, or
+    for each R_b if the ground yields, by files of one size each. At most `kept` contacts become
+    records; bins and maps use all. Raises a RockfallError where contacts are too few, or files do
+    not belong together."""
     parts = sorted(_parts(files), key=lambda part: part[0])
-    ratios = [ratio for ratio, _ in parts]
-    if len(set(ratios)) < len(ratios) or (0.0 in ratios and len(ratios) > 1):
-        raise RockfallError("contacts: files of the same R_b/R_m, or without one beside others")
+    sizes_of_parts = [size for size, _ in parts]
+    if len(set(sizes_of_parts)) < len(parts) or (0.0 in sizes_of_parts and len(parts) > 1):
+        raise RockfallError("contacts: files of boulders of the same size, or without one")
+    for name in ALIKE:
+        if len({str(data.attrs[name]) for _, data in parts}) > 1:
+            raise RockfallError(f"contacts: files that differ in {name} do not make one table")
     tried = [_dimensionless(data) for _, data in parts]
     sizes = {
         kind: [_bins_for(kind, int(_of_kind(contacts, kind).sum())) for contacts in tried]
@@ -71,28 +77,26 @@ def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
         sizes_of_bins += [len(group) for group in rows]
         records.append(_with_followers(contacts, np.concatenate(rows), sum(map(len, records))))
     first = parts[0][1].attrs
-    speed2 = float(first["gravity"]) * float(first["radius"])
-    yields = float(first["yield_pressure"]) > 0
-    flights = np.concatenate([part["speed_in"][_of_kind(part, "flight")] for part in tried])
     return ImpactTable(
-        np.array(ratios),
+        np.array(sizes_of_parts),
+        np.array([_speed2(data) for _, data in parts]),
+        np.array([_fastest(contacts) for contacts in tried]),
         {name: np.stack(values).astype("f4") for name, values in edges.items()},
         np.cumsum([0, *sizes_of_bins]).astype("i4"),
         np.stack([bin_.map for bin_ in bins]).astype("f4"),
         np.stack([bin_.low for bin_ in bins]).astype("f4"),
         np.stack([bin_.high for bin_ in bins]).astype("f4"),
         np.concatenate(records),
-        speed2 if yields else 0.0,
         float(first["density"]),
         float(np.mean([data.attrs["inertia_factor"] for _, data in parts])),
-        float((flights**2).max()),
         float(first["rest_angle"]),
         _provenance([data for _, data in parts]) | {"kept": kept},
     )
 
 
 def _parts(files: Sequence[xr.Dataset]) -> list[tuple[float, xr.Dataset]]:
-    """Contacts of each R_b/R_m; 0: independent of it."""
+    """Contacts of each size of boulders: R_b/R_m, or R_b [m] on a ground that yields; 0: it does
+    not matter."""
     parts = []
     for data in files:
         if "ratio" in data:
@@ -101,8 +105,20 @@ def _parts(files: Sequence[xr.Dataset]) -> list[tuple[float, xr.Dataset]]:
                 (float(ratio), data.isel(contact=data["ratio"].values == ratio)) for ratio in ratios
             ]
         else:
-            parts.append((float(data.attrs.get("ratio", 0.0)), data))
+            size = data.attrs["radius"] if _speed2(data) > 0 else data.attrs.get("ratio", 0.0)
+            parts.append((float(size), data))
     return parts
+
+
+def _speed2(data: xr.Dataset) -> float:
+    """g R_b if the ground yields, so that the speed itself matters; else 0 [m2/s2]."""
+    yields = float(data.attrs["yield_pressure"]) > 0
+    return float(data.attrs["gravity"]) * float(data.attrs["radius"]) if yields else 0.0
+
+
+def _fastest(contacts: _Contacts) -> float:
+    """V^2 of the fastest contact from a flight."""
+    return float((contacts["speed_in"][_of_kind(contacts, "flight")] ** 2).max())
 
 
 def _provenance(files: list[xr.Dataset]) -> dict[str, str | int]:
@@ -266,7 +282,7 @@ def _with_followers(contacts: _Contacts, rows: np.ndarray, before: int) -> np.nd
 def _padded(
     groups: list[np.ndarray], edges: list[np.ndarray], sizes: np.ndarray
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Pad the bins of each R_b/R_m to a common number with unreachable ones of one contact each."""
+    """Pad the bins of each part to a common number with unreachable ones of one contact each."""
     own = [edge.shape[-1] + 1 for edge in edges]
     padded = [
         groups[int(np.ravel_multi_index(at, own))] if np.less(at, own).all() else groups[0][:1]

@@ -27,11 +27,19 @@ from rockfall.lab.case import THROWN, names, names_ground, range_values
 
 PLANNED = {  # keys of the plan, by group
     "block": ("radius", "density", "count", "edge"),
-    "ground": ("relief", "shortest", "longest", "hurst", "patches", "rest_angle"),
+    "ground": (
+        "relief",
+        "shortest",
+        "longest",
+        "hurst",
+        "patches",
+        "rest_angle",
+        "yield_exponent",
+        "fitted_radius",
+    ),
     "throw": ("step_factor",),
 }
 WHOLE = "count", "patches"
-RELIEF_RADIUS = 0.4  # R_b of the blocks for which a ground's relief is given [m]
 POINTS = "points"  # shape of blocks from the user's points
 
 
@@ -47,6 +55,8 @@ def grounds() -> dict[str, dict[str, Any]]:
             "relief": row.number("relief", 0, 45),
             "longest": row.number("longest", 0, 1e3),
             "rest_angle": row.number("rest_angle", 0, 90),
+            "yield_exponent": row.number("yield_exponent", 0, 1),
+            "fitted_radius": row.number("fitted_radius", 0.01, 100),
         }
         for row in rows
     }
@@ -152,6 +162,17 @@ class BlockCase:
         changed = {name: {**kept.get(name, {}), **new} for name, new in groups.items()}
         return BlockCase(name=self.name, folder=self.folder, **(kept | changed))
 
+    def at_radius(self, radius: float) -> BlockCase:
+        """Copy with blocks of another R_b [m], on the ground as they meet it (theory, eq.
+        5.25)."""
+        ground, factor = self.ground, radius / self.ground["fitted_radius"]
+        relief = round(ground["relief"] * factor ** (ground["hurst"] - 1), 2)
+        pressure = ground["yield_pressure"] * factor ** ground["yield_exponent"]
+        changed = {"relief": relief, "yield_pressure": float(f"{pressure:.6g}")}
+        return self.replace(
+            block={"radius": radius}, ground=changed | {"fitted_radius": float(radius)}
+        )
+
     def text(self) -> str:
         """The complete case as the text of a namelist file."""
         return namelist_text(self._groups, indent=2)
@@ -176,13 +197,6 @@ class BlockCase:
             seed, count = self.lab["seed"], self.block["count"]
             blocks = [random_block(self.lab["shape"], seed, k) for k in range(count)]
         return [refine(block, self.block["edge"]) for block in blocks]
-
-
-def relief_for(ground: Mapping[str, Any], radius: float) -> float:
-    """Relief [degree] of a ground for blocks of R_b = `radius` [m], if `relief` is that for blocks of
-    `RELIEF_RADIUS`: slopes of a self-affine surface go with length to the power hurst - 1."""
-    hurst = ground.get("hurst", _defaults()["ground"]["hurst"])
-    return float(ground["relief"] * (radius / RELIEF_RADIUS) ** (hurst - 1))
 
 
 def relief_keys(spectrum: Spectrum) -> dict[str, float]:
