@@ -7,7 +7,7 @@ import pytest
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
-from rockfall.analysis.hazard.outlines import generalised, polygons_of  # noqa: E402
+from rockfall.analysis.hazard.outlines import GRID, generalised, polygons_of  # noqa: E402
 
 CELL = 4.0
 
@@ -44,6 +44,8 @@ def test_no_cell_gets_a_lower_class(seed, width):
         assert shapely.union_all(raw[k:]).difference(above).area < 1e-3
         for other in shown[k + 1 :]:
             assert shown[k].intersection(other).area < 1e-3
+        steps = shapely.get_coordinates(shown[k]) / (GRID * CELL)
+        assert np.array_equal(steps, np.round(steps)), "not on the grid"
     grown = shapely.union_all(shown).difference(shapely.union_all(raw))
     assert shapely.union_all(raw).buffer(width + CELL).contains(grown)
 

@@ -17,33 +17,37 @@ ARC = 4  # segments of a quarter of a circle
 TOLERANCE = 0.25  # of simplified outlines, in cells
 NEGLIGIBLE = 0.01  # area of rounding errors, in cells
 TOUCHING = 1e-6  # [m]
+GRID = 2.0**-20  # of coordinates, in cells: overlays without one fail with some builds of GEOS
 PASSES = 2  # of raising narrow parts: what is raised narrows its neighbours
 
 
 def generalised(areas: Sequence[Geometry], width: float, cell: float) -> list[Geometry]:
     """Generalise the areas of classes, from the lowest: none overlap, and together they cover all
-    that they covered before. `width` and `cell` are in metres."""
+    that they covered before, to the grid of their coordinates. `width` and `cell` are in metres."""
     import shapely
 
-    least = NEGLIGIBLE * cell**2
-    above = [_enclosing(shapely.union_all(areas[k:]), width, cell) for k in range(len(areas))]
+    least, grid = NEGLIGIBLE * cell**2, {"grid_size": GRID * cell}
+    above = [
+        _enclosing(shapely.union_all(areas[k:], **grid), width, cell) for k in range(len(areas))
+    ]
     for k in reversed(range(len(above))):
-        narrow = [part.buffer(width / 2, ARC) for part in _narrow_parts(above[k], width, cell**2)]
+        narrow = _narrow_parts(above[k], width, cell**2, grid)
         inner = above[k + 1] if k + 1 < len(above) else shapely.Polygon()
-        above[k] = shapely.union_all([above[k], inner, *narrow])
+        widened = [part.buffer(width / 2, ARC) for part in narrow]
+        above[k] = shapely.union_all([above[k], inner, *widened], **grid)
     for _ in range(PASSES):
         for k in range(len(above) - 1):
-            ring = above[k].difference(above[k + 1])
-            narrow = shapely.union_all(_narrow_parts(ring, width, least))
-            near = narrow.intersection(above[k + 1].buffer(width, ARC))
+            ring = above[k].difference(above[k + 1], **grid)
+            narrow = shapely.union_all(_narrow_parts(ring, width, least, grid), **grid)
+            near = narrow.intersection(above[k + 1].buffer(width, ARC), **grid)
             beside = [
                 polygon
                 for polygon in polygons_of(near)
                 if polygon.distance(above[k + 1]) < TOUCHING
             ]
-            above[k + 1] = shapely.union_all([above[k + 1], *beside])
+            above[k + 1] = shapely.union_all([above[k + 1], *beside], **grid)
     above.append(shapely.Polygon())
-    return [above[k].difference(above[k + 1]) for k in range(len(areas))]
+    return [above[k].difference(above[k + 1], **grid) for k in range(len(areas))]
 
 
 def polygons_of(area: Geometry, least: float = 0.0) -> Iterator[Geometry]:
@@ -59,12 +63,14 @@ def _enclosing(area: Geometry, width: float, cell: float) -> Geometry:
     still cut a corner."""
     out, tolerance = width / 2, TOLERANCE * cell
     smooth = area.buffer(out, ARC).buffer(tolerance - out, ARC).simplify(tolerance)
-    return smooth.union(area)
+    return smooth.union(area, grid_size=GRID * cell)
 
 
-def _narrow_parts(area: Geometry, width: float, least: float) -> list[Geometry]:
+def _narrow_parts(
+    area: Geometry, width: float, least: float, grid: dict[str, float]
+) -> list[Geometry]:
     """Parts of an area in which no disc of the width fits, corners aside, if larger than `least`
     [m2]."""
     attrs = {"join_style": "mitre", "mitre_limit": 2.0}
     wide = area.buffer(-width / 2, **attrs).buffer(width / 2 * (1 + 1e-9), **attrs)
-    return list(polygons_of(area.difference(wide), least))
+    return list(polygons_of(area.difference(wide, **grid), least))

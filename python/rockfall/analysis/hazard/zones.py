@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES
-from rockfall.analysis.hazard.outlines import NEGLIGIBLE, generalised, polygons_of
+from rockfall.analysis.hazard.outlines import GRID, NEGLIGIBLE, generalised, polygons_of
 from rockfall.case import case_in
 from rockfall.io.arrays import grid_of
 
@@ -50,7 +50,8 @@ def zones_of(hazard: xr.Dataset) -> Zones:
     classes = np.arange(1, len(CLASSES))
     areas = [shapely.union_all(zones.shapes[zones.number == k]) for k in classes]
     terrain = shapely.box(grid.west, grid.south, grid.east, grid.north)
-    shown = [polygon.intersection(terrain) for polygon in generalised(areas, width, grid.cell)]
+    outlines = generalised(areas, width, grid.cell)
+    shown = shapely.intersection(outlines, terrain, grid_size=GRID * grid.cell)
     polygons = [[*polygons_of(area, NEGLIGIBLE * grid.cell**2)] for area in shown]
     number = np.repeat(classes, [len(polygon) for polygon in polygons])
     return _zones([part for polygon in polygons for part in polygon], number, numbers.shape, grid)
