@@ -10,6 +10,7 @@ extensions are linked here.
 import base64
 import hashlib
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -74,13 +75,17 @@ def build_kernel() -> None:
         run(sys.executable, "tools/windows_lapack.py", lapack)
     if not (netcdf / "netcdf-fortran.pc").exists():
         run(sys.executable, "tools/windows_netcdf.py", netcdf)
-    place = BUILD / "place.ini"
-    place.write_text(f"[properties]\npkg_config_libdir = '{lapack}:{netcdf}'\n")
-    if not (BUILD / "kernel/build.ninja").exists():
-        cross = "--cross-file", "packaging/windows-cross.ini", "--cross-file", place
+    kernel, cross = BUILD / "kernel", BUILD / "cross.ini"
+    text = (ROOT / "packaging/windows-cross.ini").read_text("utf-8")
+    text += f"\n[properties]\npkg_config_libdir = '{lapack}:{netcdf}'\n"
+    # a build that is set up keeps its options, whatever the file says later
+    known = cross.read_text("utf-8") if (kernel / "build.ninja").exists() and cross.exists() else ""
+    if known != text:
+        shutil.rmtree(kernel, ignore_errors=True)
+        cross.write_text(text, "utf-8")
         options = "-Dpython=false", "-Dnetcdf=enabled", "-Db_lto=false", "-Dwarning_level=0"
-        run("meson", "setup", BUILD / "kernel", *cross, *options)
-    run("ninja", "-C", BUILD / "kernel", "--quiet")
+        run("meson", "setup", kernel, "--cross-file", cross, *options)
+    run("ninja", "-C", kernel, "--quiet")
 
 
 def link(name: str, python: Path) -> Path:
@@ -94,10 +99,11 @@ def link(name: str, python: Path) -> Path:
     flags = ["-O2", "-ffp-contract=off", "-fopenmp"]
     fortran = [*flags, "-ffree-line-length-none", *(f"-I{one}" for one in modules), "-J", folder]
     include = [f"-I{one}" for one in (python / "include", numpy_headers(), source)]
+    include.append(f"-ffile-prefix-map={ROOT}=.")  # of headers' messages
     objects = []
     for path in (ROOT / door, folder / f"{name}-f2pywrappers2.f90"):
         objects.append(folder / f"{path.stem}.o")
-        run(FC, *fortran, "-c", path, "-o", objects[-1])
+        run(FC, *fortran, "-c", path.relative_to(ROOT), "-o", objects[-1])
     for path in (folder / f"{name}module.c", source / "fortranobject.c"):
         objects.append(folder / f"{path.stem}.o")
         run(CC, *flags, "-DMS_WIN64", *include, "-c", path, "-o", objects[-1])

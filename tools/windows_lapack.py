@@ -73,11 +73,12 @@ def needed(sources: dict[str, Path]) -> set[str]:
 
 
 def compiled(source: Path, place: Path) -> Path:
-    """Compile a file, with the optimisation of Debian's package."""
+    """Compile a file, with the optimisation of Debian's package. Its messages hold the path that
+    the compiler gets: a relative one, so that bytes do not depend on the folder."""
     target = place / f"{source.stem}.o"
     level = "-O0" if source.stem in PLAIN else "-O2"
-    command = [COMPILER, level, "-ffp-contract=off", "-J", place, "-c", source, "-o", target]
-    subprocess.run(command, check=True)
+    command = [COMPILER, level, "-ffp-contract=off", "-c", source.relative_to(place)]
+    subprocess.run([*command, "-o", target.name], check=True, cwd=place)
     return target
 
 

@@ -4,6 +4,7 @@
 usage: windows_netcdf.py FOLDER   FOLDER/netcdf-fortran.pc; needs CMake, libz-mingw-w64-dev and Wine
 
 Without remote access, which the program does not use: neither DAP nor HTTP, so no curl and no XML.
+And without folder, host and time of the build, so that it gives the same bytes everywhere.
 """
 
 import os
@@ -36,7 +37,7 @@ COMMON = (
 HDF5 = [
     *(f"-DHDF5_{one}=OFF" for one in ("BUILD_TOOLS", "BUILD_EXAMPLES", "BUILD_CPP_LIB")),
     "-DHDF5_BUILD_FORTRAN=OFF", "-DHDF5_ENABLE_SZIP_SUPPORT=OFF",
-    "-DHDF5_ENABLE_Z_LIB_SUPPORT=ON",
+    "-DHDF5_ENABLE_Z_LIB_SUPPORT=ON", "-DHDF5_ENABLE_EMBEDDED_LIBINFO=OFF",
 ]  # fmt: skip
 NETCDF = [
     f"-DENABLE_{one}=OFF"
@@ -103,12 +104,14 @@ def install_netcdf_fortran(place: Path) -> None:
     objects = []
     for name in FORTRAN:
         objects.append(place / f"{Path(name).stem}.o")
-        flags = "-O2", "-w", "-cpp", "-fallow-argument-mismatch", "-J", place / "include"
-        run(COMPILER, *flags, *KINDS, f"-I{tree}", "-c", tree / name, "-o", objects[-1])
+        flags = "-O2", "-w", "-cpp", "-fallow-argument-mismatch", "-J", "include"
+        source = (tree / name).relative_to(place)  # which messages show
+        words = *flags, *KINDS, f"-I{source.parent}", "-c", source, "-o", objects[-1]
+        run(COMPILER, *words, folder=place)
     objects.append(place / "nf_lib.o")
     compiler = "x86_64-w64-mingw32-gcc", "-O2", "-w", "-DUSE_NETCDF4"
     headers = f"-I{place}/include", f"-I{tree.parent}/libsrc"
-    run(*compiler, *headers, "-c", tree / "nf_lib.c", "-o", objects[-1])
+    run(*compiler, hidden(place), *headers, "-c", tree / "nf_lib.c", "-o", objects[-1])
     run("x86_64-w64-mingw32-ar", "rcs", place / "lib/libnetcdff.a", *objects)
     libraries = f"-L{place}/lib -lnetcdff -lnetcdf -lhdf5_hl -lhdf5 {ZLIB} -lws2_32 -lshlwapi"
     for name in ("netcdf", "netcdf-fortran"):
@@ -121,13 +124,19 @@ def install_netcdf_fortran(place: Path) -> None:
 def cmake(place: Path, tree: Path, build: Path, options: list[str]) -> None:
     """Configure, build and install a library into `place`."""
     where = f"-DCMAKE_TOOLCHAIN_FILE={place}/windows.cmake", f"-DCMAKE_INSTALL_PREFIX={place}"
-    run("cmake", "-S", tree, "-B", build, *where, *COMMON, *options)
+    flags = f"-DCMAKE_C_FLAGS={hidden(place)}"
+    run("cmake", "-S", tree, "-B", build, *where, flags, *COMMON, *options)
     run("cmake", "--build", build, "--target", "install", "--parallel", os.cpu_count())
 
 
-def run(*command: object) -> None:
-    env = os.environ | {"WINEDEBUG": "-all"}
-    subprocess.run([str(word) for word in command], check=True, env=env)
+def hidden(place: Path) -> str:
+    """Option that replaces the folder in what the C compiler writes of paths."""
+    return f"-ffile-prefix-map={place}=."
+
+
+def run(*command: object, folder: Path | None = None) -> None:
+    env = os.environ | {"WINEDEBUG": "-all", "SOURCE_DATE_EPOCH": "0"}  # netCDF shows the latter
+    subprocess.run([str(word) for word in command], check=True, cwd=folder, env=env)
 
 
 def edit(path: Path, pattern: str, text: str) -> None:
