@@ -12,8 +12,8 @@ module rockfall_impact_table
    use rockfall_boulder, only: boulder_t
    implicit none
    private
-   public :: impact_table_t, bins_t, approach_t, outcome_t, index_records, has_ratios, beyond_ratios, choose_record, &
-             transfer_record, exceeds_table, scaled_energy
+   public :: impact_table_t, bins_t, approach_t, outcome_t, index_records, has_ratios, beyond_ratios, begin_draw, &
+             find_window, nearest_record, transfer_record, exceeds_table, scaled_energy
    public :: record_fields, pull_along, pull_across, follower, n_inputs, n_mapped, flies, rolls_on, stops
 
    !> Exit codes of a record, as written by the laboratory.
@@ -30,7 +30,9 @@ module rockfall_impact_table
    integer, parameter :: n_mapped = 3  !! along, V_n, W
    integer, parameter :: window = 6      !! 1/window of a bin is eligible: the nearest in gravity along the heading
    integer, parameter :: candidates = 3  !! of these, the nearest in gravity across it is taken
-   integer, parameter :: marks = 16      !! parts of a bin, of which only one is searched
+   !> A bin has at most so many parts, of which only one is searched. With 16, gfortran unrolls the loop, all scalar.
+   integer, parameter :: marks = 32
+   integer, parameter :: vector = 8      !! records compared by one instruction; parts are multiples of it
 
    !> Tolerances within which a contact equals the one that followed in the laboratory: V, V_n and W differ by no more
    !> than the speed there, or than `relief_speed`; gravity along and across the heading by no more than
@@ -41,12 +43,13 @@ module rockfall_impact_table
    !> Initial speed over sqrt(g R_b) above which no hollow holds a block, and each contact is drawn independently [-].
    real(wp), parameter :: max_held_speed = 2.0_wp
 
-   !> Bins of one kind of contact. Edges of each key are given per bin of the previous key.
+   !> Bins of one kind of contact. Edges of each key are given per bin of the previous key. Infinite edges fill whole
+   !> vectors: a loop over what is left would be mispredicted.
    type :: bins_t
       integer :: n(3) = 0
-      real(wp), allocatable :: first_edge(:, :)         !! (n(1) - 1, parts)
-      real(wp), allocatable :: second_edge(:, :, :)     !! (n(2) - 1, n(1), parts)
-      real(wp), allocatable :: third_edge(:, :, :, :)   !! (n(3) - 1, n(2), n(1), parts)
+      real(wp), allocatable :: first_edge(:, :)         !! (n(1) - 1 and more, parts)
+      real(wp), allocatable :: second_edge(:, :, :)     !! (n(2) - 1 and more, n(1), parts)
+      real(wp), allocatable :: third_edge(:, :, :, :)   !! (n(3) - 1 and more, n(2), n(1), parts)
    end type bins_t
 
    type :: impact_table_t
@@ -63,7 +66,9 @@ module rockfall_impact_table
       real(wp), allocatable :: low(:, :), high(:, :)  !! range of a bin's inputs, W over V (n_inputs, bins)
       real(sp), allocatable :: record(:, :)     !! (record_fields, records), sorted by pull_along within a bin
       ! From `index_records`:
-      real(sp), allocatable :: pull_along(:), pull_across(:)  !! gravity along and across the heading, over g
+      real(sp), allocatable :: pull_across(:)   !! gravity across the heading, over g, of each record
+      real(sp), allocatable :: pull_along(:)    !! likewise along it, each bin filled to whole parts with infinite ones
+      integer, allocatable :: place(:)          !! where those of each bin begin, and end
       real(sp), allocatable :: mark(:, :)       !! pull_along where the next part of each bin begins (marks, bins)
       real(wp), allocatable :: step(:)          !! logarithm of the size of the next part over that of each [-]
       real(wp) :: hold = 0.0_wp                 !! tangent of the rest angle; 0 where nothing rests [-]
@@ -75,7 +80,7 @@ module rockfall_impact_table
       real(wp) :: speed             !! sqrt(V_t**2 + V_n**2) [-]
       real(wp) :: height = 0.0_wp   !! above the mean ground, of a block that rolls [-]
       logical :: rolling = .false.  !! continues a contact that was cut
-      real(wp) :: key               !! factor from V**2 to the speed key, from `choose_record` [-]
+      real(wp) :: key               !! factor from V**2 to the speed key, from `begin_draw` [-]
       real(wp) :: stretch           !! ratio of its duration to that of the record, likewise [-]
       real(wp) :: inertia           !! I/(m R_b**2) [-]
       real(wp) :: pull(2)           !! gravity along the heading, and across it towards the descent, over g [-]
@@ -105,27 +110,35 @@ contains
    !> Index the records of a table, so that a contact reads few of them.
    pure subroutine index_records(table)
       type(impact_table_t), intent(inout) :: table
-      integer :: bin, k, next
+      integer :: bins, bin, parts, k
 
-      table%pull_along = table%record(pull_along, :)
+      bins = size(table%first) - 1
       table%pull_across = table%record(pull_across, :)
       if (table%rest_angle < 90) table%hold = tangent(table%rest_angle)
       table%step = logarithm(table%size(2:)/table%size(:size(table%size) - 1))
-      allocate (table%mark(marks, size(table%first) - 1), source=huge(1.0_sp))
-      do bin = 1, size(table%first) - 1
-         do k = 1, marks
-            next = table%first(bin) + k*part_size(table, bin)
-            if (next < table%first(bin + 1)) table%mark(k, bin) = table%pull_along(next)
-         end do
+      allocate (table%mark(marks, bins), source=huge(1.0_sp))
+      allocate (table%place(bins + 1), source=1)
+      do bin = 1, bins
+         parts = (table%first(bin + 1) - table%first(bin) - 1)/part_size(table, bin) + 1
+         table%place(bin + 1) = table%place(bin) + parts*part_size(table, bin)
+      end do
+      allocate (table%pull_along(table%place(bins + 1) - 1), source=huge(1.0_sp))
+      do bin = 1, bins
+         associate (along => table%record(pull_along, table%first(bin):table%first(bin + 1) - 1))
+            table%pull_along(table%place(bin):table%place(bin) + size(along) - 1) = along
+            do k = 1, (size(along) - 1)/part_size(table, bin)
+               table%mark(k, bin) = along(k*part_size(table, bin) + 1)
+            end do
+         end associate
       end do
    end subroutine index_records
 
-   !> Number of records in each part of a bin; the last ones may have fewer.
+   !> Number of records in each part of a bin; the last one may have fewer.
    pure integer function part_size(table, bin)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin
 
-      part_size = (table%first(bin + 1) - table%first(bin) + marks - 1)/marks
+      part_size = ((table%first(bin + 1) - table%first(bin) - 1)/(marks*vector) + 1)*vector
    end function part_size
 
    !> Return whether a table has parts for R_b/R_m, from the number of its parts and the speed of one.
@@ -156,7 +169,6 @@ contains
       real(wp) :: own
 
       part = 1
-      if (size(table%size) == 1) return
       own = merge(ratio, radius, has_ratios(size(table%size), table%speed(1)))
       do while (part < size(table%size) - 1)
          if (own < table%size(part + 1)) exit
@@ -184,43 +196,37 @@ contains
       end do
    end function part_of
 
-   !> Choose the record of a contact: the one that followed in the laboratory, or one drawn with a single random number;
-   !> and compare the scales of boulder and block.
-   pure subroutine choose_record(table, boulder, ratio, unit, u_part, u_record, in, part, bin, record)
+   !> Find the bin of a contact, and its record if that is the one that followed in the laboratory; compare the scales
+   !> of boulder and block.
+   pure subroutine begin_draw(table, boulder, ratio, unit, u, in, part, bin, record)
       type(impact_table_t), intent(in) :: table
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: ratio     !! R_b/R_m [-]
       real(wp), intent(in) :: unit      !! sqrt(g R_b) [m/s]
-      real(wp), intent(in) :: u_part, u_record  !! uniform in (0, 1) [-]
-      type(approach_t), intent(inout) :: in     !! its `key` and `stretch` are set
+      real(wp), intent(in) :: u         !! uniform in (0, 1), for the part [-]
+      type(approach_t), intent(inout) :: in  !! its `key` and `stretch` are set
       integer, intent(out) :: part
       integer, intent(out) :: bin       !! bin of the contact; 0: the boulder is like the block of the record
-      integer, intent(out) :: record
-      logical :: continues
+      integer, intent(out) :: record    !! 0: to be drawn from the bin, by find_window and nearest_record
 
-      continues = continues_sequence(table, in)
-      if (continues) then
-         record = in%next
-         part = part_of(table, record)
-      else
-         part = part_at(table, boulder%radius, ratio, u_part)
+      record = merge(in%next, 0, continues_sequence(table, in))
+      part = 1
+      if (size(table%size) > 1) then
+         if (record > 0) then
+            part = part_of(table, record)
+         else
+            part = part_at(table, boulder%radius, ratio, u)
+         end if
       end if
       call compare_scales(table, part, unit, boulder%mass/boulder%volume, in%key, in%stretch)
-      bin = 0
-      if (continues) then
-         if (table%record(speed_in, record) < relief_speed) return
-         bin = contact_bin(table, part, in)
-      else
-         bin = contact_bin(table, part, in)
-         record = nearest_record(table, bin, in%pull, u_record)
-         call prefetch_record(table, record)
-      end if
-   end subroutine choose_record
+      bin = contact_bin(table, part, in)
+      if (record > 0) bin = merge(0, bin, table%record(speed_in, record) < relief_speed)
+   end subroutine begin_draw
 
    !> Apply a record to this boulder.
    pure subroutine transfer_record(table, bin, record, in, out)
       type(impact_table_t), intent(in) :: table
-      integer, intent(in) :: bin, record  !! as from choose_record
+      integer, intent(in) :: bin, record  !! from begin_draw and nearest_record
       type(approach_t), intent(in) :: in
       type(outcome_t), intent(out) :: out
       real(wp) :: r(record_fields), ratio
@@ -361,9 +367,9 @@ contains
       real(wp), intent(in) :: key(3), over(2)  !! of the first two
       integer :: i, j, k
 
-      i = edge_bin(bins%first_edge(:, part), over(1), key(1))
-      j = edge_bin(bins%second_edge(:, i, part), over(2), key(2))
-      k = edge_bin(bins%third_edge(:, j, i, part), 1.0_wp, key(3))
+      i = min(bins%n(1), edge_bin(bins%first_edge(:, part), over(1), key(1)))
+      j = min(bins%n(2), edge_bin(bins%second_edge(:, i, part), over(2), key(2)))
+      k = min(bins%n(3), edge_bin(bins%third_edge(:, j, i, part), 1.0_wp, key(3)))
       bin = ((i - 1)*bins%n(2) + j - 1)*bins%n(3) + k
    end function key_bin
 
@@ -380,38 +386,50 @@ contains
       end do
    end function edge_bin
 
-   !> Choose a record of a bin: of three candidates, evenly spaced among the nearest in gravity along the heading, the
-   !> nearest in gravity across it. The response of slow blocks to gravity is not proportional.
-   pure integer function nearest_record(table, bin, pull, u)
+   !> Find the records of a bin that are nearest in gravity along the heading.
+   pure subroutine find_window(table, bin, pull, from, n)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin
-      real(wp), intent(in) :: pull(2), u
-      integer :: first, last, n, start, from, candidate, k
+      real(wp), intent(in) :: pull      !! gravity along the heading, over g [-]
+      integer, intent(out) :: from, n   !! the first, their number
+      integer :: first, last, start, below, k
       real(sp) :: along
-      real(wp) :: separation, min_separation
 
       first = table%first(bin)
       last = table%first(bin + 1) - 1
       n = (last - first + window)/window
-      along = real(pull(1), sp)
-      start = first
+      along = real(pull, sp)
+      below = 0
       do k = 1, marks  ! comparing all, vectorised, is faster than bisection
-         start = start + merge(part_size(table, bin), 0, table%mark(k, bin) < along)
+         below = below + merge(1, 0, table%mark(k, bin) < along)
       end do
-      from = start - n/2
-      do k = start, min(last, start + part_size(table, bin) - 1)
-         from = from + merge(1, 0, table%pull_along(k) < along)
+      start = below*part_size(table, bin)
+      below = 0
+      do k = table%place(bin) + start, table%place(bin) + start + part_size(table, bin) - 1
+         below = below + merge(1, 0, table%pull_along(k) < along)
       end do
-      from = max(first, min(from, last + 1 - n))
+      from = max(first, min(first + start + below - n/2, last + 1 - n))
+   end subroutine find_window
+
+   !> Choose one of these records: of three candidates, evenly spaced, the nearest in gravity across the heading. The
+   !> response of slow blocks to gravity is not proportional.
+   pure integer function nearest_record(table, from, n, pull, u)
+      type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: from, n   !! from find_window
+      real(wp), intent(in) :: pull, u  !! gravity across the heading, over g; uniform in (0, 1) [-]
+      integer :: candidate, k
+      real(wp) :: separation, min_separation
+
       nearest_record = from
       min_separation = huge(min_separation)
       do k = 0, candidates - 1
          candidate = int(u*n) + (k*n)/candidates
          candidate = from + candidate - merge(n, 0, candidate >= n)
-         separation = abs(table%pull_across(candidate) - pull(2))
+         separation = abs(table%pull_across(candidate) - pull)
          nearest_record = merge(candidate, nearest_record, separation < min_separation)
          min_separation = min(min_separation, separation)
       end do
+      call prefetch_record(table, nearest_record)
    end function nearest_record
 
    !> Return whether a boulder follows the block of its last record: the contact that followed there begins like this
@@ -419,19 +437,19 @@ contains
    pure logical function continues_sequence(table, in)
       type(impact_table_t), intent(in) :: table
       type(approach_t), intent(in) :: in
-      real(wp) :: tolerance
+      real(wp) :: tolerance, excess
 
-      continues_sequence = .false.
-      if (in%next == 0) return
-      associate (record => table%record(:, in%next))
-         if (record(speed_in) > max_held_speed) return
-         if (any(abs(in%pull - record(pull_along:pull_across)) > pull_tolerance)) return
-         if (in%rolling .and. abs(in%height - record(height_in)) > height_tolerance) return
+      associate (record => table%record(:, max(1, in%next)))  ! one comparison: several would be mispredicted
          tolerance = max(relief_speed, real(record(speed_in), wp))
-         continues_sequence = abs(in%speed - record(speed_in)) <= tolerance &
-                              .and. abs(in%v(2) - record(n_in)) <= tolerance &
-                              .and. abs(in%v(3) - record(w_in)) <= tolerance
+         excess = max(record(speed_in) - max_held_speed, &
+                      abs(in%pull(1) - record(pull_along)) - pull_tolerance, &
+                      abs(in%pull(2) - record(pull_across)) - pull_tolerance, &
+                      abs(in%speed - record(speed_in)) - tolerance, &
+                      abs(in%v(2) - record(n_in)) - tolerance, &
+                      abs(in%v(3) - record(w_in)) - tolerance)
+         if (in%rolling) excess = max(excess, abs(in%height - record(height_in)) - height_tolerance)
       end associate
+      continues_sequence = in%next > 0 .and. .not. excess > 0
    end function continues_sequence
 
    !> Inputs of the map, clamped to the range of the bin's records.

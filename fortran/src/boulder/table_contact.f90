@@ -10,13 +10,13 @@ module rockfall_table_contact
    use rockfall_rolling, only: roll_t, touch_t, find_slide
    use rockfall_direction, only: unit_vector, random_heading, along_aspect, shortest
    use rockfall_local_frame, only: in_local_frame, signed_w
-   use rockfall_impact_table, only: impact_table_t, approach_t, outcome_t, choose_record, transfer_record, &
-                                    exceeds_table, scaled_energy, flies, rolls_on, stops
+   use rockfall_impact_table, only: impact_table_t, approach_t, outcome_t, begin_draw, find_window, nearest_record, &
+                                    transfer_record, exceeds_table, scaled_energy, flies, rolls_on, stops
    implicit none
    private
-   public :: table_contact_t, table_contact, side_u
+   public :: table_contact_t, table_contact, record_u, part_u, side_u
    ! Its steps:
-   public :: update_touch, end_touch, resolve_on_plane, find_pull, draw_record, apply_record, limit_energy, &
+   public :: update_touch, end_touch, resolve_on_plane, find_pull, find_record, apply_record, limit_energy, &
              after_fall, scale_to_energy, compute_departure, takeoff_height, velocity_after
 
    !> Use of the random numbers of a contact: the record; the part of the table; side or heading, where the ground gives
@@ -69,7 +69,7 @@ contains
       type(outcome_t) :: out
       real(wp) :: g(2), g_end(2), steepness, unit, t(3), side, slide, speed, total, left, velocity_factor, normal
       real(wp) :: touches, falls, flown, rolls, rests  ! 1 or 0
-      integer :: bin, record
+      integer :: bin, record, from, n
       logical :: off
 
       g = gradient(dem, landing%patch, landing%u, landing%w)
@@ -83,7 +83,11 @@ contains
       call find_pull(g(1), g(2), steepness, t(1), t(2), t(3), u(side_u), in%pull(1), in%pull(2), side)
       in%v = contact%v_in*(1/unit)
       in%speed = sqrt(in%v(1)*in%v(1) + in%v(2)*in%v(2))
-      call draw_record(table, boulder, inertia, unit, ratio, u, touch, in, bin, record, contact%fast)
+      call find_record(table, boulder, inertia, unit, ratio, u(part_u), touch, in, bin, record, contact%fast)
+      if (record == 0) then
+         call find_window(table, bin, in%pull(1), from, n)
+         record = nearest_record(table, from, n, in%pull(2), u(record_u))
+      end if
       call apply_record(table, bin, record, in, touch, out)
 
       call limit_energy(out%along, out%across, out%normal, out%w, inertia, out%allowed, in%speed, out%advance, &
@@ -138,7 +142,7 @@ contains
       logical, intent(in) :: rolls  !! from leave
       type(touch_t), intent(inout) :: touch
 
-      if (off .or. (touch%rolling .and. .not. rolls)) touch%next = 0
+      touch%next = merge(0, touch%next, off .or. (touch%rolling .and. .not. rolls))  ! a branch would be mispredicted
       touch%rolling = rolls
    end subroutine end_touch
 
@@ -189,15 +193,15 @@ contains
       side = merge(sign(1.0_wp, left), side, across > along_aspect)
    end subroutine find_pull
 
-   !> Draw the record of a contact.
-   pure subroutine draw_record(table, boulder, inertia, unit, ratio, u, touch, in, bin, record, fast)
+   !> Find the bin of a contact, and its record if it need not be drawn from the bin.
+   pure subroutine find_record(table, boulder, inertia, unit, ratio, u, touch, in, bin, record, fast)
       type(impact_table_t), intent(in) :: table
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: inertia, unit, ratio  !! as in table_contact [-], sqrt(g R_b) [m/s], [-]
-      real(wp), intent(in) :: u(words_per_block)    !! as in table_contact [-]
+      real(wp), intent(in) :: u                     !! uniform in (0, 1), for the part of the table [-]
       type(touch_t), intent(in) :: touch
       type(approach_t), intent(inout) :: in         !! v, speed, and pull on entry; complete on return
-      integer, intent(out) :: bin, record
+      integer, intent(out) :: bin, record           !! as from begin_draw
       logical, intent(out) :: fast                  !! faster than all records of its part of the table
       integer :: part
 
@@ -205,9 +209,9 @@ contains
       in%height = touch%height
       in%rolling = touch%rolling
       in%inertia = inertia
-      call choose_record(table, boulder, ratio, unit, u(part_u), u(record_u), in, part, bin, record)
+      call begin_draw(table, boulder, ratio, unit, u, in, part, bin, record)
       fast = exceeds_table(table, part, in)
-   end subroutine draw_record
+   end subroutine find_record
 
    !> Apply the record, and keep what the next contact needs.
    pure subroutine apply_record(table, bin, record, in, touch, out)

@@ -113,17 +113,18 @@ contains
       integer, intent(inout) :: position
       integer, intent(in) :: parts, n(3)
       type(bins_t), intent(out) :: bins
-      integer :: part, i, j
+      integer :: edges(3), part, i, j
 
       bins%n = n
-      allocate (bins%first_edge(n(1) - 1, parts), bins%second_edge(n(2) - 1, n(1), parts))
-      allocate (bins%third_edge(n(3) - 1, n(2), n(1), parts))
+      edges = (n + 2)/4*4  ! n - 1 in whole vectors
+      allocate (bins%first_edge(edges(1), parts), bins%second_edge(edges(2), n(1), parts), &
+                bins%third_edge(edges(3), n(2), n(1), parts), source=huge(1.0_wp))
       do part = 1, parts
-         call take_reals(text, position, bins%first_edge(:, part))
+         call take_reals(text, position, bins%first_edge(:n(1) - 1, part))
          do i = 1, n(1)
-            call take_reals(text, position, bins%second_edge(:, i, part))
+            call take_reals(text, position, bins%second_edge(:n(2) - 1, i, part))
             do j = 1, n(2)
-               call take_reals(text, position, bins%third_edge(:, j, i, part))
+               call take_reals(text, position, bins%third_edge(:n(3) - 1, j, i, part))
             end do
          end do
       end do

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Contacts by tables of impacts, for several boulders at a time. Each goes through the steps of `table_contact` in the
-!> same order, so results are bitwise identical. Steps with roots and divisions are loops over all contacts. All records
-!> are chosen before the first is read, so that memory accesses overlap. Only a path that is needed, or leaves the known
-!> terrain, is found by `find_slide`.
+!> same order, so results are bitwise identical. Steps with roots and divisions are loops over all contacts. Records
+!> are chosen in several loops of little each, and before the first is read, so that memory accesses overlap. Only a
+!> path that is needed, or leaves the known terrain, is found by `find_slide`.
 !>
 !> Compiled twice, like rockfall_lanes.
 module rockfall_table_lanes
@@ -14,9 +14,10 @@ module rockfall_table_lanes
                                time_slide
    use rockfall_direction, only: shortest
    use rockfall_local_frame, only: signed_w
-   use rockfall_impact_table, only: approach_t, outcome_t, flies, stops
-   use rockfall_table_contact, only: side_u, update_touch, resolve_on_plane, find_pull, draw_record, apply_record, &
-                                     limit_energy, after_fall, scale_to_energy, compute_departure, takeoff_height
+   use rockfall_impact_table, only: approach_t, outcome_t, find_window, nearest_record, flies, stops
+   use rockfall_table_contact, only: record_u, part_u, side_u, update_touch, resolve_on_plane, find_pull, find_record, &
+                                     apply_record, limit_energy, after_fall, scale_to_energy, compute_departure, &
+                                     takeoff_height
    use rockfall_line, only: boxes_touch
    use rockfall_line_index, only: is_near_lines
    use rockfall_flights, only: landings_t, landing_of, lanes, padded
@@ -114,7 +115,7 @@ contains
 
       if (b%n == 0) return
       call compute_incidence(l, scene%gravity, g1, g2, steepness, word(:, side_u), b)
-      call drop_vertical_impacts(b)
+      call sort_contacts(b)
       call draw_records(scene, word, b)
       call follow_records(scene, b)
       call start_slides(l, scene%gravity, scene%dem%per_cell, b)
@@ -160,31 +161,49 @@ contains
       end do
    end subroutine compute_incidence
 
-   !> Remove boulders that land along the normal, and so have no tangent; `table_contact` handles them.
-   subroutine drop_vertical_impacts(b)
+   !> Put contacts by a flight before those of boulders that roll: their branches differ, and an unpredictable order
+   !> would be mispredicted. Boulders that land along the normal have no tangent; `table_contact` handles them.
+   subroutine sort_contacts(b)
       type(table_batch_t), intent(inout) :: b
-      integer :: m, n, k
+      integer :: sorted(lanes + 1), n, m, k, touches
 
       n = 0
-      do m = 1, b%n
-         k = b%landing(m)
-         b%by_table(k) = b%tangential(k) > shortest
-         b%landing(n + 1) = k
-         n = n + merge(1, 0, b%by_table(k))
+      do touches = 0, 1
+         do m = 1, b%n
+            k = b%landing(m)
+            b%by_table(k) = b%tangential(k) > shortest
+            sorted(n + 1) = k
+            n = n + merge(1, 0, b%by_table(k) .and. nint(b%touches(k)) == touches)
+         end do
       end do
       b%n = n
-   end subroutine drop_vertical_impacts
+      b%landing(:n) = sorted(:n)
+   end subroutine sort_contacts
 
+   !> Draw the records, in loops of little each, so that many contacts overlap.
    subroutine draw_records(scene, word, b)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: word(lanes, words_per_block)
       type(table_batch_t), intent(inout) :: b
-      integer :: m, k
+      integer, dimension(lanes + 1) :: drawn, from, width
+      integer :: n, m, k
 
+      n = 0
       do m = 1, b%n
          k = b%landing(m)
-         call draw_record(scene%grounds(b%ground(k))%table, b%boulder(k), b%inertia(k), b%unit(k), b%ratio(k), &
-                          uniform(word(k, :)), b%touch(k), b%in(k), b%bin(k), b%record(k), b%fast(k))
+         call find_record(scene%grounds(b%ground(k))%table, b%boulder(k), b%inertia(k), b%unit(k), b%ratio(k), &
+                          uniform(word(k, part_u)), b%touch(k), b%in(k), b%bin(k), b%record(k), b%fast(k))
+         drawn(n + 1) = k  ! branchless, as in `leave_patches`
+         n = n + merge(1, 0, b%record(k) == 0)
+      end do
+      do m = 1, n
+         k = drawn(m)
+         call find_window(scene%grounds(b%ground(k))%table, b%bin(k), b%in(k)%pull(1), from(m), width(m))
+      end do
+      do m = 1, n
+         k = drawn(m)
+         b%record(k) = nearest_record(scene%grounds(b%ground(k))%table, from(m), width(m), b%in(k)%pull(2), &
+                                      uniform(word(k, record_u)))
       end do
    end subroutine draw_records
 
