@@ -28,7 +28,7 @@ module rockfall_impact_table
 
    integer, parameter :: n_inputs = 4  !! of the map of a bin: V_t, V_n, W, and the height for a rolling block
    integer, parameter :: n_mapped = 3  !! along, V_n, W
-   integer, parameter :: window = 6      !! 1/window of a bin is eligible: the nearest in gravity along the heading
+   integer, parameter :: window = 6      !! 1/window of a bin is eligible for a slow contact: see find_window
    integer, parameter :: candidates = 3  !! of these, the nearest in gravity across it is taken
    !> A bin has at most so many parts, of which only one is searched. With 16, gfortran unrolls the loop, all scalar.
    integer, parameter :: marks = 32
@@ -386,10 +386,13 @@ contains
       end do
    end function edge_bin
 
-   !> Find the records of a bin that are nearest in gravity along the heading.
-   pure subroutine find_window(table, bin, pull, from, n)
+   !> Find the records of a bin from which one is drawn: those nearest in gravity along the heading. All of them if no
+   !> hollow holds the boulder, whose response to gravity is then proportional: among few, a record that happened once
+   !> in the laboratory would be drawn at every other contact on slopes near its own.
+   pure subroutine find_window(table, bin, speed, pull, from, n)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin
+      real(wp), intent(in) :: speed     !! as in approach_t [-]
       real(wp), intent(in) :: pull      !! gravity along the heading, over g [-]
       integer, intent(out) :: from, n   !! the first, their number
       integer :: first, last, start, below, k
@@ -397,7 +400,7 @@ contains
 
       first = table%first(bin)
       last = table%first(bin + 1) - 1
-      n = (last - first + window)/window
+      n = merge(last - first + 1, (last - first + window)/window, speed > max_held_speed)
       along = real(pull, sp)
       below = 0
       do k = 1, marks  ! comparing all, vectorised, is faster than bisection

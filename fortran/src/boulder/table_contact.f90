@@ -85,7 +85,7 @@ contains
       in%speed = sqrt(in%v(1)*in%v(1) + in%v(2)*in%v(2))
       call find_record(table, boulder, inertia, unit, ratio, u(part_u), touch, in, bin, record, contact%fast)
       if (record == 0) then
-         call find_window(table, bin, in%pull(1), from, n)
+         call find_window(table, bin, in%speed, in%pull(1), from, n)
          record = nearest_record(table, from, n, in%pull(2), u(record_u))
       end if
       call apply_record(table, bin, record, in, touch, out)

@@ -198,7 +198,7 @@ contains
       end do
       do m = 1, n
          k = drawn(m)
-         call find_window(scene%grounds(b%ground(k))%table, b%bin(k), b%in(k)%pull(1), from(m), width(m))
+         call find_window(scene%grounds(b%ground(k))%table, b%bin(k), b%in(k)%speed, b%in(k)%pull(1), from(m), width(m))
       end do
       do m = 1, n
          k = drawn(m)
