@@ -66,7 +66,8 @@ def test_a_curve_goes_from_vertex_to_vertex_as_time_goes_on(moved):
     for curve, known in zip(rockfall.trajectories(result), vertices(result), strict=True):
         points = np.stack([curve.x, curve.y, curve.z, curve.time])
         assert np.array_equal(points[:, [0, -1]], known[:, [0, -1]])
-        assert {*zip(*known.tolist(), strict=True)} <= {*zip(*points.tolist(), strict=True)}
+        apart = np.abs(points[:, None] - known[..., None]).max(axis=0)  # a slide of length 0 rounds
+        assert apart.min(axis=1).max() < 1e-9
         assert (np.diff(curve.time) >= 0).all()
 
 

@@ -207,7 +207,7 @@ contains
       type(approach_t), intent(inout) :: in  !! its `key` and `stretch` are set
       integer, intent(out) :: part
       integer, intent(out) :: bin       !! bin of the contact; 0: the boulder is like the block of the record
-      integer, intent(out) :: record    !! 0: to be drawn from the bin, by find_window and nearest_record
+      integer, intent(out) :: record    !! or 0, to be drawn from the bin by find_window and nearest_record
 
       record = merge(in%next, 0, continues_sequence(table, in))
       part = 1
