@@ -212,15 +212,5 @@ def _table(data: xr.Dataset, path: str | Path) -> ImpactTable:
     scales = {name: float(data.attrs[name]) for name in SCALES}
     size, speed2, fastest = (data[name].values for name in OF_PART)
     return ImpactTable(
-        size,
-        speed2,
-        fastest,
-        edges,
-        first,
-        shift,
-        low,
-        high,
-        record,
-        **scales,
-        attrs=attrs,
+        size, speed2, fastest, edges, first, shift, low, high, record, **scales, attrs=attrs
     )

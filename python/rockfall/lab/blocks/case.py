@@ -28,17 +28,11 @@ from rockfall.lab.case import THROWN, names, names_ground, range_values
 PLANNED = {  # keys of the plan, by group
     "block": ("radius", "density", "count", "edge"),
     "ground": (
-        "relief",
-        "shortest",
-        "longest",
-        "hurst",
-        "patches",
-        "rest_angle",
-        "yield_exponent",
+        "relief", "shortest", "longest", "hurst", "patches", "rest_angle", "yield_exponent",
         "fitted_radius",
     ),
     "throw": ("step_factor",),
-}
+}  # fmt: skip
 WHOLE = "count", "patches"
 POINTS = "points"  # shape of blocks from the user's points
 
@@ -168,10 +162,12 @@ class BlockCase:
         ground, factor = self.ground, radius / self.ground["fitted_radius"]
         relief = round(ground["relief"] * factor ** (ground["hurst"] - 1), 2)
         pressure = ground["yield_pressure"] * factor ** ground["yield_exponent"]
-        changed = {"relief": relief, "yield_pressure": float(f"{pressure:.6g}")}
-        return self.replace(
-            block={"radius": radius}, ground=changed | {"fitted_radius": float(radius)}
-        )
+        met = {
+            "relief": relief,
+            "yield_pressure": float(f"{pressure:.6g}"),
+            "fitted_radius": radius,
+        }
+        return self.replace(block={"radius": radius}, ground=met)
 
     def text(self) -> str:
         """The complete case as the text of a namelist file."""
