@@ -2,10 +2,11 @@
 """What the throws of a table leave open: tables of the same ground by other throws, on planes.
 
     python -m benchmarks.lab.samples talus [--seeds 11 12 13 14] [--kept 34000 17000 11333]
-        [--slopes 26 28 30 32 34 38] [--throws 2000]
+        [--slopes 26 28 30 32 34 38] [--throws 2000] [--radius 0.6]
 
-Prints for compact boulders of the blocks' size the fraction that passes 200 m, with the standard
-error of its boulders, and the mean speed there, by each table; KEPT contacts of each are records.
+Prints for compact boulders of the blocks' size, RADIUS [m], the fraction that passes 200 m, with
+the standard error of its boulders, and the mean speed there, by each table; KEPT contacts of each
+are records.
 """
 
 import argparse
@@ -28,6 +29,7 @@ def main() -> None:
     parser.add_argument("--kept", type=int, nargs="+", default=[KEPT, KEPT // 2, KEPT // 3])
     parser.add_argument("--slopes", type=float, nargs="+", default=[26, 28, 30, 32, 34, 38])
     parser.add_argument("--throws", type=int, default=2000)
+    parser.add_argument("--radius", type=float, default=0.6, help="R_b [m]")
     given = parser.parse_args()
     warnings.simplefilter("ignore")  # a table asks for no rocks
     print(machine())
@@ -35,13 +37,14 @@ def main() -> None:
     print("|---" * (2 + len(given.slopes)) + "|")
     lab = {"ground": given.ground, "shape": SHAPE, "throws": given.throws}
     for seed in given.seeds:
-        case = BlockCase(lab=lab | {"seed": seed})
+        case = BlockCase(lab=lab | {"seed": seed}).at_radius(given.radius)
         contacts = run_throws(case)
         for kept in given.kept:
             with tempfile.TemporaryDirectory() as folder:
                 save_table(table_of([contacts], kept), Path(folder) / "own.nc")
-                radius = case.block["radius"]
-                found = [on_plane("own.nc", radius, slope, Path(folder)) for slope in given.slopes]
+                found = [
+                    on_plane("own.nc", given.radius, slope, Path(folder)) for slope in given.slopes
+                ]
             print(f"| {kept} | {seed} | {' | '.join(found)} |", flush=True)
 
 

@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A shipped table of blocks for boulders of other sizes than its own, beside tables of their size:
+"""A shipped table of blocks for boulders of all sizes, beside tables thrown at their size:
 
-    python -m benchmarks.lab.sizes talus --fitted 0.5 [--radii 0.2 1 2] [--exponent -0.2]
+    python -m benchmarks.lab.sizes talus [--radii 0.35 0.6 1 1.8 3] [--slopes 30 34 38]
 
-The shipped tables are thrown with R_b = 0.4 m, and scaled. A table of a size is thrown with blocks
-of that R_b, on a relief whose slope is the ground's where R_b = FITTED [m], the size of the
-boulders to which it was fitted, and follows a power of R_b: 0.8 - 1 for a Hurst exponent of 0.8.
-Prints for compact boulders on planes the fraction that passes 200 m, with a standard error, and the
-mean speed there, by both.
+A table of a size is thrown with blocks of that R_b, on the ground as they meet it (theory, eq.
+5.25). Prints for compact boulders on planes the fraction that passes 200 m, with a standard error,
+and the mean speed there, by both.
 """
 
 import argparse
@@ -57,34 +55,28 @@ def on_plane(table: str, radius: float, slope: float, folder: Path) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("ground", choices=list(grounds()))
-    parser.add_argument("--fitted", type=float, required=True, help="R_b [m]")
-    parser.add_argument("--radii", type=float, nargs="+", default=[0.2, 1.0, 2.0], help="[m]")
-    parser.add_argument("--slopes", type=float, nargs="+", default=[16.0, 25.0, 31.0, 38.0])
-    parser.add_argument("--exponent", type=float, default=-0.2)
+    parser.add_argument("--radii", type=float, nargs="+", default=[0.35, 0.6, 1, 1.8, 3])
+    parser.add_argument("--slopes", type=float, nargs="+", default=[30, 34, 38])
     parser.add_argument("--throws", type=int, default=1500)
     given = parser.parse_args()
     warnings.simplefilter("ignore")  # a table asks for no rocks
     print(machine())
     print("| R_b [m] | relief [degree] | slope | by the shipped table | by a table of this size |")
     print("|---|---|---|---|---|")
+    lab = {"ground": given.ground, "shape": SHAPE, "throws": given.throws}
     for radius in given.radii:
-        relief = grounds()[given.ground]["relief"] * (radius / given.fitted) ** given.exponent
-        lab = {"ground": given.ground, "shape": SHAPE, "throws": given.throws}
-        contacts = run_throws(
-            BlockCase(lab=lab, ground={"relief": relief}, block={"radius": radius})
-        )
+        case = BlockCase(lab=lab).at_radius(radius)
         with tempfile.TemporaryDirectory() as folder:
-            save_table(table_of([contacts]), Path(folder) / "own.nc")
+            save_table(table_of([run_throws(case)]), Path(folder) / "own.nc")
             for slope in given.slopes:
                 found = [
                     on_plane(table, radius, slope, Path(folder))
                     for table in (given.ground, "own.nc")
                 ]
-                print(
-                    f"| {radius:g} | {relief:.1f} | {slope:g} | {' | '.join(found)} |", flush=True
-                )
+                cells = [f"{radius:g}", f"{case.ground['relief']:.1f}", f"{slope:g}", *found]
+                print(f"| {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 
     python -m benchmarks.physics.field [--site tschamut vaujany impacts mel-de-la-niva]
         [--data FOLDER] [--half calibration|held-out|all] [--seeds 301 302 303]
-        [--tables FOLDER] [--throws 4000] [--platrock PYTHON] [--law NAME=TABLE] [--ground ROW]
+        [--tables FOLDER] [--throws 1000] [--platrock PYTHON] [--law NAME=TABLE] [--ground ROW]
         [--write]
 
 For each place and quantity that was observed prints one table in Markdown: mean, standard
@@ -325,7 +325,7 @@ def main() -> int:
     parser.add_argument("--slopes", type=int, default=SLOPES, help="of Vaujany")
     parser.add_argument("--boulders", type=int, default=1000, help="of each source but at Tschamut")
     parser.add_argument("--tables", type=Path, default=ROOT / "out" / "field-tables")
-    parser.add_argument("--throws", type=int, default=4000, help="of the laboratory, for a table")
+    parser.add_argument("--throws", type=int, default=1000, help="of the laboratory, for a table")
     parser.add_argument("--platrock", type=Path, help="a Python that has PlatRock")
     parser.add_argument("--write", action="store_true", help="put the tables on their page")
     add_laws(parser)

@@ -25,15 +25,14 @@ from rockfall.lab.tables import table_of
 SEED, BOULDERS, ON_PLANES = 1, 100, 400
 
 
-def make(
-    path: Path, ground: str, shape: str, values: dict[str, float], throws: int,
-    radius: float = 0.4,
-) -> None:  # fmt: skip
-    """The table of a ground with other values, thrown at one size, unless it is there."""
+def make(path: Path, ground: str, shape: str, values: dict[str, float], throws: int) -> None:
+    """The table of a ground with other values, thrown at the size of its evidence, unless it is
+    there."""
     if not path.exists():
         lab = {"ground": ground, "shape": shape, "throws": throws}
-        case = BlockCase(lab=lab, ground=values, block={"radius": radius})
-        save_table(table_of([run_throws(case)]), path)
+        case = BlockCase(lab=lab, ground=values)
+        thrown = run_throws(case.at_radius(case.ground["fitted_radius"]))
+        save_table(table_of([thrown]), path)
 
 
 def main() -> None:

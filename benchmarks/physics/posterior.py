@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What several kinds of evidence leave open of a ground of the laboratory of blocks, by likelihood
-(docs/validation/field/protocol.md, seventh calibration):
+(docs/validation/field/protocol.md, eighth calibration):
 
     python -m benchmarks.physics.posterior meadow FIELD TABLES --without limit "far run-outs"
     python -m benchmarks.physics.posterior talus FIELD TABLES --without contacts
@@ -34,7 +34,7 @@ from rockfall.impact_tables import FIELDS, open_table
 from rockfall.io.tables import read_table
 from rockfall.lab.blocks.shapes import SHAPES
 
-POINTS = {  # of each ground, for the blocks thrown; the protocol has reliefs for blocks of 0.4 m
+POINTS = {  # of each ground, for blocks of its fitted_radius, near that of the evidence
     "meadow": {"relief": [9.2, 10.9, 12.6, 14.4, 16.1], "yield_pressure": [5e5, 1e6, 2e6]},
     "talus": {
         "relief": [14.7, 16.6, 18.4, 20.3, 22.1], "yield_pressure": [1e5, 2e5, 3e5],
@@ -42,7 +42,6 @@ POINTS = {  # of each ground, for the blocks thrown; the protocol has reliefs fo
     },
 }  # fmt: skip
 THROWS, SEED, BOULDERS = 1000, 1, 100
-RADIUS = {"meadow": 0.2, "talus": 0.6}  # R_b of the tables, near that of the evidence [m]
 ON_PLANES, ALLOWED, LIMIT_DEVIATION = 400, 0.05, 0.05
 ON_SLOPES, SLOPE_SEEDS = 1000, range(500, 508)
 MODEL_MEAN, MODEL_SPREAD, SPIN_DEVIATION = 0.1, 0.2, 0.15
@@ -204,7 +203,7 @@ def measured(
     if kept.exists():
         return json.loads(kept.read_text())
     for shape in SHAPES if ground == "meadow" else ("compact",):
-        make(folder / f"{name}-{shape}.nc", ground, shape, point, THROWS, RADIUS[ground])
+        make(folder / f"{name}-{shape}.nc", ground, shape, point, THROWS)
     law = table(f"{name}={folder.resolve() / name}-{{shape}}.nc")
     found = {kind: one.given(law, folder / f"{name}-compact.nc") for kind, one in kinds.items()}
     kept.write_text(json.dumps(found))

@@ -393,15 +393,15 @@ STAND = {"uniform_stems": 300.0, "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.
 @pytest.mark.parametrize(
     ("table", "volume", "said"),
     [
-        ("talus", 3.0, True), ("talus", 1.0, False), ("rocky-slope", 3.0, False),
-        ("own.nc", 3.0, False),  # thrown with blocks of the user's choice
+        ("talus", 60.0, True), ("talus", 40.0, False), ("rocky-slope", 60.0, False),
+        ("own.nc", 60.0, True),
     ],
 )  # fmt: skip
 def test_boulders_larger_than_the_blocks_thrown_are_said_to_err_low(tmp_path, table, volume, said):
     shutil.copy(shipped_tables()["talus-compact"], tmp_path / "own.nc")
     law = {"impact": {"form": "table", "table": table}, "boulder": {"volume_mean": volume}}
     texts = remarks(*on_grounds(tmp_path, {}, **law))
-    assert any("larger than R_b = 0.8 m" in text for text in texts) == said, texts
+    assert any("larger than R_b = 2.25 m" in text for text in texts) == said, texts
 
 
 def test_a_forest_is_said_to_be_unvalidated_wherever_it_is(tmp_path):

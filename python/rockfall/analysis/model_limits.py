@@ -21,7 +21,7 @@ import numpy as np
 from rockfall.analysis.run_out import falls_and_distances, mean_slopes
 from rockfall.grounds import IMPACT_SETS, RATIO_TABLE, other_tables, repose
 from rockfall.impact_sets import shipped_sets
-from rockfall.impact_tables import open_table, shipped_tables, table_names
+from rockfall.impact_tables import find_table, open_table, shipped_tables
 from rockfall.io.tables import read_table
 from rockfall.language import Text, say, word
 from rockfall.quantities import part_of_boulders, part_of_rebounds, percent
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 MAX_OUTSIDE = 0.2  # fraction of the rebounds from which it is a warning
 MAX_FAST = 0.05  # fraction of the boulders
-LARGE_BLOCK = 0.8  # R_b [m]: twice that of the blocks that shipped tables are thrown with
+LARGE_BLOCK = 1.25  # R_b over that of the largest blocks that a table is thrown with
 MAX_LARGE = 0.2  # fraction of the boulders
 SLOW = 2.0  # [m/s]: bouncing boulders pass a line faster
 LOWEST_REST = 22.0  # [degree] of all shipped grounds: soft soil
@@ -78,7 +78,7 @@ def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     yield from end_remarks(values, case)
     yield from rebound_remarks(values, case)
     yield from set_remarks(values, case)
-    yield from table_remarks(values)
+    yield from table_remarks(values, case)
     yield from forest_remarks(case)
     yield from log_remarks(case)
     yield from breakage_remarks(values, case)
@@ -138,7 +138,7 @@ def set_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     yield Remark(say("model.sets", followed=part, names=", ".join(names)), True)
 
 
-def table_remarks(values: Variables) -> Iterator[Remark]:
+def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """Remarks on the fractions of rebounds by tables of impacts and their field validation, and on
     boulders much larger than the blocks thrown; none without tables."""
     if not (tables := table_grounds(values)):
@@ -149,12 +149,20 @@ def table_remarks(values: Variables) -> Iterator[Remark]:
     ]
     text = say("model.tables", drawn=_part_of_all(tables, values), grounds=parts)
     yield Remark(text, True)
-    thrown = {table.name for table in tables if table.model != RATIO_TABLE} & set(table_names())
+    by_size = [table.name for table in tables if table.model != RATIO_TABLE]
+    thrown = _largest_thrown(by_size, case)
     if thrown and "volume" in values:
-        large = np.asarray(values["volume"]) > 4 / 3 * np.pi * LARGE_BLOCK**3
+        radius = LARGE_BLOCK * min(thrown)
+        large = np.asarray(values["volume"]) > 4 / 3 * np.pi * radius**3
         if large.mean() > MAX_LARGE:
             part = part_of_boulders(int(large.sum()), large.size)
-            yield Remark(say("model.large_blocks", part=part, radius=LARGE_BLOCK), True)
+            yield Remark(say("model.large_blocks", part=part, radius=radius), True)
+
+
+def _largest_thrown(names: Iterable[str], case: Case) -> list[float]:
+    """R_b [m] of the largest blocks that each table at hand was thrown with."""
+    paths = [path for name in names if (path := find_table(case, name))]
+    return [float(table.size.max()) for table in map(open_table, paths) if table.speed2.any()]
 
 
 def has_own_grounds(case: Case) -> bool:

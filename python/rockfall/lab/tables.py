@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 FLIGHT, ROLLING = 0, 1  # entries
 BINS = {"flight": (4, 4, 12), "roll": (6, 4, 1)}  # by each key, if there are enough records
 ENOUGH = 24  # records per bin; with fewer, the number of bins is reduced
-KEPT = 34_000  # maximum contacts per table: complete throws, so that records have followers
+KEPT = 32_000  # maximum contacts per table: complete throws, so that records have followers
 RIDGE = 0.01  # regularisation of a bin's least squares, over the variance of each input
 USUAL = 0.02, 0.98  # of W/V where a block rolls: values beyond are clipped
 SLOWEST = 0.05  # V/sqrt(g R_b) of a flight: slower ones have no significant direction
