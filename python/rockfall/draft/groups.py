@@ -53,9 +53,8 @@ def new_text(new: New, place: Path) -> str:
     """Text of the case for a folder."""
     groups = [
         _case(new), Group("terrain", [_entry("terrain", "dem", _name(new.dem, place))]),
-        _surface(new, place),
-        Group("impact", [_entry("impact", "sets", "rocky-slope", "As it is on rocky slopes")]),
-        _boulder(new), _release(new, place), *_forest(new, place), *_drawn(new, place), _output(),
+        _surface(new, place), _impact(), _boulder(new), _release(new, place),
+        *_forest(new, place), *_drawn(new, place), _output(),
     ]  # fmt: skip
     return case_text(_head(new), groups, _foot(new))
 
@@ -103,6 +102,18 @@ def _case(new: New) -> Group:
             _entry("case", "title", new.out.stem),
             _entry("case", "boulders_total", new.boulders, total),
             _entry("case", "seed", 1),
+        ],
+    )
+
+
+def _impact() -> Group:
+    nearer = "CHOOSE: nearer to the field than sets, which err low (docs/impact_tables.md)"
+    return Group(
+        "impact",
+        [
+            _entry("impact", "sets", "rocky-slope", "Of unbound rocks"),
+            _entry("impact", "form", "table", nearer, on=False),
+            _entry("impact", "table", "talus", "With form = 'table'", on=False),
         ],
     )
 
