@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """`rockfall new`: layers are known for what they are, and the case runs as it was written."""
 
+import ntpath
+import os
 import re
 from pathlib import Path
 
@@ -131,6 +133,13 @@ def test_the_command_for_objects_names_their_layer(capsys):
     said = capsys.readouterr().out
     assert "`rockfall hazard --objects site.gpkg --objects-layer houses`" in said
     assert "`rockfall hazard --objects casa.gpkg`" in said
+
+
+def test_a_terrain_on_another_drive_is_named_in_full(monkeypatch):
+    """As Windows has them, where no relative path leads from one to the other."""
+    monkeypatch.setattr(os.path, "relpath", lambda *_: ntpath.relpath("D:/dem.tif", "C:/out"))
+    assert new("-o", "case.nml") == 0
+    assert read_case("case.nml").terrain["dem"] == Path("dem.tif").absolute().as_posix()
 
 
 def test_what_is_not_known_is_left_out_and_said(capsys):

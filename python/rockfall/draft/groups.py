@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +12,7 @@ from rockfall.case import keys_of
 from rockfall.case_text import Entry, Group, case_text
 from rockfall.draft.recognise import LINES, NAMES, SEVERAL, SOURCES, STANDS, TREES, ZONES, Layer
 from rockfall.draft.zones import Zones
+from rockfall.io.files import relative_name
 from rockfall.io.grid import Grid
 from rockfall.scene.forest.attributes import matching
 
@@ -69,7 +69,7 @@ def _entry(group: str, key: str, value: Any, why: str = "", on: bool = True) -> 
 
 def _name(file: Path, place: Path) -> str:
     """Name of a file in a case in a given folder."""
-    return Path(os.path.relpath(file.resolve(), place.resolve())).as_posix()
+    return relative_name(file.resolve(), place.resolve())
 
 
 def _layer(layer: Layer, group: str, key: str) -> Iterator[Entry]:

@@ -41,6 +41,15 @@ def reason(error: OSError, path: str | Path) -> str:
     return "Is a directory" if os.path.isdir(path) else error.strerror or str(error)
 
 
+def relative_name(path: str | Path, folder: str | Path) -> str:
+    """Name of a file as a case in `folder` holds it: relative, with `/` on every system; absolute
+    if Windows has the file on another drive."""
+    try:
+        return Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:
+        return Path(path).absolute().as_posix()
+
+
 def check_text_file(path: str | Path) -> None:
     """Refuse files that are not regular, or too large for a text."""
     check_regular(path)

@@ -4,7 +4,6 @@ of those whose meaning differs here."""
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -17,7 +16,7 @@ from rockfall.case import read_case
 from rockfall.case_text import Entry, Group, case_text
 from rockfall.draft.dem import read_source
 from rockfall.errors import RockfallError
-from rockfall.io.files import read_text
+from rockfall.io.files import read_text, relative_name
 from rockfall.io.output_files import atomic_folder
 from rockfall.io.raster import write_geotiff
 from rockfall.io.tables import plain_decimal
@@ -57,7 +56,7 @@ class Import:
 
     def path(self, name: str) -> str:
         """Path of a raster of the folder as named in the case."""
-        return Path(os.path.relpath(self.folder.rasters[name], self.out.resolve())).as_posix()
+        return relative_name(self.folder.rasters[name], self.out.resolve())
 
 
 def import_rockyfor3d(

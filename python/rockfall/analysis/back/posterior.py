@@ -4,7 +4,6 @@ the posterior, and a case whose ensemble uses these in place of the prior."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from rockfall.analysis.back.study import Back
 from rockfall.analysis.precision.weighted import value_at
 from rockfall.case import FROM_ARRAY, REPEATABLE, Case, file_keys
 from rockfall.case_files import input_files
+from rockfall.io.files import relative_name
 from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
 from rockfall.io.tables import write_csv
 from rockfall.io.zone_table import read_zone_table
@@ -301,7 +301,7 @@ def _seen_from(folder: Path, case: Case) -> Case:
 
     def moved(name: str) -> str:
         path = case.path(name)
-        return os.path.relpath(path, folder) if name != FROM_ARRAY and path.exists() else name
+        return relative_name(path, folder) if name != FROM_ARRAY and path.exists() else name
 
     groups: dict[str, Any] = {}
     for key in file_keys():
