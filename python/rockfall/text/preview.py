@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -111,7 +112,7 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
         is_map = "y" in array.dims
         if array.file_name != "tally_bin_counts":
             held["maps" if is_map else "results"] += array.values.nbytes
-    made = len(names - {*plan.counts, *MAXIMA, HITS}) * 4 * np.prod(tally.box.shape)
+    made = len(names - {*plan.counts, *MAXIMA, HITS}) * 4 * math.prod(tally.box.shape)
     if scene.windows:
         rasters = scene.windows.bytes + READING
     else:
@@ -395,7 +396,7 @@ def _bytes(number: float) -> str:
 
 def _time(scene: Scene, pilot: Pilot) -> str:
     flight, maps = pilot.seconds * scene.boulders, len(scene.case.output.get("maps", []))
-    cells = maps * np.prod(pilot.tally.box.shape) if maps else 0
+    cells = maps * math.prod(pilot.tally.box.shape) if maps else 0
     rest = START + ROW * scene.boulders + VALUE * cells + pilot.reading
     threads = scene.case.case["threads"] or CORES
     return (
