@@ -2,6 +2,7 @@
 """Files for the tests to read, and the one way in which they may be refused."""
 
 import contextlib
+import os
 from pathlib import Path
 
 import numpy as np
@@ -112,10 +113,12 @@ def make_rockyfor3d(folder, elevations, sources):
 
 @contextlib.contextmanager
 def refused(message):
-    """The block must end in a RockfallError of exactly this one line, with exit status 2."""
+    """The block must end in a RockfallError of exactly this one line, with exit status 2. Paths are
+    compared with `/` on every system."""
     with pytest.raises(RockfallError) as caught:
         yield
-    assert str(caught.value) == message
+    said, expected = (text.replace(os.sep, "/") for text in (str(caught.value), message))
+    assert said == expected
     assert caught.value.code == 2
     assert "\n" not in message
 

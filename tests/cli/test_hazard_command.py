@@ -236,7 +236,7 @@ def test_an_object_beyond_the_elevations_is_said(hazard_case, capsys):
 
 def test_objects_are_a_layer_and_a_table(found):
     table = object_table(found)
-    assert Path("out/objects.csv").read_text() == table.to_csv(index=False)
+    assert Path("out/objects.csv").read_text() == table.to_csv(index=False, lineterminator="\n")
     assert table["object"].tolist() == ["house", "road"]
     assert table["geometry"].tolist() == ["polygon", "line"]
     meta, _, wkb, fields = pyogrio.raw.read("out/hazard.gpkg", layer="objects")

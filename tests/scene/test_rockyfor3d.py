@@ -352,7 +352,7 @@ def test_the_command_says_what_it_left(tmp_path, capsys, monkeypatch):
             "conif_percent.asc is not there", "heights are normal":  # fmt: skip
         assert re.search(rf"^  .*{words}", out, re.M), words
         assert words in Path("case/case.nml").read_text()
-    assert out.endswith("\ncase/case.nml\n")
+    assert out.endswith(f"\n{Path('case/case.nml')}\n")
     assert sorted(one.name for one in Path("case").iterdir()) == ["case.nml", "stems.tif"]
 
 

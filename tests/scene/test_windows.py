@@ -242,7 +242,7 @@ def test_the_least_limit_counts(tmp_path, monkeypatch):
 
 def test_control_groups_old_and_new():
     found = memory.limit_files("12:cpu,cpuacct:/a\n7:memory:/slurm/job_8\n0::/user.slice/b\n")
-    assert [str(file) for file in found] == [
+    assert [file.as_posix() for file in found] == [
         "/sys/fs/cgroup/user.slice/b/memory.max",
         "/sys/fs/cgroup/user.slice/memory.max",
         "/sys/fs/cgroup/memory.max",
