@@ -112,7 +112,8 @@ def link(name: str, python: Path) -> Path:
     group = ["-Wl,--start-group", *archives, BUILD / "lapack/liblapack.a", "-Wl,--end-group"]
     run(
         FC, "-shared", "-static", "-fopenmp", "-s", "-Wl,--no-insert-timestamp",
-        "-o", target, *objects, *group,
+        "-o", target.relative_to(ROOT),  # the address where Windows loads it comes from this name
+        *objects, *group,
         python / "libs/python311.lib", f"-Wl,--exclude-all-symbols,{exported(name, folder)}",
     )  # fmt: skip
     return target
