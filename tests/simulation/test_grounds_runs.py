@@ -223,7 +223,7 @@ def test_slow_boulders_rest_where_their_ground_holds_them(tmp_path, form, lanes)
         where = {"ground": ground} if form == "matrix" else {}
         impact |= {"form": form} | ({"table": ground} if form == "table" else {})
         case = rockfall.Case(
-            folder=tmp_path, case={"boulders": 40, "seed": 5}, release=release, impact=impact,
+            folder=tmp_path, case={"boulders": 400, "seed": 5}, release=release, impact=impact,
             boulder={"volume": "fixed", "volume_mean": 0.3}, surface=where,
         )  # fmt: skip
         scene = read_scene(case, dem=z, transform=grid(z))
