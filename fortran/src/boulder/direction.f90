@@ -12,7 +12,7 @@ module rockfall_direction
    public :: turning_t, lateral_t, lateral, lateral_classes, lateral_quantiles
    public :: past_aspect, to_aspect, by_lab, rebound_turn_angle, lateral_angle, new_heading, unit_vector, &
              random_heading, rotated
-   public :: turn_past_aspect, divide_by_length, shortest, along_aspect
+   public :: turn_by_class, divide_by_length, shortest, along_aspect
 
    !> Turning rules: the printed classes, where a turn larger than the angle to the aspect goes past it (as written in
    !> the paper) or ends at it; or the laboratory's deviations.
@@ -104,56 +104,49 @@ contains
       real(wp), intent(in) :: descent(2)     !! of the cell, any length [-]
       logical, intent(in) :: pit
       real(wp) :: after(2)
-      real(wp) :: s, c, across, side, aspect(2)
-      logical :: along
+      real(wp) :: across, side, aspect(2)
 
       aspect = unit_vector(descent)
-      if (pit .or. turning%rule == past_aspect .or. dot_product(g, heading) > 0) then  ! all rules agree here
-         call turn_past_aspect(turning%u, turning%side, merge(1.0_wp, 0.0_wp, pit), heading(1), heading(2), &
-                               g(1), g(2), aspect(1), aspect(2), after(1), after(2))
+      if (pit .or. turning%rule /= by_lab .or. dot_product(g, heading) > 0) then  ! all rules agree in a pit and upslope
+         call turn_by_class(turning%u, turning%side, merge(1.0_wp, 0.0_wp, pit), &
+                            merge(1.0_wp, 0.0_wp, turning%rule == to_aspect), heading(1), heading(2), g(1), g(2), &
+                            aspect(1), aspect(2), after(1), after(2))
          return
       end if
-      after = heading
       across = heading(1)*aspect(2) - heading(2)*aspect(1)
       ! Angles are positive towards the descent, so a mirrored scene has mirrored trajectories.
-      side = sign(1.0_wp, across)
-      along = abs(across) <= along_aspect
-      if (turning%rule == by_lab) then
-         side = turning%side*merge(1.0_wp, side, along)
-         after = rotated_on_patch(heading, g, side*turning%lateral)
-      else if (any(abs(aspect) > 0)) then
-         call sine_cosine(rebound_turn_angle(turning%u), s, c)
-         if (dot_product(heading, aspect) >= c) then
-            after = aspect
-         else
-            after = rotated(heading, side*s, c)
-         end if
-      end if
+      side = turning%side*merge(1.0_wp, sign(1.0_wp, across), abs(across) <= along_aspect)
+      after = rotated_on_patch(heading, g, side*turning%lateral)
    end function new_heading
 
-   !> Heading after a rebound by the rule past_aspect. All cases share one angle and one turn, so the loop over boulders
+   !> Heading after a rebound by the printed classes. All cases share one angle and one turn, so the loop over boulders
    !> vectorises.
-   elemental subroutine turn_past_aspect(u, free_side, pit, east, north, g_east, g_north, aspect_east, aspect_north, &
-                                         after_east, after_north)
+   elemental subroutine turn_by_class(u, free_side, pit, ends_there, east, north, g_east, g_north, aspect_east, &
+                                      aspect_north, after_east, after_north)
       real(wp), intent(in) :: u, free_side               !! as in turning_t [-]
       real(wp), intent(in) :: pit                        !! as of is_pit
+      real(wp), intent(in) :: ends_there                 !! rule: 1 to_aspect, 0 past_aspect
       real(wp), intent(in) :: east, north                !! heading before, unit [-]
       real(wp), intent(in) :: g_east, g_north            !! gradient of the patch [-]
       real(wp), intent(in) :: aspect_east, aspect_north  !! of the cell; unit, or zero [-]
       real(wp), intent(out) :: after_east, after_north   !! [-]
-      real(wp) :: across, up, side, angle, s, c
+      real(wp) :: across, up, side, angle, s, c, reached
 
       across = east*aspect_north - north*aspect_east
       up = g_east*east + g_north*north
       side = merge(free_side, sign(1.0_wp, across), abs(across) <= along_aspect)
-      side = merge(sign(1.0_wp, across), side, up > 0)
+      side = merge(sign(1.0_wp, across), side, max(up, ends_there) > 0)
       angle = merge(rebound_turn_angle(u), 0.0_wp, abs(aspect_east) + abs(aspect_north) > 0)
       angle = merge((2*u - 1)*sector*degree, angle, up > 0)
       call sine_cosine(angle, s, c)
+      reached = merge(ends_there, 0.0_wp, east*aspect_east + north*aspect_north >= c)
+      reached = merge(0.0_wp, reached, up > 0)
       s = side*s
-      after_east = merge(east, c*east - s*north, pit > 0)
-      after_north = merge(north, s*east + c*north, pit > 0)
-   end subroutine turn_past_aspect
+      after_east = merge(aspect_east, c*east - s*north, reached > 0)
+      after_north = merge(aspect_north, s*east + c*north, reached > 0)
+      after_east = merge(east, after_east, pit > 0)
+      after_north = merge(north, after_north, pit > 0)
+   end subroutine turn_by_class
 
    !> Plan heading of the tangent over a heading, rotated in the plane of the patch as in the laboratory.
    pure function rotated_on_patch(heading, g, angle) result(after)

@@ -15,7 +15,7 @@ module rockfall_lanes
                                landing_of, take_off_from, replace_landing, lanes, width, padded
    use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, draw_rebound, redraw_rebound, admissible, &
                               energy_of, beyond_fit, max_draws
-   use rockfall_direction, only: turn_past_aspect, divide_by_length, shortest
+   use rockfall_direction, only: to_aspect, turn_by_class, divide_by_length, shortest
    use rockfall_table_lanes, only: table_batch_t, clear_batch, add_contact, handle_table_contacts, find_paths_near_lines
    use rockfall_impact_table, only: beyond_ratios
    use rockfall_table_contact, only: velocity_after, end_touch
@@ -149,7 +149,11 @@ contains
          call draw_random_numbers(scene, size(sets%set) > 0, landings%n, contacts)
          if (size(sets%set) > 0) then
             call draw_rebounds(scene, sets, landings%n, contacts, draws)
-            call turn_and_launch(landings%n, scene%dem%per_cell, contacts)
+            if (scene%turning == to_aspect) then
+               call turn_and_launch(landings%n, scene%dem%per_cell, 1.0_wp, contacts)
+            else
+               call turn_and_launch(landings%n, scene%dem%per_cell, 0.0_wp, contacts)
+            end if
          end if
          if (allocated(by_table)) then
             call handle_table_contacts(scene, landings, contacts%g1, contacts%g2, contacts%steepness, contacts%word, &
@@ -523,10 +527,11 @@ contains
    end subroutine redraw_single
 
    !> Compute the next flights. Special cases (flat cell, incomplete neighbourhood, vertical impact) are left to the
-   !> scalar procedures.
-   subroutine turn_and_launch(n, per_cell, c)
+   !> scalar procedures. The rule is a compile-time constant at each call, so the compiler specialises the procedure.
+   subroutine turn_and_launch(n, per_cell, ends_there, c)
       integer, intent(in) :: n
-      real(wp), intent(in) :: per_cell  !! [1/m]
+      real(wp), intent(in) :: per_cell    !! [1/m]
+      real(wp), intent(in) :: ends_there  !! as in turn_by_class
       type(contacts_t), intent(inout) :: c
       real(wp) :: d1, d2, a1, a2, h1, h2, lowest, length, before1, before2, w, u, side, in_loops, pit
       integer :: k
@@ -546,7 +551,7 @@ contains
          u = c%u(k)
          side = c%side(k)
          pit = is_pit(c%z(k, 5), lowest)
-         call turn_past_aspect(u, side, pit, before1, before2, c%g1(k), c%g2(k), a1, a2, h1, h2)
+         call turn_by_class(u, side, pit, ends_there, before1, before2, c%g1(k), c%g2(k), a1, a2, h1, h2)
          c%heading1(k) = h1
          c%heading2(k) = h2
          call launch_velocity(c%out1(k), c%out2(k), h1, h2, c%g1(k), c%g2(k), c%steepness(k), &

@@ -9,7 +9,7 @@ module rockfall_scene_type
    use rockfall_boulder, only: source_boulder_t, feature_t, volume_distribution_t, release_t, source_of, inertia_factor
    use rockfall_impact, only: impact_set_t, impact_ratios
    use rockfall_ground, only: ground_t
-   use rockfall_direction, only: lateral_t, past_aspect
+   use rockfall_direction, only: lateral_t, past_aspect, by_lab
    use rockfall_line, only: line_t
    use rockfall_line_index, only: line_index_t
    use rockfall_barrier, only: barrier_t
@@ -57,12 +57,12 @@ module rockfall_scene_type
 
 contains
 
-   !> Return whether boulders may run in lanes: no obstacles, no breakage, and turning by the rule past_aspect.
+   !> Return whether boulders may run in lanes: no obstacles, no breakage, and no turning by the laboratory.
    pure logical function goes_in_lanes(scene)
       type(scene_t), intent(in) :: scene
 
       goes_in_lanes = .not. (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%breakage)) &
-                      .and. scene%turning == past_aspect
+                      .and. scene%turning /= by_lab
    end function goes_in_lanes
 
    !> Return whether there are trees or barriers.

@@ -7,7 +7,7 @@ program test_lanes
    use rockfall_terrain, only: terrain
    use rockfall_line, only: line
    use rockfall_impact, only: impact_set
-   use rockfall_direction, only: to_aspect, past_aspect
+   use rockfall_direction, only: past_aspect, to_aspect, by_lab
    use rockfall_ground, only: ground_t
    use rockfall_histogram, only: bins, quantities
    use rockfall_maps, only: maps_t
@@ -146,6 +146,8 @@ contains
       call compare(scene, "with rolls")
       scene%max_impacts = 25
       call compare(scene, "with a limit")
+      scene%turning = to_aspect
+      call compare(scene, "turned to the aspect")
    end subroutine test_same
 
    !> Two grounds with impact sets of their own, each on a half of the slope.
@@ -167,7 +169,7 @@ contains
       call compare(scene, "grounds")
    end subroutine test_grounds
 
-   !> Those that meet nothing but the ground and turn past the aspect.
+   !> Those that meet nothing but the ground and turn by the printed classes.
    subroutine test_which_go()
       type(scene_t) :: scene
 
@@ -176,8 +178,8 @@ contains
       scene%energies_requested = .true.
       call check("not with an energy balance", .not. goes_in_lanes(scene))
       scene%energies_requested = .false.
-      scene%turning = to_aspect
-      call check("not with another turn", .not. goes_in_lanes(scene))
+      scene%turning = by_lab
+      call check("not turned by the laboratory", .not. goes_in_lanes(scene))
       scene%turning = past_aspect
       allocate (scene%barriers(1))
       call check("not with a barrier", .not. goes_in_lanes(scene))
