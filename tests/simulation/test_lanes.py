@@ -26,6 +26,14 @@ MAPS = [
     "energy_line_angle_max",
     "travel_time_min",
 ]
+TREES = ["tree_impacts", "tree_impact_height_mean", "tree_energy"]
+ROLLS = {"sets": "sets.nml", "rest_angle": 10.0, "stop_speed": 3.0, "impact_limit": 60}
+STAND = {"uniform_stems": 800, "uniform_dbh_mean": 12.0, "uniform_dbh_std": 4.0}
+STAND |= {"uniform_conifers": 60.0}
+NETS = [
+    {"name": "net", "x": [5.0, 295.0], "y": [330.0, 330.0], "height": 1.5, "capacity": 20.0},
+    {"name": "dam", "x": [20.0, 280.0], "y": [250.0, 310.0], "height": 2.0, "capacity": 1e4},
+]
 EXTREMES = {scene.name: scene for scene in extremes.scenes()}
 
 
@@ -34,13 +42,13 @@ def carried(scene, lanes, **how):
     return run_scene(scene, keep=True, **how)
 
 
-def slope(folder, line=LINES, **groups):
+def slope(folder, line=LINES, barrier=(), **groups):
     """Rough ground of 0.8, with a hole of nodata and an edge that boulders cross."""
     z = rough()
     z[60:64, 25:28] = np.nan
     sources = {"x": [60.0, 150.0, 293.0], "y": [380.0] * 3, "drop_height": 5.0}
     usual = {"case": {"boulders": 60}, "terrain": {}, "release": sources, "output": BARE}
-    case = make_case(folder, *sets(2.0), line=line, **(usual | groups))
+    case = make_case(folder, *sets(2.0), line=line, **(usual | groups)).replace(barrier=[*barrier])
     return read_scene(case, dem=z, transform=grid(z))
 
 
@@ -69,6 +77,14 @@ def test_no_number_depends_on_lanes(tmp_path, lanes, how):
         {"line": [], "output": BARE | {"maps": ["passages"], "rebounds": True}},
         {"surface": {"method": "A", "uniform_rg": [0.5, 0.9, 2.0]}},
         {"impact": {"sets": "sets.nml", "impact_limit": 3}},
+        {"impact": {"sets": "sets.nml", "turning": "to_aspect"}},
+        {"output": BARE | {"energy_balance": True}},
+        {"impact": ROLLS, "output": BARE | {"energy_balance": True}},
+        {"forest": STAND},
+        {"forest": STAND, "line": [], "impact": ROLLS},
+        {"forest": STAND | {"stem_height": 0.8}, "output": BARE | {"maps": MAPS + TREES}},
+        {"barrier": NETS, "line": [], "output": BARE | {"maps": ["passages"]}},
+        {"barrier": NETS, "forest": STAND, "impact": ROLLS, "output": BARE | {"maps": MAPS}},
     ],
     ids=[
         "sobol",
@@ -78,11 +94,21 @@ def test_no_number_depends_on_lanes(tmp_path, lanes, how):
         "passages",
         "method A",
         "impact limit",
+        "to_aspect",
+        "energy balance",
+        "energy balance and rolls",
+        "forest",
+        "forest and rolls",
+        "forest and maps",
+        "nets",
+        "all obstacles",
     ],
 )
 def test_what_is_asked_for_is_the_same_in_lanes(tmp_path, groups):
     scene = slope(tmp_path, **groups)
     alone = carried(scene, ONE_BY_ONE)
+    assert "forest" not in groups or alone.trees_hit.sum() > 30
+    assert "barrier" not in groups or {1, 2, 3} <= {*np.unique(alone.barrier_outcome)}
     for lanes in (NARROW, WIDE):
         same_numbers(carried(scene, lanes), alone)
 

@@ -8,7 +8,8 @@ module rockfall_forest
    use rockfall_flight, only: span_t
    implicit none
    private
-   public :: forest_t, stem_t, tree_model_t, tree_hit_t, tree_impact_t, build_forest, find_first_hit, tree_impact
+   public :: forest_t, stem_t, tree_model_t, tree_hit_t, tree_impact_t, build_forest, may_hit_tree, find_first_hit, &
+             tree_impact
    public :: max_stem_energy, absorbed_fraction, hit_type, frontal, lateral, scratch, class_ends
 
    !> Types of a hit, by the position of the contact on the stem.
@@ -49,6 +50,7 @@ module rockfall_forest
       integer :: nx = 0, ny = 0                   !! buckets
       real(wp) :: low(2) = 0.0_wp                 !! south-western corner [m]
       real(wp) :: side = min_side                 !! of a bucket [m]
+      real(wp) :: per_side = 1/min_side           !! [1/m]
       real(wp) :: max_radius = 0.0_wp             !! of a stem [m]
    end type forest_t
 
@@ -88,6 +90,7 @@ contains
       associate (buckets => real(buckets_per_stem, wp)*size(x))
          this%side = max(min_side, sqrt(across(1)*across(2)/buckets), maxval(across)/buckets)
       end associate
+      this%per_side = 1/this%side
       this%nx = int(across(1)/this%side) + 1
       this%ny = int(across(2)/this%side) + 1
       this%max_radius = radius_per_dbh*maxval(dbh)
@@ -125,7 +128,7 @@ contains
       real(wp), intent(in) :: coordinate  !! [m]
 
       associate (last => merge(this%nx, this%ny, axis == 1) - 1.0_wp)
-         bucket_index = int(max(0.0_wp, min(last, (coordinate - this%low(axis))/this%side)))
+         bucket_index = int(max(0.0_wp, min(last, (coordinate - this%low(axis))*this%per_side)))
       end associate
    end function bucket_index
 
@@ -144,6 +147,39 @@ contains
 
       absorbed_fraction = max(0.0_wp, -0.046_wp + 1.026_wp/(1 + exponential(-8.007_wp*(0.58_wp - x)*ln10)))
    end function absorbed_fraction
+
+   !> Return whether the plan path of a flight may enter the disc of a stem from outside: a test without roots and
+   !> divisions, true of all that hit a stem by find_first_hit and of few others.
+   pure logical function may_hit_tree(this, x, y, path, radius)
+      type(forest_t), intent(in) :: this
+      real(wp), intent(in) :: x, y            !! start of the flight [m]
+      real(wp), intent(in) :: path(2)         !! from there to its end, in plan [m]
+      real(wp), intent(in) :: radius          !! of the boulder [m]
+      real(wp) :: reach, length2, d(2), along, across, beyond, r2, d2, within, hits
+      integer :: left, right, row, k
+
+      reach = (radius + this%max_radius)*(1 + on_edge)
+      left = bucket_index(this, 1, x + min(0.0_wp, path(1)) - reach)
+      right = bucket_index(this, 1, x + max(0.0_wp, path(1)) + reach)
+      length2 = path(1)*path(1) + path(2)*path(2)
+      hits = 0
+      do row = bucket_index(this, 2, y + min(0.0_wp, path(2)) - reach), &
+               bucket_index(this, 2, y + max(0.0_wp, path(2)) + reach)
+         do k = this%first(1 + left + this%nx*row), this%first(2 + right + this%nx*row) - 1
+            d = [this%stem(k)%x - x, this%stem(k)%y - y]
+            along = d(1)*path(1) + d(2)*path(2)         ! times the length of the path, like the next two
+            across = path(1)*d(2) - path(2)*d(1)
+            beyond = max(0.0_wp, along - length2)
+            r2 = (radius + this%stem(k)%radius)**2
+            d2 = d(1)*d(1) + d(2)*d(2)
+            within = merge(1.0_wp, 0.0_wp, max(across*across, beyond*beyond) < r2*length2*(1 + on_edge))
+            within = merge(within, 0.0_wp, along > 0)
+            within = merge(within, 0.0_wp, d2 > r2*(1 + on_edge))
+            hits = max(hits, within)
+         end do
+      end do
+      may_hit_tree = hits > 0
+   end function may_hit_tree
 
    !> Find the first stem whose disc the straight plan path of a flight enters from outside, below the stem's height.
    !> Stems whose disc contains the start are ignored, so the stem just hit is ignored until the boulder has left it.

@@ -13,8 +13,8 @@ module rockfall_maps
    implicit none
    private
    public :: maps_t, layer_t, per_unit, visits_t, needs_visits, needs_heights, start_visits, visit_path, visit_cell
-   public :: enter_cell, enter_other_cell, raise_values, first_cell, leaving_time, join_visits
-   public :: merge_visits, extend_times
+   public :: enter_cell, enter_other_cell, raise_values, first_cell, leaving_time, mark_path, take_back_path
+   public :: join_visits, merge_visits, extend_times
    public :: add_visits, add_deposit, add_value, count_bin, count_exceeded, is_requested, lacks_slots, raise_maximum
    public :: square_base, init_locks, free_locks, lock_band, unlock_band
 
@@ -22,6 +22,7 @@ module rockfall_maps
    integer(i8), parameter :: square_base = 2_i8**31  !! base of the two digits of sums of squares
    integer, parameter :: band_rows = 16  !! per band
    integer, parameter :: first_visits = 512  !! initial size of a list of visits
+   integer, parameter :: spare_visits = 64   !! free where a path starts, enough for most
    real(wp), parameter :: untimed = huge(1.0_wp)  !! time of a visit of unknown time [s]: 1/time is 0
    !> Factor of the row in the hash of a cell: neighbours get different entries.
    integer, parameter :: row_factor = 33
@@ -78,6 +79,8 @@ module rockfall_maps
       type(visit_t), allocatable :: visit(:)
       real(wp), allocatable :: time(:)        !! at which they begin [s]; only for a map of times
       integer :: timed = 0                    !! number of known times
+      integer :: path = 0                     !! number where the current path starts; only for `take_back_path`
+      real(wp) :: max(3) = 0.0_wp             !! as in visit_t, of the last one there
    end type visits_t
 
    !> Cells under a straight path, along one axis.
@@ -289,38 +292,63 @@ contains
       end associate
    end subroutine raise_values
 
-   !> Enter a cell, mostly the current one: most flights start where the last one ended.
+   !> Enter the first cell of a path, mostly the current one: most flights start where the last one ended. Visits are
+   !> joined here only, so that those of a path, which follow, can be taken back.
    pure subroutine enter_cell(visits, cell)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: cell(2)  !! column, row
 
+      call make_room(visits)
       if (visits%n > 0) then
          if (all(visits%visit(visits%n)%cell == cell)) return
       end if
       call enter_other_cell(visits, cell)
    end subroutine enter_cell
 
+   !> Note where a path starts that may be taken back.
+   pure subroutine mark_path(visits)
+      type(visits_t), intent(inout) :: visits
+
+      visits%path = visits%n
+      visits%max = visits%visit(visits%n)%max
+   end subroutine mark_path
+
+   !> Take back the visits of the current path, but for the cell where it starts.
+   pure subroutine take_back_path(visits)
+      type(visits_t), intent(inout) :: visits
+
+      visits%n = visits%path
+      visits%visit(visits%n)%max = visits%max
+   end subroutine take_back_path
+
    !> Enter a different cell.
    pure subroutine enter_other_cell(visits, cell)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: cell(2)  !! column, row
 
-      if (visits%n == size(visits%visit)) call make_room(visits)
+      if (visits%n == size(visits%visit)) call lengthen(visits)
       visits%n = visits%n + 1
       visits%visit(visits%n) = visit_t(cell)
    end subroutine enter_other_cell
 
-   !> Make room for more visits: at least half of the list becomes free.
+   !> Join the visits if the list is almost full; at least half of it becomes free.
    pure subroutine make_room(visits)
+      type(visits_t), intent(inout) :: visits
+
+      if (visits%n <= size(visits%visit) - spare_visits) return
+      call join_visits(visits)
+      if (2*visits%n > size(visits%visit)) call lengthen(visits)
+   end subroutine make_room
+
+   !> Make the list twice as long.
+   pure subroutine lengthen(visits)
       type(visits_t), intent(inout) :: visits
       type(visit_t), allocatable :: longer(:)
 
-      call join_visits(visits)
-      if (2*visits%n <= size(visits%visit)) return
       allocate (longer(2*size(visits%visit)))
       longer(:visits%n) = visits%visit(:visits%n)
       call move_alloc(longer, visits%visit)
-   end subroutine make_room
+   end subroutine lengthen
 
    !> Join the visits of each cell to one, with the maxima and the earliest time, in order of the first visits: at the
    !> end of a boulder, in a hash table of their indices (open addressing) that stays in the first cache, where one for
@@ -382,6 +410,7 @@ contains
       integer :: k
 
       do k = 1, fragment%n
+         call make_room(visits)
          call enter_other_cell(visits, fragment%visit(k)%cell)
          visits%visit(visits%n)%max = fragment%visit(k)%max*[1.0_wp, mass, 1.0_wp]
          if (.not. allocated(visits%time)) cycle

@@ -10,7 +10,7 @@ module rockfall_flights
    use rockfall_flight, only: flight_t, landing_t, inverse_speed, side_time, curvature, strikes_ground, strike_time, &
                               max_height, enter_patch, place_on_patch
    use rockfall_boulder, only: inertia_factor
-   use rockfall_maps, only: enter_cell, enter_other_cell, raise_values, first_cell, leaving_time
+   use rockfall_maps, only: enter_cell, enter_other_cell, raise_values, first_cell, leaving_time, mark_path
    use rockfall_scratch, only: scratch_t
    implicit none
    private
@@ -54,6 +54,8 @@ module rockfall_flights
       real(wp), dimension(lanes) :: top = 0                           !! maximum height over the cell so far [m]
       type(cell_t) :: left(2)                                         !! up to two cells left over the patch
       real(wp), dimension(lanes) :: speed2 = 0                        !! as in cell_t, for the cell after these
+      ! Only if flights may meet obstacles:
+      type(flight_t), allocatable :: start(:)                         !! of each lane, without its heading
    end type flights_t
 
    !> Flights that have ended.
@@ -226,6 +228,12 @@ contains
          f%t(k) = 0
          f%jump_height(k) = 0
       end do
+      if (allocated(f%start)) then
+         do k = f%n_started + 1, f%n
+            f%start(f%lane(k)) = flight_t(patch_t(int(f%i(k)), int(f%j(k)), f%z00(k), f%a(k), f%b(k), f%c(k), .true.), &
+                                          f%x(k), f%y(k), f%z(k), [f%v1(k), f%v2(k), f%v3(k)], f%d0(k), f%d1(k))
+         end do
+      end if
       if (.not. cells) return
       !$omp simd
       do k = f%n_started + 1, f%n
@@ -236,6 +244,10 @@ contains
       end do
       do k = f%n_started + 1, f%n
          call enter_cell(scratch(f%lane(k))%visits, [int(f%cell_i(k)), dem%ny + 1 - int(f%cell_j(k))])
+      end do
+      if (.not. allocated(f%start)) return
+      do k = f%n_started + 1, f%n
+         call mark_path(scratch(f%lane(k))%visits)
       end do
    end subroutine start_flights
 

@@ -7,30 +7,34 @@
 module rockfall_lanes
    use, intrinsic :: iso_c_binding, only: c_int, c_int64_t, c_double
    use rockfall_kinds, only: wp, i8
+   use rockfall_math, only: squared_length
    use rockfall_random, only: for_impact, last_counter, words_per_block, turn_word, uniform, side_of
    use rockfall_terrain, only: patch_t, slope_at, steepness_of, cell_of, has_neighbours, read_window, horn, is_pit
-   use rockfall_flight, only: flight_t, landing_t, parabola_length
+   use rockfall_boulder, only: inertia_factor
+   use rockfall_flight, only: flight_t, landing_t, span_t, parabola_length
    use rockfall_rolling, only: roll_t, touch_t
    use rockfall_flights, only: flights_t, landings_t, take_off, take_off_again, fly_to_landings, flight_of, &
                                landing_of, take_off_from, replace_landing, lanes, width, padded
    use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, draw_rebound, redraw_rebound, admissible, &
-                              energy_of, beyond_fit, max_draws
+                              energy_of, beyond_fit, max_draws, twice_energy
    use rockfall_direction, only: to_aspect, turn_by_class, divide_by_length, shortest
    use rockfall_table_lanes, only: table_batch_t, clear_batch, add_contact, handle_table_contacts, find_paths_near_lines
    use rockfall_impact_table, only: beyond_ratios
    use rockfall_table_contact, only: velocity_after, end_touch
-   use rockfall_scene_type, only: scene_t, inertia_of, is_slow
-   use rockfall_outcome, only: boulder_result_t, departure_status, add_flight, count_outcome, absorbed
+   use rockfall_forest, only: forest_t, may_hit_tree
+   use rockfall_scene_type, only: scene_t, has_obstacles, needs_energies, inertia_of, is_slow
+   use rockfall_outcome, only: boulder_result_t, departure_status, add_flight, count_outcome, close_energy_balance, &
+                               absorbed
    use rockfall_crossings, only: crossings_t, record_crossings, keep_crossings
    use rockfall_scratch, only: scratch_t, with_all, clear_scratch, count_ground
-   use rockfall_start, only: start_boulder, end_boulder
+   use rockfall_start, only: start_boulder, energy_head, end_boulder
    use rockfall_contact, only: handle_impact, find_ground, find_impact_set, close_impact, rest_or_roll
-   use rockfall_obstacles, only: obstacle_t
-   use rockfall_paths, only: follow_roll
+   use rockfall_obstacles, only: obstacle_t, hit_obstacle, record_passed_over, none
+   use rockfall_paths, only: fly_to_obstacle, follow_roll
    use rockfall_local_frame, only: in_local_frame, signed_w, face_forward, launch_velocity
    use rockfall_ground, only: is_stochastic
    use rockfall_tallies, only: totals_t, prepare_scratch, add_boulder
-   use rockfall_maps, only: maps_t, needs_visits
+   use rockfall_maps, only: maps_t, needs_visits, take_back_path
    use rockfall_travel_maps, only: time_visits
    use rockfall_histogram, only: count_rebound
    implicit none
@@ -47,6 +51,7 @@ module rockfall_lanes
       integer :: index(lanes) = 0                       !! index in the results
       real(wp) :: heading1(lanes) = 0, heading2(lanes) = 0  !! after the last rebound [-]
       real(wp) :: w(lanes) = 0                          !! W = R_b omega [m/s]
+      real(wp) :: v(3, lanes) = 0                       !! velocity of a boulder that has ended [m/s]
       type(touch_t) :: touch(lanes)                     !! state on the ground of a table, in place of scratch_t's
       integer :: free(lanes) = 0, n_free = 0            !! lanes without a boulder
       integer :: from = 1, to = 0                       !! indices of assigned boulders not yet started
@@ -62,6 +67,7 @@ module rockfall_lanes
    type :: contacts_t
       integer :: set(lanes)                                      !! impact set; past the last: none, or a classical one
       integer :: ground(lanes)                                   !! index, if the scene has several
+      logical :: obstructed(lanes) = .false.                     !! ended at an obstacle in place of the ground
       logical :: outside(lanes)                                  !! outside the calibrated ratios
       integer(i8), dimension(lanes) :: number = 0, impact = 0
       real(wp), dimension(lanes) :: length = 0                   !! of the flight [m]
@@ -128,10 +134,12 @@ contains
       type(draws_t) :: draws
       type(table_batch_t), allocatable :: by_table
       type(set_list_t) :: sets
+      type(span_t), allocatable :: spans(:)
       integer :: k
 
       sets = all_sets(scene)
       pool%n_free = lanes_of_run(maps)
+      if (has_obstacles(scene)) allocate (flights%start(pool%n_free), spans(scene%dem%nx + scene%dem%ny))
       flights%refill_below = pool%n_free*3/16
       allocate (scratch(pool%n_free))
       do k = 1, pool%n_free
@@ -143,7 +151,11 @@ contains
          call refill(scene, first, step, results, next, pool, scratch, flights)
          if (flights%n == 0) exit
          call fly_to_landings(scene%dem, scene%gravity, pool%w, flights, landings, scratch)
-         if (allocated(scene%lines)) call record_line_crossings(scene, results, pool, landings, scratch)
+         if (has_obstacles(scene)) then
+            call meet_obstacles(scene, first, step, results, pool, landings, flights, scratch, spans, contacts)
+         else if (allocated(scene%lines)) then
+            call record_line_crossings(scene, results, pool, landings, scratch)
+         end if
          call classify_contacts(scene, sets, first, step, results, pool, landings, scratch, contacts, by_table)
          call compute_incidence(landings, scene%gravity, scene%dem%per_cell, contacts)
          call draw_random_numbers(scene, size(sets%set) > 0, landings%n, contacts)
@@ -157,7 +169,7 @@ contains
          end if
          if (allocated(by_table)) then
             call handle_table_contacts(scene, landings, contacts%g1, contacts%g2, contacts%steepness, contacts%word, &
-                                       scratch(1)%cells_requested, by_table)
+                                       scratch(1)%cells_requested .or. needs_energies(scene), by_table)
          end if
          call advance_boulders(scene, sets, results, pool, landings, contacts, by_table, flights, scratch)
          call retire_boulders(scene, results, crossings, maps, landings, pool, scratch, totals)
@@ -234,6 +246,7 @@ contains
          associate (result => results(pool%index(lane)))
             call start_boulder(scene, first + (pool%index(lane) - 1)*step, with_all, result, flight)
             if (result%status /= 0) cycle
+            if (needs_energies(scene)) result%energy%released = energy_head(scene%gravity, result%boulder, flight)
          end associate
          call clear_scratch(scene, with_all, scratch(lane))
          call set_heading(pool, lane, flight%heading(1), flight%heading(2), 0.0_wp)
@@ -254,6 +267,84 @@ contains
       pool%heading2(lane) = heading2
       pool%w(lane) = w
    end subroutine set_heading
+
+   !> Find the flights that meet an obstacle in place of the ground, and hit it. Those that may, or cross a line, are
+   !> flown once more, one by one.
+   subroutine meet_obstacles(scene, first, step, results, pool, l, flights, scratch, spans, c)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: first, step
+      type(boulder_result_t), intent(inout) :: results(:)
+      type(pool_t), intent(inout) :: pool
+      type(landings_t), intent(inout) :: l
+      type(flights_t), intent(inout) :: flights
+      type(scratch_t), intent(inout) :: scratch(:)
+      type(span_t), intent(inout), contiguous :: spans(:)
+      type(contacts_t), intent(inout) :: c
+      type(flight_t) :: flight
+      type(landing_t) :: landing
+      type(obstacle_t) :: obstacle
+      real(wp) :: near(lanes)
+      integer :: k, lane
+
+      near = 0
+      if (allocated(scene%lines)) call find_paths_near_lines(scene, l%n, l%x0, l%y0, l%x, l%y, near)
+      if (allocated(scene%forest)) call find_paths_to_trees(scene%forest, results, pool, l, near)
+      do k = 1, l%n
+         c%obstructed(k) = .false.
+         if (.not. near(k) > 0) cycle
+         lane = l%lane(k)
+         flight = flights%start(lane)
+         flight%heading = [pool%heading1(lane), pool%heading2(lane)]
+         if (scratch(lane)%cells_requested) call take_back_path(scratch(lane)%visits)
+         associate (result => results(pool%index(lane)))
+            call fly_to_obstacle(scene, result, flight, pool%w(lane), landing, obstacle, scratch(lane), spans)
+            if (obstacle%kind == none) cycle
+            c%obstructed(k) = .true.
+            call hit_single(scene, first + (pool%index(lane) - 1)*step, obstacle, landing, &
+                            [flight%v(1), flight%v(2), flight%v(3) - scene%gravity*landing%time], l, k, pool, result, &
+                            flight, flights, scratch(lane))
+         end associate
+      end do
+   end subroutine meet_obstacles
+
+   !> Find the flights that may hit a tree.
+   subroutine find_paths_to_trees(forest, results, pool, l, near)
+      type(forest_t), intent(in) :: forest
+      type(boulder_result_t), intent(in) :: results(:)
+      type(pool_t), intent(in) :: pool
+      type(landings_t), intent(in) :: l
+      real(wp), intent(inout) :: near(lanes)  !! raised to 1
+      integer :: k
+
+      do k = 1, l%n
+         if (may_hit_tree(forest, l%x0(k), l%y0(k), l%time(k)*[l%v1(k), l%v2(k)], &
+                          results(pool%index(l%lane(k)))%boulder%radius)) near(k) = 1
+      end do
+   end subroutine find_paths_to_trees
+
+   !> Hit an obstacle, and fly on from there.
+   subroutine hit_single(scene, number, obstacle, landing, v, l, k, pool, result, flight, flights, scratch)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      type(obstacle_t), intent(in) :: obstacle
+      type(landing_t), intent(in) :: landing   !! there
+      real(wp), intent(in) :: v(3)             !! velocity there [m/s]
+      type(landings_t), intent(inout) :: l
+      integer, intent(in) :: k
+      type(pool_t), intent(inout) :: pool
+      type(boulder_result_t), intent(inout) :: result
+      type(flight_t), intent(inout) :: flight  !! with its heading
+      type(flights_t), intent(inout) :: flights
+      type(scratch_t), intent(inout) :: scratch
+      integer :: lane
+
+      lane = l%lane(k)
+      call replace_landing(l, k, landing)
+      call hit_obstacle(scene, number, obstacle, landing, v, pool%w(lane), result, flight, scratch)
+      call set_heading(pool, lane, flight%heading(1), flight%heading(2), pool%w(lane))
+      pool%v(:, lane) = flight%v
+      if (result%status == 0) call take_off(flights, lane, flight)
+   end subroutine hit_single
 
    !> Record the line crossings of the landed boulders.
    subroutine record_line_crossings(scene, results, pool, l, scratch)
@@ -299,6 +390,7 @@ contains
          c%w(k) = pool%w(lane)
          c%heading1(k) = pool%heading1(lane)
          c%heading2(k) = pool%heading2(lane)
+         if (c%obstructed(k)) cycle
          associate (result => results(pool%index(lane)))
             if (allocated(scratch(lane)%visits%time)) &
                call time_visits(scratch(lane)%visits, scene%dem, [l%x0(k), l%y0(k)], [l%v1(k), l%v2(k)], result%time, &
@@ -573,17 +665,22 @@ contains
       type(scratch_t), intent(inout) :: scratch(:)
       type(flight_t) :: flight
       type(roll_t) :: roll
-      logical :: slow
+      logical :: slow, energies
       integer :: k, lane
 
+      energies = needs_energies(scene)
       do k = 1, l%n
          lane = l%lane(k)
          associate (result => results(pool%index(lane)))
             call add_flight(c%length(k), l%time(k), c%speed2_in(k), l%jump_height(k), result)
-            if (result%status /= 0) cycle
+            if (c%obstructed(k)) cycle
+            if (result%status /= 0) then
+               pool%v(:, lane) = [l%v1(k), l%v2(k), l%v3(k) - scene%gravity*l%time(k)]
+               cycle
+            end if
             if (allocated(by_table)) then
                if (by_table%by_table(k)) then
-                  call finish_table_contact(scene, by_table, l, k, pool, result, flights, scratch(lane))
+                  call finish_table_contact(scene, c%number(k), by_table, l, k, pool, result, flights, scratch(lane))
                   cycle
                end if
             end if
@@ -598,25 +695,35 @@ contains
             if (scene%histograms_requested) &
                call count_rebound(scratch(lane)%histograms, [c%tangential(k), c%normal(k), c%w(k)], &
                                   [c%out1(k), c%out2(k), c%out3(k)])
+            if (energies) &
+               result%energy%ground = result%energy%ground &
+                                      + 0.5_wp*result%boulder%mass &
+                                        *(twice_energy([c%tangential(k), c%normal(k), c%w(k)]) &
+                                          - twice_energy([c%out1(k), c%out2(k), c%out3(k)]))
             slow = is_slow(scene, c%speed2(k))
             call close_impact(scene, c%speed2(k), .not. slow, result)
             call set_heading(pool, lane, c%heading1(k), c%heading2(k), c%next_w(k))
             if (slow) then
                call rest_or_roll(scene, c%ground(k), landing_of(l, k), c%speed2(k), c%next_w(k), result, roll)
                flight%v = [c%v1(k), c%v2(k), c%v3(k)]
-               if (result%status == 0) &
-                  call roll_single(scene, l, k, pool, result, flight, roll, flights, scratch(lane))
+               if (result%status == 0) then
+                  call roll_single(scene, c%number(k), l, k, pool, result, flight, roll, flights, scratch(lane))
+                  cycle
+               end if
+            end if
+            if (result%status /= 0) then
+               pool%v(:, lane) = [c%v1(k), c%v2(k), c%v3(k)]
                cycle
             end if
-            if (result%status /= 0) cycle
             call take_off_again(flights, l, k, c%v1(k), c%v2(k), c%v3(k), c%rate(k))
          end associate
       end do
    end subroutine advance_boulders
 
    !> Start the next flight of a boulder after a contact by a table, or end it.
-   subroutine finish_table_contact(scene, b, l, k, pool, result, flights, scratch)
+   subroutine finish_table_contact(scene, number, b, l, k, pool, result, flights, scratch)
       type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
       type(table_batch_t), intent(inout) :: b
       type(landings_t), intent(inout) :: l
       integer, intent(in) :: k
@@ -636,25 +743,17 @@ contains
                             velocity_after(b%unit(k), b%velocity_factor(k)*b%along(k), &
                                            b%velocity_factor(k)*b%across(k), b%n_left(k), &
                                            b%velocity_factor(k)*b%w_drawn(k)))
+      if (needs_energies(scene)) &
+         result%energy%ground = result%energy%ground + 0.5_wp*result%boulder%mass &
+            *(squared_length([l%v1(k), l%v2(k), l%v3(k) - scene%gravity*l%time(k)]) &
+              + inertia_factor*pool%w(lane)*pool%w(lane) - b%speed2(k) - inertia_factor*b%next_w(k)*b%next_w(k))
       pool%touch(lane) = b%touch(k)
       pool%touch(lane)%normal = b%pressed(k)
       pool%touch(lane)%lift = b%lift(k)
       call end_touch(b%off(k) > 0, b%rolls(k) > 0, pool%touch(lane))
       call set_heading(pool, lane, b%heading1(k), b%heading2(k), b%next_w(k))
       call close_impact(scene, b%speed2(k), .not. b%stops(k) > 0, result)
-      if (result%status /= 0) return
-      if (b%stops(k) > 0) then
-         pool%touch(lane) = touch_t()
-         call rest_or_roll(scene, b%ground(k), landing_of(l, k), b%speed2(k), b%next_w(k), result, b%roll(k))
-         if (result%status /= 0) return
-      else if (b%walks(k)) then
-         associate (roll => b%roll(k))
-            roll%v = [b%v1(k), b%v2(k), b%v3(k)]
-            roll%w = b%next_w(k)
-            roll%heading = [b%heading1(k), b%heading2(k)]
-            roll%above = b%above(k)
-         end associate
-      else
+      if (.not. (result%status /= 0 .or. b%stops(k) > 0 .or. b%walks(k))) then
          result%path_length = result%path_length + b%length(k)
          result%time = result%time + b%slides(k)
          result%time = result%time + b%waits(k)
@@ -663,7 +762,21 @@ contains
          return
       end if
       flight%v = [b%v1(k), b%v2(k), b%v3(k)]
-      call roll_single(scene, l, k, pool, result, flight, b%roll(k), flights, scratch)
+      pool%v(:, lane) = flight%v
+      if (result%status /= 0) return
+      if (b%stops(k) > 0) then
+         pool%touch(lane) = touch_t()
+         call rest_or_roll(scene, b%ground(k), landing_of(l, k), b%speed2(k), b%next_w(k), result, b%roll(k))
+         if (result%status /= 0) return
+      else
+         associate (roll => b%roll(k))
+            roll%v = [b%v1(k), b%v2(k), b%v3(k)]
+            roll%w = b%next_w(k)
+            roll%heading = [b%heading1(k), b%heading2(k)]
+            roll%above = b%above(k)
+         end associate
+      end if
+      call roll_single(scene, number, l, k, pool, result, flight, b%roll(k), flights, scratch)
    end subroutine finish_table_contact
 
    !> Compute a rebound that the loops do not handle, and the next flight.
@@ -688,16 +801,18 @@ contains
                          pool%w(lane), with_all, result, flight, roll, scratch)
       pool%touch(lane) = scratch%touch
       if (roll%rolls .and. result%status == 0) then
-         call roll_single(scene, l, k, pool, result, flight, roll, flights, scratch)
+         call roll_single(scene, number, l, k, pool, result, flight, roll, flights, scratch)
          return
       end if
       call set_heading(pool, lane, flight%heading(1), flight%heading(2), pool%w(lane))
+      pool%v(:, lane) = flight%v
       if (result%status == 0) call take_off(flights, lane, flight)
    end subroutine rebound_single
 
    !> Compute a roll, and the next flight.
-   subroutine roll_single(scene, l, k, pool, result, flight, roll, flights, scratch)
+   subroutine roll_single(scene, number, l, k, pool, result, flight, roll, flights, scratch)
       type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
       type(landings_t), intent(inout) :: l
       integer, intent(in) :: k
       type(pool_t), intent(inout) :: pool
@@ -707,17 +822,21 @@ contains
       type(flights_t), intent(inout) :: flights
       type(scratch_t), intent(inout) :: scratch
       type(landing_t) :: landing
-      type(obstacle_t) :: no_obstacle
+      type(obstacle_t) :: obstacle
       real(wp) :: v(3)
       integer :: lane
 
       lane = l%lane(k)
-      call follow_roll(scene, with_all, roll, result, flight, pool%w(lane), landing, v, no_obstacle, scratch)
-      if (landing%contact) then
+      call follow_roll(scene, with_all, roll, result, flight, pool%w(lane), landing, v, obstacle, scratch)
+      if (obstacle%kind /= none) then
+         pool%touch(lane) = touch_t()
+         call hit_single(scene, number, obstacle, landing, v, l, k, pool, result, flight, flights, scratch)
+      else if (landing%contact) then
          call set_heading(pool, lane, flight%heading(1), flight%heading(2), pool%w(lane))
          call take_off(flights, lane, flight)
       else
          result%status = departure_status(scene%dem, landing%patch)
+         pool%v(:, lane) = v
          call replace_landing(l, k, landing)
       end if
    end subroutine roll_single
@@ -738,6 +857,9 @@ contains
          lane = l%lane(k)
          associate (result => results(pool%index(lane)), work => scratch(lane))
             if (result%status == 0) cycle
+            if (needs_energies(scene)) &
+               call close_energy_balance(scene%gravity, l%z(k), pool%v(:, lane), pool%w(lane), result)
+            if (allocated(scene%barriers)) call record_passed_over(scene, result, work%crossings)
             call end_boulder(scene, landing_of(l, k), with_all, result, work)
             if (allocated(work%crossings)) call keep_crossings(work%crossings, crossings(pool%index(lane)))
             call add_boulder(scene, maps, result, work, totals)

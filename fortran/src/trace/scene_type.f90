@@ -17,7 +17,7 @@ module rockfall_scene_type
    use rockfall_breakage, only: breakage_t
    implicit none
    private
-   public :: scene_t, goes_in_lanes, has_obstacles, inertia_of, is_slow
+   public :: scene_t, goes_in_lanes, has_obstacles, needs_energies, inertia_of, is_slow
    public :: one_by_one, narrow_lanes, wide_lanes
 
    !> Execution modes: one boulder at a time; several in lanes; more lanes on processors that support them.
@@ -57,12 +57,11 @@ module rockfall_scene_type
 
 contains
 
-   !> Return whether boulders may run in lanes: no obstacles, no breakage, and no turning by the laboratory.
+   !> Return whether boulders may run in lanes: no breakage, and no turning by the laboratory.
    pure logical function goes_in_lanes(scene)
       type(scene_t), intent(in) :: scene
 
-      goes_in_lanes = .not. (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%breakage)) &
-                      .and. scene%turning /= by_lab
+      goes_in_lanes = .not. allocated(scene%breakage) .and. scene%turning /= by_lab
    end function goes_in_lanes
 
    !> Return whether there are trees or barriers.
@@ -71,6 +70,13 @@ contains
 
       has_obstacles = allocated(scene%barriers) .or. allocated(scene%forest)
    end function has_obstacles
+
+   !> Return whether results have energy balances.
+   pure logical function needs_energies(scene)
+      type(scene_t), intent(in) :: scene
+
+      needs_energies = has_obstacles(scene) .or. scene%energies_requested
+   end function needs_energies
 
    !> Moment of inertia of a boulder, I/(m R_b**2) [-].
    pure real(wp) function inertia_of(scene, number)

@@ -5,8 +5,9 @@ program test_forest
    use rockfall_math, only: degree
    use rockfall_random, only: random_key, random_words, for_tree
    use rockfall_flight, only: span_t
-   use rockfall_forest, only: forest_t, stem_t, tree_model_t, tree_hit_t, tree_impact_t, build_forest, find_first_hit, &
-                              tree_impact, max_stem_energy, absorbed_fraction, hit_type, frontal, lateral, scratch
+   use rockfall_forest, only: forest_t, stem_t, tree_model_t, tree_hit_t, tree_impact_t, build_forest, may_hit_tree, &
+                              find_first_hit, tree_impact, max_stem_energy, absorbed_fraction, hit_type, frontal, &
+                              lateral, scratch
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -202,9 +203,10 @@ contains
       type(forest_t) :: this
       type(tree_hit_t) :: hit
       real(wp) :: x(n), y(n), u(6)
-      integer :: k, scene, hits
+      integer :: k, scene, hits, suspected
 
       hits = 0
+      suspected = 0
       do scene = 1, 20
          call random_number(x)
          call random_number(y)
@@ -221,9 +223,11 @@ contains
             call compare(this, u(1), u(2), u(3:4), 0.05_wp + 2*u(5)**4, &
                          50*u(6)**3, hit)
             hits = hits + min(1, hit%tree)
+            suspected = suspected + merge(1, 0, may_hit_tree(this, u(1), u(2), 50*u(6)**3*u(3:4), 0.05_wp + 2*u(5)**4))
          end do
       end do
       call check("both happen", hits > 2000 .and. hits < 9000)
+      call check("few are taken for hits that are none", suspected < hits + hits/10)
    end subroutine test_all_are_found
 
    !> The first hit by the grid, and by looking at all stems one by one.
@@ -251,6 +255,7 @@ contains
             number = k
          end do
       end if
+      call check("suspected", hit%tree == 0 .or. may_hit_tree(this, x, y, time*v, radius))
       if (hit%tree == 0 .or. number == 0) then
          call check("hit or not", hit%tree == number)
       else

@@ -8,7 +8,8 @@ program test_map
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate
    use rockfall_bins, only: energy, speed, jump_height, n_log_bins, log_bin
    use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, visit_path, &
-      visit_cell, join_visits, add_visits, add_deposit, lacks_slots, init_locks, free_locks
+      visit_cell, enter_cell, enter_other_cell, raise_values, mark_path, take_back_path, &
+      join_visits, add_visits, add_deposit, lacks_slots, init_locks, free_locks
    use rockfall_map_values, only: map_plan_t, map_plan, stack_layers, map_views, map_row
    use check_m, only: check, check_close, finish
    implicit none
@@ -35,6 +36,7 @@ program test_map
    call test_axes()
    call test_once()
    call test_joined()
+   call test_taken_back()
    call test_totals()
    call test_many_cells()
    call test_what_is_asked()
@@ -258,6 +260,31 @@ contains
       call join_visits(visits)
       call check("joined once is joined", visits%n == 2 .and. visits%timed == 2)
    end subroutine test_joined
+
+   !> A path that is taken back leaves the cell where it starts as it was, however long it is and whatever was before.
+   subroutine test_taken_back()
+      type(visits_t) :: visits
+      integer :: before, k
+
+      do before = 0, 2000, 400
+         call start_visits(visits)
+         do k = 1, before
+            call visit_cell(visits, [1 + k/900, 1 + mod(k, 2)], 1.0_wp, 0.0_wp, 0.0_wp)
+         end do
+         call visit_cell(visits, [4, 1], 2.0_wp, 1.0_wp, 0.5_wp)
+         call enter_cell(visits, [4, 1])
+         call mark_path(visits)
+         call raise_values(visits, 9.0_wp, 9.0_wp, 9.0_wp)
+         do k = 1, 3000
+            call enter_other_cell(visits, [5, 1 + mod(k, 2)])
+         end do
+         call take_back_path(visits)
+         call check("the cell where it starts", all(visits%visit(visits%n)%cell == [4, 1]) &
+                    .and. all(abs(visits%visit(visits%n)%max - [2.0_wp, 3.0_wp, 0.5_wp]) <= 0))
+         call join_visits(visits)
+         call check("and those before", visits%n == 1 + merge(0, 2*(1 + before/900), before == 0))
+      end do
+   end subroutine test_taken_back
 
    !> Over boulders: counts and sums add up, maxima stay; a boulder's visits are gone with it.
    subroutine test_totals()

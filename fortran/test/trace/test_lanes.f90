@@ -169,19 +169,16 @@ contains
       call compare(scene, "grounds")
    end subroutine test_grounds
 
-   !> Those that meet nothing but the ground and turn by the printed classes.
+   !> Those that do not break and turn by the printed classes.
    subroutine test_which_go()
       type(scene_t) :: scene
 
       scene%turning = past_aspect
       call check("in lanes", goes_in_lanes(scene))
-      scene%energies_requested = .true.
-      call check("not with an energy balance", .not. goes_in_lanes(scene))
-      scene%energies_requested = .false.
       scene%turning = by_lab
       call check("not turned by the laboratory", .not. goes_in_lanes(scene))
       scene%turning = past_aspect
-      allocate (scene%barriers(1))
-      call check("not with a barrier", .not. goes_in_lanes(scene))
+      allocate (scene%breakage)
+      call check("nor those that may break", .not. goes_in_lanes(scene))
    end subroutine test_which_go
 end program test_lanes
