@@ -3,7 +3,7 @@
 on planes of 30 to 45 degrees over 400 m, and their mean maximum speed, by laws:
 
     python -m benchmarks.physics.runaway [--law NAME=TABLE ...] [--ground ROW ...]
-        [--boulders 400] [--terrain DEM ...]
+        [--boulders 400] [--radius 0.4] [--terrain DEM ...]
 
 Laws are those of benchmarks.physics.laws. The matrix with R_m = 0.2 m is always run. R_b = 0.4 m,
 released at 5 m/s. With --terrain on real ones in place of planes: two boulders
@@ -26,14 +26,16 @@ LIMIT = 0.8  # [m/s per degree]
 RADIUS, LENGTH, CELL, COLUMNS = 0.4, 400.0, 2.5, 160  # [m]
 
 
-def beyond(law: Law, slope: float, boulders: int, seed: int = 1) -> tuple[float, float]:
+def beyond(
+    law: Law, slope: float, boulders: int, seed: int = 1, radius: float = RADIUS
+) -> tuple[float, float]:
     """The fraction of boulders beyond the limit, and their mean maximum speed [m/s]."""
     angle = np.radians(slope)
     rows = int(LENGTH * np.cos(angle) / CELL) + 12
     z = 500 + np.tan(angle) * CELL * np.mgrid[rows - 1 : -1 : -1, 0:COLUMNS][0]
     groups = {
         "case": {"title": "plane", "seed": seed, "boulders": boulders},
-        "boulder": {"volume": "fixed", "volume_mean": 4 / 3 * np.pi * RADIUS**3, "density": 2700.0},
+        "boulder": {"volume": "fixed", "volume_mean": 4 / 3 * np.pi * radius**3, "density": 2700.0},
         "release": {
             "x": [COLUMNS * CELL / 2], "y": [(rows - 10) * CELL], "drop_height": 0.5,
             "velocity": [0.0, -5 * np.cos(angle), -5 * np.sin(angle)],
@@ -62,6 +64,7 @@ def main() -> None:
     parser.add_argument("--terrain", nargs="+", default=[])
     add_laws(parser)
     parser.add_argument("--boulders", type=int, default=400)
+    parser.add_argument("--radius", type=float, default=RADIUS, help="R_b on planes [m]")
     given = parser.parse_args()
     print(machine())
     columns = given.terrain or [f"{slope} degrees" for slope in SLOPES]
@@ -69,7 +72,9 @@ def main() -> None:
     print("|---" * (1 + len(columns)) + "|")
     for law in [matrix(), *given.law]:
         found = [beyond_on(terrain, law) for terrain in given.terrain]
-        found = found or [beyond(law, slope, given.boulders) for slope in SLOPES]
+        found = found or [
+            beyond(law, slope, given.boulders, radius=given.radius) for slope in SLOPES
+        ]
         cells = [f"{part:.2f}, {speed:.0f} m/s" for part, speed in found]
         print(f"| {law.name} | " + " | ".join(cells) + " |", flush=True)
 
