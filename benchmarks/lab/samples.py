@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the throws of a table leave open: tables of the same ground by other throws, on planes.
 
-    python -m benchmarks.lab.samples talus [--seeds 11 12 13 14] [--kept 34000 17000 11333]
+    python -m benchmarks.lab.samples talus [--seeds 11 12 13 14] [--kept 32000 16000 10666]
         [--slopes 26 28 30 32 34 38] [--throws 2000] [--radius 0.6]
 
 Prints for compact boulders of the blocks' size, RADIUS [m], the fraction that passes 200 m, with
