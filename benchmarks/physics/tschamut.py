@@ -3,15 +3,17 @@
 doi:10.16904/envidat.34) beside those of the program, by laws:
 
     python -m benchmarks.physics.tschamut FOLDER [--half calibration|held-out] [--seeds 101 102]
-        [--law NAME=TABLE ...] [--ground ROW ...] [--boulders 100]
+        [--law NAME=TABLE ...] [--ground ROW ...] [--axes meadow] [--boulders 100]
 
-FOLDER holds release_points.csv, observed_deposition.csv and terrain.asc as derived from the data in
-github.com/ofuhrer/rust_rockfall (commit 722f7c7, data/processed/tschamut2014). Laws are those of
-benchmarks.physics.laws; the matrix with R_m = 0.2 m is always run. What was chosen before:
-docs/validation/field/protocol.md.
+FOLDER holds release_points.csv, observed_deposition.csv, block_metadata.csv and terrain.asc as
+derived from the data in github.com/ofuhrer/rust_rockfall (commit 722f7c7,
+data/processed/tschamut2014). Laws are those of benchmarks.physics.laws; the matrix with R_m = 0.2 m
+is always run. With --axes tables are thrown with blocks of the published sizes of each. What was
+chosen before: docs/validation/field/protocol.md.
 """
 
 import argparse
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,11 +22,16 @@ import numpy as np
 
 import rockfall
 from benchmarks.machine import machine
-from benchmarks.physics.laws import Law, add_laws, matrix
+from benchmarks.physics.laws import Law, add_laws, matrix, table
 from rockfall.analysis.validation import distribution_numbers
+from rockfall.impact_tables import save_table
 from rockfall.io.grid import Grid
 from rockfall.io.tables import read_table
+from rockfall.lab.blocks.case import BlockCase
+from rockfall.lab.blocks.contacts import run_throws
+from rockfall.lab.tables import table_of
 
+THROWS, RADIUS = 1_000, 0.2  # of blocks of their own axes; R_b [m]
 SHAPE_OF_BLOCK = {"1": "compact", "2": "elongated", "4": "platy"}
 TITLES = {
     "mean": "mean", "std": "std", "q05": "5 %", "q50": "50 %", "q95": "95 %", "ks": "KS", "p": "p",
@@ -131,8 +138,29 @@ def main() -> None:
     parser.add_argument("--half", choices=HALVES, default="calibration")
     parser.add_argument("--seeds", type=int, nargs="+", default=[1])
     parser.add_argument("--boulders", type=int, default=100)
+    parser.add_argument("--axes", metavar="GROUND", help="blocks of their own axes at a ground")
     add_laws(parser)
     given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as tables:
+        laws = [matrix(), *given.law]
+        if given.axes:
+            laws.append(by_axes(given.folder, given.axes, Path(tables)))
+        compare(given, laws)
+
+
+def by_axes(folder: Path, ground: str, tables: Path) -> Law:
+    """Tables of a ground, thrown with blocks of the published sizes of each."""
+    for row in read_table(folder / "block_metadata.csv")[2]:
+        shape = SHAPE_OF_BLOCK[row.cells["block_id"]]
+        axes = sorted((float(row.cells[f"size_{axis}_m"]) for axis in "xyz"), reverse=True)
+        lab = {"ground": ground, "shape": "axes", "throws": THROWS}
+        case = BlockCase(lab=lab, block={"axes": axes}).at_radius(RADIUS)
+        save_table(table_of([run_throws(case)]), tables / f"{shape}.nc")
+    return table(f"{ground}, own axes={tables}/{{shape}}.nc")
+
+
+def compare(given: argparse.Namespace, laws: list[Law]) -> None:
+    """Print the run-outs by laws beside those observed."""
     runs, place = observed(given.folder, given.half), terrain(given.folder)
     print(machine())
     seen = described(runs, [run.rest[None, :] for run in runs])
@@ -140,7 +168,7 @@ def main() -> None:
     print("| law | " + " | ".join(seen) + " |")
     print("|---" * (len(seen) + 1) + "|")
     print("| observed | " + " | ".join(f"{value:.3g}" for value in seen.values()) + " |")
-    for law in [matrix(), *given.law]:
+    for law in laws:
         found = [
             described(runs, [simulated(run, law, place, given.boulders, seed) for run in runs])
             for seed in given.seeds

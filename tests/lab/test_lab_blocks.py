@@ -182,19 +182,19 @@ def test_relief_turns_blocks_aside(data):
 # ---- shapes and relief
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-def test_random_blocks_have_their_class_and_differ(shape):
+@pytest.mark.parametrize("axes", [*SHAPES.values(), (1.0, 0.3, 0.2)])
+def test_random_blocks_have_their_axes_and_differ(axes):
     ratios = []
     for number in range(12):
-        surface = random_block(shape, 3, number)
+        surface = random_block(axes, 3, number)
         extent = np.ptp(surface.vertices, axis=0)
         ratios.append(extent / extent[0])
-    assert np.mean(ratios, axis=0) == pytest.approx(SHAPES[shape], abs=0.12)
+    assert np.mean(ratios, axis=0) == pytest.approx(axes, abs=0.12)
     assert len({tuple(one) for one in ratios}) == len(ratios)
 
 
 def test_facets_are_cut_until_they_are_short_and_the_block_stays():
-    block = random_block("elongated", 1, 4)
+    block = random_block(SHAPES["elongated"], 1, 4)
     fine = refine(block, 0.3)
     assert volume(fine) == pytest.approx(volume(block), rel=1e-12)
     sides = fine.vertices[fine.triangles] - fine.vertices[np.roll(fine.triangles, 1, axis=1)]
@@ -210,6 +210,20 @@ def test_a_block_of_points_has_its_own_inertia(place):
     )
     found = run_throws(case).attrs["inertia_factor"]
     assert found == pytest.approx((4 * np.pi / 3) ** (2 / 3) / 6, rel=1e-6)
+
+
+def test_axes_of_a_class_give_its_blocks(place):
+    """In any unit: only their ratios count; and the file is read again with them."""
+    Path("own.nml").write_text(
+        "&lab ground = 'rock', shape = 'axes', throws = 4 / &block axes = 0.5, 0.4, 0.21 /\n"
+    )
+    own = read_block_case("own.nml")
+    assert block_case_of(own.text(), "text") == own
+    classed = BlockCase(lab={"ground": "rock", "shape": "platy", "throws": 4})
+    found, as_class = run_throws(own), run_throws(classed)
+    assert found.attrs["shape"] == "axes"
+    for name in found:
+        assert np.array_equal(found[name], as_class[name])
 
 
 @pytest.mark.parametrize("slope", [4.0, 30.0])
@@ -316,6 +330,11 @@ def test_single_values_of_a_ground_can_be_changed():
         ("&lab ground='meadow' / &block count=0 /", "count must be 1 to 10000"),
         ("&lab ground='meadow', shape='points' /", "need each other"),
         ("&lab ground='meadow' / &block points='p.csv' /", "need each other"),
+        ("&lab ground='meadow', shape='axes' /", "&block axes = 0.5, 0.4, 0.3 need each other"),
+        ("&lab ground='meadow' / &block axes=3, 2, 1 /", "need each other"),
+        ("&lab ground='meadow', shape='axes' / &block axes=3, 1 /", "must be three lengths"),
+        ("&lab ground='meadow', shape='axes' / &block axes=1, 0, 1 /", "must be > 0"),
+        ("&lab ground='meadow', shape='axes' / &block axes=6, 1, 1 /", "at most five times"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_line(place, capsys, text, message):

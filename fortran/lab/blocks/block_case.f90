@@ -5,7 +5,7 @@ module lab_block_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
-   use rockfall_values, only: has_key, get_text, get_integer, check_names
+   use rockfall_values, only: has_key, get_text, get_integer, get_real, check_names, refuse
    use lab_case_values, only: key_t, take_row, take_range, check_whole
    use lab_yielding_ground, only: ground_t, check_ground
    use lab_throw_range, only: throw_range_t, check_throws
@@ -20,7 +20,7 @@ module lab_block_case
       key_t("lab", "throws", "integer"), key_t("lab", "contacts", "integer"), &
       key_t("block", "radius", "real"), key_t("block", "density", "real"), &
       key_t("block", "count", "integer"), key_t("block", "edge", "real"), &
-      key_t("block", "points", "text"), &
+      key_t("block", "points", "text"), key_t("block", "axes", "list"), &
       key_t("ground", "yield_pressure", "real"), key_t("ground", "restitution", "real"), &
       key_t("ground", "friction", "real"), key_t("ground", "soil_density", "real"), &
       key_t("ground", "plough", "logical"), key_t("ground", "relief", "real"), &
@@ -33,6 +33,7 @@ module lab_block_case
       key_t("throw", "gravity", "real"), key_t("throw", "step_factor", "real")]
 
    integer(i8), parameter :: max_throws = 10_i8**7
+   real(wp), parameter :: longest = 5  !! axis of a block, over its shortest
 
    type :: block_case_t
       character(len=:), allocatable :: file, title, ground, shape, points
@@ -121,10 +122,27 @@ contains
          if (.not. allocated(error)) call take_range(group, "spin", case%range%spin, error)
       case ("block")
          call get_text(group, "points", case%points, error)
+         if (.not. allocated(error)) call check_axes(group, error)
       end select
       if (allocated(error)) return
       plan = plan_row(case%plan)
       call take_row(group, key_table, plan_keys, plan, error)
       if (.not. allocated(error)) case%plan = plan_of(plan)
    end subroutine take_group
+
+   !> Check the lengths of the axes of a block.
+   pure subroutine check_axes(group, error)
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: axes(:)
+
+      if (.not. has_key(group, "axes")) return
+      call get_real(group, "axes", axes, error)
+      if (allocated(error)) return
+      if (size(axes) /= 3) then
+         call refuse(group, "axes", "must be three lengths", error)
+      else if (.not. (minval(axes) > 0 .and. maxval(axes) <= longest*minval(axes))) then
+         call refuse(group, "axes", "must be > 0, the longest at most five times the shortest", error)
+      end if
+   end subroutine check_axes
 end module lab_block_case

@@ -34,7 +34,8 @@ PLANNED = {  # keys of the plan, by group
     "throw": ("step_factor",),
 }  # fmt: skip
 WHOLE = "count", "patches"
-POINTS = "points"  # shape of blocks from the user's points
+#: Shapes that the user gives, each by a key of &block of the same name, and an example of it.
+GIVEN_SHAPES = {"axes": "0.5, 0.4, 0.3", "points": "'FILE.csv'"}
 
 
 @cache
@@ -128,15 +129,16 @@ class BlockCase:
         for group, values in given.items():  # including unknown keys
             self._groups[group] = {**values, **self._groups.get(group, {})}
         check_namelist(_lab.check_block_case, self.text().encode(), name)
-        if self.lab["shape"] not in (*SHAPES, POINTS):
-            allowed = ", ".join((*SHAPES, POINTS))
+        shape, shapes = self.lab["shape"], (*SHAPES, *GIVEN_SHAPES)
+        if shape not in shapes:
             raise RockfallError(
-                f"{name}: &lab shape = '{self.lab['shape']}': unknown; known: {allowed}"
+                f"{name}: &lab shape = '{shape}': unknown; known: {', '.join(shapes)}"
             )
-        if (self.lab["shape"] == POINTS) != bool(self.block["points"]):
-            raise RockfallError(
-                f"{name}: &lab shape = 'points' and &block points = 'FILE.csv' need each other"
-            )
+        for key, example in GIVEN_SHAPES.items():
+            if (shape == key) != bool(self.block.get(key)):
+                raise RockfallError(
+                    f"{name}: &lab shape = '{key}' and &block {key} = {example} need each other"
+                )
 
     def __getattr__(self, group: str) -> dict[str, Any]:
         try:
@@ -187,11 +189,12 @@ class BlockCase:
 
     def surfaces(self) -> list[Surface]:
         """Surfaces of the blocks, with sufficiently small facets."""
-        if self.lab["shape"] == POINTS:
+        if self.block["points"]:
             blocks = [hull(*_points(self.folder / self.block["points"]))]
         else:
+            axes = self.block.get("axes") or SHAPES[self.lab["shape"]]
             seed, count = self.lab["seed"], self.block["count"]
-            blocks = [random_block(self.lab["shape"], seed, k) for k in range(count)]
+            blocks = [random_block(axes, seed, k) for k in range(count)]
         return [refine(block, self.block["edge"]) for block in blocks]
 
 

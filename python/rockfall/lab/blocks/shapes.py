@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Shapes of blocks: random convex polyhedra of three classes, or the hull of the user's points."""
+"""Shapes of blocks: random convex polyhedra of three classes or of the user's axes, or the hull of
+the user's points."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,13 +35,13 @@ class Surface:
     triangles: np.ndarray
 
 
-def random_block(shape: str, seed: int, number: int) -> Surface:
-    """Block `number` of a shape class: a box with jittered faces, its corners and edges cut off by
-    random facets."""
+def random_block(axes: Sequence[float], seed: int, number: int) -> Surface:
+    """Block `number` with axes (3,) of any unit: a box with jittered faces, its corners and edges
+    cut off by random facets."""
     from scipy.spatial import HalfspaceIntersection
 
     draw = Uniform(seed, number)
-    half = np.array(SHAPES[shape])
+    half = np.array(axes) / max(axes)
     box = np.vstack([np.eye(3), -np.eye(3)])
     normals = np.vstack([box + JITTER * draw.between(-1, 1, (6, 3)), draw.directions(FACETS)])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
