@@ -31,6 +31,7 @@ from rockfall.lab.experiment import (
 )
 from rockfall.lab.fit import fit_impacts, impacts_of
 from rockfall.lab.setfile import origin, provenance
+from rockfall.simulation.lock import locked
 from rockfall.text import lab as summary
 
 VAUJANY = Path(__file__).parents[2] / "cases" / "vaujany"
@@ -226,6 +227,14 @@ def test_ctrl_c_twice_keeps_what_is_done_and_says_how_to_go_on(impacts, place, m
     out, err = capsys.readouterr()
     assert err == "" and out.splitlines()[-1] == "lab.nc"
     assert checksum(open_impacts("lab.nc")) == checksum(impacts)
+
+
+def test_two_runs_of_a_laboratory_do_not_write_one_file(place, capsys):
+    pytest.importorskip("fcntl", reason="its locks are those between processes")
+    with locked(place / "lab.nc", print):
+        assert main(["lab", "impact", "lab.nml", "-o", str(place / "lab.nc")]) == 2
+    assert "another run is at work on this output" in capsys.readouterr().err
+    assert [path.name for path in place.iterdir()] == ["lab.nml"]
 
 
 def test_impacts_that_are_not_all_done_make_no_sets(place, monkeypatch, capsys):

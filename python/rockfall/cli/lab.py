@@ -10,7 +10,7 @@ from math import inf
 from pathlib import Path
 
 from rockfall.case import namelist_text
-from rockfall.cli.messages import DONE, say
+from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import shipped_sets
 from rockfall.impact_tables import save_table, shipped_tables
@@ -38,6 +38,7 @@ from rockfall.lab.sets import read_sets
 from rockfall.lab.site import Site
 from rockfall.lab.tables import table_of
 from rockfall.plots.lab import layer_figure
+from rockfall.simulation.lock import locked
 from rockfall.simulation.progress import progress_bar
 from rockfall.text.lab import (
     contact_summary,
@@ -80,10 +81,11 @@ def impact_command(arguments: argparse.Namespace) -> int:
     case = read_lab_case(arguments.case)
     run = run_sequences if case.throws else run_impacts
     try:
-        data = run(
-            case, progress=not arguments.quiet, threads=arguments.threads, path=path,
-            resume=arguments.resume,
-        )  # fmt: skip
+        with locked(path, warn):
+            data = run(
+                case, progress=not arguments.quiet, threads=arguments.threads, path=path,
+                resume=arguments.resume,
+            )  # fmt: skip
     except KeyboardInterrupt:
         return say(f"interrupted: {path} goes on with --resume", exit_status())
     if not arguments.quiet:
