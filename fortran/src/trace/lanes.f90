@@ -16,15 +16,15 @@ module rockfall_lanes
    use rockfall_flights, only: flights_t, landings_t, take_off, take_off_again, fly_to_landings, flight_of, &
                                landing_of, take_off_from, replace_landing, lanes, width, padded
    use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, draw_rebound, redraw_rebound, admissible, &
-                              energy_of, beyond_fit, max_draws, twice_energy
+                              energy_of, beyond_fit, max_draws
    use rockfall_direction, only: to_aspect, turn_by_class, divide_by_length, shortest
    use rockfall_table_lanes, only: table_batch_t, clear_batch, add_contact, handle_table_contacts, find_paths_near_lines
    use rockfall_impact_table, only: beyond_ratios
    use rockfall_table_contact, only: velocity_after, end_touch
    use rockfall_forest, only: forest_t, may_hit_tree
    use rockfall_scene_type, only: scene_t, has_obstacles, needs_energies, inertia_of, is_slow
-   use rockfall_outcome, only: boulder_result_t, departure_status, add_flight, count_outcome, close_energy_balance, &
-                               absorbed
+   use rockfall_outcome, only: boulder_result_t, departure_status, add_flight, count_outcome, add_ground_loss, &
+                               close_energy_balance, absorbed
    use rockfall_crossings, only: crossings_t, record_crossings, keep_crossings
    use rockfall_scratch, only: scratch_t, with_all, clear_scratch, count_ground
    use rockfall_start, only: start_boulder, energy_head, end_boulder
@@ -696,10 +696,8 @@ contains
                call count_rebound(scratch(lane)%histograms, [c%tangential(k), c%normal(k), c%w(k)], &
                                   [c%out1(k), c%out2(k), c%out3(k)])
             if (energies) &
-               result%energy%ground = result%energy%ground &
-                                      + 0.5_wp*result%boulder%mass &
-                                        *(twice_energy([c%tangential(k), c%normal(k), c%w(k)]) &
-                                          - twice_energy([c%out1(k), c%out2(k), c%out3(k)]))
+               call add_ground_loss(energy_of(c%tangential(k), c%normal(k), c%w(k)), &
+                                    energy_of(c%out1(k), c%out2(k), c%out3(k)), 0.0_wp, result)
             slow = is_slow(scene, c%speed2(k))
             call close_impact(scene, c%speed2(k), .not. slow, result)
             call set_heading(pool, lane, c%heading1(k), c%heading2(k), c%next_w(k))
@@ -744,9 +742,9 @@ contains
                                            b%velocity_factor(k)*b%across(k), b%n_left(k), &
                                            b%velocity_factor(k)*b%w_drawn(k)))
       if (needs_energies(scene)) &
-         result%energy%ground = result%energy%ground + 0.5_wp*result%boulder%mass &
-            *(squared_length([l%v1(k), l%v2(k), l%v3(k) - scene%gravity*l%time(k)]) &
-              + inertia_factor*pool%w(lane)*pool%w(lane) - b%speed2(k) - inertia_factor*b%next_w(k)*b%next_w(k))
+         call add_ground_loss(squared_length([l%v1(k), l%v2(k), l%v3(k) - scene%gravity*l%time(k)]) &
+                              + inertia_factor*pool%w(lane)*pool%w(lane), b%speed2(k), &
+                              inertia_factor*b%next_w(k)*b%next_w(k), result)
       pool%touch(lane) = b%touch(k)
       pool%touch(lane)%normal = b%pressed(k)
       pool%touch(lane)%lift = b%lift(k)
