@@ -246,8 +246,8 @@ contains
          b%covered(k) = slide
          b%speed(k) = b%unit(k)*speed
          b%time(k) = b%duration(k)*(b%unit(k)/gravity)
-         call slide_on_patch(l%x(k), l%y(k), b%t1(k), b%t2(k), slide, per_cell, l%i(k), l%j(k), l%z00(k), l%a(k), &
-                             l%b(k), l%c(k), x, y, u, w, z, inside)
+         call slide_on_patch(l%x(k), l%y(k), l%z(k), l%u(k), l%w(k), b%t1(k), b%t2(k), slide, per_cell, l%i(k), &
+                             l%j(k), l%z00(k), l%a(k), l%b(k), l%c(k), x, y, z, u, w, inside)
          b%inside(k) = inside
          b%found(k) = inside
          b%i(k) = l%i(k)
@@ -298,8 +298,8 @@ contains
 
       !$omp simd private(slide, time, u, w, x, y, z, inside, off)
       do k = 1, padded(l%n)
-         call slide_on_patch(l%x(k), l%y(k), b%t1(k), b%t2(k), b%covered(k), per_cell, b%i(k), b%j(k), b%z00(k), &
-                             b%a(k), b%b(k), b%c(k), x, y, u, w, z, inside)
+         call slide_on_patch(l%x(k), l%y(k), l%z(k), l%u(k), l%w(k), b%t1(k), b%t2(k), b%covered(k), per_cell, &
+                             b%i(k), b%j(k), b%z00(k), b%a(k), b%b(k), b%c(k), x, y, z, u, w, inside)
          off = falls_away(l%z(k) - z, b%t3(k), b%covered(k), gravity, b%time(k))
          b%off(k) = off
          slide = merge(0.0_wp, b%covered(k), off > 0)
@@ -310,9 +310,8 @@ contains
          b%a(k) = merge(l%a(k), b%a(k), off > 0)
          b%b(k) = merge(l%b(k), b%b(k), off > 0)
          b%c(k) = merge(l%c(k), b%c(k), off > 0)
-         call slide_on_patch(l%x(k), l%y(k), b%t1(k), b%t2(k), slide, per_cell, b%i(k), b%j(k), b%z00(k), &
-                             b%a(k), b%b(k), b%c(k), x, y, u, w, z, inside)
-         inside = merge(inside, 1.0_wp, off > 0)
+         call slide_on_patch(l%x(k), l%y(k), l%z(k), l%u(k), l%w(k), b%t1(k), b%t2(k), slide, per_cell, b%i(k), &
+                             b%j(k), b%z00(k), b%a(k), b%b(k), b%c(k), x, y, z, u, w, inside)
          b%found(k) = min(b%found(k), inside)
          call time_slide(b%t1(k), b%t2(k), slide, l%z(k) - z, time, b%speed(k), b%length(k), b%slides(k), b%waits(k))
          b%x(k) = x
