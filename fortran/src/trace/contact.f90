@@ -16,7 +16,6 @@ module rockfall_contact
    use rockfall_ground, only: ground_t, ground_rebound, is_stochastic
    use rockfall_direction, only: turning_t, by_lab, lateral_angle
    use rockfall_local_frame, only: decompose, outgoing_flight
-   use rockfall_impact_table, only: beyond_ratios
    use rockfall_table_contact, only: table_contact_t, table_contact, update_touch
    use rockfall_histogram, only: count_rebound
    use rockfall_scene_type, only: scene_t, inertia_of, is_slow
@@ -119,10 +118,10 @@ contains
       real(wp) :: before
 
       before = squared_length(v) + inertia_factor*omega_r*omega_r
-      call update_touch(ground, ratio, result%boulder%radius, landing%jump_height, scratch%touch)
+      call update_touch(ground_data%table, ground, ratio, result%boulder%radius, landing%jump_height, scratch%touch)
       call table_contact(scene%dem, scene%gravity, ground_data%table, result%boulder, inertia_of(scene, number), &
-                         ratio, u, landing, v, flight%heading, omega_r, scratch%touch, roll, contact)
-      call count_outcome(rebound_t(contact%v_out, forced=contact%limited), beyond_ratios(ground_data%table, ratio), &
+                         u, landing, v, flight%heading, omega_r, scratch%touch, roll, contact)
+      call count_outcome(rebound_t(contact%v_out, forced=contact%limited), scratch%touch%beyond, &
                          contact%fast, .false., result)
       call count_ground(ground, scratch)
       if (scene%histograms_requested) call count_rebound(scratch%histograms, contact%v_in, contact%v_out)
