@@ -23,7 +23,7 @@ module rockfall_impact_table
 
    !> Fields of a record: before the contact (V_t, V_n, W), speed, height; after it the velocity along the incoming
    !> heading and across it towards the descent, V_n, W; duration, advance, rise; gravity along and across, over g;
-   !> exit; index of the record that followed in the laboratory, 0: unknown.
+   !> exit; index of the record that followed in the laboratory, 0: unknown, or too fast to be followed.
    integer, parameter :: t_in = 1, n_in = 2, w_in = 3, speed_in = 4, height_in = 5, along_out = 6, across_out = 7, &
                          n_out = 8, w_out = 9, duration_out = 10, advance_out = 11, rise_out = 12, pull_along = 13, &
                          pull_across = 14, exit_code = 15, follower = 16, record_fields = 16
@@ -118,6 +118,7 @@ contains
       type(impact_table_t), intent(inout) :: table
       integer :: bins, bin, parts, k
 
+      call drop_fast_followers(table%record)
       bins = size(table%first) - 1
       table%pull_across = table%record(pull_across, :)
       if (table%rest_angle < 90) table%hold = tangent(table%rest_angle)
@@ -140,6 +141,18 @@ contains
          end associate
       end do
    end subroutine index_records
+
+   !> Drop the followers that no boulder can follow, so that they need not be read.
+   pure subroutine drop_fast_followers(record)
+      real(sp), intent(inout) :: record(:, :)
+      integer :: k, next
+
+      do k = 1, size(record, 2)
+         next = int(record(follower, k))
+         if (next == 0) cycle
+         if (record(speed_in, next) > max_held_speed) record(follower, k) = 0
+      end do
+   end subroutine drop_fast_followers
 
    !> Number of records in each part of a bin; the last one may have fewer.
    pure integer function part_size(table, bin)
@@ -473,17 +486,18 @@ contains
       type(approach_t), intent(in) :: in
       real(wp) :: tolerance, excess
 
-      associate (record => table%record(:, max(1, in%next)))  ! one comparison: several would be mispredicted
+      continues_sequence = .false.
+      if (in%next == 0) return
+      associate (record => table%record(:, in%next))  ! one comparison: several would be mispredicted
          tolerance = max(relief_speed, real(record(speed_in), wp))
-         excess = max(record(speed_in) - max_held_speed, &
-                      abs(in%pull(1) - record(pull_along)) - pull_tolerance, &
+         excess = max(abs(in%pull(1) - record(pull_along)) - pull_tolerance, &
                       abs(in%pull(2) - record(pull_across)) - pull_tolerance, &
                       abs(in%speed - record(speed_in)) - tolerance, &
                       abs(in%v(2) - record(n_in)) - tolerance, &
                       abs(in%v(3) - record(w_in)) - tolerance)
          if (in%rolling) excess = max(excess, abs(in%height - record(height_in)) - height_tolerance)
       end associate
-      continues_sequence = in%next > 0 .and. .not. excess > 0
+      continues_sequence = .not. excess > 0
    end function continues_sequence
 
    !> Inputs of the map, clamped to the range of the bin's records.
