@@ -7,31 +7,35 @@
 !> quantities, and in the ratio of the speed to the yield speed of the ground, are similar.
 module rockfall_impact_table
    use, intrinsic :: iso_c_binding, only: c_float
-   use rockfall_kinds, only: wp, sp
+   use rockfall_kinds, only: wp, sp, i8
    use rockfall_math, only: logarithm, tangent
    use rockfall_boulder, only: boulder_t
    implicit none
    private
-   public :: impact_table_t, bins_t, approach_t, outcome_t, index_records, has_ratios, beyond_ratios, begin_draw, &
-             find_window, nearest_record, transfer_record, exceeds_table, scaled_energy
-   public :: record_fields, pull_along, pull_across, follower, n_inputs, n_mapped, flies, rolls_on, stops
+   public :: impact_table_t, bins_t, approach_t, outcome_t, index_records, has_ratios, beyond_ratios, find_part, &
+             drawn_part, begin_draw, whole_bin, find_window, is_held, nearest_record, transfer_record, exceeds_table, &
+             scaled_energy
+   public :: record_fields, pull_along, pull_across, follower, n_inputs, n_mapped, map_rows, edge_vector, flies, &
+             rolls_on, stops
 
    !> Exit codes of a record, as written by the laboratory.
    integer, parameter :: flies = 0, rolls_on = 1, stops = 2
 
    !> Fields of a record: before the contact (V_t, V_n, W), speed, height; after it the velocity along the incoming
    !> heading and across it towards the descent, V_n, W; duration, advance, rise; gravity along and across, over g;
-   !> exit; index of the record that followed in the laboratory, 0: unknown.
+   !> exit; index of the record that followed in the laboratory, 0: unknown, or too fast to be followed.
    integer, parameter :: t_in = 1, n_in = 2, w_in = 3, speed_in = 4, height_in = 5, along_out = 6, across_out = 7, &
                          n_out = 8, w_out = 9, duration_out = 10, advance_out = 11, rise_out = 12, pull_along = 13, &
                          pull_across = 14, exit_code = 15, follower = 16, record_fields = 16
 
    integer, parameter :: n_inputs = 4  !! of the map of a bin: V_t, V_n, W, and the height for a rolling block
    integer, parameter :: n_mapped = 3  !! along, V_n, W
+   integer, parameter :: map_rows = 4  !! the same, filled up to whole vectors
    integer, parameter :: window = 6      !! 1/window of a bin is eligible for a slow contact: see find_window
    integer, parameter :: candidates = 3  !! of these, the nearest in gravity across it is taken
    !> A bin has at most so many parts, of which only one is searched. With 16, gfortran unrolls the loop, all scalar.
    integer, parameter :: marks = 32
+   integer, parameter :: edge_vector = 4 !! edges compared by one instruction
    integer, parameter :: vector = 8      !! records compared by one instruction; parts are multiples of it
 
    !> Tolerances within which a contact equals the one that followed in the laboratory: V, V_n and W differ by no more
@@ -47,6 +51,8 @@ module rockfall_impact_table
    !> vectors: a loop over what is left would be mispredicted.
    type :: bins_t
       integer :: n(3) = 0
+      integer :: total = 0                              !! in each part
+      integer :: vectors(3) = 0                         !! of edges
       real(wp), allocatable :: first_edge(:, :)         !! (n(1) - 1 and more, parts)
       real(wp), allocatable :: second_edge(:, :, :)     !! (n(2) - 1 and more, n(1), parts)
       real(wp), allocatable :: third_edge(:, :, :, :)   !! (n(3) - 1 and more, n(2), n(1), parts)
@@ -62,7 +68,7 @@ module rockfall_impact_table
       real(wp) :: rest_angle = 90.0_wp     !! of its ground: on steeper ground a boulder that stops rolls on [degrees]
       type(bins_t) :: flights, rolls       !! by (V_n/V)**2, W/V, speed; by speed, height, V_n
       integer, allocatable :: first(:)     !! first record of each bin, and end; flights before rolls, by part
-      real(wp), allocatable :: map(:, :, :)     !! (n_inputs, n_mapped, bins)
+      real(wp), allocatable :: map(:, :, :)     !! (map_rows, n_inputs, bins), the last row 0
       real(wp), allocatable :: low(:, :), high(:, :)  !! range of a bin's inputs, W over V (n_inputs, bins)
       real(sp), allocatable :: record(:, :)     !! (record_fields, records), sorted by pull_along within a bin
       ! From `index_records`:
@@ -70,7 +76,7 @@ module rockfall_impact_table
       real(sp), allocatable :: pull_along(:)    !! likewise along it, each bin filled to whole parts with infinite ones
       integer, allocatable :: place(:)          !! where those of each bin begin, and end
       real(sp), allocatable :: mark(:, :)       !! pull_along where the next part of each bin begins (marks, bins)
-      real(wp), allocatable :: step(:)          !! logarithm of the size of the next part over that of each [-]
+      real(wp), allocatable :: step(:)          !! logarithm of the size of the next part over that of each [-], and 0
       real(wp) :: hold = 0.0_wp                 !! tangent of the rest angle; 0 where nothing rests [-]
    end type impact_table_t
 
@@ -112,10 +118,13 @@ contains
       type(impact_table_t), intent(inout) :: table
       integer :: bins, bin, parts, k
 
+      call drop_fast_followers(table%record)
       bins = size(table%first) - 1
       table%pull_across = table%record(pull_across, :)
       if (table%rest_angle < 90) table%hold = tangent(table%rest_angle)
-      table%step = logarithm(table%size(2:)/table%size(:size(table%size) - 1))
+      table%step = [logarithm(table%size(2:)/table%size(:size(table%size) - 1)), 0.0_wp]
+      table%flights%total = product(table%flights%n)
+      table%rolls%total = product(table%rolls%n)
       allocate (table%mark(marks, bins), source=huge(1.0_sp))
       allocate (table%place(bins + 1), source=1)
       do bin = 1, bins
@@ -132,6 +141,18 @@ contains
          end associate
       end do
    end subroutine index_records
+
+   !> Drop the followers that no boulder can follow, so that they need not be read.
+   pure subroutine drop_fast_followers(record)
+      real(sp), intent(inout) :: record(:, :)
+      integer :: k, next
+
+      do k = 1, size(record, 2)
+         next = int(record(follower, k))
+         if (next == 0) cycle
+         if (record(speed_in, next) > max_held_speed) record(follower, k) = 0
+      end do
+   end subroutine drop_fast_followers
 
    !> Number of records in each part of a bin; the last one may have fewer.
    pure integer function part_size(table, bin)
@@ -159,30 +180,42 @@ contains
       beyond_ratios = ratio < table%size(1) .or. ratio > table%size(size(table%size))
    end function beyond_ratios
 
-   !> Part of a table for a boulder: the next smaller or larger one, with the probability given by interpolation linear
-   !> in the logarithm of the size.
-   pure integer function part_at(table, radius, ratio, u) result(part)
+   !> Find the part of a table below the size of a boulder, and how far above it the boulder is.
+   pure subroutine find_part(table, radius, ratio, part, excess)
       type(impact_table_t), intent(in) :: table
-      real(wp), intent(in) :: radius  !! R_b [m]
-      real(wp), intent(in) :: ratio   !! R_b/R_m [-]
-      real(wp), intent(in) :: u       !! uniform in (0, 1) [-]
+      real(wp), intent(in) :: radius   !! R_b [m]
+      real(wp), intent(in) :: ratio    !! R_b/R_m [-]
+      integer, intent(out) :: part
+      real(wp), intent(out) :: excess  !! logarithm of its size over that of the part; 0 below it [-]
       real(wp) :: own
 
       part = 1
+      excess = 0
+      if (size(table%size) == 1) return
       own = merge(ratio, radius, has_ratios(size(table%size), table%speed(1)))
       do while (part < size(table%size) - 1)
          if (own < table%size(part + 1)) exit
          part = part + 1
       end do
       associate (low => table%size(part), high => table%size(part + 1))
-         if (own <= low) return
          if (own >= high) then
             part = part + 1
-         else if (u*table%step(part) < logarithm(own/low)) then
-            part = part + 1
+         else if (own > low) then
+            excess = logarithm(own/low)
          end if
       end associate
-   end function part_at
+   end subroutine find_part
+
+   !> Part of a table for a contact: the next smaller or larger one, with the probability given by interpolation linear
+   !> in the logarithm of the size.
+   pure integer function drawn_part(table, part, excess, u)
+      type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: part     !! from find_part
+      real(wp), intent(in) :: excess  !! likewise
+      real(wp), intent(in) :: u       !! uniform in (0, 1) [-]
+
+      drawn_part = part + merge(1, 0, u*table%step(part) < excess)
+   end function drawn_part
 
    !> Part to which a record belongs.
    pure integer function part_of(table, record) result(part)
@@ -198,26 +231,17 @@ contains
 
    !> Find the bin of a contact, and its record if that is the one that followed in the laboratory; compare the scales
    !> of boulder and block.
-   pure subroutine begin_draw(table, boulder, ratio, unit, u, in, part, bin, record)
+   pure subroutine begin_draw(table, boulder, unit, in, part, bin, record)
       type(impact_table_t), intent(in) :: table
       type(boulder_t), intent(in) :: boulder
-      real(wp), intent(in) :: ratio     !! R_b/R_m [-]
       real(wp), intent(in) :: unit      !! sqrt(g R_b) [m/s]
-      real(wp), intent(in) :: u         !! uniform in (0, 1), for the part [-]
       type(approach_t), intent(inout) :: in  !! its `key` and `stretch` are set
-      integer, intent(out) :: part
+      integer, intent(inout) :: part    !! from drawn_part, unless a record decides
       integer, intent(out) :: bin       !! bin of the contact; 0: the boulder is like the block of the record
-      integer, intent(out) :: record    !! or 0, to be drawn from the bin by find_window and nearest_record
+      integer, intent(out) :: record    !! or 0, to be drawn from the bin by nearest_record
 
       record = merge(in%next, 0, continues_sequence(table, in))
-      part = 1
-      if (size(table%size) > 1) then
-         if (record > 0) then
-            part = part_of(table, record)
-         else
-            part = part_at(table, boulder%radius, ratio, u)
-         end if
-      end if
+      if (record > 0) part = part_of(table, record)
       call compare_scales(table, part, unit, boulder%mass/boulder%volume, in%key, in%stretch)
       bin = contact_bin(table, part, in)
       if (record > 0) bin = merge(0, bin, table%record(speed_in, record) < relief_speed)
@@ -280,7 +304,7 @@ contains
       real(wp), intent(in) :: ratio   !! ratio of its speed to that of the record [-]
       real(wp), intent(in) :: record(record_fields)
       type(outcome_t), intent(inout) :: out
-      real(wp) :: scaled, change(n_inputs), shift(n_mapped)
+      real(wp) :: scaled, change(n_inputs), shift(map_rows)
       integer :: k
 
       associate (low => table%low(:, bin), high => table%high(:, bin))
@@ -293,8 +317,9 @@ contains
                   - [scaled*record(t_in:w_in), record(height_in)]
       end associate
       if (.not. in%rolling) change(4) = 0
-      do k = 1, n_mapped  ! matmul of array sections would be a library call
-         shift(k) = sum(change*table%map(:, k, bin))
+      do k = 1, map_rows  ! matmul of array sections would be a library call
+         shift(k) = change(1)*table%map(k, 1, bin) + change(2)*table%map(k, 2, bin) + change(3)*table%map(k, 3, bin) &
+                    + change(4)*table%map(k, 4, bin)
       end do
       out%duration = record(duration_out)
       ! where the absolute speed is the key, duration scales with R_b, not with its square root
@@ -351,10 +376,10 @@ contains
       integer, intent(in) :: part
       type(approach_t), intent(in) :: in
 
-      associate (f => table%flights%n, r => table%rolls%n, speed2 => in%speed*in%speed)
-         bin = (part - 1)*(product(f) + product(r))
+      associate (f => table%flights%total, r => table%rolls%total, speed2 => in%speed*in%speed)
+         bin = (part - 1)*(f + r)
          if (in%rolling) then
-            bin = bin + product(f) + key_bin(table%rolls, part, [speed2, in%height, in%v(2)], [1.0_wp, 1.0_wp])
+            bin = bin + f + key_bin(table%rolls, part, [speed2, in%height, in%v(2)], [1.0_wp, 1.0_wp])
          else
             bin = bin + key_bin(table%flights, part, [in%v(2)*in%v(2), in%v(3), in%key*speed2], [speed2, in%speed])
          end if
@@ -367,32 +392,51 @@ contains
       real(wp), intent(in) :: key(3), over(2)  !! of the first two
       integer :: i, j, k
 
-      i = min(bins%n(1), edge_bin(bins%first_edge(:, part), over(1), key(1)))
-      j = min(bins%n(2), edge_bin(bins%second_edge(:, i, part), over(2), key(2)))
-      k = min(bins%n(3), edge_bin(bins%third_edge(:, j, i, part), 1.0_wp, key(3)))
+      i = min(bins%n(1), edge_bin(bins%vectors(1), bins%first_edge(:, part), over(1), key(1)))
+      j = min(bins%n(2), edge_bin(bins%vectors(2), bins%second_edge(:, i, part), over(2), key(2)))
+      k = min(bins%n(3), edge_bin(bins%vectors(3), bins%third_edge(:, j, i, part), 1.0_wp, key(3)))
       bin = ((i - 1)*bins%n(2) + j - 1)*bins%n(3) + k
    end function key_bin
 
    !> Return 1 + the number of edges, scaled by a unit, below a value. All edges are compared: an early exit would be
    !> mispredicted.
-   pure integer function edge_bin(edge, unit, value)
-      real(wp), intent(in), contiguous :: edge(:)
+   pure integer function edge_bin(vectors, edge, unit, value)
+      integer, intent(in) :: vectors
+      real(wp), intent(in) :: edge(edge_vector, vectors)
       real(wp), intent(in) :: unit, value
+      integer(i8) :: below(edge_vector)  ! as wide as an edge
       integer :: k
 
-      edge_bin = 1
-      do k = 1, size(edge)
-         edge_bin = edge_bin + merge(1, 0, edge(k)*unit < value)
+      below = 0
+      do k = 1, vectors
+         below = below + merge(1_i8, 0_i8, edge(:, k)*unit < value)
       end do
+      edge_bin = 1 + int(sum(below))
    end function edge_bin
 
-   !> Find the records of a bin from which one is drawn: those nearest in gravity along the heading. All of them if no
-   !> hollow holds the boulder, whose response to gravity is then proportional: among few, a record that happened once
-   !> in the laboratory would be drawn at every other contact on slopes near its own.
-   pure subroutine find_window(table, bin, speed, pull, from, n)
+   !> Return whether a hollow may hold a boulder. If so, its record is drawn from those nearest in gravity along the
+   !> heading, else from the whole bin: its response to gravity is then proportional, and among few, a record that
+   !> happened once in the laboratory would be drawn at every other contact on slopes near its own.
+   pure logical function is_held(speed)
+      real(wp), intent(in) :: speed  !! as in approach_t [-]
+
+      is_held = .not. speed > max_held_speed
+   end function is_held
+
+   !> All records of a bin.
+   pure subroutine whole_bin(table, bin, from, n)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin
-      real(wp), intent(in) :: speed     !! as in approach_t [-]
+      integer, intent(out) :: from, n   !! the first, their number
+
+      from = table%first(bin)
+      n = table%first(bin + 1) - from
+   end subroutine whole_bin
+
+   !> Find the records of a bin that are nearest in gravity along the heading.
+   pure subroutine find_window(table, bin, pull, from, n)
+      type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: bin
       real(wp), intent(in) :: pull      !! gravity along the heading, over g [-]
       integer, intent(out) :: from, n   !! the first, their number
       integer :: first, last, start, below, k
@@ -400,7 +444,7 @@ contains
 
       first = table%first(bin)
       last = table%first(bin + 1) - 1
-      n = merge(last - first + 1, (last - first + window)/window, speed > max_held_speed)
+      n = (last - first + window)/window
       along = real(pull, sp)
       below = 0
       do k = 1, marks  ! comparing all, vectorised, is faster than bisection
@@ -418,7 +462,7 @@ contains
    !> response of slow blocks to gravity is not proportional.
    pure integer function nearest_record(table, from, n, pull, u)
       type(impact_table_t), intent(in) :: table
-      integer, intent(in) :: from, n   !! from find_window
+      integer, intent(in) :: from, n   !! from whole_bin or find_window
       real(wp), intent(in) :: pull, u  !! gravity across the heading, over g; uniform in (0, 1) [-]
       integer :: candidate, k
       real(wp) :: separation, min_separation
@@ -442,17 +486,18 @@ contains
       type(approach_t), intent(in) :: in
       real(wp) :: tolerance, excess
 
-      associate (record => table%record(:, max(1, in%next)))  ! one comparison: several would be mispredicted
+      continues_sequence = .false.
+      if (in%next == 0) return
+      associate (record => table%record(:, in%next))  ! one comparison: several would be mispredicted
          tolerance = max(relief_speed, real(record(speed_in), wp))
-         excess = max(record(speed_in) - max_held_speed, &
-                      abs(in%pull(1) - record(pull_along)) - pull_tolerance, &
+         excess = max(abs(in%pull(1) - record(pull_along)) - pull_tolerance, &
                       abs(in%pull(2) - record(pull_across)) - pull_tolerance, &
                       abs(in%speed - record(speed_in)) - tolerance, &
                       abs(in%v(2) - record(n_in)) - tolerance, &
                       abs(in%v(3) - record(w_in)) - tolerance)
          if (in%rolling) excess = max(excess, abs(in%height - record(height_in)) - height_tolerance)
       end associate
-      continues_sequence = in%next > 0 .and. .not. excess > 0
+      continues_sequence = .not. excess > 0
    end function continues_sequence
 
    !> Inputs of the map, clamped to the range of the bin's records.

@@ -45,6 +45,9 @@ module rockfall_rolling
       real(wp) :: normal = 0.0_wp  !! V_n [m/s]
       real(wp) :: height = 0.0_wp  !! of its centre above the mean ground, over R_b [-]
       real(wp) :: lift = 0.0_wp    !! rise of its centre since it landed, over R_b [-]
+      integer :: part = 1          !! part of the table for its size, or the one below
+      real(wp) :: excess = 0.0_wp  !! logarithm of its size over that of this part [-]
+      logical :: beyond = .false.  !! its ratio is outside those of the table
    end type touch_t
 
 contains
@@ -140,9 +143,9 @@ contains
       real(wp) :: inside
 
       associate (p => start%patch, end => roll%landing)
-         call slide_on_patch(start%x, start%y, roll%path%heading(1), roll%path%heading(2), length, dem%per_cell, &
-                             real(p%i, wp), real(p%j, wp), p%z00, p%a, p%b, p%c, end%x, end%y, end%u, end%w, end%z, &
-                             inside)
+         call slide_on_patch(start%x, start%y, start%z, start%u, start%w, roll%path%heading(1), &
+                             roll%path%heading(2), length, dem%per_cell, real(p%i, wp), real(p%j, wp), p%z00, p%a, &
+                             p%b, p%c, end%x, end%y, end%z, end%u, end%w, inside)
          end%contact = .true.
          end%jump_height = 0
          end%patch = p
@@ -150,25 +153,28 @@ contains
       if (.not. inside > 0) call move_along(dem, start, length, roll)
    end subroutine find_slide_end
 
-   !> End of a slide on its first patch, if it lies inside.
-   elemental subroutine slide_on_patch(x, y, t1, t2, length, per_cell, i, j, z00, a, b, c, x_end, y_end, u, w, z, &
-                                       inside)
-      real(wp), intent(in) :: x, y                !! its start [m]
+   !> End of a slide on its first patch, if it lies inside: exactly its start if it has no length.
+   elemental subroutine slide_on_patch(x, y, z, u, w, t1, t2, length, per_cell, i, j, z00, a, b, c, x_end, y_end, &
+                                       z_end, u_end, w_end, inside)
+      real(wp), intent(in) :: x, y, z, u, w       !! its start, as in landing_t [m], [cells]
       real(wp), intent(in) :: t1, t2, length      !! as in find_slide [-], [m]
       real(wp), intent(in) :: per_cell            !! [1/m]
       real(wp), intent(in) :: i, j, z00, a, b, c  !! as in patch_t [-], [m]
-      real(wp), intent(out) :: x_end, y_end, z    !! [m]
-      real(wp), intent(out) :: u, w               !! position in the patch, 0..1 [cells]
-      real(wp), intent(out) :: inside             !! 1 or 0
+      real(wp), intent(out) :: x_end, y_end, z_end  !! [m]
+      real(wp), intent(out) :: u_end, w_end         !! position in the patch, 0..1 [cells]
+      real(wp), intent(out) :: inside               !! 1 or 0
       real(wp) :: beyond
 
       x_end = x + length*t1
       y_end = y + length*t2
-      u = fraction_of(per_cell, x_end, i)
-      w = fraction_of(per_cell, y_end, j)
-      z = height_at(z00, a, b, c, u, w)
-      beyond = abs(x_end*per_cell - (i - 1) - u) + abs(y_end*per_cell - (j - 1) - w)
+      u_end = fraction_of(per_cell, x_end, i)
+      w_end = fraction_of(per_cell, y_end, j)
+      beyond = abs(x_end*per_cell - (i - 1) - u_end) + abs(y_end*per_cell - (j - 1) - w_end)
       inside = merge(0.0_wp, 1.0_wp, beyond > 0)
+      inside = merge(inside, 1.0_wp, length > 0)
+      u_end = merge(u_end, u, length > 0)
+      w_end = merge(w_end, w, length > 0)
+      z_end = merge(height_at(z00, a, b, c, u_end, w_end), z, length > 0)
    end subroutine slide_on_patch
 
    !> Return 1 if the ground falls away under a slide, else 0.

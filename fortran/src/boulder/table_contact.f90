@@ -10,8 +10,9 @@ module rockfall_table_contact
    use rockfall_rolling, only: roll_t, touch_t, find_slide
    use rockfall_direction, only: unit_vector, random_heading, along_aspect, shortest
    use rockfall_local_frame, only: in_local_frame, signed_w
-   use rockfall_impact_table, only: impact_table_t, approach_t, outcome_t, begin_draw, find_window, nearest_record, &
-                                    transfer_record, exceeds_table, scaled_energy, flies, rolls_on, stops
+   use rockfall_impact_table, only: impact_table_t, approach_t, outcome_t, find_part, drawn_part, beyond_ratios, &
+                                    begin_draw, whole_bin, find_window, is_held, nearest_record, transfer_record, &
+                                    exceeds_table, scaled_energy, flies, rolls_on, stops
    implicit none
    private
    public :: table_contact_t, table_contact, record_u, part_u, side_u
@@ -49,14 +50,13 @@ contains
 
    !> Draw a contact, and find the path `roll` to its end. `touch` comes from update_touch, and is updated for the next
    !> contact.
-   pure subroutine table_contact(dem, gravity, table, boulder, inertia, ratio, u, landing, v, before, omega_r, touch, &
+   pure subroutine table_contact(dem, gravity, table, boulder, inertia, u, landing, v, before, omega_r, touch, &
                                  roll, contact)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity         !! [m/s2]
       type(impact_table_t), intent(in) :: table
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: inertia         !! I/(m R_b**2) [-]
-      real(wp), intent(in) :: ratio           !! R_b/R_m [-]
       real(wp), intent(in) :: u(words_per_block)  !! uniform in (0, 1) [-]
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: v(3)            !! incoming velocity [m/s]
@@ -83,9 +83,10 @@ contains
       call find_pull(g(1), g(2), steepness, t(1), t(2), t(3), u(side_u), in%pull(1), in%pull(2), side)
       in%v = contact%v_in*(1/unit)
       in%speed = sqrt(in%v(1)*in%v(1) + in%v(2)*in%v(2))
-      call find_record(table, boulder, inertia, unit, ratio, u(part_u), touch, in, bin, record, contact%fast)
+      call find_record(table, boulder, inertia, unit, u(part_u), touch, in, bin, record, contact%fast)
       if (record == 0) then
-         call find_window(table, bin, in%speed, in%pull(1), from, n)
+         call whole_bin(table, bin, from, n)
+         if (is_held(in%speed)) call find_window(table, bin, in%pull(1), from, n)
          record = nearest_record(table, from, n, in%pull(2), u(record_u))
       end if
       call apply_record(table, bin, record, in, touch, out)
@@ -117,17 +118,22 @@ contains
    end subroutine table_contact
 
    !> Keep the state of the previous contact if it still applies: the boulder is still in that contact if it has hardly
-   !> risen since; a different ground ends the sequence of records.
-   pure subroutine update_touch(ground, ratio, radius, jump_height, touch)
+   !> risen since; a different ground ends the sequence of records, and has another part of a table for its size.
+   pure subroutine update_touch(table, ground, ratio, radius, jump_height, touch)
+      type(impact_table_t), intent(in) :: table  !! of the ground
       integer, intent(in) :: ground
       real(wp), intent(in) :: ratio        !! R_b/R_m [-]
       real(wp), intent(in) :: radius       !! R_b [m]
       real(wp), intent(in) :: jump_height  !! since the previous contact [m]
       type(touch_t), intent(inout) :: touch
 
-      if (touch%ground /= ground .or. touch%ratio /= ratio) touch%next = 0
-      touch%ground = ground
-      touch%ratio = ratio
+      if (touch%ground /= ground .or. touch%ratio /= ratio) then
+         touch%next = 0
+         touch%ground = ground
+         touch%ratio = ratio
+         touch%beyond = beyond_ratios(table, ratio)
+         call find_part(table, radius, ratio, touch%part, touch%excess)
+      end if
       if (touch%rolling .and. jump_height > max_rise*radius) then
          touch%rolling = .false.
          touch%next = 0
@@ -194,10 +200,10 @@ contains
    end subroutine find_pull
 
    !> Find the bin of a contact, and its record if it need not be drawn from the bin.
-   pure subroutine find_record(table, boulder, inertia, unit, ratio, u, touch, in, bin, record, fast)
+   pure subroutine find_record(table, boulder, inertia, unit, u, touch, in, bin, record, fast)
       type(impact_table_t), intent(in) :: table
       type(boulder_t), intent(in) :: boulder
-      real(wp), intent(in) :: inertia, unit, ratio  !! as in table_contact [-], sqrt(g R_b) [m/s], [-]
+      real(wp), intent(in) :: inertia, unit         !! as in table_contact [-], sqrt(g R_b) [m/s]
       real(wp), intent(in) :: u                     !! uniform in (0, 1), for the part of the table [-]
       type(touch_t), intent(in) :: touch
       type(approach_t), intent(inout) :: in         !! v, speed, and pull on entry; complete on return
@@ -209,7 +215,8 @@ contains
       in%height = touch%height
       in%rolling = touch%rolling
       in%inertia = inertia
-      call begin_draw(table, boulder, ratio, unit, u, in, part, bin, record)
+      part = drawn_part(table, touch%part, touch%excess, u)
+      call begin_draw(table, boulder, unit, in, part, bin, record)
       fast = exceeds_table(table, part, in)
    end subroutine find_record
 

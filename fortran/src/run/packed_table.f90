@@ -7,7 +7,7 @@ module rockfall_packed_table
    use rockfall_kinds, only: wp, sp, i4
    use rockfall_error, only: error_t, fail
    use rockfall_impact_table, only: impact_table_t, bins_t, index_records, record_fields, pull_along, follower, &
-                                    n_inputs, n_mapped
+                                    n_inputs, n_mapped, map_rows, edge_vector
    implicit none
    private
    public :: is_packed_table, read_packed_table
@@ -42,7 +42,8 @@ contains
          bins = counts(1)*(product(counts(2:4)) + product(counts(5:7)))
          if (expected_size(counts, bins) == len(text)) then
             allocate (table%size(counts(1)), table%speed(counts(1)), table%fastest(counts(1)))
-            allocate (table%first(bins + 1), table%map(n_inputs, n_mapped, bins))
+            allocate (table%first(bins + 1), table%map(map_rows, n_inputs, bins))
+            table%map = 0
             allocate (table%low(n_inputs, bins), table%high(n_inputs, bins), table%record(record_fields, counts(8)))
             call take_reals(text, position, table%size)
             call take_reals(text, position, table%speed)
@@ -57,7 +58,7 @@ contains
             call take_integers(text, position, table%first)
             do bin = 1, bins
                do k = 1, n_mapped
-                  call take_reals(text, position, table%map(:, k, bin))
+                  call take_reals(text, position, table%map(k, :, bin))
                end do
                call take_reals(text, position, table%low(:, bin))
                call take_reals(text, position, table%high(:, bin))
@@ -116,7 +117,8 @@ contains
       integer :: edges(3), part, i, j
 
       bins%n = n
-      edges = (n + 2)/4*4  ! n - 1 in whole vectors
+      bins%vectors = (n - 1 + edge_vector - 1)/edge_vector
+      edges = bins%vectors*edge_vector
       allocate (bins%first_edge(edges(1), parts), bins%second_edge(edges(2), n(1), parts), &
                 bins%third_edge(edges(3), n(2), n(1), parts), source=huge(1.0_wp))
       do part = 1, parts

@@ -16,11 +16,10 @@ module rockfall_contact
    use rockfall_ground, only: ground_t, ground_rebound, is_stochastic
    use rockfall_direction, only: turning_t, by_lab, lateral_angle
    use rockfall_local_frame, only: decompose, outgoing_flight
-   use rockfall_impact_table, only: beyond_ratios
    use rockfall_table_contact, only: table_contact_t, table_contact, update_touch
    use rockfall_histogram, only: count_rebound
    use rockfall_scene_type, only: scene_t, inertia_of, is_slow
-   use rockfall_outcome, only: boulder_result_t, count_outcome, stopped, absorbed, impact_limit
+   use rockfall_outcome, only: boulder_result_t, count_outcome, add_ground_loss, stopped, absorbed, impact_limit
    use rockfall_scratch, only: scratch_t, contact_t, with_lines, with_all, count_ground, record_vertex
    use rockfall_draws, only: impact_words, ground_uniforms
    implicit none
@@ -91,8 +90,7 @@ contains
       if (level >= with_all) then
          call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v, v_in, out%v, &
                                                ratio))
-         result%energy%ground = result%energy%ground &
-                                + 0.5_wp*result%boulder%mass*(twice_energy(v_in) - twice_energy(out%v))
+         call add_ground_loss(twice_energy(v_in), twice_energy(out%v), 0.0_wp, result)
       end if
       slow = is_slow(scene, squared_length(flight%v))
       call close_impact(scene, squared_length(flight%v), .not. slow, result)
@@ -120,10 +118,10 @@ contains
       real(wp) :: before
 
       before = squared_length(v) + inertia_factor*omega_r*omega_r
-      call update_touch(ground, ratio, result%boulder%radius, landing%jump_height, scratch%touch)
+      call update_touch(ground_data%table, ground, ratio, result%boulder%radius, landing%jump_height, scratch%touch)
       call table_contact(scene%dem, scene%gravity, ground_data%table, result%boulder, inertia_of(scene, number), &
-                         ratio, u, landing, v, flight%heading, omega_r, scratch%touch, roll, contact)
-      call count_outcome(rebound_t(contact%v_out, forced=contact%limited), beyond_ratios(ground_data%table, ratio), &
+                         u, landing, v, flight%heading, omega_r, scratch%touch, roll, contact)
+      call count_outcome(rebound_t(contact%v_out, forced=contact%limited), scratch%touch%beyond, &
                          contact%fast, .false., result)
       call count_ground(ground, scratch)
       if (scene%histograms_requested) call count_rebound(scratch%histograms, contact%v_in, contact%v_out)
@@ -134,8 +132,7 @@ contains
          call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v, contact%v_in, &
                                                contact%v_out, ratio))
          ! V_n of a boulder that rolls on is in neither: it is restored at its next contact
-         result%energy%ground = result%energy%ground + 0.5_wp*result%boulder%mass &
-                                *(before - squared_length(flight%v) - inertia_factor*omega_r*omega_r)
+         call add_ground_loss(before, squared_length(flight%v), inertia_factor*omega_r*omega_r, result)
       end if
       call close_impact(scene, squared_length(flight%v), .not. contact%stops, result)
       if (contact%stops) then

@@ -5,8 +5,8 @@
 !>
 !> Compiled twice, like rockfall_lanes.
 module rockfall_flights
-   use rockfall_kinds, only: wp
-   use rockfall_terrain, only: terrain_t, patch_t, read_corners, find_coefficients
+   use rockfall_kinds, only: wp, sp, i8
+   use rockfall_terrain, only: terrain_t, patch_t, find_coefficients
    use rockfall_flight, only: flight_t, landing_t, inverse_speed, side_time, curvature, strikes_ground, strike_time, &
                               max_height, enter_patch, place_on_patch
    use rockfall_boulder, only: inertia_factor
@@ -47,6 +47,8 @@ module rockfall_flights
       real(wp), dimension(lanes) :: contact = 0                       !! 1 or 0
       real(wp), dimension(lanes) :: known = 1                         !! the next patch is known: 1 or 0
       real(wp), dimension(lanes) :: z10 = 0, z01 = 0, z11 = 0         !! its other corners [m]
+      real(wp), dimension(lanes) :: at = 1                            !! index of its south-western corner
+      real(sp), dimension(lanes, 4) :: single = 0                     !! its corners, if elevations are in single [m]
       ! Only if cells are recorded:
       real(wp), dimension(lanes) :: d2 = 0, end = 0                   !! [m2/s2]; end of the span over the patch [s]
       real(wp), dimension(lanes) :: cell_i = 0, cell_j = 0            !! current cell, as in axis_t [-]
@@ -558,22 +560,10 @@ contains
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity  !! [m/s2]
       type(flights_t), intent(inout) :: f
-      real(wp) :: low(2), high(2), inside, known
+      real(wp) :: known
       integer :: k
 
-      low = dem%lo
-      high = dem%hi
-      !$omp simd private(inside)
-      do k = 1, padded(f%n)
-         inside = merge(1.0_wp, 0.0_wp, f%next_i(k) >= low(1))
-         inside = merge(inside, 0.0_wp, f%next_j(k) >= low(2))
-         inside = merge(inside, 0.0_wp, f%next_i(k) <= high(1))
-         f%known(k) = merge(inside, 0.0_wp, f%next_j(k) <= high(2))
-      end do
-      do k = 1, f%n
-         if (f%known(k) > 0) &
-            call read_corners(dem, int(f%next_i(k)), int(f%next_j(k)), f%z00(k), f%z10(k), f%z01(k), f%z11(k))
-      end do
+      call read_next_corners(dem, f)
       !$omp simd private(known)
       do k = 1, padded(f%n)
          call find_coefficients(f%z00(k), f%z10(k), f%z01(k), f%z11(k), f%a(k), f%b(k), f%c(k), known)
@@ -585,6 +575,69 @@ contains
                           f%i(k), f%j(k), f%z00(k), f%a(k), f%b(k), f%c(k), f%d0(k), f%d1(k))
       end do
    end subroutine enter_patches
+
+   !> Read the corners of the next patches. Beyond the window another patch is read, so that no flight needs a branch;
+   !> what is left for each flight are loads and stores.
+   subroutine read_next_corners(dem, f)
+      type(terrain_t), intent(in) :: dem
+      type(flights_t), intent(inout) :: f
+      real(wp), pointer, contiguous :: z8(:)
+      real(sp), pointer, contiguous :: z4(:)
+      real(wp) :: low(2), high(2), first(2), columns, inside, i, j
+      integer(i8) :: at, row
+      integer :: k
+
+      low = dem%lo
+      high = dem%hi
+      if (associated(dem%z8)) then
+         row = size(dem%z8, 1, i8)
+         first = lbound(dem%z8)
+         z8(1:size(dem%z8, kind=i8)) => dem%z8
+      else
+         row = size(dem%z4, 1, i8)
+         first = lbound(dem%z4)
+         z4(1:size(dem%z4, kind=i8)) => dem%z4
+      end if
+      first(2) = dem%ny + 1 - first(2)  ! counted from the south
+      columns = real(row, wp)
+      !$omp simd private(inside, i, j)
+      do k = 1, padded(f%n)
+         i = f%next_i(k)
+         j = f%next_j(k)
+         inside = merge(1.0_wp, 0.0_wp, i >= low(1))
+         inside = merge(inside, 0.0_wp, j >= low(2))
+         inside = merge(inside, 0.0_wp, i <= high(1))
+         inside = merge(inside, 0.0_wp, j <= high(2))
+         i = merge(i, low(1), inside > 0)
+         j = merge(j, low(2), inside > 0)
+         f%known(k) = inside
+         f%at(k) = 1 + (i - first(1)) + (first(2) - j)*columns
+      end do
+      if (associated(dem%z8)) then
+         do k = 1, f%n
+            at = int(f%at(k), i8)
+            f%z00(k) = z8(at)
+            f%z10(k) = z8(at + 1)
+            f%z01(k) = z8(at - row)
+            f%z11(k) = z8(at - row + 1)
+         end do
+         return
+      end if
+      do k = 1, f%n
+         at = int(f%at(k), i8)
+         f%single(k, 1) = z4(at)
+         f%single(k, 2) = z4(at + 1)
+         f%single(k, 3) = z4(at - row)
+         f%single(k, 4) = z4(at - row + 1)
+      end do
+      !$omp simd
+      do k = 1, padded(f%n)
+         f%z00(k) = f%single(k, 1)
+         f%z10(k) = f%single(k, 2)
+         f%z01(k) = f%single(k, 3)
+         f%z11(k) = f%single(k, 4)
+      end do
+   end subroutine read_next_corners
 
    !> Place landings exactly on their patches.
    subroutine place_landings(l, gravity, cell, per_cell)

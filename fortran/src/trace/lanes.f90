@@ -16,15 +16,14 @@ module rockfall_lanes
    use rockfall_flights, only: flights_t, landings_t, take_off, take_off_again, fly_to_landings, flight_of, &
                                landing_of, take_off_from, replace_landing, lanes, width, padded
    use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, draw_rebound, redraw_rebound, admissible, &
-                              energy_of, beyond_fit, max_draws, twice_energy
+                              energy_of, beyond_fit, max_draws
    use rockfall_direction, only: to_aspect, turn_by_class, divide_by_length, shortest
    use rockfall_table_lanes, only: table_batch_t, clear_batch, add_contact, handle_table_contacts, find_paths_near_lines
-   use rockfall_impact_table, only: beyond_ratios
    use rockfall_table_contact, only: velocity_after, end_touch
    use rockfall_forest, only: forest_t, may_hit_tree
    use rockfall_scene_type, only: scene_t, has_obstacles, needs_energies, inertia_of, is_slow
-   use rockfall_outcome, only: boulder_result_t, departure_status, add_flight, count_outcome, close_energy_balance, &
-                               absorbed
+   use rockfall_outcome, only: boulder_result_t, departure_status, add_flight, count_outcome, add_ground_loss, &
+                               close_energy_balance, absorbed
    use rockfall_crossings, only: crossings_t, record_crossings, keep_crossings
    use rockfall_scratch, only: scratch_t, with_all, clear_scratch, count_ground
    use rockfall_start, only: start_boulder, energy_head, end_boulder
@@ -169,7 +168,7 @@ contains
          end if
          if (allocated(by_table)) then
             call handle_table_contacts(scene, landings, contacts%g1, contacts%g2, contacts%steepness, contacts%word, &
-                                       scratch(1)%cells_requested .or. needs_energies(scene), by_table)
+                                       scratch(1)%cells_requested .or. needs_energies(scene), pool%touch, by_table)
          end if
          call advance_boulders(scene, sets, results, pool, landings, contacts, by_table, flights, scratch)
          call retire_boulders(scene, results, crossings, maps, landings, pool, scratch, totals)
@@ -371,7 +370,7 @@ contains
       type(set_list_t), intent(in) :: sets
       integer(i8), intent(in) :: first, step
       type(boulder_result_t), intent(inout) :: results(:)
-      type(pool_t), intent(in) :: pool
+      type(pool_t), intent(inout) :: pool
       type(landings_t), intent(in) :: l
       type(scratch_t), intent(inout) :: scratch(:)
       type(contacts_t), intent(inout) :: c
@@ -412,9 +411,9 @@ contains
             is_sobol = result%impacts == 1 .and. scene%sobol%dimensions > 1  ! left to the scalar code
             if (sets%offset(c%ground(k)) < 0) then
                if (allocated(scene%grounds(c%ground(k))%table) .and. .not. is_sobol) &
-                  call add_contact(by_table, k, c%ground(k), result%boulder, inertia_of(scene, c%number(k)), &
-                                   c%ratio(k), l%jump_height(k), c%w(k), c%heading1(k), c%heading2(k), &
-                                   pool%touch(lane))
+                  call add_contact(by_table, k, scene%grounds(c%ground(k))%table, c%ground(k), result%boulder, &
+                                   inertia_of(scene, c%number(k)), c%ratio(k), l%jump_height(k), c%w(k), &
+                                   c%heading1(k), c%heading2(k), pool%touch(lane))
                cycle
             end if
             call find_impact_set(scene, c%ratio(k), u_ground, set, c%outside(k))
@@ -696,10 +695,8 @@ contains
                call count_rebound(scratch(lane)%histograms, [c%tangential(k), c%normal(k), c%w(k)], &
                                   [c%out1(k), c%out2(k), c%out3(k)])
             if (energies) &
-               result%energy%ground = result%energy%ground &
-                                      + 0.5_wp*result%boulder%mass &
-                                        *(twice_energy([c%tangential(k), c%normal(k), c%w(k)]) &
-                                          - twice_energy([c%out1(k), c%out2(k), c%out3(k)]))
+               call add_ground_loss(energy_of(c%tangential(k), c%normal(k), c%w(k)), &
+                                    energy_of(c%out1(k), c%out2(k), c%out3(k)), 0.0_wp, result)
             slow = is_slow(scene, c%speed2(k))
             call close_impact(scene, c%speed2(k), .not. slow, result)
             call set_heading(pool, lane, c%heading1(k), c%heading2(k), c%next_w(k))
@@ -736,7 +733,7 @@ contains
 
       lane = l%lane(k)
       call count_outcome(rebound_t([0.0_wp, 0.0_wp, 0.0_wp], forced=b%left(k) < b%total(k)), &
-                         beyond_ratios(scene%grounds(b%ground(k))%table, b%ratio(k)), b%fast(k), .false., result)
+                         pool%touch(lane)%beyond, b%fast(k), .false., result)
       call count_ground(b%ground(k), scratch)
       if (scene%histograms_requested) &
          call count_rebound(scratch%histograms, [b%tangential(k), b%normal(k), b%w(k)], &
@@ -744,10 +741,9 @@ contains
                                            b%velocity_factor(k)*b%across(k), b%n_left(k), &
                                            b%velocity_factor(k)*b%w_drawn(k)))
       if (needs_energies(scene)) &
-         result%energy%ground = result%energy%ground + 0.5_wp*result%boulder%mass &
-            *(squared_length([l%v1(k), l%v2(k), l%v3(k) - scene%gravity*l%time(k)]) &
-              + inertia_factor*pool%w(lane)*pool%w(lane) - b%speed2(k) - inertia_factor*b%next_w(k)*b%next_w(k))
-      pool%touch(lane) = b%touch(k)
+         call add_ground_loss(squared_length([l%v1(k), l%v2(k), l%v3(k) - scene%gravity*l%time(k)]) &
+                              + inertia_factor*pool%w(lane)*pool%w(lane), b%speed2(k), &
+                              inertia_factor*b%next_w(k)*b%next_w(k), result)
       pool%touch(lane)%normal = b%pressed(k)
       pool%touch(lane)%lift = b%lift(k)
       call end_touch(b%off(k) > 0, b%rolls(k) > 0, pool%touch(lane))

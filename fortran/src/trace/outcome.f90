@@ -7,7 +7,8 @@ module rockfall_outcome
    use rockfall_impact, only: rebound_t
    implicit none
    private
-   public :: boulder_result_t, at_rest, departure_status, add_flight, count_outcome, close_energy_balance
+   public :: boulder_result_t, at_rest, departure_status, add_flight, count_outcome, add_ground_loss, &
+             close_energy_balance
    public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier
    public :: left_window, broken
 
@@ -90,6 +91,16 @@ contains
       if (fast) result%out_of_speed = result%out_of_speed + 1
       if (steep) result%out_of_angle = result%out_of_angle + 1
    end subroutine count_outcome
+
+   !> Add the kinetic energy that a contact leaves to the ground; energies are doubled, and per mass [m2/s2].
+   pure subroutine add_ground_loss(before, after, spin, result)
+      real(wp), intent(in) :: before  !! before the contact
+      real(wp), intent(in) :: after   !! after it, without `spin`
+      real(wp), intent(in) :: spin    !! after it, of a rotation that is not in `after`
+      type(boulder_result_t), intent(inout) :: result
+
+      result%energy%ground = result%energy%ground + 0.5_wp*result%boulder%mass*(before - after - spin)
+   end subroutine add_ground_loss
 
    !> Close the energy balance with the energy left at the end and that released on the way.
    pure subroutine close_energy_balance(gravity, z, v, omega_r, result)

@@ -14,7 +14,8 @@ module rockfall_table_lanes
                                time_slide
    use rockfall_direction, only: shortest
    use rockfall_local_frame, only: signed_w
-   use rockfall_impact_table, only: approach_t, outcome_t, find_window, nearest_record, flies, stops
+   use rockfall_impact_table, only: impact_table_t, approach_t, outcome_t, whole_bin, find_window, is_held, &
+                                    nearest_record, flies, rolls_on, stops
    use rockfall_table_contact, only: record_u, part_u, side_u, update_touch, resolve_on_plane, find_pull, find_record, &
                                      apply_record, limit_energy, after_fall, scale_to_energy, compute_departure, &
                                      takeoff_height
@@ -33,9 +34,7 @@ module rockfall_table_lanes
       logical, dimension(lanes) :: by_table = .false.             !! the contact is by a table
       integer, dimension(lanes) :: ground = 0, bin = 0, record = 0
       type(boulder_t) :: boulder(lanes)
-      type(touch_t) :: touch(lanes)
       type(approach_t) :: in(lanes)
-      real(wp), dimension(lanes) :: ratio = 0                     !! R_b/R_m [-]
       real(wp), dimension(lanes) :: radius = 1, inertia = 0       !! R_b [m]; as in approach_t [-]
       real(wp), dimension(lanes) :: before1 = 0, before2 = 0      !! heading before, of any length
       real(wp), dimension(lanes) :: touches = 0, pressed = 0      !! still in previous contact: 1 or 0; its V_n [m/s]
@@ -77,15 +76,16 @@ contains
    end subroutine clear_batch
 
    !> Add a contact.
-   subroutine add_contact(b, k, ground, boulder, inertia, ratio, jump_height, w, heading1, heading2, touch)
+   subroutine add_contact(b, k, table, ground, boulder, inertia, ratio, jump_height, w, heading1, heading2, touch)
       type(table_batch_t), intent(inout) :: b
       integer, intent(in) :: k                    !! its index
+      type(impact_table_t), intent(in) :: table   !! of its ground
       integer, intent(in) :: ground
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: inertia, ratio      !! I/(m R_b**2), R_b/R_m [-]
       real(wp), intent(in) :: jump_height, w      !! of the flight [m], W [m/s]
       real(wp), intent(in) :: heading1, heading2  !! after the previous contact, of any length
-      type(touch_t), intent(in) :: touch
+      type(touch_t), intent(inout) :: touch       !! of its boulder
 
       b%n = b%n + 1
       b%landing(b%n) = k
@@ -93,31 +93,30 @@ contains
       b%ground(k) = ground
       b%boulder(k) = boulder
       b%inertia(k) = inertia
-      b%ratio(k) = ratio
       b%radius(k) = boulder%radius
       b%w(k) = w
       b%before1(k) = heading1
       b%before2(k) = heading2
-      b%touch(k) = touch
-      call update_touch(ground, ratio, boulder%radius, jump_height, b%touch(k))
-      b%touches(k) = merge(1.0_wp, 0.0_wp, b%touch(k)%rolling)
+      call update_touch(table, ground, ratio, boulder%radius, jump_height, touch)
+      b%touches(k) = merge(1.0_wp, 0.0_wp, touch%rolling)
       b%pressed(k) = touch%normal
    end subroutine add_contact
 
    !> Compute all contacts of a batch.
-   subroutine handle_table_contacts(scene, l, g1, g2, steepness, word, paths, b)
+   subroutine handle_table_contacts(scene, l, g1, g2, steepness, word, paths, touch, b)
       type(scene_t), intent(in) :: scene
       type(landings_t), intent(in) :: l
       real(wp), dimension(lanes), intent(in) :: g1, g2, steepness  !! of the ground where they landed [-]
       integer(i8), intent(in) :: word(lanes, words_per_block)      !! random words
       logical, intent(in) :: paths                                 !! paths are needed for maps
+      type(touch_t), intent(inout) :: touch(lanes)                 !! of each lane
       type(table_batch_t), intent(inout) :: b
 
       if (b%n == 0) return
       call compute_incidence(l, scene%gravity, g1, g2, steepness, word(:, side_u), b)
       call sort_contacts(b)
-      call draw_records(scene, word, b)
-      call follow_records(scene, b)
+      call draw_records(scene, l%lane, word, touch, b)
+      call follow_records(scene, l%lane, touch, b)
       call start_slides(l, scene%gravity, scene%dem%per_cell, b)
       if (.not. paths) call leave_patches(scene%dem, l, b)
       call end_slides(l, scene%gravity, scene%dem%per_cell, b)
@@ -165,40 +164,52 @@ contains
    !> would be mispredicted. Boulders that land along the normal have no tangent; `table_contact` handles them.
    subroutine sort_contacts(b)
       type(table_batch_t), intent(inout) :: b
-      integer :: sorted(lanes + 1), n, m, k, touches
+      integer :: rolling(lanes + 1), n, n_rolling, m, k, moves, rolls
 
       n = 0
-      do touches = 0, 1
-         do m = 1, b%n
-            k = b%landing(m)
-            b%by_table(k) = b%tangential(k) > shortest
-            sorted(n + 1) = k
-            n = n + merge(1, 0, b%by_table(k) .and. nint(b%touches(k)) == touches)
-         end do
+      n_rolling = 0
+      do m = 1, b%n  ! branchless, as in `leave_patches`; those that fly move forward in place
+         k = b%landing(m)
+         b%by_table(k) = b%tangential(k) > shortest
+         moves = merge(1, 0, b%tangential(k) > shortest)
+         rolls = moves*int(b%touches(k))
+         b%landing(n + 1) = k
+         rolling(n_rolling + 1) = k
+         n = n + moves - rolls
+         n_rolling = n_rolling + rolls
       end do
-      b%n = n
-      b%landing(:n) = sorted(:n)
+      b%n = n + n_rolling
+      b%landing(n + 1:b%n) = rolling(:n_rolling)
    end subroutine sort_contacts
 
    !> Draw the records, in loops of little each, so that many contacts overlap.
-   subroutine draw_records(scene, word, b)
+   subroutine draw_records(scene, lane, word, touch, b)
       type(scene_t), intent(in) :: scene
+      integer, intent(in) :: lane(lanes)  !! of each contact
       integer(i8), intent(in) :: word(lanes, words_per_block)
+      type(touch_t), intent(in) :: touch(lanes)  !! of each lane
       type(table_batch_t), intent(inout) :: b
-      integer, dimension(lanes + 1) :: drawn, from, width
-      integer :: n, m, k
+      integer, dimension(lanes + 1) :: drawn, held, from, width
+      integer :: n, n_held, m, k
 
       n = 0
       do m = 1, b%n
          k = b%landing(m)
-         call find_record(scene%grounds(b%ground(k))%table, b%boulder(k), b%inertia(k), b%unit(k), b%ratio(k), &
-                          uniform(word(k, part_u)), b%touch(k), b%in(k), b%bin(k), b%record(k), b%fast(k))
+         call find_record(scene%grounds(b%ground(k))%table, b%boulder(k), b%inertia(k), b%unit(k), &
+                          uniform(word(k, part_u)), touch(lane(k)), b%in(k), b%bin(k), b%record(k), b%fast(k))
          drawn(n + 1) = k  ! branchless, as in `leave_patches`
          n = n + merge(1, 0, b%record(k) == 0)
       end do
+      n_held = 0
       do m = 1, n
          k = drawn(m)
-         call find_window(scene%grounds(b%ground(k))%table, b%bin(k), b%in(k)%speed, b%in(k)%pull(1), from(m), width(m))
+         call whole_bin(scene%grounds(b%ground(k))%table, b%bin(k), from(m), width(m))
+         held(n_held + 1) = m
+         n_held = n_held + merge(1, 0, is_held(b%in(k)%speed))
+      end do
+      do m = 1, n_held
+         k = drawn(held(m))
+         call find_window(scene%grounds(b%ground(k))%table, b%bin(k), b%in(k)%pull(1), from(held(m)), width(held(m)))
       end do
       do m = 1, n
          k = drawn(m)
@@ -207,15 +218,17 @@ contains
       end do
    end subroutine draw_records
 
-   subroutine follow_records(scene, b)
+   subroutine follow_records(scene, lane, touch, b)
       type(scene_t), intent(in) :: scene
+      integer, intent(in) :: lane(lanes)            !! of each contact
+      type(touch_t), intent(inout) :: touch(lanes)  !! of each lane
       type(table_batch_t), intent(inout) :: b
       type(outcome_t) :: out
       integer :: m, k
 
       do m = 1, b%n
          k = b%landing(m)
-         call apply_record(scene%grounds(b%ground(k))%table, b%bin(k), b%record(k), b%in(k), b%touch(k), out)
+         call apply_record(scene%grounds(b%ground(k))%table, b%bin(k), b%record(k), b%in(k), touch(lane(k)), out)
          b%along(k) = out%along
          b%across(k) = out%across
          b%drawn(k) = out%normal
@@ -223,8 +236,8 @@ contains
          b%allowed(k) = out%allowed
          b%advance(k) = out%advance
          b%duration(k) = out%duration
-         b%lift(k) = b%touch(k)%lift
-         b%rolls(k) = merge(1.0_wp, 0.0_wp, b%touch(k)%rolling)
+         b%lift(k) = touch(lane(k))%lift
+         b%rolls(k) = merge(1.0_wp, 0.0_wp, out%exit == rolls_on)
          b%flown(k) = merge(1.0_wp, 0.0_wp, out%exit == flies)
          b%stops(k) = merge(1.0_wp, 0.0_wp, out%exit == stops)
       end do
@@ -246,8 +259,8 @@ contains
          b%covered(k) = slide
          b%speed(k) = b%unit(k)*speed
          b%time(k) = b%duration(k)*(b%unit(k)/gravity)
-         call slide_on_patch(l%x(k), l%y(k), b%t1(k), b%t2(k), slide, per_cell, l%i(k), l%j(k), l%z00(k), l%a(k), &
-                             l%b(k), l%c(k), x, y, u, w, z, inside)
+         call slide_on_patch(l%x(k), l%y(k), l%z(k), l%u(k), l%w(k), b%t1(k), b%t2(k), slide, per_cell, l%i(k), &
+                             l%j(k), l%z00(k), l%a(k), l%b(k), l%c(k), x, y, z, u, w, inside)
          b%inside(k) = inside
          b%found(k) = inside
          b%i(k) = l%i(k)
@@ -298,8 +311,8 @@ contains
 
       !$omp simd private(slide, time, u, w, x, y, z, inside, off)
       do k = 1, padded(l%n)
-         call slide_on_patch(l%x(k), l%y(k), b%t1(k), b%t2(k), b%covered(k), per_cell, b%i(k), b%j(k), b%z00(k), &
-                             b%a(k), b%b(k), b%c(k), x, y, u, w, z, inside)
+         call slide_on_patch(l%x(k), l%y(k), l%z(k), l%u(k), l%w(k), b%t1(k), b%t2(k), b%covered(k), per_cell, &
+                             b%i(k), b%j(k), b%z00(k), b%a(k), b%b(k), b%c(k), x, y, z, u, w, inside)
          off = falls_away(l%z(k) - z, b%t3(k), b%covered(k), gravity, b%time(k))
          b%off(k) = off
          slide = merge(0.0_wp, b%covered(k), off > 0)
@@ -310,9 +323,8 @@ contains
          b%a(k) = merge(l%a(k), b%a(k), off > 0)
          b%b(k) = merge(l%b(k), b%b(k), off > 0)
          b%c(k) = merge(l%c(k), b%c(k), off > 0)
-         call slide_on_patch(l%x(k), l%y(k), b%t1(k), b%t2(k), slide, per_cell, b%i(k), b%j(k), b%z00(k), &
-                             b%a(k), b%b(k), b%c(k), x, y, u, w, z, inside)
-         inside = merge(inside, 1.0_wp, off > 0)
+         call slide_on_patch(l%x(k), l%y(k), l%z(k), l%u(k), l%w(k), b%t1(k), b%t2(k), slide, per_cell, b%i(k), &
+                             b%j(k), b%z00(k), b%a(k), b%b(k), b%c(k), x, y, z, u, w, inside)
          b%found(k) = min(b%found(k), inside)
          call time_slide(b%t1(k), b%t2(k), slide, l%z(k) - z, time, b%speed(k), b%length(k), b%slides(k), b%waits(k))
          b%x(k) = x
