@@ -83,6 +83,7 @@ def _arguments(name: str, parser: argparse.ArgumentParser) -> Iterator[str]:
             words = "/".join(action.option_strings) or action.dest.upper()
             kind = getattr(action.type, "__name__", "" if action.nargs == 0 else "str")
             default = "" if action.default in (None, False, argparse.SUPPRESS) else action.default
+            default = default.as_posix() if isinstance(default, Path) else default
             needed = "required" if action.required and action.option_strings else ""
             number = "" if action.nargs in (None, 0) else f"({action.nargs})"
             yield f"{name} {words} | {kind}{number} | {default} | {needed}".rstrip(" |")

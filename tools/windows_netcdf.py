@@ -125,7 +125,8 @@ def cmake(place: Path, tree: Path, build: Path, options: list[str]) -> None:
     """Configure, build and install a library into `place`."""
     where = f"-DCMAKE_TOOLCHAIN_FILE={place}/windows.cmake", f"-DCMAKE_INSTALL_PREFIX={place}"
     flags = f"-DCMAKE_C_FLAGS={hidden(place)}"
-    run("cmake", "-S", tree, "-B", build, *where, flags, *COMMON, *options)
+    # in `place`: a program of HDF5's configuration leaves a file where it runs
+    run("cmake", "-S", tree, "-B", build, *where, flags, *COMMON, *options, folder=place)
     run("cmake", "--build", build, "--target", "install", "--parallel", os.cpu_count())
 
 

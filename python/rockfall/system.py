@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import socket
@@ -50,7 +51,9 @@ if sys.platform == "win32":
         it."""
         try:
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-        except PermissionError as error:
+        except OSError as error:
+            if error.errno not in (errno.EACCES, 0):  # 0: Wine's C library gives no reason
+                raise
             raise BlockingIOError(error.errno, error.strerror) from None
 
     def remove_locked(path: Path, descriptor: int) -> None:

@@ -64,11 +64,12 @@ def test_options_change_what_they_name(ready, batch):
 def test_a_scene_file_is_the_variables_of_its_description(ready):
     """docs/files.md: what another tool writes is read, however it packs it."""
     with netCDF4.Dataset(ready / "ready/scene.nc") as file:
-        assert {name: (one.dtype.char, one.dimensions) for name, one in file.variables.items()} == {
-            "crs": ("i", ()), "x": ("d", ("x",)), "y": ("d", ("y",)),
-            "elevation": ("d", ("y", "x")), "zone": ("b", ("y", "x")),
-            "material_size": ("d", ("material", "size")), "source_x": ("d", ("source",)),
-            "source_y": ("d", ("source",)), "impact_sets": ("S", ("impact_sets_length",)),
+        found = file.variables.items()
+        assert {name: (one.dtype.str[1:], one.dimensions) for name, one in found} == {
+            "crs": ("i4", ()), "x": ("f8", ("x",)), "y": ("f8", ("y",)),
+            "elevation": ("f8", ("y", "x")), "zone": ("i1", ("y", "x")),
+            "material_size": ("f8", ("material", "size")), "source_x": ("f8", ("source",)),
+            "source_y": ("f8", ("source",)), "impact_sets": ("S1", ("impact_sets_length",)),
         }  # fmt: skip
         assert all(one.filters()["fletcher32"] for one in file.variables.values() if one.ndim)
         assert file["elevation"].grid_mapping == "crs" and "crs_wkt" in file["crs"].ncattrs()

@@ -137,7 +137,8 @@ def test_the_command_for_objects_names_their_layer(capsys):
 
 def test_a_terrain_on_another_drive_is_named_in_full(monkeypatch):
     """As Windows has them, where no relative path leads from one to the other."""
-    monkeypatch.setattr(os.path, "relpath", lambda *_: ntpath.relpath("D:/dem.tif", "C:/out"))
+    relpath = ntpath.relpath  # which is that of os.path there
+    monkeypatch.setattr(os.path, "relpath", lambda *_: relpath("D:/dem.tif", "C:/out"))
     assert new("-o", "case.nml") == 0
     assert read_case("case.nml").terrain["dem"] == Path("dem.tif").absolute().as_posix()
 

@@ -81,7 +81,7 @@ def made():
     energy = np.linspace(0, 1e5, 35, dtype="f4").reshape(5, 7)
     energy[0, 0] = np.nan
     maps = {
-        "passages": (("y", "x"), np.arange(35).reshape(5, 7), attrs),
+        "passages": (("y", "x"), np.arange(35, dtype="i8").reshape(5, 7), attrs),
         "energy_max": (("y", "x"), energy, {"units": "J", "grid_mapping": "crs"}),
         "crs": ((), 0, {"crs_wkt": rasterio.crs.CRS.from_epsg(32632).to_wkt()}),
     }

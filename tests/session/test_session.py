@@ -2,6 +2,7 @@
 """An open session gives the bits of fresh runs, whatever changed before, and stops when told."""
 
 import os
+import subprocess
 import sys
 import threading
 import time
@@ -489,4 +490,4 @@ def test_terrain_that_does_not_fit_is_refused(case, monkeypatch):
 
 def test_the_package_loads_nothing_of_it_before_it_is_used():
     code = "import rockfall, sys; assert not any('session' in one for one in sys.modules)"
-    assert os.spawnv(os.P_WAIT, sys.executable, [sys.executable, "-c", code]) == 0
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0

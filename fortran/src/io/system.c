@@ -91,6 +91,13 @@ int rockfall_same(const char *a, const char *b)
     return stat(a, &of_a) == 0 && stat(b, &of_b) == 0 && same(&of_a, &of_b);
 }
 
+int rockfall_is_folder(const char *path)
+{
+    struct stat found;
+
+    return stat(path, &found) == 0 && S_ISDIR(found.st_mode);
+}
+
 /* Whether a path leads to a file, not a pipe or a device: opening a pipe would block until there is a writer. */
 int rockfall_is_regular(const char *path)
 {

@@ -39,6 +39,10 @@ module rockfall_system
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: from(*), to(*), folder(*)
       end function c_replace
+      integer(c_int) function c_is_folder(path) bind(c, name="rockfall_is_folder")
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: path(*)
+      end function c_is_folder
       integer(c_int) function c_is_regular(path) bind(c, name="rockfall_is_regular")
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: path(*)
@@ -116,7 +120,7 @@ contains
    logical function is_folder(path)
       character(len=*), intent(in) :: path
 
-      inquire (file=path//"/.", exist=is_folder)
+      is_folder = c_is_folder(path//c_null_char) /= 0
    end function is_folder
 
    !> Return whether a path leads to a file, not to a folder, a pipe or a device.

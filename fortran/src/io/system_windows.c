@@ -86,6 +86,14 @@ int rockfall_same(const char *a, const char *b)
            of_a.nFileIndexHigh == of_b.nFileIndexHigh && of_a.nFileIndexLow == of_b.nFileIndexLow;
 }
 
+/* Windows takes "file/." for the file: to ask for that, as for "folder/.", tells nothing. */
+int rockfall_is_folder(const char *path)
+{
+    DWORD found = GetFileAttributesA(path);
+
+    return found != INVALID_FILE_ATTRIBUTES && (found & FILE_ATTRIBUTE_DIRECTORY) != 0;
+}
+
 int rockfall_is_regular(const char *path)
 {
     struct _stat64 found;

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 
 from rockfall.app.document import Document, Site
@@ -74,4 +75,6 @@ def without_files(text: str, site: Site) -> str:
     """Text without the name of the case, and without the folder of files; drawn layers have their
     names only."""
     text = text.removeprefix(f"{site.case_name}: ").replace(" = (GeoDataFrame)", "")
-    return text.replace(f"{site.folder}/", "").replace(f"{site.file.parent}/", "")
+    for folder in (site.folder, site.file.parent):
+        text = text.replace(f"{folder}{os.sep}", "")
+    return text
