@@ -64,6 +64,7 @@ DESELECTED = dict.fromkeys(
         "io/test_rasters.py::test_what_netcdf_says_against_itself_is_refused",
         "io/test_rasters.py::test_a_part_of_a_file_lies_where_its_coordinates_are",
         "io/test_rasters.py::test_netcdf_with_unmarked_coordinates_and_the_cure",
+        "scene/test_windows.py::test_windows_of_other_files[netcdf from the south]",
     ],
     "GDAL's netCDF driver ends the process",
 )

@@ -171,9 +171,10 @@ def test_zones_are_the_cells_of_each_class(found):
     union = shapely.union_all(shapes)
     assert union.area == pytest.approx(area.sum())  # no two overlap
     assert {2, 3, 4} & {*number}
-    _, _, wkb, (low, high) = pyogrio.raw.read(
-        "out/hazard.gpkg", layer="uncertain", columns=["lowest_class", "highest_class"]
-    )
+    names = ["lowest_class", "highest_class"]
+    about, _, wkb, values = pyogrio.raw.read("out/hazard.gpkg", layer="uncertain", columns=names)
+    columns = dict(zip(about["fields"], values, strict=True))
+    low, high = (columns[name] for name in names)
     assert shapely.area(shapely.from_wkb(wkb)).sum() == pytest.approx(25 * (sure == 0).sum())
     assert (low < high).all()
 
