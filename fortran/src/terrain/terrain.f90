@@ -7,7 +7,7 @@ module rockfall_terrain
    implicit none
    private
    public :: terrain_t, patch_t, terrain, set_window, in_window, locate, patch_position, on_terrain, is_known_at, &
-             read_patch, read_corners, find_coefficients
+             read_patch, find_coefficients
    public :: fraction_of, height, height_at, node_height, gradient, slope_at, cell_of, cell_descent
    public :: has_neighbours, read_window, horn, is_pit, steepness_of, max_elevation
 
