@@ -132,22 +132,6 @@ def described(runs: list[Run], rests: list[np.ndarray]) -> dict[str, float]:
     return found
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--half", choices=HALVES, default="calibration")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[1])
-    parser.add_argument("--boulders", type=int, default=100)
-    parser.add_argument("--axes", metavar="GROUND", help="blocks of their own axes at a ground")
-    add_laws(parser)
-    given = parser.parse_args()
-    with tempfile.TemporaryDirectory() as tables:
-        laws = [matrix(), *given.law]
-        if given.axes:
-            laws.append(by_axes(given.folder, given.axes, Path(tables)))
-        compare(given, laws)
-
-
 def by_axes(folder: Path, ground: str, tables: Path) -> Law:
     """Tables of a ground, thrown with blocks of the published sizes of each."""
     for row in read_table(folder / "block_metadata.csv")[2]:
@@ -179,6 +163,22 @@ def compare(given: argparse.Namespace, laws: list[Law]) -> None:
             error = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
             cells.append(f"{values.mean():.3g}" + (f" ± {error:.1g}" if len(values) > 1 else ""))
         print(f"| {law.name} | " + " | ".join(cells) + " |", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--half", choices=HALVES, default="calibration")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1])
+    parser.add_argument("--boulders", type=int, default=100)
+    parser.add_argument("--axes", metavar="GROUND", help="blocks of their own axes at a ground")
+    add_laws(parser)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as tables:
+        laws = [matrix(), *given.law]
+        if given.axes:
+            laws.append(by_axes(given.folder, given.axes, Path(tables)))
+        compare(given, laws)
 
 
 if __name__ == "__main__":
