@@ -118,7 +118,8 @@ def test_maps_add_up_to_the_boulders(wooded):
     assert wooded.deposits.sum() == np.count_nonzero(ended)
 
 
-def test_hits_are_vertices_of_trajectories(wooded):
+def test_hits_are_vertices_of_trajectories(case):
+    wooded = run(case.replace(forest=STAND, impact={"rest_angle": 90.0}))  # flights only
     number, vertices = np.unique(wooded.trajectory_boulder.values, return_counts=True)
     recorded = wooded.isel(boulder=number - 1)
     ends = np.isin(status(recorded), ["left_domain", "hit_nodata"])

@@ -88,7 +88,8 @@ class Boulder:
         d_way = 20 * U * far * hit.steepness
         d_time = d_way / plan + 4 * U * float(hit.time)
         d_place = d_way + 8 * U * far
-        d_taken = float(out.taken) * 100 * U + 5 * float(out.energy) * d_place / float(hit.radius)
+        stem = self.forest.dbh[hit.stem] / 200
+        d_taken = float(out.taken) * 100 * U + 5 * float(out.energy) * d_place / stem
         remains = max(float(out.remains), 1e-9)
         d_remains = d_taken / float(out.energy) / remains + 4 * U
         d_v = speed * (d_remains + 40 * U) + self.world.gravity * d_time

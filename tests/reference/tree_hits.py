@@ -112,7 +112,7 @@ def _near(forest: Forest, state: State, landing: Landing, own: float) -> list[in
 
 
 def energy_share(x: Decimal) -> Decimal:
-    """Of E_max, hit at x of the stem's radius beside its middle."""
+    """Of E_max, where the path passes at x of the stem's radius beside its middle."""
     power = Decimal(10) ** ((Decimal("0.58") - x) * Decimal("-8.007"))
     return max(ZERO, Decimal("-0.046") + Decimal("1.026") / (1 + power))
 
@@ -126,7 +126,7 @@ def collide(
     energy = mass / 2 * (speed2 + reference.INERTIA * state.spin**2)
     strongest = exact(forest.factor[hit.stem]) * Decimal("38.7")
     strongest *= exact(forest.dbh[hit.stem]) ** Decimal("2.31")
-    x = abs(hit.offset) / hit.radius
+    x = min(ONE, abs(hit.offset) / (exact(forest.dbh[hit.stem]) / 200))
     most = energy_share(x) * strongest
     goes_on = doubt.above(energy - most, energy)
     taken = most if goes_on else energy

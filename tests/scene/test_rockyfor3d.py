@@ -150,7 +150,7 @@ def test_trees_stand_where_and_as_many_as_the_rasters_say(tmp_path):
     assert trees.x.size == 2 * 10 * NX
     assert trees.y.min() >= CELL * (NY - 25) and trees.y.max() <= CELL * (NY - 15)
     assert abs(trees.dbh.mean() - 12) < 4 * 2 / np.sqrt(trees.x.size)
-    assert "stopped_by_tree" in status(rockfall.run(case))
+    assert rockfall.run(case).trees_hit.sum() > 0
 
 
 def test_a_list_of_trees(tmp_path):
@@ -288,7 +288,7 @@ def test_what_the_model_is_worth_is_said_of_the_case_that_is_made(tmp_path):
     for said in (
         "rebounds follow the classical model rockyfor3d of the shipped grounds, none the impact",
         "as commonly quoted, not confirmed; without a fit to observations of the slope, speeds",
-        "The forest is not validated and acts strongly",
+        "The forest is not validated:",
     ):
         assert said in text and said in (tmp_path / "case/case.nml").read_text()
     bare = make_folder(tmp_path / "bare", soiltype=None)

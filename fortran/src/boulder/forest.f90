@@ -12,7 +12,7 @@ module rockfall_forest
              tree_impact
    public :: max_stem_energy, absorbed_fraction, hit_type, frontal, lateral, scratch, class_ends
 
-   !> Types of a hit, by the position of the contact on the stem.
+   !> Types of a hit, by where the path of the boulder's centre passes the stem.
    integer, parameter :: frontal = 1, lateral = 2, scratch = 3
    !> Class limits of the turn [degree].
    real(wp), parameter :: class_ends(0:3) = [0.0_wp, 22.5_wp, 67.5_wp, 76.0_wp]
@@ -142,7 +142,7 @@ contains
 
    !> Fraction of the maximum energy that a stem absorbs in an off-centre hit (Dorren and Berger 2006).
    elemental real(wp) function absorbed_fraction(x)
-      real(wp), intent(in) :: x  !! from the middle of the stem (0) to its side (1) [-]
+      real(wp), intent(in) :: x  !! of the path, from the middle of the stem (0) to its side (1) [-]
       real(wp), parameter :: ln10 = 2.30258509299404568402_wp
 
       absorbed_fraction = max(0.0_wp, -0.046_wp + 1.026_wp/(1 + exponential(-8.007_wp*(0.58_wp - x)*ln10)))
@@ -268,19 +268,19 @@ contains
 
    !> Effect of a hit: the energy absorbed, and the turn, away from the stem.
    !>
-   !> Two discs touch on the line between their centres, so the contact is at x = offset/(R_b + DBH/2) of the stem's
-   !> radius from its axis. A frontal hit that the boulder survives breaks the stem.
-   pure type(tree_impact_t) function tree_impact(model, stem, offset, radius, energy, word) result(impact)
+   !> The path of the boulder's centre passes the axis at x = offset/(DBH/2) of the stem's radius. Beyond its side, where
+   !> only the boulder's own radius reaches the stem, a hit is a scratch. A frontal hit that the boulder survives breaks
+   !> the stem.
+   pure type(tree_impact_t) function tree_impact(model, stem, offset, energy, word) result(impact)
       type(tree_model_t), intent(in) :: model
       type(stem_t), intent(in) :: stem
       real(wp), intent(in) :: offset          !! of its axis from the path, > 0: to the left [m]
-      real(wp), intent(in) :: radius          !! of the boulder [m]
       real(wp), intent(in) :: energy          !! of the boulder, translational and rotational, > 0 [J]
       integer(i8), intent(in) :: word(words_per_block)  !! random, for_tree
       real(wp) :: x, side, s, c
       integer :: type
 
-      x = abs(offset)/(radius + stem%radius)
+      x = min(1.0_wp, abs(offset)/stem%radius)
       type = hit_type(model, x)
       impact%absorbed = min(energy, absorbed_fraction(x)*stem%max_energy)
       impact%breaks = type == frontal .and. impact%absorbed < energy
@@ -295,7 +295,7 @@ contains
    !> Type of a hit: frontal, lateral or scratch.
    pure integer function hit_type(model, x)
       type(tree_model_t), intent(in) :: model
-      real(wp), intent(in) :: x  !! as in energy_share [-]
+      real(wp), intent(in) :: x  !! as in absorbed_fraction [-]
 
       hit_type = frontal + count(x >= model%limit)
    end function hit_type

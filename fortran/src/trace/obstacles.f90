@@ -182,7 +182,7 @@ contains
       type(tree_impact_t), intent(out) :: impact
 
       result%trees_hit = result%trees_hit + 1
-      impact = tree_impact(scene%forest%model, scene%forest%stem(hit%tree), hit%offset, result%boulder%radius, energy, &
+      impact = tree_impact(scene%forest%model, scene%forest%stem(hit%tree), hit%offset, energy, &
                            random_words(scene%key, for_tree, number, int(result%trees_hit, i8), 0_i8))
       if (impact%breaks) scratch%felled = [scratch%felled, hit%tree]
       if (.not. scratch%tree_hits_requested) return

@@ -348,7 +348,7 @@ contains
          call random_number(u)
          stem = stem_t(0.0_wp, 0.0_wp, 0.5_wp*u(1) + 0.01_wp, 1.0e6_wp*u(2))
          energy = 10.0_wp**(8*u(3) - 1)
-         impact = tree_impact(tree_model_t(), stem, u(4)*(1.0_wp + stem%radius), 1.0_wp, energy, words(k))
+         impact = tree_impact(tree_model_t(), stem, u(4)*stem%radius, energy, words(k))
          call check("at most what there is", impact%absorbed <= energy .and. impact%absorbed <= stem%max_energy)
          call check("never less than nothing", impact%absorbed >= 0)
          call check("a stem breaks only if it was not enough", .not. impact%breaks .or. &
@@ -357,9 +357,11 @@ contains
       end do
       call check("some are stopped", stopped > 500 .and. stopped < 4500)
       stem = stem_t(0.0_wp, 0.0_wp, 0.15_wp, max_stem_energy(30.0_wp))
-      impact = tree_impact(tree_model_t(), stem, 0.3_wp*1.15_wp, 1.0_wp, 2.0e5_wp, words(1))
-      call check_close("x is offset/(R_b + DBH/2)", impact%absorbed, 0.974156048421733373_wp*99968.0137871888292_wp, &
+      impact = tree_impact(tree_model_t(), stem, 0.3_wp*0.15_wp, 2.0e5_wp, words(1))
+      call check_close("x is offset/(DBH/2)", impact%absorbed, 0.974156048421733373_wp*99968.0137871888292_wp, &
                        1.0e-14_wp)
+      impact = tree_impact(tree_model_t(), stem, 200*stem%radius, 2.0e5_wp, words(1))
+      call check("a scratch beyond the side takes nothing", abs(impact%absorbed) <= 0 .and. .not. impact%breaks)
    end subroutine test_taken
 
    pure function words(k)
@@ -383,7 +385,7 @@ contains
       call check("types", hit_type(law, 0.57_wp) == frontal .and. hit_type(law, 0.58_wp) == lateral .and. &
                  hit_type(law, 0.75_wp) == scratch)
       do k = 1, n
-         impact = tree_impact(law, thin, 0.3_wp, 0.5_wp, 10.0_wp, words(k))
+         impact = tree_impact(law, thin, 0.1_wp, 10.0_wp, words(k))
          angle(k) = acos(impact%cosine)/degree
          call check("a turn changes no length", abs(impact%sine**2 + impact%cosine**2 - 1) < 1.0e-14_wp)
       end do
@@ -392,7 +394,7 @@ contains
       law%weight = reshape([1.0_wp, 2.0_wp, 1.0_wp, 0.0_wp, 3.0_wp, 0.0_wp, 0.3_wp, 0.0_wp, 0.7_wp], [3, 3])
       do type = frontal, scratch
          do k = 1, n
-            impact = tree_impact(law, thin, 0.7_wp*x(type), 0.5_wp, 10.0_wp, words(k))
+            impact = tree_impact(law, thin, 0.2_wp*x(type), 10.0_wp, words(k))
             angle(k) = acos(impact%cosine)/degree
          end do
          share = [count(angle < 22.5_wp), 0, count(angle > 67.5_wp)]/real(n, wp)
@@ -410,11 +412,11 @@ contains
 
       left = 0
       do k = 1, n
-         impact = tree_impact(tree_model_t(), thin, 0.1_wp, 0.5_wp, 10.0_wp, words(k))
+         impact = tree_impact(tree_model_t(), thin, 0.1_wp, 10.0_wp, words(k))
          call check("stem on the left: to the right", impact%sine < 0)
-         impact = tree_impact(tree_model_t(), thin, -0.1_wp, 0.5_wp, 10.0_wp, words(k))
+         impact = tree_impact(tree_model_t(), thin, -0.1_wp, 10.0_wp, words(k))
          call check("stem on the right: to the left", impact%sine > 0)
-         impact = tree_impact(tree_model_t(), thin, 1.0e-16_wp, 0.5_wp, 10.0_wp, words(k))
+         impact = tree_impact(tree_model_t(), thin, 1.0e-16_wp, 10.0_wp, words(k))
          if (impact%sine > 0) left = left + 1
       end do
       call check("either side", abs(left - n/2) < 2*sqrt(real(n, wp)))
