@@ -404,6 +404,24 @@ def test_boulders_larger_than_the_blocks_thrown_are_said_to_err_low(tmp_path, ta
     assert any("larger than R_b = 2.25 m" in text for text in texts) == said, texts
 
 
+def test_a_result_says_by_itself_how_large_the_blocks_of_its_table_are(tmp_path):
+    """The user's own table is at hand for the run alone; without its number the one of a result of
+    before, or none, is taken from the table at hand."""
+    own = tmp_path / "own.nc"
+    shutil.copy(shipped_tables()["talus-compact"], own)
+    law = {"impact": {"form": "table", "table": "own.nc"}, "boulder": {"volume_mean": 60.0}}
+    case, result = on_grounds(tmp_path, {}, **law)
+    before = result.drop_vars("ground_block_radius")
+    for held, said in ((result, [True, True]), (before, [True, False])):
+        for is_there, is_said in zip((True, False), said, strict=True):
+            if is_there:
+                shutil.copy(shipped_tables()["talus-compact"], own)
+            else:
+                own.unlink()
+            large = [text for text in remarks(case, held) if "larger than R_b = 2.25 m" in text]
+            assert len(large) == is_said
+
+
 def test_a_forest_is_said_to_be_unvalidated_wherever_it_is(tmp_path):
     """The numbers are those that the case of the experiment has written down."""
     case, result = on_grounds(tmp_path, {}, forest=STAND)

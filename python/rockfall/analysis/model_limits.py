@@ -149,20 +149,24 @@ def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     ]
     text = say("model.tables", drawn=_part_of_all(tables, values), grounds=parts)
     yield Remark(text, True)
-    by_size = [table.name for table in tables if table.model != RATIO_TABLE]
-    thrown = _largest_thrown(by_size, case)
+    thrown = [*_largest_thrown(tables, case)]
     if thrown and "volume" in values:
         radius = LARGE_BLOCK * min(thrown)
         large = np.asarray(values["volume"]) > 4 / 3 * np.pi * radius**3
-        if large.mean() > MAX_LARGE:
+        if large.sum() > MAX_LARGE * large.size:
             part = part_of_boulders(int(large.sum()), large.size)
             yield Remark(say("model.large_blocks", part=part, radius=radius), True)
 
 
-def _largest_thrown(names: Iterable[str], case: Case) -> list[float]:
-    """R_b [m] of the largest blocks that each table at hand was thrown with."""
-    paths = [path for name in names if (path := find_table(case, name))]
-    return [float(table.size.max()) for table in map(open_table, paths) if table.speed2.any()]
+def _largest_thrown(tables: Iterable[GroundRebounds], case: Case) -> Iterator[float]:
+    """R_b [m] of the largest blocks that each table was thrown with, as the result says; of a
+    result without this, as the table at hand says."""
+    for table in tables:
+        radius, path = table.block_radius, find_table(case, table.name)
+        if np.isnan(radius) and path:
+            radius = open_table(path).block_radius
+        if not np.isnan(radius):
+            yield radius
 
 
 def has_own_grounds(case: Case) -> bool:
