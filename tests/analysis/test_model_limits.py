@@ -162,6 +162,35 @@ def test_a_void_between_two_lines_is_said(tmp_path):
         assert bool([*end_remarks(held | {"line_speed": speeds}, case)]) == said
 
 
+@pytest.mark.parametrize("status", ["left_domain", "hit_nodata", "impact_limit"])
+@pytest.mark.parametrize(
+    ("passed", "cut", "how", "said"),
+    [
+        (0, 4, {}, True),  # the upper limit of none in 1,000 is 3.8
+        (0, 3, {}, False),
+        (10, 9, {}, True),  # that of 10 is 18.3
+        (10, 8, {}, False),
+        (10, 9, {"stop": (20.0, 90.0)}, False),  # over the side
+        (10, 9, {"crossed": True}, False),
+    ],
+)
+def test_a_few_who_end_on_their_way_to_a_line_of_few_are_said(
+    tmp_path, status, passed, cut, how, said
+):
+    """Less than 1 % of all, but as many as come there."""
+    few = ends(status, count=cut, **how)
+    rows = {name: np.resize(value, (*value.shape[:-1], 1000)) for name, value in few.items()}
+    cuts = np.arange(1000) < cut
+    rows["status"] = np.where(cuts, STATUS[status], STATUS["absorbed"])
+    for axis, below in ("x", 50.0), ("y", 10.0):
+        rows[f"stop_{axis}"] = np.where(cuts, rows[f"stop_{axis}"], below)
+    crossed = (np.arange(1000) >= 1000 - passed) | (cuts & ("crossed" in how))
+    rows["line_speed"] = np.where(crossed, 1.0, np.nan)[None]
+    texts = end_texts(tmp_path, rows)
+    words = f"few boulders cross road ({passed}, and {cut} that might have): the others ended while"
+    assert [text.startswith(words) for text in texts] == [True] * said
+
+
 def test_without_lines_all_who_leave_the_terrain_are_said(tmp_path):
     values = ends("left_domain", crossed=True)
     (text,) = end_texts(tmp_path, values, line=None)
