@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import importlib.resources
+import math
 import re
 from collections.abc import Iterable
 from functools import cache
@@ -38,6 +39,7 @@ class GroundRule(NamedTuple):
     )
     file: str = ""  # source of the content, for messages
     rest_angle: float | None = None  # [degree]; None: not given, that of rocky ground holds
+    block_radius: float = math.nan  # R_b [m] of the largest blocks of its table; NaN: no such
 
     @property
     def rocks(self) -> int:
@@ -204,7 +206,8 @@ def _ground_of(name: str, path: Path, table: ImpactTable) -> GroundRule:
     if len(name) > MAX_NAME:
         raise RockfallError(f"ground '{name}': must be at most {MAX_NAME} characters")
     model = _core.table_model(len(table.size), table.speed2[0]).decode().strip()
-    return GroundRule(name, model, table.pack(), str(path), table.rest_angle)
+    text = table.pack()
+    return GroundRule(name, model, text, str(path), table.rest_angle, table.block_radius)
 
 
 def check_number(grounds: Iterable[GroundRule], where: str) -> None:

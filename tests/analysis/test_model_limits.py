@@ -162,6 +162,35 @@ def test_a_void_between_two_lines_is_said(tmp_path):
         assert bool([*end_remarks(held | {"line_speed": speeds}, case)]) == said
 
 
+@pytest.mark.parametrize("status", ["left_domain", "hit_nodata", "impact_limit"])
+@pytest.mark.parametrize(
+    ("passed", "cut", "how", "said"),
+    [
+        (0, 4, {}, True),  # the upper limit of none in 1,000 is 3.8
+        (0, 3, {}, False),
+        (10, 9, {}, True),  # that of 10 is 18.3
+        (10, 8, {}, False),
+        (10, 9, {"stop": (20.0, 90.0)}, False),  # over the side
+        (10, 9, {"crossed": True}, False),
+    ],
+)
+def test_a_few_who_end_on_their_way_to_a_line_of_few_are_said(
+    tmp_path, status, passed, cut, how, said
+):
+    """Less than 1 % of all, but as many as come there."""
+    few = ends(status, count=cut, **how)
+    rows = {name: np.resize(value, (*value.shape[:-1], 1000)) for name, value in few.items()}
+    cuts = np.arange(1000) < cut
+    rows["status"] = np.where(cuts, STATUS[status], STATUS["absorbed"])
+    for axis, below in ("x", 50.0), ("y", 10.0):
+        rows[f"stop_{axis}"] = np.where(cuts, rows[f"stop_{axis}"], below)
+    crossed = (np.arange(1000) >= 1000 - passed) | (cuts & ("crossed" in how))
+    rows["line_speed"] = np.where(crossed, 1.0, np.nan)[None]
+    texts = end_texts(tmp_path, rows)
+    words = f"few boulders cross road ({passed}, and {cut} that might have): the others ended while"
+    assert [text.startswith(words) for text in texts] == [True] * said
+
+
 def test_without_lines_all_who_leave_the_terrain_are_said(tmp_path):
     values = ends("left_domain", crossed=True)
     (text,) = end_texts(tmp_path, values, line=None)
@@ -402,6 +431,24 @@ def test_boulders_larger_than_the_blocks_thrown_are_said_to_err_low(tmp_path, ta
     law = {"impact": {"form": "table", "table": table}, "boulder": {"volume_mean": volume}}
     texts = remarks(*on_grounds(tmp_path, {}, **law))
     assert any("larger than R_b = 2.25 m" in text for text in texts) == said, texts
+
+
+def test_a_result_says_by_itself_how_large_the_blocks_of_its_table_are(tmp_path):
+    """The user's own table is at hand for the run alone; without its number the one of a result of
+    before, or none, is taken from the table at hand."""
+    own = tmp_path / "own.nc"
+    shutil.copy(shipped_tables()["talus-compact"], own)
+    law = {"impact": {"form": "table", "table": "own.nc"}, "boulder": {"volume_mean": 60.0}}
+    case, result = on_grounds(tmp_path, {}, **law)
+    before = result.drop_vars("ground_block_radius")
+    for held, said in ((result, [True, True]), (before, [True, False])):
+        for is_there, is_said in zip((True, False), said, strict=True):
+            if is_there:
+                shutil.copy(shipped_tables()["talus-compact"], own)
+            else:
+                own.unlink()
+            large = [text for text in remarks(case, held) if "larger than R_b = 2.25 m" in text]
+            assert len(large) == is_said
 
 
 def test_a_forest_is_said_to_be_unvalidated_wherever_it_is(tmp_path):

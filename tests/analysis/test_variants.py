@@ -17,7 +17,8 @@ from rockfall.analysis.variants import (
     quantile_of,
 )
 from rockfall.cli import main
-from rockfall.text.variants import variants_text
+from rockfall.quantities import number
+from rockfall.text.variants import rows_of, value_text, variants_text
 from scenes import case_in, grid, place, rough
 
 Z = rough()
@@ -121,6 +122,24 @@ def test_a_net_lets_less_pass_at_it_and_below(variants):
     text = variants_text(table, "a note")
     assert text.endswith("a note")
     assert "passing [%]" in text and "with 30 kJ or more [%]" in text
+
+
+def test_where_none_passes_the_upper_limit_is_told(tmp_path):
+    """To the terminal, and by the year to the client; of what passes the table has it alone."""
+    above = [{"name": "above", "x": [0.0, 300.0], "y": [398.0, 398.0]}]
+    result = run(bare(tmp_path, line=above + bare(tmp_path).line))
+    table = compare_variants({"one": result, "two": result})
+    none = table[(table["line"] == "above") & (table["quantity"] == "passing")]
+    n = result.sizes["boulder"]
+    assert (none["value"] == 0).all() and (none["value_low"] == 0).all()
+    assert none["value_high"].values == pytest.approx(1.96**2 / (n + 1.96**2), rel=1e-3)
+    high = none["value_high"].iloc[0]
+    (shown,) = [row for row in rows_of(none[:2].drop_duplicates("variant")) if "passing" in row[0]]
+    assert shown[1] == f"0 to {number(100 * high, up=True)}"
+    assert value_text(none.iloc[0], 0.5, " … ") == f"0 … {number(0.5 * high, up=True)}"
+    some = table[(table["line"] == "L") & (table["quantity"] == "passing")].iloc[0]
+    assert some["value_low"] < some["value"] < some["value_high"]
+    assert value_text(some, 1.0, " to ") == number(some["value"])
 
 
 def test_a_threshold_of_zero_is_every_passage(variants):

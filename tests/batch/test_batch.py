@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import rockfall
+from made import make_raster
 from programs import (
     everything,
     find_program,
@@ -44,6 +45,23 @@ def test_parts_of_both_programs_join_to_the_run(of, sampling, batch, tmp_path):
     if of > 1:
         rockfall.write_result(rockfall.run(case, shard=(2, of)), parts[1])
         same_results(rockfall.merge(parts), result)
+
+
+def test_the_blocks_of_tables_go_with_the_parts_of_both_programs(batch, tmp_path):
+    """Of a table by R_b; a classical ground has none."""
+    names = np.where(np.arange(60) < 25, 1, -1) + np.zeros((80, 1), "i2")
+    make_raster(tmp_path / "grounds.tif", names.astype("i2"), crs="EPSG:32632", nodata=-1)
+    (tmp_path / "grounds.csv").write_text(
+        "name,id,model,r_n,r_t,source\nice,1,constant,0.3,0.8,by hand\n"
+    )
+    own = {"ground_map": "grounds.tif", "ground_table": "grounds.csv", "ground": "talus"}
+    case = make_full_case(tmp_path, impact={"form": "table"}, surface=own)
+    prepare(case, tmp_path / "ready")
+    assert batch(CASE, "-o", "part.nc", cwd=tmp_path).returncode == 0
+    merged = rockfall.merge([tmp_path / "part.nc"])
+    radii = dict(zip(merged["ground"].values, merged["ground_block_radius"].values, strict=True))
+    assert radii["talus"] == 1.8 and np.isnan(radii["ice"])
+    same_results(merged, rockfall.run(case))
 
 
 def test_options_change_what_they_name(ready, batch):

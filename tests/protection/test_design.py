@@ -282,6 +282,12 @@ def test_nobody_comes(tmp_path):
     sheet = rockfall.design(run(tmp_path, line=[line]), along="road")
     assert sheet.demand["n"][0] == 0 and math.isnan(sheet.demand["E_d"][0])
     assert not sheet.choices["cheapest"].any() and sheet.along["E_d"].isna().all()
+    high = sheet.demand["fraction_high"][0]  # Wilson's upper limit of none
+    assert high == pytest.approx(1.96**2 / (3 * BOULDERS + 1.96**2), rel=1e-3)
+    assert sheet.demand["fraction"][0] == 0 == sheet.demand["fraction_low"][0]
+    most = number(100 * high, up=True)
+    text = f"road: 0 boulders come, but the interval of the fraction is 0 to {most} %"
+    assert text in design_text(sheet)
 
 
 def test_what_is_refused(result, tmp_path):

@@ -17,6 +17,7 @@ from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from rockfall.analysis.hazard.study import read_study
 from rockfall.analysis.observations import read_observed
 from rockfall.cli import main
+from rockfall.scene.plausible import input_warnings
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.scene.source_attributes import values_of
@@ -102,6 +103,26 @@ def test_a_reprojected_layer_is_its_own_within_a_millimetre_and_the_result_says_
     said = "reprojected from EPSG:25833 to EPSG:32632"
     assert capsys.readouterr().err.count(said) == 1
     assert f", {said}" in rockfall.read_result("out.nc").attrs["input_checksums"]
+
+
+@pytest.mark.parametrize("has_frequency", [True, False])
+def test_polygons_that_release_nothing_are_named(case, has_frequency):
+    """One between centres of cells, one off the terrain, one that a later one covers."""
+    narrow = shapely.box(W + 10.1, N - 40, W + 10.2, N - 20)
+    away, covered = shapely.box(W - 50, N - 40, W - 20, N - 20), CLIFFS[0].buffer(-8.0)
+    about = {"name": ["narrow", "away", None, "cliff", "tower"]}
+    if has_frequency:
+        about["frequency"] = [3.0, 1.0, 4.0, 1.0, 1.0]
+    make_layer("cliffs.gpkg", [narrow, away, covered, *CLIFFS], **about)
+    scene = read_scene(total(at(case, "cliffs.gpkg"), 50))
+    texts = [text for _, text in input_warnings(scene)]
+    said = "3 of 5 polygons (narrow; away; 3) release nothing, having no source cell: "
+    assert sum(text.startswith(said) for text in texts) == 1, texts
+    lost = "polygons without a source cell have 80.0 % of all frequency"
+    assert sum(text.startswith(lost) for text in texts) == has_frequency
+    make_layer("cliffs2.gpkg", CLIFFS)
+    texts = [text for _, text in input_warnings(read_scene(at(case, "cliffs2.gpkg")))]
+    assert not any("release nothing" in text for text in texts)
 
 
 def test_attributes_are_those_of_the_feature_or_else_of_the_case(case):

@@ -3,10 +3,10 @@
 !> results of shards and results of this program are part files; `rockfall` reads and writes them too.
 module rockfall_part_file
    use, intrinsic :: iso_c_binding, only: c_associated, c_f_pointer
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use netcdf, only: nf90_global, nf90_copy_att, nf90_inq_attname, nf90_inq_varid, nf90_inquire_variable, &
                      nf90_put_att, nf90_strerror, nf90_byte, nf90_int, nf90_int64, nf90_float, nf90_double
-   use rockfall_kinds, only: i1, i8
+   use rockfall_kinds, only: wp, i1, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: joined
    use rockfall_version, only: version
@@ -136,11 +136,12 @@ contains
              //zone(1:3)//":"//zone(4:5)
    end function local_time
 
-   !> Write names and models of the ground types, one line each.
+   !> Write names and models of the ground types, one line each, and the radii of the largest blocks of their tables.
    subroutine describe_grounds(file, grounds)
       type(netcdf_file_t), intent(inout) :: file
       type(ground_t), intent(in) :: grounds(:)
       character(len=:), allocatable :: names, models
+      real(wp) :: radii(size(grounds))  !! NaN: none, or by R_b/R_m [m]
       integer :: k
 
       names = grounds(1)%name
@@ -150,7 +151,13 @@ contains
          models = models//new_line(names)//trim(model_names(grounds(k)%classical%model))
       end do
       call record_status(file, nf90_put_att(file%id, nf90_global, "grounds", names))
+      radii = ieee_value(1.0_wp, ieee_quiet_nan)
+      do k = 1, size(grounds)
+         if (.not. allocated(grounds(k)%table)) cycle
+         if (any(grounds(k)%table%speed > 0)) radii(k) = maxval(grounds(k)%table%size)
+      end do
       call record_status(file, nf90_put_att(file%id, nf90_global, "ground_models", models))
+      call record_status(file, nf90_put_att(file%id, nf90_global, "ground_block_radius", radii))
    end subroutine describe_grounds
 
    !> 0-based first column and row, and numbers of columns and rows of the maps.

@@ -24,6 +24,7 @@ from rockfall.impact_sets import shipped_sets
 from rockfall.impact_tables import find_table, open_table, shipped_tables
 from rockfall.io.tables import read_table
 from rockfall.language import Text, say, word
+from rockfall.limits import fraction_limits
 from rockfall.quantities import part_of_boulders, part_of_rebounds, percent
 from rockfall.result.grounds import (
     classical_grounds,
@@ -60,6 +61,8 @@ OUTSIDE = {  # messages, by the count of a result
 }
 MAX_FINES = 0.01  # fraction of the volume from which it is a warning
 MAX_CUT = 0.01  # fraction of the boulders that end while moving from which it is a warning
+MAX_LOST = 0.1  # lost on the way to a line, over those that cross it, from which it is a warning
+MAX_LINES = 5  # lines that a warning names
 MAX_STAYED = 0.2  # fraction of the boulders that stay at their sources
 STAYED = 10.0  # [m] from the release, drop included: no farther than a boulder rocks before it lies
 
@@ -149,20 +152,24 @@ def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     ]
     text = say("model.tables", drawn=_part_of_all(tables, values), grounds=parts)
     yield Remark(text, True)
-    by_size = [table.name for table in tables if table.model != RATIO_TABLE]
-    thrown = _largest_thrown(by_size, case)
+    thrown = [*_largest_thrown(tables, case)]
     if thrown and "volume" in values:
         radius = LARGE_BLOCK * min(thrown)
         large = np.asarray(values["volume"]) > 4 / 3 * np.pi * radius**3
-        if large.mean() > MAX_LARGE:
+        if large.sum() > MAX_LARGE * large.size:
             part = part_of_boulders(int(large.sum()), large.size)
             yield Remark(say("model.large_blocks", part=part, radius=radius), True)
 
 
-def _largest_thrown(names: Iterable[str], case: Case) -> list[float]:
-    """R_b [m] of the largest blocks that each table at hand was thrown with."""
-    paths = [path for name in names if (path := find_table(case, name))]
-    return [float(table.size.max()) for table in map(open_table, paths) if table.speed2.any()]
+def _largest_thrown(tables: Iterable[GroundRebounds], case: Case) -> Iterator[float]:
+    """R_b [m] of the largest blocks that each table was thrown with, as the result says; of a
+    result without this, as the table at hand says."""
+    for table in tables:
+        radius, path = table.block_radius, find_table(case, table.name)
+        if np.isnan(radius) and path:
+            radius = open_table(path).block_radius
+        if not np.isnan(radius):
+            yield radius
 
 
 def has_own_grounds(case: Case) -> bool:
@@ -282,10 +289,12 @@ def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
         yield Remark(say("model.not_kept"), True, is_counted=False)
         return
     is_gone = np.isin(status, [STATUS["left_domain"], STATUS["hit_nodata"]])
+    is_moving = is_gone | (status == STATUS["impact_limit"])
     if is_gone.sum() > MAX_CUT * status.size:
         is_gone[is_gone] = _misses_line(values, case, is_gone)
     fall, distance = falls_and_distances(values)
     stayed = (status == STATUS["stopped"]) & (np.hypot(fall, distance) < STAYED)
+    is_said = False  # of all lines
     for key, is_such, most in (
         ("model.cut_short", is_gone, MAX_CUT),
         ("model.impact_limit", status == STATUS["impact_limit"], MAX_CUT),
@@ -294,6 +303,40 @@ def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
         if (n := int(is_such.sum())) > most * status.size:
             part = part_of_boulders(n, status.size)
             yield Remark(say(key, part=part, distance=STAYED), True)
+            is_said |= key != "model.stayed"
+    if not is_said and (lost := [*_lost_at_lines(values, case, is_moving)]):
+        lines = [*lost[:MAX_LINES], *(["..."] if len(lost) > MAX_LINES else [])]
+        yield Remark(say("model.lost", lines=lines), True)
+
+
+def _lost_at_lines(values: Variables, case: Case, is_moving: np.ndarray) -> Iterator[Text]:
+    """Lines that few boulders cross, beside those that ended while moving and would meet them if
+    they went straight on: with these the fraction would be above its 95 % interval. Boulders that
+    come far are the few that leave the terrain, too."""
+    if not (is_moving.any() and case.lines and "line_speed" in values):
+        return
+    n, crossed = is_moving.size, np.isfinite(np.asarray(values["line_speed"]))
+    start, stop = _ends(values, is_moving)
+    for line, has_crossed in zip(case.lines, crossed, strict=False):
+        passed = int(has_crossed.sum())
+        most = max(MAX_LOST * passed, n * fraction_limits(passed / n, n)[1] - passed)
+        open_ = ~has_crossed[is_moving]
+        if open_.sum() <= most:
+            continue
+        meets = np.zeros(open_.size, bool)
+        for first, last in pairwise(np.column_stack([line["x"], line["y"]])):
+            meets |= _meets(stop, stop - start, first, last)
+        if (lost := int((meets & open_).sum())) > most:
+            yield say("model.lost_at_line", line=line["name"], lost=lost, passed=passed)
+
+
+def _ends(values: Variables, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and last places (2, chosen boulders) [m]."""
+    start, stop = (
+        np.array([np.asarray(values[f"{end}_{axis}"])[chosen] for axis in "xy"])
+        for end in ("start", "stop")
+    )
+    return start, stop
 
 
 def _misses_line(values: Variables, case: Case, chosen: np.ndarray) -> np.ndarray:
@@ -302,10 +345,7 @@ def _misses_line(values: Variables, case: Case, chosen: np.ndarray) -> np.ndarra
     if not case.lines or "line_speed" not in values:
         return np.ones(int(chosen.sum()), bool)
     crossed = np.isfinite(np.asarray(values["line_speed"])[:, chosen])
-    start, stop = (
-        np.array([np.asarray(values[f"{end}_{axis}"])[chosen] for axis in "xy"])
-        for end in ("start", "stop")
-    )
+    start, stop = _ends(values, chosen)
     misses = ~crossed.any(axis=0)
     for line, has_crossed in zip(case.lines, crossed, strict=False):
         for first, last in pairwise(np.column_stack([line["x"], line["y"]])):

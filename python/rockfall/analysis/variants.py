@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 QUANTITIES = ("speed", "upper_edge", "energy_total")
 LEVEL = 0.95
 COLUMNS = ["line", "variant", "quantity", "statistic", "n", "value", "difference",
-           "difference_low", "difference_high", "verdict"]  # fmt: skip
+           "difference_low", "difference_high", "verdict", "value_low", "value_high"]  # fmt: skip
 LESS, MORE, UNDECIDED = "less", "more", "undecided"
 OF_A_CELL = 1e-6  # tolerance of the places of cells
 STARTS = ("start_x", "start_y", "volume")
@@ -159,7 +159,9 @@ def _rows(
         if before is not None:
             was_passing = before["energy_total"] >= 1000.0 * threshold
             compared = difference_of_fractions(passing, was_passing, source)
-        yield row("passing", statistic, float(passing.mean()), *compared)
+        value, low, high = fraction_interval(passing, source)
+        limits = {"value_low": low, "value_high": high}
+        yield row("passing", statistic, value, *compared) | limits
     for quantity in QUANTITIES:
         for statistic, estimate in (("mean", mean_of), ("q95", quantile_of)):
             own = estimate(here[quantity])

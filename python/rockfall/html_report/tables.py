@@ -142,7 +142,7 @@ def ground_table(result: xr.Dataset) -> Table:
     grounds = rebounds_by_ground(result)
     rows = [
         (name, word(model), Number(f"{rebounds:,}"), percent(fraction))
-        for name, model, rebounds, fraction in grounds
+        for name, model, rebounds, fraction, _ in grounds
     ]
     heads = "tables.ground", "tables.model", "label.rebounds", "label.fraction"
     return Table(say("tables.rebounds_by_ground"), [*map(say, heads)], rows)

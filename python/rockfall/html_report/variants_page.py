@@ -26,9 +26,9 @@ from rockfall.html_report.tables import Table
 from rockfall.html_report.validity import warnings
 from rockfall.language import Number, Text, localised, say, speaking
 from rockfall.plots.difference_figures import difference_figure
-from rockfall.quantities import QUANTITIES, number
+from rockfall.quantities import QUANTITIES
 from rockfall.result.samples import simulated
-from rockfall.text.variants import signed
+from rockfall.text.variants import signed, value_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -177,7 +177,7 @@ def _yearly_label(statistic: str) -> Text:
 
 def _cell(row: pd.Series, factor: float) -> str:
     """A number, below it its difference, and below that the interval."""
-    value = localised(number(factor * row["value"]))
+    value = localised(value_text(row, factor, " … "))
     if not isinstance(row["verdict"], str):
         return value
     apart, low, high = (

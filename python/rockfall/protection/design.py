@@ -16,6 +16,7 @@ from rockfall.analysis.line_statistics import sample_numbers, with_limits
 from rockfall.analysis.lines.profile import line_number, windows
 from rockfall.analysis.lines.values import line_names
 from rockfall.analysis.model_limits import has_own_grounds, model_warnings
+from rockfall.analysis.precision.intervals import passing_percent
 from rockfall.analysis.return_levels import LEVELS, tail
 from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
@@ -105,6 +106,10 @@ def design(
     doubts: dict[str, Any] = {"unconfirmed": unconfirmed_of(result, case, standard)}
     came = {str(name): crossings(result, k) for k, name in enumerate(result["line"].values)}
     asked = [{"line": name, **demand(at_line, *how), **doubts} for name, at_line in came.items()]
+    for k, row in enumerate(asked):
+        _, *percents = passing_percent(result, k)
+        fractions = (value / 100 for value in percents)
+        row |= dict(zip(with_limits("fraction"), fractions, strict=True))
     barriers = [_check_of(result, k, asked[k], standard) | doubts for k in barriers_of(result)]
     barriers = [row | {"verdict": verdict_of(row)} for row in barriers]
     chosen = [
@@ -121,7 +126,7 @@ def design(
         standard,
         residual,
         loads=_table(loads, _LOADS),
-        demand=_table(asked, ["line", *_DEMAND]),
+        demand=_table(asked, ["line", *_DEMAND, *with_limits("fraction")]),
         checks=_table(barriers, _CHECKS),
         choices=_table(chosen, _CHOICES),
         along=parts,

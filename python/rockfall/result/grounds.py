@@ -25,6 +25,7 @@ class GroundRebounds(NamedTuple):
     model: str
     rebounds: int
     fraction: float
+    block_radius: float  # R_b [m] of the largest blocks of its table; NaN: no such, or not known
 
 
 def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:
@@ -35,10 +36,13 @@ def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:
     names, models, counts = (
         np.asarray(values[name]) for name in ("ground", "ground_model", "rebounds_by_ground")
     )
+    radii = np.full(len(names), np.nan)
+    if "ground_block_radius" in values:  # results of before lack it
+        radii = np.asarray(values["ground_block_radius"])
     total = max(1, int(counts.sum()))
     return [
-        GroundRebounds(str(name), str(model), int(count), int(count) / total)
-        for name, model, count in zip(names, models, counts, strict=True)
+        GroundRebounds(str(name), str(model), int(count), int(count) / total, float(radius))
+        for name, model, count, radius in zip(names, models, counts, radii, strict=True)
     ]
 
 

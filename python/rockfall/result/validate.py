@@ -94,6 +94,7 @@ def _groups() -> Iterator[_Group]:
     yield {"line": ("line",), **at_lines, **vertices}
     on_grounds = ("ground", "ground_model", *variables.GROUND)
     yield {name: ("ground",) for name in on_grounds}
+    yield {"ground_block_radius": ("ground",)}
     yield {name: ("boulder",) for name in variables.ENERGY}
     yield {name: ("boulder",) for name in variables.MASS}
     yield {name: ("boulder",) for name in variables.TREE}

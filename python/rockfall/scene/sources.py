@@ -17,6 +17,7 @@ from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.io.layers import EXTENSIONS, numbered_polygons, read_points
 from rockfall.io.tables import read_columns
 from rockfall.language import remark
+from rockfall.quantities import percent
 from rockfall.scene.kernel_scene import area_ratios, terrain_of
 from rockfall.scene.layers import Inputs
 from rockfall.scene.parts import ExtremeCount, Rasters, SourceBoulders, Sources
@@ -26,6 +27,7 @@ SIDES = ("d1", "d2", "d3")
 SHAPES = int(_core.constant("shapes"))  # numbered from 1
 SPHERE = int(_core.constant("sphere"))  # default shape
 MAX_SIDE = 1e3  # [m]
+MAX_NAMED = 5  # features that a message names
 
 
 def threshold(case: Case, grid: Grid) -> float:
@@ -127,6 +129,7 @@ def _with_attributes(
     """Sources with the release attributes of features; those of each source are given."""
     features, frequency = read_attributes(inputs.case, table, feature)
     given = ~np.isnan(frequency)
+    _note_lost(inputs, table, features.names, frequency, feature)
     if not given.any():
         return replace(sources, features=features)
     if "boulders" in inputs.case.case:
@@ -139,6 +142,23 @@ def _with_attributes(
     return replace(
         sources, features=features, frequency=frequency[feature - 1] * own / together[feature]
     )
+
+
+def _note_lost(
+    inputs: Inputs, table: Table, names: list[str], frequency: np.ndarray, feature: np.ndarray
+) -> None:
+    """Note features without a source: polygons that are narrower than a cell, lie outside the
+    known terrain or under later ones, or are not steep. Whatever comes from them is left out."""
+    lost = np.bincount(feature, minlength=table.size + 1)[1:] == 0
+    if not lost.any():
+        return
+    named = [names[k] for k in np.flatnonzero(lost)[:MAX_NAMED]]
+    numbers = {"part": int(lost.sum()), "n": lost.size}
+    named += ["..."] if numbers["part"] > MAX_NAMED else []
+    inputs.remarks.append(remark(table.path, "input.features_lost", **numbers, names=named))
+    if not np.isnan(frequency).any() and (all_ := frequency.sum()) > 0:
+        fraction = percent(frequency[lost].sum() / all_)
+        inputs.remarks.append(remark(table.path, "input.frequency_lost", fraction=fraction))
 
 
 def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:

@@ -74,10 +74,13 @@ def make_part(tally: Tally) -> Contents:
     data = described(tally.part_arrays())
     data |= trajectory_variables(tally.trajectories)
     data["crs"] = ((), np.int32(0), georeference(grid))
-    places = {
+    places: dict[str, Any] = {
         "terrain_cells": np.array([grid.nx, grid.ny], "i4"),
         "map_window": np.array(window, "i4"),
     }
+    if tally.scene.grounds:
+        radii = [ground.block_radius for ground in tally.scene.grounds]
+        places["ground_block_radius"] = np.array(radii)
     return Contents(data, {"part_layout": LAYOUT} | run_attributes(tally) | places)
 
 
@@ -307,11 +310,15 @@ def when(date: str) -> datetime:
 
 
 def _grounds(attrs: Mapping[str, Any]) -> list[GroundRule]:
-    """Names and models of the grounds; none where the scene has only its impact sets."""
+    """Names, models and blocks of the grounds; none where the scene has only its impact sets."""
     if "grounds" not in attrs:
         return []
     names, models = (str(attrs[name]).split("\n") for name in ("grounds", "ground_models"))
-    return [GroundRule(name, model) for name, model in zip(names, models, strict=True)]
+    radii = np.atleast_1d(attrs.get("ground_block_radius", np.full(len(names), np.nan)))
+    return [
+        GroundRule(name, model, block_radius=float(radius))
+        for name, model, radius in zip(names, models, radii, strict=True)
+    ]
 
 
 @lru_cache(maxsize=8)

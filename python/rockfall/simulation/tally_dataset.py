@@ -100,12 +100,18 @@ def sample_variables(tally: Tally) -> dict[str, Any]:
 
 
 def _grounds_themselves(tally: Tally) -> dict[str, Any]:
-    """Names and models of the grounds."""
-    words = {"ground": "name of the ground", "ground_model": "what rebounds on the ground follow"}
-    columns = zip(*((ground.name, ground.model) for ground in tally.scene.grounds), strict=True)
+    """Names, models and blocks of the grounds; none where the scene has only its impact sets."""
+    if not (grounds := tally.scene.grounds):
+        return {}
+    names, models, radii = (
+        np.array([getattr(ground, name) for ground in grounds], dtype=kind)
+        for name, kind in (("name", object), ("model", object), ("block_radius", "f8"))
+    )
+    words = {"units": "m", "long_name": "R_b of the largest blocks that its table is thrown with"}
     return {
-        name: ("ground", np.array(column, dtype=object), {"long_name": long_name})
-        for (name, long_name), column in zip(words.items(), columns, strict=False)
+        "ground": ("ground", names, {"long_name": "name of the ground"}),
+        "ground_model": ("ground", models, {"long_name": "what rebounds on the ground follow"}),
+        "ground_block_radius": ("ground", radii, words),
     }
 
 

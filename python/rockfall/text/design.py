@@ -41,7 +41,9 @@ def design_text(design: Design) -> str:
 def _lines(design: Design) -> Iterator[str]:
     for asked in design.demand.to_dict("records"):
         line = asked["line"]
-        yield f"\n{line}: {asked['n']:,} boulders come"
+        most = number(100 * asked["fraction_high"], up=True)
+        none = "" if asked["n"] else f", but the interval of the fraction is 0 to {most} %"
+        yield f"\n{line}: {asked['n']:,} boulders come{none}"
         if asked["n"]:
             loads, choices = (
                 table[table["line"] == line].to_dict("records")

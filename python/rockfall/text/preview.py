@@ -66,6 +66,7 @@ def preview(scene: Scene) -> str:
         values |= {
             "ground": [ground.name for ground in scene.grounds],
             "ground_model": [ground.model for ground in scene.grounds],
+            "ground_block_radius": [ground.block_radius for ground in scene.grounds],
             "rebounds_by_ground": pilot.tally.array("rebounds_by_ground"),
         }
     values |= {array.file_name: array.values for array in pilot.tally.arrays("breakage", "line")}

@@ -101,7 +101,7 @@ def _within(row: dict[str, float], name: str, display: Quantity) -> str:
 def _grounds(grounds: list[GroundRebounds]) -> Iterator[list[str]]:
     """Rebounds by ground."""
     yield ["  ground", "rebounds", "fraction", "model"]
-    for name, model, rebounds, fraction in grounds:
+    for name, model, rebounds, fraction, _ in grounds:
         yield [f"  {name}", f"{rebounds:,}", percent(fraction), model.replace("_", " ")]
 
 

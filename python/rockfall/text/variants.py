@@ -35,7 +35,7 @@ def rows_of(of_line: pd.DataFrame) -> Iterator[list[str]]:
         display = QUANTITIES["fraction" if quantity == "passing" else quantity]
         yield [
             _label(display, statistic),
-            *(number(display.factor * v) for v in rows["value"]),
+            *(value_text(row, display.factor, " to ") for _, row in rows.iterrows()),
         ]
         yield ["", *(difference_text(row, display.factor) for _, row in rows.iterrows())]
 
@@ -48,6 +48,14 @@ def _label(display: Quantity, statistic: str) -> str:
     if statistic in STATISTICS:
         return with_unit(f"{display.label}, {STATISTICS[statistic]}", display.unit)
     return display.title
+
+
+def value_text(row: pd.Series, factor: float, to: str) -> str:
+    """A number; where no boulder passes, with the upper limit of the fraction, as a road that none
+    of some hundred reach may still be reached."""
+    value = number(factor * row["value"])
+    is_none = row["value"] == 0 and row["value_high"] > 0
+    return f"{value}{to}{number(factor * row['value_high'], up=True)}" if is_none else value
 
 
 def difference_text(row: pd.Series, factor: float) -> str:
