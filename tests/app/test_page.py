@@ -300,8 +300,8 @@ def test_an_error_stands_at_its_field(window):
 
 def test_a_long_run_is_paused_and_gives_way_to_an_edit(window):
     window.click('[data-tab="settings"]')
-    window.fill("boulders_total", 100_000_000)
-    running = "!rockfall.preliminary && rockfall.batch.total === 1e8"
+    window.fill("boulders_total", 5_000_000)
+    running = "!rockfall.preliminary && rockfall.batch.total === 5e6"
     window.until("a long run", f"{running} && rockfall.batch.boulders > 0")
     window.click('[data-action="pause"]')
     window.until("a pause", "!rockfall.batch.running")

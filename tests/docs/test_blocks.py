@@ -65,6 +65,8 @@ CASE = """&case title = 'Slope', boulders = 20, seed = 7 /
 &ensemble runs = 8, radius_factor = 1.3, volume_factor = 1.1 /
 &output maps = 'passages', 'reach_probability', 'energy_max', rebounds = .true., trajectories = 5 /
 """
+#: A quarter of the cells of cases/tutorial.
+COARSE = "CELL, NX, NY = 640_000.0, 5_230_000.0, 4.0, 90, 120"
 #: Programs that a test cannot run, and why.
 ELSEWHERE = {
     "./run": "sets a machine up; that it knows the command is tested",
@@ -182,6 +184,11 @@ def site(tmp_path_factory):
     for path in Path("cases").rglob("*.nml"):
         few = re.sub(r"(boulders(?:_total)?) = \d+", r"\1 = 5", path.read_text(encoding="utf-8"))
         path.write_text(few, encoding="utf-8")
+    layers = Path("cases/tutorial/make_layers.py")
+    text = layers.read_text(encoding="utf-8")
+    coarse = text.replace("CELL, NX, NY = 640_000.0, 5_230_000.0, 2.0, 180, 240", COARSE)
+    assert coarse != text
+    layers.write_text(coarse, encoding="utf-8")
     os.chdir(before)
     return folder
 
@@ -238,7 +245,7 @@ def test_blocks_run(page, page_site, capfd):
 
 def write(name, code, kind):
     of_simulation = kind == "fortran" and "&lab" not in code  # the laboratory's are whole
-    few = re.sub(r"throws = \d{3,}", "throws = 40", code)
+    few = re.sub(r"throws = \d{3,}", "throws = 16", code)
     Path(name).write_text(whole(code) if of_simulation else few)
     if of_simulation:
         try:

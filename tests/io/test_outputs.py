@@ -48,12 +48,16 @@ def ready(tmp_path_factory):
     return folder
 
 
+def small():
+    return Figure(figsize=(1, 1))
+
+
 @pytest.fixture
 def place(ready, tmp_path, monkeypatch):
     """The same, made the current folder; what is drawn is another matter, and takes long."""
     shutil.copytree(ready, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    drawn = [Drawing(name, name, name, Figure) for name in ("passing", "profile", "stops")]
+    drawn = [Drawing(name, name, name, small) for name in ("passing", "profile", "stops")]
     monkeypatch.setattr("rockfall.products.figures_of", lambda *_: drawn)
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: drawn)
     leave_pictures_blank(monkeypatch)
@@ -309,11 +313,10 @@ def test_a_command_that_fails_half_way_changes_nothing(name, place, monkeypatch,
     for earlier in (False, True):  # nothing is there, then the files of another run
         before = contents(place)
         broken = failing(4 if earlier else 2, OSError(28, "No space left on device"))
-        monkeypatch.setattr("rockfall.io.output_files.replace", broken)
-        capsys.readouterr()
-        assert main(words) == 2
+        with monkeypatch.context() as once:  # figures stay blank afterwards
+            once.setattr("rockfall.io.output_files.replace", broken)
+            capsys.readouterr()
+            assert main(words) == 2
         assert "cannot be written: No space left on device" in capsys.readouterr().err
         assert contents(place) == before and not list(place.glob(".*"))
-        monkeypatch.undo()
-        monkeypatch.chdir(place)
         assert main(words) == 0

@@ -22,7 +22,7 @@ from rockfall.lab.contact_records import ENTRIES, EXITS, open_contacts
 
 GROUPS = "lab", "block", "ground", "throw"
 SMALL = BlockCase(
-    lab={"ground": "meadow", "shape": "platy", "throws": 60, "seed": 5},
+    lab={"ground": "meadow", "shape": "platy", "throws": 24, "seed": 5},
     block={"count": 6},
     ground={"patches": 1},
 )
@@ -60,8 +60,8 @@ def test_threads_and_chunks_change_no_bit(data, monkeypatch):
 
 
 def test_more_throws_do_not_change_the_first(data):
-    more = run_throws(SMALL.replace(lab={"throws": 70}))
-    first = more.isel(contact=more["sequence"].values <= 60)
+    more = run_throws(SMALL.replace(lab={"throws": 28}))
+    first = more.isel(contact=more["sequence"].values <= 24)
     xr.testing.assert_identical(numbers(first), numbers(data))
 
 
@@ -174,8 +174,8 @@ def test_the_restitution_is_that_of_a_sphere_at_5_m_s(place, plough):
 
 
 def test_relief_turns_blocks_aside(data):
-    flat = run_throws(SMALL.replace(ground={"relief": 0}))
-    rough = run_throws(SMALL.replace(ground={"relief": 25}))
+    case = SMALL.replace(lab={"throws": 60})
+    flat, rough = (run_throws(case.replace(ground={"relief": one})) for one in (0, 25))
     assert rough["lateral"].std() > 1.2 * flat["lateral"].std()
 
 

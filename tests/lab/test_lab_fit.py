@@ -43,11 +43,11 @@ def impacts(n: int, seed: int = 1) -> Impacts:
 
 @pytest.fixture(scope="module")
 def found():
-    return fit_set(as_rebounds(impacts(2000)))
+    return fit_set(as_rebounds(impacts(1200)))
 
 
 def test_the_set_comes_back_within_its_standard_errors(found):
-    assert found.impacts == 2000 and 0.2 < found.redrawn < 0.33
+    assert found.impacts == 1200 and 0.2 < found.redrawn < 0.33
     assert (abs(found.mean - MEAN) < 4.5 * found.mean_error).all()
     assert (0.002 < found.mean_error).all() and (found.mean_error < 0.05).all()
     assert np.linalg.eigvalsh(found.covariance).min() > -1e-12
@@ -55,7 +55,7 @@ def test_the_set_comes_back_within_its_standard_errors(found):
 
 def test_a_fit_that_ignores_the_cut_off_would_not_do(found):
     """What redrawing cuts off moves the means of an ordinary fit."""
-    one = impacts(2000)
+    one = impacts(1200)
     length = np.linalg.norm(one.v_in, axis=1, keepdims=True)
     plain = np.linalg.lstsq(one.v_in / length, one.v_out / length, rcond=None)[0].T.ravel()
     assert np.linalg.norm(plain - MEAN) > np.linalg.norm(found.mean - MEAN)
@@ -73,7 +73,7 @@ def test_the_law_of_the_rebound_comes_back_where_the_matrix_cannot(found):
 
 
 def test_bounces_by_the_set_are_those_by_the_impacts(found):
-    one = impacts(2000)
+    one = impacts(1200)
     ways = set_rebound(found.mean, found.covariance), resampled_rebound(one.v_in, one.v_out)
     true = set_rebound(MEAN, covariance())
     for way in ways:

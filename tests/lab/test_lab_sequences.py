@@ -151,7 +151,7 @@ def test_throws_without_a_stable_step_are_reported(data):
 
 
 def test_a_table_of_several_ratios_is_made_again(place, capsys):
-    case = SMALL.replace(throw={"throws": [40], "slope": [25, 45]}, lab={"title": "rocks"})
+    case = SMALL.replace(throw={"throws": [32], "slope": [25, 45]}, lab={"title": "rocks"})
     Path("t.nml").write_text(case.text())
     assert main(["lab", "impact", "t.nml", "-o", "c.nc"]) == 0
     assert "R_b/R_m  solid  throws" in capsys.readouterr().out
@@ -163,7 +163,7 @@ def test_a_table_of_several_ratios_is_made_again(place, capsys):
 
 
 def test_a_table_of_two_cases_is_made_again_of_both(place, capsys):
-    case = SMALL.replace(lab={"ratios": [1]}, throw={"throws": [40], "slope": [25, 45]})
+    case = SMALL.replace(lab={"ratios": [1]}, throw={"throws": [32], "slope": [25, 45]})
     Path("t.nml").write_text(case.text())
     soft = {"lab": {"ratios": [2]}, "material": {"young": 2e7}, "throw": {"adaptive": True}}
     Path("u.nml").write_text(case.replace(**soft).text())
@@ -180,7 +180,7 @@ def test_a_table_of_two_cases_is_made_again_of_both(place, capsys):
 
 
 def test_a_ratio_with_few_contacts_has_few_bins_and_takes_none_from_the_others():
-    case = SMALL.replace(throw={"throws": [100, 30], "slope": [25, 45]})
+    case = SMALL.replace(throw={"throws": [70, 26], "slope": [25, 45]})
     data = run_sequences(case)
     both = table_of([data])
     alone = table_of([data.isel(contact=data["ratio"].values == 1)])
@@ -269,7 +269,7 @@ def test_another_file_is_not_taken_for_contacts_on_rocks(place):
 
 ANGULAR = SMALL.replace(
     lab={"ratios": [2]}, packing={"clumps": True},
-    throw={"throws": [6], "on_layer": 3, "shape": "platy"},
+    throw={"throws": [3], "on_layer": 3, "shape": "platy"},
 )  # fmt: skip
 
 

@@ -37,8 +37,9 @@ from same import same
 from scenes import case_in, grid, place, rough
 
 CASE = BlockCase(
-    lab={"ground": "meadow", "throws": 400, "seed": 5}, block={"count": 6}, ground={"patches": 1}
+    lab={"ground": "meadow", "throws": 100, "seed": 5}, block={"count": 6}, ground={"patches": 1}
 )
+MANY = CASE.replace(lab={"throws": 500, "contacts": 12})  # first contacts cost the least
 BY_TABLE = {"form": "table", "table": "meadow.nc"}
 
 
@@ -46,7 +47,7 @@ BY_TABLE = {"form": "table", "table": "meadow.nc"}
 def made(tmp_path_factory):
     """A folder with the contacts of a small laboratory and a table of them."""
     folder = tmp_path_factory.mktemp("made")
-    contacts = run_throws(CASE)
+    contacts = run_throws(MANY)
     save_contacts(contacts, folder / "contacts.nc")
     save_table(table_of([contacts]), folder / "meadow.nc")
     return folder
@@ -180,7 +181,7 @@ def test_the_density_of_the_blocks_matters_where_ground_yields(made):
 def test_boulders_of_other_sizes_are_as_fast_as_the_blocks_thrown(tmp_path):
     """On 34 degrees of talus they are: by tables thrown at 0.2 and at 1 m 12.8 and 11.0 m/s, with
     the same relief over R_b and the same yield pressure."""
-    case = CASE.replace(lab={"ground": "talus"}).replace(ground={"relief": 18.0})
+    case = CASE.replace(lab={"ground": "talus", "throws": 200}).replace(ground={"relief": 18.0})
     save_table(table_of([run_throws(case)]), tmp_path / "talus.nc")
     speed = []
     for radius in 0.2, 0.4, 1.0:
@@ -279,7 +280,7 @@ def test_contacts_that_do_not_belong_together_are_refused(
     made, tmp_path, monkeypatch, capsys, change, words
 ):
     monkeypatch.chdir(tmp_path)
-    save_contacts(run_throws(CASE.replace(lab={"throws": 40}).replace(**change)), "o.nc")
+    save_contacts(run_throws(CASE.replace(lab={"throws": 4}).replace(**change)), "o.nc")
     refuses(
         ["lab", "table", str(made / "contacts.nc"), "o.nc", "-o", "t.nc"],
         f"contacts: {words}.*",
@@ -289,13 +290,13 @@ def test_contacts_that_do_not_belong_together_are_refused(
 
 def test_a_radius_for_the_laboratory_of_blocks(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "m.nml").write_text("&lab ground = 'meadow', throws = 40 /\n")
+    (tmp_path / "m.nml").write_text("&lab ground = 'meadow', throws = 4 /\n")
     assert main(["lab", "impact", "m.nml", "--radius", "0.8", "--quiet"]) == 0
     assert "radius = 0.8" in open_contacts(tmp_path / "m.nc").attrs["lab_case"]
     for text, words in ("-1", "must be > 0"), ("nan", "must be > 0"):
         command = ["lab", "impact", "m.nml", "--radius", text, "-o", "n.nc"]
         refuses(command, f"--radius {text}: {words}", capsys)
-    (tmp_path / "r.nml").write_text("&lab throws = 40 /\n")
+    (tmp_path / "r.nml").write_text("&lab throws = 4 /\n")
     command = ["lab", "impact", "r.nml", "--radius", "1", "-o", "n.nc"]
     refuses(command, "--radius: is for blocks on a ground", capsys)
 
@@ -304,7 +305,7 @@ def test_a_table_is_made_again_bit_for_bit(made, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["lab", "table", str(made / "contacts.nc"), "-o", "again.nc"]) == 0
     assert open_table(tmp_path / "again.nc").pack() == open_table(made / "meadow.nc").pack()
-    save_contacts(run_throws(CASE.replace(lab={"throws": 40})), tmp_path / "few.nc")
+    save_contacts(run_throws(CASE.replace(lab={"throws": 16})), tmp_path / "few.nc")
     assert main(["lab", "table", "few.nc", "-o", "few-table.nc"]) == 0
     assert main(["lab", "remake", "few-table.nc", "--quiet"]) == 0
     assert "the same in every bit" in capsys.readouterr().out
@@ -507,7 +508,7 @@ def test_the_ground_is_an_uncertain_input(made, tmp_path):
 
 
 def test_each_draw_of_an_ensemble_is_a_run_by_its_table(made, tmp_path):
-    tables = [table_of([run_throws(CASE.replace(lab={"throws": 60, "seed": k}))]) for k in (1, 2)]
+    tables = [table_of([run_throws(CASE.replace(lab={"throws": 16, "seed": k}))]) for k in (1, 2)]
     save_ensemble(tables, tmp_path / "draws.nc")
     assert [one.pack() for one in open_tables(tmp_path / "draws.nc")] == [
         one.pack() for one in tables
