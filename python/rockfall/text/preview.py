@@ -37,6 +37,7 @@ PILOT_REBOUNDS = 200_000  # approximate: some hundredths of a second, and the sa
 PILOT_BOULDERS = 20_000  # maximum; reached cells of larger runs are extrapolated from these
 PROGRAM = 80e6  # bytes of the program and its packages, while boulders are simulated
 PACKAGES = 20e6  # additional bytes of the packages that write results
+LARGE_RESULT = 2e9  # bytes of rows of boulders of which it is said that they go to the file, too
 READING = 80e6  # additional bytes for reading a window
 START = 0.4  # CPU seconds to start and end
 MAX_ZONES = 12  # listed individually
@@ -388,6 +389,8 @@ def _memory(scene: Scene, pilot: Pilot) -> str:
     total = sum(need.values()) + max(0, made - need["rasters"])  # rasters go before maps are made
     parts = ", ".join(f"{name} {_bytes(size)}" for name, size in need.items() if size)
     warning = "; more than this machine has" if total > machine_memory() else ""
+    if need["results"] > LARGE_RESULT:
+        warning += "; the result file has as much: &output kept = 'none' keeps sums and counts"
     return f"about {_bytes(total)} ({parts}){warning}"
 
 
