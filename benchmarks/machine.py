@@ -20,7 +20,7 @@ def machine() -> str:
     if info.exists():
         names = [line for line in info.read_text().splitlines() if line.startswith("model name")]
         cpu = names[0].split(":")[1].strip() if names else cpu
-    load = f"load {os.getloadavg()[0]:.1f}"
+    load = f"load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "load unknown"
     program = f"rockfall {version('rockfall')}"
     return ", ".join([cpu, f"{os.cpu_count()} cores", load, platform.platform(), program])
 

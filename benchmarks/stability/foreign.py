@@ -582,8 +582,9 @@ def _same(found: Any, want: Any) -> bool:
 
 def tried(kind: str, seed: int, numbers: range) -> Iterator[tuple[int, Made, str]]:
     """Files of a kind, one after the other in a folder of their own."""
-    shared = Path("/dev/shm")
-    with tempfile.TemporaryDirectory(dir=shared if shared.is_dir() else None) as name:
+    shared = Path("/dev/shm")  # which Wine shows to programs for Windows too
+    place = shared if os.name == "posix" and shared.is_dir() else None
+    with tempfile.TemporaryDirectory(dir=place) as name:
         for number in numbers:
             folder = Path(name) / "in"
             folder.mkdir()

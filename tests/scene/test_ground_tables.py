@@ -253,7 +253,7 @@ def test_names_that_nothing_has(tmp_path):
     arrays, surface = zones(tmp_path, "1,0.2,\n2,,mud\n3,0.3,\n")
     with pytest.raises(RockfallError) as caught:
         read(case_with(tmp_path, **surface), **arrays)
-    assert str(caught.value).startswith(f"{tmp_path}/zones.csv: line 3: ground = {said}")
+    assert str(caught.value).startswith(f"{tmp_path / 'zones.csv'}: line 3: ground = {said}")
 
 
 def test_a_table_of_impacts_without_its_form_is_named(tmp_path):

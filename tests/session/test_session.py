@@ -382,20 +382,22 @@ def test_a_cancel_ends_a_run_and_the_session_goes_on(case):
         same(last_of(session).dataset(), rockfall.run(case.replace(output={"trajectories": 0})))
 
 
+@pytest.mark.parametrize("tick", [1e-9, 1 / 64])  # of the clock of computing time; of Windows'
 @pytest.mark.parametrize("maps", [[], ["sources"]])
-def test_pieces_of_a_run_are_short_where_boulders_are_slow(case, monkeypatch, maps):
+def test_pieces_of_a_run_are_short_where_boulders_are_slow(case, monkeypatch, maps, tick):
     """A cancel is answered between pieces: each has as many boulders as take 12 ms by the slowest
-    of late. Here a boulder takes 1 ms, and each of the later half 4 ms."""
+    of late. Here a boulder takes 0.5 ms, and each of the later half 2 ms."""
     clock, times = [0.0], []
 
     def advance(run, scene, first, size, step=1):
         numbers = first + step * np.arange(size)
-        times.append(np.where(numbers <= 2048, 0.001, 0.004).sum())
+        times.append(np.where(numbers <= 2048, 0.0005, 0.002).sum())
         clock[0] += times[-1]
         return np.empty(0), np.empty((2, 0))
 
     class Clocks:
-        perf_counter = process_time = thread_time = staticmethod(lambda: clock[0])
+        perf_counter = staticmethod(lambda: clock[0])
+        process_time = thread_time = staticmethod(lambda: clock[0] // tick * tick)
 
     with rockfall.open(case.replace(output={"maps": maps or None, "trajectories": 0})) as session:
         monkeypatch.setattr(run_state.Run, "advance", advance)

@@ -101,6 +101,24 @@ def test_runs_of_one_scene_at_once_do_not_disturb_each_other(tmp_path):
     same(rockfall.merge(parts), run_scene(scene))
 
 
+def test_a_process_whose_threads_have_run_scenes_ends(place):
+    """OpenMP releases what it holds of a thread when that ends: without a fault, and for good."""
+    code = """if True:
+        import faulthandler, threading, rockfall
+        faulthandler.enable()
+        case = rockfall.read_case("case.nml")
+        for _ in range(4):
+            thread = threading.Thread(target=rockfall.run, args=(case,), kwargs={"threads": 2})
+            thread.start()
+            thread.join()
+    """
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code],
+        cwd=place, capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
 def test_a_copy_of_a_scene_is_its_own(tmp_path):
     case = make_case(tmp_path, *sets(), release={"x": [150.0], "y": [350.0]})
     z = rough()

@@ -90,8 +90,8 @@ def export(
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
     >>> sorted(path.name for path in rockfall.export(result, "gis"))[0]
     'boulders.csv'
-    >>> rockfall.export(result, "cad", formats=["dxf"])
-    [PosixPath('cad/rockfall.dxf')]
+    >>> [path.name for path in rockfall.export(result, "cad", formats=["dxf"])]
+    ['rockfall.dxf']
     """
     folder = Path(folder)
     chosen = Chosen(check_formats(formats, FORMATS), tolerance, geoid)

@@ -84,8 +84,10 @@ class Batches:
         tally.done += len(piece)
         if tally.marks is not None:
             tally.marks[piece.start : piece.stop : piece.step] = True
-        # by the time computed: while a busy machine waits, smaller pieces would be no help
-        rate = len(piece) / max(own, cpu / self._threads, 1e-9)
+        # by the time computed: while a busy machine waits, smaller pieces would be no help. Windows
+        # counts that by 1/64 s: none of a short piece, or more than has passed
+        computed = min(max(own, cpu / self._threads), wall) or wall
+        rate = len(piece) / max(computed, 1e-9)
         self._rate = min(rate, RECOVERY * self._rate) if self._rate else rate
 
 
