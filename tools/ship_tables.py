@@ -4,10 +4,10 @@
 
     python tools/ship_tables.py [GROUND ... | rocky-slope]
 
-A minute and a half each, on two cores, `rocky-slope` half an hour; `rockfall lab remake` makes one
-again from what it says itself. A table of blocks has a part for each of their sizes. Of a ground
-whose values evidence leaves open, each shape comes with an ensemble: draws of these values
-(data/lab_draws.csv, made by benchmarks.physics.posterior).
+A minute and a half each, on two cores, `rocky-slope` three quarters of an hour; `rockfall lab
+remake` makes one again from what it says itself. A table of blocks has a part for each of their
+sizes. Of a ground whose values evidence leaves open, each shape comes with an ensemble: draws of
+these values (data/lab_draws.csv, made by benchmarks.physics.posterior).
 """
 
 import sys
@@ -22,13 +22,13 @@ from rockfall.lab.blocks.contacts import run_throws
 from rockfall.lab.blocks.shapes import SHAPES
 from rockfall.lab.case import read_lab_case
 from rockfall.lab.sequences import run_sequences
-from rockfall.lab.tables import KEPT, table_of
+from rockfall.lab.tables import table_of
 
 ROOT = Path(__file__).resolve().parents[1]
 SIZES, THROWS, SEED = (0.2, 0.35, 0.6, 1.05, 1.8), 1_000, 1  # R_b [m]; throws of each
 SIZES_OF_DRAW, THROWS_OF_DRAW = (0.2, 0.6, 1.8), 500
 KEPT_OF_DRAW = 10_200
-ROCKS, KEPT_OF_ROCKS = "rocky-slope", 34_000
+ROCKS = "rocky-slope"
 FOLDER = ROOT / "python" / "rockfall" / "data" / "impact_tables"
 
 
@@ -58,8 +58,7 @@ def main() -> None:
         made = []
         for name, contacts in contacts_of(ground):
             made.append(FOLDER / f"{name}.nc")
-            kept = KEPT_OF_ROCKS if ground == ROCKS else KEPT
-            save_table(table_of(contacts, kept), made[-1])
+            save_table(table_of(contacts), made[-1])
         for shape in SHAPES if draws_of(ground) else ():
             made.append(FOLDER / f"{ground}{ENSEMBLE}-{shape}.nc")
             make_ensemble(ground, shape, made[-1])
