@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from benchmarks.lab.rocky import relief_at
 from rockfall.lab.case import LabCase, read_lab_case
 from rockfall.lab.sequences import run_sequences
 
@@ -31,10 +32,12 @@ ON_LAYER = 10  # throws
 
 def variant(ratio: float, rocks: str, shape: str, throws: int) -> LabCase:
     """Case of one shape of rocks and boulders."""
-    return read_lab_case(CASE).replace(
+    case = read_lab_case(CASE)
+    relief = [relief_at(case, ratio)]
+    return case.replace(
         lab={"ratios": [ratio], "seed": 417},
         packing={"clumps": rocks == "clumps"},
-        throw={"throws": [throws], "on_layer": ON_LAYER, "shape": shape},
+        throw={"throws": [throws], "on_layer": ON_LAYER, "shape": shape, "relief": relief},
     )
 
 

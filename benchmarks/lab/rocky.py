@@ -132,13 +132,20 @@ def slope_with_error(data: xr.Dataset, ratio: float, slopes: list[float]) -> str
     return f"{whole:.1f} ± {error:.1f}"
 
 
+def relief_at(case: LabCase, ratio: float) -> float:
+    """Relief of the layer [degree] at a ratio that a case need not have; by the nearest beyond."""
+    relief = np.broadcast_to(case.throw["relief"], len(case.lab["ratios"]))
+    return float(np.interp(np.log(ratio), np.log(case.lab["ratios"]), relief))
+
+
 def cost(case: LabCase) -> None:
     print(
         "| R_b/R_m | solid fraction | contacts | CPU of a contact, with its part of a layer [ms] |"
     )
     print("|---|---|---|---|")
     for ratio, throws in zip(RATIOS, THROWS, strict=True):
-        one = case.replace(lab={"ratios": [ratio]}, throw={"throws": [throws]})
+        own = {"throws": [throws], "relief": [relief_at(case, ratio)]}
+        one = case.replace(lab={"ratios": [ratio]}, throw=own)
         clock = time.process_time()
         data = run_sequences(one, threads=1)
         each = 1000 * (time.process_time() - clock) / data.sizes["contact"]
