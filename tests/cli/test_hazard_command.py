@@ -267,7 +267,7 @@ def test_a_hazard_says_what_a_run_of_each_scenario_says(hazard_case, capsys):
         "ratio = 5", "ratio = 5, speed_range = 100, 101"
     )
     Path("sets.nml").write_text(narrow)
-    stand = "&forest uniform_stems = 1.0, uniform_dbh_mean = 9., uniform_dbh_std = 1., "
+    stand = "&forest uniform_stems = 200.0, uniform_dbh_mean = 30., uniform_dbh_std = 5., "
     Path("case.nml").write_text(CASE + SCENARIOS + stand + "uniform_conifers = 50.0 /\n")
     assert main(["hazard", "case.nml", "--write-cases"]) == 0
     for k in (1, 2):
