@@ -58,6 +58,7 @@ def test_rows_too_many_for_a_file_are_said_before_the_run(tmp_path):
     for each, lines, is_said in ((100_000, many, True), (100_000, many[:1], False)):
         scene = scene_of(tmp_path, 8, each, line=lines)
         assert (words in preview._memory(scene, preview._pilot(scene))) == is_said
+        assert ("18, 19, 20, ... (40)" in preview.preview(scene)) == is_said
 
 
 def test_what_is_not_asked_for_takes_nothing(tmp_path):

@@ -12,6 +12,7 @@ import numpy as np
 
 from rockfall.analysis.model_limits import fractions_outside, model_remarks
 from rockfall.analysis.planes.neutral_slopes import NeutralSlopes, Rocks, rocks_of
+from rockfall.case import Case
 from rockfall.io.crs import crs_name
 from rockfall.io.grid import row_blocks
 from rockfall.limits import CORES
@@ -37,6 +38,7 @@ PILOT_REBOUNDS = 200_000  # approximate: some hundredths of a second, and the sa
 PILOT_BOULDERS = 20_000  # maximum; reached cells of larger runs are extrapolated from these
 PROGRAM = 80e6  # bytes of the program and its packages, while boulders are simulated
 PACKAGES = 20e6  # additional bytes of the packages that write results
+MAX_LINES = 20  # names that `check` lists
 LARGE_RESULT = 2e9  # bytes of rows of boulders of which it is said that they go to the file, too
 READING = 80e6  # additional bytes for reading a window
 START = 0.4  # CPU seconds to start and end
@@ -87,7 +89,7 @@ def preview(scene: Scene) -> str:
         ("boulders", _boulders(scene)),
         *_attributes(scene),
         ("speed", _speed(scene)),
-        ("lines", ", ".join(line["name"] for line in case.lines) or "none"),
+        ("lines", _lines(case)),
         ("maps", ", ".join(case.output.get("maps", [])) or "none"),
         ("memory", _memory(scene, pilot)),
         ("time", _time(scene, pilot)),
@@ -102,6 +104,13 @@ def preview(scene: Scene) -> str:
         if remark.is_warning
     ]
     return "\n".join([title, *(f"  {name:13}{text}" for name, text in rows)])
+
+
+def _lines(case: Case) -> str:
+    names = [line["name"] for line in case.lines]
+    if len(names) > MAX_LINES:
+        return f"{', '.join(names[:MAX_LINES])}, ... ({len(names):,})"
+    return ", ".join(names) or "none"
 
 
 def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
