@@ -268,9 +268,9 @@ contains
 
    !> Effect of a hit: the energy absorbed, and the turn, away from the stem.
    !>
-   !> The path of the boulder's centre passes the axis at x = offset/(DBH/2) of the stem's radius. Beyond its side, where
-   !> only the boulder's own radius reaches the stem, a hit is a scratch. A frontal hit that the boulder survives breaks
-   !> the stem.
+   !> The path of the boulder's centre passes the axis at x = offset/(DBH/2) of the stem's radius. Beyond the side of
+   !> the stem, where only the boulder's own radius reaches it, a hit is a scratch. A frontal hit that the boulder
+   !> survives breaks the stem.
    pure type(tree_impact_t) function tree_impact(model, stem, offset, energy, word) result(impact)
       type(tree_model_t), intent(in) :: model
       type(stem_t), intent(in) :: stem
