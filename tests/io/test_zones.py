@@ -17,7 +17,7 @@ from made import make_layer, refused
 from rockfall.errors import RockfallError
 from rockfall.io import grid as grid_module
 from rockfall.io.grid import NO_ID, Grid, row_blocks
-from rockfall.io.layers import burn_polygons, numbered_polygons
+from rockfall.io.layers import burn_polygons, numbered_polygons, read_attributes
 from rockfall.io.zone_table import index_blocks, read_zone_table
 
 
@@ -206,6 +206,25 @@ def test_a_cell_belongs_to_the_polygon_over_its_centre(path):
     numbers, columns = numbered_polygons(path, utm_grid(), [])
     assert numbers.dtype == "uint8" and columns["zone"].tolist() == [4, 9, -2]
     assert np.array_equal(np.array([NO_ID, 4, 9, -2])[numbers], cells)
+
+
+def test_attributes_keep_the_order_of_the_layer(monkeypatch):
+    import pyogrio
+
+    read = pyogrio.raw.read
+
+    def read_sorted(*args, **options):  # as pyogrio 0.11 does
+        about, ids, shapes, values = read(*args, **options)
+        order = np.argsort(about["fields"])
+        return about | {"fields": about["fields"][order]}, ids, shapes, [values[k] for k in order]
+
+    monkeypatch.setattr(pyogrio.raw, "read", read_sorted)
+    make_layer("zones.gpkg", [box(0, 0, 10, 10)], zone=[4], BHD=[30.0], name=["wood"])
+    attributes = read_attributes("zones.gpkg", "zones")
+    assert {key: values[0] for key, values in attributes.items()} == {
+        "zone": 4, "BHD": 30.0, "name": "wood",
+    }  # fmt: skip
+    assert list(attributes) == ["zone", "BHD", "name"]
 
 
 def test_the_later_polygon_wins_and_holes_are_holes():

@@ -356,7 +356,9 @@ def _read(
         shapes = shapely.from_wkb(wkb)
     except (RuntimeError, UnicodeDecodeError, shapely.errors.ShapelyError) as error:  # from GDAL
         raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
-    return info, shapes, dict(zip(about_read["fields"], values, strict=True))
+    by_name = dict(zip(about_read["fields"], values, strict=True))
+    # in the order of the layer: pyogrio 0.11 sorts them by name
+    return info, shapes, {name: by_name[name] for name in names}
 
 
 def _layer(path: str, layers: Iterable[Any], what: str, asked: str | None, key: str) -> str:
