@@ -15,6 +15,7 @@ from programs import (  # fmt: skip
     run_program,
     same_results,
 )
+from rockfall.analysis import variant_runs
 from rockfall.case_variants import variants
 from rockfall.cli import main
 from rockfall.simulation.merge import join
@@ -163,7 +164,7 @@ def test_check_lists_every_variant(here, capsys):
 def test_a_stopped_run_goes_on(here, capsys, monkeypatch):
     case = site(here, GROUPS[:2])
     calls = iter(range(1))
-    run = rockfall.analysis.variant_runs.run_scene
+    run = variant_runs.run_scene
 
     def once(*scene, **how):
         if next(calls, None) is None:
@@ -174,7 +175,8 @@ def test_a_stopped_run_goes_on(here, capsys, monkeypatch):
     assert main(["variants", "case.nml", "-o", "out", "--quiet"]) == 130
     assert not (here / "out").exists() and (here / "out.today.checkpoint").exists()
     monkeypatch.setattr("rockfall.analysis.variant_runs.run_scene", run)
-    stopped = f"{here}/out.today.checkpoint: holds 120 boulders of a variant that was stopped; .*"
+    file = f"{here.as_posix()}/out.today.checkpoint"
+    stopped = f"{file}: holds 120 boulders of a variant that was stopped; .*"
     refuses(["variants", "case.nml", "-o", "out"], stopped, capsys)
     assert main(["variants", "case.nml", "-o", "out", "--quiet", "--resume"]) == 0
     same_results(rockfall.read_result("out/today.nc"), rockfall.run(variants(case)["today"]))
@@ -266,5 +268,5 @@ def test_a_case_with_variants_needs_a_choice(here, capsys):
     refuses(["run", "case.nml", "--variant", "wall"], f"case.nml: --variant wall: {known}", capsys)
     before = everything(here)
     assert main(["slurm", "case.nml", "jobs", "--shards", "2", "--variant", "Räumung 1"]) == 0
-    assert "case.nml --variant 'Räumung 1' --quiet" in (here / "jobs/run.sh").read_text()
+    assert " --variant 'Räumung 1' --quiet " in (here / "jobs/run.sh").read_text()
     assert before.items() <= everything(here).items()

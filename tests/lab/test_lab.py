@@ -615,7 +615,7 @@ def test_what_holds_no_impacts_is_refused(impacts, tmp_path, monkeypatch, capfd,
     make, message = NO_IMPACTS[name]
     path = tmp_path / f"{name.replace(' ', '_')}.nc"  # HDF5 remembers names
     make(path, impacts)
-    refuses(["lab", "fit", path], f"{path}: {message}", capfd)
+    refuses(["lab", "fit", path], f"{path.as_posix()}: {message}", capfd)
     if path.is_file():
         before = path.read_bytes()
         with pytest.raises(RockfallError, match=message):

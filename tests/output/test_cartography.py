@@ -109,7 +109,8 @@ def test_the_scale_of_a_map_is_round_and_holds_at_its_size(crowded):
 
 
 def test_classes_and_colours_are_the_same_for_every_result(crowded):
-    half = crowded.assign(energy_max=crowded["energy_max"] / 2)
+    energy = crowded["energy_max"]
+    half = crowded.assign(energy_max=energy.copy(data=energy / 2))  # with its attributes
     for name, unit in (("energy_max", "kJ"), ("jump_height_max_map", "m")):
         bars = [map_figure(one, name).axes[1] for one in (crowded, half)]
         ticks = [[one.get_text() for one in bar.get_xticklabels()] for bar in bars]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -191,7 +192,7 @@ def _blank(case: LabCase) -> xr.Dataset:
             name: (dims, np.zeros(sizes, "i4"), _about(name)) for name in names("outcome_counts")
         }
     except (MemoryError, ValueError) as error:
-        text = f"{case.name}: {np.prod(sizes)} impacts"
+        text = f"{case.name}: {math.prod(sizes)} impacts"
         raise RockfallError(f"{text} do not fit in memory") from error
     for name in names("layer")[:-1]:
         data[name] = (dims[:2], np.full(sizes[:2], np.nan), _about(name))
