@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import functools
 import io
 import json
 import os
@@ -389,7 +388,6 @@ def attempt(base: Path, work: Path, seed: int, number: int, inputs: list[Input])
     random = np.random.default_rng((seed, number))
     one = inputs[int(random.integers(len(inputs)))]
     command = one.commands[int(random.integers(len(one.commands)))]
-    check_valid(base, work, command)
     _copy(base, work, command)
     found = sorted(work.glob(one.file if one.file.startswith("out/") else f"in/{one.file}"))
     path = found[int(random.integers(len(found)))]
@@ -399,12 +397,12 @@ def attempt(base: Path, work: Path, seed: int, number: int, inputs: list[Input])
     return Tried(number, one.kind, one.file, name, command, sanitized, found, seconds)
 
 
-@functools.cache
-def check_valid(base: Path, work: Path, command: str) -> None:
-    """What is refused before it is altered shows nothing; once for each command that is used."""
-    _copy(base, work, command)
-    if (found := _give(command, work, False)[0]) != "done":
-        raise SystemExit(f"{command}: {found}: {(work / 'stderr').read_text()}")
+def check_valid(base: Path, work: Path) -> None:
+    """What is refused before it is altered shows nothing."""
+    for command in sorted({command for one in INPUTS for command in one.commands}):
+        _copy(base, work, command)
+        if (found := _give(command, work, False)[0]) != "done":
+            raise SystemExit(f"{command}: {found}: {(work / 'stderr').read_text()}")
 
 
 def _is_batch(command: str) -> bool:
@@ -466,6 +464,7 @@ def attempts(folder: Path, seed: int, numbers: range, kind: str | None = None) -
         os._exit(1)
     if _wait(child, time.monotonic()) != 0:
         raise SystemExit("the valid inputs could not be made")
+    check_valid(folder / "base", folder / "work")
     inputs = [one for one in INPUTS if kind in (None, one.kind)]
     for number in numbers:
         yield attempt(folder / "base", folder / "work", seed, number, inputs)
