@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 from rockfall.language import Number, Text, say, say_count
 from rockfall.result.variables import HISTOGRAM, LINE
@@ -140,6 +141,11 @@ def percent(fraction: float) -> Number:
     if 0 < fraction < 1 and shown in ("0.0", "100.0"):
         return Number("< 0.1 %" if fraction < 0.5 else "> 99.9 %")
     return Number(f"{shown.removesuffix('.0')} %" if fraction in (0, 1) else f"{shown} %")
+
+
+def first_of(items: Sequence[Any], most: int) -> list[Any]:
+    """The first items of a list that a message shows, and "..." if there are more."""
+    return [*items[:most], *["..."][: len(items) > most]]
 
 
 def within(value: object, low: object, high: object) -> Text:

@@ -41,6 +41,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.arrays import corner_of
 from rockfall.io.grid import Grid
 from rockfall.io.point_rows import is_point_layer
+from rockfall.quantities import first_of
 from rockfall.result.trajectories import ends, left_terrain
 
 if TYPE_CHECKING:
@@ -147,8 +148,7 @@ def _within(area: Any, place: np.ndarray) -> np.ndarray:
 
 
 def _some(names: list[str]) -> str:
-    shown = [*dict.fromkeys(names)]
-    return ", ".join([*shown[:10], *["..."][: len(shown) > 10]])
+    return ", ".join(first_of([*dict.fromkeys(names)], 10))
 
 
 def at_rest(result: xr.Dataset, blocks: Blocks, origins: Starts | None = None) -> Rest:

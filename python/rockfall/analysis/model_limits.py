@@ -25,7 +25,7 @@ from rockfall.impact_tables import find_table, open_table, shipped_tables
 from rockfall.io.tables import read_table
 from rockfall.language import Text, say, word
 from rockfall.limits import fraction_limits
-from rockfall.quantities import part_of_boulders, part_of_rebounds, percent
+from rockfall.quantities import first_of, part_of_boulders, part_of_rebounds, percent
 from rockfall.result.grounds import (
     classical_grounds,
     rebounds_by_ground,
@@ -305,8 +305,7 @@ def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
             yield Remark(say(key, part=part, distance=STAYED), True)
             is_said |= key != "model.stayed"
     if not is_said and (lost := [*_lost_at_lines(values, case, is_moving)]):
-        lines = [*lost[:MAX_LINES], *(["..."] if len(lost) > MAX_LINES else [])]
-        yield Remark(say("model.lost", lines=lines), True)
+        yield Remark(say("model.lost", lines=first_of(lost, MAX_LINES)), True)
 
 
 def _lost_at_lines(values: Variables, case: Case, is_moving: np.ndarray) -> Iterator[Text]:
@@ -323,10 +322,7 @@ def _lost_at_lines(values: Variables, case: Case, is_moving: np.ndarray) -> Iter
         open_ = ~has_crossed[is_moving]
         if open_.sum() <= most:
             continue
-        meets = np.zeros(open_.size, bool)
-        for first, last in pairwise(np.column_stack([line["x"], line["y"]])):
-            meets |= _meets(stop, stop - start, first, last)
-        if (lost := int((meets & open_).sum())) > most:
+        if (lost := int((_meets_line(stop, stop - start, line) & open_).sum())) > most:
             yield say("model.lost_at_line", line=line["name"], lost=lost, passed=passed)
 
 
@@ -348,10 +344,16 @@ def _misses_line(values: Variables, case: Case, chosen: np.ndarray) -> np.ndarra
     start, stop = _ends(values, chosen)
     misses = ~crossed.any(axis=0)
     for line, has_crossed in zip(case.lines, crossed, strict=False):
-        for first, last in pairwise(np.column_stack([line["x"], line["y"]])):
-            meets = _meets(stop, stop - start, first, last)
-            misses |= meets & ~has_crossed
+        misses |= _meets_line(stop, stop - start, line) & ~has_crossed
     return misses
+
+
+def _meets_line(origin: np.ndarray, direction: np.ndarray, line: dict[str, Any]) -> np.ndarray:
+    """Mask (n,) of the rays from `origin` (2, n) that meet a polyline."""
+    meets = np.zeros(origin.shape[1], bool)
+    for first, last in pairwise(np.column_stack([line["x"], line["y"]])):
+        meets |= _meets(origin, direction, first, last)
+    return meets
 
 
 def _meets(

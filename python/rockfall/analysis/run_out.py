@@ -22,6 +22,7 @@ from rockfall.case import case_of
 from rockfall.io.arrays import corner_of
 from rockfall.language import say
 from rockfall.limits import MIN_FOR_MEAN, MIN_FOR_STD
+from rockfall.quantities import first_of
 from rockfall.result.trajectories import stop_distances
 
 if TYPE_CHECKING:
@@ -259,7 +260,7 @@ def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
     apart = np.hypot(*(seen.starts - origins.places[nearest]).T).max()
     notes = []
     if not in_groups.all():
-        places = ", ".join([*(origins.names[k] for k in groups[:10]), *["..."][: groups.size > 10]])
+        places = ", ".join(first_of([origins.names[k] for k in groups], 10))
         notes.append(say("compare.same_starts", part=in_groups.sum(), n=total, names=places))
     if apart > 3 * cell_of(result):
         notes.append(say("compare.release_apart", apart=apart))

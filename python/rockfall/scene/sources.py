@@ -17,7 +17,7 @@ from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.io.layers import EXTENSIONS, numbered_polygons, read_points
 from rockfall.io.tables import read_columns
 from rockfall.language import remark
-from rockfall.quantities import percent
+from rockfall.quantities import first_of, percent
 from rockfall.scene.kernel_scene import area_ratios, terrain_of
 from rockfall.scene.layers import Inputs
 from rockfall.scene.parts import ExtremeCount, Rasters, SourceBoulders, Sources
@@ -152,9 +152,8 @@ def _note_lost(
     lost = np.bincount(feature, minlength=table.size + 1)[1:] == 0
     if not lost.any():
         return
-    named = [names[k] for k in np.flatnonzero(lost)[:MAX_NAMED]]
+    named = first_of([names[k] for k in np.flatnonzero(lost)], MAX_NAMED)
     numbers = {"part": int(lost.sum()), "n": lost.size}
-    named += ["..."] if numbers["part"] > MAX_NAMED else []
     inputs.remarks.append(remark(table.path, "input.features_lost", **numbers, names=named))
     if not np.isnan(frequency).any() and (all_ := frequency.sum()) > 0:
         fraction = percent(frequency[lost].sum() / all_)

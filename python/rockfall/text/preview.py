@@ -16,7 +16,7 @@ from rockfall.case import Case
 from rockfall.io.crs import crs_name
 from rockfall.io.grid import row_blocks
 from rockfall.limits import CORES
-from rockfall.quantities import percent
+from rockfall.quantities import first_of, percent
 from rockfall.result.grounds import rebounds_by_ground, sets_followed, stochastic_fraction
 from rockfall.scene.coefficients import ANY_SPEED
 from rockfall.scene.ground import Ground
@@ -108,9 +108,8 @@ def preview(scene: Scene) -> str:
 
 def _lines(case: Case) -> str:
     names = [line["name"] for line in case.lines]
-    if len(names) > MAX_LINES:
-        return f"{', '.join(names[:MAX_LINES])}, ... ({len(names):,})"
-    return ", ".join(names) or "none"
+    more = f" ({len(names):,})" if len(names) > MAX_LINES else ""
+    return ", ".join(first_of(names, MAX_LINES)) + more or "none"
 
 
 def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
