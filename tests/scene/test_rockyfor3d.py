@@ -150,7 +150,8 @@ def test_trees_stand_where_and_as_many_as_the_rasters_say(tmp_path):
     assert trees.x.size == 2 * 10 * NX
     assert trees.y.min() >= CELL * (NY - 25) and trees.y.max() <= CELL * (NY - 15)
     assert abs(trees.dbh.mean() - 12) < 4 * 2 / np.sqrt(trees.x.size)
-    assert rockfall.run(case).trees_hit.sum() > 0
+    result = rockfall.run(case.replace(output={"energy_balance": True}))
+    assert result.trees_hit.sum() > 0 and result.energy_trees.sum() > 0
 
 
 def test_a_list_of_trees(tmp_path):
