@@ -78,12 +78,12 @@ TITLES = {
 }  # fmt: skip
 BARE = "ks", "p"  # without a unit
 ON_PASTURE = (
-    "soil_1", "soil_2", "rockyfor3d-2023:soil_2", "pfeiffer_soil", "meadow", "bourrier_hungr_soft",
-    "bourrier_hungr",
+    "soil_1", "soil_2", "rockyfor3d-2023:soil_2", "pfeiffer_soil", "constant_meadow",
+    "bourrier_hungr_soft", "bourrier_hungr",
 )  # fmt: skip
 ON_TALUS = (
-    "soil_4", "rockyfor3d-2023:soil_4", "pfeiffer_talus", "pfeiffer_rock", "talus", "rock_ledge",
-    "bourrier_hungr",
+    "soil_4", "rockyfor3d-2023:soil_4", "pfeiffer_talus", "pfeiffer_rock", "constant_talus",
+    "rock_ledge", "bourrier_hungr",
 )  # fmt: skip
 PASTURE_TABLES = "meadow", "vegetated-soil", "talus"
 TALUS_TABLES = "talus", "rock"
@@ -140,6 +140,7 @@ def pasture_parts(folder: Path) -> list[Part]:
             terrain={"dem": str(folder / "dem.asc")},
             release={"points": str(folder / f"releases-{block}.csv")},
             boulder={"block_shape": shape},
+            impact={"form": "matrix"},
             output=NOTHING,
         )
         parts.append(Part(part, read_observed(folder / f"observed-{block}.csv"), shape))

@@ -26,8 +26,9 @@ from benchmarks.physics.runaway import beyond
 from benchmarks.physics.tschamut import Run, described, observed, simulated, terrain
 
 ROWS = (
-    "pfeiffer_soil", "pfeiffer_talus", "pfeiffer_rock", "meadow", "talus", "rock_ledge",
-    "bourrier_hungr_soft", "bourrier_hungr", "soil_1", "soil_4", "rockyfor3d-2023:soil_4",
+    "pfeiffer_soil", "pfeiffer_talus", "pfeiffer_rock", "constant_meadow", "constant_talus",
+    "rock_ledge", "bourrier_hungr_soft", "bourrier_hungr", "soil_1", "soil_4",
+    "rockyfor3d-2023:soil_4",
 )  # fmt: skip
 ANGLES = 4, 8, 12, 16, 20, 25  # [degree]
 PLANES = 30, 38, 45  # [degree]

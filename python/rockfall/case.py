@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 FROM_ARRAY = "(array)"  # the DEM of a case whose elevations come from `run(case, dem=...)`
 WIDTH = 72  # columns after which a list continues on the next line
 LINES = tuple(_core.fields("line_group").decode().split())  # groups of lines, in their order
+OPERATOR = "sets", "table"  # keys of `impact` that name a random operator
 REPEATABLE = tuple(_core.fields("repeatable_group").decode().split())  # groups that are lists
 
 
@@ -150,6 +151,7 @@ class Case:
         self._checked_text = self.text().encode()
         _checked(self._checked_text, name)
         defaults = default_values()
+        self._groups["impact"] = _form(self._checked_text) | self._groups["impact"]
         for group, values in self._groups.items():
             self._groups[group] = _typed(group, defaults.get(group, {}) | values)
         for group, several in lists.items():
@@ -226,7 +228,8 @@ class Case:
 
     def replace(self, **groups: Any) -> Case:
         """Return a copy with other values: `case.replace(surface={"method": "A"})`; None removes a
-        key. A list replaces all groups of its name: `case.replace(line=[])`.
+        key. A list replaces all groups of its name: `case.replace(line=[])`. `sets` or `table` of
+        `impact` bring their form with them.
 
         >>> import rockfall
         >>> case = rockfall.read_case("case.nml")
@@ -240,6 +243,7 @@ class Case:
             for group in {**self._groups, **groups}
         }
         changed |= {g: self.__dict__[g] if given is None else given for g, given in lists.items()}
+        changed["impact"] = _new_operator(self.impact, groups.get("impact", {}))
         return Case(folder=self.folder, name=self.name, **changed)
 
     def text(self) -> str:
@@ -272,6 +276,7 @@ class Facts(NamedTuple):
     has_points: bool  # sources are points, not cells
     by_layer: bool  # the layer of sources says what its boulders are
     by_raster: bool  # rasters say it
+    by_table: bool  # a table of impacts is the operator where nothing else is said
 
 
 def facts(case: Case, *groups: str) -> Facts:
@@ -286,12 +291,27 @@ def _facts(text: bytes) -> Facts:
     return Facts(*_core.case_facts(text).astype(bool).tolist())
 
 
+def _new_operator(own: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Group `impact` with changes, which bring their form where they name sets or a table alone:
+    else these would have no effect."""
+    named = [key for key in OPERATOR if changes.get(key) is not None]
+    stale = {"form", *OPERATOR} if len(named) == 1 and "form" not in changes else set()
+    return {key: value for key, value in own.items() if key not in stale} | dict(changes)
+
+
+def _form(text: bytes) -> dict[str, str]:
+    """`&impact form` of a checked text, said or not."""
+    return {"form": "table" if _facts(text).by_table else "matrix"}
+
+
 def given_groups(case: Case) -> dict[str, dict[str, Any]]:
     """Groups of a case that may not be repeated, without keys that have their default."""
     groups: dict[str, dict[str, Any]] = {}
     for group, values in case._groups.items():
         usual = _typed(group, default_values().get(group, {}))
         given = {key: value for key, value in values.items() if value != usual.get(key)}
+        if "table" in given and group == "impact":  # which brings a form of its own
+            given["form"] = values["form"]
         if given:
             groups[group] = given
     return groups

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from rockfall.case import FROM_ARRAY, REPEATABLE, Case, case_of
 from rockfall.case_zones import case_zones
 from rockfall.errors import RockfallError
-from rockfall.impact_sets import find_set, set_path
+from rockfall.grounds import find_operator
 from rockfall.impact_tables import find_table
 from rockfall.io.raster_file import raster_file, raster_files
 
@@ -33,9 +33,8 @@ def input_files(case: Case) -> Iterator[Path]:
         if name != FROM_ARRAY:
             yield from _files_of(case, key.file, name)
     for name in _named_grounds(case):
-        for path in find_table(case, name), find_set(case, name):
-            if path is not None:
-                yield path
+        if path := find_operator(case, name)[0]:
+            yield path
 
 
 def group_files(case: Case, group: str) -> Iterator[Path]:
@@ -49,9 +48,8 @@ def group_files(case: Case, group: str) -> Iterator[Path]:
             yield from (path.with_name(f"{path.name}{end}") for end in APPENDED)
     if group == "surface":
         for name in _named_grounds(case):
-            for used in find_table(case, name), find_set(case, name):
-                if used is not None:
-                    yield used
+            if used := find_operator(case, name)[0]:
+                yield used
 
 
 def _named_grounds(case: Case) -> set[str]:
@@ -66,11 +64,11 @@ def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
     """Files that one value of a key names."""
     path = case.path(name)
     if kind == "sets":
-        with suppress(RockfallError):  # its reader reports missing files
-            yield find_table(case, name) or set_path(case, name)
+        if operator := find_operator(case, name)[0]:  # its reader reports missing files
+            yield operator
     elif kind == "impact_table":
-        if tables := find_table(case, name):
-            yield tables
+        if case.impact["form"] == "table" and (operator := find_table(case, name)):
+            yield operator
     elif kind == "table":
         yield path
     if kind == "points" or "layer" in kind:

@@ -155,27 +155,39 @@ class GroundTable:
         return GroundRule(name, model, text, row.where, rest_angle)
 
 
+def find_operator(case: Case, name: str) -> tuple[Path | None, bool]:
+    """File of the random operator with a name, shipped or next to the case, and whether it is a
+    table of impacts; a name of a table and of impact sets is of the form of the case."""
+    table, sets = find_table(case, name), find_set(case, name)
+    is_table = table is not None and (case.impact["form"] == "table" or sets in (None, table))
+    return (table if is_table else sets), is_table
+
+
 def find_ground(case: Case, table: GroundTable, name: str, where: str) -> GroundRule:
-    """Ground with a given name: a table of impacts, with `&impact form = 'table'`; a row of the
-    table of grounds; or impact sets, shipped or in a file. `where` is the place of the name, for
-    messages."""
-    if tables := find_table(case, name):
-        return table_ground(name, tables)
+    """Ground with a given name: a row of the table of grounds, a table of impacts, or impact sets.
+    `where` is the place of the name, for messages."""
     if name in table.rows:
         return table.ground(name)
-    path = find_set(case, name)
+    path, is_table = find_operator(case, name)
     if path is None:
-        names = "; impact sets: ".join(", ".join(names) for names in (table.rows, shipped_sets()))
-        is_table = name in table_names()
-        form = "a table of impacts, for &impact form = 'table'; " if is_table else ""
+        rows, tables, sets = map(", ".join, (table.rows, table_names(), shipped_sets()))
         raise RockfallError(
-            f"{where} = '{name}': no ground of {table.path.name}, and no file of impact sets; "
-            f"{form}grounds: {names}"
+            f"{where} = '{name}': no ground of {table.path.name}, and no file of a table of "
+            f"impacts or of impact sets; grounds: {rows}; tables of impacts: {tables}; "
+            f"impact sets: {sets}"
         )
+    if is_table:
+        return table_ground(name, path)
     check_text_file(path)
     if len(name) > MAX_NAME:
         raise RockfallError(f"{where} = '{name}': must be at most {MAX_NAME} characters")
     return GroundRule(name, IMPACT_SETS, path.read_bytes(), str(path))
+
+
+def usual_name(case: Case) -> str:
+    """Name of what rebounds follow where no zone and no cell says it: a ground, sets or a table."""
+    operator = case.impact["sets" if case.impact["form"] == "matrix" else "table"]
+    return str(case.surface.get("ground", operator))
 
 
 def usual_ground(case: Case) -> GroundRule:

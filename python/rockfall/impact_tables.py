@@ -161,9 +161,7 @@ def _names() -> list[str]:
 
 def find_table(case: Case, name: str) -> Path | None:
     """File of the table with a name: shipped, for the block shape of the case if there are several,
-    or next to the case; None if there is none, or the case uses none."""
-    if case.impact["form"] != "table":
-        return None
+    or next to the case; None if there is none."""
     shipped = shipped_tables()
     for full_name in (name, f"{name}-{case.boulder['block_shape']}"):
         if full_name in shipped:

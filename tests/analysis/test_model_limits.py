@@ -336,7 +336,8 @@ def test_who_rolls_on_smooth_ground_is_said_to_lower_quantiles(tmp_path):
     """Meadow of 33 degrees holds nobody, by its own rest angle."""
     y = np.mgrid[79:-1:-1, 0:40][0] * 5.0
     case = make_case(
-        tmp_path, *sets(), terrain={}, case={"boulders": 100}, surface={"ground": "meadow"},
+        tmp_path, *sets(), terrain={}, case={"boulders": 100},
+        surface={"ground": "constant_meadow"},
         release={"x": 100.0, "y": 380.0, "drop_height": 0.001}, output={"rebounds": False},
         line=[{"name": "slope", "x": [2.5, 197.5], "y": [375.0, 375.0]}],
     )  # fmt: skip

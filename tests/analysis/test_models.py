@@ -157,7 +157,7 @@ def test_grounds_that_cover_everything_are_varied(case):
     small, large = (SHIPPED.ground(name) for name in ROCKS["constant"])
     varied = with_rocks(scene, small, large, {"road", "meadow"})
     names = [varied.grounds[k - 1].name for k in varied.rasters.material_ground]
-    assert names == ["talus", "talus", "soil_0"]
+    assert names == ["constant_talus", "constant_talus", "soil_0"]
 
 
 def test_models_are_read_as_they_were_written(found, tmp_path):

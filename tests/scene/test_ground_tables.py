@@ -21,6 +21,7 @@ from rockfall.grounds import (
     parameters,
     shipped_grounds,
 )
+from rockfall.impact_tables import table_names
 from rockfall.scene.read import read_scene
 from scenes import CALM_SETS, grid, make_case, rough, sets
 
@@ -245,8 +246,11 @@ def test_bad_tables(tmp_path, table):
 
 
 def test_names_that_nothing_has(tmp_path):
-    known = f"grounds: {', '.join(SHIPPED.rows)}; impact sets: rocky-slope"
-    said = f"'mud': no ground of grounds.csv, and no file of impact sets; {known}"
+    known = f"grounds: {', '.join(SHIPPED.rows)}; tables of impacts: {', '.join(table_names())}; "
+    said = (
+        "'mud': no ground of grounds.csv, and no file of a table of impacts or of impact sets; "
+        f"{known}impact sets: rocky-slope"
+    )
     with pytest.raises(RockfallError) as caught:
         read(case_with(tmp_path, ground="mud"))
     assert str(caught.value).startswith(f"case: &surface ground = {said}")
@@ -254,12 +258,6 @@ def test_names_that_nothing_has(tmp_path):
     with pytest.raises(RockfallError) as caught:
         read(case_with(tmp_path, **surface), **arrays)
     assert str(caught.value).startswith(f"{tmp_path / 'zones.csv'}: line 3: ground = {said}")
-
-
-def test_a_table_of_impacts_without_its_form_is_named(tmp_path):
-    said = "and no file of impact sets; a table of impacts, for &impact form = 'table'; grounds: "
-    with pytest.raises(RockfallError, match=said):
-        read(case_with(tmp_path, ground="soft-soil"))
 
 
 def test_sizes_that_a_ground_needs(tmp_path):

@@ -178,7 +178,7 @@ def test_statistics_are_those_of_the_function(case):
 
 
 def test_limits_of_the_model_are_those_of_the_result(case):
-    ground = case.replace(surface={"ground": "meadow"})
+    ground = case.replace(surface={"ground": "constant_meadow"})
     with rockfall.open(ground) as session:
         batch = last_of(session)
     result = rockfall.run(ground)

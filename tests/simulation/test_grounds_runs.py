@@ -220,7 +220,7 @@ def test_slow_boulders_rest_where_their_ground_holds_them(tmp_path, form, lanes)
     def resting(ground, **impact):
         z = 500 + 5 * np.tan(np.radians(33.0)) * np.mgrid[40:0:-1, 0:40][0]
         release = {"x": [100.0], "y": [150.0], "drop_height": 0.001}
-        where = {"ground": ground} if form == "matrix" else {}
+        where = {"ground": f"constant_{ground}"} if form == "matrix" else {}
         impact |= {"form": form} | ({"table": ground} if form == "table" else {})
         case = rockfall.Case(
             folder=tmp_path, case={"boulders": 400, "seed": 5}, release=release, impact=impact,

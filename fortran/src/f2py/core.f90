@@ -918,15 +918,15 @@ contains
    end subroutine refusal
 
    !> Facts of a valid case, 1 or 0: it has trees; its sources are points; its boulders are those of the layer of
-   !> sources; of rasters.
+   !> sources; of rasters; rebounds follow a table of impacts where nothing else is said.
    subroutine case_facts(text, facts)
       character(len=*), intent(in) :: text
-      integer(c_int), intent(out) :: facts(4)
+      integer(c_int), intent(out) :: facts(5)
       type(case_t) :: case
       type(error_t), allocatable :: error
 
       call read_case(text, "", case, error)
-      facts = merge(1, 0, [case%forest, case%at_points, case%by_feature, case%by_source])
+      facts = merge(1, 0, [case%forest, case%at_points, case%by_feature, case%by_source, case%by_table])
    end subroutine case_facts
 
    !> Number that a text spells, as in files; NaN if none.

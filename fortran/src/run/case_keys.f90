@@ -89,10 +89,10 @@ module rockfall_case_keys
       key_t("surface", "ground_table", "text", 1, "absent", "", "", &
             "CSV of grounds in place of those shipped", in_scene, "table"), &
       key_t("impact", "form", "text", 1, "'matrix'", "matrix, table", "", &
-            "of the random operator: the paper's matrix, or a table of impacts (impact_tables.md)", in_scene), &
+            "of the random operator: the paper's matrix, or a table of impacts; table where only that is named", &
+            in_scene), &
       key_t("impact", "table", "text", 1, "'talus'", "", "", &
-            "shipped table of impacts, or a file .nc: where nothing else is said, with form = 'table'", in_scene, &
-            "impact_table"), &
+            "of impacts, shipped or a file .nc: where nothing else is said", in_scene, "impact_table"), &
       key_t("impact", "sets", "text", 1, "'rocky-slope'", "", "", "shipped impact set, or a file", in_scene, "sets"), &
       key_t("impact", "turning", "text", 1, "'past_aspect'", "past_aspect, to_aspect, lab", "", &
             "by a random angle, past the cell's aspect or at most to it; or as in the laboratory: impact_sets.md"), &
@@ -342,6 +342,7 @@ contains
       if (.not. allocated(error)) call check_names(list, key_table%group, key_table%name, repeatable, &
                                                    "a case has one such group; only &" &
                                                    //joined(repeatable, ", &")//" may repeat", error)
+      if (.not. allocated(error)) call check_operator(list, error)
       if (.not. allocated(error)) call complete(list, file)
       if (.not. allocated(error)) call check_keys(list, error)
    end subroutine read_keys
@@ -356,6 +357,28 @@ contains
              //"|"//trim(key%file)
    end function row_text
 
+   !> Refuse a case that names both kinds of the random operator and chooses neither.
+   pure subroutine check_operator(list, error)
+      type(namelist_t), intent(in) :: list
+      type(error_t), allocatable, intent(out) :: error
+
+      if (is_given(list, "impact", "form")) return
+      if (is_given(list, "impact", "sets") .and. is_given(list, "impact", "table")) &
+         call fail(error, list%group(findloc(list%group%name, "impact", dim=1))%file &
+                   //": &impact sets, table: give one of the two, or form = 'matrix' or 'table' with both")
+   end subroutine check_operator
+
+   pure logical function is_given(list, group, key)
+      type(namelist_t), intent(in) :: list
+      character(len=*), intent(in) :: group, key
+      integer :: g
+
+      is_given = .false.
+      do g = 1, size(list%group)
+         if (list%group(g)%name == group) is_given = is_given .or. has_key(list%group(g), key)
+      end do
+   end function is_given
+
    !> Add absent groups, and the defaults of absent keys.
    pure subroutine complete(list, file)
       type(namelist_t), intent(inout) :: list
@@ -364,7 +387,7 @@ contains
       type(error_t), allocatable :: error
       integer :: d, e, g
 
-      call parse_namelist(default_case(), file, defaults, error)
+      call parse_namelist(default_case(list), file, defaults, error)
       do d = 1, size(defaults%group)
          associate (default => defaults%group(d))
             if (.not. any([repeatable == default%name, list%group%name == default%name])) then
@@ -382,8 +405,9 @@ contains
       end do
    end subroutine complete
 
-   !> Format the defaults of the table as the text of a case.
-   pure function default_case() result(text)
+   !> Format the defaults of a case as the text of one: those of the table, but a table of impacts brings its form.
+   pure function default_case(list) result(text)
+      type(namelist_t), intent(in) :: list
       character(len=:), allocatable :: text
       type(key_t) :: key
       character(len=len(key%group)) :: group
@@ -398,6 +422,7 @@ contains
             text = text//"&"//trim(key%group)
             group = key%group
          end if
+         if (key%name == "form" .and. is_given(list, "impact", "table")) key%default = "'table'"
          if (key%default == "required" .or. key%default == "absent") cycle
          text = text//" "//trim(key%name)//" = "//trim(key%default)
       end do

@@ -24,6 +24,7 @@ from rockfall.grounds import (
     find_ground,
     shipped_grounds,
     table_path,
+    usual_name,
 )
 from rockfall.io.netcdf import load_dataset
 from rockfall.language import packed, say, unpacked
@@ -48,7 +49,7 @@ LARGE = 0.1
 ROCKS = {
     "rockyfor3d": ("soil_3", "soil_4"),
     "pfeiffer_bowen": ("pfeiffer_talus", "pfeiffer_rock"),
-    "constant": ("talus", "rock_ledge"),
+    "constant": ("constant_talus", "rock_ledge"),
     "bourrier_hungr": ("bourrier_hungr", "bourrier_hungr"),
 }
 #: Obstacles of this size [m] stop every boulder in Rockyfor3D, but not with impact sets.
@@ -153,7 +154,7 @@ def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[t
     own = read_scene(case)
     table = GroundTable(table_path(case))
     chosen = [find_ground(case, table, name, "--ground") for name in grounds]
-    varied = {_usual(own)}
+    varied = {usual_name(own.case)}
     if not _own_share(own):
         varied = {ground.name for ground in own.grounds if ground.model != ABSORBS}
         yield AS_GIVEN, own
@@ -211,14 +212,9 @@ def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[
     yield name, own.replace(grounds=grounds, material_ground=None, cell_ground=of_cells)
 
 
-def _usual(scene: Scene) -> str:
-    """Name of the default ground."""
-    return str(scene.case.surface.get("ground", scene.case.impact["sets"]))
-
-
 def _own_share(scene: Scene) -> float:
     """Fraction of the terrain where no zone and no cell names a ground [-]."""
-    usual, cells = _usual(scene), scene.rasters
+    usual, cells = usual_name(scene.case), scene.rasters
     own = np.array([0, *(ground.name == usual for ground in scene.grounds)], bool)
     has_elevation = ~np.isnan(cells.z)
     if cells.cell_ground is not None:
@@ -234,11 +230,11 @@ def with_rocks(
     """Scene with these grounds for its small and large rocks, in place of the grounds of these
     names; by default in place of the default ground."""
     cells = scene.rasters
-    varied = varied or {_usual(scene)}
+    varied = varied or {usual_name(scene.case)}
     others = [ground for ground in scene.grounds if ground.name not in varied]
     rules = dict.fromkeys((small, large))
     number = {rule.name: k for k, rule in enumerate([*rules, *others], start=1)}
-    names = [ground.name for ground in scene.grounds] or [_usual(scene)]
+    names = [ground.name for ground in scene.grounds] or [usual_name(scene.case)]
     kept = np.array([0, *(0 if name in varied else number[name] for name in names)], np.int8)
     sizes = cells.sizes[:, 0] if cells.values is None else cells.values[0]
     of_rocks = _choice(scene, sizes, number[small.name], number[large.name])

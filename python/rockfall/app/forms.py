@@ -116,9 +116,8 @@ def ground_names(*cases: Case) -> tuple[str, ...]:
     """Grounds that can be named without opening another file than those of the cases."""
     grounds: list[str] = []
     for case in cases:
-        tables = table_names() if case.impact["form"] == "table" else []
         own = [case.surface[key] for _, key in GROUND_KEYS if key in case.surface]
-        grounds += [*GroundTable(table_path(case)).rows, *shipped_sets(), *tables, *own]
+        grounds += [*GroundTable(table_path(case)).rows, *table_names(), *shipped_sets(), *own]
     return tuple(dict.fromkeys(grounds))
 
 

@@ -107,13 +107,12 @@ def _case(new: New) -> Group:
 
 
 def _impact() -> Group:
-    nearer = "CHOOSE: nearer to the field than sets, which err low (docs/impact_tables.md)"
+    nearer = "In place of sets, which err low; meadow, rock ... are also grounds of zones"
     return Group(
         "impact",
         [
-            _entry("impact", "sets", "rocky-slope", "Of unbound rocks"),
-            _entry("impact", "form", "table", nearer, on=False),
-            _entry("impact", "table", "talus", "With form = 'table'", on=False),
+            _entry("impact", "sets", "rocky-slope", "CHOOSE: of unbound rocks"),
+            _entry("impact", "table", "talus", nearer, on=False),
         ],
     )
 

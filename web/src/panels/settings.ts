@@ -15,7 +15,7 @@ const COMMON: readonly (readonly [group: string, keys: readonly string[]])[] = [
   ],
   ['release', ['drop_height']],
   ['surface', ['ground', 'uniform_mean_radius', 'uniform_rg', 'method']],
-  ['impact', ['sets']],
+  ['impact', ['table', 'sets']],
   ['case', ['boulders', 'boulders_total', 'seed']],
 ];
 

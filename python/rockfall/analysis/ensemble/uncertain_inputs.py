@@ -3,18 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
-from itertools import product
+from itertools import product, starmap
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.grounds import GroundRule, ensemble_grounds
+from rockfall.grounds import GroundRule, ensemble_grounds, find_operator, usual_name
 from rockfall.impact_sets import set_path
-from rockfall.impact_tables import ENSEMBLE, ensemble_names, find_table, table_names
+from rockfall.impact_tables import ENSEMBLE, ensemble_names, table_names
 from rockfall.io.tables import check_columns, read_table
 from rockfall.scene.coefficients import SetFile, draws_in
 from rockfall.scene.layers import file_checksum
@@ -27,7 +27,13 @@ STREAMS = ("boulders", "design", "dem", "source")  # of random numbers; append n
 REACH = 6  # correlation lengths; exp(-6) is a quarter of a per cent
 BITS = 30  # of a number of the design
 TRIES = 1000  # shifts of the sources before they are refused
-Grounds = dict[str, GroundRule]  # by the name of the case's ground that each replaces
+
+
+class Operator(NamedTuple):
+    """A drawn random operator."""
+
+    sets: SetFile | None  # in place of the impact sets of the case
+    grounds: dict[str, GroundRule]  # by the name of the case's ground that each replaces
 
 
 @dataclass
@@ -66,8 +72,7 @@ class Uncertain:
     def __init__(self, scene: Scene) -> None:
         self.scene, self.given = scene, scene.case.ensemble
         self.set_checksums: dict[str, str] = {}
-        by_table = scene.case.impact["form"] == "table"
-        self.sets: Sequence[SetFile | Grounds] = self._tables() if by_table else self._set_files()
+        self.sets = self._operators()
         self.radii = 1 if scene.rasters.values is not None else len(scene.rasters.sizes)
         self.rows: list[dict[str, float]] = []
         if "draws" in self.given:
@@ -91,40 +96,46 @@ class Uncertain:
                 "side of the DEM"
             )
 
-    def _set_files(self) -> list[SetFile]:
-        """Impact sets of the given names, one per draw."""
-        case, all_draws = self.scene.case, []
-        for name in self.given.get("sets", []):
-            draws = draws_in(set_path(case, name, "ensemble"), case.impact["turning"])
-            self.set_checksums[name] = draws[0].checksum
-            all_draws += draws
-        return all_draws
-
-    def _tables(self) -> list[Grounds]:
-        """Grounds replaced in each draw: tables for the default ground; each draw of a
-        `talus-ensemble` for `talus`, together with those of other ensembles."""
-        case = self.scene.case
-        usual = case.surface.get("ground", case.impact["table"])
+    def _operators(self) -> list[Operator]:
+        """Random operators of the names in `sets`, one per draw: impact sets in place of those of
+        the case, together with tables in place of its grounds: of `talus` each draw of a
+        `talus-ensemble`, of the default ground any other table."""
+        case, files = self.scene.case, list[SetFile]()
         stand_ins: dict[str, list[GroundRule]] = {}
         for name in self.given.get("sets", []):
-            path = find_table(case, name)
-            if path is None:
-                names = ", ".join((*ensemble_names(), *table_names()))
-                raise RockfallError(
-                    f"{case.name}: &ensemble sets = '{name}': no such table of impacts: with "
-                    f"&impact form = 'table' they stand in for grounds of the case; known: {names}"
-                )
+            if (path := self._table(name)) is None:
+                draws = draws_in(set_path(case, name, "ensemble"), case.impact["turning"])
+                self.set_checksums[name] = draws[0].checksum
+                files += draws
+                continue
             self.set_checksums[name] = file_checksum(path)
-            ground = name.removesuffix(ENSEMBLE) if name in ensemble_names() else usual
+            of_ground = name in ensemble_names()
+            ground = name.removesuffix(ENSEMBLE) if of_ground else usual_name(case)
             if not any(rule.name == ground for rule in self.scene.grounds):
                 raise RockfallError(
                     f"{case.name}: &ensemble sets = '{name}': has no effect: no ground of the case "
                     f"is {ground}; take it out"
                 )
             stand_ins.setdefault(ground, []).extend(ensemble_grounds(name, path))
-        return [
-            dict(zip(stand_ins, pick, strict=True)) for pick in product(*stand_ins.values()) if pick
+        if not (files or stand_ins):
+            return []
+        grounds = [
+            dict(zip(stand_ins, rules, strict=True)) for rules in product(*stand_ins.values())
         ]
+        sets: list[SetFile | None] = [*files] or [None]
+        return list(starmap(Operator, product(sets, grounds)))
+
+    def _table(self, name: str) -> Path | None:
+        """File of the table with a name in `sets`; None if it is of impact sets."""
+        case = self.scene.case
+        path, is_table = find_operator(case, name)
+        if case.impact["form"] == "table" and not is_table:
+            names = ", ".join((*ensemble_names(), *table_names()))
+            raise RockfallError(
+                f"{case.name}: &ensemble sets = '{name}': no such table of impacts, and impact "
+                f"sets have no effect in a case by tables; known: {names}"
+            )
+        return path if is_table else None
 
     def _check_factors(self) -> None:
         """Refuse factors on values that a source layer does not give (the kernel refuses those that
@@ -290,11 +301,12 @@ class Uncertain:
         return self._set(int(numbers[0] * len(self.sets)))
 
     def _set(self, which: int) -> Draw:
-        drawn = self.sets[which]
-        if isinstance(drawn, SetFile):
-            return Draw({"sets": drawn}, kept={"set": which})
-        grounds = tuple(drawn.get(ground.name, ground) for ground in self.scene.grounds)
-        return Draw({"grounds": grounds}, kept={"set": which})
+        sets, grounds = self.sets[which]
+        arrays: dict[str, Any] = {} if sets is None else {"sets": sets}
+        if grounds:
+            own = self.scene.grounds
+            arrays["grounds"] = tuple(grounds.get(ground.name, ground) for ground in own)
+        return Draw(arrays, kept={"set": which})
 
 
 def has_rocks(sizes: np.ndarray) -> bool:

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which random operator a case follows where it does not say it, and what names of grounds mean."""
+
+from pathlib import Path
+
+import pytest
+
+import rockfall
+from made import refused
+from programs import refuses
+from rockfall.analysis.ensemble.uncertain_inputs import Uncertain
+from rockfall.case import given_groups
+from rockfall.impact_tables import open_tables, shipped_tables
+from rockfall.scene.read import read_scene
+from same import same, same_numbers
+from scenes import case_in, grid, place, rough, sets, write_sets
+
+SIZE = {"uniform_mean_radius": 0.25}
+
+
+def case_of(impact, surface=SIZE):
+    return rockfall.Case(
+        case={"boulders": 20}, terrain={"dem": "dem.tif"}, surface=surface, impact=impact,
+        boulder={"volume_mean": 0.8}, **place(),
+    )  # fmt: skip
+
+
+def run(case):
+    z = rough()
+    return rockfall.run(case, dem=z, transform=grid(z))
+
+
+@pytest.mark.parametrize(
+    "impact, form",
+    [
+        ({}, "matrix"),
+        ({"sets": "mine.nml"}, "matrix"),
+        ({"table": "meadow"}, "table"),
+        ({"form": "table"}, "table"),
+        ({"form": "table", "sets": "mine.nml", "table": "meadow"}, "table"),
+        ({"form": "matrix", "sets": "mine.nml", "table": "meadow"}, "matrix"),
+    ],
+)
+def test_what_a_case_names_it_follows(impact, form):
+    case = case_of(impact)
+    assert case.impact["form"] == form
+    assert case_of(given_groups(case).get("impact", {})) == case
+
+
+def test_both_without_a_form_are_refused(tmp_path, monkeypatch, capsys):
+    says = "&impact sets, table: give one of the two, or form = 'matrix' or 'table' with both"
+    with refused(f"case: {says}"):
+        case_of({"sets": "mine.nml", "table": "meadow"})
+    monkeypatch.chdir(tmp_path)
+    text = case_of({}).text().replace("form = 'matrix'", "")
+    (tmp_path / "case.nml").write_text(text)
+    refuses(["check", "case.nml"], f"case.nml: {says}".replace("(", r"\("), capsys)
+
+
+def test_a_change_brings_its_form():
+    table, matrix = case_of({"table": "meadow"}), case_of({"sets": "mine.nml"})
+    assert table.replace(impact={"sets": "mine.nml"}) == matrix
+    assert matrix.replace(impact={"table": "meadow"}) == table
+    for case in table, matrix:
+        assert case.replace(impact={"stop_speed": 1.0}).impact["form"] == case.impact["form"]
+
+
+def test_a_named_table_is_the_table_by_form():
+    same(run(case_of({"table": "meadow"})), run(case_of({"form": "table", "table": "meadow"})))
+
+
+def test_a_ground_of_a_table_needs_no_form():
+    by_name = run(case_of({}, SIZE | {"ground": "meadow"}))
+    same_numbers(by_name, run(case_of({"table": "meadow"})))
+
+
+def models(folder, surface=(), **impact):
+    """Rebound models of a scene whose ground is named."""
+    case = case_in(folder, impact=impact, surface=SIZE | dict(surface), **place())
+    scene = read_scene(case, dem=rough(), transform=grid(rough()))
+    return [ground.model for ground in scene.grounds]
+
+
+def test_a_name_of_both_is_of_the_form(tmp_path):
+    ground = {"ground": "rocky-slope"}
+    assert models(tmp_path, ground) == ["impact_sets"]
+    assert models(tmp_path, ground, form="table") == ["ratio_table"]
+
+
+def test_rows_of_ones_own_table_come_first(tmp_path):
+    (tmp_path / "own.csv").write_text("name,model,r_n,r_t,source\nmeadow,constant,0.3,0.8,mine\n")
+    meadow = {"ground": "meadow"}
+    assert models(tmp_path, meadow) == ["impact_table"]
+    assert models(tmp_path, meadow | {"ground_table": "own.csv"}) == ["constant"]
+
+
+def test_a_file_of_a_table_is_a_ground(tmp_path):
+    (tmp_path / "own.nc").write_bytes(shipped_tables()["talus-compact"].read_bytes())
+    assert models(tmp_path, {"ground": "own.nc"}) == ["impact_table"]
+
+
+def test_sets_and_the_ground_of_a_zone_are_uncertain_together(tmp_path):
+    """Each draw is the run by its sets and its table."""
+    write_sets(tmp_path / "other.nml", *sets(1.5))
+    ground = {"ground": "meadow"}
+    case = case_in(
+        tmp_path, surface=SIZE | ground, output={"maps": None}, case={"boulders": 40},
+        ensemble={"sets": ["sets.nml", "other.nml", "meadow-ensemble"], "runs": 8}, **place(),
+    )  # fmt: skip
+    inputs = Uncertain(read_scene(case, dem=rough(), transform=grid(rough())))
+    tables = open_tables(shipped_tables()["meadow-ensemble-compact"])
+    drawn = [inputs._set(which).arrays for which in range(len(inputs.sets))]
+    assert [(Path(one["sets"].name).name, one["grounds"][0].text) for one in drawn] == [
+        (name, table.pack()) for name in ("sets.nml", "other.nml") for table in tables
+    ]
+    with refused(
+        "case: &ensemble sets = 'talus-ensemble': has no effect: no ground of the case is talus; "
+        "take it out"
+    ):
+        other = case.replace(ensemble={"sets": ["sets.nml", "talus-ensemble"]})
+        Uncertain(read_scene(other, dem=rough(), transform=grid(rough())))
