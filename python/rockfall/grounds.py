@@ -219,7 +219,12 @@ def _ground_of(name: str, path: Path, table: ImpactTable) -> GroundRule:
         raise RockfallError(f"ground '{name}': must be at most {MAX_NAME} characters")
     model = _core.table_model(len(table.size), table.speed2[0]).decode().strip()
     text = table.pack()
-    return GroundRule(name, model, text, str(path), table.rest_angle, table.block_radius)
+    return GroundRule(name, model, text, str(path), table.rest_angle, block_radius(table))
+
+
+def block_radius(table: ImpactTable) -> float:
+    """R_b [m] of the largest blocks of a table; NaN if size does not matter, or is R_b/R_m."""
+    return float(_core.largest_block(table.size, table.speed2))
 
 
 def check_number(grounds: Iterable[GroundRule], where: str) -> None:

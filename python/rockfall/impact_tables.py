@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import importlib.resources
-import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -68,11 +67,6 @@ class ImpactTable:
             kind: [self.edges[f"{kind}_edge_{key}"].shape[-1] + 1 for key in (1, 2, 3)]
             for kind in KINDS
         }
-
-    @property
-    def block_radius(self) -> float:
-        """R_b [m] of the largest blocks thrown; NaN if size does not matter, or is R_b/R_m."""
-        return float(self.size.max()) if self.speed2.any() else math.nan
 
     def pack(self) -> bytes:
         """Table in packed form for the kernel."""

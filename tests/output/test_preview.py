@@ -52,7 +52,8 @@ def test_memory_is_that_of_the_arrays(tmp_path):
     assert 0 <= need["results"] - (500 * (12 * 8 + 9) + 50 * 16) < 100  # sums
 
 
-def test_rows_too_many_for_a_file_are_said_before_the_run(tmp_path):
+def test_rows_too_many_for_a_file_are_said_before_the_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(preview, "PILOT_BOULDERS", 500)
     many = [{"name": f"{k}", "x": [0.0, 300.0], "y": [9.0 * k, 9.0 * k]} for k in range(1, 41)]
     words = "the result file has as much: &output kept = 'none'"
     for each, lines, is_said in ((100_000, many, True), (100_000, many[:1], False)):

@@ -7,14 +7,15 @@
 !> quantities, and in the ratio of the speed to the yield speed of the ground, are similar.
 module rockfall_impact_table
    use, intrinsic :: iso_c_binding, only: c_float
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp, i8
    use rockfall_math, only: logarithm, tangent
    use rockfall_boulder, only: boulder_t
    implicit none
    private
-   public :: impact_table_t, bins_t, approach_t, outcome_t, index_records, has_ratios, beyond_ratios, find_part, &
-             drawn_part, begin_draw, whole_bin, find_window, is_held, nearest_record, transfer_record, exceeds_table, &
-             scaled_energy
+   public :: impact_table_t, bins_t, approach_t, outcome_t, index_records, has_ratios, largest_block, beyond_ratios, &
+             find_part, drawn_part, begin_draw, whole_bin, find_window, is_held, nearest_record, transfer_record, &
+             exceeds_table, scaled_energy
    public :: record_fields, pull_along, pull_across, follower, n_inputs, n_mapped, map_rows, edge_vector, flies, &
              rolls_on, stops
 
@@ -169,6 +170,15 @@ contains
 
       has_ratios = parts > 1 .and. .not. speed > 0
    end function has_ratios
+
+   !> R_b of the largest blocks of a table [m], from its sizes and speeds; NaN if size does not matter, or is R_b/R_m.
+   pure real(wp) function largest_block(sizes, speeds)
+      real(wp), intent(in) :: sizes(:)
+      real(wp), intent(in) :: speeds(:)  !! as in impact_table_t, or their squares
+
+      largest_block = ieee_value(0.0_wp, ieee_quiet_nan)
+      if (any(speeds > 0)) largest_block = maxval(sizes)
+   end function largest_block
 
    !> Return whether a ratio R_b/R_m is outside those of a table, so that its smallest or largest serves in its place.
    pure logical function beyond_ratios(table, ratio)

@@ -30,6 +30,7 @@ module rockfall_f2py
    use rockfall_run_loop, only: save_rest
    use rockfall_bounds, only: check_sources, boulder_count, max_volumes, max_tree_hits
    use rockfall_scene, only: feature_fields, object_reach
+   use rockfall_impact_table, only: largest_of_table => largest_block
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model, &
                                model_of_table => table_model, max_grounds
    use rockfall_reach, only: block_side, update_block_minima, reach_box
@@ -73,6 +74,7 @@ module rockfall_f2py
              settle_sources, restore_sources
    public :: forget_tallies, pack_part, begin_part, unpack_part, forget_part
    public :: value_fault, run_difference, case_facts, decimal, sphere_radii, kinetic_energies, limit_ranks, table_model
+   public :: largest_block
    public :: check_maps, check_case, refusal, table_row, read_sets, fields
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, points_outside, boulders
@@ -977,6 +979,15 @@ contains
 
       text = model_names(model_of_table(parts, speed2))
    end subroutine table_model
+
+   !> R_b of the largest blocks of a table of impacts [m], from R_b and g R_b of its parts; NaN: none.
+   subroutine largest_block(sizes, speeds, n, radius)
+      integer(c_int), intent(in) :: n
+      real(c_double), intent(in) :: sizes(n), speeds(n)
+      real(c_double), intent(out) :: radius
+
+      radius = largest_of_table(sizes, speeds)
+   end subroutine largest_block
 
    !> Height of the top edge [m] and capacity [J] of each line of a case, evaluation lines first, then barriers; zero
    !> for evaluation lines.

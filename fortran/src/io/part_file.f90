@@ -15,6 +15,7 @@ module rockfall_part_file
                                    record_status, is_ok, mark_damaged, fail_damaged, transfer, length_of, text_of, &
                                    integers_of, real_of
    use rockfall_variables, only: variable_of, stored_as, name_in_files, layout => part_layout, statuses
+   use rockfall_impact_table, only: largest_block
    use rockfall_ground, only: ground_t
    use rockfall_grounds, only: model_names
    use rockfall_case, only: case_t
@@ -153,8 +154,7 @@ contains
       call record_status(file, nf90_put_att(file%id, nf90_global, "grounds", names))
       radii = ieee_value(1.0_wp, ieee_quiet_nan)
       do k = 1, size(grounds)
-         if (.not. allocated(grounds(k)%table)) cycle
-         if (any(grounds(k)%table%speed > 0)) radii(k) = maxval(grounds(k)%table%size)
+         if (allocated(grounds(k)%table)) radii(k) = largest_block(grounds(k)%table%size, grounds(k)%table%speed)
       end do
       call record_status(file, nf90_put_att(file%id, nf90_global, "ground_models", models))
       call record_status(file, nf90_put_att(file%id, nf90_global, "ground_block_radius", radii))

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.run_out import falls_and_distances, mean_slopes
-from rockfall.grounds import IMPACT_SETS, RATIO_TABLE, other_tables, repose
+from rockfall.grounds import IMPACT_SETS, RATIO_TABLE, block_radius, other_tables, repose
 from rockfall.impact_sets import shipped_sets
 from rockfall.impact_tables import find_table, open_table, shipped_tables
 from rockfall.io.tables import read_table
@@ -167,7 +167,7 @@ def _largest_thrown(tables: Iterable[GroundRebounds], case: Case) -> Iterator[fl
     for table in tables:
         radius, path = table.block_radius, find_table(case, table.name)
         if np.isnan(radius) and path:
-            radius = open_table(path).block_radius
+            radius = block_radius(open_table(path))
         if not np.isnan(radius):
             yield radius
 
