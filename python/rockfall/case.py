@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 FROM_ARRAY = "(array)"  # the DEM of a case whose elevations come from `run(case, dem=...)`
 WIDTH = 72  # columns after which a list continues on the next line
 LINES = tuple(_core.fields("line_group").decode().split())  # groups of lines, in their order
-OPERATOR = "sets", "table"  # keys of `impact` that name a random operator
+OPERATOR = {"sets": "matrix", "table": "table"}  # forms of what keys of `impact` name
 REPEATABLE = tuple(_core.fields("repeatable_group").decode().split())  # groups that are lists
 
 
@@ -292,11 +292,17 @@ def _facts(text: bytes) -> Facts:
 
 
 def _new_operator(own: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Group `impact` with changes, which bring their form where they name sets or a table alone:
-    else these would have no effect."""
-    named = [key for key in OPERATOR if changes.get(key) is not None]
-    stale = {"form", *OPERATOR} if len(named) == 1 and "form" not in changes else set()
-    return {key: value for key, value in own.items() if key not in stale} | dict(changes)
+    """Group `impact` with changes. Sets or a table that they name bring their form, without which
+    they would have no effect; both together are for the kernel to refuse."""
+    kept = dict(own)
+    named = [form for key, form in OPERATOR.items() if changes.get(key) is not None]
+    if changes.get("form") is None and (named or {"form", "table"} & changes.keys()):
+        usual = default_values()["impact"]
+        kept = {key: own[key] for key in own if key not in OPERATOR or own[key] != usual[key]}
+        del kept["form"]
+        if len(named) == 1:
+            kept["form"] = named[0]
+    return kept | {key: value for key, value in changes.items() if key != "form" or value}
 
 
 def _form(text: bytes) -> dict[str, str]:

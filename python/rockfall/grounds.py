@@ -16,7 +16,14 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import find_set, shipped_sets
-from rockfall.impact_tables import ImpactTable, find_table, open_table, open_tables, table_names
+from rockfall.impact_tables import (
+    ImpactTable,
+    ensemble_names,
+    find_table,
+    open_table,
+    open_tables,
+    table_names,
+)
 from rockfall.io.files import check_text_file
 from rockfall.io.tables import Row, check_columns, read_table
 from rockfall.limits import MAX_NAME
@@ -157,10 +164,11 @@ class GroundTable:
 
 def find_operator(case: Case, name: str) -> tuple[Path | None, bool]:
     """File of the random operator with a name, shipped or next to the case, and whether it is a
-    table of impacts; a name of a table and of impact sets is of the form of the case."""
-    table, sets = find_table(case, name), find_set(case, name)
-    is_table = table is not None and (case.impact["form"] == "table" or sets in (None, table))
-    return (table if is_table else sets), is_table
+    table of impacts; a name of a table and of shipped impact sets is of the form of the case."""
+    table = find_table(case, name)
+    if table and (case.impact["form"] == "table" or name not in shipped_sets()):
+        return table, True
+    return find_set(case, name), False
 
 
 def find_ground(case: Case, table: GroundTable, name: str, where: str) -> GroundRule:
@@ -176,6 +184,10 @@ def find_ground(case: Case, table: GroundTable, name: str, where: str) -> Ground
             f"impacts or of impact sets; grounds: {rows}; tables of impacts: {tables}; "
             f"impact sets: {sets}"
         )
+    if name in ensemble_names():
+        raise RockfallError(
+            f"{where} = '{name}': is an ensemble of tables of impacts, for &ensemble sets"
+        )
     if is_table:
         return table_ground(name, path)
     check_text_file(path)
@@ -184,10 +196,14 @@ def find_ground(case: Case, table: GroundTable, name: str, where: str) -> Ground
     return GroundRule(name, IMPACT_SETS, path.read_bytes(), str(path))
 
 
+def usual_key(case: Case) -> str:
+    """Key of `impact` that names the random operator of a case."""
+    return "sets" if case.impact["form"] == "matrix" else "table"
+
+
 def usual_name(case: Case) -> str:
     """Name of what rebounds follow where no zone and no cell says it: a ground, sets or a table."""
-    operator = case.impact["sets" if case.impact["form"] == "matrix" else "table"]
-    return str(case.surface.get("ground", operator))
+    return str(case.surface.get("ground", case.impact[usual_key(case)]))
 
 
 def usual_ground(case: Case) -> GroundRule:

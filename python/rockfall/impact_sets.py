@@ -33,5 +33,6 @@ def set_path(case: Case, name: str | None = None, group: str = "impact") -> Path
         return path
     names = ", ".join(shipped_sets())
     raise RockfallError(
-        f"{case.name}: &{group} sets = '{name}': no such file; shipped sets: {names}"
+        f"{case.name}: &{group} sets = '{name}': no such file; shipped sets: {names}; tables of "
+        "impacts are named by &impact table"
     )

@@ -180,6 +180,21 @@ def test_a_case_with_a_ground_comes_first_as_it_is(case):
     assert found.names == ("meadow", "impact sets, method B", "impact sets, method A", *CLASSICAL)
 
 
+def test_a_case_by_a_table_is_run_by_it_and_by_impact_sets(case):
+    case = case.replace(case={"boulders": 5})
+    found = run_models(case.replace(impact={"table": "meadow"}))
+    sets = ("impact sets, method B", "impact sets, method A")
+    assert found.names == ("table meadow", *sets, *CLASSICAL)
+    own = run_models(case)
+    for name in sets:
+        assert values(found, name) == values(own, name) != values(found, "table meadow")
+
+
+def values(models, name):
+    """Numbers of a model."""
+    return models.table[models.table.model == name].value.dropna().tolist()
+
+
 def test_the_command_writes_a_table_and_a_figure(case, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     command = ["models", case.name, "-o", "out", "--boulders", "20"]

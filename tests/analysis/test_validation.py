@@ -72,6 +72,22 @@ def test_a_law_is_within_the_bounds_of_its_own_boulders(case, made):
     assert BEYOND in set(found.table.verdict)
 
 
+def test_each_law_has_the_name_of_what_it_follows(case, made):
+    """A ground for all holds, whatever table the case names beside it."""
+    folder, _, _ = made
+    seen = read_observed(folder / "stops.csv")
+    named = case.replace(impact={"table": "talus"}, case={"boulders": 5})
+    ground = named.replace(surface={"ground": "soft-soil"})
+    tables = ["talus", "soft-soil"]
+    of_table, of_ground = (validate(one, seen, tables=tables, seeds=2) for one in (named, ground))
+    assert of_table.laws[:2] == ("table talus", "impact sets, method B")
+    assert of_ground.laws[:2] == ("soft-soil", "impact sets, method B")
+    assert of_ground.laws[-1] == "table talus" and of_table.laws[-1] == "table soft-soil"
+    for law in "table talus", "soft-soil":
+        other = {"soft-soil": "table soft-soil"}.get(law, law)
+        assert of(of_ground, law, "mean").simulated == of(of_table, other, "mean").simulated
+
+
 def test_few_boulders_decide_little(case, made):
     folder, _, _ = made
     some = folder / "some.csv"

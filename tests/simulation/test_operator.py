@@ -3,6 +3,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import rockfall
@@ -10,7 +11,9 @@ from made import refused
 from programs import refuses
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain
 from rockfall.case import given_groups
+from rockfall.errors import RockfallError
 from rockfall.impact_tables import open_tables, shipped_tables
+from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
 from same import same, same_numbers
 from scenes import case_in, grid, place, rough, sets, write_sets
@@ -59,8 +62,15 @@ def test_both_without_a_form_are_refused(tmp_path, monkeypatch, capsys):
 
 def test_a_change_brings_its_form():
     table, matrix = case_of({"table": "meadow"}), case_of({"sets": "mine.nml"})
-    assert table.replace(impact={"sets": "mine.nml"}) == matrix
-    assert matrix.replace(impact={"table": "meadow"}) == table
+    both = {"sets": "mine.nml", "table": "meadow"}
+    assert table.replace(impact={"sets": "mine.nml"}) == case_of({"form": "matrix"} | both)
+    for change in ({"table": "meadow"}, {"form": None, "table": "meadow"}):
+        assert matrix.replace(impact=change) == case_of({"form": "table"} | both)
+    assert table.replace(impact={"table": None}) == matrix.replace(impact={"sets": None})
+    assert case_of({"form": "table"}).replace(impact={"form": None}) == case_of({})
+    for case in table, matrix:
+        with pytest.raises(RockfallError, match="give one of the two"):
+            case.replace(impact={"sets": "rocky-slope", "table": "talus"})
     for case in table, matrix:
         assert case.replace(impact={"stop_speed": 1.0}).impact["form"] == case.impact["form"]
 
@@ -81,6 +91,15 @@ def models(folder, surface=(), **impact):
     return [ground.model for ground in scene.grounds]
 
 
+def uncertain(folder, surface, *names, **impact):
+    """What is uncertain of a scene, by these names in &ensemble sets."""
+    case = case_in(
+        folder, surface=SIZE | surface, impact=impact, ensemble={"sets": [*names], "runs": 8},
+        **place(),
+    )  # fmt: skip
+    return Uncertain(read_scene(case, dem=rough(), transform=grid(rough())))
+
+
 def test_a_name_of_both_is_of_the_form(tmp_path):
     ground = {"ground": "rocky-slope"}
     assert models(tmp_path, ground) == ["impact_sets"]
@@ -91,7 +110,26 @@ def test_rows_of_ones_own_table_come_first(tmp_path):
     (tmp_path / "own.csv").write_text("name,model,r_n,r_t,source\nmeadow,constant,0.3,0.8,mine\n")
     meadow = {"ground": "meadow"}
     assert models(tmp_path, meadow) == ["impact_table"]
-    assert models(tmp_path, meadow | {"ground_table": "own.csv"}) == ["constant"]
+    own = meadow | {"ground_table": "own.csv"}
+    assert models(tmp_path, own) == ["constant"]
+    with refused(
+        "case: &ensemble sets = 'meadow-ensemble': has no effect: it stands in for the table of "
+        "impacts meadow, which no ground of the case is; take it out"
+    ):
+        uncertain(tmp_path, own, "meadow-ensemble")
+
+
+def test_a_row_and_the_table_of_all_else_may_not_share_a_name(tmp_path):
+    """Zones that name the row would follow the table."""
+    (tmp_path / "own.csv").write_text("name,model,r_n,r_t,source\nmeadow,constant,0.3,0.8,mine\n")
+    (tmp_path / "zones.csv").write_text("zone,mean_radius,ground\n1,0.2,meadow\n2,0.2,\n")
+    zones = {"zones": "given", "table": "zones.csv", "ground_table": "own.csv"}
+    case = case_in(
+        tmp_path, impact={"form": "table", "table": "meadow"}, surface=zones, **place()
+    )  # fmt: skip
+    ids = np.ones((80, 60), np.int32)
+    with refused(f"case: &impact: 'meadow' is also a row of {tmp_path / 'own.csv'}: rename that"):
+        read_scene(case, dem=rough(), transform=grid(rough()), zones=ids)
 
 
 def test_a_file_of_a_table_is_a_ground(tmp_path):
@@ -113,9 +151,25 @@ def test_sets_and_the_ground_of_a_zone_are_uncertain_together(tmp_path):
     assert [(Path(one["sets"].name).name, one["grounds"][0].text) for one in drawn] == [
         (name, table.pack()) for name in ("sets.nml", "other.nml") for table in tables
     ]
-    with refused(
-        "case: &ensemble sets = 'talus-ensemble': has no effect: no ground of the case is talus; "
-        "take it out"
-    ):
-        other = case.replace(ensemble={"sets": ["sets.nml", "talus-ensemble"]})
-        Uncertain(read_scene(other, dem=rough(), transform=grid(rough())))
+
+
+def test_a_table_does_not_stand_in_for_impact_sets(tmp_path):
+    """They would be alternatives, and not drawn together."""
+    says = "is a table of impacts, and rocky-slope is none: it can stand in for a table alone"
+    for others in ([], ["rocky-slope"]):
+        with refused(f"case: &ensemble sets = 'talus': {says}"):
+            uncertain(tmp_path, {}, *others, "talus", sets="rocky-slope")
+
+
+def test_a_name_that_has_no_effect_is_warned_of(tmp_path):
+    """Beside a ground for all; an own form alone says nothing."""
+    mine = str(write_sets(tmp_path / "mine.nml", *sets(1.5)))
+    for key, name in ("table", "unknown"), ("sets", mine):
+        scene = read_scene(
+            case_of({key: name}, SIZE | {"ground": "meadow"}), dem=rough(), transform=grid(rough())
+        )
+        said = f"&impact {key} = '{name}': has no effect: rebounds follow meadow"
+        assert any(said in text for text in implausible(scene))
+    plain = case_of({"form": "table"}, {"ground": "meadow"})
+    scene = read_scene(plain, dem=rough(), transform=grid(rough()))
+    assert not any("no effect" in text for text in implausible(scene))

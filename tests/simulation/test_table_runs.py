@@ -536,7 +536,7 @@ def test_ensembles_of_several_grounds_come_together(tmp_path):
         tmp_path, impact={"form": "table", "table": "rock"}, output={"maps": None},
         ensemble={"sets": names[:1], "runs": 8}, case={"boulders": 10}, **place(),
     )  # fmt: skip
-    with pytest.raises(rockfall.RockfallError, match="has no effect: no ground of the case is"):
+    with pytest.raises(rockfall.RockfallError, match="has no effect: it stands in for"):
         Uncertain(read_scene(case, **terrain()))
     ids = np.arange(80)[:, None] % len(names) + np.ones((1, 60), np.int32)
     grounds = [one.removesuffix("-ensemble") for one in names]

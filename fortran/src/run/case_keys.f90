@@ -84,7 +84,8 @@ module rockfall_case_keys
             "A: three obstacle sizes, B: one mean radius", in_scene), &
       key_t("surface", "rg_reading", "text", 1, "'diameter'", "diameter, radius", "", "what Rg measures"), &
       key_t("surface", "ground", "text", 1, "absent", "", "", &
-            "what rebounds follow where nothing else is said: a ground of the table, or an impact set", in_scene), &
+            "what rebounds follow where nothing else is said: a row of its table, a table of impacts, or sets", &
+            in_scene), &
       key_t("surface", "ground_map", "text", 1, "absent", "", "", "raster of ids of grounds", in_scene, "raster"), &
       key_t("surface", "ground_table", "text", 1, "absent", "", "", &
             "CSV of grounds in place of those shipped", in_scene, "table"), &
@@ -272,7 +273,8 @@ module rockfall_case_keys
             "distance at which the correlation of their errors is 1/e"), &
       key_t("ensemble", "source_shift", "real", 1, "0.0", ">= 0", "m", &
             "standard deviation of easting and northing of all sources together"), &
-      key_t("ensemble", "sets", "text", 100, "absent", "", "", "impact sets, each with equal probability", &
+      key_t("ensemble", "sets", "text", 100, "absent", "", "", &
+            "with equal probability: impact sets; tables, or ensembles of them, for grounds that are tables", &
             file="sets"), &
       key_t("ensemble", "draws", "text", 1, "absent", "", "", &
             "CSV of draws that `rockfall back` wrote, in place of what its columns hold", file="table"), &

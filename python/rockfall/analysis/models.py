@@ -174,11 +174,15 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
     """The unchanged case, and the case by its impact sets with each method for which it has
     sizes."""
     if "ground" in case.surface:
-        yield case.surface["ground"], own
+        yield usual_name(case), own
+    elif case.impact["form"] == "table":
+        yield f"table {usual_name(case)}", own
     method = case.surface["method"]
     for way in (method, "AB".replace(method, "")):
         try:
-            own_case = case.replace(surface={"method": way, "ground": None})
+            own_case = case.replace(
+                impact={"form": "matrix"}, surface={"method": way, "ground": None}
+            )
             yield f"impact sets, method {way}", read_scene(own_case)
         except RockfallError:  # no sizes for this method
             continue

@@ -24,6 +24,7 @@ from rockfall.analysis.run_out import (
 )
 from rockfall.case import Case
 from rockfall.errors import RockfallError
+from rockfall.grounds import usual_name
 from rockfall.impact_tables import table_names
 from rockfall.scene.read import read_scene
 from rockfall.simulation.progress import progress_bar
@@ -125,15 +126,15 @@ def validate(
 
 def _laws(case: Case, tables: Sequence[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
     """Scenes by the name of their rebound model, the case's own first."""
-    own_table = case.impact["form"] == "table"
+    own_table = case.impact["form"] == "table" and "ground" not in case.surface
     if own_table:
-        yield f"table {case.impact['table']}", read_scene(case)
+        yield f"table {usual_name(case)}", read_scene(case)
     try:
         yield from variants(case.replace(impact={"form": "matrix"}), (), notes)
     except RockfallError as error:
         notes.append(f"not by impact sets and classical models: {error}")
     for name in tables:
-        if own_table and name == case.impact["table"]:
+        if name == usual_name(case) and (own_table or "ground" in case.surface):
             continue
         law_case = case.replace(impact={"form": "table", "table": name}, surface={"ground": None})
         yield f"table {name}", read_scene(law_case)

@@ -69,6 +69,10 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
         usual = find_ground(case, table, surface["ground"], f"{case.name}: &surface ground")
     else:
         usual = usual_ground(case)
+        if usual.name in table.rows:
+            raise RockfallError(
+                f"{case.name}: &impact: '{usual.name}' is also a row of {table.path}: rename that"
+            )
     by_name = {usual.name: usual}
     for zone in named:
         if zone.ground not in by_name:

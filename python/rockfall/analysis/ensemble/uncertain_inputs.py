@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.grounds import GroundRule, ensemble_grounds, find_operator, usual_name
+from rockfall.grounds import TABLES, GroundRule, ensemble_grounds, find_operator, usual_name
 from rockfall.impact_sets import set_path
 from rockfall.impact_tables import ENSEMBLE, ensemble_names, table_names
 from rockfall.io.tables import check_columns, read_table
@@ -111,19 +111,23 @@ class Uncertain:
             self.set_checksums[name] = file_checksum(path)
             of_ground = name in ensemble_names()
             ground = name.removesuffix(ENSEMBLE) if of_ground else usual_name(case)
-            if not any(rule.name == ground for rule in self.scene.grounds):
+            grounds = [rule.name for rule in self.scene.grounds if rule.model in TABLES]
+            if ground not in grounds:
                 raise RockfallError(
-                    f"{case.name}: &ensemble sets = '{name}': has no effect: no ground of the case "
-                    f"is {ground}; take it out"
+                    f"{case.name}: &ensemble sets = '{name}': has no effect: it stands in for the "
+                    f"table of impacts {ground}, which no ground of the case is; take it out"
+                    if of_ground
+                    else f"{case.name}: &ensemble sets = '{name}': is a table of impacts, and "
+                    f"{ground} is none: it can stand in for a table alone"
                 )
             stand_ins.setdefault(ground, []).extend(ensemble_grounds(name, path))
         if not (files or stand_ins):
             return []
-        grounds = [
+        together = [
             dict(zip(stand_ins, rules, strict=True)) for rules in product(*stand_ins.values())
         ]
         sets: list[SetFile | None] = [*files] or [None]
-        return list(starmap(Operator, product(sets, grounds)))
+        return list(starmap(Operator, product(sets, together)))
 
     def _table(self, name: str) -> Path | None:
         """File of the table with a name in `sets`; None if it is of impact sets."""

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rockfall.grounds import ABSORBS, repose
+from rockfall.case import default_values
+from rockfall.grounds import ABSORBS, repose, usual_key
 from rockfall.io.input_warnings import InputWarning
 from rockfall.language import say
 from rockfall.quantities import percent
@@ -44,7 +45,7 @@ def boulder_rules(scene: Scene) -> Iterator[InputWarning]:
     """Warnings about boulder starts, boulder properties, and what boulders meet."""
     for rule in (
         _release, _source_cells, _source_points, _densities, _volumes, _spreads, _gravity, _rocks,
-        _order, _rests, _forest,
+        _order, _operator, _rests, _forest,
     ):  # fmt: skip
         yield from rule(scene)
 
@@ -211,6 +212,14 @@ def _order(scene: Scene) -> Iterator[InputWarning]:
         falling, rising = falls_and_rises(ground.sizes[sorted(ground.used)].T)
     if falling > ORDERED * (falling + rising):
         yield InputWarning("&surface rg70, rg20, rg10", say("input.wrong_order"))
+
+
+def _operator(scene: Scene) -> Iterator[InputWarning]:
+    """A table of impacts, or impact sets, that a case names beside a ground for all."""
+    key = usual_key(scene.case)
+    name, ground = scene.case.impact[key], scene.case.surface.get("ground", "")
+    if ground not in ("", name) and name != default_values()["impact"][key]:
+        yield InputWarning(f"&impact {key} = '{name}'", say("input.no_effect", ground=ground))
 
 
 def _rests(scene: Scene) -> Iterator[InputWarning]:
