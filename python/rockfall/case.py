@@ -151,7 +151,9 @@ class Case:
         self._checked_text = self.text().encode()
         _checked(self._checked_text, name)
         defaults = default_values()
-        self._groups["impact"] = _form(self._checked_text) | self._groups["impact"]
+        if "form" not in self._groups["impact"]:
+            by_table = _facts(self._checked_text).by_table
+            self._groups["impact"] |= {"form": "table" if by_table else "matrix"}
         for group, values in self._groups.items():
             self._groups[group] = _typed(group, defaults.get(group, {}) | values)
         for group, several in lists.items():
@@ -303,11 +305,6 @@ def _new_operator(own: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[st
         if len(named) == 1:
             kept["form"] = named[0]
     return kept | {key: value for key, value in changes.items() if key != "form" or value}
-
-
-def _form(text: bytes) -> dict[str, str]:
-    """`&impact form` of a checked text, said or not."""
-    return {"form": "table" if _facts(text).by_table else "matrix"}
 
 
 def given_groups(case: Case) -> dict[str, dict[str, Any]]:

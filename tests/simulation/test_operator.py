@@ -130,6 +130,11 @@ def test_a_row_and_the_table_of_all_else_may_not_share_a_name(tmp_path):
     ids = np.ones((80, 60), np.int32)
     with refused(f"case: &impact: 'meadow' is also a row of {tmp_path / 'own.csv'}: rename that"):
         read_scene(case, dem=rough(), transform=grid(rough()), zones=ids)
+    (tmp_path / "zones.csv").write_text("zone,mean_radius,ground\n1,0.2,road\n2,0.2,\n")
+    with (tmp_path / "own.csv").open("a") as file:
+        file.write("road,constant,0.4,0.9,mine\n")
+    scene = read_scene(case, dem=rough(), transform=grid(rough()), zones=ids)
+    assert [ground.model for ground in scene.grounds] == ["impact_table", "constant"]
 
 
 def test_a_file_of_a_table_is_a_ground(tmp_path):

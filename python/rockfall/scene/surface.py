@@ -69,7 +69,8 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
         usual = find_ground(case, table, surface["ground"], f"{case.name}: &surface ground")
     else:
         usual = usual_ground(case)
-        if usual.name in table.rows:
+        of_cells = table.names.values() if "ground_map" in surface else ()
+        if usual.name in table.rows and usual.name in {*of_cells, *(zone.ground for zone in named)}:
             raise RockfallError(
                 f"{case.name}: &impact: '{usual.name}' is also a row of {table.path}: rename that"
             )
