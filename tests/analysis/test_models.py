@@ -26,6 +26,11 @@ from rockfall.simulation.simulate import run_scene
 
 SHIPPED = GroundTable(shipped_grounds())
 CLASSICAL = [*ROCKS]
+#: Classical models where no rocks have a size: rockyfor3d needs one.
+UNSIZED = [
+    "pfeiffer_bowen pfeiffer_talus", "pfeiffer_bowen pfeiffer_rock", "constant constant_talus",
+    "constant rock_ledge", "bourrier_hungr bourrier_hungr",
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +156,7 @@ def test_grounds_that_cover_everything_are_varied(case):
     by_name.write_text("zone,rg70,rg20,rg10,ground\n4,,,,road\n-2,,,,meadow\n5,,,,soil_0\n")
     case = case.replace(surface={"table": by_name.name}, case={"boulders": 5})
     found = run_models(case)
-    assert found.names == ("grounds of the case", *CLASSICAL)
+    assert found.names == ("grounds of the case", *UNSIZED)
     assert found.notes[0].startswith("no rocks have a size that the impact sets can take")
     scene = read_scene(case)
     small, large = (SHIPPED.ground(name) for name in ROCKS["constant"])
@@ -188,6 +193,35 @@ def test_a_case_by_a_table_is_run_by_it_and_by_impact_sets(case):
     own = run_models(case)
     for name in sets:
         assert values(found, name) == values(own, name) != values(found, "table meadow")
+
+
+def test_without_sizes_of_rocks_classical_models_run_by_either_ground(case):
+    """A table needs no sizes; a size that is not given must not be taken for a small one."""
+    bare = {"zones": None, "table": None}
+    case = case.replace(impact={"table": "talus"}, surface=bare, case={"boulders": 20})
+    found = run_models(case)
+    assert found.names == ("table talus", *UNSIZED)
+    assert found.notes[0] == (
+        "no rocks have a size: rockyfor3d left out, other classical models by their grounds for "
+        "rocks below and above 0.1 m"
+    )
+    for ground in ROCKS["pfeiffer_bowen"]:
+        alone = rockfall.run(case.replace(surface={"ground": ground}))
+        mean = alone["plan_distance"].values.mean()
+        assert at(found, f"pfeiffer_bowen {ground}", "", "stopping_distance")["value"] == mean
+
+
+def test_rocks_without_a_size_beside_others_are_said(case):
+    radii = np.where(np.arange(60) < 30, np.nan, 0.2) + np.zeros((80, 1))
+    make_raster(case.path("part.tif"), radii.astype("f4"), crs="EPSG:32632")
+    surface = {"zones": None, "table": None, "mean_radius": "part.tif"}
+    case = case.replace(impact={"table": "talus"}, surface=surface)
+    found = run_models(case.replace(case={"boulders": 5}))
+    assert set(CLASSICAL) < set(found.names)
+    assert found.notes[0] == (
+        "50.0 % of the ground that models vary has no size of rocks: classical models take it as "
+        "of rocks below 0.1 m"
+    )
 
 
 def values(models, name):

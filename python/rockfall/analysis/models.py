@@ -5,7 +5,7 @@ same places, with the same random words, so that only the models differ."""
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from rockfall.scene.parts import Rasters
     from rockfall.scene.scene import Scene
 
 #: Obstacle size [m] that separates the soil types 3 and 4 of Rockyfor3D, scree and talus.
@@ -85,9 +86,10 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
     classical model, or by these `grounds` (rows of its table, impact sets) in place of those.
 
     Ground that the case assigns to zones or cells by name is the same for all models; models differ
-    where its own impact sets, or its `&surface ground`, apply. There classical models use the
-    shipped grounds in `ROCKS` for rocks of that size. If every place has a named ground, all of
-    them except absorbing ones are varied.
+    where its own impact sets or table, or its `&surface ground`, apply. There classical models use
+    the shipped grounds in `ROCKS` for rocks of that size; if no rocks have a size there, with
+    either ground, and those that need a size are left out. If every place has a named ground, all
+    of them except absorbing ones are varied.
     """
     import pandas as pd
 
@@ -164,10 +166,22 @@ def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[t
     if chosen:
         yield from ((rule.name, with_rocks(own, rule, rule, varied)) for rule in chosen)
         return
-    shipped = GroundTable(shipped_grounds())
-    for model, (small, large) in ROCKS.items():
-        rocks = shipped.ground(small), shipped.ground(large)
-        yield model, with_rocks(own, *rocks, varied)
+    shipped, unsized = GroundTable(shipped_grounds()), _unsized_part(own, varied)
+    rocks = {
+        model: (shipped.ground(small), shipped.ground(large))
+        for model, (small, large) in ROCKS.items()
+    }
+    if 0 < unsized < 1:
+        notes.append(say("models.unsized_part", fraction=percent(unsized), size=LARGE))
+    if unsized < 1:
+        yield from ((model, with_rocks(own, *rules, varied)) for model, rules in rocks.items())
+        return
+    needing = [model for model, rules in rocks.items() if any(rule.rocks for rule in rules)]
+    notes.append(say("models.unsized", models=", ".join(needing), size=LARGE))
+    for model, rules in rocks.items():
+        if model not in needing:
+            for rule in dict.fromkeys(rules):
+                yield f"{model} {rule.name}", with_rocks(own, rule, rule, varied)
 
 
 def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
@@ -195,37 +209,51 @@ def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[
     names = [ground.name for ground in own.grounds]
     grounds = own.grounds if rule.name in names else (*own.grounds, rule)
     number = [rule.name for rule in grounds].index(rule.name) + 1
-    is_varied = np.array([False, *(rule.name in varied for rule in grounds)])
-    sizes = cells.sizes.T if cells.values is None else cells.values
-    fits = ((sizes > 0) & (sizes < STOPPING)).all(axis=0)
-    zone = 1 if cells.zone is None else cells.zone
-    here = np.append(False, fits)[zone] if cells.values is None else fits
-    ground = cells.cell_ground
-    if ground is None:
-        ground = np.ones((), np.int8)
-        if cells.material_ground is not None:
-            ground = np.append(np.int8(0), cells.material_ground)[zone]
-    changed = np.broadcast_to(is_varied[ground] & here, cells.z.shape) & ~np.isnan(cells.z)
+    fits = _test_sizes(cells, lambda sizes: np.all((sizes > 0) & (sizes < STOPPING), axis=0))
+    changed = _on_grounds(own, varied) & fits
     if not changed.any():
         notes.append(say("models.no_sizes"))
         return
     if (part := changed[~np.isnan(cells.z)].mean()) < 1:
         notes.append(say("models.sets_on_part", fraction=percent(part)))
-    of_cells = np.where(changed, np.int8(number), ground).astype(np.int8)
+    of_cells = np.where(changed, np.int8(number), _grounds_of(cells)).astype(np.int8)
     name = f"impact sets, method {own.case.surface['method']}"
     yield name, own.replace(grounds=grounds, material_ground=None, cell_ground=of_cells)
 
 
 def _own_share(scene: Scene) -> float:
     """Fraction of the terrain where no zone and no cell names a ground [-]."""
-    usual, cells = usual_name(scene.case), scene.rasters
-    own = np.array([0, *(ground.name == usual for ground in scene.grounds)], bool)
-    has_elevation = ~np.isnan(cells.z)
+    return float(_on_grounds(scene, {usual_name(scene.case)})[~np.isnan(scene.rasters.z)].mean())
+
+
+def _unsized_part(scene: Scene, varied: Collection[str]) -> float:
+    """Fraction of the grounds of these names on which no rocks have a size [-]."""
+    unsized = _test_sizes(scene.rasters, lambda sizes: sizes[0] == 0)
+    here = _on_grounds(scene, varied)
+    return float(np.broadcast_to(unsized, here.shape)[here].mean()) if here.any() else 0.0
+
+
+def _on_grounds(scene: Scene, names: Collection[str]) -> np.ndarray:
+    """Cells of the terrain that have one of these grounds."""
+    grounds = [ground.name for ground in scene.grounds] or [usual_name(scene.case)]
+    listed = np.array([False, *(name in names for name in grounds)])
+    return listed[_grounds_of(scene.rasters)] & ~np.isnan(scene.rasters.z)
+
+
+def _grounds_of(cells: Rasters) -> np.ndarray:
+    """Number of the ground of each cell, counted from 1; a single one if all have the same."""
     if cells.cell_ground is not None:
-        return float(own[cells.cell_ground][has_elevation].mean())
-    if cells.material_ground is None or cells.zone is None:
-        return 1.0
-    return float(np.append(False, own[cells.material_ground])[cells.zone][has_elevation].mean())
+        return cells.cell_ground
+    if cells.material_ground is None:
+        return np.ones((), np.int8)
+    return np.append(np.int8(0), cells.material_ground)[1 if cells.zone is None else cells.zone]
+
+
+def _test_sizes(cells: Rasters, test: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """A test of the sizes of rocks, (columns, ...), of each cell, or of all at once."""
+    if cells.values is not None:
+        return test(cells.values)
+    return np.append(False, test(cells.sizes.T))[1 if cells.zone is None else cells.zone]
 
 
 def with_rocks(

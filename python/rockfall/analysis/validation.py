@@ -126,18 +126,12 @@ def validate(
 
 def _laws(case: Case, tables: Sequence[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
     """Scenes by the name of their rebound model, the case's own first."""
-    own_table = case.impact["form"] == "table" and "ground" not in case.surface
-    if own_table:
-        yield f"table {usual_name(case)}", read_scene(case)
-    try:
-        yield from variants(case.replace(impact={"form": "matrix"}), (), notes)
-    except RockfallError as error:
-        notes.append(f"not by impact sets and classical models: {error}")
+    yield from variants(case, (), notes)
+    by_sets = case.impact["form"] == "matrix" and "ground" not in case.surface
     for name in tables:
-        if name == usual_name(case) and (own_table or "ground" in case.surface):
-            continue
-        law_case = case.replace(impact={"form": "table", "table": name}, surface={"ground": None})
-        yield f"table {name}", read_scene(law_case)
+        if by_sets or name != usual_name(case):
+            law = case.replace(impact={"form": "table", "table": name}, surface={"ground": None})
+            yield f"table {name}", read_scene(law)
 
 
 def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Number]:

@@ -178,8 +178,8 @@ def _set_row(analysis: Back) -> dict[str, Any]:
 
     informed = distribution.sf(chi2, chance.size - 1) < CONTRADICTED
     return {
-        "parameter": f"impact set, of {chance.size}", "units": "1", "ratio": number / chance.size,
-        "moved": float(np.abs(chance - expected).sum() / 2),
+        "parameter": f"impact set or table, of {chance.size}", "units": "1",
+        "ratio": number / chance.size, "moved": float(np.abs(chance - expected).sum() / 2),
         "verdict": _informed(analysis, bool(informed)), "set_best": int(chance.argmax()),
     }  # fmt: skip
 
