@@ -39,8 +39,8 @@ module rockfall_classical_rebound
    !> Classical rebound. Components that its model does not use keep their defaults.
    type :: classical_t
       integer :: model = by_sets
-      type(scatter_t) :: normal       !! R_n [-]; for bourrier_hungr the speed at which it is 1/2 [m/s]
-      type(scatter_t) :: tangential   !! R_t [-]; for rockyfor3d computed from obstacles and penetration
+      type(scatter_t) :: normal = scatter_t()      !! R_n [-]; for bourrier_hungr the speed at which it is 1/2 [m/s]
+      type(scatter_t) :: tangential = scatter_t()  !! R_t [-]; for rockyfor3d computed from obstacles and penetration
       real(wp) :: friction = 0.0_wp   !! tangent of the friction angle [-]
       real(wp) :: soil_density = 0.0_wp      !! [kg/m3]
       real(wp) :: obstacle_spread = 0.0_wp  !! maximum relative deviation of obstacle heights [-]

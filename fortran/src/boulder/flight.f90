@@ -17,7 +17,7 @@ module rockfall_flight
 
    !> Start of a flight.
    type :: flight_t
-      type(patch_t) :: patch           !! patch below the start
+      type(patch_t) :: patch = patch_t()  !! patch below the start
       real(wp) :: x, y, z              !! [m]
       real(wp) :: v(3)                 !! [m/s]
       real(wp) :: above = 0.0_wp       !! height above the patch, >= 0 [m]

@@ -24,7 +24,7 @@ module rockfall_crossings
       real(wp) :: passing_height = 0   !! centre of the sphere above the surface, vertical [m]
       integer :: line = 0              !! its index
       integer :: fragments = 0         !! of a boulder that may break: those that crossed, and
-      type(boulder_t) :: fragment      !! the one that the rest is of
+      type(boulder_t) :: fragment = boulder_t()  !! the one that the rest is of
    end type crossing_t
 
    !> Crossings of a boulder, each of another line: of thousands of lines it crosses few.

@@ -28,7 +28,7 @@ module rockfall_outcome
 
    !> Result of a boulder (theory, chapter 10); first what each contact changes, so that it lies together in memory.
    type :: boulder_result_t
-      type(boulder_t) :: boulder
+      type(boulder_t) :: boulder = boulder_t()
       integer :: status = 0
       integer :: impacts = 0               !! contacts with the slope
       real(wp) :: path_length = 0.0_wp     !! along the flights [m]
@@ -44,7 +44,7 @@ module rockfall_outcome
       integer :: fragments = 1             !! into which it broke; 1: it did not
       integer :: breakages = 0, capped = 0 !! number of times, and of those limited by the maximum number of fragments
       real(wp) :: fines = 0.0_wp           !! volume that became fines [m3]
-      type(energy_balance_t) :: energy     !! if the scene has trees or barriers, or on request
+      type(energy_balance_t) :: energy = energy_balance_t()  !! if the scene has trees or barriers, or on request
    end type boulder_result_t
 
 contains
