@@ -294,7 +294,8 @@ def test_an_internal_error_is_told_and_closes_no_page(serve, visit, monkeypatch)
     page.until("batch", complete=True)
     monkeypatch.setattr("rockfall.app.room.check_name", lambda _: 1 / 0)
     page.send("save", name="x")
-    assert page.get()["text"] == "internal error: ZeroDivisionError: division by zero"
+    fault = next(said for said in iter(page.get, None) if said["type"] == "fault")
+    assert fault["text"] == "internal error: ZeroDivisionError: division by zero"
     assert page.edit(1)["errors"] == []
 
 

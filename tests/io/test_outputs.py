@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -201,6 +202,24 @@ def test_a_file_is_written_where_nobody_can_place_a_link(tmp_path):
 
 
 # ---- all or none
+
+
+@pytest.mark.parametrize("free", [0, 2**30])
+def test_a_full_disk_is_named_where_a_library_does_not(few_boulders, tmp_path, monkeypatch, free):
+    """netCDF says that it may not, or that HDF5 has an error."""
+
+    def failed(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("rockfall.result.dataset._write_variable", failed)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=free))
+    result = rockfall.run(rockfall.read_case(few_boulders))
+    reason = "[Errno 13] Permission denied" if free else "No space left on device"
+    with pytest.raises(rockfall.RockfallError) as caught:
+        rockfall.write_result(result, tmp_path / "result.nc")
+    assert str(caught.value) == f"{tmp_path / 'result.nc'}: cannot be written: {reason}"
+    assert not (tmp_path / "result.nc").exists()
+
 
 NEW, OLD = "new\n", "old\n"
 

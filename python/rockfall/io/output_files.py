@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import shutil
@@ -20,6 +21,8 @@ from rockfall.system import replace
 
 RESULT_NAME = re.compile(r"(\.nc|(^|\.)part\d+of\d+)$")
 EXISTS = "already exists; not overwritten (--overwrite replaces it)"
+#: A disk with less left [bytes] is full to a library: some take back what they wrote last.
+LEFT_FREE = 2**24
 #: Permission to replace files: given in scripts, where the call implies it.
 _replacing: ContextVar[bool] = ContextVar("replacing", default=True)
 
@@ -76,6 +79,13 @@ def _identity(path: str | Path) -> tuple[int, int]:
     """Identity of a file, equal for all its names."""
     status = os.stat(path)
     return status.st_dev, status.st_ino
+
+
+def why_unwritten(error: Exception, folder: Path) -> str:
+    """What kept a library from writing a file in a folder: most do not tell that the disk is
+    full."""
+    full = shutil.disk_usage(folder).free < LEFT_FREE
+    return os.strerror(errno.ENOSPC) if full else str(error)
 
 
 def check_folder(folder: Path) -> None:

@@ -16,7 +16,7 @@ from rockfall.io.files import atomic_write
 from rockfall.io.grid import row_blocks
 from rockfall.io.input_warnings import stored_warnings
 from rockfall.io.netcdf import open_dataset, open_netcdf
-from rockfall.io.output_files import check_result_path
+from rockfall.io.output_files import check_result_path, why_unwritten
 from rockfall.limits import PIECE
 from rockfall.result.validate import TEXTS, check_result, check_values
 
@@ -136,8 +136,9 @@ def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
                 variable = data.variables[stored]
                 how = _storage(variable, {"part_layout", "scene_layout"} & data.attrs.keys())
                 _write_variable(file, stored, variable, how, _attached(data, stored))
-    except (RuntimeError, PermissionError) as error:  # netCDF4's error for a full disk
-        raise RockfallError(f"{name}: cannot be written: {error}; disk full?") from error
+    except (RuntimeError, PermissionError) as error:  # netCDF4's of a failed write
+        reason = why_unwritten(error, Path(path).parent)
+        raise RockfallError(f"{name}: cannot be written: {reason}") from error
 
 
 def _attached(result: Held, name: str) -> dict[str, Any]:

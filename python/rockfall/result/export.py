@@ -19,7 +19,7 @@ from rockfall.case_files import files_behind
 from rockfall.errors import OUR_FAULT, RockfallError, need
 from rockfall.io.arrays import grid_of
 from rockfall.io.files import atomic_write
-from rockfall.io.output_files import atomic_folder
+from rockfall.io.output_files import atomic_folder, why_unwritten
 from rockfall.io.raster import write_geotiff
 from rockfall.io.tables import spreadsheet_text
 from rockfall.quantities import SHOWN
@@ -489,10 +489,13 @@ def write_geopackage(
                 _check_arrived(part, layer, features)
             if styles:
                 put_styles(part, {layer: kind for layer, (kind, _) in layers.items()}, styles)
-        except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
-            raise RockfallError(f"{path}: cannot be written: {error}") from error
-        except sqlite3.Error as error:
-            raise RockfallError(f"{path}: cannot be written: {error}; disk full?") from error
+        except (
+            pyogrio.errors.DataSourceError,
+            pyogrio.errors.DataLayerError,
+            sqlite3.Error,
+        ) as error:
+            reason = why_unwritten(error, part.parent)
+            raise RockfallError(f"{path}: cannot be written: {reason}") from error
     return path
 
 
