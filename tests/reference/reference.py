@@ -14,6 +14,7 @@ import decimal
 import functools
 import heapq
 import math
+import operator
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from decimal import Decimal
@@ -34,6 +35,7 @@ DRAWS = 32  # of A, before one is forced
 ALONG = Decimal("1e-9")  # a heading this near to the aspect lies along it
 PERCENT = (0, 10, 20, 30, 40, 50, 60, 70, 80, 90, 95, 99, 100)  # of the quantiles of `lateral`
 ZERO, ONE, HALF = Decimal(0), Decimal(1), Decimal("0.5")
+SMALLEST = Decimal("1e-52")  # term of a series
 Pair = tuple[Decimal, Decimal]
 Triple = tuple[Decimal, Decimal, Decimal]
 
@@ -185,7 +187,8 @@ def exact(number) -> Decimal:
 
 
 def dot(a, b) -> Decimal:
-    return sum((p * q for p, q in zip(a, b, strict=True)), ZERO)
+    assert len(a) == len(b)
+    return sum(map(operator.mul, a, b), ZERO)
 
 
 def length(v) -> Decimal:
@@ -195,7 +198,7 @@ def length(v) -> Decimal:
 def cosine_sine(angle: Decimal) -> Pair:
     """By their series."""
     total, term, n = [ONE, ZERO], ONE, 0
-    while abs(term) > Decimal("1e-52") or n < 2:
+    while abs(term) > SMALLEST or n < 2:
         n += 1
         term *= angle / n
         total[n % 2] += -term if n % 4 in (2, 3) else term
@@ -242,7 +245,7 @@ def normal(word: int) -> Decimal:
 
 
 def cholesky(c: list[list[Decimal]]) -> list[list[Decimal]]:
-    """Lower triangular L with L L^T = c, which is definite or zero."""
+    """Lower triangular L with L L^T = c, which is definite or zero; needs its lower half alone."""
     root = [[ZERO] * len(c) for _ in c]
     if not any(map(any, c)):
         return root
@@ -588,13 +591,14 @@ def energy(v: Triple) -> Decimal:
     return v[0] ** 2 + v[1] ** 2 + INERTIA * v[2] ** 2
 
 
+@functools.lru_cache(maxsize=1)  # of the draws of an impact, and of how they grow
 def law_of_outgoing(world: World, k: int, v: Triple) -> tuple[list[Decimal], list[list[Decimal]]]:
     """Mean of A V for a normal A, and the root of its covariance."""
     c = world.covariances[k]
     mean = [dot(world.means[k][i : i + 3], v) for i in (0, 3, 6)]
     return mean, cholesky(
         [
-            [dot(v, [dot(row[j : j + 3], v) for row in c[i : i + 3]]) for j in (0, 3, 6)]
+            [dot(v, [dot(row[j : j + 3], v) for row in c[i : i + 3]]) for j in range(0, i + 1, 3)]
             for i in (0, 3, 6)
         ]
     )
