@@ -39,7 +39,8 @@ from scenes import case_in, grid, place, rough
 CASE = BlockCase(
     lab={"ground": "meadow", "throws": 100, "seed": 5}, block={"count": 6}, ground={"patches": 1}
 )
-MANY = CASE.replace(lab={"throws": 500, "contacts": 12})  # first contacts cost the least
+FEW = CASE.replace(lab={"contacts": 12})  # of a throw: first contacts cost the least
+MANY = FEW.replace(lab={"throws": 500})
 BY_TABLE = {"form": "table", "table": "meadow.nc"}
 
 
@@ -202,7 +203,7 @@ SIZES = 0.2, 0.6
 def sized(tmp_path_factory):
     """A folder with tables of blocks of two sizes, and one of both."""
     folder = tmp_path_factory.mktemp("sized")
-    contacts = [run_throws(CASE.at_radius(radius)) for radius in SIZES]
+    contacts = [run_throws(FEW.at_radius(radius)) for radius in SIZES]
     every = 2 * max(data.sizes["contact"] for data in contacts)
     for radius, data in zip(SIZES, contacts, strict=True):
         save_table(table_of([data], every), folder / f"{radius}.nc")
