@@ -349,8 +349,8 @@ def test_frames_may_be_given_and_changed(case, monkeypatch):
 
 def test_a_run_may_be_left(case):
     with rockfall.open(case) as session:
-        for batch in session.run(10**7, batch_seconds=0.002):
-            assert batch.boulders < 10**7
+        for batch in session.run(10**6, batch_seconds=0.002):
+            assert batch.boulders < 10**6
             break
         same(last_of(session).dataset(), rockfall.run(case))
 
@@ -373,12 +373,12 @@ def test_a_layer_of_lines_is_read_once(case, monkeypatch):
 def test_a_cancel_ends_a_run_and_the_session_goes_on(case):
     cancel, seen = threading.Event(), []
     with rockfall.open(case.replace(output={"trajectories": 0})) as session:
-        for batch in session.run(10**7, cancel=cancel, batch_seconds=0.02):
+        for batch in session.run(10**6, cancel=cancel, batch_seconds=0.02):
             seen.append(batch.boulders)
             if len(seen) == 3:
                 threading.Timer(0.01, cancel.set).start()
-        assert 3 <= len(seen) and seen == sorted({*seen}) and seen[-1] < 10**7
-        assert list(session.run(10**7, cancel=cancel)) == []  # at once
+        assert 3 <= len(seen) and seen == sorted({*seen}) and seen[-1] < 10**6
+        assert list(session.run(10**6, cancel=cancel)) == []  # at once
         same(last_of(session).dataset(), rockfall.run(case.replace(output={"trajectories": 0})))
 
 
