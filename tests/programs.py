@@ -162,6 +162,18 @@ def wait_until_busy(pid, seconds=1.5):
     raise TimeoutError("the program does not run")
 
 
+#: With which `rockfall` says how many boulders are done, in lines of this kind on stderr.
+SAYS_PROGRESS = {"ROCKFALL_PROGRESS": "lines"}
+PROGRESS = r"rockfall: \d+ of \d+ \w+\n"
+
+
+def wait_until_running(child):
+    """Return when a child with `SAYS_PROGRESS` has done its first boulders."""
+    while (line := child.stderr.readline()).startswith("rockfall: 0 of "):
+        pass
+    assert re.fullmatch(PROGRESS, line), line
+
+
 class Killed(BaseException):
     pass
 

@@ -15,7 +15,15 @@ import xarray as xr
 import rockfall
 import scenes
 from made import make_raster
-from programs import limited, refuses, runs_shell, sends_signals, wait_until_busy
+from programs import (
+    PROGRESS,
+    SAYS_PROGRESS,
+    limited,
+    refuses,
+    runs_shell,
+    sends_signals,
+    wait_until_running,
+)
 from rockfall.cli import main
 from slope_case import CASE, slope, zones
 
@@ -338,14 +346,15 @@ def test_ctrl_c_keeps_the_boulders_done(place):
     whole = 3_000_000
     words = ["run", "case.nml", "-o", "part.nc", "--boulders", str(whole)]
     child = subprocess.Popen(
-        [sys.executable, "-m", "rockfall", *words],
+        [sys.executable, "-m", "rockfall", *words], env=os.environ | SAYS_PROGRESS,
         cwd=place, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    wait_until_busy(child.pid)
+    wait_until_running(child)
     child.send_signal(signal.SIGINT)
     out, err = child.communicate(timeout=60)
     assert child.returncode == 130 and out == ""
     said = re.fullmatch(
+        rf"(?:{PROGRESS})*"
         r"rockfall: interrupted: part.nc holds the first ([\d,]+) of 3,000,000 boulders "
         r"and is a valid result; --resume goes on\n",
         err,

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """`rockfall hazard`: files that a GIS opens, in the coordinates of the terrain; what it refuses."""
 
+import os
 import re
 import shutil
 import signal
@@ -16,7 +17,15 @@ import rasterio
 
 import rockfall
 from made import UTM, make_layer, refused
-from programs import Killed, killed_after, refuses, sends_signals, wait_until_busy
+from programs import (
+    PROGRESS,
+    SAYS_PROGRESS,
+    Killed,
+    killed_after,
+    refuses,
+    sends_signals,
+    wait_until_running,
+)
 from rockfall import quantities
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.files import object_table, read_hazard
@@ -435,15 +444,17 @@ def test_a_library_user_writes_the_same(written, made):
 
 @sends_signals
 def test_ctrl_c_keeps_what_is_done_and_writes_nothing_else(hazard_case):
-    words = [*ARGUMENTS, "--boulders", "1000000"]
+    words = [*(word for word in ARGUMENTS if word != "--quiet"), "--boulders", "1000000"]
     child = subprocess.Popen(
-        [sys.executable, "-m", "rockfall", *words], stderr=subprocess.PIPE, text=True
-    )
-    wait_until_busy(child.pid, 4.0)  # pyogrio imports geopandas where that is installed
+        [sys.executable, "-m", "rockfall", *words], env=os.environ | SAYS_PROGRESS,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    wait_until_running(child)
     child.send_signal(signal.SIGINT)
-    said = child.communicate(timeout=60)[1]
-    assert child.returncode == 130
+    out, said = child.communicate(timeout=60)
+    assert (child.returncode, out) == (130, "")
     assert re.fullmatch(
+        rf"(?:{PROGRESS})*"
         r"rockfall: interrupted: \S*/out.scenario1.checkpoint: hold what is done; --resume goes "
         r"on\n",
         said,

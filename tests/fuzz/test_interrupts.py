@@ -12,7 +12,15 @@ import pytest
 
 import rockfall
 from benchmarks.stability.kills import build_shim
-from programs import find_program, make_full_case, preloads, sends_signals, wait_until_busy
+from programs import (
+    PROGRESS,
+    SAYS_PROGRESS,
+    find_program,
+    make_full_case,
+    preloads,
+    sends_signals,
+    wait_until_running,
+)
 from rockfall import interrupts
 from rockfall.cli import main
 from rockfall.result import export
@@ -27,11 +35,12 @@ simulate._run_range = lambda *of: print("begun", flush=True) or call(*of)
 RUN = "import sys; from rockfall.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
-def start(words, cwd, program=RUN):
+def start(words, cwd, program=RUN, **env):
     command = [sys.executable, "-c", program, *words]
     return subprocess.Popen(
-        command, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+        command, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env=os.environ | env,
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="session")
@@ -43,13 +52,14 @@ def shim(tmp_path_factory):
 def test_a_run_that_slurm_ends_goes_on(place):
     """`timeout` and others send a signal twice in a row: to the process, and to its group."""
     words = ["run", "case.nml", "-o", "part.nc", "--boulders", "3000000"]
-    child = start(words, place)
-    wait_until_busy(child.pid)
+    child = start(words, place, **SAYS_PROGRESS)
+    wait_until_running(child)
     child.send_signal(signal.SIGTERM)
     child.send_signal(signal.SIGTERM)
     out, err = child.communicate(timeout=60)
     assert (child.returncode, out) == (143, "")
-    said = re.fullmatch(r"rockfall: interrupted: part.nc holds the first ([\d,]+) of .*\n", err)
+    first = "rockfall: interrupted: part.nc holds the first"
+    said = re.fullmatch(rf"(?:{PROGRESS})*{first} ([\d,]+) of .*\n", err)
     assert err.endswith(" and is a valid result; --resume goes on\n")
     number = int(said[1].replace(",", ""))
     assert rockfall.read_result(place / "part.nc").sizes["boulder"] == number
