@@ -9,6 +9,7 @@ parameters were fitted to clustered values.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -75,8 +76,7 @@ def _p_value(a2: float, shape: float) -> float:
     a2 = min(a2, 12.0)  # the sum below has a period of 25; the probability is 0 long before
     shape = max(shape, -0.49)  # the covariance of the fit ends at -0.5
     shape = shape if abs(shape) > 1e-4 else 1e-4
-    node, weight = np.polynomial.legendre.leggauss(60)
-    t, weight = (node + 1) / 2, weight / 2
+    t, weight = _quadrature()
     beyond, log_beyond = 1 - t, np.log1p(-t)
     power = np.expm1(shape * log_beyond)
     slope = np.stack([power / shape, (shape * log_beyond - power) / shape**2]) * beyond
@@ -88,6 +88,14 @@ def _p_value(a2: float, shape: float) -> float:
     angle = np.arctan(turn).sum(axis=1) / 2 - a2 * u / 2
     damping = np.exp(np.log1p(turn**2).sum(axis=1) / 4)
     return float(np.clip(0.5 + 0.5 * (np.sin(angle) / (u * damping)).sum() / np.pi, 0, 1))
+
+
+@cache
+def _quadrature() -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights of Gauss and Legendre between 0 and 1. Cached: they take as long as the
+    eigenvalues."""
+    node, weight = np.polynomial.legendre.leggauss(60)
+    return (node + 1) / 2, weight / 2
 
 
 def lowest_valid(tried: Sequence[Fit]) -> Fit | None:
