@@ -29,6 +29,15 @@ PLUGIN = ROOT / "python/rockfall_qgis"
 PROCESS = shutil.which("qgis_process.bin") or shutil.which("qgis_process")
 PYTHON = "/usr/bin/python3"  # for which the distribution has PyQGIS
 W, N = 600000.0, 5000000.0
+#: A program that has tests/qgis/forks.py run what it is told.
+CLIENT = """#!{python} -IS
+import json, os, socket, sys
+server = socket.socket(socket.AF_UNIX)
+server.connect({path!r})
+about = {{"words": sys.argv[1:], "folder": os.getcwd(), "env": dict(os.environ)}}
+socket.send_fds(server, [json.dumps(about).encode()], [0, 1, 2])
+sys.exit(server.recv(1)[0])
+"""
 needs_qgis = pytest.mark.skipif(PROCESS is None, reason="no QGIS: see ./run qgis")
 
 
@@ -106,12 +115,26 @@ def qgis(site):
 
 
 @pytest.fixture(scope="module")
-def within(site, qgis):
+def forked(site):
+    """A program like `bin/rockfall` that starts at once."""
+    module, path, program = Path(__file__).with_name("forks.py"), site / "socket", site / "forked"
+    env = {**os.environ, "PYTHONPATH": str(Path(rockfall.__file__).parents[1])}
+    command = [sys.executable, module, path]
+    with subprocess.Popen(command, env=env, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout.readline() == "ready\n"
+        program.write_text(CLIENT.format(python=sys.executable, path=str(path)))
+        program.chmod(0o755)
+        yield program
+        server.terminate()
+
+
+@pytest.fixture(scope="module")
+def within(site, qgis, forked):
     """What tests/qgis/within.py has seen."""
     folder = site / "within"
     folder.mkdir()
-    words = [Path(__file__).with_name("within.py"), PLUGIN.parent, site / "dem.tif"]
-    said = qgis(PYTHON, *words, site / "bin/rockfall", cwd=folder)
+    words = [Path(__file__).with_name("within.py"), PLUGIN.parent, site / "dem.tif", forked]
+    said = qgis(PYTHON, *words, cwd=folder)
     return json.loads(said.splitlines()[-1])
 
 

@@ -130,7 +130,7 @@ answers["ensemble"] = run("ensemble", CASE="drawn/varied.nml", RUNS=8, **few, OU
 answers["hazard"] = run("hazard", CASE="drawn/zoned.nml", **few, FOLDER="zones",
                         OBJECTS=drafts["LINES"])  # fmt: skip
 Path("seen.csv").write_text("distance\n" + "".join(f"{40 + 5 * k}\n" for k in range(12)))
-answers["back"] = run("back", CASE="drawn/varied.nml", OBSERVED=["seen.csv"], MEMBERS=256,
+answers["back"] = run("back", CASE="drawn/varied.nml", OBSERVED=["seen.csv"], MEMBERS=32,
                       EFFECTIVE=2, BOULDERS=1, THREADS=1, FOLDER="back")  # fmt: skip
 answers["observed"] = run("compare", RESULTS=["protected/result.nc"], OBSERVED=["seen.csv"],
                           TABLE="seen_table.csv")  # fmt: skip
