@@ -21,7 +21,7 @@ def pytest_collection_finish():
     to look as often as Python does through all else 3 %."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(20_000)
+    gc.set_threshold(100_000)
 
 
 @pytest.fixture
@@ -60,9 +60,12 @@ def blank_figures(monkeypatch):
         return figure.Figure(figsize=(1, 1))
 
     monkeypatch.setattr(figure.Figure, "savefig", blank)
-    for name in ("page.history_figure", "front.map_figure", "front.stops_figure"):
+    for name in ("page.history_figure", *map("front.{}_figure".format, ("map", "stops", "zones"))):
         monkeypatch.setattr(f"rockfall.html_report.{name}", empty)
-    monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
+    for name in ("html_report.page.figures", "html_report.page.hazard_figures",
+                 "cli.hazard.hazard_figures"):  # fmt: skip
+        monkeypatch.setattr(f"rockfall.{name}", lambda *_: [])
+    monkeypatch.setattr("rockfall.cli.hazard.hazard_sheet", empty)
     monkeypatch.setattr("rockfall.plots.figures.DRAWN", ("speed",))
 
 

@@ -20,13 +20,7 @@ pytest.importorskip("matplotlib", reason="the report extra is not installed")
 ON_GROUND = CASE.replace("table = 'zones.csv'", "table = 'zones.csv', ground = 'soil_4'")
 SCENARIOS = "&scenario name = 'small', frequency = 3.0, volume_mean = 0.1 /\n"
 OBSERVED = "line,quantity,unit,mean\nL,speed,m/s,12.0\n"
-
-
-@pytest.fixture(autouse=True)
-def no_figures(monkeypatch, blank_figures):
-    """Drawing takes longer than all else."""
-    monkeypatch.setattr("rockfall.html_report.page.hazard_figures", lambda *_: [])
-    monkeypatch.setattr("rockfall.cli.hazard.hazard_figures", lambda *_: [])
+pytestmark = pytest.mark.usefixtures("blank_figures")
 
 
 def run(text, name):
