@@ -385,9 +385,7 @@ class Tried:
 
 def attempt(base: Path, work: Path, seed: int, number: int, inputs: list[Input]) -> Tried:
     """Spoil the file of input `number` and give it to a command."""
-    random = np.random.default_rng((seed, number))
-    one = inputs[int(random.integers(len(inputs)))]
-    command = one.commands[int(random.integers(len(one.commands)))]
+    random, one, command = _drawn(seed, number, inputs)
     _copy(base, work, command)
     found = sorted(work.glob(one.file if one.file.startswith("out/") else f"in/{one.file}"))
     path = found[int(random.integers(len(found)))]
@@ -397,9 +395,16 @@ def attempt(base: Path, work: Path, seed: int, number: int, inputs: list[Input])
     return Tried(number, one.kind, one.file, name, command, sanitized, found, seconds)
 
 
-def check_valid(base: Path, work: Path) -> None:
+def _drawn(seed: int, number: int, inputs: list[Input]) -> tuple[np.random.Generator, Input, str]:
+    """What an input is, the command that reads it, and the numbers for what is drawn next."""
+    random = np.random.default_rng((seed, number))
+    one = inputs[int(random.integers(len(inputs)))]
+    return random, one, one.commands[int(random.integers(len(one.commands)))]
+
+
+def check_valid(base: Path, work: Path, commands: set[str]) -> None:
     """What is refused before it is altered shows nothing."""
-    for command in sorted({command for one in INPUTS for command in one.commands}):
+    for command in sorted(commands):
         _copy(base, work, command)
         if (found := _give(command, work, False)[0]) != "done":
             raise SystemExit(f"{command}: {found}: {(work / 'stderr').read_text()}")
@@ -464,8 +469,9 @@ def attempts(folder: Path, seed: int, numbers: range, kind: str | None = None) -
         os._exit(1)
     if _wait(child, time.monotonic()) != 0:
         raise SystemExit("the valid inputs could not be made")
-    check_valid(folder / "base", folder / "work")
     inputs = [one for one in INPUTS if kind in (None, one.kind)]
+    commands = {_drawn(seed, number, inputs)[2] for number in numbers}
+    check_valid(folder / "base", folder / "work", commands)
     for number in numbers:
         yield attempt(folder / "base", folder / "work", seed, number, inputs)
 
