@@ -14,10 +14,15 @@ module rockfall_impact_table
    implicit none
    private
    public :: impact_table_t, bins_t, approach_t, outcome_t, index_records, has_ratios, largest_block, beyond_ratios, &
-             find_part, drawn_part, begin_draw, whole_bin, find_window, is_held, nearest_record, transfer_record, &
-             exceeds_table, scaled_energy
-   public :: record_fields, pull_along, pull_across, follower, n_inputs, n_mapped, map_rows, edge_vector, flies, &
-             rolls_on, stops
+             find_part, drawn_part, begin_draw, follow_sequence, is_copied, compare_scales, bin_keys, bins_before, &
+             whole_bin, find_window, is_held, nearest_record, prefetch_record, transfer_record, exceeds_table, &
+             scaled_energy
+   public :: record_fields, t_in, n_in, w_in, speed_in, height_in, along_out, across_out, n_out, w_out, duration_out, &
+             advance_out, rise_out, pull_along, pull_across, exit_code, follower, map_fields, along_map, n_map, w_map, &
+             low, high, edge_vector, flies, rolls_on, stops
+   ! Steps of transfer_record:
+   public :: speed_scale, input_change, mapped_shift, own_duration, own_velocity, held_longer, takes_shift, &
+             allowed_energy
 
    !> Exit codes of a record, as written by the laboratory.
    integer, parameter :: flies = 0, rolls_on = 1, stops = 2
@@ -29,9 +34,11 @@ module rockfall_impact_table
                          n_out = 8, w_out = 9, duration_out = 10, advance_out = 11, rise_out = 12, pull_along = 13, &
                          pull_across = 14, exit_code = 15, follower = 16, record_fields = 16
 
-   integer, parameter :: n_inputs = 4  !! of the map of a bin: V_t, V_n, W, and the height for a rolling block
-   integer, parameter :: n_mapped = 3  !! along, V_n, W
-   integer, parameter :: map_rows = 4  !! the same, filled up to whole vectors
+   !> Inputs of the map of a bin: V_t, V_n, W, and the height for a rolling block.
+   integer, parameter :: n_inputs = 4
+   !> Map of a bin, with the range of its inputs: the numbers before each row of n_inputs, for the velocity along, V_n
+   !> and W; and before the range, W over V.
+   integer, parameter :: along_map = 0, n_map = 4, w_map = 8, low = 12, high = 16, map_fields = 20
    integer, parameter :: window = 6      !! 1/window of a bin is eligible for a slow contact: see find_window
    integer, parameter :: candidates = 3  !! of these, the nearest in gravity across it is taken
    !> A bin has at most so many parts, of which only one is searched. With 16, gfortran unrolls the loop, all scalar.
@@ -69,8 +76,7 @@ module rockfall_impact_table
       real(wp) :: rest_angle = 90.0_wp     !! of its ground: on steeper ground a boulder that stops rolls on [degrees]
       type(bins_t) :: flights, rolls       !! by (V_n/V)**2, W/V, speed; by speed, height, V_n
       integer, allocatable :: first(:)     !! first record of each bin, and end; flights before rolls, by part
-      real(wp), allocatable :: map(:, :, :)     !! (map_rows, n_inputs, bins), the last row 0
-      real(wp), allocatable :: low(:, :), high(:, :)  !! range of a bin's inputs, W over V (n_inputs, bins)
+      real(wp), allocatable :: map(:, :)        !! (map_fields, bins)
       real(sp), allocatable :: record(:, :)     !! (record_fields, records), sorted by pull_along within a bin
       ! From `index_records`:
       real(sp), allocatable :: pull_across(:)   !! gravity across the heading, over g, of each record
@@ -250,37 +256,91 @@ contains
       integer, intent(out) :: bin       !! bin of the contact; 0: the boulder is like the block of the record
       integer, intent(out) :: record    !! or 0, to be drawn from the bin by nearest_record
 
-      record = merge(in%next, 0, continues_sequence(table, in))
-      if (record > 0) part = part_of(table, record)
-      call compare_scales(table, part, unit, boulder%mass/boulder%volume, in%key, in%stretch)
+      call follow_sequence(table, in, part, record)
+      call compare_scales(table%speed(part), table%density, unit, boulder%mass/boulder%volume, in%key, in%stretch)
       bin = contact_bin(table, part, in)
-      if (record > 0) bin = merge(0, bin, table%record(speed_in, record) < relief_speed)
+      if (record > 0) bin = merge(0, bin, is_copied(table, record))
    end subroutine begin_draw
 
-   !> Apply a record to this boulder.
+   !> Find the record of a contact if that is the one that followed in the laboratory.
+   pure subroutine follow_sequence(table, in, part, record)
+      type(impact_table_t), intent(in) :: table
+      type(approach_t), intent(in) :: in  !! without `key` and `stretch`
+      integer, intent(inout) :: part      !! as in begin_draw
+      integer, intent(out) :: record      !! likewise
+
+      record = merge(in%next, 0, continues_sequence(table, in))
+      if (record > 0) part = part_of(table, record)
+   end subroutine follow_sequence
+
+   !> Return whether a record that followed is copied, not scaled: the relief governs its motion.
+   pure logical function is_copied(table, record)
+      type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: record
+
+      is_copied = table%record(speed_in, record) < relief_speed
+   end function is_copied
+
+   !> Apply a record to this boulder: scale it to the boulder's velocity by the map of its bin, and to its slope. A slow
+   !> block is held by its hollow, so that a small difference in velocity or slope changes nothing, and the record is
+   !> copied.
    pure subroutine transfer_record(table, bin, record, in, out)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin, record  !! from begin_draw and nearest_record
       type(approach_t), intent(in) :: in
       type(outcome_t), intent(out) :: out
-      real(wp) :: r(record_fields), ratio
+      real(wp) :: r(record_fields), ratio, scale, unit, change(n_inputs), shift, rolling, shifts
+      integer :: k
 
       r = real(table%record(:, record), wp)
       ratio = in%speed/r(speed_in)
+      rolling = merge(1.0_wp, 0.0_wp, in%rolling)
       out%exit = int(r(exit_code))
       out%next = int(r(follower))
       if (out%next > 0) call prefetch_record(table, out%next)
       out%advance = r(advance_out)
       out%rise = r(rise_out)
       if (bin == 0) then
-         call copy_outcome(r, out)
+         out%duration = r(duration_out)
+         out%height = r(height_in) + out%rise
+         out%along = r(along_out)
+         out%across = r(across_out)
+         out%normal = r(n_out)
+         out%w = r(w_out)
       else
-         call map_outcome(table, bin, in, ratio, r, out)
+         associate (map => table%map(:, bin))
+            scale = speed_scale(ratio, rolling, in%v(1), map(high + 1))
+            unit = merge(scale, in%speed, in%rolling)
+            do k = 1, n_inputs - 1
+               change(k) = input_change(in%v(k), merge(in%speed, unit, k == w_in), map(low + k), map(high + k), &
+                                        scale*r(k))
+            end do
+            change(n_inputs) = 0
+            if (in%rolling) change(n_inputs) = input_change(in%height, 1.0_wp, map(low + n_inputs), &
+                                                            map(high + n_inputs), r(height_in))
+            out%duration = own_duration(r(duration_out), rolling, in%stretch)
+            out%height = merge(in%height, r(height_in), in%rolling) + out%rise
+            out%along = own_velocity(scale, r(along_out), in%pull(1), out%duration, r(pull_along), r(duration_out))
+            out%along = held_longer(out%along, rolling, table%hold, in%pull(1), in%pull(2), in%stretch, &
+                                    r(duration_out))
+            out%across = own_velocity(scale, r(across_out), in%pull(2), out%duration, r(pull_across), r(duration_out))
+            out%normal = scale*r(n_out)
+            out%w = scale*r(w_out)
+            shift = mapped_shift(change(1), change(2), change(3), change(4), map(n_map + 1), map(n_map + 2), &
+                                 map(n_map + 3), map(n_map + 4))
+            shifts = takes_shift(r(exit_code), out%normal, shift)
+            if (shifts > 0) then
+               out%normal = out%normal + shift
+               out%along = out%along + mapped_shift(change(1), change(2), change(3), change(4), map(along_map + 1), &
+                                                    map(along_map + 2), map(along_map + 3), map(along_map + 4))
+               out%w = out%w + mapped_shift(change(1), change(2), change(3), change(4), map(w_map + 1), &
+                                            map(w_map + 2), map(w_map + 3), map(w_map + 4))
+            end if
+         end associate
       end if
-      out%allowed = scaled_energy(in%v(1), 0.0_wp, in%v(2), in%v(3), in%inertia) &
-                    + 2*max(0.0_wp, in%pull(1))*max(0.0_wp, out%advance) &
-                    + min(1.0_wp, ratio*ratio)*hidden_gain(r, in%inertia) &
-                      *hidden_gain_fraction(in%pull(1), r(pull_along))
+      out%allowed = allowed_energy(in%v(1), in%v(2), in%v(3), in%inertia, in%pull(1), ratio, &
+                                   r(t_in), r(n_in), r(w_in), r(along_out), r(across_out), r(n_out), r(w_out), &
+                                   r(pull_along), r(advance_out))
    end subroutine transfer_record
 
    !> Load a record into the cache ahead of its use: records lie anywhere in memory, and two cache lines hold each.
@@ -292,109 +352,142 @@ contains
       call prefetch(table%record(record_fields, record))
    end subroutine prefetch_record
 
-   !> Copy the outcome of the record: a slow block is held by its hollow, so a small difference in velocity or slope
-   !> changes nothing.
-   pure subroutine copy_outcome(record, out)
-      real(wp), intent(in) :: record(record_fields)
-      type(outcome_t), intent(inout) :: out
+   !> Factor on the record's velocities: the ratio of the speeds, or 1 for a block that rolls. The fastest bin is open:
+   !> beyond it a contact is a scaled copy of the fastest.
+   elemental real(wp) function speed_scale(ratio, rolling, v1, fastest)
+      real(wp), intent(in) :: ratio    !! of the boulder's speed to that of the record [-]
+      real(wp), intent(in) :: rolling  !! 1 or 0
+      real(wp), intent(in) :: v1       !! V_t [-]
+      real(wp), intent(in) :: fastest  !! V_t of the bin's fastest record [-]
+      real(wp) :: beyond
 
-      out%duration = record(duration_out)
-      out%height = record(height_in) + out%rise
-      out%along = record(along_out)
-      out%across = record(across_out)
-      out%normal = record(n_out)
-      out%w = record(w_out)
-   end subroutine copy_outcome
+      beyond = merge(rolling, 0.0_wp, v1 > fastest)
+      beyond = merge(beyond, 0.0_wp, fastest > 0)
+      speed_scale = merge(1.0_wp, ratio, rolling > 0)
+      speed_scale = merge(v1/merge(fastest, 1.0_wp, beyond > 0), speed_scale, beyond > 0)
+   end function speed_scale
 
-   !> Transfer the record to the boulder's velocity, by the map of its bin, and to its slope.
-   pure subroutine map_outcome(table, bin, in, ratio, record, out)
-      type(impact_table_t), intent(in) :: table
-      integer, intent(in) :: bin
-      type(approach_t), intent(in) :: in
-      real(wp), intent(in) :: ratio   !! ratio of its speed to that of the record [-]
-      real(wp), intent(in) :: record(record_fields)
-      type(outcome_t), intent(inout) :: out
-      real(wp) :: scaled, change(n_inputs), shift(map_rows)
-      integer :: k
+   !> Difference of an input of the map from that of the record; beyond the range of the bin's records it does not grow.
+   elemental real(wp) function input_change(input, unit, lowest, highest, of_record)
+      real(wp), intent(in) :: input            !! [-]
+      real(wp), intent(in) :: unit             !! scale of the range: of V_t and V_n, or of W [-]
+      real(wp), intent(in) :: lowest, highest  !! range of the bin's records [-]
+      real(wp), intent(in) :: of_record        !! scaled to the boulder [-]
 
-      associate (low => table%low(:, bin), high => table%high(:, bin))
-         scaled = ratio
-         if (in%rolling) then  ! the fastest bin is open: beyond it a contact is a scaled copy of the fastest
-            scaled = 1
-            if (in%v(1) > high(1) .and. high(1) > 0) scaled = in%v(1)/high(1)
-         end if
-         change = clamped_inputs([in%v, in%height], merge(scaled, in%speed, in%rolling), in%speed, low, high) &
-                  - [scaled*record(t_in:w_in), record(height_in)]
-      end associate
-      if (.not. in%rolling) change(4) = 0
-      do k = 1, map_rows  ! matmul of array sections would be a library call
-         shift(k) = change(1)*table%map(k, 1, bin) + change(2)*table%map(k, 2, bin) + change(3)*table%map(k, 3, bin) &
-                    + change(4)*table%map(k, 4, bin)
-      end do
-      out%duration = record(duration_out)
-      ! where the absolute speed is the key, duration scales with R_b, not with its square root
-      if (.not. in%rolling) out%duration = out%duration*in%stretch
-      out%height = merge(in%height, record(height_in), in%rolling) + out%rise
-      ! velocities scale with speed, the work of gravity with duration only: that of the record is removed
-      out%along = scaled*record(along_out) + in%pull(1)*out%duration - scaled*record(pull_along)*record(duration_out)
-      out%across = scaled*record(across_out) + in%pull(2)*out%duration - scaled*record(pull_across)*record(duration_out)
-      if (.not. in%rolling) out%along = held_longer(out%along, table%hold, in, record(duration_out))
-      out%normal = scaled*record(n_out)
-      out%w = scaled*record(w_out)
-      if (out%exit /= flies .or. out%normal + shift(2) > 0) then
-         out%along = out%along + shift(1)
-         out%normal = out%normal + shift(2)
-         out%w = out%w + shift(3)
-      end if
-   end subroutine map_outcome
+      input_change = max(unit*lowest, min(unit*highest, input)) - of_record
+   end function input_change
+
+   !> Row of the map of a bin, applied.
+   elemental real(wp) function mapped_shift(change1, change2, change3, change4, m1, m2, m3, m4)
+      real(wp), intent(in) :: change1, change2, change3, change4, m1, m2, m3, m4  !! inputs; the row [-]
+
+      mapped_shift = change1*m1 + change2*m2 + change3*m3 + change4*m4
+   end function mapped_shift
+
+   !> Duration of a contact. Where the absolute speed is the key, it scales with R_b, not with its square root.
+   elemental real(wp) function own_duration(of_record, rolling, stretch)
+      real(wp), intent(in) :: of_record         !! [-]
+      real(wp), intent(in) :: rolling, stretch  !! 1 or 0; as in approach_t [-]
+
+      own_duration = merge(of_record, of_record*stretch, rolling > 0)
+   end function own_duration
+
+   !> Velocity along the heading, or across it. Velocities scale with speed, the work of gravity with duration only:
+   !> that of the record is removed.
+   elemental real(wp) function own_velocity(scale, of_record, pull, duration, record_pull, record_duration)
+      real(wp), intent(in) :: scale, of_record               !! from speed_scale [-]; of the record [-]
+      real(wp), intent(in) :: pull, duration                 !! of gravity there, over g; of the contact [-]
+      real(wp), intent(in) :: record_pull, record_duration   !! those of the record [-]
+
+      own_velocity = scale*of_record + pull*duration - scale*record_pull*record_duration
+   end function own_velocity
 
    !> Velocity along the heading, held back by the weight over the boulder's own duration of the contact, not that of
    !> the block in the laboratory: by as much as drives it at the rest angle of the ground. It is not reversed.
-   pure real(wp) function held_longer(along, hold, in, duration)
-      real(wp), intent(in) :: along     !! of a boulder that was held as long as the block [-]
-      real(wp), intent(in) :: hold      !! as in impact_table_t [-]
-      type(approach_t), intent(in) :: in
-      real(wp), intent(in) :: duration  !! of the record [-]
-      real(wp) :: pressing              !! gravity across the plane, over g [-]
+   elemental real(wp) function held_longer(along, rolling, hold, pull1, pull2, stretch, duration)
+      real(wp), intent(in) :: along         !! of a boulder that was held as long as the block [-]
+      real(wp), intent(in) :: rolling       !! 1: a boulder that rolls, whose duration is the block's; or 0
+      real(wp), intent(in) :: hold          !! as in impact_table_t [-]
+      real(wp), intent(in) :: pull1, pull2  !! gravity along and across the heading, over g [-]
+      real(wp), intent(in) :: stretch       !! as in approach_t [-]
+      real(wp), intent(in) :: duration      !! of the record [-]
+      real(wp) :: pressing                  !! gravity across the plane, over g [-]
 
-      pressing = sqrt(max(0.0_wp, 1 - in%pull(1)*in%pull(1) - in%pull(2)*in%pull(2)))
-      held_longer = sign(max(0.0_wp, abs(along) - hold*pressing*duration*(in%stretch - 1/in%stretch)), along)
+      pressing = sqrt(max(0.0_wp, 1 - pull1*pull1 - pull2*pull2))
+      held_longer = sign(max(0.0_wp, abs(along) - hold*pressing*duration*(stretch - 1/stretch)), along)
+      held_longer = merge(along, held_longer, rolling > 0)
    end function held_longer
 
-   !> Energy that a record gained beyond the work of gravity along the slope.
-   pure real(wp) function hidden_gain(record, inertia)
-      real(wp), intent(in) :: record(record_fields), inertia
+   !> Return 1 if a record is shifted by the map of its bin, else 0: a flight is not shifted into the ground.
+   elemental real(wp) function takes_shift(exit, normal, shift)
+      real(wp), intent(in) :: exit           !! as in outcome_t
+      real(wp), intent(in) :: normal, shift  !! V_n before the shift, and its shift [-]
 
-      hidden_gain = max(0.0_wp, scaled_energy(record(along_out), record(across_out), record(n_out), record(w_out), &
-                                              inertia) &
-                        - scaled_energy(record(t_in), 0.0_wp, record(n_in), record(w_in), inertia) &
-                        - 2*max(0.0_wp, record(pull_along))*max(0.0_wp, record(advance_out)))
-   end function hidden_gain
+      takes_shift = merge(1.0_wp, 0.0_wp, normal + shift > 0)
+      takes_shift = merge(1.0_wp, takes_shift, exit > flies)
+   end function takes_shift
 
-   !> Fraction of the record's gain beyond the work of gravity that a boulder may gain: the record owes it to the relief
-   !> and to spin about other axes. All on ground as steep as the record's, nothing on flat ground.
-   pure real(wp) function hidden_gain_fraction(pull, of_record)
-      real(wp), intent(in) :: pull, of_record  !! gravity along the heading, over g [-]
+   !> Maximum of twice the kinetic energy after a contact, over m g R_b: that before it, the work of gravity along the
+   !> slope, and what the record gained beyond that. The record owes it to the relief and to spin about other axes: all
+   !> of it may be gained on ground as steep as the record's, nothing on flat ground.
+   elemental real(wp) function allowed_energy(v1, v2, v3, inertia, pull, ratio, in1, in2, in3, along, across, normal, &
+                                              w, record_pull, advance)
+      real(wp), intent(in) :: v1, v2, v3, inertia, pull, ratio  !! V_t, V_n, W; as in approach_t, speed_scale [-]
+      real(wp), intent(in) :: in1, in2, in3                     !! V_t, V_n, W of the record before [-]
+      real(wp), intent(in) :: along, across, normal, w          !! of the record after [-]
+      real(wp), intent(in) :: record_pull, advance              !! of the record [-]
+      real(wp) :: gain, gain_fraction
 
-      hidden_gain_fraction = 0
-      if (pull > 0) hidden_gain_fraction = min(1.0_wp, pull/max(of_record, tiny(pull)))
-   end function hidden_gain_fraction
+      gain = max(0.0_wp, scaled_energy(along, across, normal, w, inertia) &
+                 - scaled_energy(in1, 0.0_wp, in2, in3, inertia) &
+                 - 2*max(0.0_wp, record_pull)*max(0.0_wp, advance))
+      gain_fraction = min(1.0_wp, pull/max(record_pull, tiny(pull)))
+      gain_fraction = merge(gain_fraction, 0.0_wp, pull > 0)
+      allowed_energy = scaled_energy(v1, 0.0_wp, v2, v3, inertia) + 2*max(0.0_wp, pull)*max(0.0_wp, advance) &
+                       + min(1.0_wp, ratio*ratio)*gain*gain_fraction
+   end function allowed_energy
 
-   !> Bin of a contact. Keys are compared multiplied by their denominators, to avoid divisions.
+   !> Bin of a contact.
    pure integer function contact_bin(table, part, in) result(bin)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: part
       type(approach_t), intent(in) :: in
+      real(wp) :: key(3), over(2)
 
-      associate (f => table%flights%total, r => table%rolls%total, speed2 => in%speed*in%speed)
-         bin = (part - 1)*(f + r)
-         if (in%rolling) then
-            bin = bin + f + key_bin(table%rolls, part, [speed2, in%height, in%v(2)], [1.0_wp, 1.0_wp])
-         else
-            bin = bin + key_bin(table%flights, part, [in%v(2)*in%v(2), in%v(3), in%key*speed2], [speed2, in%speed])
-         end if
-      end associate
+      call bin_keys(in%v(2), in%v(3), in%speed, in%height, in%key, merge(1.0_wp, 0.0_wp, in%rolling), key(1), over(1), &
+                    key(2), over(2), key(3))
+      if (in%rolling) then
+         bin = bins_before(table, part, .true.) + key_bin(table%rolls, part, key, over)
+      else
+         bin = bins_before(table, part, .false.) + key_bin(table%flights, part, key, over)
+      end if
    end function contact_bin
+
+   !> Number of bins before those of one kind of contact of a part.
+   pure integer function bins_before(table, part, rolling)
+      type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: part
+      logical, intent(in) :: rolling
+
+      bins_before = (part - 1)*(table%flights%total + table%rolls%total) + merge(table%flights%total, 0, rolling)
+   end function bins_before
+
+   !> Keys of a contact's bin. They are compared multiplied by their denominators, to avoid divisions.
+   elemental subroutine bin_keys(v2, v3, speed, height, key, rolling, key1, over1, key2, over2, key3)
+      real(wp), intent(in) :: v2, v3              !! V_n, W [-]
+      real(wp), intent(in) :: speed, height, key  !! as in approach_t [-]
+      real(wp), intent(in) :: rolling             !! 1 or 0
+      real(wp), intent(out) :: key1, key2, key3   !! numerators [-]
+      real(wp), intent(out) :: over1, over2       !! denominators [-]
+      real(wp) :: speed2
+
+      speed2 = speed*speed
+      key1 = merge(speed2, v2*v2, rolling > 0)
+      over1 = merge(1.0_wp, speed2, rolling > 0)
+      key2 = merge(height, v3, rolling > 0)
+      over2 = merge(1.0_wp, speed, rolling > 0)
+      key3 = merge(v2, key*speed2, rolling > 0)
+   end subroutine bin_keys
 
    pure integer function key_bin(bins, part, key, over) result(bin)
       type(bins_t), intent(in) :: bins
@@ -474,7 +567,7 @@ contains
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: from, n   !! from whole_bin or find_window
       real(wp), intent(in) :: pull, u  !! gravity across the heading, over g; uniform in (0, 1) [-]
-      integer :: candidate, k
+      integer :: candidate, nearer, k
       real(wp) :: separation, min_separation
 
       nearest_record = from
@@ -483,7 +576,8 @@ contains
          candidate = int(u*n) + (k*n)/candidates
          candidate = from + candidate - merge(n, 0, candidate >= n)
          separation = abs(table%pull_across(candidate) - pull)
-         nearest_record = merge(candidate, nearest_record, separation < min_separation)
+         nearer = merge(1, 0, separation < min_separation)
+         nearest_record = nearest_record + nearer*(candidate - nearest_record)  ! a branch would be mispredicted
          min_separation = min(min_separation, separation)
       end do
       call prefetch_record(table, nearest_record)
@@ -510,17 +604,6 @@ contains
       continues_sequence = .not. excess > 0
    end function continues_sequence
 
-   !> Inputs of the map, clamped to the range of the bin's records.
-   pure function clamped_inputs(input, unit, speed, low, high) result(x)
-      real(wp), intent(in) :: input(n_inputs), low(n_inputs), high(n_inputs)  !! [-]
-      real(wp), intent(in) :: unit   !! scale of V_t and V_n of the bin [-]
-      real(wp), intent(in) :: speed  !! scale of W [-]
-      real(wp) :: x(n_inputs), scales(n_inputs)
-
-      scales = [unit, unit, speed, 1.0_wp]
-      x = max(scales*low, min(scales*high, input))
-   end function clamped_inputs
-
    !> Twice the kinetic energy, over m g R_b.
    elemental real(wp) function scaled_energy(along, across, normal, w, inertia)
       real(wp), intent(in) :: along, across, normal, w, inertia
@@ -528,28 +611,25 @@ contains
       scaled_energy = along*along + across*across + normal*normal + inertia*w*w
    end function scaled_energy
 
-   !> Return whether a contact is faster than all records of its part of the table.
-   pure logical function exceeds_table(table, part, in)
-      type(impact_table_t), intent(in) :: table
-      integer, intent(in) :: part
-      type(approach_t), intent(in) :: in
+   !> Return 1 if a contact is faster than all records of its part of the table, else 0.
+   elemental real(wp) function exceeds_table(fastest, speed, key, rolling)
+      real(wp), intent(in) :: fastest     !! as in impact_table_t
+      real(wp), intent(in) :: speed, key  !! as in approach_t [-]
+      real(wp), intent(in) :: rolling     !! 1 or 0
 
-      exceeds_table = .not. in%rolling .and. in%key*(in%speed*in%speed) > table%fastest(part)
+      exceeds_table = merge(1.0_wp, 0.0_wp, key*(speed*speed) > fastest)
+      exceeds_table = merge(0.0_wp, exceeds_table, rolling > 0)
    end function exceeds_table
 
    !> Scale factors between a boulder and the laboratory's blocks if the ground yields at an absolute speed: the key is
    !> the speed there, adjusted for density, so that S = rho_b V_n**2/(2 p_y) is equal.
-   pure subroutine compare_scales(table, part, unit, density, key, stretch)
-      type(impact_table_t), intent(in) :: table
-      integer, intent(in) :: part
-      real(wp), intent(in) :: unit          !! sqrt(g R_b) [m/s]
-      real(wp), intent(in) :: density       !! of the boulder [kg/m3]
-      real(wp), intent(out) :: key, stretch !! as in approach_t [-]
+   elemental subroutine compare_scales(lab_unit, lab_density, unit, density, key, stretch)
+      real(wp), intent(in) :: lab_unit, lab_density  !! as in impact_table_t: speed of its part [m/s], density [kg/m3]
+      real(wp), intent(in) :: unit                   !! sqrt(g R_b) [m/s]
+      real(wp), intent(in) :: density                !! of the boulder [kg/m3]
+      real(wp), intent(out) :: key, stretch          !! as in approach_t [-]
 
-      key = 1
-      stretch = 1
-      if (.not. table%speed(part) > 0) return
-      stretch = unit/table%speed(part)
-      key = stretch*stretch*(density/table%density)
+      stretch = unit/merge(lab_unit, unit, lab_unit > 0)
+      key = stretch*stretch*(density/merge(lab_density, density, lab_unit > 0))
    end subroutine compare_scales
 end module rockfall_impact_table

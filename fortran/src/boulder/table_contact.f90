@@ -17,8 +17,8 @@ module rockfall_table_contact
    private
    public :: table_contact_t, table_contact, record_u, part_u, side_u
    ! Its steps:
-   public :: update_touch, end_touch, resolve_on_plane, find_pull, find_record, apply_record, limit_energy, &
-             after_fall, scale_to_energy, compute_departure, takeoff_height, velocity_after
+   public :: update_touch, end_touch, keeps_sequence, resolve_on_plane, find_pull, find_record, apply_record, &
+             limit_energy, after_fall, scale_to_energy, compute_departure, takeoff_height, velocity_after
 
    !> Use of the random numbers of a contact: the record; the part of the table; side or heading, where the ground gives
    !> none.
@@ -126,6 +126,7 @@ contains
       real(wp), intent(in) :: radius       !! R_b [m]
       real(wp), intent(in) :: jump_height  !! since the previous contact [m]
       type(touch_t), intent(inout) :: touch
+      integer :: stays, rolling  ! 1 or 0
 
       if (touch%ground /= ground .or. touch%ratio /= ratio) then
          touch%next = 0
@@ -134,11 +135,11 @@ contains
          touch%beyond = beyond_ratios(table, ratio)
          call find_part(table, radius, ratio, touch%part, touch%excess)
       end if
-      if (touch%rolling .and. jump_height > max_rise*radius) then
-         touch%rolling = .false.
-         touch%next = 0
-      end if
-      if (.not. touch%rolling) touch%lift = 0
+      stays = merge(0, 1, jump_height > max_rise*radius)  ! branches would be mispredicted
+      rolling = merge(1, 0, touch%rolling)
+      touch%next = touch%next*max(stays, 1 - rolling)
+      touch%rolling = rolling*stays > 0
+      touch%lift = touch%lift*(rolling*stays)
    end subroutine update_touch
 
    !> Update whether a boulder is still in contact: leaving the ground, or hitting other ground, ends the sequence of
@@ -148,9 +149,19 @@ contains
       logical, intent(in) :: rolls  !! from leave
       type(touch_t), intent(inout) :: touch
 
-      touch%next = merge(0, touch%next, off .or. (touch%rolling .and. .not. rolls))  ! a branch would be mispredicted
+      touch%next = touch%next*int(keeps_sequence(merge(1.0_wp, 0.0_wp, off), merge(1.0_wp, 0.0_wp, touch%rolling), &
+                                          merge(1.0_wp, 0.0_wp, rolls)))
       touch%rolling = rolls
    end subroutine end_touch
+
+   !> Return 1 if the sequence of records of the laboratory goes on, else 0.
+   elemental real(wp) function keeps_sequence(off, rolled, rolls)
+      real(wp), intent(in) :: off            !! from find_slide: 1 or 0
+      real(wp), intent(in) :: rolled, rolls  !! stays on the ground, in the laboratory and here: 1 or 0
+
+      keeps_sequence = merge(0.0_wp, 1.0_wp, rolled > rolls)
+      keeps_sequence = merge(0.0_wp, keeps_sequence, off > 0)
+   end function keeps_sequence
 
    !> Split a velocity into V_t and V_n, with the unit tangent of its motion on a plane. A boulder that is still in
    !> contact keeps the V_n that presses it to the ground.
@@ -217,7 +228,7 @@ contains
       in%inertia = inertia
       part = drawn_part(table, touch%part, touch%excess, u)
       call begin_draw(table, boulder, unit, in, part, bin, record)
-      fast = exceeds_table(table, part, in)
+      fast = exceeds_table(table%fastest(part), in%speed, in%key, merge(1.0_wp, 0.0_wp, in%rolling)) > 0
    end subroutine find_record
 
    !> Apply the record, and keep what the next contact needs.

@@ -7,7 +7,7 @@ module rockfall_packed_table
    use rockfall_kinds, only: wp, sp, i4
    use rockfall_error, only: error_t, fail
    use rockfall_impact_table, only: impact_table_t, bins_t, index_records, record_fields, pull_along, follower, &
-                                    n_inputs, n_mapped, map_rows, edge_vector
+                                    map_fields, low, edge_vector
    implicit none
    private
    public :: is_packed_table, read_packed_table
@@ -42,9 +42,7 @@ contains
          bins = counts(1)*(product(counts(2:4)) + product(counts(5:7)))
          if (expected_size(counts, bins) == len(text)) then
             allocate (table%size(counts(1)), table%speed(counts(1)), table%fastest(counts(1)))
-            allocate (table%first(bins + 1), table%map(map_rows, n_inputs, bins))
-            table%map = 0
-            allocate (table%low(n_inputs, bins), table%high(n_inputs, bins), table%record(record_fields, counts(8)))
+            allocate (table%first(bins + 1), table%map(map_fields, bins), table%record(record_fields, counts(8)))
             call take_reals(text, position, table%size)
             call take_reals(text, position, table%speed)
             table%speed = sqrt(max(0.0_wp, table%speed))
@@ -57,11 +55,7 @@ contains
             call take_bins(text, position, counts(1), counts(5:7), table%rolls)
             call take_integers(text, position, table%first)
             do bin = 1, bins
-               do k = 1, n_mapped
-                  call take_reals(text, position, table%map(k, :, bin))
-               end do
-               call take_reals(text, position, table%low(:, bin))
-               call take_reals(text, position, table%high(:, bin))
+               call take_reals(text, position, table%map(:, bin))
             end do
             do k = 1, counts(8)
                call take_singles(text, position, table%record(:, k))
@@ -83,8 +77,9 @@ contains
       integer :: bin, parts
 
       parts = size(table%size)
-      is_valid = all(ieee_is_finite(table%record)) .and. all(ieee_is_finite(table%map)) .and. table%first(1) == 1 &
-                 .and. table%first(bins + 1) == records + 1 .and. all(table%first(2:) > table%first(:bins)) &
+      is_valid = all(ieee_is_finite(table%record)) .and. all(ieee_is_finite(table%map(:low, :))) &
+                 .and. table%first(1) == 1 .and. table%first(bins + 1) == records + 1 &
+                 .and. all(table%first(2:) > table%first(:bins)) &
                  .and. table%density > 0 .and. table%inertia > 0 .and. table%rest_angle >= 0 &
                  .and. all(table%record(4, :) > 0) .and. (parts == 1 .or. table%size(1) > 0) &
                  .and. all(table%size(2:) > table%size(:parts - 1)) &
@@ -106,7 +101,7 @@ contains
          edges = f(1) - 1 + f(1)*(f(2) - 1 + f(2)*(f(3) - 1)) + r(1) - 1 + r(1)*(r(2) - 1 + r(2)*(r(3) - 1))
       end associate
       bytes = len(first_line) + 4*(n_counts + bins + 1) + 8*(counts(1)*(n_of_part + edges) + n_scales) &
-              + 8*bins*n_inputs*(n_mapped + 2) + 4*record_fields*counts(8) + 1
+              + 8*bins*map_fields + 4*record_fields*counts(8) + 1
    end function expected_size
 
    pure subroutine take_bins(text, position, parts, n, bins)

@@ -5,7 +5,8 @@
 !>
 !> Compiled twice, like rockfall_lanes.
 module rockfall_flights
-   use rockfall_kinds, only: wp, sp, i8
+   use, intrinsic :: iso_c_binding, only: c_int, c_int64_t, c_double, c_float
+   use rockfall_kinds, only: wp, i8
    use rockfall_terrain, only: terrain_t, patch_t, find_coefficients
    use rockfall_flight, only: flight_t, landing_t, inverse_speed, side_time, curvature, strikes_ground, strike_time, &
                               max_height, enter_patch, place_on_patch
@@ -15,7 +16,7 @@ module rockfall_flights
    implicit none
    private
    public :: flights_t, landings_t, take_off, take_off_again, take_off_from, fly_to_landings, flight_of, landing_of
-   public :: replace_landing, lanes, width, padded
+   public :: replace_landing, read_next_corners, lanes, width, padded
 
    integer, parameter :: lanes = 128  !! number of simultaneous flights; a multiple of `width`
    integer, parameter :: width = 4   !! flights per instruction on the widest processors
@@ -48,7 +49,6 @@ module rockfall_flights
       real(wp), dimension(lanes) :: known = 1                         !! the next patch is known: 1 or 0
       real(wp), dimension(lanes) :: z10 = 0, z01 = 0, z11 = 0         !! its other corners [m]
       real(wp), dimension(lanes) :: at = 1                            !! index of its south-western corner
-      real(sp), dimension(lanes, 4) :: single = 0                     !! its corners, if elevations are in single [m]
       ! Only if cells are recorded:
       real(wp), dimension(lanes) :: d2 = 0, end = 0                   !! [m2/s2]; end of the span over the patch [s]
       real(wp), dimension(lanes) :: cell_i = 0, cell_j = 0            !! current cell, as in axis_t [-]
@@ -74,6 +74,18 @@ module rockfall_flights
       real(wp), dimension(lanes) :: jump_height = 0                   !! maximum [m]
       real(wp), dimension(lanes) :: contact = 0                       !! 1, or 0: it left the domain
    end type landings_t
+
+   interface
+      !> Read the corners of n patches, in loops of whole vectors.
+      subroutine read_corners(n, at, row, z, z00, z10, z01, z11) bind(c, name="rockfall_read_corners")
+         import :: c_int, c_int64_t, c_double, c_float
+         integer(c_int), value :: n
+         real(c_double), intent(in) :: at(*)      !! index of the south-western one, up to a multiple of `width`
+         integer(c_int64_t), value :: row         !! columns of the raster
+         real(c_float), intent(in) :: z(*)        !! elevations [m]
+         real(c_double), dimension(*), intent(inout) :: z00, z10, z01, z11  !! [m]
+      end subroutine read_corners
+   end interface
 
 contains
 
@@ -563,7 +575,7 @@ contains
       real(wp) :: known
       integer :: k
 
-      call read_next_corners(dem, f)
+      call read_next_corners(dem, f%n, f%next_i, f%next_j, f%known, f%at, f%z00, f%z10, f%z01, f%z11)
       !$omp simd private(known)
       do k = 1, padded(f%n)
          call find_coefficients(f%z00(k), f%z10(k), f%z01(k), f%z11(k), f%a(k), f%b(k), f%c(k), known)
@@ -576,15 +588,17 @@ contains
       end do
    end subroutine enter_patches
 
-   !> Read the corners of the next patches. Beyond the window another patch is read, so that no flight needs a branch;
-   !> what is left for each flight are loads and stores.
-   subroutine read_next_corners(dem, f)
+   !> Read the corners of the next patches. Beyond the window another patch is read, so that no flight needs a branch.
+   subroutine read_next_corners(dem, n, next_i, next_j, known, at, z00, z10, z01, z11)
       type(terrain_t), intent(in) :: dem
-      type(flights_t), intent(inout) :: f
+      integer, intent(in) :: n                                        !! number of patches
+      real(wp), dimension(lanes), intent(in) :: next_i, next_j        !! these [-]
+      real(wp), dimension(lanes), intent(inout) :: known              !! in the window: 1 or 0
+      real(wp), dimension(lanes), intent(inout) :: at                 !! as in flights_t
+      real(wp), dimension(lanes), intent(inout) :: z00, z10, z01, z11 !! their corners [m]
       real(wp), pointer, contiguous :: z8(:)
-      real(sp), pointer, contiguous :: z4(:)
       real(wp) :: low(2), high(2), first(2), columns, inside, i, j
-      integer(i8) :: at, row
+      integer(i8) :: row, corner
       integer :: k
 
       low = dem%lo
@@ -592,50 +606,36 @@ contains
       if (associated(dem%z8)) then
          row = size(dem%z8, 1, i8)
          first = lbound(dem%z8)
-         z8(1:size(dem%z8, kind=i8)) => dem%z8
       else
          row = size(dem%z4, 1, i8)
          first = lbound(dem%z4)
-         z4(1:size(dem%z4, kind=i8)) => dem%z4
       end if
       first(2) = dem%ny + 1 - first(2)  ! counted from the south
       columns = real(row, wp)
       !$omp simd private(inside, i, j)
-      do k = 1, padded(f%n)
-         i = f%next_i(k)
-         j = f%next_j(k)
+      do k = 1, padded(n)
+         i = next_i(k)
+         j = next_j(k)
          inside = merge(1.0_wp, 0.0_wp, i >= low(1))
          inside = merge(inside, 0.0_wp, j >= low(2))
          inside = merge(inside, 0.0_wp, i <= high(1))
          inside = merge(inside, 0.0_wp, j <= high(2))
          i = merge(i, low(1), inside > 0)
          j = merge(j, low(2), inside > 0)
-         f%known(k) = inside
-         f%at(k) = 1 + (i - first(1)) + (first(2) - j)*columns
+         known(k) = inside
+         at(k) = 1 + (i - first(1)) + (first(2) - j)*columns
       end do
-      if (associated(dem%z8)) then
-         do k = 1, f%n
-            at = int(f%at(k), i8)
-            f%z00(k) = z8(at)
-            f%z10(k) = z8(at + 1)
-            f%z01(k) = z8(at - row)
-            f%z11(k) = z8(at - row + 1)
-         end do
+      if (.not. associated(dem%z8)) then
+         call read_corners(padded(n), at, row, dem%z4, z00, z10, z01, z11)
          return
       end if
-      do k = 1, f%n
-         at = int(f%at(k), i8)
-         f%single(k, 1) = z4(at)
-         f%single(k, 2) = z4(at + 1)
-         f%single(k, 3) = z4(at - row)
-         f%single(k, 4) = z4(at - row + 1)
-      end do
-      !$omp simd
-      do k = 1, padded(f%n)
-         f%z00(k) = f%single(k, 1)
-         f%z10(k) = f%single(k, 2)
-         f%z01(k) = f%single(k, 3)
-         f%z11(k) = f%single(k, 4)
+      z8(1:size(dem%z8, kind=i8)) => dem%z8
+      do k = 1, n
+         corner = int(at(k), i8)
+         z00(k) = z8(corner)
+         z10(k) = z8(corner + 1)
+         z01(k) = z8(corner - row)
+         z11(k) = z8(corner - row + 1)
       end do
    end subroutine read_next_corners
 

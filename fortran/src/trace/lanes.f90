@@ -19,7 +19,8 @@ module rockfall_lanes
                               energy_of, beyond_fit, max_draws
    use rockfall_direction, only: to_aspect, turn_by_class, divide_by_length, shortest
    use rockfall_table_lanes, only: table_batch_t, clear_batch, add_contact, handle_table_contacts, find_paths_near_lines
-   use rockfall_table_contact, only: velocity_after, end_touch
+   use rockfall_table_contact, only: velocity_after
+   use rockfall_impact_table, only: prefetch_record
    use rockfall_forest, only: forest_t, may_hit_tree
    use rockfall_scene_type, only: scene_t, has_obstacles, needs_energies, inertia_of, is_slow
    use rockfall_outcome, only: boulder_result_t, departure_status, add_flight, count_outcome, add_ground_loss, &
@@ -156,7 +157,11 @@ contains
             call record_line_crossings(scene, results, pool, landings, scratch)
          end if
          call classify_contacts(scene, sets, first, step, results, pool, landings, scratch, contacts, by_table)
-         call compute_incidence(landings, scene%gravity, scene%dem%per_cell, contacts)
+         if (size(sets%set) > 0) then
+            call compute_incidence(landings, scene%gravity, scene%dem%per_cell, .true., contacts)
+         else
+            call compute_incidence(landings, scene%gravity, scene%dem%per_cell, .false., contacts)
+         end if
          call draw_random_numbers(scene, size(sets%set) > 0, landings%n, contacts)
          if (size(sets%set) > 0) then
             call draw_rebounds(scene, sets, landings%n, contacts, draws)
@@ -432,10 +437,12 @@ contains
       end do
    end subroutine classify_contacts
 
-   !> Transform the velocities at the ends of the flights to the local frames.
-   subroutine compute_incidence(l, gravity, per_cell, c)
+   !> Find the slopes where the flights end, and transform the velocities to the local frames. `frames` is a
+   !> compile-time constant at each call, so the compiler specialises the procedure.
+   subroutine compute_incidence(l, gravity, per_cell, frames, c)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
+      logical, value :: frames                   !! frames are needed: tables have their own
       type(contacts_t), intent(inout) :: c
       real(wp) :: v3, plan1, plan2, unit1, unit2, length
       integer :: k
@@ -448,6 +455,7 @@ contains
          c%g1(k) = slope_at(l%a(k), l%c(k), l%w(k), per_cell)
          c%g2(k) = slope_at(l%b(k), l%c(k), l%u(k), per_cell)
          c%steepness(k) = steepness_of(c%g1(k), c%g2(k))
+         if (.not. frames) cycle
          call in_local_frame(l%v1(k), l%v2(k), v3, c%g1(k), c%g2(k), c%steepness(k), &
                              c%tangential(k), c%normal(k), plan1, plan2)
          call divide_by_length(plan1, plan2, unit1, unit2, length)
@@ -733,7 +741,7 @@ contains
 
       lane = l%lane(k)
       call count_outcome(rebound_t([0.0_wp, 0.0_wp, 0.0_wp], forced=b%left(k) < b%total(k)), &
-                         pool%touch(lane)%beyond, b%fast(k), .false., result)
+                         pool%touch(lane)%beyond, b%fast(k) > 0, .false., result)
       call count_ground(b%ground(k), scratch)
       if (scene%histograms_requested) &
          call count_rebound(scratch%histograms, [b%tangential(k), b%normal(k), b%w(k)], &
@@ -744,9 +752,15 @@ contains
          call add_ground_loss(squared_length([l%v1(k), l%v2(k), l%v3(k) - scene%gravity*l%time(k)]) &
                               + inertia_factor*pool%w(lane)*pool%w(lane), b%speed2(k), &
                               inertia_factor*b%next_w(k)*b%next_w(k), result)
-      pool%touch(lane)%normal = b%pressed(k)
-      pool%touch(lane)%lift = b%lift(k)
-      call end_touch(b%off(k) > 0, b%rolls(k) > 0, pool%touch(lane))
+      associate (touch => pool%touch(lane))
+         touch%normal = b%pressed(k)
+         touch%lift = b%lift(k)
+         touch%height = b%height(k)
+         touch%rolling = b%rolls(k) > 0
+         touch%next = int(b%next(k))
+         ! any record where none followed: a branch would be mispredicted
+         call prefetch_record(scene%grounds(b%ground(k))%table, max(1, touch%next))
+      end associate
       call set_heading(pool, lane, b%heading1(k), b%heading2(k), b%next_w(k))
       call close_impact(scene, b%speed2(k), .not. b%stops(k) > 0, result)
       if (.not. (result%status /= 0 .or. b%stops(k) > 0 .or. b%walks(k))) then

@@ -86,7 +86,7 @@ contains
 
       result%rebounds = result%rebounds + 1
       if (out%draws > 1) result%redrawn = result%redrawn + 1
-      if (out%forced) result%forced = result%forced + 1
+      result%forced = result%forced + merge(1, 0, out%forced)  ! a branch would be mispredicted
       if (outside) result%out_of_range = result%out_of_range + 1
       if (fast) result%out_of_speed = result%out_of_speed + 1
       if (steep) result%out_of_angle = result%out_of_angle + 1

@@ -6,7 +6,8 @@
 !>
 !> Compiled twice, like rockfall_lanes.
 module rockfall_table_lanes
-   use rockfall_kinds, only: wp, i8
+   use, intrinsic :: iso_c_binding, only: c_int, c_ptr, c_loc
+   use rockfall_kinds, only: wp, sp, i8
    use rockfall_random, only: words_per_block, uniform
    use rockfall_terrain, only: terrain_t, patch_t, slope_at, gradient
    use rockfall_boulder, only: boulder_t
@@ -14,27 +15,36 @@ module rockfall_table_lanes
                                time_slide
    use rockfall_direction, only: shortest
    use rockfall_local_frame, only: signed_w
-   use rockfall_impact_table, only: impact_table_t, approach_t, outcome_t, whole_bin, find_window, is_held, &
-                                    nearest_record, flies, rolls_on, stops
-   use rockfall_table_contact, only: record_u, part_u, side_u, update_touch, resolve_on_plane, find_pull, find_record, &
-                                     apply_record, limit_energy, after_fall, scale_to_energy, compute_departure, &
-                                     takeoff_height
+   use rockfall_impact_table, only: impact_table_t, bins_t, approach_t, drawn_part, follow_sequence, is_copied, &
+                                    compare_scales, bin_keys, bins_before, exceeds_table, whole_bin, find_window, &
+                                    is_held, nearest_record, speed_scale, input_change, mapped_shift, own_duration, &
+                                    own_velocity, held_longer, takes_shift, allowed_energy, t_in, n_in, w_in, &
+                                    speed_in, height_in, along_out, across_out, n_out, w_out, duration_out, &
+                                    advance_out, rise_out, pull_along, pull_across, exit_code, follower, &
+                                    record_fields, map_fields, along_map, n_map, w_map, low, high, flies, rolls_on, &
+                                    stops
+   use rockfall_table_contact, only: record_u, part_u, side_u, update_touch, resolve_on_plane, find_pull, &
+                                     limit_energy, after_fall, scale_to_energy, compute_departure, takeoff_height, &
+                                     keeps_sequence
    use rockfall_line, only: boxes_touch
    use rockfall_line_index, only: is_near_lines
    use rockfall_flights, only: landings_t, landing_of, lanes, padded
    use rockfall_scene_type, only: scene_t
    implicit none
    private
-   public :: table_batch_t, clear_batch, add_contact, handle_table_contacts, find_paths_near_lines
+   public :: table_batch_t, clear_batch, add_contact, handle_table_contacts, find_paths_near_lines, read_rows, find_bins
+
+   !> Numbers from one field of the records to the next: a power of two would put all of a lane's into the same few sets
+   !> of the cache.
+   integer, parameter :: column = lanes + 8
 
    !> Contacts by a table among the landings, each at the index of its landing. Elements are not cleared when they
    !> become free.
    type :: table_batch_t
       integer :: n = 0, landing(lanes) = 0                        !! indices of the n contacts
       logical, dimension(lanes) :: by_table = .false.             !! the contact is by a table
-      integer, dimension(lanes) :: ground = 0, bin = 0, record = 0
-      type(boulder_t) :: boulder(lanes)
-      type(approach_t) :: in(lanes)
+      integer, dimension(lanes) :: ground = 0, part = 0, bin = 0, record = 0
+      real(wp), dimension(lanes) :: volume = 1, mass = 1          !! as in boulder_t [m3], [kg]
       real(wp), dimension(lanes) :: radius = 1, inertia = 0       !! R_b [m]; as in approach_t [-]
       real(wp), dimension(lanes) :: before1 = 0, before2 = 0      !! heading before, of any length
       real(wp), dimension(lanes) :: touches = 0, pressed = 0      !! still in previous contact: 1 or 0; its V_n [m/s]
@@ -42,11 +52,23 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: unit = 1                      !! sqrt(g R_b) [m/s]
       real(wp), dimension(lanes) :: t1 = 0, t2 = 0, t3 = 0        !! unit tangent [-]
       real(wp), dimension(lanes) :: side = 0, pull = 0            !! of the descent; gravity along tangent, over g [-]
-      real(wp), dimension(lanes) :: speed_in = 0                  !! as in approach_t [-]
+      real(wp), dimension(lanes) :: v1_in = 0, v2_in = 0, v3_in = 0, speed_in = 0  !! as in approach_t [-]
+      real(wp), dimension(lanes) :: lab_unit = 0, lab_density = 1, fastest = 0  !! of its part, as in compare_scales
+      real(wp), dimension(lanes) :: key1 = 0, key2 = 0, key3 = 0, over1 = 1, over2 = 1  !! as in bin_keys
+      real(wp), dimension(lanes) :: fast = 0                      !! as in table_contact_t: 1 or 0
+      real(wp), dimension(lanes) :: next = 0                      !! as in outcome_t
       real(wp), dimension(lanes) :: along = 0, across = 0, drawn = 0, w_drawn = 0  !! as in outcome_t; V_n, W [-]
       real(wp), dimension(lanes) :: allowed = 0, advance = 0, duration = 0         !! likewise [-]
-      real(wp), dimension(lanes) :: lift = 0                      !! as in touch_t [-]
+      real(wp), dimension(lanes) :: lift = 0, height = 0          !! as in touch_t [-]
+      real(wp), dimension(lanes) :: copies = 1                    !! the record is copied: 1 or 0
+      real(wp), dimension(lanes) :: hold = 0                      !! as in impact_table_t [-]
+      real(wp), dimension(lanes) :: stretch = 1, pull_across = 0  !! as in approach_t [-]
+      real(wp) :: r(column, record_fields) = 1, map(column, map_fields) = 0  !! of each contact
+      type(c_ptr), dimension(lanes) :: record_at, map_at          !! where these are
+      real(sp) :: no_record(record_fields) = 1                    !! of contacts that have none
+      real(wp) :: no_map(map_fields) = 0
       real(wp), dimension(lanes) :: flown = 0, rolls = 0, stops = 0  !! kind of its end: 1 or 0
+      real(wp), dimension(lanes) :: rolled = 0                    !! rolls, as the record did: 1 or 0
       real(wp), dimension(lanes) :: total = 0, left = 0           !! energies, as in limit_energy [-]
       real(wp), dimension(lanes) :: velocity_factor = 0, n_left = 0  !! as in scale_to_energy; V_n [-]
       real(wp), dimension(lanes) :: slide = 0, time = 0, speed = 0  !! as in find_slide [m], [s], [m/s]
@@ -62,9 +84,33 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: next_w = 0                    !! W after the contact [m/s]
       real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0        !! of the next flight [m/s]
       real(wp), dimension(lanes) :: speed2 = 0, rate = 0, above = 0  !! of the next flight [m2/s2], [m/s], [m]
-      logical, dimension(lanes) :: fast = .false., walks = .false.   !! as in table_contact_t; path in `roll`
+      logical, dimension(lanes) :: walks = .false.                !! path in `roll`
       type(roll_t) :: roll(lanes)
    end type table_batch_t
+
+   interface
+      !> Read records and maps of bins, each by its address, to columns.
+      subroutine read_rows(n, column, record_fields, record_at, record, map_fields, map_at, map) &
+         bind(c, name="rockfall_read_rows")
+         import :: c_int, c_ptr, wp
+         integer(c_int), value :: n, column, record_fields, map_fields  !! multiples of 4
+         type(c_ptr), intent(in) :: record_at(*), map_at(*)       !! in single and in double precision
+         real(wp), intent(inout) :: record(column, *), map(column, *)
+      end subroutine read_rows
+
+      !> Find the bins of n contacts of one kind by one table, counted from the first of their part.
+      subroutine find_bins(n, contact, key1, over1, key2, over2, key3, part, count, vectors, first_edge, second_edge, &
+                           third_edge, bin) bind(c, name="rockfall_find_bins")
+         import :: c_int, wp
+         integer(c_int), value :: n
+         integer(c_int), intent(in) :: contact(*)  !! their indices
+         real(wp), dimension(*), intent(in) :: key1, over1, key2, over2, key3  !! as from bin_keys, of each contact
+         integer(c_int), intent(in) :: part(*)     !! likewise
+         integer(c_int), intent(in) :: count(3), vectors(3)  !! as in bins_t
+         real(wp), dimension(*), intent(in) :: first_edge, second_edge, third_edge  !! likewise
+         integer(c_int), intent(inout) :: bin(*)
+      end subroutine find_bins
+   end interface
 
 contains
 
@@ -91,7 +137,8 @@ contains
       b%landing(b%n) = k
       b%by_table(k) = .true.
       b%ground(k) = ground
-      b%boulder(k) = boulder
+      b%volume(k) = boulder%volume
+      b%mass(k) = boulder%mass
       b%inertia(k) = inertia
       b%radius(k) = boulder%radius
       b%w(k) = w
@@ -104,19 +151,20 @@ contains
 
    !> Compute all contacts of a batch.
    subroutine handle_table_contacts(scene, l, g1, g2, steepness, word, paths, touch, b)
-      type(scene_t), intent(in) :: scene
+      type(scene_t), intent(in), target :: scene
       type(landings_t), intent(in) :: l
       real(wp), dimension(lanes), intent(in) :: g1, g2, steepness  !! of the ground where they landed [-]
       integer(i8), intent(in) :: word(lanes, words_per_block)      !! random words
       logical, intent(in) :: paths                                 !! paths are needed for maps
-      type(touch_t), intent(inout) :: touch(lanes)                 !! of each lane
-      type(table_batch_t), intent(inout) :: b
+      type(touch_t), intent(in) :: touch(lanes)                    !! of each lane
+      type(table_batch_t), intent(inout), target :: b
+      integer :: first(2*size(scene%grounds) + 1)
 
       if (b%n == 0) return
       call compute_incidence(l, scene%gravity, g1, g2, steepness, word(:, side_u), b)
-      call sort_contacts(b)
-      call draw_records(scene, l%lane, word, touch, b)
-      call follow_records(scene, l%lane, touch, b)
+      call sort_contacts(b, first)
+      call draw_records(scene, l, first, word, touch, b)
+      call follow_records(l, b)
       call start_slides(l, scene%gravity, scene%dem%per_cell, b)
       if (.not. paths) call leave_patches(scene%dem, l, b)
       call end_slides(l, scene%gravity, scene%dem%per_cell, b)
@@ -151,95 +199,240 @@ contains
          speed = sqrt(a1*a1 + a2*a2)
          b%speed_in(k) = speed
          b%pull(k) = along
-         b%in(k)%v(1) = a1
-         b%in(k)%v(2) = a2
-         b%in(k)%v(3) = a3
-         b%in(k)%speed = speed
-         b%in(k)%pull(1) = along
-         b%in(k)%pull(2) = across
+         b%pull_across(k) = across
+         b%v1_in(k) = a1
+         b%v2_in(k) = a2
+         b%v3_in(k) = a3
       end do
    end subroutine compute_incidence
 
-   !> Put contacts by a flight before those of boulders that roll: their branches differ, and an unpredictable order
-   !> would be mispredicted. Boulders that land along the normal have no tangent; `table_contact` handles them.
-   subroutine sort_contacts(b)
+   !> Put contacts in the order of their grounds, and by a flight before those of boulders that roll. Boulders that land
+   !> along the normal have no tangent; `table_contact` handles them.
+   subroutine sort_contacts(b, first)
       type(table_batch_t), intent(inout) :: b
-      integer :: rolling(lanes + 1), n, n_rolling, m, k, moves, rolls
+      integer, intent(out) :: first(:)  !! first contact of each: 2*ground - 1 by a flight, 2*ground of those that roll
+      integer :: kind(lanes), place(size(first)), number(size(first)), landing(lanes), m, k
 
-      n = 0
-      n_rolling = 0
-      do m = 1, b%n  ! branchless, as in `leave_patches`; those that fly move forward in place
+      number = 0
+      do m = 1, b%n
          k = b%landing(m)
          b%by_table(k) = b%tangential(k) > shortest
-         moves = merge(1, 0, b%tangential(k) > shortest)
-         rolls = moves*int(b%touches(k))
-         b%landing(n + 1) = k
-         rolling(n_rolling + 1) = k
-         n = n + moves - rolls
-         n_rolling = n_rolling + rolls
+         kind(m) = merge(2*b%ground(k) - 1 + int(b%touches(k)), size(first), b%tangential(k) > shortest)
+         number(kind(m)) = number(kind(m)) + 1
+         landing(m) = k
       end do
-      b%n = n + n_rolling
-      b%landing(n + 1:b%n) = rolling(:n_rolling)
+      first(1) = 1
+      do k = 2, size(first)
+         first(k) = first(k - 1) + number(k - 1)
+      end do
+      place = first
+      do m = 1, b%n
+         k = place(kind(m))
+         place(kind(m)) = k + 1
+         b%landing(k) = landing(m)
+      end do
+      b%n = first(size(first)) - 1
    end subroutine sort_contacts
 
-   !> Draw the records, in loops of little each, so that many contacts overlap.
-   subroutine draw_records(scene, lane, word, touch, b)
-      type(scene_t), intent(in) :: scene
-      integer, intent(in) :: lane(lanes)  !! of each contact
+   !> Draw the records of all contacts.
+   subroutine draw_records(scene, l, first, word, touch, b)
+      type(scene_t), intent(in), target :: scene
+      type(landings_t), intent(in) :: l
+      integer, intent(in) :: first(:)                               !! from sort_contacts
       integer(i8), intent(in) :: word(lanes, words_per_block)
+      type(touch_t), intent(in) :: touch(lanes)                     !! of each lane
+      type(table_batch_t), intent(inout), target :: b
+      integer :: ground, last
+
+      do ground = 1, size(scene%grounds)
+         last = first(2*ground + 1) - 1
+         if (first(2*ground - 1) > last) cycle
+         call find_parts(scene%grounds(ground)%table, b%landing(first(2*ground - 1):last), l%lane, word(:, part_u), &
+                         touch, b)
+      end do
+      call find_keys(l, b)
+      b%record_at = c_loc(b%no_record)
+      b%map_at = c_loc(b%no_map)
+      do ground = 1, size(scene%grounds)
+         last = first(2*ground + 1) - 1
+         if (first(2*ground - 1) > last) cycle
+         associate (table => scene%grounds(ground)%table)
+            call find_kind_bins(table, table%flights, .false., b%landing(first(2*ground - 1):first(2*ground) - 1), b)
+            call find_kind_bins(table, table%rolls, .true., b%landing(first(2*ground):last), b)
+            call choose_records(table, b%landing(first(2*ground - 1):last), word(:, record_u), b)
+         end associate
+      end do
+   end subroutine draw_records
+
+   !> Find the parts of the table, and the records that followed in the laboratory.
+   subroutine find_parts(table, contact, lane, word, touch, b)
+      type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: contact(:)          !! contacts by this table
+      integer, intent(in) :: lane(lanes)         !! of each contact
+      integer(i8), intent(in) :: word(lanes)
       type(touch_t), intent(in) :: touch(lanes)  !! of each lane
+      type(table_batch_t), intent(inout) :: b
+      type(approach_t) :: in
+      integer :: m, k, part
+
+      do m = 1, size(contact)
+         k = contact(m)
+         associate (kept => touch(lane(k)))
+            part = drawn_part(table, kept%part, kept%excess, uniform(word(k)))
+            in%v = [b%v1_in(k), b%v2_in(k), b%v3_in(k)]
+            in%speed = b%speed_in(k)
+            in%pull = [b%pull(k), b%pull_across(k)]
+            in%height = kept%height
+            in%rolling = kept%rolling
+            in%next = kept%next
+            call follow_sequence(table, in, part, b%record(k))
+            b%lift(k) = kept%lift
+            b%height(k) = kept%height
+         end associate
+         b%copies(k) = merge(1.0_wp, 0.0_wp, is_copied(table, max(1, b%record(k))))
+         b%copies(k) = min(b%copies(k), real(b%record(k), wp))  ! none if it did not follow
+         b%part(k) = part
+         b%lab_unit(k) = table%speed(part)
+         b%lab_density(k) = table%density
+         b%fastest(k) = table%fastest(part)
+         b%hold(k) = table%hold
+      end do
+   end subroutine find_parts
+
+   !> Compare the scales of boulders and blocks, and find the keys of their bins.
+   subroutine find_keys(l, b)
+      type(landings_t), intent(in) :: l
+      type(table_batch_t), intent(inout) :: b
+      real(wp) :: key, stretch, rolling, key1, over1, key2, over2, key3
+      integer :: k
+
+      !$omp simd private(key, stretch, rolling, key1, over1, key2, over2, key3)
+      do k = 1, padded(l%n)
+         rolling = b%touches(k)
+         call compare_scales(b%lab_unit(k), b%lab_density(k), b%unit(k), b%mass(k)/b%volume(k), key, stretch)
+         call bin_keys(b%v2_in(k), b%v3_in(k), b%speed_in(k), b%height(k), key, rolling, key1, over1, key2, over2, key3)
+         b%stretch(k) = stretch
+         b%key1(k) = key1
+         b%over1(k) = over1
+         b%key2(k) = key2
+         b%over2(k) = over2
+         b%key3(k) = key3
+         b%fast(k) = exceeds_table(b%fastest(k), b%speed_in(k), key, rolling)
+      end do
+   end subroutine find_keys
+
+   !> Find the bins of contacts of one kind.
+   subroutine find_kind_bins(table, bins, rolling, contact, b)
+      type(impact_table_t), intent(in) :: table
+      type(bins_t), intent(in) :: bins           !! of this kind
+      logical, intent(in) :: rolling             !! which it is
+      integer, intent(in) :: contact(:)
+      type(table_batch_t), intent(inout) :: b
+      integer :: m, k
+
+      call find_bins(size(contact), contact, b%key1, b%over1, b%key2, b%over2, b%key3, b%part, bins%n, bins%vectors, &
+                     bins%first_edge, bins%second_edge, bins%third_edge, b%bin)
+      do m = 1, size(contact)
+         k = contact(m)
+         b%bin(k) = bins_before(table, b%part(k), rolling) + b%bin(k)
+      end do
+   end subroutine find_kind_bins
+
+   !> Choose the records that did not follow, in loops of little each, so that many contacts overlap.
+   subroutine choose_records(table, contact, word, b)
+      type(impact_table_t), intent(in), target :: table
+      integer, intent(in) :: contact(:)  !! contacts by this table
+      integer(i8), intent(in) :: word(lanes)
       type(table_batch_t), intent(inout) :: b
       integer, dimension(lanes + 1) :: drawn, held, from, width
       integer :: n, n_held, m, k
 
       n = 0
-      do m = 1, b%n
-         k = b%landing(m)
-         call find_record(scene%grounds(b%ground(k))%table, b%boulder(k), b%inertia(k), b%unit(k), &
-                          uniform(word(k, part_u)), touch(lane(k)), b%in(k), b%bin(k), b%record(k), b%fast(k))
+      do m = 1, size(contact)
+         k = contact(m)
          drawn(n + 1) = k  ! branchless, as in `leave_patches`
          n = n + merge(1, 0, b%record(k) == 0)
       end do
       n_held = 0
       do m = 1, n
          k = drawn(m)
-         call whole_bin(scene%grounds(b%ground(k))%table, b%bin(k), from(m), width(m))
+         call whole_bin(table, b%bin(k), from(m), width(m))
          held(n_held + 1) = m
-         n_held = n_held + merge(1, 0, is_held(b%in(k)%speed))
+         n_held = n_held + merge(1, 0, is_held(b%speed_in(k)))
       end do
       do m = 1, n_held
          k = drawn(held(m))
-         call find_window(scene%grounds(b%ground(k))%table, b%bin(k), b%in(k)%pull(1), from(held(m)), width(held(m)))
+         call find_window(table, b%bin(k), b%pull(k), from(held(m)), width(held(m)))
       end do
       do m = 1, n
          k = drawn(m)
-         b%record(k) = nearest_record(scene%grounds(b%ground(k))%table, from(m), width(m), b%in(k)%pull(2), &
-                                      uniform(word(k, record_u)))
+         b%record(k) = nearest_record(table, from(m), width(m), b%pull_across(k), uniform(word(k)))
       end do
-   end subroutine draw_records
+      do m = 1, size(contact)
+         k = contact(m)
+         b%record_at(k) = c_loc(table%record(1, b%record(k)))
+         b%map_at(k) = c_loc(table%map(1, b%bin(k)))
+      end do
+   end subroutine choose_records
 
-   subroutine follow_records(scene, lane, touch, b)
-      type(scene_t), intent(in) :: scene
-      integer, intent(in) :: lane(lanes)            !! of each contact
-      type(touch_t), intent(inout) :: touch(lanes)  !! of each lane
+   !> Apply the records, as `transfer_record` does.
+   subroutine follow_records(l, b)
+      type(landings_t), intent(in) :: l
       type(table_batch_t), intent(inout) :: b
-      type(outcome_t) :: out
-      integer :: m, k
+      real(wp) :: rolling, copies, ratio, scale, unit, change1, change2, change3, change4, duration, along, across, &
+                  normal, w, n_shift, shifts, height
+      integer :: k
 
-      do m = 1, b%n
-         k = b%landing(m)
-         call apply_record(scene%grounds(b%ground(k))%table, b%bin(k), b%record(k), b%in(k), touch(lane(k)), out)
-         b%along(k) = out%along
-         b%across(k) = out%across
-         b%drawn(k) = out%normal
-         b%w_drawn(k) = out%w
-         b%allowed(k) = out%allowed
-         b%advance(k) = out%advance
-         b%duration(k) = out%duration
-         b%lift(k) = touch(lane(k))%lift
-         b%rolls(k) = merge(1.0_wp, 0.0_wp, out%exit == rolls_on)
-         b%flown(k) = merge(1.0_wp, 0.0_wp, out%exit == flies)
-         b%stops(k) = merge(1.0_wp, 0.0_wp, out%exit == stops)
+      call read_rows(padded(l%n), column, record_fields, b%record_at, b%r, map_fields, b%map_at, b%map)
+      !$omp simd private(rolling, copies, ratio, scale, unit, change1, change2, change3, change4, duration, along, &
+      !$omp& across, normal, w, n_shift, shifts, height)
+      do k = 1, padded(l%n)
+         rolling = b%touches(k)
+         copies = b%copies(k)
+         ratio = b%speed_in(k)/b%r(k, speed_in)
+         scale = speed_scale(ratio, rolling, b%v1_in(k), b%map(k, high + 1))
+         unit = merge(scale, b%speed_in(k), rolling > 0)
+         change1 = input_change(b%v1_in(k), unit, b%map(k, low + 1), b%map(k, high + 1), scale*b%r(k, t_in))
+         change2 = input_change(b%v2_in(k), unit, b%map(k, low + 2), b%map(k, high + 2), scale*b%r(k, n_in))
+         change3 = input_change(b%v3_in(k), b%speed_in(k), b%map(k, low + 3), b%map(k, high + 3), scale*b%r(k, w_in))
+         change4 = input_change(b%height(k), 1.0_wp, b%map(k, low + 4), b%map(k, high + 4), b%r(k, height_in))
+         change4 = merge(change4, 0.0_wp, rolling > 0)
+         duration = own_duration(b%r(k, duration_out), rolling, b%stretch(k))
+         along = own_velocity(scale, b%r(k, along_out), b%pull(k), duration, b%r(k, pull_along), b%r(k, duration_out))
+         along = held_longer(along, rolling, b%hold(k), b%pull(k), b%pull_across(k), b%stretch(k), &
+                             b%r(k, duration_out))
+         across = own_velocity(scale, b%r(k, across_out), b%pull_across(k), duration, b%r(k, pull_across), &
+                               b%r(k, duration_out))
+         normal = scale*b%r(k, n_out)
+         w = scale*b%r(k, w_out)
+         n_shift = mapped_shift(change1, change2, change3, change4, b%map(k, n_map + 1), b%map(k, n_map + 2), &
+                                b%map(k, n_map + 3), b%map(k, n_map + 4))
+         shifts = takes_shift(b%r(k, exit_code), normal, n_shift)
+         along = merge(along + mapped_shift(change1, change2, change3, change4, &
+                                            b%map(k, along_map + 1), b%map(k, along_map + 2), &
+                                            b%map(k, along_map + 3), b%map(k, along_map + 4)), along, shifts > 0)
+         normal = merge(normal + n_shift, normal, shifts > 0)
+         w = merge(w + mapped_shift(change1, change2, change3, change4, &
+                                    b%map(k, w_map + 1), b%map(k, w_map + 2), &
+                                    b%map(k, w_map + 3), b%map(k, w_map + 4)), w, shifts > 0)
+         height = merge(b%height(k), b%r(k, height_in), rolling > 0)
+         b%along(k) = merge(b%r(k, along_out), along, copies > 0)
+         b%across(k) = merge(b%r(k, across_out), across, copies > 0)
+         b%drawn(k) = merge(b%r(k, n_out), normal, copies > 0)
+         b%w_drawn(k) = merge(b%r(k, w_out), w, copies > 0)
+         b%duration(k) = merge(b%r(k, duration_out), duration, copies > 0)
+         b%height(k) = merge(b%r(k, height_in), height, copies > 0) + b%r(k, rise_out)
+         b%allowed(k) = allowed_energy(b%v1_in(k), b%v2_in(k), b%v3_in(k), b%inertia(k), b%pull(k), ratio, &
+                                       b%r(k, t_in), b%r(k, n_in), b%r(k, w_in), b%r(k, along_out), &
+                                       b%r(k, across_out), b%r(k, n_out), b%r(k, w_out), b%r(k, pull_along), &
+                                       b%r(k, advance_out))
+         b%advance(k) = b%r(k, advance_out)
+         b%lift(k) = b%lift(k) + b%r(k, rise_out)
+         b%next(k) = b%r(k, follower)
+         b%rolls(k) = merge(1.0_wp, 0.0_wp, abs(b%r(k, exit_code) - rolls_on) <= 0)
+         b%rolled(k) = b%rolls(k)
+         b%flown(k) = merge(1.0_wp, 0.0_wp, abs(b%r(k, exit_code) - flies) <= 0)
+         b%stops(k) = merge(1.0_wp, 0.0_wp, abs(b%r(k, exit_code) - stops) <= 0)
       end do
    end subroutine follow_records
 
@@ -418,6 +611,7 @@ contains
                                 pressed, b%heading1(k), b%heading2(k), b%v1(k), b%v2(k), b%v3(k))
          b%pressed(k) = pressed
          b%rolls(k) = rolls
+         b%next(k) = b%next(k)*keeps_sequence(b%off(k), b%rolled(k), rolls)
          b%lift(k) = lift
          b%above(k) = takeoff_height(lift, b%radius(k), rolls)
          b%speed2(k) = b%v1(k)*b%v1(k) + b%v2(k)*b%v2(k) + b%v3(k)*b%v3(k)

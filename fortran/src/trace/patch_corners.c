@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Elevations of the corners of several patches at a time, in single precision: both of a row by one load. Compiled
+   twice, like rockfall_lanes; the name of the procedure is given by meson.build. */
+#include <stdint.h>
+#if defined(__AVX2__)
+#include <immintrin.h>
+#endif
+
+/* Read the corners of n patches of a raster with `row` columns; `at` is the index of the south-western one, from 1.
+   Arrays are padded to a multiple of four, and all indices are valid. */
+void read_corners(int n, const double *at, int64_t row, const float *z, double *z00, double *z10, double *z01,
+                  double *z11)
+{
+#if defined(__AVX2__)
+    const __m256d two52 = _mm256_set1_pd(4503599627370496.0);
+    const __m256i first = _mm256_add_epi64(_mm256_castpd_si256(two52), _mm256_set1_epi64x(1));
+
+    for (int k = 0; k < n; k += 4) {
+        const __m256d index = _mm256_add_pd(_mm256_loadu_pd(at + k), two52);
+        const __m256i south = _mm256_sub_epi64(_mm256_castpd_si256(index), first);
+        const __m256i north = _mm256_sub_epi64(south, _mm256_set1_epi64x(row));
+        const __m256 low = _mm256_castpd_ps(_mm256_i64gather_pd((const double *)z, south, 4));
+        const __m256 high = _mm256_castpd_ps(_mm256_i64gather_pd((const double *)z, north, 4));
+        const __m256d west = _mm256_permute4x64_pd(
+            _mm256_castps_pd(_mm256_shuffle_ps(low, high, _MM_SHUFFLE(2, 0, 2, 0))), _MM_SHUFFLE(3, 1, 2, 0));
+        const __m256d east = _mm256_permute4x64_pd(
+            _mm256_castps_pd(_mm256_shuffle_ps(low, high, _MM_SHUFFLE(3, 1, 3, 1))), _MM_SHUFFLE(3, 1, 2, 0));
+
+        _mm256_storeu_pd(z00 + k, _mm256_cvtps_pd(_mm256_castps256_ps128(_mm256_castpd_ps(west))));
+        _mm256_storeu_pd(z01 + k, _mm256_cvtps_pd(_mm256_extractf128_ps(_mm256_castpd_ps(west), 1)));
+        _mm256_storeu_pd(z10 + k, _mm256_cvtps_pd(_mm256_castps256_ps128(_mm256_castpd_ps(east))));
+        _mm256_storeu_pd(z11 + k, _mm256_cvtps_pd(_mm256_extractf128_ps(_mm256_castpd_ps(east), 1)));
+    }
+#else
+    for (int k = 0; k < n; k++) {
+        const float *south = z + (int64_t)at[k] - 1, *north = south - row;
+
+        z00[k] = south[0];
+        z10[k] = south[1];
+        z01[k] = north[0];
+        z11[k] = north[1];
+    }
+#endif
+}
