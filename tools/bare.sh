@@ -50,7 +50,9 @@ steps="python make_layers.py
    rockfall new dem.tif site.gpkg -o case.nml
    rockfall check case.nml
    rockfall run case.nml --boulders-total 20000 --quiet -o result.nc
-   rockfall lines result.nc"
+   rockfall lines result.nc
+   rockfall prepare case.nml ready
+   rockfall-batch ready/case.nml --shard 1/20"
 start=$(date +%s)
 within sh -euc "
    cd /srv

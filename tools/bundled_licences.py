@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Add the licences of what a wheel carries to the source tree in this folder, before it is built.
 
+usage: bundled_licences.py [FOLDER]   FOLDER of static_netcdf.py, if rockfall-batch is in the wheel
+
 A wheel holds libgfortran, libgomp and libquadmath of GCC and, linked into its extensions, LAPACK
-and BLAS. Their licences ask to go with them. They are taken from the machine that builds.
+and BLAS; into rockfall-batch netCDF, HDF5 and zlib. Their licences ask to go with them. They are
+taken from the machine that builds.
 """
 
 import os
@@ -29,16 +32,26 @@ PLACES = {  # of each: where Debian, Fedora, Homebrew and MSYS2 keep its licence
         f"{MSYS2}/lapack/*",
     ],
 }
+OF_NETCDF = {  # in the folder of static_netcdf.py
+    "netcdf": ["netcdf-c-*/COPYRIGHT"],
+    "netcdf-fortran": ["netcdf-fortran-*/COPYRIGHT"],
+    "hdf5": ["hdf5-*/COPYING"],
+    "zlib": ["/usr/share/doc/zlib1g-dev/copyright"],
+}
 OWN = 'license-files = ["LICENSE"]'
 
 
-def main() -> str | None:
+def main(folders: list[str]) -> str | None:
     """Copy them to `licences`, and name them in pyproject.toml; returns what is wrong."""
     project = Path("pyproject.toml")
     text = project.read_text("utf-8")
     if OWN not in text:
         return f"pyproject.toml has no line {OWN}"
-    for name, places in PLACES.items():
+    all_places = dict(PLACES)
+    for folder in folders:
+        for name, places in OF_NETCDF.items():
+            all_places[name] = [os.path.join(folder, place) for place in places]
+    for name, places in all_places.items():
         found = [path for place in places for path in sorted(glob(place))]
         if not found:
             return f"no licence of {name} on this machine: a wheel must not go without"
@@ -50,4 +63,4 @@ def main() -> str | None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -20,6 +20,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 DIST = ROOT / "dist"
 TOOLS = ROOT / "requirements/wheel.txt"
+#: netCDF without what nobody needs to read and write local files, for rockfall-batch.
+NETCDF = ROOT / "build-wheel/netcdf"
 #: What auditwheel may copy into the wheel.
 BUNDLED = {"libgfortran", "libgomp", "libquadmath"}
 
@@ -31,6 +33,8 @@ def main(words: list[str]) -> str | None:
     if changed := output("git", "status", "--porcelain", "--untracked-files=no"):
         print(f"wheel: made of the last commit, without changes in\n{changed}", file=sys.stderr)
     subprocess.run(["./run", "page"], cwd=ROOT, check=True)
+    if not (NETCDF / "netcdf-fortran.pc").exists():
+        subprocess.run([sys.executable, ROOT / "tools/static_netcdf.py", NETCDF], check=True)
     os.environ["SOURCE_DATE_EPOCH"] = output("git", "log", "-1", "--format=%ct")
     os.umask(0o022)  # a wheel keeps the modes of its files
     DIST.mkdir(exist_ok=True)
@@ -87,9 +91,9 @@ def make_wheel(tools: Path, source: Path, folder: Path, zone: str) -> Path:
         archive.extractall(folder, filter="data")
     tree = folder / source.name.removesuffix(".tar.gz")
     env = surroundings(tools) | {"TZ": zone}
-    subprocess.run([tools / "python", tree / "tools/bundled_licences.py"], cwd=tree, check=True)
-    # rockfall-batch stays out: netCDF would bring 40 libraries and 23 MB
-    setup = "--config-settings=setup-args=-Dnetcdf=disabled"
+    licences = [tools / "python", tree / "tools/bundled_licences.py", NETCDF]
+    subprocess.run(licences, cwd=tree, check=True)
+    setup = "--config-settings=setup-args=-Dnetcdf=enabled"
     build = [tools / "python", "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
     subprocess.run(
         [*build, "--config-settings=build-dir=build", setup, "--wheel-dir", folder / "plain", tree],
@@ -108,7 +112,8 @@ def surroundings(tools: Path) -> dict[str, str]:
     """The environment of a build: no flags of the user's, which would change its bits."""
     flags = "CFLAGS", "CPPFLAGS", "FFLAGS", "FCFLAGS", "LDFLAGS", "PYTHONPATH"
     kept = {name: value for name, value in os.environ.items() if name not in flags}
-    return kept | {"PATH": f"{tools}:{os.environ['PATH']}", "LC_ALL": "C.UTF-8"}
+    path = f"{tools}:{os.environ['PATH']}"
+    return kept | {"PATH": path, "LC_ALL": "C.UTF-8", "PKG_CONFIG_PATH": str(NETCDF)}
 
 
 def check(wheel: Path, folder: str) -> str | None:

@@ -74,7 +74,7 @@ def build_kernel() -> None:
     if not (lapack / "lapack.pc").exists():
         run(sys.executable, "tools/windows_lapack.py", lapack)
     if not (netcdf / "netcdf-fortran.pc").exists():
-        run(sys.executable, "tools/windows_netcdf.py", netcdf)
+        run(sys.executable, "tools/static_netcdf.py", netcdf, "--windows")
     kernel, cross = BUILD / "kernel", BUILD / "cross.ini"
     text = (ROOT / "packaging/windows-cross.ini").read_text("utf-8")
     text += f"\n[properties]\npkg_config_libdir = '{lapack}:{netcdf}'\n"
@@ -150,8 +150,8 @@ def write_wheel(extensions: dict[str, Path]) -> Path:
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as wheel:
 
         def add(name: str, content: bytes) -> None:
-            about = zipfile.ZipInfo(name, (2026, 1, 1, 0, 0, 0))
-            wheel.writestr(about, content, zipfile.ZIP_DEFLATED)
+            when = 2026, 1, 1, 0, 0, 0  # that of the build would differ each time
+            wheel.writestr(zipfile.ZipInfo(name, when), content, zipfile.ZIP_DEFLATED)
             digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b"=")
             records.append(f"{name},sha256={digest.decode()},{len(content)}")
 
@@ -163,7 +163,7 @@ def write_wheel(extensions: dict[str, Path]) -> Path:
         add(f"{info}/METADATA", text.encode())
         add(f"{info}/WHEEL", f"Wheel-Version: 1.0\nRoot-Is-Purelib: false\nTag: {TAG}\n".encode())
         add(f"{info}/entry_points.txt", b"[console_scripts]\nrockfall = rockfall.cli:main\n")
-        wheel.writestr(f"{info}/RECORD", "\n".join([*records, f"{info}/RECORD,,", ""]))
+        add(f"{info}/RECORD", "\n".join([*records, f"{info}/RECORD,,", ""]).encode())
     return target
 
 

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""HDF5, netCDF and netCDF-Fortran for Windows, static, compiled from Debian's source packages.
+"""HDF5, netCDF and netCDF-Fortran, static, compiled from Debian's source packages.
 
-usage: windows_netcdf.py FOLDER   FOLDER/netcdf-fortran.pc; needs CMake, libz-mingw-w64-dev and Wine
+usage: static_netcdf.py FOLDER [--windows]   FOLDER/netcdf-fortran.pc; needs CMake, a static zlib,
+                                             and for Windows Wine
 
 Without remote access, which the program does not use: neither DAP nor HTTP, so no curl and no XML.
 And without folder, host and time of the build, so that it gives the same bytes everywhere.
 """
+
+from __future__ import annotations
 
 import os
 import re
@@ -13,12 +16,12 @@ import subprocess
 import sys
 import tarfile
 from pathlib import Path
+from typing import NamedTuple
 
-from windows_lapack import COMPILER, fetch
+from windows_lapack import fetch
 
 WINE = "/usr/lib/wine/wine64"
 PREFIX = "/usr/x86_64-w64-mingw32"
-ZLIB = f"{PREFIX}/lib/libz.a"
 TOOLCHAIN = f"""
 set(CMAKE_SYSTEM_NAME Windows)
 set(CMAKE_SYSTEM_PROCESSOR x86_64)
@@ -32,7 +35,7 @@ set(CMAKE_CROSSCOMPILING_EMULATOR {WINE})
 """
 COMMON = (
     "-DCMAKE_BUILD_TYPE=Release", "-DBUILD_SHARED_LIBS=OFF", "-DBUILD_TESTING=OFF",
-    f"-DZLIB_LIBRARY={ZLIB}", f"-DZLIB_INCLUDE_DIR={PREFIX}/include",
+    "-DCMAKE_INSTALL_LIBDIR=lib",
 )  # fmt: skip
 HDF5 = [
     *(f"-DHDF5_{one}=OFF" for one in ("BUILD_TOOLS", "BUILD_EXAMPLES", "BUILD_CPP_LIB")),
@@ -63,43 +66,63 @@ KINDS = [
 ]  # fmt: skip
 
 
-def main(folder: str) -> None:
-    place = Path(folder).resolve()
+class Target(NamedTuple):
+    """Where the libraries are to run: programs that make them, and what is there already."""
+
+    windows: bool
+    compiler: str  # those before its names
+    zlib: Path
+    include: Path  # of zlib
+    others: str  # libraries of the system
+
+    @classmethod
+    def of(cls, windows: bool) -> Target:
+        if windows:
+            zlib, include = Path(PREFIX, "lib/libz.a"), Path(PREFIX, "include")
+            return cls(True, "x86_64-w64-mingw32-", zlib, include, "-lws2_32 -lshlwapi")
+        found = subprocess.check_output(["gcc", "-print-file-name=libz.a"], text=True).strip()
+        return cls(False, "", Path(found).resolve(), Path("/usr/include"), "-lm -ldl")
+
+
+def main(folder: str, *options: str) -> None:
+    place, target = Path(folder).resolve(), Target.of("--windows" in options)
     place.mkdir(parents=True, exist_ok=True)
     fetch(place, "hdf5", "netcdf", "netcdf-fortran")
     for archive in place.glob("*.orig.tar.*"):
         with tarfile.open(archive) as packed:
             packed.extractall(place, filter="data")
     (place / "windows.cmake").write_text(TOOLCHAIN)
-    install_hdf5(place)
-    install_netcdf(place)
-    install_netcdf_fortran(place)
+    install_hdf5(place, target)
+    install_netcdf(place, target)
+    install_netcdf_fortran(place, target)
 
 
-def install_hdf5(place: Path) -> None:
+def install_hdf5(place: Path, target: Target) -> None:
     (tree,) = place.glob("hdf5-*/")
-    # MinGW has unistd.h, and not what HDF5 takes to come with it
-    edit(tree / "src/H5private.h", r"^#include <sys/wait.h>", "")
     build = place / "build-hdf5"
     build.mkdir(exist_ok=True)
-    # digits of long double and of __float128, which a program writes elsewhere under an emulator
+    if target.windows:
+        # MinGW has unistd.h, and not what HDF5 takes to come with it
+        edit(tree / "src/H5private.h", r"^#include <sys/wait.h>", "")
+    # digits of long double and of __float128, which a program writes to where it runs
     (build / "pac_Cconftest.out").write_text("21;0;")
-    cmake(place, tree, build, HDF5)
+    cmake(place, target, tree, build, HDF5)
 
 
-def install_netcdf(place: Path) -> None:
+def install_netcdf(place: Path, target: Target) -> None:
     (tree,) = place.glob("netcdf-c-*/")
     edit(tree / "CMakeLists.txt", r"^LANGUAGES C CXX$", "LANGUAGES C")
     library, include = place / "lib", place / "include"
     hdf5 = [
         f"-DHDF5_C_LIBRARY={library}/libhdf5.a", f"-DHDF5_HL_LIBRARY={library}/libhdf5_hl.a",
         f"-DHDF5_INCLUDE_DIR={include}", f"-DHAVE_HDF5_H={include}", "-DHDF5_VERSION=1.10.8",
-        f"-DHDF5_LIBRARIES={library}/libhdf5_hl.a;{library}/libhdf5.a;{ZLIB}",
+        f"-DHDF5_LIBRARIES={library}/libhdf5_hl.a;{library}/libhdf5.a;{target.zlib}"
+        + ("" if target.windows else ";dl;m"),
     ]  # fmt: skip
-    cmake(place, tree, place / "build-netcdf", [*NETCDF, *hdf5])
+    cmake(place, target, tree, place / "build-netcdf", [*NETCDF, *hdf5])
 
 
-def install_netcdf_fortran(place: Path) -> None:
+def install_netcdf_fortran(place: Path, target: Target) -> None:
     (tree,) = place.glob("netcdf-fortran-*/fortran")
     objects = []
     for name in FORTRAN:
@@ -107,13 +130,13 @@ def install_netcdf_fortran(place: Path) -> None:
         flags = "-O2", "-w", "-cpp", "-fallow-argument-mismatch", "-J", "include"
         source = (tree / name).relative_to(place)  # which messages show
         words = *flags, *KINDS, f"-I{source.parent}", "-c", source, "-o", objects[-1]
-        run(COMPILER, *words, folder=place)
+        run(f"{target.compiler}gfortran", *words, folder=place)
     objects.append(place / "nf_lib.o")
-    compiler = "x86_64-w64-mingw32-gcc", "-O2", "-w", "-DUSE_NETCDF4"
+    compiler = f"{target.compiler}gcc", "-O2", "-w", "-DUSE_NETCDF4"
     headers = f"-I{place}/include", f"-I{tree.parent}/libsrc"
     run(*compiler, hidden(place), *headers, "-c", tree / "nf_lib.c", "-o", objects[-1])
-    run("x86_64-w64-mingw32-ar", "rcs", place / "lib/libnetcdff.a", *objects)
-    libraries = f"-L{place}/lib -lnetcdff -lnetcdf -lhdf5_hl -lhdf5 {ZLIB} -lws2_32 -lshlwapi"
+    run(f"{target.compiler}ar", "rcs", place / "lib/libnetcdff.a", *objects)
+    libraries = f"-L{place}/lib -lnetcdff -lnetcdf -lhdf5_hl -lhdf5 {target.zlib} {target.others}"
     for name in ("netcdf", "netcdf-fortran"):
         (place / f"{name}.pc").write_text(
             f"includedir={place}/include\nName: {name}\nDescription: static\nVersion: 4\n"
@@ -121,12 +144,15 @@ def install_netcdf_fortran(place: Path) -> None:
         )
 
 
-def cmake(place: Path, tree: Path, build: Path, options: list[str]) -> None:
+def cmake(place: Path, target: Target, tree: Path, build: Path, options: list[str]) -> None:
     """Configure, build and install a library into `place`."""
-    where = f"-DCMAKE_TOOLCHAIN_FILE={place}/windows.cmake", f"-DCMAKE_INSTALL_PREFIX={place}"
+    where = [f"-DCMAKE_INSTALL_PREFIX={place}"]
+    if target.windows:
+        where.append(f"-DCMAKE_TOOLCHAIN_FILE={place}/windows.cmake")
+    zlib = f"-DZLIB_LIBRARY={target.zlib}", f"-DZLIB_INCLUDE_DIR={target.include}"
     flags = f"-DCMAKE_C_FLAGS={hidden(place)}"
     # in `place`: a program of HDF5's configuration leaves a file where it runs
-    run("cmake", "-S", tree, "-B", build, *where, flags, *COMMON, *options, folder=place)
+    run("cmake", "-S", tree, "-B", build, *where, flags, *zlib, *COMMON, *options, folder=place)
     run("cmake", "--build", build, "--target", "install", "--parallel", os.cpu_count())
 
 
@@ -145,4 +171,4 @@ def edit(path: Path, pattern: str, text: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])
