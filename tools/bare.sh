@@ -53,6 +53,8 @@ steps="python make_layers.py
    rockfall lines result.nc
    rockfall prepare case.nml ready
    rockfall-batch ready/case.nml --shard 1/20"
+mount -t proc proc "$root/proc"  # from which a program knows its own place, and so that of its libraries
+trap 'umount "$root/proc"' EXIT
 start=$(date +%s)
 within sh -euc "
    cd /srv
