@@ -18,7 +18,7 @@ import tarfile
 from pathlib import Path
 from typing import NamedTuple
 
-from windows_lapack import fetch
+from debian_sources import fetch
 
 WINE = "/usr/lib/wine/wine64"
 PREFIX = "/usr/x86_64-w64-mingw32"
@@ -91,7 +91,8 @@ def main(folder: str, *options: str) -> None:
     for archive in place.glob("*.orig.tar.*"):
         with tarfile.open(archive) as packed:
             packed.extractall(place, filter="data")
-    (place / "windows.cmake").write_text(TOOLCHAIN)
+    if target.windows:
+        (place / "windows.cmake").write_text(TOOLCHAIN)
     install_hdf5(place, target)
     install_netcdf(place, target)
     install_netcdf_fortran(place, target)

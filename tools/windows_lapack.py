@@ -10,6 +10,8 @@ import sys
 import tarfile
 from pathlib import Path
 
+from debian_sources import fetch
+
 COMPILER = "x86_64-w64-mingw32-gfortran"
 CALLED = ("dpotrf", "dpstrf", "dgelqf", "dsyev")
 FOLDERS = ("SRC", "BLAS/SRC", "INSTALL")
@@ -40,23 +42,6 @@ def main(folder: str) -> None:
         f"Name: lapack\nDescription: reference LAPACK\nVersion: {tree.name.partition('-')[2]}\n"
         f"Libs: -L{place} -llapack\n"
     )
-
-
-def fetch(place: Path, *packages: str) -> None:
-    """Download the sources of Debian's packages, from the places of the binary ones."""
-    folder = place / "apt"
-    for part in ("lists/partial", "sources"):
-        (folder / part).mkdir(parents=True, exist_ok=True)
-    for path in Path("/etc/apt/sources.list.d").glob("*.sources"):
-        text = path.read_text().replace("Types: deb\n", "Types: deb-src\n")
-        (folder / "sources" / path.name).write_text(text)
-    options = [
-        f"-oDir::State::Lists={folder}/lists", f"-oDir::Etc::SourceParts={folder}/sources",
-        "-oDir::Etc::SourceList=/dev/null", f"-oDir::Cache={folder}", "-oAPT::Sandbox::User=",
-    ]  # fmt: skip
-    subprocess.run(["apt-get", "-qq", *options, "update"], check=True)
-    download = "source", "--download-only", "--tar-only", *packages
-    subprocess.run(["apt-get", "-qq", *options, *download], cwd=place, check=True)
 
 
 def needed(sources: dict[str, Path]) -> set[str]:
