@@ -211,6 +211,17 @@ def test_without_sizes_of_rocks_classical_models_run_by_either_ground(case):
         assert at(found, f"pfeiffer_bowen {ground}", "", "stopping_distance")["value"] == mean
 
 
+@pytest.mark.parametrize("ground", ["soil_3", "rocky-slope"])
+def test_a_ground_that_needs_sizes_of_rocks_is_refused_without(case, ground):
+    bare = {"zones": None, "table": None}
+    case = case.replace(impact={"table": "talus"}, surface=bare, case={"boulders": 5})
+    with pytest.raises(rockfall.RockfallError) as caught:
+        run_models(case, ["meadow", ground])
+    assert str(caught.value) == (
+        f"{case.name}: --ground {ground}: needs sizes of rocks, which &surface lacks"
+    )
+
+
 def test_rocks_without_a_size_beside_others_are_said(case):
     radii = np.where(np.arange(60) < 30, np.nan, 0.2) + np.zeros((80, 1))
     make_raster(case.path("part.tif"), radii.astype("f4"), crs="EPSG:32632")

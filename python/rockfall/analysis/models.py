@@ -88,8 +88,8 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
     Ground that the case assigns to zones or cells by name is the same for all models; models differ
     where its own impact sets or table, or its `&surface ground`, apply. There classical models use
     the shipped grounds in `ROCKS` for rocks of that size; if no rocks have a size there, with
-    either ground, and those that need a size are left out. If every place has a named ground, all
-    of them except absorbing ones are varied.
+    either ground, and those that need a size are left out, or refused among `grounds`. If every
+    place has a named ground, all of them except absorbing ones are varied.
     """
     import pandas as pd
 
@@ -163,10 +163,16 @@ def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[t
         yield from _by_sets(own, varied, notes)
     else:
         yield from _by_methods(case, own)
+    unsized = _unsized_part(own, varied)
     if chosen:
+        needing = [rule.name for rule in chosen if rule.rocks]
+        if unsized == 1 and needing:
+            raise RockfallError(
+                f"{case.name}: --ground {needing[0]}: needs sizes of rocks, which &surface lacks"
+            )
         yield from ((rule.name, with_rocks(own, rule, rule, varied)) for rule in chosen)
         return
-    shipped, unsized = GroundTable(shipped_grounds()), _unsized_part(own, varied)
+    shipped = GroundTable(shipped_grounds())
     rocks = {
         model: (shipped.ground(small), shipped.ground(large))
         for model, (small, large) in ROCKS.items()
