@@ -233,6 +233,10 @@ def test_rocks_without_a_size_beside_others_are_said(case):
         "50.0 % of the ground that models vary has no size of rocks: classical models take it as "
         "of rocks below 0.1 m"
     )
+    found = run_models(case.replace(case={"boulders": 5}), ["meadow", "soil_3"])
+    assert found.notes[0] == (
+        "50.0 % of the ground that models vary has no size of rocks: soil_3 without obstacles there"
+    )
 
 
 def values(models, name):

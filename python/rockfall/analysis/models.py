@@ -170,6 +170,10 @@ def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[t
             raise RockfallError(
                 f"{case.name}: --ground {needing[0]}: needs sizes of rocks, which &surface lacks"
             )
+        if unsized > 0 and needing:
+            notes.append(
+                say("models.unsized_smooth", fraction=percent(unsized), models=", ".join(needing))
+            )
         yield from ((rule.name, with_rocks(own, rule, rule, varied)) for rule in chosen)
         return
     shipped = GroundTable(shipped_grounds())
