@@ -4,10 +4,10 @@
 
     python tools/ship_tables.py [GROUND ... | rocky-slope]
 
-A minute and a half each, on two cores, `rocky-slope` three quarters of an hour; `rockfall lab
-remake` makes one again from what it says itself. A table of blocks has a part for each of their
-sizes. Of a ground whose values evidence leaves open, each shape comes with an ensemble: draws of
-these values (data/lab_draws.csv, made by benchmarks.physics.posterior).
+A minute and a half each, on two cores, `rocky-slope` an hour; `rockfall lab remake` makes one again
+from what it says itself. A table of blocks has a part for each of their sizes. Of a ground whose
+values evidence leaves open, each shape comes with an ensemble: draws of these values
+(data/lab_draws.csv, made by benchmarks.physics.posterior).
 """
 
 import sys

@@ -15,6 +15,7 @@ MAX_NAME = int(_core.constant("max_name"))  # maximum characters of names in a c
 MAX_REAL = _core.constant("max_real")  # of a case, and coordinates [m]
 PIECE = int(_core.constant("piece"))  # values of a part or a scene that share a checksum
 Z = _core.constant("z_95")  # of a normal distribution, 95 % within
+MAX_HELD = _core.constant("max_held_speed")  # over sqrt(g R_b): no hollow holds faster boulders
 MIN_FOR_MEAN = int(_core.constant("min_for_mean"))  # boulders needed for a valid interval
 MIN_FOR_STD = int(_core.constant("min_for_std"))
 limit_ranks = _core.limit_ranks  # of the interval of a quantile of n values (binomial)

@@ -13,7 +13,7 @@ from made import refused
 from programs import refuses
 from rockfall.cli import lab as cli
 from rockfall.cli import main
-from rockfall.impact_tables import open_table
+from rockfall.impact_tables import FIELDS, open_table
 from rockfall.lab import remake
 from rockfall.lab import sequences as module
 from rockfall.lab.case import LabCase, lab_case_of, read_lab_case
@@ -189,6 +189,51 @@ def test_a_ratio_with_few_contacts_has_few_bins_and_takes_none_from_the_others()
     assert (both.record[: both.first[n]] == alone.record).all()
     assert len(both.first) == 2 * n + 1
     assert (np.diff(both.first) >= 1).all()
+
+
+def test_contacts_from_flights_are_kept_from_more_throws():
+    throw = {"throws": [150], "speed": [1, 2, 4], "slope": [5, 30]}
+    data = run_sequences(SMALL.replace(lab={"ratios": [2]}, throw=throw))
+    every, few = table_of([data]), table_of([data], 200)
+    of_flights = [
+        table.first[np.prod(table.bins["flight"])] / len(table.record) for table in (every, few)
+    ]
+    assert len(few.record) <= 200 + len(few.first)  # at least one for each bin
+    assert 1.3 * of_flights[0] < of_flights[1] < 0.9
+
+
+def column(table, name):
+    return table.record[:, FIELDS.index(name)].astype(float)
+
+
+def test_what_is_climbed_on_a_facet_becomes_motion_again():
+    """A contact that rolls on ends at the mean ground: its energy is that of the laboratory, with
+    the height; what is too slow to climb out of a hole has none."""
+    throw = {"throws": [60, 40], "slope": [25, 45]}
+    level, rough = (
+        run_sequences(SMALL.replace(throw=throw | {"relief": [relief]})) for relief in (0, 12)
+    )
+    assert np.abs(column(table_of([level]), "rise")).max() > 0.1
+    table = table_of([rough])
+    on = column(table, "exit") == ROLLS_ON
+    assert not column(table, "rise")[on].any()
+    assert column(table, "rise")[~on].any()
+
+    unit2 = 9.81 * SMALL.throw["radius"]
+    known = {name: rough[name].values.astype(float) for name in rough}
+    slope, heading, lateral = (np.radians(known[k]) for k in ("slope", "heading", "lateral"))
+    pulled = np.sqrt(unit2) * np.sin(slope) * known["duration"] / np.sqrt(0.4 / 9.81)
+    along = known["vt_out"] * known["speed"] * np.cos(lateral) + pulled * np.cos(heading)
+    across = known["vt_out"] * known["speed"] * np.sin(lateral) - pulled * np.sin(heading)
+    motion = (along**2 + across**2 + 0.4 * (known["w_out"] * known["speed"]) ** 2) / unit2
+    expected = np.maximum(0, motion + 2 * known["rise"])[known["exit"] == ROLLS_ON]
+    found = sum(
+        factor * column(table, name)[on] ** 2
+        for name, factor in (("along_out", 1.0), ("across_out", 1.0), ("w_out", 0.4))
+    )
+    assert (expected == 0).any()
+    assert len(found) > 0.9 * len(expected)  # not those that hardly move
+    assert (np.abs(found - expected[:, None]).min(axis=0) <= 0.01 * found).all()
 
 
 def least_squares(contacts, nearest=False):

@@ -452,6 +452,24 @@ def test_contacts_beyond_the_ratios_of_a_table_are_counted_and_reported(tmp_path
     assert not any("R_b/R_m" in one.text for one in model_remarks(inside, case_of(inside)))
 
 
+@pytest.mark.parametrize("ratio", [1.5, 7.9])
+def test_boulders_take_off_from_rocks_within_their_relief(tmp_path, ratio):
+    """Not from heights that have added up over the facets that they rolled on: 61 R_b once."""
+    result = on_rocks(tmp_path, ratio, output={"trajectories": 100})
+    names = ("x", "y", "z", "velocity_x", "velocity_y", "velocity_z", "time", "in_t", "in_n")
+    rises = []
+    for vertices in vertices_of(result, *names):
+        place, velocity, time, met = np.split(vertices, [3, 6, 7])
+        pause = np.diff(time[0])
+        flown = place[:, :-1] + velocity[:, :-1] * pause
+        flown[2] -= 9.81 / 2 * pause**2
+        missed = place[:, 1:] - flown
+        flies = ~met[:, :-1].any(axis=0) & met[:, 1:].any(axis=0) & (pause > 1e-3)
+        rises.append(missed[2, flies & (np.abs(missed[:2]).max(axis=0) < 1e-6)])
+    radius = np.cbrt(0.75 / np.pi * 0.27)
+    assert 0.5 * radius < np.concatenate(rises).max() < 5 * radius
+
+
 @pytest.mark.parametrize("lanes", [0, 1, 2])
 def test_lanes_count_contacts_beyond_the_ratios_alike(tmp_path, lanes):
     """Boulders of all sizes, some beyond the table."""

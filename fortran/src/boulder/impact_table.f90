@@ -53,7 +53,7 @@ module rockfall_impact_table
    !> Speed over sqrt(g R_b) below which the relief governs the motion, which is then not proportional to velocity [-].
    real(wp), parameter :: relief_speed = 0.5_wp
    !> Initial speed over sqrt(g R_b) above which no hollow holds a block, and each contact is drawn independently [-].
-   real(wp), parameter :: max_held_speed = 2.0_wp
+   real(wp), parameter, public :: max_held_speed = 2.0_wp
 
    !> Bins of one kind of contact. Edges of each key are given per bin of the previous key. Infinite edges fill whole
    !> vectors: a loop over what is left would be mispredicted.

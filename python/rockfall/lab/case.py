@@ -144,6 +144,10 @@ class LabCase:
         """Number of throws at a ratio R_b/R_m."""
         return int(self._at("throws", ratio))
 
+    def relief_of(self, ratio: float) -> float:
+        """Standard deviation of the slope of facets along a line at a ratio R_b/R_m [degree]."""
+        return self._at("relief", ratio)
+
     def _at(self, key: str, ratio: float) -> float:
         """Value of a list of &throw at a ratio R_b/R_m."""
         values = self.throw[key]
@@ -194,7 +198,7 @@ class LabCase:
                 self.impact
                 | self.throw
                 | {"shape": 1 + names("shape").index(self.throw["shape"])}
-                | {"relief": self._at("relief", ratio)}
+                | {"relief": self.relief_of(ratio)}
             ),
         }[kind]()
         return np.array([float(values[key]) for key in names(kind)])

@@ -13,15 +13,19 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.impact_tables import FIELDS, INPUTS, KINDS, MAPPED, ImpactTable
+from rockfall.lab.case import lab_case_of
+from rockfall.limits import MAX_HELD
 from rockfall.version import __version__
 
 if TYPE_CHECKING:
     import xarray as xr
 
 FLIGHT, ROLLING = 0, 1  # entries
+ROLLS_ON = 1  # an exit
 BINS = {"flight": (4, 4, 12), "roll": (6, 4, 1)}  # by each key, if there are enough records
 ENOUGH = 24  # records per bin; with fewer, the number of bins is reduced
-KEPT = 32_000  # maximum contacts per table: complete throws, so that records have followers
+KEPT = 32_000  # maximum contacts per table
+ALONE = 2 / 3  # of them, on rocks, need no contact before them
 RIDGE = 0.01  # regularisation of a bin's least squares, over the variance of each input
 USUAL = 0.02, 0.98  # of W/V where a block rolls: values beyond are clipped
 SLOWEST = 0.05  # V/sqrt(g R_b) of a flight: slower ones have no significant direction
@@ -64,14 +68,14 @@ def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
     bins: list[_Bin] = []
     sizes_of_bins: list[int] = []
     records: list[np.ndarray] = []
+    chosen = _chosen(tried, kept, rocks="ratio" in files[0])
     for k, contacts in enumerate(tried):
-        throws = _kept_throws(contacts, kept // len(tried))
         rows: list[np.ndarray] = []
         for kind in KINDS:
             own, all_have = sizes[kind][k], np.max(sizes[kind], axis=0)
             groups, of_kind = _padded(*_sort_into_bins(contacts, kind, own), all_have)
             bins += [_bin(contacts.record[group], kind) for group in groups]
-            rows += [_kept_rows(contacts, group, throws) for group in groups]
+            rows += [_kept_rows(contacts, group, chosen[k]) for group in groups]
             for key, values in enumerate(of_kind, start=1):
                 edges.setdefault(f"{kind}_edge_{key}", []).append(values)
         sizes_of_bins += [len(group) for group in rows]
@@ -176,8 +180,32 @@ def _dimensionless(data: xr.Dataset) -> _Contacts:
     }  # fmt: skip
     for name, quantity in values.items():
         record[:, FIELDS.index(name)] = quantity
+    if _has_facets(data):
+        _end_on_mean_ground(record, float(data.attrs["inertia_factor"]))
     throws = data["sequence"].values, data["order"].values
     return _Contacts(_rounded(record), data["entry"].values, *throws)
+
+
+def _has_facets(data: xr.Dataset) -> bool:
+    """Return True if contacts are on ground made of facets, as that of rocks with a relief is."""
+    if "ratio" not in data:
+        return False
+    case = lab_case_of(data.attrs["lab_case"], "contacts")
+    return case.relief_of(float(data["ratio"].values[0])) > 0
+
+
+def _end_on_mean_ground(record: np.ndarray, inertia: float) -> None:
+    """Let contacts that roll on end where the next one begins: on another facet, at the height of
+    the mean ground. The energy of the height climbed becomes motion again, and that of the depth
+    sunk is taken from it; what is too slow to climb out comes to rest (theory, eq. 5.28)."""
+    column = {name: record[:, FIELDS.index(name)] for name in FIELDS}
+    on = column["exit"] == ROLLS_ON
+    motion = column["along_out"] ** 2 + column["across_out"] ** 2 + inertia * column["w_out"] ** 2
+    left = np.maximum(0.0, motion + 2 * column["rise"])
+    factor = np.sqrt(left / np.maximum(motion, np.finfo(float).tiny))
+    for name in ("along_out", "across_out", "w_out"):
+        column[name][on & (motion > 0)] *= factor[on & (motion > 0)]
+    column["rise"][on] = 0.0
 
 
 def _rounded(record: np.ndarray) -> np.ndarray:
@@ -250,16 +278,37 @@ def _sort_into_bins(
     return groups, cut
 
 
-def _kept_throws(contacts: _Contacts, most: int) -> np.ndarray:
-    """Numbers of the throws to keep: evenly spaced ones, with `most` contacts in all."""
-    numbers, counts = np.unique(contacts.sequence, return_counts=True)
-    n = min(len(numbers), int(most / counts.mean()))
-    return numbers[(np.arange(n) * len(numbers)) // n]
+def _chosen(parts: Sequence[_Contacts], kept: int, rocks: bool) -> list[np.ndarray]:
+    """Mark the contacts of each part that become records, `kept` in all: those of evenly spaced
+    throws, so that records have followers. On rocks, where throws are many, those that need none
+    before them, from flights or too fast to be followed, are of more throws than the others."""
+    if not rocks:
+        every = [np.ones_like(contacts.sequence, bool) for contacts in parts]
+        return [_of_throws(*both, kept // len(parts)) for both in zip(parts, every, strict=True)]
+    alone = [(contacts.entry == FLIGHT) | (contacts["speed_in"] > MAX_HELD) for contacts in parts]
+    fraction = min(1.0, ALONE * kept / max(1, sum(int(which.sum()) for which in alone)))
+    chosen = [
+        _of_throws(contacts, which, fraction * which.sum())
+        for contacts, which in zip(parts, alone, strict=True)
+    ]
+    most = (kept - sum(int(which.sum()) for which in chosen)) // len(parts)
+    return [
+        already | _of_throws(contacts, ~which, most)
+        for contacts, which, already in zip(parts, alone, chosen, strict=True)
+    ]
 
 
-def _kept_rows(contacts: _Contacts, group: np.ndarray, throws: np.ndarray) -> np.ndarray:
+def _of_throws(contacts: _Contacts, which: np.ndarray, most: float) -> np.ndarray:
+    """Mark those of some contacts that are of evenly spaced throws, about `most`."""
+    numbers = np.unique(contacts.sequence)
+    of_throw = max(1, int(which.sum())) / len(numbers)
+    n = min(len(numbers), int(most / of_throw))
+    return which & np.isin(contacts.sequence, numbers[(np.arange(n) * len(numbers)) // max(1, n)])
+
+
+def _kept_rows(contacts: _Contacts, group: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     """Contacts of a bin to keep, at least one, ordered by the gravity along the heading."""
-    kept = group[np.isin(contacts.sequence[group], throws)]
+    kept = group[chosen[group]]
     rows = kept if len(kept) else group[:1]
     return rows[np.lexsort((contacts["speed_in"][rows], contacts["pull_along"][rows]))]
 
