@@ -60,16 +60,15 @@ def test_a_zone_with_a_ground_of_its_own_may_have_no_rocks():
     assert [rows[k].sizes[0] for k in (1, 3, 4)] == [0.1, 0.0, math.inf]
     assert math.isnan(rows[2].sizes[0])
     assert same(table("zone,ground\n7,road\n")[7], [math.nan] * 4)
-    with refused("zones.csv: line 2: mean_radius = : must be a number"):
-        table("zone,mean_radius,ground\n1,,\n")
     with refused("zones.csv: line 2: mean_radius = -1: must be > 0 (Inf absorbs)"):
         table("zone,mean_radius,ground\n1,-1,road\n")
 
 
-def test_columns_that_are_absent_are_nan():
+def test_columns_that_are_absent_or_empty_are_nan():
     zones = table("zone,mean_radius\n-3,0.1\n7,0.25\n")
     assert list(zones) == [-3, 7]
     assert same(zones[-3], (0.1, math.nan, math.nan, math.nan))
+    assert same(table("zone,mean_radius,ground\n1,,\n")[1], [math.nan] * 4)
 
 
 @pytest.mark.parametrize(

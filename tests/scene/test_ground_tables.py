@@ -282,6 +282,21 @@ def test_sizes_that_a_ground_needs(tmp_path):
     read(case_with(tmp_path, mean_radius="given", ground="road"), mean_radius=radii)
 
 
+def test_a_size_that_no_ground_needs_may_be_empty(tmp_path):
+    """In a case by a table of impacts, as if its column were absent; impact sets need it."""
+    arrays, surface = zones(tmp_path, "1,0.2,\n2,,\n3,,rock\n")
+    case = case_with(tmp_path, **surface)
+    scene = read(case.replace(impact={"form": "table", "table": "meadow"}), **arrays)
+    assert scene.rasters.sizes.ravel().tolist() == [0.2, 0.0, 0.0]
+    with refused(f"{tmp_path}/zones.csv: zone 2: ground 'sets.nml' needs mean_radius > 0"):
+        read(case, **arrays)
+    arrays, surface = zones(tmp_path, "1,0.2\n2,\n3,0.3\n", "zone,mean_radius\n")
+    with refused(f"{tmp_path}/zones.csv: zone 2: mean_radius needed for method B"):
+        read(case_with(tmp_path, **surface), **arrays)
+    arrays["zones"][arrays["zones"] == 2] = 1
+    read(case_with(tmp_path, **surface), **arrays)
+
+
 def test_a_map_and_zones_with_grounds(tmp_path):
     arrays, surface = zones(tmp_path, "1,0.2,\n2,,road\n3,0.3,\n")
     with refused("case: &surface ground_map: the zones have grounds of their own "

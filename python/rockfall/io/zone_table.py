@@ -36,8 +36,9 @@ class Zone(NamedTuple):
 def read_zone_table(path: str | Path) -> dict[int, Zone]:
     """Rows by zone id, in the order of the file.
 
-    Cells are separated by commas or semicolons; unknown columns are ignored. A zone with its own
-    ground may have no rocks: sizes missing or zero.
+    Cells are separated by commas or semicolons; unknown columns are ignored. An empty size is not
+    given, and is refused where it is needed. A zone with its own ground may have no rocks: sizes of
+    zero.
     """
     where, columns, rows = read_table(path)
     names = ("zone", *RADII, "ground")
@@ -85,7 +86,7 @@ def zones_of_polygons(
     zones: dict[int, Zone] = {}
     for zone_id, row in zip(ids, rows, strict=True):
         if zone_id not in zones:
-            zones[zone_id] = _polygon_zone(row)
+            zones[zone_id] = _made(row)
     return np.array(ids, np.int32), zones, own is not None
 
 
@@ -104,16 +105,8 @@ def _text(value: Any) -> str:
     return "" if value is None else str(value).strip()
 
 
-def _polygon_zone(row: Row) -> Zone:
-    if not any(row.cells.get(name) for name in (*RADII, "ground")):
-        raise RockfallError(f"{row.where}: must have one of {', '.join((*RADII, 'ground'))}")
-    return _made(row, optional=True)
-
-
-def _made(row: Row, optional: bool = False) -> Zone:
-    """Zone of a row; `optional`: a size may be missing, and is refused where it is needed."""
-    given = {key for key in RADII if row.cells.get(key) or (key in row.cells and not optional)}
-    sizes = tuple(_radius(row, name) if name in given else math.nan for name in RADII)
+def _made(row: Row) -> Zone:
+    sizes = tuple(_radius(row, name) if row.cells.get(name) else math.nan for name in RADII)
     name = next((row.cells[key] for key in NAMES if row.cells.get(key)), "")
     return Zone(sizes, row.cells.get("ground", ""), row.where, name)
 
@@ -171,8 +164,6 @@ def _zone(row: Row) -> int:
 
 def _radius(row: Row, name: str) -> float:
     text, may_have_none = row.cells[name], bool(row.cells.get("ground"))
-    if may_have_none and not text:
-        return math.nan
     spelled = text.lower().lstrip("+-") in ("inf", "infinity", "nan")
     value = float(text) if spelled else row.number(name)
     if not value > 0 and not (may_have_none and value == 0):
