@@ -16,6 +16,7 @@ from rockfall.analysis.models import (
     ROCKS,
     read_models,
     run_models,
+    variants,
     with_rocks,
     write_models,
 )
@@ -193,6 +194,29 @@ def test_a_case_by_a_table_is_run_by_it_and_by_impact_sets(case):
     own = run_models(case)
     for name in sets:
         assert values(found, name) == values(own, name) != values(found, "table meadow")
+
+
+def test_zones_keep_a_table_that_they_name_though_it_is_that_of_the_case(case):
+    """As zones keep any other ground; where all name it, all are varied."""
+    path = case.path(case.surface["table"])
+    sized = path.read_text()
+    case = case.replace(
+        surface={"table": "talus.csv"}, impact={"table": "talus"}, case={"boulders": 5}
+    )
+    named = sized.replace("0.02,0.05,0.04,0.03,", "0.02,0.05,0.04,0.03,talus")
+    path.with_name("talus.csv").write_text(named)
+    notes = []
+    scenes = dict(variants(case, ["meadow"], notes))
+    assert scenes["table talus"].rasters.material_ground.tolist() == [1, 1, 2]
+    for name, rest in ("impact sets, method B", "sets.nml"), ("meadow", "meadow"):
+        grounds, numbers = scenes[name].grounds, scenes[name].rasters.material_ground
+        tables = [grounds[number - 1].text for number in numbers]
+        assert tables[0] == scenes["table talus"].grounds[0].text != tables[1]
+        assert [grounds[number - 1].name for number in numbers[1:]] == [rest, "road"]
+    found = run_models(case)
+    assert "66.7 % of the terrain has a ground by name, the same in all" in found.notes
+    path.with_name("talus.csv").write_text(named.replace("0.7,", "0.7,talus"))
+    assert run_models(case).names == ("grounds of the case", "impact sets, method B", *CLASSICAL)
 
 
 def test_without_sizes_of_rocks_classical_models_run_by_either_ground(case):

@@ -16,6 +16,7 @@ from rockfall.analysis.line_statistics import line_numbers, sample_numbers
 from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
 from rockfall.case import Case
+from rockfall.case_zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.grounds import (
     ABSORBS,
@@ -108,7 +109,7 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
             if (gone := left_terrain(result).mean()) > 0:
                 notes.append(say("models.left", name=name, fraction=percent(gone)))
     own = next(iter(scenes.values()))
-    if (named := 1 - _own_share(own)) < 1 and named > 0:
+    if (named := 1 - _own_share(_with_named_apart(own))) < 1 and named > 0:
         notes.append(say("models.named_grounds", fraction=percent(named)))
     table = pd.DataFrame(rows, columns=COLUMNS)
     title = case.case["title"] or case.name
@@ -153,16 +154,17 @@ def read_models(path: str | Path) -> Models:
 
 def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
     """Scenes by the name of their model, the case's own first; `notes` collects remarks."""
-    own = read_scene(case)
+    as_given = read_scene(case)
+    own = _with_named_apart(as_given)
     table = GroundTable(table_path(case))
     chosen = [find_ground(case, table, name, "--ground") for name in grounds]
     varied = {usual_name(own.case)}
     if not _own_share(own):
         varied = {ground.name for ground in own.grounds if ground.model != ABSORBS}
-        yield AS_GIVEN, own
+        yield AS_GIVEN, as_given
         yield from _by_sets(own, varied, notes)
     else:
-        yield from _by_methods(case, own)
+        yield from _by_methods(case, as_given)
     unsized = _unsized_part(own, varied)
     if chosen:
         needing = [rule.name for rule in chosen if rule.rocks]
@@ -229,6 +231,20 @@ def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[
     of_cells = np.where(changed, np.int8(number), _grounds_of(cells)).astype(np.int8)
     name = f"impact sets, method {own.case.surface['method']}"
     yield name, own.replace(grounds=grounds, material_ground=None, cell_ground=of_cells)
+
+
+def _with_named_apart(scene: Scene) -> Scene:
+    """Scene in which zones that name the case's own ground have a copy of it under another name:
+    they keep it where models vary the case's own."""
+    own = usual_name(scene.case)
+    named = np.array([zone.ground == own for zone in case_zones(scene.case).values()], bool)
+    of_zones = scene.rasters.material_ground
+    if of_zones is None or not named.any():
+        return scene
+    (rule,) = (ground for ground in scene.grounds if ground.name == own)
+    grounds = *scene.grounds, rule._replace(name=f"{own} by name")
+    numbers = np.where(named, len(grounds), of_zones).astype(np.int8)
+    return scene.replace(grounds=grounds, material_ground=numbers)
 
 
 def _own_share(scene: Scene) -> float:
