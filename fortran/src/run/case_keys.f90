@@ -424,7 +424,8 @@ contains
             text = text//"&"//trim(key%group)
             group = key%group
          end if
-         if (key%name == "form" .and. is_given(list, "impact", "table")) key%default = "'table'"
+         if (key%group == "impact" .and. key%name == "form" .and. is_given(list, "impact", "table")) &
+            key%default = "'table'"
          if (key%default == "required" .or. key%default == "absent") cycle
          text = text//" "//trim(key%name)//" = "//trim(key%default)
       end do
