@@ -14,9 +14,9 @@ module rockfall_impact_table
    implicit none
    private
    public :: impact_table_t, bins_t, approach_t, outcome_t, index_records, has_ratios, largest_block, beyond_ratios, &
-             find_part, drawn_part, begin_draw, follow_sequence, is_copied, compare_scales, bin_keys, bins_before, &
-             whole_bin, find_window, is_held, nearest_record, prefetch_record, transfer_record, exceeds_table, &
-             scaled_energy
+             find_part, drawn_part, begin_draw, follow_sequence, is_copied, compare_scales, bin_keys, key_bin, &
+             bins_before, whole_bin, find_window, is_held, nearest_record, prefetch_record, transfer_record, &
+             exceeds_table, scaled_energy
    public :: record_fields, t_in, n_in, w_in, speed_in, height_in, along_out, across_out, n_out, w_out, duration_out, &
              advance_out, rise_out, pull_along, pull_across, exit_code, follower, map_fields, along_map, n_map, w_map, &
              low, high, edge_vector, flies, rolls_on, stops
@@ -489,6 +489,7 @@ contains
       key3 = merge(v2, key*speed2, rolling > 0)
    end subroutine bin_keys
 
+   !> Bin of a contact, counted from the first of its kind and part.
    pure integer function key_bin(bins, part, key, over) result(bin)
       type(bins_t), intent(in) :: bins
       integer, intent(in) :: part

@@ -1,8 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Bins and rows of tables for several contacts at a time: those that plain loops find, to the bit, in both copies.
+!> Bins and rows of tables for several contacts at a time: those that plain loops find, to the bit, in both copies, and
+!> the bins that one contact finds.
 program test_table_rows
    use, intrinsic :: iso_c_binding, only: c_int, c_ptr, c_loc
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf, ieee_negative_inf
    use rockfall_kinds, only: wp, sp
+   use rockfall_impact_table, only: bins_t, key_bin, edge_vector
    use rockfall_table_lanes, only: narrow_rows => read_rows, narrow_bins => find_bins
    use rockfall_wide_table_lanes, only: wide_rows => read_rows, wide_bins => find_bins
    use check_m, only: check, finish
@@ -58,53 +61,101 @@ contains
       row = 1 + mod(7*k*k, 31)
    end function row
 
+   !> Compare the bins of contacts with random keys, with keys that equal an edge, and with infinite ones, by edges of
+   !> which some are infinite.
    subroutine check_bins(count)
       integer, intent(in) :: count(3)
-      integer, parameter :: n = 200, parts = 3
-      real(wp) :: key(n, 3), over(n, 2), sorted
-      real(wp), allocatable :: first(:, :), second(:, :, :), third(:, :, :, :)
-      integer :: vectors(3), contact(n), part(n), bin(n), expected, i, j, k, m, p
+      integer, parameter :: n = 600, parts = 3
+      type(bins_t) :: bins
+      real(wp) :: key(n, 3), over(n, 2)
+      integer :: contact(n), part(n), bin(n), k, m
 
-      vectors = (count + 2)/4
-      allocate (first(4*vectors(1), parts), second(4*vectors(2), count(1), parts), &
-                third(4*vectors(3), count(2), count(1), parts), source=huge(1.0_wp))
-      do p = 1, parts
-         first(:count(1) - 1, p) = [((k + 0.1_wp*p)/count(1), k=1, count(1) - 1)]
-         do i = 1, count(1)
-            second(:count(2) - 1, i, p) = [((k + 0.1_wp*i - 0.1_wp*p)/count(2), k=1, count(2) - 1)]
-            do j = 1, count(2)
-               sorted = 0.1_wp*j + 0.05_wp*i
-               third(:count(3) - 1, j, i, p) = [((k + sorted)/count(3), k=1, count(3) - 1)]
-            end do
-         end do
-      end do
+      bins = made_bins(count, parts)
       call random_number(key)
       call random_number(over)
       key = 1.5_wp*key - 0.2_wp
       over(1, :) = 0  ! of a boulder that is hardly moving
       contact = [(n + 1 - k, k=1, n)]
       part = [(1 + mod(k, parts), k=1, n)]
+      do m = 1, n/3
+         call meet_edges(bins, part(m), key(m, :), over(m, :), 1 + mod(m, maxval(count)))
+      end do
+      do k = 1, 3
+         key(n - 60 + k::6, k) = ieee_value(0.0_wp, ieee_positive_inf)
+         key(n - 60 + k + 3::6, k) = ieee_value(0.0_wp, ieee_negative_inf)
+      end do
       bin = 0
       if (copy == 1) call narrow_bins(n, contact, key(:, 1), over(:, 1), key(:, 2), over(:, 2), key(:, 3), part, &
-                                      count, vectors, first, second, third, bin)
+                                      bins%n, bins%vectors, bins%first_edge, bins%second_edge, bins%third_edge, bin)
       if (copy == 2) call wide_bins(n, contact, key(:, 1), over(:, 1), key(:, 2), over(:, 2), key(:, 3), part, &
-                                    count, vectors, first, second, third, bin)
-      do m = 1, n
-         p = part(m)
-         i = 1
-         do k = 1, count(1) - 1
-            if (first(k, p)*over(m, 1) < key(m, 1)) i = i + 1
-         end do
-         j = 1
-         do k = 1, count(2) - 1
-            if (second(k, i, p)*over(m, 2) < key(m, 2)) j = j + 1
-         end do
-         expected = ((i - 1)*count(2) + j - 1)*count(3) + 1
-         do k = 1, count(3) - 1
-            if (third(k, j, i, p) < key(m, 3)) expected = expected + 1
-         end do
-         if (bin(m) /= expected) call check("the bin of one contact", .false.)
-      end do
-      call check("all have a bin", all(bin > 0))
+                                    bins%n, bins%vectors, bins%first_edge, bins%second_edge, bins%third_edge, bin)
+      call check("plain loops find these bins", &
+                 all(bin == [(plain_bin(bins, part(m), key(m, :), over(m, :)), m=1, n)]))
+      call check("one contact finds the same", all(bin == [(key_bin(bins, part(m), key(m, :), over(m, :)), m=1, n)]))
    end subroutine check_bins
+
+   !> Bins whose edges differ from part to part, and from bin to bin of the keys before.
+   function made_bins(count, parts) result(bins)
+      integer, intent(in) :: count(3), parts
+      type(bins_t) :: bins
+      real(wp) :: shift
+      integer :: edges(3), i, j, k, p
+
+      bins%n = count
+      bins%total = product(count)
+      bins%vectors = (count - 1 + edge_vector - 1)/edge_vector
+      edges = edge_vector*bins%vectors
+      allocate (bins%first_edge(edges(1), parts), bins%second_edge(edges(2), count(1), parts), &
+                bins%third_edge(edges(3), count(2), count(1), parts), source=huge(1.0_wp))
+      do p = 1, parts
+         bins%first_edge(:count(1) - 1, p) = [((k + 0.1_wp*p)/count(1), k=1, count(1) - 1)]
+         do i = 1, count(1)
+            bins%second_edge(:count(2) - 1, i, p) = [((k + 0.1_wp*i - 0.1_wp*p)/count(2), k=1, count(2) - 1)]
+            do j = 1, count(2)
+               shift = 0.1_wp*j + 0.05_wp*i
+               bins%third_edge(:count(3) - 1, j, i, p) = [((k + shift)/count(3), k=1, count(3) - 1)]
+            end do
+         end do
+      end do
+      bins%first_edge(max(1, count(1) - 1):count(1) - 1, parts) = ieee_value(0.0_wp, ieee_positive_inf)
+      bins%third_edge(max(1, count(3) - 1):count(3) - 1, 1, :, parts) = ieee_value(0.0_wp, ieee_positive_inf)
+   end function made_bins
+
+   !> Let the keys of a contact equal an edge: of the first key, then of each next one in the bin of those before.
+   subroutine meet_edges(bins, part, key, over, edge)
+      type(bins_t), intent(in) :: bins
+      integer, intent(in) :: part, edge  !! number of the edge of each key, if there are so many
+      real(wp), intent(inout) :: key(3)
+      real(wp), intent(in) :: over(2)
+      integer :: i, j, bin
+
+      if (edge < bins%n(1)) key(1) = bins%first_edge(edge, part)*over(1)
+      bin = plain_bin(bins, part, key, over) - 1
+      i = 1 + bin/(bins%n(2)*bins%n(3))
+      if (edge < bins%n(2)) key(2) = bins%second_edge(edge, i, part)*over(2)
+      bin = plain_bin(bins, part, key, over) - 1
+      j = 1 + mod(bin/bins%n(3), bins%n(2))
+      if (edge < bins%n(3)) key(3) = bins%third_edge(edge, j, i, part)
+   end subroutine meet_edges
+
+   !> Bin of a contact, by comparing only the edges that there are.
+   pure integer function plain_bin(bins, part, key, over) result(bin)
+      type(bins_t), intent(in) :: bins
+      integer, intent(in) :: part
+      real(wp), intent(in) :: key(3), over(2)
+      integer :: i, j, k
+
+      i = 1
+      do k = 1, bins%n(1) - 1
+         if (bins%first_edge(k, part)*over(1) < key(1)) i = i + 1
+      end do
+      j = 1
+      do k = 1, bins%n(2) - 1
+         if (bins%second_edge(k, i, part)*over(2) < key(2)) j = j + 1
+      end do
+      bin = ((i - 1)*bins%n(2) + j - 1)*bins%n(3) + 1
+      do k = 1, bins%n(3) - 1
+         if (bins%third_edge(k, j, i, part) < key(3)) bin = bin + 1
+      end do
+   end function plain_bin
 end program test_table_rows
