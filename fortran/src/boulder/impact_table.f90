@@ -40,6 +40,7 @@ module rockfall_impact_table
    !> and W; and before the range, W over V.
    integer, parameter :: along_map = 0, n_map = 4, w_map = 8, low = 12, high = 16, map_fields = 20
    integer, parameter :: window = 6      !! 1/window of a bin is eligible for a slow contact: see find_window
+   integer, parameter :: fewest = 16     !! or so many: boulders that land alike are not to hang on one or two
    integer, parameter :: candidates = 3  !! of these, the nearest in gravity across it is taken
    !> A bin has at most so many parts, of which only one is searched. With 16, gfortran unrolls the loop, all scalar.
    integer, parameter :: marks = 32
@@ -548,7 +549,7 @@ contains
 
       first = table%first(bin)
       last = table%first(bin + 1) - 1
-      n = (last - first + window)/window
+      n = max((last - first + window)/window, min(last - first + 1, fewest))
       along = real(pull, sp)
       below = 0
       do k = 1, marks  ! comparing all, vectorised, is faster than bisection
