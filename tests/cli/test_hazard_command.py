@@ -33,7 +33,7 @@ from rockfall.analysis.hazard.variables import TABLE, map_names
 from rockfall.cli import main
 from rockfall.result.flat_maps import flat_maps
 from rockfall.simulation import simulate
-from rockfall.text.hazard import hazard_warnings
+from rockfall.text.hazard import hazard_warnings, warning_groups
 from scenes import CALM_SETS
 from slope_case import CASE as SLOPE
 from slope_case import write_slope
@@ -295,6 +295,9 @@ def test_a_hazard_says_what_a_run_of_each_scenario_says(hazard_case, capsys):
     assert [f"  warning: {text}" for text in hazard_warnings(found)] == [
         line for line in printed if "  warning: " in line
     ]
+    groups = {group.scenarios: group.texts for group in warning_groups(found)}
+    assert forest in groups[""] and speeds[0] in groups["small"] and speeds[1] in groups["large"]
+    assert Path("out/hazard_sheet.pdf").read_bytes().count(b"/Type /Page ") == 2  # with warnings
     old = found.drop_vars("scenario_warnings")
     assert "run the hazard again" in next(hazard_warnings(old))
 

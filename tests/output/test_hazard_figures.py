@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Figures of a hazard: zones, what is not certain, intensities, objects."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 import rockfall
 from made import make_layer
 from rockfall.analysis.hazard.zones import zones_of
-from rockfall.language import speaking
+from rockfall.language import say, speaking
 from rockfall.plots.cartography.sheet import INCH
 from rockfall.plots.hazard_figures import hazard_figures
-from rockfall.plots.hazard_sheet import HIGH, MARGIN, WIDE, Imprint, hazard_sheet
+from rockfall.plots.hazard_sheet import HIGH, MARGIN, WIDE, Imprint, hazard_sheet, warning_pages
 from scenes import grid, make_case, rough, sets
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
@@ -79,7 +81,8 @@ def test_intensities_are_drawn_as_they_are(found):
 def test_the_sheet_says_what_the_zones_mean_and_fits_on_a3(found, language):
     imprint = Imprint("No. 12", "the canton", "A. Engineer")
     many = [
-        f"warning {k}: {'boulders are faster than any that was observed; ' * 9}" for k in range(9)
+        f"warning {k}: {'boulders are faster than any that was observed; ' * 9}end {k}"
+        for k in range(9)
     ]
     with speaking(language):
         figure = hazard_sheet(found, TERRAIN, imprint, many)
@@ -88,6 +91,10 @@ def test_the_sheet_says_what_the_zones_mean_and_fits_on_a3(found, language):
     texts = [text.get_text() for text in figure.texts]
     for part in ("No. 12", "the canton", "A. Engineer", "300", "a: 0", "warning 0", "(A3)"):
         assert any(part in text for text in texts), part
+    shown = "\n".join(texts)
+    assert shown.count("warning ") == shown.count("end ") < 9  # none is cut
+    with speaking(language):
+        assert say("sheet.warnings", n=9) in texts
     within = figure.bbox.padded(-0.9 * MARGIN * figure.dpi)
     for text in figure.texts:  # inside the paper; in the title block inside its frame
         box = text.get_window_extent()
@@ -95,6 +102,39 @@ def test_the_sheet_says_what_the_zones_mean_and_fits_on_a3(found, language):
         assert box.x1 <= within.x1 and box.y1 <= figure.bbox.y1, text.get_text()
         if box.x0 > figure.dpi * (WIDE - 110 / 25.4):
             assert box.y0 >= within.y0, text.get_text()
+
+
+@pytest.mark.parametrize("n", [2, 40])
+def test_pages_after_the_sheet_have_all_warnings_in_full(found, n):
+    """Each scenario by its name, whatever the number and the length of its warnings."""
+    groups = [
+        (
+            names,
+            [f"warning {k}: {'the numbers err low; ' * (400 if k == 1 else 30)}end" for k in k_of],
+        )
+        for names, k_of in (("", range(n)), ("blocks; rare", range(n, n + 2)))
+    ]
+    pages = warning_pages(found, groups)
+    assert (len(pages) > 1) == (n == 40)
+    read = []
+    for number, page in enumerate(pages, start=2):
+        page.draw_without_rendering()
+        ends = {}  # of columns, by their left edges
+        for k, text in enumerate(page.texts):
+            box = text.get_window_extent()
+            assert box.x0 >= 0 and box.y0 >= 0.9 * MARGIN * page.dpi
+            assert box.x1 <= page.bbox.x1 and box.y1 <= page.bbox.y1
+            if k >= 3:  # below the titles
+                left = round(box.x0 / page.dpi)
+                ends[left] = max(ends.get(left, 0), box.x1 / page.dpi)
+        assert all(ends[left] < right for left, right in pairwise(sorted(ends)))
+        texts = [text.get_text() for text in page.texts]
+        assert f"page {number}" in texts
+        read += texts[3:]
+    assert " ".join(read) == " ".join(
+        " ".join([names or "all scenarios", *texts]) for names, texts in groups
+    )
+    assert warning_pages(found, []) == []
 
 
 def test_the_map_on_the_sheet_has_its_scale(found):

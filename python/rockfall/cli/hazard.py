@@ -23,13 +23,13 @@ from rockfall.io.files import atomic_write
 from rockfall.io.output_files import atomic_folder, check_folder, check_output, check_outputs
 from rockfall.language import catalogue, speaking
 from rockfall.plots.hazard_figures import hazard_figures
-from rockfall.plots.hazard_sheet import Imprint, hazard_sheet
-from rockfall.plots.style import save
+from rockfall.plots.hazard_sheet import Imprint, hazard_sheet, warning_pages
+from rockfall.plots.style import save, save_pages
 from rockfall.result.flat_maps import shown
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.lock import locked
 from rockfall.simulation.simulate import Interrupted
-from rockfall.text.hazard import hazard_summary, hazard_warnings
+from rockfall.text.hazard import hazard_summary, hazard_warnings, warning_groups
 
 DOTS = 200  # of figures, per inch
 SHEET = "hazard_sheet.pdf"
@@ -105,7 +105,8 @@ def _run_to(
             with speaking(arguments.language):
                 imprint = Imprint(arguments.project, arguments.client, arguments.author)
                 sheet = hazard_sheet(hazard, terrain, imprint, [*hazard_warnings(hazard)])
-                save(sheet, paths[-1], DOTS)
+                pages = [sheet, *warning_pages(hazard, warning_groups(hazard))]
+                save_pages(pages, paths[-1], DOTS)
     for checkpoint in checkpoints:
         checkpoint.remove()
     if shown:

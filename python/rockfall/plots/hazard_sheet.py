@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Hazard map on a sheet of A3, as authorities publish them: zones, with a title block that says
-what they mean and what they were made of.
+what they mean and what they were made of; and pages with all warnings.
 
 All positions are in inches, from the lower left corner of the paper.
 """
@@ -8,7 +8,7 @@ All positions are in inches, from the lower left corner of the paper.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -26,7 +26,7 @@ from rockfall.plots.cartography.sheet import (
     named_crs,
 )
 from rockfall.plots.hazard_figures import HATCH, OPAQUE, begun, draw_zones
-from rockfall.plots.style import INK, plain, styled
+from rockfall.plots.style import INK, STYLE, plain, styled
 from rockfall.quantities import number
 
 if TYPE_CHECKING:
@@ -41,7 +41,9 @@ SMALL, NORMAL, LARGE = 7.0, 8.0, 13.0  # sizes of letters [pt]
 LETTER = 0.52  # width of a letter on average, of its size
 BOX, ROW = 0.2, 0.24  # side of a colour of the legend; height of a row of a table
 BETWEEN = 0.14  # two parts of the title block
-MAX_WARNINGS, MAX_LINES = 4, 3  # shown; lines of each
+COLUMNS = 3  # of a page of warnings
+COLUMN = (WIDE - 2 * MARGIN - (COLUMNS - 1) * GAP) / COLUMNS  # width
+LINE = 1.35 * NORMAL / 72  # height
 MAX_FILES = 8
 #: Message of each class, from the highest.
 WORDS = {
@@ -106,6 +108,13 @@ def _place_on_paper(sheet: Sheet) -> None:
         )
 
 
+def wrapped(text: str, wide: float, size: float, most: int = 0) -> list[str]:
+    """Lines of a paragraph of this width, at most so many."""
+    letters = int(wide * 72 / (LETTER * size))
+    how: dict[str, Any] = {"max_lines": most or None, "placeholder": " ..."}
+    return textwrap.wrap(text, letters, break_on_hyphens=False, **how) or [""]
+
+
 class _Block:
     """Title block, written from the top down."""
 
@@ -126,9 +135,7 @@ class _Block:
 
     def write(self, text: str, size: float = NORMAL, weight: str = "normal", most: int = 0) -> None:
         """Write a paragraph, of at most so many lines."""
-        letters = int(self.wide * 72 / (LETTER * size))
-        lines = textwrap.wrap(text, letters, max_lines=most or None, placeholder=" ...") or [""]
-        for line in lines:
+        for line in wrapped(text, self.wide, size, most):
             self.put(self.left, line, size, fontweight=weight)
             self.skip(1.35 * size / 72)
 
@@ -234,11 +241,81 @@ def _write_sources(block: _Block, hazard: xr.Dataset, sheet: Sheet) -> None:
 
 
 def _write_warnings(block: _Block, warnings: Sequence[str]) -> None:
-    """Write the warnings about the hazard, cut to the space that is left."""
+    """Write how many warnings there are and where all are in full, and the first ones as far as
+    they fit complete: one that is cut may lose that the numbers err low."""
     if not warnings:
         return
     block.write(say("sheet.warnings", n=len(warnings)), NORMAL, "bold")
-    for text in warnings[:MAX_WARNINGS]:
-        if block.y - MAX_LINES * 1.35 * SMALL / 72 < MARGIN + LEFT:
+    for text in warnings:
+        lines = len(wrapped(text, block.wide, SMALL))
+        if block.y - lines * 1.35 * SMALL / 72 < MARGIN + LEFT:
             break
-        block.write(text, SMALL, most=MAX_LINES)
+        block.write(text, SMALL)
+
+
+def warning_pages(hazard: xr.Dataset, groups: Iterable[tuple[str, Sequence[str]]]) -> list[Figure]:
+    """Pages of A3 with all warnings in full, by the names of their scenarios ("" for all); none
+    without warnings."""
+    import matplotlib
+
+    with matplotlib.rc_context(STYLE):
+        pages: list[_Page] = []
+        for line in _warning_lines(groups):
+            if not pages or not pages[-1].has_room(line):
+                pages.append(_Page(hazard, len(pages) + 2))
+            pages[-1].write(line)
+        return [page.figure for page in pages]
+
+
+class _Line(NamedTuple):
+    """A line of a page: text, height with the gap below, and whether it is of a heading."""
+
+    text: str
+    height: float
+    is_head: bool = False
+
+
+def _warning_lines(groups: Iterable[tuple[str, Sequence[str]]]) -> Iterator[_Line]:
+    for names, texts in groups:
+        for text in wrapped(names or say("sheet.all_scenarios"), COLUMN, NORMAL):
+            yield _Line(text, LINE, is_head=True)
+        for text in texts:
+            *lines, last = wrapped(text, COLUMN, NORMAL)
+            yield from (_Line(line, LINE) for line in lines)
+            yield _Line(last, LINE + BETWEEN)
+
+
+class _Page:
+    """Page of A3 with lines in columns."""
+
+    def __init__(self, hazard: xr.Dataset, page: int) -> None:
+        from matplotlib.figure import Figure
+
+        self.figure, self.column = Figure(figsize=(WIDE, HIGH)), 0
+        title = hazard.attrs["title"] or Path(hazard.attrs["case_file"]).stem
+        top = HIGH - MARGIN
+        self._put(MARGIN, top, wrapped(title, WIDE / 2, LARGE, 1)[0], LARGE, fontweight="bold")
+        self._put(WIDE - MARGIN, top, say("sheet.page", page=page), NORMAL, ha="right")
+        self._put(MARGIN, top - 0.3, say("sheet.all_warnings"), NORMAL + 2)
+        self.top = self.y = top - 0.7
+
+    def _put(self, x: float, y: float, text: str, size: float, **options: Any) -> None:
+        where: dict[str, Any] = {"transform": self.figure.dpi_scale_trans, "va": "top"}
+        self.figure.text(x, y, plain(text), fontsize=size, color=INK, **where | options)
+
+    def has_room(self, line: _Line) -> bool:
+        """Return True if a line fits here, or at the top of the next column."""
+        return self._fits(line) or self.column + 1 < COLUMNS
+
+    def _fits(self, line: _Line) -> bool:
+        """Return True if a line fits here, a heading with lines below it."""
+        return self.y - (4 * LINE if line.is_head else LINE) >= MARGIN
+
+    def write(self, line: _Line) -> None:
+        """Write a line, in the next column if this one is full."""
+        if not self._fits(line):
+            self.column, self.y = self.column + 1, self.top
+        weight = "bold" if line.is_head else "normal"
+        x = MARGIN + self.column * (COLUMN + GAP)
+        self._put(x, self.y, line.text, NORMAL, fontweight=weight)
+        self.y -= line.height

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,6 +43,7 @@ STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "svg.hashsalt": "rockfall",  # reproducible bytes
 }
+PDF = {"Creator": "rockfall", "CreationDate": None}  # metadata
 
 
 def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
@@ -94,7 +95,7 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
     dpi = dpi or (300 if Path(path).suffix == ".png" else 200)  # vectors with dense parts as dots
     style = {
         ".png": {"Software": "rockfall"},
-        ".pdf": {"Creator": "rockfall", "CreationDate": None},
+        ".pdf": PDF,
         ".svg": {"Creator": "rockfall", "Date": None},
     }
     with matplotlib.rc_context(STYLE), atomic_write(path) as part:
@@ -102,6 +103,21 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
             figure.savefig(part, dpi=dpi, metadata=style.get(part.suffix))
         except ValueError as error:  # not an image extension
             raise RockfallError(f"{path}: cannot be written: {error}") from error
+
+
+def save_pages(pages: Iterable[Figure], path: str | Path, dpi: int) -> None:
+    """Write figures as the pages of a PDF, as `save` writes one."""
+    import matplotlib
+    from matplotlib.backends.backend_pdf import PdfPages
+
+    check_stop()
+    with (
+        matplotlib.rc_context(STYLE),
+        atomic_write(path) as part,
+        PdfPages(part, metadata=PDF) as file,
+    ):
+        for page in pages:
+            file.savefig(page, dpi=dpi)
 
 
 def plain(text: str) -> str:

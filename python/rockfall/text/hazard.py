@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -48,7 +48,30 @@ def hazard_summary(hazard: xr.Dataset) -> str:
 def hazard_warnings(hazard: xr.Dataset) -> Iterator[str]:
     """Model remarks of `run` for each scenario, merged if all are equal; warnings of too few
     boulders to identify safe cells, and of zones that show less than the map."""
-    yield from _of_model(hazard)
+    for group in warning_groups(hazard):
+        for text in group.texts:
+            yield f"{group.scenarios}: {text}" if group.scenarios else text
+
+
+class WarningGroup(NamedTuple):
+    """Warnings about the same scenarios."""
+
+    scenarios: str  # names; "": all of them, or the hazard itself
+    texts: list[str]
+
+
+def warning_groups(hazard: xr.Dataset) -> list[WarningGroup]:
+    """Warnings of `hazard_warnings` by the scenarios that they are about: those of all first, then
+    in the order of the scenarios."""
+    groups: dict[str, list[str]] = {"": []}
+    for names, text in _of_model(hazard):
+        groups.setdefault(names, []).append(text)
+    groups[""] += _of_hazard(hazard)
+    return [WarningGroup(names, texts) for names, texts in groups.items() if texts]
+
+
+def _of_hazard(hazard: xr.Dataset) -> Iterator[str]:
+    """Warnings of all scenarios together."""
     yearly, longest = float(hazard["frequency"].sum()), float(hazard["return_period"].max())
     clusters = (hazard["boulders"] / hazard["boulders_per_cluster"]).values.tolist()
     parts = zip(clusters, hazard["frequency"].values, strict=True)
@@ -67,10 +90,10 @@ def hazard_warnings(hazard: xr.Dataset) -> Iterator[str]:
         yield say("hazard.lowered", minimum_area=minimum_area, parts=parts)
 
 
-def _of_model(hazard: xr.Dataset) -> Iterator[str]:
-    """Remarks common to all scenarios, then those of single ones."""
+def _of_model(hazard: xr.Dataset) -> Iterator[tuple[str, str]]:
+    """Remarks on the model with the names of their scenarios; "" for those of all."""
     if "scenario_warnings" not in hazard:
-        yield say("hazard.no_remarks")
+        yield "", say("hazard.no_remarks")
         return
     names = map(str, hazard["scenario"].values)
     texts = {name: _remarks_of(hazard, k) for k, name in enumerate(names)}
@@ -79,8 +102,8 @@ def _of_model(hazard: xr.Dataset) -> Iterator[str]:
         for own in texts.values()
         for text in own
     }
-    for text, names in details.items():
-        yield text if len(names) == len(texts) else f"{'; '.join(names)}: {text}"
+    for text, holders in details.items():
+        yield "" if len(holders) == len(texts) else "; ".join(holders), text
 
 
 def _remarks_of(hazard: xr.Dataset, k: int) -> list[str]:
