@@ -37,6 +37,17 @@ def input_files(case: Case) -> Iterator[Path]:
             yield path
 
 
+def read_names(case: Case) -> list[str]:
+    """Names, without folders, of the files that a case gives: those of sets and tables of impacts,
+    which it may name and not follow, are left out."""
+    names = (
+        name
+        for key, name in case.files()
+        if name != FROM_ARRAY and key.file not in ("sets", "impact_table")
+    )
+    return list(dict.fromkeys(Path(name).name for name in names))
+
+
 def group_files(case: Case, group: str) -> Iterator[Path]:
     """All files that one group of a case names, with those that may come to lie beside them."""
     for key, name in case.files():

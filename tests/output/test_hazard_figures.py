@@ -137,6 +137,29 @@ def test_pages_after_the_sheet_have_all_warnings_in_full(found, n):
     assert warning_pages(found, []) == []
 
 
+def test_the_sheet_names_what_was_read_and_followed(found, tmp_path):
+    """Not the sets that a case names by default, but the grounds that rebounds followed."""
+    shown = [text.get_text() for text in hazard_sheet(found).texts]
+    assert f"rebounds: impact sets {found.attrs['impact_set']}" in shown
+    case = make_case(tmp_path, *sets(), release={"x": [150.0], "y": [380.0]})
+    case = case.replace(
+        scenario=[{"name": "a", "frequency": 0.2}, {"name": "b", "frequency": 0.1}],
+        impact={"form": "table", "table": "talus", "sets": None},
+        surface={"zones": "given", "table": "zones.csv", "uniform_mean_radius": None},
+    )
+    (tmp_path / "zones.csv").write_text("zone,mean_radius,ground\n1,0.2,\n2,0.2,meadow\n")
+    zones = np.where(np.arange(Z.shape[0]) < Z.shape[0] // 2, 1, 2)[:, None]
+    zones = zones + np.zeros(Z.shape, int)
+    study = rockfall.hazard(case, dem=Z, transform=TERRAIN[1], zones=zones)
+    assert int(study.rebounds_by_ground.sum()) > 0 and study.ground.values.tolist()
+    shown = "\n".join(text.get_text() for text in hazard_sheet(study).texts)
+    assert "zones.csv\nrebounds: " in shown
+    for name in ("talus", "meadow"):
+        assert f"{name} (impact table) " in shown
+    assert "rocky-slope" not in shown and "Bourrier" not in shown
+    assert f"rockfall {rockfall.__version__}, tables of impacts of rockfall's laboratory" in shown
+
+
 def test_the_map_on_the_sheet_has_its_scale(found):
     figure = hazard_sheet(found, TERRAIN)
     (said,) = (text.get_text() for text in figure.texts if text.get_text().endswith("(A3)"))

@@ -10,6 +10,8 @@ import rockfall
 from made import make_raster
 from programs import make_full_case, same_results
 from rockfall.cli import main
+from rockfall.html_report.tables import provenance
+from rockfall.language import speaking
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.simulation.checkpoint import Checkpoint
@@ -63,6 +65,36 @@ def test_each_ground_has_its_rebounds(whole):
     stochastic = int(by_ground[0])
     assert 0 < int(result["rebounds_redrawn"]) < stochastic
     assert all(int(result[f"rebounds_out_of_{of}"]) <= stochastic for of in ("speed", "angle"))
+
+
+STOCHASTIC = "stochastic impact model of Bourrier et al. (2009)"
+TABLES = "tables of impacts of rockfall's laboratory"
+
+
+def test_a_result_names_the_models_of_its_rebounds(whole, tmp_path):
+    """In English in its file, whatever is spoken; a case may name sets that it does not follow."""
+    classical = "rockyfor3d; pfeiffer bowen; constant; bourrier hungr"
+    _, result = whole
+    start, _, last = result.attrs["source"].partition("classical models: ")
+    assert start == f"rockfall {rockfall.__version__}, {STOCHASTIC}; "
+    assert sorted(last.split("; ")) == sorted(classical.split("; "))
+    for groups, models in (
+        ({}, STOCHASTIC),
+        ({"impact": {"form": "table", "table": "talus"}}, TABLES),
+        ({"surface": {"ground": "rock_ledge"}}, "classical models: constant"),
+        ({"surface": {"ground": "soil_0"}}, "no rebounds"),
+    ):
+        place_ = {**place(), "case": {"boulders": 3}}
+        case = case_in(tmp_path, **place_, **groups)
+        with speaking("de"):
+            found = rockfall.run(case, dem=rough(), transform=grid(rough()))
+        assert found.attrs["source"] == f"rockfall {rockfall.__version__}, {models}"
+        with speaking("fr"):
+            rows = dict(provenance(found)["table"].rows)
+        assert rows["programme"].startswith(f"rockfall {rockfall.__version__}, ")
+        assert models not in rows["programme"]
+        (named,) = (rows[name] for name in rows if "paramètres" in name)
+        assert ("aucun rebond ne l'a suivi" in named) == (models != STOCHASTIC)
 
 
 def test_threads_and_chunks_change_nothing(whole):

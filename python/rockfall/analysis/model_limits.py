@@ -123,6 +123,16 @@ def ground_part(rebounds: GroundRebounds) -> Text:
     )
 
 
+def followed_text(values: Variables, case_set: str) -> str:
+    """Grounds that rebounds followed, with their models and fractions, the most frequent first;
+    without grounds the impact sets of the case."""
+    grounds = sorted(rebounds_by_ground(values), key=lambda ground: -ground.rebounds)
+    if not grounds:
+        return say("inputs.impact_sets", impact_set=case_set)
+    made = [ground for ground in grounds if ground.rebounds]
+    return say("model.several", parts=[*map(ground_part, made)]) if made else say("label.none")
+
+
 def _part_of_all(grounds: Iterable[GroundRebounds], values: Variables) -> Text:
     """Rebounds on some grounds, of all."""
     rebounds = sum(ground.rebounds for ground in grounds)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.lines.samples import LineSamples
-from rockfall.analysis.model_limits import ground_part
+from rockfall.analysis.model_limits import followed_text
 from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.case_zones import case_zones
 from rockfall.errors import RockfallError
@@ -28,7 +28,6 @@ from rockfall.plots.extent import reached
 from rockfall.plots.style import styled
 from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import number
-from rockfall.result.grounds import rebounds_by_ground
 from rockfall.result.samples import has_rows, simulated
 from rockfall.scene.read import read_scene
 
@@ -76,7 +75,7 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
         (say("label.boulders"), Number(f"{simulated(result):,}")),
         (say("inputs.volume_m"), volumes),
         (say("inputs.density_kg_m"), _density(case, "source_feature" in result)),
-        (say("label.rebounds"), _rebounds(result)),
+        (say("label.rebounds"), followed_text(result, str(result.attrs["impact_set"]))),
     ]
     rows += [(say("inputs.evaluation_lines_and_barriers"), lines)] if lines else []
     rows += [(say("label.barriers"), nets)] if nets else []
@@ -84,15 +83,6 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
     if has(case, "forest"):
         rows += [(say("inputs.trees"), say("inputs.trees_stand_on_the_slope"))]
     return Table(say("inputs.what_the_run_was_given"), ("", say("label.value")), rows, "inputs")
-
-
-def _rebounds(result: xr.Dataset) -> str:
-    """Rebound models that were used, the most frequent first."""
-    grounds = sorted(rebounds_by_ground(result), key=lambda ground: -ground.rebounds)
-    if not grounds:
-        return say("inputs.impact_sets", impact_set=result.attrs["impact_set"])
-    made = [ground for ground in grounds if ground.rebounds]
-    return "; ".join(map(ground_part, made)) or say("label.none")
 
 
 def _file(name: str) -> str:

@@ -32,7 +32,7 @@ from rockfall.protection.barriers import barrier_rows
 from rockfall.protection.dams import dams_of
 from rockfall.protection.stands import stands_of
 from rockfall.quantities import QUANTITIES, number, percent, statistic
-from rockfall.result.grounds import rebounds_by_ground, stochastic_fraction
+from rockfall.result.grounds import models_text, rebounds_by_ground, sets_followed
 from rockfall.text.comparison import notes
 from rockfall.text.comparison import tables as comparison_tables
 from rockfall.text.design import check_head, check_row, demand_rows, load_rows
@@ -234,8 +234,7 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
     attrs = {key: str(value) for key, value in result.attrs.items()}
     case, is_complete = case_of(result), bool(result.attrs["complete"])
     program, _, _ = attrs["source"].partition(", ")
-    if stochastic_fraction(result):
-        program = f"{program}, {say('tables.stochastic_model')}"
+    program = f"{program}, {models_text(result)}"
     clocks = {clock: result.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu")}
     requested = int(attrs["boulders_requested"])
     total = "boulders_total" in case.case
@@ -279,8 +278,10 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
 
 def _impact_set(result: xr.Dataset) -> Iterator[tuple[str, str]]:
     """File of the case's impact sets, with a note if no rebound followed any."""
-    text = f"{result.attrs['impact_set']}, SHA-256 {result.attrs['impact_set_checksum']}"
-    unused = "" if stochastic_fraction(result) else say("tables.no_rebound_followed_it")
+    name = str(result.attrs["impact_set"])
+    text = f"{name}, SHA-256 {result.attrs['impact_set_checksum']}"
+    is_used = name in sets_followed(result, name)
+    unused = "" if is_used else say("tables.no_rebound_followed_it")
     yield say("tables.impact_set"), text + unused
 
 

@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall.analysis.hazard.classes import CLASSES, Matrix
 from rockfall.analysis.hazard.files import HAZARD_COLOURS
-from rockfall.case import FROM_ARRAY, case_in
+from rockfall.analysis.model_limits import followed_text
+from rockfall.case import case_in
+from rockfall.case_files import read_names
 from rockfall.language import Number, localised, say
 from rockfall.plots.cartography.sheet import (
     INCH,
@@ -28,6 +30,7 @@ from rockfall.plots.cartography.sheet import (
 from rockfall.plots.hazard_figures import HATCH, OPAQUE, begun, draw_zones
 from rockfall.plots.style import INK, STYLE, plain, styled
 from rockfall.quantities import number
+from rockfall.result.grounds import models_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -229,14 +232,16 @@ def _write_method(block: _Block, hazard: xr.Dataset) -> None:
 
 def _write_sources(block: _Block, hazard: xr.Dataset, sheet: Sheet) -> None:
     block.write(say("sheet.sources"), NORMAL, "bold")
-    named = (name for _, name in case_in(hazard.attrs).files() if name != FROM_ARRAY)
-    files = list(dict.fromkeys(Path(name).name for name in named))
+    files = read_names(case_in(hazard.attrs))
     more = [f"+ {len(files) - MAX_FILES}"] if len(files) > MAX_FILES else []
     block.write(", ".join([*files[:MAX_FILES], *more]) or say("sheet.no_files"), SMALL, most=3)
+    followed = followed_text(hazard, str(hazard.attrs["impact_set"]))
+    block.write(say("sheet.rebounds", followed=followed), SMALL, most=6)
     crs = hazard["crs"].attrs
     block.write(crs_text(crs) if named_crs(crs) else say("sheet.no_crs"), SMALL, most=2)
     block.write(f"1:{localised(f'{sheet.scale / INCH:,.0f}')} ({sheet.paper})", SMALL)
-    block.write(str(hazard.attrs["source"]), SMALL, most=2)
+    program, _, _ = str(hazard.attrs["source"]).partition(", ")
+    block.write(f"{program}, {models_text(hazard)}", SMALL, most=4)
     block.skip()
 
 

@@ -10,7 +10,8 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from rockfall.case import FROM_ARRAY, case_of
+from rockfall.case import case_of
+from rockfall.case_files import read_names
 from rockfall.io.raster import write_geotiff
 from rockfall.language import Number, say, speaking, word
 from rockfall.plots.cartography.relief import INDEX, contours_of
@@ -24,6 +25,7 @@ from rockfall.qgis_project.layout import Texts, layout
 from rockfall.quantities import with_unit
 from rockfall.result.classes import UNITS
 from rockfall.result.export import crs_wkt
+from rockfall.result.grounds import models_text
 from rockfall.result.map_labels import map_label
 from rockfall.result.passages import PASSED
 from rockfall.result.qgis_style import contour_style, write_relief
@@ -214,9 +216,10 @@ def _texts(
 ) -> Texts:
     """Texts of a layout: who and when, contours, coordinate system, data, program and seed."""
     crs = data["crs"].attrs
-    named = (name for _, name in case_of(data).files() if name != FROM_ARRAY)
-    files = list(dict.fromkeys(Path(name).name for name in named))
+    files = read_names(case_of(data))
     more = [f"+ {len(files) - MAX_FILES}"] if len(files) > MAX_FILES else []
+    program, _, _ = str(data.attrs["source"]).partition(", ")
+    seed = say("qgis.seed", seed=Number(str(data.attrs["seed"])))
     return Texts(
         title,
         theme,
@@ -230,7 +233,7 @@ def _texts(
             *(layer.title for layer in relief[:1]),
             crs_text(crs) if named_crs(crs) else say("sheet.no_crs"),
             f"{say('sheet.sources')}: {', '.join([*files[:MAX_FILES], *more])}",
-            f"{data.attrs['source']}, {say('qgis.seed', seed=Number(str(data.attrs['seed'])))}",
+            f"{program}, {models_text(data)}, {seed}",
         ],
         say("qgis.scale"),
         say("qgis.printed"),

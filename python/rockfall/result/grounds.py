@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.grounds import ABSORBS, IMPACT_SETS, TABLES
+from rockfall.language import Text, say, speaking, word
+from rockfall.version import __version__
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -44,6 +46,27 @@ def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:
         GroundRebounds(str(name), str(model), int(count), int(count) / total, float(radius))
         for name, model, count, radius in zip(names, models, counts, radii, strict=True)
     ]
+
+
+def source_text(values: Variables) -> str:
+    """Program and what the rebounds of a run follow, in English, for its file."""
+    with speaking("en"):
+        return f"rockfall {__version__}, {models_text(values)}"
+
+
+def models_text(values: Variables) -> Text:
+    """Models that the rebounds of a run follow: the stochastic impact model, tables of impacts,
+    classical models by name."""
+    grounds = rebounds_by_ground(values)
+    followed = {ground.model for ground in grounds if ground.rebounds}
+    parts = []
+    if IMPACT_SETS in followed or not grounds:
+        parts.append(say("tables.stochastic_model"))
+    if followed.intersection(TABLES):
+        parts.append(say("tables.impact_tables"))
+    if classical := dict.fromkeys(ground.model for ground in classical_grounds(values)):
+        parts.append(say("tables.classical_models", models=[*map(word, classical)]))
+    return say("model.several", parts=parts or [say("tables.no_rebounds")])
 
 
 def stochastic_fraction(values: Variables) -> float:

@@ -16,6 +16,7 @@ from rockfall.io.grid import row_blocks
 from rockfall.result import variables
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import CONVENTIONS, centre_variables, feature_names, provenance
+from rockfall.result.grounds import source_text
 from rockfall.result.run_arrays import Array
 from rockfall.result.variables import fields
 from rockfall.simulation.maps import HITS, boulders_per_cluster, plan_of
@@ -57,8 +58,11 @@ def make_result(tally: Tally, maps: bool = True) -> Contents:
     data |= trajectory_variables(tally.trajectories)
     bins = (name for name in data if name.endswith("_bin"))
     names = {"boulder", "line", "feature", "ground", "ground_model", "threshold", "x", "y", *bins}
-    history = {"history": f"rockfall {__version__}: run of {tally.scene.case.name}"}
-    return Contents(data, run_attributes(tally) | history, names)
+    own = {
+        "source": source_text({name: values for name, (_, values, _) in data.items()}),
+        "history": f"rockfall {__version__}: run of {tally.scene.case.name}",
+    }
+    return Contents(data, run_attributes(tally) | own, names)
 
 
 def table_variables(tally: Tally, *groups: str) -> dict[str, Any]:
@@ -245,7 +249,8 @@ def _ground_attributes(tally: Tally) -> dict[str, str]:
 
 
 def run_attributes(tally: Tally) -> dict[str, Any]:
-    """Attributes of a result, or of a part, that describe its run."""
+    """Attributes of a result, or of a part, that describe its run. The source is that of parts,
+    which rockfall-batch writes, too; a result has its own."""
     scene = tally.scene
     return {
         "Conventions": CONVENTIONS,

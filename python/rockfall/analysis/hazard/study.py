@@ -48,6 +48,7 @@ from rockfall.io.input_warnings import InputWarning, stored_warnings
 from rockfall.language import packed
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import read_result
+from rockfall.result.grounds import rebounds_by_ground, source_text
 from rockfall.result.samples import simulated
 from rockfall.scene.frames import frame_files, of_frames
 from rockfall.scene.plausible import implausible, input_warnings
@@ -241,6 +242,7 @@ class _Run:
         self.variable_attrs = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
+        self.grounds = rebounds_by_ground(result)
         without_objects = result.drop_vars("line_speed", errors="ignore")  # zones end at any edge
         self.warnings = model_warnings(without_objects, case_of(result))
 
@@ -274,10 +276,28 @@ def _dataset(study: Study, runs: list[_Run]) -> xr.Dataset:
         values |= _segments(study, runs, matrix)
         labels = np.array(study.segments.labels, dtype=object)
         data["segment"] = ("segment", labels, {"long_name": "road, and chainage of the segment"})
+    values |= _grounds(runs)
+    if "ground" in values:
+        data["ground"] = ("ground", values["ground"], {"long_name": "name of the ground"})
     for name, variable in TABLE.items():
         if name in values:
             data[name] = (variable.dims, values[name], variable.about(case))
-    return Contents(data, _attributes(study, runs), COORDINATES).dataset()
+    attrs = _attributes(study, runs) | {"source": source_text(values)}
+    return Contents(data, attrs, COORDINATES).dataset()
+
+
+def _grounds(runs: list[_Run]) -> dict[str, np.ndarray]:
+    """Grounds, their models, and the rebounds on each in all scenarios; none where the scene has
+    only its impact sets."""
+    counts: dict[tuple[str, str], int] = {}
+    for ground in (ground for run in runs for ground in run.grounds):
+        key = ground.name, ground.model
+        counts[key] = counts.get(key, 0) + ground.rebounds
+    if not counts:
+        return {}
+    names, models = (np.array(column, dtype=object) for column in zip(*counts, strict=True))
+    rebounds = np.array([*counts.values()], "i8")
+    return {"ground": names, "ground_model": models, "rebounds_by_ground": rebounds}
 
 
 def _places(study: Study, run: _Run, matrix: Matrix) -> dict[str, tuple]:
@@ -385,7 +405,7 @@ def _segments(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nd
 
 def _attributes(study: Study, runs: list[_Run]) -> dict[str, Any]:
     first, exposed = runs[0].attrs, study.objects.exposed
-    kept = ("Conventions", "history", "source", "version", "case_file", "seed", "impact_set")
+    kept = ("Conventions", "history", "version", "case_file", "seed", "impact_set")
     kept += ("impact_set_checksum", "input_checksums", "decoded_checksums", "dams", "stands")
     kept += ("threads", "date_created")
     clocks = ("wall_seconds", "cpu_seconds")

@@ -27,7 +27,17 @@ EXTREMES = {  # maps whose extreme over the scenarios is kept
     "travel_time_min": np.fmin,
 }
 YEARLY, YEARS, PART = "year-1", "year", "1"
-COORDINATES = ("x", "y", "threshold", "return_period", "scenario", "object", "segment")
+COORDINATES = (
+    "x",
+    "y",
+    "threshold",
+    "return_period",
+    "scenario",
+    "object",
+    "segment",
+    "ground",
+    "ground_model",
+)
 
 
 class Variable(NamedTuple):
@@ -106,6 +116,9 @@ def _table() -> Iterator[tuple[str, Variable]]:
     what = "the same as ids of messages and their values, a JSON list"
     yield "scenario_messages", Variable(("scenario",), "", what)
     what = "simulated boulders that passed"
+    yield "ground_model", Variable(("ground",), "", "what rebounds on the ground follow")
+    what = "rebounds on the ground in all scenarios"
+    yield "rebounds_by_ground", Variable(("ground",), PART, what)
     yield "scenario_passages", Variable(("scenario", *each), PART, what)
     what = f"simulated boulders {energy}"
     yield "scenario_energy_exceeded", Variable(("scenario", *above), PART, what)
