@@ -40,6 +40,7 @@ from rockfall.result.map_labels import map_label
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 from rockfall.text.ensemble import ensemble_summary, orders_reversed
+from rockfall.text.summary import remark_lines
 from scenes import grid, make_case, rough, sets, write_sets
 
 TERRAIN = rough()
@@ -341,7 +342,8 @@ def test_maps_are_of_the_runs_a_and_b(tmp_path):
     assert "reach_probability_mean" not in vary(case)
     only = vary(case.replace(line=[], output={"maps": ["passages"]}))
     xr.testing.assert_equal(only["reached_runs"], found["reached_runs"])
-    assert ensemble_summary(only).count("\n") == 0
+    _, *remarks = ensemble_summary(only).splitlines()
+    assert remarks[1:] == [*remark_lines(only)]
 
 
 def test_a_line_that_some_runs_do_not_reach_has_a_share_and_nothing_else(tmp_path):
@@ -666,6 +668,22 @@ def test_the_command_writes_what_it_prints(place, capsys):
             100 * share[name], rel=0.01
         )
     assert printed.splitlines()[0] == "Slope: 8 draws of 4 runs, 60 boulders each"
+
+
+def test_an_ensemble_says_the_limits_of_its_model_as_a_run_does(tmp_path, monkeypatch):
+    """In the terminal and in its report: of tables, and of boulders faster than observed."""
+    by_table = {"impact": {"form": "table", "table": "talus", "sets": None}}
+    case = case_of(tmp_path, ensemble={"runs": 8, "source_shift": 2.0}, **by_table)
+    found, run = (
+        make(case, dem=TERRAIN, transform=grid(TERRAIN))
+        for make in (rockfall.run_ensemble, rockfall.run)
+    )
+    remarks = [*remark_lines(run)]
+    assert any("tables are hardly validated" in line for line in remarks)
+    *_, mark = (line for line in ensemble_summary(found).splitlines() if "unchanged case:" in line)
+    assert ensemble_summary(found).partition(f"{mark}\n")[2].splitlines() == remarks
+    page, _ = first_page(found, monkeypatch)
+    assert "tables are hardly validated" in page
 
 
 def test_inputs_stand_in_the_order_of_their_shares(tmp_path):

@@ -4,7 +4,7 @@ the unvalidated forest, conditions outside the data of the model, and boulders w
 of a slope.
 
 They are printed by `rockfall check` for its pilot run; by `run`, `hazard`, `design` and the report
-for their results; by `import-rockyfor3d` for its case.
+for their results; by `ensemble` for the unchanged case; by `import-rockyfor3d` for its case.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from rockfall.analysis.ensemble.sobol_indices import limits, runs_needed
 from rockfall.language import say
 from rockfall.limits import Z
 from rockfall.quantities import SHOWN, number
+from rockfall.text.summary import remark_lines
 from rockfall.text.table import table
 
 if TYPE_CHECKING:
@@ -35,7 +36,8 @@ LEAST_EXCESS = 0.005  # minimum visible difference of two indices, in whole per 
 
 
 def ensemble_summary(data: xr.Dataset) -> str:
-    """Table for reading: for each line its results side by side, inputs sorted by fraction."""
+    """Table for reading: for each line its results side by side, inputs sorted by fraction; and
+    the remarks on the model in the run of the unchanged case, which the data hold."""
     blocks, variants = data.sizes["run"], data.sizes["variant"]
     text = [
         f"{data.attrs['title'] or 'rockfall'}: {blocks} draws of {variants} runs, "
@@ -49,6 +51,8 @@ def ensemble_summary(data: xr.Dataset) -> str:
     text += [f"  {line}" for line in orders_reversed(data)]
     if any(say(UNDECIDED) in line for line in text):
         text.append(f"  {more_needed(data)}")
+    if remarks := [*remark_lines(data)]:
+        text += ["  remarks on the model, of the unchanged case:", *remarks]
     return "\n".join(text)
 
 

@@ -113,5 +113,10 @@ def _rebounds(result: Held) -> Iterator[str]:
     yield f"  {rebounds:,} rebounds" + (f", {redrawn / rebounds:.1%} redrawn" if redrawn else "")
     if forced:
         yield f"  {forced:,} rebounds limited: they would gain energy or enter the ground"
+    yield from remark_lines(result)
+
+
+def remark_lines(result: Held) -> Iterator[str]:
+    """Remarks on the model of a run, warnings marked."""
     for remark in model_remarks(result, case_of(result)):
         yield f"  {'warning: ' if remark.is_warning else ''}{remark.text}"
