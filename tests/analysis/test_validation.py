@@ -9,6 +9,7 @@ from scipy import stats
 
 import rockfall
 from programs import make_full_case, refuses
+from rockfall.analysis.models import AS_GIVEN, run_models
 from rockfall.analysis.observations import read_observed
 from rockfall.analysis.run_out import kolmogorov_smirnov
 from rockfall.analysis.validation import (
@@ -215,3 +216,73 @@ def test_a_part_weighs_as_often_as_it_was_observed(case, made, tmp_path):
     both = numbers_beside([(result, many), (short, few)])[key]
     assert both.simulated == pytest.approx((40 * parts[0].simulated + 10 * parts[1].simulated) / 50)
     assert both.observed == pytest.approx((40 * parts[0].observed + 10 * parts[1].observed) / 50)
+
+
+# ---- ground that has names
+
+
+def with_zones(case, rows):
+    """The case with these rows of its table of zones (4, -2, 77), in a file of their own."""
+    path = case.path(case.surface["table"]).with_name("named.csv")
+    path.write_text(f"zone,mean_radius,ground\n{rows}")
+    return case.replace(surface={"table": path.name}, case={"boulders": 20})
+
+
+NAMED = "4,{0},soil_0\n-2,{0},rock\n77,,meadow\n"
+
+
+def test_tables_hold_where_every_ground_has_a_name(case, made):
+    """In place of all that rebounds, as classical models do; a note says on what part."""
+    seen = read_observed(made[0] / "stops.csv")
+    named = with_zones(case, NAMED.format(0.2))
+    found = validate(named, seen, tables=["talus", "rocky-slope"], seeds=2)
+    assert found.laws[0] == AS_GIVEN and found.laws[-2:] == ("table talus", "table rocky-slope")
+    means = {of(found, law, "mean").simulated for law in (AS_GIVEN, *found.laws[-2:])}
+    assert len(means) == 3
+    (note,) = (note for note in found.notes if note.startswith("every place has a named ground"))
+    assert note.endswith(" on 58.3 % of the terrain")
+    alone = with_zones(case, NAMED.format(0.2).replace("rock", "talus"))
+    one, other = (
+        validate(own, seen, tables=["talus"], seeds=2).table.query(f"law == '{law}'")
+        for own, law in ((named, "table talus"), (alone, AS_GIVEN))
+    )
+    assert np.array_equal(one.simulated, other.simulated)
+
+
+def test_a_note_says_where_every_law_has_the_same_ground(case, made):
+    seen = read_observed(made[0] / "stops.csv")
+    part = with_zones(case, "4,0.2,\n-2,0.2,meadow\n77,0.2,\n")
+    found = validate(part, seen, tables=["talus"], seeds=2)
+    (note,) = (note for note in found.notes if "ground by name" in note)
+    assert note in run_models(part).notes
+    alone = part.replace(impact={"form": "table", "table": "talus", "sets": None})
+    law = validate(alone, seen, tables=[], seeds=2)
+    assert law.laws[0] == "table talus"
+    one, other = (each.table.query("law == 'table talus'").simulated for each in (found, law))
+    assert np.array_equal(one, other)
+
+
+def test_laws_that_hold_nowhere_are_refused(case, made):
+    seen = read_observed(made[0] / "stops.csv")
+    absorbed = with_zones(case, "4,,soil_0\n-2,,soil_0\n77,,soil_0\n")
+    with pytest.raises(rockfall.RockfallError) as caught:
+        validate(absorbed, seen, tables=["talus"], seeds=2)
+    assert str(caught.value).endswith("absorbs boulders: no other model would hold anywhere")
+
+
+@pytest.mark.parametrize("rows", ["named", "none"])
+def test_a_table_that_needs_sizes_of_rocks_is_refused_without(case, made, rows):
+    """Of all that are shipped it is left out, and a note says so."""
+    seen = read_observed(made[0] / "stops.csv")
+    bare = with_zones(case, NAMED.format(""))
+    if rows == "none":
+        surface = {"zones": None, "table": None}
+        bare = bare.replace(surface=surface, impact={"form": "table", "table": "talus"})
+    with pytest.raises(rockfall.RockfallError) as caught:
+        validate(bare, seen, tables=["meadow", "rocky-slope"], seeds=2)
+    assert str(caught.value) == (
+        f"{bare.name}: --table rocky-slope: needs sizes of rocks, which &surface lacks"
+    )
+    found = validate(bare, seen, seeds=2)
+    assert "table meadow" in found.laws and "table rocky-slope" not in found.laws
+    assert "no rocks have a size: without the tables rocky-slope" in found.notes

@@ -5,7 +5,7 @@ same places, with the same random words, so that only the models differ."""
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,8 +25,10 @@ from rockfall.grounds import (
     find_ground,
     shipped_grounds,
     table_path,
+    usual_ground,
     usual_name,
 )
+from rockfall.impact_tables import table_names
 from rockfall.io.netcdf import load_dataset
 from rockfall.language import packed, say, unpacked
 from rockfall.quantities import percent
@@ -109,8 +111,7 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
             if (gone := left_terrain(result).mean()) > 0:
                 notes.append(say("models.left", name=name, fraction=percent(gone)))
     own = next(iter(scenes.values()))
-    if (named := 1 - _own_share(_with_named_apart(own))) < 1 and named > 0:
-        notes.append(say("models.named_grounds", fraction=percent(named)))
+    notes += named_notes(own)
     table = pd.DataFrame(rows, columns=COLUMNS)
     title = case.case["title"] or case.name
     assert first is not None
@@ -158,24 +159,19 @@ def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[t
     own = _with_named_apart(as_given)
     table = GroundTable(table_path(case))
     chosen = [find_ground(case, table, name, "--ground") for name in grounds]
-    varied = {usual_name(own.case)}
+    varied = _varied(own)
+    if not _on_grounds(own, varied).any():
+        raise RockfallError(
+            f"{case.name}: all of its ground absorbs boulders: no other model would hold anywhere"
+        )
     if not _own_share(own):
-        varied = {ground.name for ground in own.grounds if ground.model != ABSORBS}
         yield AS_GIVEN, as_given
         yield from _by_sets(own, varied, notes)
     else:
         yield from _by_methods(case, as_given)
     unsized = _unsized_part(own, varied)
     if chosen:
-        needing = [rule.name for rule in chosen if rule.rocks]
-        if unsized == 1 and needing:
-            raise RockfallError(
-                f"{case.name}: --ground {needing[0]}: needs sizes of rocks, which &surface lacks"
-            )
-        if unsized > 0 and needing:
-            notes.append(
-                say("models.unsized_smooth", fraction=percent(unsized), models=", ".join(needing))
-            )
+        notes += _unsized_notes(case, "--ground", chosen, unsized)
         yield from ((rule.name, with_rocks(own, rule, rule, varied)) for rule in chosen)
         return
     shipped = GroundTable(shipped_grounds())
@@ -194,6 +190,64 @@ def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[t
         if model not in needing:
             for rule in dict.fromkeys(rules):
                 yield f"{model} {rule.name}", with_rocks(own, rule, rule, varied)
+
+
+def by_tables(
+    case: Case, own: Scene, names: Sequence[str] | None, notes: list[str]
+) -> Iterator[tuple[str, Scene]]:
+    """Scenes of a case by tables of impacts of these names in place of what `variants` varies,
+    except its own table; by default by all shipped ones, without those whose sizes of rocks are not
+    known. `own` is its own scene; `notes` collects remarks."""
+    own = _with_named_apart(own)
+    varied, is_named = _varied(own), not _own_share(own)
+    follows_table = case.impact["form"] == "table" or "ground" in case.surface
+    laws, unsized = {}, _unsized_part(own, varied)
+    for name in table_names() if names is None else names:
+        if is_named or not follows_table or name != usual_name(case):
+            law = case.replace(impact={"form": "table", "table": name}, surface={"ground": None})
+            laws[name] = law, usual_ground(law)
+    needing = [rule.name for _, rule in laws.values() if rule.rocks]
+    if names is None and unsized == 1 and needing:
+        laws = {name: law for name, law in laws.items() if name not in needing}
+        notes.append(say("models.unsized_tables", tables=", ".join(needing)))
+    notes += _unsized_notes(case, "--table", [rule for _, rule in laws.values()], unsized)
+    keeps_grounds = _grounds_of(own.rasters).ndim > 0
+    for name, (law, rule) in laws.items():
+        by_table = with_rocks(own, rule, rule, varied) if keeps_grounds else read_scene(law)
+        yield f"table {name}", by_table
+
+
+def _unsized_notes(
+    case: Case, option: str, rules: Iterable[GroundRule], unsized: float
+) -> Iterator[str]:
+    """Remark on the grounds of an option that need sizes of rocks, where this part of their ground
+    has none; refused where all has none."""
+    needing = [rule.name for rule in rules if rule.rocks]
+    if unsized == 1 and needing:
+        raise RockfallError(
+            f"{case.name}: {option} {needing[0]}: needs sizes of rocks, which &surface lacks"
+        )
+    if unsized > 0 and needing:
+        yield say("models.unsized_smooth", fraction=percent(unsized), models=", ".join(needing))
+
+
+def named_notes(own: Scene) -> Iterator[str]:
+    """Remark on the part of a terrain on which all models have the same ground, or on what they
+    vary where every place has a named ground."""
+    own = _with_named_apart(own)
+    if not (share := _own_share(own)):
+        part = _on_grounds(own, _varied(own))[~np.isnan(own.rasters.z)].mean()
+        yield say("models.all_named", fraction=percent(part))
+    elif share < 1:
+        yield say("models.named_grounds", fraction=percent(1 - share))
+
+
+def _varied(own: Scene) -> set[str]:
+    """Names of the grounds that models replace: the default one; if every place has a named ground,
+    all except absorbing ones."""
+    if _own_share(own):
+        return {usual_name(own.case)}
+    return {ground.name for ground in own.grounds if ground.model != ABSORBS}
 
 
 def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:

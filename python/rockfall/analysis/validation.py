@@ -11,7 +11,7 @@ import numpy as np
 
 from rockfall.analysis.deposits import agreement
 from rockfall.analysis.lines.values import line_values
-from rockfall.analysis.models import variants
+from rockfall.analysis.models import by_tables, named_notes, variants
 from rockfall.analysis.observations import Observed
 from rockfall.analysis.run_out import (
     RESAMPLES,
@@ -24,17 +24,12 @@ from rockfall.analysis.run_out import (
 )
 from rockfall.case import Case
 from rockfall.errors import RockfallError
-from rockfall.grounds import usual_name
-from rockfall.impact_tables import table_names
-from rockfall.scene.read import read_scene
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import run_scene
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
-    from rockfall.scene.scene import Scene
 
 SEEDS = 5
 FEWEST = 2  # seeds for an error, boulders for a distribution
@@ -90,9 +85,10 @@ def validate(
     """Run a case by its own rebound model, its impact sets, each classical model, and each table of
     impacts (those of these names, by default all shipped ones), over seeds following the case's,
     and compare each with the observations: places or distances of rest, samples and numbers at
-    lines.
+    lines. Models differ on the same ground as in `run_models`; the notes say where not.
 
-    Raises a RockfallError if no observation can be compared with a run.
+    Raises a RockfallError if no observation can be compared with a run, no ground can have another
+    model, or a table of these names needs sizes of rocks that the case lacks.
     """
     import pandas as pd
 
@@ -100,7 +96,10 @@ def validate(
         raise RockfallError(f"--seeds {seeds}: at least {FEWEST} are needed for an error")
     case = case.replace(output={"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"})
     notes: list[str] = []
-    laws = dict(_laws(case, table_names() if tables is None else tables, notes))
+    laws = dict(variants(case, (), notes))
+    own = next(iter(laws.values()))
+    laws |= by_tables(case, own, tables, notes)
+    notes += named_notes(own)
     first = int(case.case["seed"]) + 1
     numbers = tuple(range(first, first + seeds))
     rows: list[dict[str, Any]] = []
@@ -122,16 +121,6 @@ def validate(
     title = case.case["title"] or case.name
     boulders = next(iter(laws.values())).boulders
     return Validation(title, boulders, numbers, tuple(laws), table, tuple(notes))
-
-
-def _laws(case: Case, tables: Sequence[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
-    """Scenes by the name of their rebound model, the case's own first."""
-    yield from variants(case, (), notes)
-    by_sets = case.impact["form"] == "matrix" and "ground" not in case.surface
-    for name in tables:
-        if by_sets or name != usual_name(case):
-            law = case.replace(impact={"form": "table", "table": name}, surface={"ground": None})
-            yield f"table {name}", read_scene(law)
 
 
 def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Number]:
