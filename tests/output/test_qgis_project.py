@@ -163,6 +163,10 @@ def test_legends_are_in_the_language_and_without_rows_of_bands(project):
     texts = [one.get("labelText") for one in root.iter("LayoutItem") if one.get("labelText")]
     assert "Slope" in texts and "Verfasser: A. B." in texts
     assert any("EPSG:32632" in text for text in texts)
+    assert any("Aufprallmodell von Bourrier et al. (2009)" in text for text in texts)
+    assert any("dem.tif" in text for text in texts) and not any(
+        "sets.nml" in text for text in texts
+    )
     for one in root.iter("layer-tree-layer"):
         layer = layers_of(root)[one.get("id")]
         rows = len(list(layer.iter("item"))) + len(list(layer.iter("paletteEntry")))
