@@ -12,14 +12,17 @@ from rockfall.analysis.line_statistics import numbers_of
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.samples import Counts, Values
 from rockfall.analysis.run_until import run_until
+from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.html_report.page import report
+from rockfall.language import LANGUAGES, speaking
 from rockfall.limits import SAMPLE_BINS, SAMPLE_COARSE, SAMPLE_EDGES
-from rockfall.result.samples import simulated
+from rockfall.result.samples import kept_note, simulated
 from rockfall.result.validate import check_values
 from rockfall.scene.read import read_scene
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_scene
+from rockfall.text.design import design_text
 from rockfall.text.summary import summary
 from same import same, same_numbers
 from scenes import case_in, grid, rough
@@ -217,6 +220,39 @@ def test_what_needs_rows_says_so_and_the_rest_works(counted, tmp_path):
     ):
         with pytest.raises(RockfallError, match="needs rows of"):
             ask()
+
+
+def kept_with_a_net(case):
+    """A run that keeps rows of 60 of its 3,000 boulders, with a net."""
+    net = {"name": "net", "x": [0.0, 300.0], "y": [300.0, 300.0], "height": 3.0, "capacity": 500.0}
+    return run(case.replace(output={"kept": 60}, barrier=[net]))
+
+
+def test_a_design_says_from_which_boulders_it_is(case, tmp_path, capsys, blank_figures):
+    result, file = kept_with_a_net(case), tmp_path / "some.nc"
+    note = "From the 60 of 3,000 boulders that were kept."
+    assert kept_note(result) == rockfall.design(result).kept == note
+    assert f"Warning: {note}" in design_text(rockfall.design(result))
+    assert note in summary(result).split("barrier (95 %)")[1]
+    assert report(result).count(f"{note}</") == 2  # at the sheet, and at what barriers did
+    assert kept_note(run(case)) == rockfall.design(run(case)).kept == ""
+    openpyxl, docx = pytest.importorskip("openpyxl"), pytest.importorskip("docx")
+    rockfall.write_result(result, file)
+    for language in LANGUAGES:
+        folder, words = tmp_path / language, ["--tables", "xlsx", "docx", "--language", language]
+        assert main(["design", str(file), "-o", str(folder), *words]) == 0
+        assert main(["export", str(file), str(folder / "export"), *words]) == 0
+        with speaking(language):
+            said = kept_note(result)
+            page = report(result)
+        assert page.count(f"{said}</") == 2, language
+        for name in ("design", "export/tables"):
+            document = docx.Document(folder / f"{name}.docx")
+            assert any(said in each.text for each in document.paragraphs), (language, name)
+            book = openpyxl.load_workbook(folder / f"{name}.xlsx")
+            rows = book["provenance"].iter_rows(values_only=True)
+            assert any(said in str(row[0]) for row in rows), (language, name)
+    assert note in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("kept", ["some", "'10'", 0, -3, 1.5, 2**31, "'1 to 2147483647'"])

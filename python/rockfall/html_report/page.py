@@ -235,6 +235,7 @@ def report(
             *(design_tables(sheet) if sheet else ()),
             *([barrier_table(result)] if barriers_of(result) and has_rows(result) else ()),
         ],
+        kept=[sheet.kept] if sheet and sheet.kept else [],
         factors=list(factor_lines(sheet.factors)) if sheet else [],
         hazard=endangered[1:],
         hazard_warnings=[] if hazard is None else list(hazard_warnings(hazard)),

@@ -33,6 +33,7 @@ from rockfall.protection.dams import dams_of
 from rockfall.protection.stands import stands_of
 from rockfall.quantities import QUANTITIES, number, percent, statistic
 from rockfall.result.grounds import models_text, rebounds_by_ground, sets_followed
+from rockfall.result.samples import kept_note
 from rockfall.text.comparison import notes
 from rockfall.text.comparison import tables as comparison_tables
 from rockfall.text.design import check_head, check_row, demand_rows, load_rows
@@ -85,7 +86,9 @@ def barrier_table(result: xr.Dataset) -> Table:
         for row in barrier_rows(result)
     ]  # fmt: skip
     heads = "tables.barrier", "tables.outcome", "label.boulders", "tables.fraction"
-    return Table(say("tables.barrier_caption"), [*map(say, heads)], rows)
+    note = kept_note(result)
+    caption = f"{say('tables.barrier_caption')}. {note}" if note else say("tables.barrier_caption")
+    return Table(caption, [*map(say, heads)], rows)
 
 
 def dam_tables(result: xr.Dataset) -> Iterator[Table]:

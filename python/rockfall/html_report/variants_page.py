@@ -27,7 +27,7 @@ from rockfall.html_report.validity import warnings
 from rockfall.language import Number, Text, localised, say, speaking
 from rockfall.plots.difference_figures import difference_figure
 from rockfall.quantities import QUANTITIES
-from rockfall.result.samples import simulated
+from rockfall.result.samples import kept_note, simulated
 from rockfall.text.variants import signed, value_text
 
 if TYPE_CHECKING:
@@ -110,7 +110,11 @@ def _page(
             for _, of_line in table.groupby("line", sort=False)
             for part in _on_page(of_line, on_paper)
         ],
-        notes=[say("variants.note"), say("variants.same_boulders", n=simulated(first))],
+        notes=[
+            say("variants.note"),
+            say("variants.same_boulders", n=simulated(first)),
+            *filter(None, [kept_note(first)]),
+        ],
         measures=[_measures(results, given)],
         figures=[
             picture(

@@ -19,12 +19,12 @@ from rockfall.html_report.tables import (
     line_tables,
     provenance,
 )
-from rockfall.language import catalogue, say, speaking
+from rockfall.language import catalogue, say, speaking, translated
 from rockfall.office.document import Part, write_document
 from rockfall.office.workbook import Sheet, write_workbook
 from rockfall.protection.barriers import barrier_statistics, barriers_of
 from rockfall.protection.design import Design
-from rockfall.result.samples import has_rows
+from rockfall.result.samples import has_rows, kept_note
 from rockfall.text.design import factor_lines
 
 if TYPE_CHECKING:
@@ -53,7 +53,9 @@ def put_tables(
     with speaking(language):
         facts = _facts(result, checksum)
         if "xlsx" in formats:
-            yield write_workbook([*sheets, _fact_sheet([facts])], folder / "tables.xlsx")
+            notes = [kept_note(result)] if barriers_of(result) and has_rows(result) else []
+            page = _fact_sheet([facts], _notes_of("barriers", notes))
+            yield write_workbook([*sheets, page], folder / "tables.xlsx")
         if "docx" in formats:
             parts = [*_result_parts(result), Part(say("tables.what_was_run"), [], [facts])]
             yield write_document(_title(result), parts, folder / "tables.docx")
@@ -76,11 +78,15 @@ def put_design(
         facts = {name: _facts(result, checksums[name]) for name, result in results.items()}
         if "xlsx" in formats:
             sheets = [Sheet(name, table) for name, table in tables.items()]
-            yield write_workbook([*sheets, _fact_sheet(facts.values())], folder / "design.xlsx")
+            notes = [note for name, one in designs.items() for note in _notes_of(name, [one.kept])]
+            page = _fact_sheet(facts.values(), notes)
+            yield write_workbook([*sheets, page], folder / "design.xlsx")
         if "docx" in formats:
             parts = []
             for name, design in designs.items():
-                notes = [say("office.intervals"), *design.warnings, *factor_lines(design.factors)]
+                kept = [design.kept] if design.kept else []
+                notes = [*kept, say("office.intervals"), *design.warnings]
+                notes += factor_lines(design.factors)
                 shown = [*design_tables(design), facts[name]]
                 parts.append(Part(f"{name}", notes, shown))
             title = _title(next(iter(results.values())))
@@ -114,12 +120,19 @@ def _facts(result: xr.Dataset, checksum: str) -> Table:
     return table._replace(rows=[*first, created, *table.rows])
 
 
-def _fact_sheet(facts: Iterable[Table]) -> Sheet:
-    """Sheet that says what was run, and what units and intervals are."""
+def _fact_sheet(facts: Iterable[Table], notes: Iterable[str]) -> Sheet:
+    """Sheet that says what was run, what units and intervals are, and notes on numbers."""
     rows: list[Sequence[str]] = [(say("office.units"),), (say("office.intervals"),)]
+    rows += [(note,) for note in notes]
     for table in facts:
         rows += [("",), *((str(name), str(value)) for name, value in table.rows)]
     return Sheet("provenance", rows)
+
+
+def _notes_of(name: str, notes: Iterable[str]) -> Iterator[str]:
+    """Notes that are not empty, after the name of what they are on."""
+    for note in filter(None, notes):
+        yield say("join.colon", before=name, after=translated(note))
 
 
 def _title(result: xr.Dataset) -> str:

@@ -27,7 +27,7 @@ from rockfall.protection.demand import ENDS, demand, usable
 from rockfall.protection.factors import BACK_ANALYSED, Conditions, Factors, read_factors
 from rockfall.protection.selection import choices, read_costs, residual_of
 from rockfall.result.grounds import classical_grounds
-from rockfall.result.samples import check_rows
+from rockfall.result.samples import check_rows, kept_note
 from rockfall.result.trajectories import flags_of
 
 if TYPE_CHECKING:
@@ -61,7 +61,8 @@ class Design:
     `checks`: of each barrier; `choices`: for each line and EAD class the height that leaves at most
     `residual`; `along`: as `demand`, for windows of a line; None unless requested. Their column
     `unconfirmed` names the unconfirmed assumptions of the loads (rebounds, forest, logs): a check
-    that passes under them is not proven. `warnings` are the remarks on the model.
+    that passes under them is not proven. `warnings` are the remarks on the model. `kept` says of
+    which boulders the numbers are where a run did not keep all; else "".
     """
 
     factors: Factors
@@ -72,6 +73,7 @@ class Design:
     choices: pd.DataFrame
     along: pd.DataFrame | None
     warnings: tuple[str, ...] = ()
+    kept: str = ""
 
 
 def design(
@@ -131,6 +133,7 @@ def design(
         choices=_table(chosen, _CHOICES),
         along=parts,
         warnings=tuple(model_warnings(result, case)),
+        kept=kept_note(result),
     )
 
 

@@ -18,7 +18,7 @@ from rockfall.protection.dams import dams_of
 from rockfall.protection.stands import stands_of
 from rockfall.quantities import QUANTITIES, TOO_FEW, Quantity, percent
 from rockfall.result.grounds import GroundRebounds, rebounds_by_ground
-from rockfall.result.samples import simulated
+from rockfall.result.samples import kept_note, simulated
 from rockfall.result.trajectories import ended
 from rockfall.text.dams import dam_lines
 from rockfall.text.stands import stand_lines
@@ -39,6 +39,7 @@ def summary(result: Held) -> str:
         lines.append(table(_passages(result)))
     if barriers_of(result) and rows:
         lines.append(table(_barriers(result)))
+        lines += [f"  {note}" for note in filter(None, [kept_note(result)])]
     lines += [f"  {name}: {line}" for name, line in dam_lines(dams_of(result))]
     lines += [f"  {line}" for line in stand_lines(stands_of(result))]
     lines += [f"  until {verdict}" for verdict in verdicts_of(result)]
