@@ -255,6 +255,35 @@ def test_a_design_says_from_which_boulders_it_is(case, tmp_path, capsys, blank_f
     assert note in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("maps", [["passages"], None])
+def test_variants_of_other_rows_are_refused_in_one_line(case, tmp_path, capsys, maps):
+    def result(kept):
+        return run(case.replace(output={"kept": kept, "maps": maps}))
+
+    for name, kept in (("all", "all"), ("none", "none"), ("some", 60)):
+        rockfall.write_result(result(kept), tmp_path / f"{name}.nc")
+    needs = "needs rows of boulders, and &output kept = 'none' keeps none"
+    rows = "its number of kept boulders (60, not 3,000) differs; run variants with the same &output"
+    for pair, message in (
+        (("all", "none"), f"none: {needs}"),
+        (("none", "some"), f"none: {needs}"),
+        (("all", "some"), f"some: is no variant of all: {rows} kept"),
+    ):
+        assert main(["compare", *(str(tmp_path / f"{name}.nc") for name in pair)]) == 2
+        said = capsys.readouterr().err
+        assert message in said and said.count("\n") == 1, pair
+    assert main(["design", str(tmp_path / "none.nc"), str(tmp_path / "some.nc")]) == 2
+    assert needs in capsys.readouterr().err
+
+
+def test_a_page_of_variants_says_from_which_boulders_it_is(case, tmp_path, blank_figures):
+    some = run(case.replace(output={"kept": 60}))
+    page = tmp_path / "page.html"
+    with pytest.warns(UserWarning, match="elevations of the run came from an array"):
+        rockfall.report_variants({"a": some, "b": kept_with_a_net(case)}, page)
+    assert "From the 60 of 3,000 boulders that were kept." in page.read_text()
+
+
 @pytest.mark.parametrize("kept", ["some", "'10'", 0, -3, 1.5, 2**31, "'1 to 2147483647'"])
 def test_other_words_and_numbers_are_refused(case, kept):
     with pytest.raises(RockfallError, match="&output kept = .*: must be one of: all, none, 1 to"):

@@ -110,8 +110,13 @@ def check_variants(results: Mapping[str, xr.Dataset]) -> None:
     (name, first), *others = results.items()
     for other_name, other in [(name, first), *others]:
         check_rows(other, other_name)
-        if other.sizes["boulder"] != first.sizes["boulder"]:
+        needed = "sources, boulders and seed"
+        if simulated(other) != simulated(first):
             what = "number of boulders"
+        elif other.sizes["boulder"] != first.sizes["boulder"]:
+            kept, of_first = (result.sizes["boulder"] for result in (other, first))
+            what = f"number of kept boulders ({kept:,}, not {of_first:,})"
+            needed = "&output kept"
         elif any(not np.array_equal(first[start].values, other[start].values) for start in STARTS):
             what = "sources or volumes"
         elif first.attrs["seed"] != other.attrs["seed"]:
@@ -120,7 +125,7 @@ def check_variants(results: Mapping[str, xr.Dataset]) -> None:
             continue
         raise RockfallError(
             f"{other_name}: is no variant of {name}: its {what} differs; run variants with the "
-            "same sources, boulders and seed"
+            f"same {needed}"
         )
 
 

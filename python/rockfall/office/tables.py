@@ -78,7 +78,9 @@ def put_design(
         facts = {name: _facts(result, checksums[name]) for name, result in results.items()}
         if "xlsx" in formats:
             sheets = [Sheet(name, table) for name, table in tables.items()]
-            notes = [note for name, one in designs.items() for note in _notes_of(name, [one.kept])]
+            notes = [
+                note for name, sheet in designs.items() for note in _notes_of(name, [sheet.kept])
+            ]
             page = _fact_sheet(facts.values(), notes)
             yield write_workbook([*sheets, page], folder / "design.xlsx")
         if "docx" in formats:

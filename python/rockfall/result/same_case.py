@@ -14,6 +14,7 @@ import numpy as np
 from rockfall.case import REPEATABLE, Case, case_in, file_keys
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import corner_of
+from rockfall.result.samples import has_rows
 from rockfall.result.trajectories import lines
 
 if TYPE_CHECKING:
@@ -79,13 +80,16 @@ def _crs_name(data: xr.Dataset) -> str:
 
 
 def _extent(result: xr.Dataset) -> np.ndarray:
-    """Extent of its boulders: minimum and maximum x and y [m], (2, 2)."""
+    """Extent of its boulders: minimum and maximum x and y [m], (2, 2); that of all places where
+    neither maps nor rows tell it."""
     if "x" in result.sizes:
         half = corner_of(result["crs"].attrs)[2] / 2
         ends = [
             (result[axis].values.min() - half, result[axis].values.max() + half) for axis in "xy"
         ]
         return np.array(ends).T
+    if not has_rows(result):
+        return np.array([[-np.inf] * 2, [np.inf] * 2])
     extremes = [[result[f"{end}_{axis}"].values for end in ("start", "stop")] for axis in "xy"]
     return np.array([[np.nanmin(values), np.nanmax(values)] for values in extremes]).T
 
