@@ -218,6 +218,39 @@ def test_without_rows_maps_are_what_is_known(tmp_path):
     assert found.table["corridor_speed_max"].notna().any()
 
 
+def test_trajectories_of_boulders_that_are_not_kept_are_named(tmp_path):
+    """With advice that helps: more trajectories would not."""
+
+    def section(kept, maps):
+        output = {"trajectories": 9, "maps": maps, "kept": kept}
+        case = make_case(
+            tmp_path, *sets(), terrain={}, line=[ROAD], output=output,
+            release={"x": [150.0], "y": [380.0], "drop_height": 5.0},
+        )  # fmt: skip
+        run = rockfall.run(case, dem=Z, transform=TERRAIN[1])
+        return section_of(run, SectionLine(DOWN, 150.0), TERRAIN)
+
+    for kept, used in ((4, 4), (20, 9), ("all", 9)):
+        found = section(kept, None)
+        assert (found.recorded, found.not_kept, found.boulders) == (used, 9 - used, 50), kept
+        said, caption = " ".join(section_notes(found)), section_entry(found).caption
+        assert "9 of 50 boulders are recorded" in said, kept
+        assert ("numbers at lines and barriers need the rows" in said) == (kept != "all")
+        left_out = "5 more trajectories are recorded and left out: their boulders were not kept"
+        assert (left_out in caption) == (used < 9), kept
+        assert (left_out in section_figure(found).axes[0].get_title("left")) == (used < 9), kept
+        assert ("the 4 of them that are kept count here" in said) == (used < 9), kept
+        assert ("more: &output kept = 'all'" in said) == (used < 9), kept
+        assert ("more: &output trajectories" in said) == (used == 9), kept
+    found = " ".join(section_notes(section("none", MAPS)))
+    assert "trajectories of 9 of 50 boulders are recorded, and none of these" in found
+    with refused(
+        "section: needs rows of the 9 boulders whose trajectories are recorded, and none are "
+        "kept: run with &output kept = 'all', or a number of them"
+    ):
+        section("none", None)
+
+
 def test_maps_below_are_the_cells_of_the_line(result, wide):
     table, about = wide.table, TERRAIN[1]
     rows, columns = about.cells(table["x"].to_numpy(), table["y"].to_numpy())

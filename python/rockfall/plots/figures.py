@@ -221,7 +221,7 @@ def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[F
 
 def section_entry(section: Section) -> Figure:
     """Figure of a section along a drawn line, which says what each of its curves is of."""
-    unknown = section.unknown_energies
+    unknown, left_out = section.unknown_energies, section.not_kept
     captions = [
         say_count(
             "figures.section", section.recorded, total=section.boulders, within=section.line.within
@@ -231,6 +231,7 @@ def section_entry(section: Section) -> Figure:
         say("figures.section_blank", mean=MIN_FOR_MEAN, quantile=fewest_for(0.95)),
         *([say("figures.section_heights")] if section.lacks_heights else []),
         *([say_count("figures.section_unknown", unknown)] if unknown else []),
+        *([say_count("figures.section_not_kept", left_out)] if left_out else []),
     ]
     return Figure(
         "section", say("figures.section_title"), " ".join(captions),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.line_statistics import with_limits
-from rockfall.language import say
+from rockfall.language import say, say_count
 from rockfall.plots.profile_figures import draw_curves, true_scale
 from rockfall.plots.style import (
     BARRIER,
@@ -91,9 +91,11 @@ def _draw_profile(axes: Axes, section: Section) -> None:
 
 
 def _bases(section: Section) -> str:
-    """Boulders behind the numbers of a section."""
+    """Boulders behind the numbers of a section, and those that it leaves out."""
     style = {"part": section.recorded, "n": section.boulders, "within": section.line.within}
-    return say("axis.recorded_of", **style)
+    left_out = section.not_kept
+    more = [say_count("figures.section_not_kept", left_out)] if left_out else []
+    return "\n".join([say("axis.recorded_of", **style), *more])
 
 
 def _draw_boulders(axes: Axes, section: Section) -> None:

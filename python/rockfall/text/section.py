@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.analysis.lines.crossed_lines import DAM
 from rockfall.analysis.lines.envelopes import QUANTITIES as OF_SECTION
 from rockfall.analysis.lines.envelopes import fewest_for
 from rockfall.analysis.lines.section import RECORDED
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from rockfall.analysis.lines.section import Section
 
 ROWS = 20  # stations printed, at most
+KEEP = "&output kept = 'all', or a larger number"
 LENGTHS = ("distance", "x", "y", "elevation", "height")
 SHOWN = ("energy_total", "passing_height", "speed")
 SYMBOLS = {"energy_total": "E", "jump_height": "j", "passing_height": "h", "speed": "v"}
@@ -81,12 +83,21 @@ def section_text(section: Section) -> str:
 
 def section_notes(section: Section) -> Iterator[str]:
     """Limits of the numbers of a section."""
+    boulders = count(section.boulders, "boulder")
     if section.recorded:
         most = int(section.table["recorded_n"].max())
+        recorded = f"{section.recorded + section.not_kept:,} of {boulders} are recorded"
+        if section.not_kept:
+            recorded += f", the {section.recorded:,} of them that are kept count here"
         yield (
-            f"{section.recorded:,} of {count(section.boulders, 'boulder')} are recorded, at most "
-            f"{most:,} cross a station in the corridor: a mean needs {MIN_FOR_MEAN}, a 95 % "
-            f"quantile {fewest_for(0.95)}, and is blank below; more: &output trajectories"
+            f"{recorded}, at most {most:,} cross a station in the corridor: a mean needs "
+            f"{MIN_FOR_MEAN}, a 95 % quantile {fewest_for(0.95)}, and is blank below; more: "
+            f"{KEEP if section.not_kept else '&output trajectories'}"
+        )
+    elif section.not_kept:
+        yield (
+            f"the trajectories of {section.not_kept:,} of {boulders} are recorded, and none of "
+            f"these boulders are kept, so that none count here: {KEEP}"
         )
     else:
         yield "no trajectories of boulders that moved are recorded: &output trajectories"
@@ -96,6 +107,8 @@ def section_notes(section: Section) -> Iterator[str]:
             "boulders; &output maps = 'passages', 'energy_q95', 'energy_max', 'passing_height_q95' "
             "and so on"
         )
+    if section.lines.loc[section.lines["kind"] != DAM, "n"].isna().any():
+        yield "numbers at lines and barriers need the rows of all boulders: &output kept = 'all'"
     if section.lacks_heights:
         yield (
             "heights of recorded trajectories are blank where the terrain of the run is not known, "

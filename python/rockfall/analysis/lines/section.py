@@ -54,7 +54,8 @@ class Section:
     boulder, elevation of its point, and QUANTITIES. `paths` are up to 200 of the trajectories
     within the corridor: distance along the section and elevation (2, n), NaN outside. `recorded`
     trajectories are behind it, of `boulders`; `has_maps` tells whether the result has maps of these
-    quantities.
+    quantities. `not_kept` more trajectories are recorded of boulders whose rows are not kept, and
+    left out: their sizes and masses are not known.
     """
 
     line: SectionLine
@@ -65,6 +66,7 @@ class Section:
     recorded: int
     boulders: int
     has_maps: bool
+    not_kept: int = 0
 
     @property
     def lacks_heights(self) -> bool:
@@ -97,7 +99,14 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
     stations = stations_of(line)
     mapped = section_maps.has_maps(result)
     motion, boulders = motion_of(result), result["boulder"].values
-    moves = np.isin(motion.boulder, boulders) & (motion.start != motion.end)[:3].any(axis=0)
+    moves = (motion.start != motion.end)[:3].any(axis=0)
+    not_kept = np.setdiff1d(motion.boulder[moves], boulders).size
+    moves &= np.isin(motion.boulder, boulders)
+    if not (moves.any() or mapped) and not_kept:
+        raise RockfallError(
+            f"section: needs rows of the {not_kept:,} boulders whose trajectories are recorded, "
+            "and none are kept: run with &output kept = 'all', or a number of them"
+        )
     if not moves.any() and not mapped:
         raise RockfallError(
             "section: the result has neither trajectories of boulders that moved (&output "
@@ -131,6 +140,7 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
     return Section(
         line, pd.DataFrame(table, columns=COLUMNS).assign(**attrs), lines, pd.DataFrame(columns),
         _paths(motion, line, np.concatenate(crossing)), rows.size, simulated(result), mapped,
+        not_kept,
     )  # fmt: skip
 
 
