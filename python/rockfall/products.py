@@ -16,7 +16,7 @@ from rockfall.analysis.lines.stations import SectionLine
 from rockfall.analysis.models import read_models
 from rockfall.analysis.observations import Observed, read_observed
 from rockfall.case_files import files_behind
-from rockfall.errors import need
+from rockfall.errors import RockfallError, need
 from rockfall.html_report.inputs import Parties
 from rockfall.html_report.page import check_page, write_report
 from rockfall.html_report.spread import check_models
@@ -39,6 +39,7 @@ from rockfall.result.classes import read_limits
 from rockfall.result.dataset import read_result
 from rockfall.result.export import EXPORTED, Chosen, crs_wkt, put_export
 from rockfall.result.same_case import check_same_case
+from rockfall.result.samples import has_rows
 from rockfall.scene.layers import file_checksum
 
 if TYPE_CHECKING:
@@ -196,8 +197,18 @@ def figures(
     True
     """
     drawn = _drawn(result, dem, observed, basemap, limits)
-    inputs = [*_given(result, dem, observed, basemap), *files_behind(drawn.result)]
-    return write_figures(figures_of(*drawn), folder, format, inputs)
+    shown, inputs = figures_of(*drawn), _given(result, dem, observed, basemap)
+    if not has_rows(drawn.result):
+        need_rows = "need rows of boulders, and &output kept = 'none' keeps none"
+        if not shown:
+            raise RockfallError(
+                f"no figure can be drawn: run-outs, stops and numbers at lines {need_rows}; maps, "
+                "trajectories and rebounds are not in the result (&output)"
+            )
+        warnings.warn(
+            f"run-outs, stops and numbers at lines are not drawn: they {need_rows}", stacklevel=1
+        )
+    return write_figures(shown, folder, format, [*inputs, *files_behind(drawn.result)])
 
 
 def section(
@@ -243,7 +254,7 @@ def _section(
     remarks: list[str] = []
     vertices = drawn_line(line, layer, _grid(result, terrain), remarks)
     for remark in remarks:
-        warnings.warn(remark, stacklevel=3)
+        warnings.warn(remark, stacklevel=2)
     return section_of(result, SectionLine(vertices, within, every), terrain)
 
 

@@ -473,6 +473,16 @@ def test_command(place, capsys):
     assert main(["section", "case.nc", "--line", quoted, "-o", "far.csv"]) == 0
 
 
+def test_the_command_says_that_a_layer_was_reprojected(place, capsys):
+    pytest.importorskip("matplotlib", reason="the report extra is not installed")
+    shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+    ends = [(10.257, 45.1532), (10.257, 45.1525)]
+    layer = make_layer(place / "down.gpkg", [shapely.LineString(ends)], crs="EPSG:4326")
+    assert main(["run", "case.nml", "--quiet"]) == 0
+    assert main(["section", "case.nc", "--line", str(layer)]) == 0
+    assert "warning: " + str(layer) + ": reprojected from EPSG:4326" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("language", ["de", "fr", "it"])
 def test_every_text_of_the_figure_is_translated(language, wide):
     with speaking(language):

@@ -17,6 +17,7 @@ from rockfall.errors import RockfallError
 from rockfall.html_report.page import report
 from rockfall.language import LANGUAGES, speaking
 from rockfall.limits import SAMPLE_BINS, SAMPLE_COARSE, SAMPLE_EDGES
+from rockfall.plots.figures import figures
 from rockfall.result.samples import kept_note, simulated
 from rockfall.result.validate import check_values
 from rockfall.scene.read import read_scene
@@ -282,6 +283,25 @@ def test_a_page_of_variants_says_from_which_boulders_it_is(case, tmp_path, blank
     with pytest.warns(UserWarning, match="elevations of the run came from an array"):
         rockfall.report_variants({"a": some, "b": kept_with_a_net(case)}, page)
     assert "From the 60 of 3,000 boulders that were kept." in page.read_text()
+
+
+def test_figures_that_need_rows_are_named_and_maps_are_of_all(case, counted, tmp_path, capsys):
+    pytest.importorskip("matplotlib", reason="the report extra is not installed")
+    bare = case.replace(output={"kept": "none", "maps": None, "trajectories": 0})
+    why = "need rows of boulders, and &output kept = 'none' keeps none"
+    rockfall.write_result(run(bare), tmp_path / "bare.nc")
+    assert main(["figures", str(tmp_path / "bare.nc"), str(tmp_path / "no")]) == 2
+    said = capsys.readouterr()
+    assert "no figure can be drawn: run-outs, stops and numbers at lines" in said.err
+    assert why in said.err and not said.out and not (tmp_path / "no").exists()
+    rockfall.write_result(counted, tmp_path / "maps.nc")
+    assert main(["figures", str(tmp_path / "maps.nc"), str(tmp_path / "maps")]) == 0
+    said = capsys.readouterr()
+    assert f"run-outs, stops and numbers at lines are not drawn: they {why}\n" in said.err
+    assert (tmp_path / "maps" / "pass_frequency.png").exists()
+    for result in (counted, run(case.replace(output={"kept": 60}))):
+        (passages,) = (one for one in figures(result) if one.name == "pass_frequency")
+        assert passages.caption.startswith("Fraction of 3,000 boulders that pass each cell")
 
 
 @pytest.mark.parametrize("kept", ["some", "'10'", 0, -3, 1.5, 2**31, "'1 to 2147483647'"])

@@ -99,6 +99,7 @@ def figures(
     return [
         *_trajectories(result, terrain, look),
         *(_reach(result, terrain, observed, look) if rows else ()),
+        *_passages(result, terrain, observed, look),
         *(_at_lines(result, observed, drawn_lines(result, most_lines)) if rows else ()),
         *_ranges(result),
         *_rebounds(result),
@@ -168,6 +169,13 @@ def _reach(
         else say_count("figures.stops_and_observed", len(stops), boulders=boulders),
         lambda: stops_figure(result, terrain, stops, look),
     )
+
+
+def _passages(
+    result: xr.Dataset, terrain: Terrain | None, observed: Any, look: Look | None
+) -> Iterator[Figure]:
+    """Map of the fraction of all boulders that pass each cell."""
+    boulders, stops = simulated(result), None if observed is None else observed.stops
     if name := passed_map(result):
         yield Figure(
             "pass_frequency",
