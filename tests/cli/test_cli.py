@@ -99,7 +99,8 @@ HOSTILE = {
     "unknown key": (change("density", "densty"),
         r"case.nml: line 5: &boulder densty: unknown key; known: volume, .*"),
     "unknown word": (change("'energy_mean'", "'energy_mean', 'passage'"),
-        r"case.nml: &output maps \(value 3\) = 'passage': must be one of: passages, .*"),
+        r"case.nml: &output maps \(value 3\) = 'passage': must be a map, as passages(, \w+){4}; "
+        r"all: docs/result.md, Maps"),
     "NaN": (change("2800.0", "NaN"), r"case.nml: &boulder density = NaN: must be a finite .*"),
     "out of range": (change("2800.0", "-3.0"),
         r"case.nml: &boulder density = -3.0: must be > 0 \[kg/m3\]"),

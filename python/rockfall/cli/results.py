@@ -202,7 +202,7 @@ def report_command(arguments: argparse.Namespace) -> int:
     with warnings_told():
         named = {key: getattr(arguments, key) for key in REPORTED}
         if arguments.section:
-            named["section"] = drawn(arguments.section)
+            named["section"] = drawn(arguments.section, "--section")
             named |= {key: getattr(arguments, key) for key in SECTION}
         print(report(given, path, view=arguments.view, **named, **_beside(arguments)))
     return DONE

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -28,7 +29,7 @@ ENDINGS = [TABLE, *(f".{form}" for form in FORMATS)]
 def section_command(arguments: argparse.Namespace) -> int:
     path: Path = getattr(arguments, "out.nc")
     need("a section needs", "report", "matplotlib")
-    line = drawn(arguments.line)
+    line = drawn(arguments.line, "--line")
     places = _places(arguments.output or Path(f"{path.name.removesuffix('.nc')}_section.csv"))
     with open_result(path) as data:
         inputs = [path, *files_behind(data), *([line] if isinstance(line, Path) else [])]
@@ -47,15 +48,19 @@ def section_command(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def drawn(given: Sequence[str]) -> Path | list[tuple[float, float]]:
+def drawn(given: Sequence[str], option: str) -> Path | list[tuple[float, float]]:
     """Line of a section: a file, or pairs X,Y."""
     words = " ".join(given).split()
     pairs = [tuple(map(plain_decimal, word.split(","))) for word in words if word.count(",") == 1]
     if len(pairs) == len(words) > 1 and all(map(math.isfinite, itertools.chain(*pairs))):
         return [(x, y) for x, y in pairs]
-    if len(given) == 1:
+    numbers = [plain_decimal(text) for text in re.split(r"[,;\s]+", " ".join(given)) if text]
+    if len(given) == 1 and (not all(map(math.isfinite, numbers)) or Path(given[0]).exists()):
         return Path(given[0])
-    raise RockfallError(f"--line {' '.join(given)}: must be X,Y X,Y ... or a file with one line")
+    raise RockfallError(
+        f"{option} {' '.join(given)}: must be X,Y X,Y ... or a file with one line: two vertices or "
+        "more, with a space between them and a comma in each"
+    )
 
 
 def _places(output: Path) -> list[Path]:
