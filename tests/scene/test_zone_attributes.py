@@ -100,10 +100,10 @@ def test_the_standalone_program_gives_the_same_bits(case):
     ("columns", "message"),
     [
         ({"soil": [1, 2, 3]}, r"ground.gpkg: no attribute mean_radius, rg70, rg20, rg10 or ground"),
-        ({"mean_radius": [0.2, np.nan, 0.2]}, r"ground.gpkg: zone 2: mean_radius needed for meth"),
+        ({"mean_radius": [0.2, np.nan, 0.2]}, r"ground.gpkg: feature 2: mean_radius needed for"),
         ({"mean_radius": [0.2, -1.0, 0.2]}, r"feature 2: mean_radius = -1.0: must be > 0"),
         ({"mean_radius": ["0.2", "x", "0.2"]}, r"feature 2: mean_radius = x: must be a number"),
-        ({"rg70": [0.2, 0.3, 0.2]}, r"ground.gpkg: zone 1: mean_radius needed for method B"),
+        ({"rg70": [0.2, 0.3, 0.2]}, r"ground.gpkg: feature 1: mean_radius needed for method B"),
         ({"ground": ["road", "roat", "road"]}, r"feature 2: ground = .*roat"),
     ],
 )

@@ -43,7 +43,7 @@ def read_rasters(inputs: Inputs, z: np.ndarray, box: Box) -> Rasters:
     elif uniform is not None or set(columns).isdisjoint(surface):
         size = np.full(len(columns), np.nan) if uniform is None else uniform
         rasters.sizes = np.atleast_2d(np.asarray(size, dtype=float))
-        _check_sizes(inputs, rasters, columns, f"{inputs.case.name}: &surface", [""])
+        _check_sizes(inputs, rasters, columns, [f"{inputs.case.name}: &surface"])
     else:
         _read_values(inputs, rasters, box, columns)
     return rasters
@@ -133,11 +133,14 @@ def _read_zones(
     )  # fmt: skip
     of_each = np.array([zone.sizes for zone in zones.values()])
     rasters.sizes = of_each[:, [RADII.index(column) for column in columns]]
-    _check_sizes(inputs, rasters, columns, str(table_path_), [f": zone {zone}" for zone in zones])
+    places = [zone.where for zone in zones.values()]  # polygons by their number in the layer
+    if numbers is None:
+        places = [f"{table_path_}: zone {zone}" for zone in zones]
+    _check_sizes(inputs, rasters, columns, places)
 
 
 def _check_sizes(
-    inputs: Inputs, rasters: Rasters, columns: tuple[str, ...], where: str, names: list[str]
+    inputs: Inputs, rasters: Rasters, columns: tuple[str, ...], places: list[str]
 ) -> None:
     """Check that used materials have the sizes that their grounds need; for grounds that need none,
     missing sizes become zero."""
@@ -146,13 +149,11 @@ def _check_sizes(
         missing = np.isnan(rasters.sizes[k]).any()
         if need and missing and not rasters.grounds:
             method = inputs.case.surface["method"]
-            raise RockfallError(
-                f"{where}{names[k]}: {', '.join(columns)} needed for method {method}"
-            )
+            raise RockfallError(f"{places[k]}: {', '.join(columns)} needed for method {method}")
         if need and (missing or (need == 2 and not rasters.sizes[k].all())):
             name = rasters.grounds[ground].name if rasters.grounds else inputs.case.impact["sets"]
             text = f"ground '{name}' needs {', '.join(columns)}"
-            raise RockfallError(f"{where}{names[k]}: {text}{' > 0' if need == 2 else ''}")
+            raise RockfallError(f"{places[k]}: {text}{' > 0' if need == 2 else ''}")
     if rasters.grounds:
         rasters.sizes = np.where(np.isnan(rasters.sizes), 0.0, rasters.sizes)
 
