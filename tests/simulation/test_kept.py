@@ -285,8 +285,11 @@ def test_a_page_of_variants_says_from_which_boulders_it_is(case, tmp_path, blank
     assert "From the 60 of 3,000 boulders that were kept." in page.read_text()
 
 
-def test_figures_that_need_rows_are_named_and_maps_are_of_all(case, counted, tmp_path, capsys):
+def test_figures_that_need_rows_are_named_and_maps_are_of_all(
+    case, counted, tmp_path, capsys, monkeypatch
+):
     pytest.importorskip("matplotlib", reason="the report extra is not installed")
+    monkeypatch.chdir(tmp_path)  # without the impact set of the case, which has a figure
     bare = case.replace(output={"kept": "none", "maps": None, "trajectories": 0})
     why = "need rows of boulders, and &output kept = 'none' keeps none"
     rockfall.write_result(run(bare), tmp_path / "bare.nc")
