@@ -32,7 +32,7 @@ from rockfall.protection.barriers import barrier_rows
 from rockfall.protection.dams import dams_of
 from rockfall.protection.stands import stands_of
 from rockfall.quantities import QUANTITIES, number, percent, statistic
-from rockfall.result.grounds import models_text, rebounds_by_ground, sets_followed
+from rockfall.result.grounds import program_text, rebounds_by_ground, sets_followed
 from rockfall.result.samples import kept_note
 from rockfall.text.comparison import notes
 from rockfall.text.comparison import tables as comparison_tables
@@ -236,8 +236,6 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
     """Provenance of a result, and the command that reproduces it, if one can."""
     attrs = {key: str(value) for key, value in result.attrs.items()}
     case, is_complete = case_of(result), bool(result.attrs["complete"])
-    program, _, _ = attrs["source"].partition(", ")
-    program = f"{program}, {models_text(result)}"
     clocks = {clock: result.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu")}
     requested = int(attrs["boulders_requested"])
     total = "boulders_total" in case.case
@@ -249,7 +247,7 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
     else:
         released = say("tables.boulders_of_each_source")
     rows = [
-        (say("label.program"), program),
+        (say("label.program"), program_text(result)),
         (say("tables.case_file"), attrs["case_file"]),
         (say("tables.seed"), attrs["seed"]),
         (

@@ -202,9 +202,10 @@ def _end_on_mean_ground(record: np.ndarray, inertia: float) -> None:
     on = column["exit"] == ROLLS_ON
     motion = column["along_out"] ** 2 + column["across_out"] ** 2 + inertia * column["w_out"] ** 2
     left = np.maximum(0.0, motion + 2 * column["rise"])
-    factor = np.sqrt(left / np.maximum(motion, np.finfo(float).tiny))
+    moves = on & (motion > 0)
+    factor = np.sqrt(np.divide(left, motion, out=np.ones_like(motion), where=moves))
     for name in ("along_out", "across_out", "w_out"):
-        column[name][on & (motion > 0)] *= factor[on & (motion > 0)]
+        column[name] *= factor
     column["rise"][on] = 0.0
 
 
@@ -282,10 +283,10 @@ def _chosen(parts: Sequence[_Contacts], kept: int, rocks: bool) -> list[np.ndarr
     """Mark the contacts of each part that become records, `kept` in all: those of evenly spaced
     throws, so that records have followers. On rocks, where throws are many, those that need none
     before them, from flights or too fast to be followed, are of more throws than the others."""
-    if not rocks:
-        every = [np.ones_like(contacts.sequence, bool) for contacts in parts]
-        return [_of_throws(*both, kept // len(parts)) for both in zip(parts, every, strict=True)]
-    alone = [(contacts.entry == FLIGHT) | (contacts["speed_in"] > MAX_HELD) for contacts in parts]
+    alone = [
+        rocks & ((contacts.entry == FLIGHT) | (contacts["speed_in"] > MAX_HELD))
+        for contacts in parts
+    ]
     fraction = min(1.0, ALONE * kept / max(1, sum(int(which.sum()) for which in alone)))
     chosen = [
         _of_throws(contacts, which, fraction * which.sum())

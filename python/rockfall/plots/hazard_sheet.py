@@ -30,7 +30,7 @@ from rockfall.plots.cartography.sheet import (
 from rockfall.plots.hazard_figures import HATCH, OPAQUE, begun, draw_zones
 from rockfall.plots.style import INK, STYLE, plain, styled
 from rockfall.quantities import number
-from rockfall.result.grounds import models_text
+from rockfall.result.grounds import program_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -240,8 +240,7 @@ def _write_sources(block: _Block, hazard: xr.Dataset, sheet: Sheet) -> None:
     crs = hazard["crs"].attrs
     block.write(crs_text(crs) if named_crs(crs) else say("sheet.no_crs"), SMALL, most=2)
     block.write(f"1:{localised(f'{sheet.scale / INCH:,.0f}')} ({sheet.paper})", SMALL)
-    program, _, _ = str(hazard.attrs["source"]).partition(", ")
-    block.write(f"{program}, {models_text(hazard)}", SMALL, most=4)
+    block.write(program_text(hazard), SMALL, most=4)
     block.skip()
 
 

@@ -25,7 +25,7 @@ from rockfall.qgis_project.layout import Texts, layout
 from rockfall.quantities import with_unit
 from rockfall.result.classes import UNITS
 from rockfall.result.export import crs_wkt
-from rockfall.result.grounds import models_text
+from rockfall.result.grounds import program_text
 from rockfall.result.map_labels import map_label
 from rockfall.result.passages import PASSED
 from rockfall.result.qgis_style import contour_style, write_relief
@@ -218,7 +218,6 @@ def _texts(
     crs = data["crs"].attrs
     files = read_names(case_of(data))
     more = [f"+ {len(files) - MAX_FILES}"] if len(files) > MAX_FILES else []
-    program, _, _ = str(data.attrs["source"]).partition(", ")
     seed = say("qgis.seed", seed=Number(str(data.attrs["seed"])))
     return Texts(
         title,
@@ -233,7 +232,7 @@ def _texts(
             *(layer.title for layer in relief[:1]),
             crs_text(crs) if named_crs(crs) else say("sheet.no_crs"),
             f"{say('sheet.sources')}: {', '.join([*files[:MAX_FILES], *more])}",
-            f"{program}, {models_text(data)}, {seed}",
+            f"{program_text(data)}, {seed}",
         ],
         say("qgis.scale"),
         say("qgis.printed"),

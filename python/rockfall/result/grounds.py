@@ -13,6 +13,7 @@ from rockfall.language import Text, say, speaking, word
 from rockfall.version import __version__
 
 if TYPE_CHECKING:
+    import xarray as xr
     from numpy.typing import ArrayLike
 
     from rockfall.result.contents import Held
@@ -51,10 +52,17 @@ def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:
 def source_text(values: Variables) -> str:
     """Program and what the rebounds of a run follow, in English, for its file."""
     with speaking("en"):
-        return f"rockfall {__version__}, {models_text(values)}"
+        return f"rockfall {__version__}, {_models(values)}"
 
 
-def models_text(values: Variables) -> Text:
+def program_text(data: xr.Dataset) -> str:
+    """The program of a result or a hazard, and what its rebounds follow, in the language of a
+    report."""
+    program, _, _ = str(data.attrs["source"]).partition(", ")
+    return f"{program}, {_models(data)}"
+
+
+def _models(values: Variables) -> Text:
     """Models that the rebounds of a run follow: the stochastic impact model, tables of impacts,
     classical models by name."""
     grounds = rebounds_by_ground(values)
