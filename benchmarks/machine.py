@@ -11,6 +11,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]  # of the repository
 VAUJANY = ROOT / "cases/vaujany/case.nml"
 NOTHING = {"maps": None, "rebounds": False, "trajectories": 0}  # &output
+# By the lanes of rockfall_scene_type:
+LANES = {"one by one": 0, "any processor": 1, "with AVX2": 2, "with AVX-512": 3}
 
 
 def machine() -> str:

@@ -102,7 +102,7 @@ TRIALS = {
     "layers": Trial(DECISION, {"case": {"boulders_total": 800}}, ("--variant", "both"), None),
 }
 SHARDED, RESUMED, CARRIED = "in shards", "stopped and resumed", "lanes"
-LANES = {"one by one": 0, "narrow": 1, "wide": 2}  # as in rockfall_scene_type
+LANES = {"one by one": 0, "narrow": 1, "wide": 2, "masked": 3}  # as in rockfall_scene_type
 
 
 def make(folder: Path) -> None:

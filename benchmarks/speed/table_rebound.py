@@ -13,13 +13,12 @@ import argparse
 from rockfall._core import rockfall_f2py as _core
 
 import rockfall
-from benchmarks.machine import NOTHING, VAUJANY, machine
+from benchmarks.machine import LANES, NOTHING, VAUJANY, machine
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 
 RADIUS = 0.1  # of the rocks [m]
 TABLES = "talus", "meadow"
-LANES = {"with AVX2": 2, "any processor": 1, "one by one": 0}  # as in rockfall_scene_type
 
 
 def main() -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 
 import rockfall
-from benchmarks.machine import NOTHING, ROOT, VAUJANY, machine
+from benchmarks.machine import LANES, NOTHING, ROOT, VAUJANY, machine
 from rockfall.result import variables
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
@@ -84,14 +84,14 @@ def main() -> None:
         )
         print(f"{name:28}{1e9 * cpu / rebounds:12.0f}{boulders / cpu:16.0f}")
 
-    print(f"\n{'ns/rebound':28}{'one by one':>12}{'any processor':>16}{'with AVX2':>12}")
+    print(f"\n{'ns/rebound':28}" + "".join(f"{way:>16}" for way in LANES))
     for name in list(OPTIONS)[:5]:
         scene = read_scene(vaujany.replace(**OPTIONS[name]))
         row = f"{name:28}"
-        for lanes, width in enumerate((12, 16, 12)):  # as in rockfall_scene_type
+        for lanes in LANES.values():
             _core.carry_in_lanes(scene.kernel.handle, lanes)
             cpu, _, rebounds, _ = measure(scene, 1, options.repeat)
-            row += f"{1e9 * cpu / rebounds:{width}.0f}"
+            row += f"{1e9 * cpu / rebounds:16.0f}"
         print(row)
 
     print(f"\n{'threads, lines only':28}{'wall, 1 thread = 1':>20}{'CPU, 1 thread = 1':>20}")

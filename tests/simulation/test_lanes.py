@@ -12,7 +12,7 @@ from rockfall.simulation.simulate import run_scene
 from same import same_numbers
 from scenes import grid, make_case, rough, sets, status
 
-ONE_BY_ONE, NARROW, WIDE = 0, 1, 2  # as in rockfall_scene_type
+ONE_BY_ONE, NARROW, WIDE, MASKED = 0, 1, 2, 3  # as in rockfall_scene_type
 BARE = {"maps": None, "rebounds": False, "trajectories": 0}
 LINES = [
     {"name": "low", "x": [5.0, 295.0], "y": [200.0, 200.0]},
@@ -52,7 +52,7 @@ def slope(folder, line=LINES, barrier=(), **groups):
     return read_scene(case, dem=z, transform=grid(z))
 
 
-@pytest.mark.parametrize("lanes", [NARROW, WIDE])
+@pytest.mark.parametrize("lanes", [NARROW, WIDE, MASKED])
 @pytest.mark.parametrize(
     "how", [{"threads": 1}, {"threads": 4}, {"threads": 1, "chunk": 7}, {"threads": 4, "chunk": 65}]
 )
@@ -109,7 +109,7 @@ def test_what_is_asked_for_is_the_same_in_lanes(tmp_path, groups):
     alone = carried(scene, ONE_BY_ONE)
     assert "forest" not in groups or alone.trees_hit.sum() > 30
     assert "barrier" not in groups or {1, 2, 3} <= {*np.unique(alone.barrier_outcome)}
-    for lanes in (NARROW, WIDE):
+    for lanes in (NARROW, WIDE, MASKED):
         same_numbers(carried(scene, lanes), alone)
 
 
@@ -119,11 +119,11 @@ def test_extreme_scenes_are_the_same_in_lanes(name, tmp_path):
     scene = read_scene(extreme.case(tmp_path, 150), **extreme.arrays())
     alone = carried(scene, ONE_BY_ONE)
     assert alone.impacts.sum() > 20
-    for lanes in (NARROW, WIDE):
+    for lanes in (NARROW, WIDE, MASKED):
         same_numbers(carried(scene, lanes), alone)
 
 
-@pytest.mark.parametrize("lanes", [ONE_BY_ONE, WIDE])
+@pytest.mark.parametrize("lanes", [ONE_BY_ONE, MASKED])
 def test_a_line_has_the_same_crossings_among_many(tmp_path, lanes):
     """Many lines have an index of places; few are all compared with each flight."""
     random = np.random.default_rng(7)

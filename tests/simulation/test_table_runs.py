@@ -90,7 +90,7 @@ def rebounds(result):
     return rows[:, np.abs(rows[:3]).sum(axis=0) > 0]
 
 
-@pytest.mark.parametrize("lanes", [0, 1, 2])
+@pytest.mark.parametrize("lanes", [0, 1, 2, 3])
 def test_no_bit_depends_on_lanes(whole, lanes):
     case, result = whole
     scene = read_scene(case, **terrain())
@@ -242,7 +242,7 @@ def test_a_boulder_between_two_sizes_takes_both_parts(sized):
     assert not any(np.array_equal(speeds[1], speeds[k]) for k in (0, 2))
 
 
-@pytest.mark.parametrize("lanes", [1, 2])
+@pytest.mark.parametrize("lanes", [1, 2, 3])
 def test_parts_by_size_are_taken_alike_in_lanes(sized, lanes):
     volumes = {"volume": "lognormal", "volume_mean": 0.3, "volume_std": 0.4}
     case = case_in(
@@ -470,7 +470,7 @@ def test_boulders_take_off_from_rocks_within_their_relief(tmp_path, ratio):
     assert 0.5 * radius < np.concatenate(rises).max() < 5 * radius
 
 
-@pytest.mark.parametrize("lanes", [0, 1, 2])
+@pytest.mark.parametrize("lanes", [0, 1, 2, 3])
 def test_lanes_count_contacts_beyond_the_ratios_alike(tmp_path, lanes):
     """Boulders of all sizes, some beyond the table."""
     volumes = {"volume": "lognormal", "volume_mean": 0.27, "volume_std": 0.6}

@@ -1,11 +1,16 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Whether the processor has what meson.build compiles the wide lanes for. */
-int rockfall_is_wide(void)
+/* Lanes whose instructions the processor has, as meson.build compiles them and rockfall_scene_type numbers them. */
+int rockfall_supported_lanes(void)
 {
 #if defined(__x86_64__)
     __builtin_cpu_init();
-    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2");
+    if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("bmi") || !__builtin_cpu_supports("bmi2"))
+        return 1;
+    if (!__builtin_cpu_supports("avx512f") || !__builtin_cpu_supports("avx512vl") ||
+        !__builtin_cpu_supports("avx512dq") || !__builtin_cpu_supports("avx512bw"))
+        return 2;
+    return 3;
 #else
-    return 0;
+    return 1;
 #endif
 }

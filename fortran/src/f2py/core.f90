@@ -30,6 +30,7 @@ module rockfall_f2py
    use rockfall_run_loop, only: save_rest
    use rockfall_bounds, only: check_sources, boulder_count, max_volumes, max_tree_hits
    use rockfall_scene, only: feature_fields, object_reach
+   use rockfall_flights, only: lanes
    use rockfall_impact_table, only: largest_of_table => largest_block, max_held_speed
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model, &
                                model_of_table => table_model, max_grounds
@@ -1148,6 +1149,7 @@ contains
       case ("max_real"); value = max_real            ! of a case
       case ("max_name"); value = max_name            ! [characters]
       case ("max_held_speed"); value = max_held_speed  ! over sqrt(g R_b)
+      case ("lanes"); value = lanes                  ! boulders that a thread carries at a time
       case ("max_grounds"); value = max_grounds      ! of a scene
       case ("save_rest"); value = save_rest          ! minimum pause between saves over the duration of the last
       case ("z_95"); value = z_95                    ! [-]

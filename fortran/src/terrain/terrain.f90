@@ -8,8 +8,8 @@ module rockfall_terrain
    private
    public :: terrain_t, patch_t, terrain, set_window, in_window, locate, patch_position, on_terrain, is_known_at, &
              read_patch, find_coefficients
-   public :: fraction_of, height, height_at, node_height, gradient, slope_at, cell_of, cell_descent
-   public :: has_neighbours, read_window, horn, is_pit, steepness_of, max_elevation
+   public :: fraction_of, height, height_at, node_height, gradient, slope_at, cell_of, nearest_node, cell_descent
+   public :: horn, is_pit, steepness_of, max_elevation
 
    real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] maximum absolute elevation; above it: undeclared nodata
 
@@ -270,11 +270,17 @@ contains
       real(wp), intent(in) :: u, w  !! 0..1 [cells]
       integer :: at(2)
 
-      at(1) = patch%i
-      if (u >= 0.5_wp) at(1) = at(1) + 1
-      at(2) = dem%ny + 1 - patch%j
-      if (w >= 0.5_wp) at(2) = at(2) - 1
+      at(1) = int(nearest_node(real(patch%i, wp), u))
+      at(2) = dem%ny + 1 - int(nearest_node(real(patch%j, wp), w))
    end function cell_of
+
+   !> Node nearest to a position in a patch interval, from scalars.
+   elemental real(wp) function nearest_node(k, u)
+      real(wp), intent(in) :: k  !! an integer [-]
+      real(wp), intent(in) :: u  !! 0..1 [cells]
+
+      nearest_node = k + merge(1.0_wp, 0.0_wp, u >= 0.5_wp)
+   end function nearest_node
 
    !> Direction of steepest descent of a raster cell by 3x3 finite differences (Horn 1981,
    !> doi:10.1109/PROC.1981.11918), as the downhill vector -grad z, not normalised; and whether the cell is a pit (none

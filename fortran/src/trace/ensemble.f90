@@ -7,7 +7,8 @@ module rockfall_ensemble
    use rockfall_kinds, only: i8
    use rockfall_threads, only: team_size
    use rockfall_flight, only: span_t
-   use rockfall_scene_type, only: scene_t, goes_in_lanes, has_obstacles, one_by_one, narrow_lanes, wide_lanes
+   use rockfall_scene_type, only: scene_t, goes_in_lanes, has_obstacles, one_by_one, narrow_lanes, wide_lanes, &
+                                  masked_lanes
    use rockfall_outcome, only: boulder_result_t
    use rockfall_crossings, only: crossings_t, keep_crossings
    use rockfall_scratch, only: scratch_t
@@ -18,6 +19,7 @@ module rockfall_ensemble
    use rockfall_tallies, only: totals_t, prepare_scratch, add_boulder
    use rockfall_lanes, only: run_in_lanes
    use rockfall_wide_lanes, only: run_in_wide_lanes => run_in_lanes
+   use rockfall_masked_lanes, only: run_in_masked_lanes => run_in_lanes
    use rockfall_maps, only: maps_t, init_locks, free_locks, needs_visits, needs_heights, visits_t, start_visits, &
                             join_visits
    use rockfall_hit_maps, only: needs_hits
@@ -40,10 +42,10 @@ module rockfall_ensemble
    end type worker_t
 
    interface
-      !> Return 1 if the processor supports the instructions of the wide lanes, else 0.
-      integer(c_int) function is_wide() bind(c, name="rockfall_is_wide")
+      !> Lanes whose instructions the processor supports: narrow_lanes, wide_lanes or masked_lanes.
+      integer(c_int) function supported_lanes() bind(c, name="rockfall_supported_lanes")
          import :: c_int
-      end function is_wide
+      end function supported_lanes
    end interface
 
 contains
@@ -94,9 +96,11 @@ contains
 
       lanes = one_by_one
       if (goes_in_lanes(scene) .and. .not. (counts_sources(maps) .or. needs_hits(maps))) lanes = scene%lanes
-      if (is_wide() == 0) lanes = min(lanes, narrow_lanes)
+      lanes = min(lanes, supported_lanes())
       if (allocated(scene%grounds)) allocate (worker%totals%by_ground(size(scene%grounds)), source=0_i8)
-      if (lanes == wide_lanes) then
+      if (lanes == masked_lanes) then
+         call run_in_masked_lanes(scene, first, step, results, crossings, maps, next, worker%totals)
+      else if (lanes == wide_lanes) then
          call run_in_wide_lanes(scene, first, step, results, crossings, maps, next, worker%totals)
       else if (lanes == narrow_lanes) then
          call run_in_lanes(scene, first, step, results, crossings, maps, next, worker%totals)

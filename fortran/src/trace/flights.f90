@@ -3,7 +3,7 @@
 !> removed, and the last ones take their places. Each flight performs the operations of `fly` in the same order, so
 !> results are bitwise identical.
 !>
-!> Compiled twice, like rockfall_lanes.
+!> Compiled three times, like rockfall_lanes.
 module rockfall_flights
    use, intrinsic :: iso_c_binding, only: c_int, c_int64_t, c_double, c_float
    use rockfall_kinds, only: wp, i8
@@ -16,9 +16,11 @@ module rockfall_flights
    implicit none
    private
    public :: flights_t, landings_t, take_off, take_off_again, take_off_from, fly_to_landings, flight_of, landing_of
-   public :: replace_landing, read_next_corners, lanes, width, padded
+   public :: replace_landing, read_corners, read_next_corners, lanes, width, padded
 
-   integer, parameter :: lanes = 128  !! number of simultaneous flights; a multiple of `width`
+   !> Number of simultaneous flights: a multiple of `width`, and of no power of two that puts the same lane of all
+   !> arrays into the same few sets of the cache.
+   integer, parameter :: lanes = 200
    integer, parameter :: width = 4   !! flights per instruction on the widest processors
 
    !> Cell that each flight leaves.

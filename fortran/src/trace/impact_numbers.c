@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Random numbers of several impacts at a time: Philox4x32-10 and the normal quantiles of rockfall_random, to the bit.
-   Compiled twice, like rockfall_lanes; the name of the procedure is given by meson.build. Compilers multiply 64-bit
-   lanes by three products where one is enough, and gather the coefficients of the quantiles one by one. */
+   Compiled three times, like rockfall_lanes; the name of the procedure is given by meson.build. Compilers multiply
+   64-bit lanes by three products where one is enough, and gather the coefficients of the quantiles one by one. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>

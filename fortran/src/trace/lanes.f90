@@ -3,13 +3,14 @@
 !> together in loops over their common operations; then they rejoin those still in the air. Each boulder goes through
 !> the operations of `trace` in the same order, so results are bitwise identical.
 !>
-!> Compiled twice: the second time for processors with AVX2, as the module rockfall_wide_lanes.
+!> Compiled three times: for any processor; as the module rockfall_wide_lanes for AVX2; as rockfall_masked_lanes for
+!> AVX-512, where conditions become masks.
 module rockfall_lanes
-   use, intrinsic :: iso_c_binding, only: c_int, c_int64_t, c_double
+   use, intrinsic :: iso_c_binding, only: c_int, c_int64_t, c_double, c_float
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: squared_length
    use rockfall_random, only: for_impact, last_counter, words_per_block, turn_word, uniform, side_of
-   use rockfall_terrain, only: patch_t, slope_at, steepness_of, cell_of, has_neighbours, read_window, horn, is_pit
+   use rockfall_terrain, only: terrain_t, patch_t, slope_at, steepness_of, nearest_node, horn, is_pit
    use rockfall_boulder, only: inertia_factor
    use rockfall_flight, only: flight_t, landing_t, span_t, parabola_length
    use rockfall_rolling, only: roll_t, touch_t
@@ -39,16 +40,19 @@ module rockfall_lanes
    use rockfall_histogram, only: count_rebound
    implicit none
    private
-   public :: run_in_lanes, impact_numbers
+   public :: run_in_lanes, impact_numbers, read_squares
 
    integer, parameter :: batch = 16  !! boulders assigned to a thread at a time
+   integer, parameter :: lanes_with_visits = 64
    !> Number of draws not admissible below which they are redrawn one by one, which then takes less time.
    integer, parameter :: few = 2
    integer, parameter :: slots = lanes*width  !! of draws: each may be of another set
+   integer, parameter :: counters = 4  !! of the draws of a set
 
    !> Boulders of a thread, each in its own lane until it ends.
    type :: pool_t
       integer :: index(lanes) = 0                       !! index in the results
+      integer(i8) :: number(lanes) = 0                  !! of the boulder
       real(wp) :: heading1(lanes) = 0, heading2(lanes) = 0  !! after the last rebound [-]
       real(wp) :: w(lanes) = 0                          !! W = R_b omega [m/s]
       real(wp) :: v(3, lanes) = 0                       !! velocity of a boulder that has ended [m/s]
@@ -86,6 +90,9 @@ module rockfall_lanes
       real(wp), dimension(lanes) :: z1 = 0, z2 = 0, z3 = 0, u = 0, side = 0  !! random numbers [-]
       real(wp), dimension(lanes) :: ratio = 0                    !! R_b/R_m [-]
       integer(i8) :: word(lanes, words_per_block) = 0            !! random words
+      real(wp), dimension(lanes) :: column = 0, row = 0          !! the raster cell, row from the north [-]
+      real(wp), dimension(lanes) :: complete = 0                 !! it has all of its neighbours: 1 or 0
+      real(wp), dimension(lanes) :: at = 1                       !! index of its north-western neighbour
       real(wp), dimension(lanes, 9) :: z = 0                     !! elevations of the cell and its neighbours [m]
    end type contacts_t
 
@@ -113,6 +120,17 @@ module rockfall_lanes
          integer(c_int64_t), intent(inout) :: word1(*), word2(*), word3(*), word4(*)
          real(c_double), intent(inout) :: z1(*), z2(*), z3(*)    !! [-]
       end subroutine impact_numbers
+
+      !> Read n squares of nine neighbouring cells, in loops of whole vectors.
+      subroutine read_squares(n, at, columns, elevation, lanes, z) bind(c, name="rockfall_read_squares")
+         import :: c_int, c_int64_t, c_double, c_float
+         integer(c_int), value :: n
+         real(c_double), intent(in) :: at(*)      !! index of the north-western one, up to a multiple of `width`
+         integer(c_int64_t), value :: columns     !! of the raster
+         real(c_float), intent(in) :: elevation(*)     !! [m]
+         integer(c_int64_t), value :: lanes
+         real(c_double), intent(inout) :: z(lanes, *)  !! row by row, from the north-west [m]
+      end subroutine read_squares
    end interface
 
 contains
@@ -127,6 +145,7 @@ contains
       integer, intent(inout) :: next                      !! index of the next boulder
       type(totals_t), intent(inout) :: totals
       type(pool_t) :: pool
+      type(boulder_result_t) :: active(lanes)             !! results so far, of each lane
       type(scratch_t), allocatable :: scratch(:)          !! of each lane
       type(flights_t) :: flights
       type(landings_t) :: landings
@@ -148,15 +167,17 @@ contains
       end do
       if (has_tables(scene)) allocate (by_table)
       do
-         call refill(scene, first, step, results, next, pool, scratch, flights)
+         call refill(scene, first, step, results, next, pool, active, scratch, flights)
          if (flights%n == 0) exit
          call fly_to_landings(scene%dem, scene%gravity, pool%w, flights, landings, scratch)
          if (has_obstacles(scene)) then
-            call meet_obstacles(scene, first, step, results, pool, landings, flights, scratch, spans, contacts)
+            call meet_obstacles(scene, active, pool, landings, flights, scratch, spans, contacts)
          else if (allocated(scene%lines)) then
-            call record_line_crossings(scene, results, pool, landings, scratch)
+            call record_line_crossings(scene, active, pool, landings, scratch)
          end if
-         call classify_contacts(scene, sets, first, step, results, pool, landings, scratch, contacts, by_table)
+         call find_cells(scene%dem, landings, contacts)
+         if (size(sets%set) > 0) call read_elevations(scene%dem, landings%n, contacts)
+         call classify_contacts(scene, sets, active, pool, landings, scratch, contacts, by_table)
          if (size(sets%set) > 0) then
             call compute_incidence(landings, scene%gravity, scene%dem%per_cell, .true., contacts)
          else
@@ -175,16 +196,16 @@ contains
             call handle_table_contacts(scene, landings, contacts%g1, contacts%g2, contacts%steepness, contacts%word, &
                                        scratch(1)%cells_requested .or. needs_energies(scene), pool%touch, by_table)
          end if
-         call advance_boulders(scene, sets, results, pool, landings, contacts, by_table, flights, scratch)
-         call retire_boulders(scene, results, crossings, maps, landings, pool, scratch, totals)
+         call advance_boulders(scene, sets, active, pool, landings, contacts, by_table, flights, scratch)
+         call retire_boulders(scene, active, results, crossings, maps, landings, pool, scratch, totals)
       end do
    end subroutine run_in_lanes
 
-   !> Number of lanes: half of them where maps need the cells that boulders visit, which then fit in the cache.
+   !> Number of lanes: fewer where maps need the cells that boulders visit, which then fit in the cache.
    pure integer function lanes_of_run(maps) result(n)
       type(maps_t), intent(in) :: maps
 
-      n = merge(lanes/2, lanes, needs_visits(maps))
+      n = merge(lanes_with_visits, lanes, needs_visits(maps))
    end function lanes_of_run
 
    !> Collect the impact sets of the scene: those of the case or of its grounds.
@@ -224,12 +245,13 @@ contains
    end function has_tables
 
    !> Fill the free lanes with the next boulders.
-   subroutine refill(scene, first, step, results, next, pool, scratch, flights)
+   subroutine refill(scene, first, step, results, next, pool, active, scratch, flights)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first, step
       type(boulder_result_t), intent(inout) :: results(:)
       integer, intent(inout) :: next
       type(pool_t), intent(inout) :: pool
+      type(boulder_result_t), intent(inout) :: active(lanes)
       type(scratch_t), intent(inout) :: scratch(:)
       type(flights_t), intent(inout) :: flights
       type(flight_t) :: flight
@@ -247,10 +269,12 @@ contains
          lane = pool%free(pool%n_free)
          pool%index(lane) = pool%from
          pool%from = pool%from + 1
+         pool%number(lane) = first + (pool%index(lane) - 1)*step
          associate (result => results(pool%index(lane)))
-            call start_boulder(scene, first + (pool%index(lane) - 1)*step, with_all, result, flight)
+            call start_boulder(scene, pool%number(lane), with_all, result, flight)
             if (result%status /= 0) cycle
             if (needs_energies(scene)) result%energy%released = energy_head(scene%gravity, result%boulder, flight)
+            active(lane) = result
          end associate
          call clear_scratch(scene, with_all, scratch(lane))
          call set_heading(pool, lane, flight%heading(1), flight%heading(2), 0.0_wp)
@@ -274,10 +298,9 @@ contains
 
    !> Find the flights that meet an obstacle in place of the ground, and hit it. Those that may, or cross a line, are
    !> flown once more, one by one.
-   subroutine meet_obstacles(scene, first, step, results, pool, l, flights, scratch, spans, c)
+   subroutine meet_obstacles(scene, active, pool, l, flights, scratch, spans, c)
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: first, step
-      type(boulder_result_t), intent(inout) :: results(:)
+      type(boulder_result_t), intent(inout) :: active(lanes)
       type(pool_t), intent(inout) :: pool
       type(landings_t), intent(inout) :: l
       type(flights_t), intent(inout) :: flights
@@ -292,7 +315,7 @@ contains
 
       near = 0
       if (allocated(scene%lines)) call find_paths_near_lines(scene, l%n, l%x0, l%y0, l%x, l%y, near)
-      if (allocated(scene%forest)) call find_paths_to_trees(scene%forest, results, pool, l, near)
+      if (allocated(scene%forest)) call find_paths_to_trees(scene%forest, active, l, near)
       do k = 1, l%n
          c%obstructed(k) = .false.
          if (.not. near(k) > 0) cycle
@@ -300,11 +323,11 @@ contains
          flight = flights%start(lane)
          flight%heading = [pool%heading1(lane), pool%heading2(lane)]
          if (scratch(lane)%cells_requested) call take_back_path(scratch(lane)%visits)
-         associate (result => results(pool%index(lane)))
+         associate (result => active(lane))
             call fly_to_obstacle(scene, result, flight, pool%w(lane), landing, obstacle, scratch(lane), spans)
             if (obstacle%kind == none) cycle
             c%obstructed(k) = .true.
-            call hit_single(scene, first + (pool%index(lane) - 1)*step, obstacle, landing, &
+            call hit_single(scene, pool%number(lane), obstacle, landing, &
                             [flight%v(1), flight%v(2), flight%v(3) - scene%gravity*landing%time], l, k, pool, result, &
                             flight, flights, scratch(lane))
          end associate
@@ -312,17 +335,16 @@ contains
    end subroutine meet_obstacles
 
    !> Find the flights that may hit a tree.
-   subroutine find_paths_to_trees(forest, results, pool, l, near)
+   subroutine find_paths_to_trees(forest, active, l, near)
       type(forest_t), intent(in) :: forest
-      type(boulder_result_t), intent(in) :: results(:)
-      type(pool_t), intent(in) :: pool
+      type(boulder_result_t), intent(in) :: active(lanes)
       type(landings_t), intent(in) :: l
       real(wp), intent(inout) :: near(lanes)  !! raised to 1
       integer :: k
 
       do k = 1, l%n
          if (may_hit_tree(forest, l%x0(k), l%y0(k), l%time(k)*[l%v1(k), l%v2(k)], &
-                          results(pool%index(l%lane(k)))%boulder%radius)) near(k) = 1
+                          active(l%lane(k))%boulder%radius)) near(k) = 1
       end do
    end subroutine find_paths_to_trees
 
@@ -351,9 +373,9 @@ contains
    end subroutine hit_single
 
    !> Record the line crossings of the landed boulders.
-   subroutine record_line_crossings(scene, results, pool, l, scratch)
+   subroutine record_line_crossings(scene, active, pool, l, scratch)
       type(scene_t), intent(in) :: scene
-      type(boulder_result_t), intent(in) :: results(:)
+      type(boulder_result_t), intent(in) :: active(lanes)
       type(pool_t), intent(in) :: pool
       type(landings_t), intent(in) :: l
       type(scratch_t), intent(inout) :: scratch(:)
@@ -364,50 +386,111 @@ contains
       do k = 1, l%n
          if (.not. near(k) > 0) cycle
          lane = l%lane(k)
-         call record_crossings(scene, scene%gravity, results(pool%index(lane)), flight_of(l, k), landing_of(l, k), &
+         call record_crossings(scene, scene%gravity, active(lane), flight_of(l, k), landing_of(l, k), &
                                pool%w(lane), scratch(lane)%crossings)
       end do
    end subroutine record_line_crossings
 
+   !> Find the raster cells in which the flights end.
+   subroutine find_cells(dem, l, c)
+      type(terrain_t), intent(in) :: dem
+      type(landings_t), intent(in) :: l
+      type(contacts_t), intent(inout) :: c
+      real(wp) :: nx, ny, column, row, complete
+      integer :: k
+
+      nx = dem%nx
+      ny = dem%ny
+      !$omp simd private(column, row, complete)
+      do k = 1, padded(l%n)
+         column = nearest_node(l%i(k), l%u(k))
+         row = ny + 1 - nearest_node(l%j(k), l%w(k))
+         complete = merge(1.0_wp, 0.0_wp, column >= 2)
+         complete = merge(complete, 0.0_wp, row >= 2)
+         complete = merge(complete, 0.0_wp, column < nx)
+         complete = merge(complete, 0.0_wp, row < ny)
+         c%complete(k) = merge(complete, 0.0_wp, l%contact(k) > 0)
+         c%column(k) = column
+         c%row(k) = row
+      end do
+   end subroutine find_cells
+
+   !> Read the elevations of the cells and their neighbours. Where these are incomplete others are read, so that no
+   !> contact needs a branch.
+   subroutine read_elevations(dem, n, c)
+      type(terrain_t), intent(in) :: dem
+      integer, intent(in) :: n
+      type(contacts_t), intent(inout) :: c
+      real(wp), pointer, contiguous :: z8(:)
+      real(wp) :: first(2), columns, column, row
+      integer :: across(2), k, m
+
+      if (associated(dem%z8)) then
+         across = shape(dem%z8)
+         first = lbound(dem%z8)
+      else
+         across = shape(dem%z4)
+         first = lbound(dem%z4)
+      end if
+      if (any(across < 3)) return  ! none is complete
+      columns = across(1)
+      !$omp simd private(column, row)
+      do k = 1, padded(n)
+         column = merge(c%column(k) - 1, first(1), c%complete(k) > 0)
+         row = merge(c%row(k) - 1, first(2), c%complete(k) > 0)
+         c%at(k) = 1 + (column - first(1)) + (row - first(2))*columns
+      end do
+      if (.not. associated(dem%z8)) then
+         call read_squares(padded(n), c%at, int(across(1), i8), dem%z4, int(lanes, i8), c%z)
+         return
+      end if
+      z8(1:size(dem%z8, kind=i8)) => dem%z8
+      do m = 1, 9
+         do k = 1, n
+            c%z(k, m) = z8(int(c%at(k), i8) + (m - 1)/3*across(1) + mod(m - 1, 3))
+         end do
+      end do
+   end subroutine read_elevations
+
    !> Find the ground properties at the landings; collect those by tables.
-   subroutine classify_contacts(scene, sets, first, step, results, pool, l, scratch, c, by_table)
+   subroutine classify_contacts(scene, sets, active, pool, l, scratch, c, by_table)
       type(scene_t), intent(in) :: scene
       type(set_list_t), intent(in) :: sets
-      integer(i8), intent(in) :: first, step
-      type(boulder_result_t), intent(inout) :: results(:)
+      type(boulder_result_t), intent(inout) :: active(lanes)
       type(pool_t), intent(inout) :: pool
       type(landings_t), intent(in) :: l
       type(scratch_t), intent(inout) :: scratch(:)
       type(contacts_t), intent(inout) :: c
       type(table_batch_t), intent(inout), allocatable :: by_table
       type(patch_t) :: patch
-      real(wp) :: radius, obstacle, u_ground(words_per_block), z(3, 3)
-      integer :: cell(2), k, lane, set, row
-      logical :: is_sobol
+      real(wp) :: radius, obstacle, u_ground(words_per_block)
+      integer :: cell(2), k, lane, set
+      logical :: is_sobol, timed
 
       if (allocated(by_table)) call clear_batch(by_table)
+      timed = allocated(scratch(1)%visits%time)
       do k = 1, l%n
          lane = l%lane(k)
          c%ground(k) = 1
          c%set(k) = size(sets%set) + 1
-         c%number(k) = first + (pool%index(lane) - 1)*step
+         c%number(k) = pool%number(lane)
          c%w(k) = pool%w(lane)
          c%heading1(k) = pool%heading1(lane)
          c%heading2(k) = pool%heading2(lane)
          if (c%obstructed(k)) cycle
-         associate (result => results(pool%index(lane)))
-            if (allocated(scratch(lane)%visits%time)) &
+         associate (result => active(lane))
+            if (timed) &
                call time_visits(scratch(lane)%visits, scene%dem, [l%x0(k), l%y0(k)], [l%v1(k), l%v2(k)], result%time, &
                                 l%time(k))
-            patch%i = int(l%i(k))
-            patch%j = int(l%j(k))
             if (.not. l%contact(k) > 0) then
+               patch%i = int(l%i(k))
+               patch%j = int(l%j(k))
                result%status = departure_status(scene%dem, patch)
                cycle
             end if
             result%impacts = result%impacts + 1
             c%impact(k) = result%impacts
-            cell = cell_of(scene%dem, patch, l%u(k), l%w(k))
+            cell = [int(c%column(k)), int(c%row(k))]
             call find_ground(scene, c%number(k), result%impacts, cell, with_all, c%ground(k), radius, obstacle, &
                              u_ground, result%status)
             c%ground(k) = max(1, c%ground(k))
@@ -423,16 +506,8 @@ contains
             end if
             call find_impact_set(scene, c%ratio(k), u_ground, set, c%outside(k))
             c%set(k) = sets%offset(c%ground(k)) + set
-            if (.not. has_neighbours(scene%dem, cell) .or. is_sobol) then
-               c%z(k, :) = 0  ! flat, like a window with nodata: left to the scalar code
-               cycle
-            end if
-            call read_window(scene%dem, cell, z)
-            do row = 1, 3
-               c%z(k, 3*row - 2) = z(1, row)
-               c%z(k, 3*row - 1) = z(2, row)
-               c%z(k, 3*row) = z(3, row)
-            end do
+            ! flat, like one with nodata: left to the scalar code
+            if (is_sobol .or. .not. c%complete(k) > 0) c%z(k, :) = 0
          end associate
       end do
    end subroutine classify_contacts
@@ -509,27 +584,35 @@ contains
       end do
    end subroutine draw_rebounds
 
-   !> Sort the draws by impact set; those of each fill vectors of their own.
+   !> Sort the draws by impact set; those of each fill vectors of their own. Neighbouring contacts, mostly of the same
+   !> set, are counted in turn by `counters`: one counter would have to wait for itself.
    subroutine group_by_set(n, c, first, number, d)
       integer, intent(in) :: n
       type(contacts_t), intent(in) :: c
       integer, intent(out) :: first(:), number(:)  !! the last set: none
       type(draws_t), intent(inout) :: d
-      integer :: slot(size(first)), set, k, m
+      integer, dimension(counters, size(first)) :: counted, slot
+      integer :: counter, set, k, m
 
-      number = 0
+      counted = 0
       do k = 1, n
-         number(c%set(k)) = number(c%set(k)) + 1
+         counter = 1 + mod(k, counters)
+         counted(counter, c%set(k)) = counted(counter, c%set(k)) + 1
       end do
       m = 1
       do set = 1, size(first)
          first(set) = m
-         m = m + padded(number(set))
+         number(set) = sum(counted(:, set))
+         do counter = 1, counters
+            slot(counter, set) = m
+            m = m + counted(counter, set)
+         end do
+         m = first(set) + padded(number(set))
       end do
-      slot = first
       do k = 1, n
-         m = slot(c%set(k))
-         slot(c%set(k)) = m + 1
+         counter = 1 + mod(k, counters)
+         m = slot(counter, c%set(k))
+         slot(counter, c%set(k)) = m + 1
          d%contact(m) = k
          d%tangential(m) = c%tangential(k)
          d%normal(m) = c%normal(k)
@@ -568,10 +651,10 @@ contains
       type(contacts_t), intent(inout) :: c
       type(draws_t), intent(inout) :: d
       integer, intent(inout) :: n      !! their number
-      integer :: k, m, to
+      integer :: from(lanes + 1), n_kept, k, m, to
 
-      to = first
-      do m = first, first + n - 1
+      n_kept = 0
+      do m = first, first + n - 1  ! branchless: the outcome is unpredictable
          k = d%contact(m)
          c%out1(k) = d%out1(m)
          c%out2(k) = d%out2(m)
@@ -580,14 +663,18 @@ contains
          c%steep(k) = d%steep(m)
          c%draws(k) = draw
          c%forced(k) = .false.
-         if (d%admissible(m) > 0) cycle
-         d%contact(to) = k
+         from(n_kept + 1) = m
+         n_kept = n_kept + 1 - int(d%admissible(m))
+      end do
+      n = n_kept
+      do k = 1, n
+         m = from(k)
+         to = first + k - 1
+         d%contact(to) = d%contact(m)
          d%tangential(to) = d%tangential(m)
          d%normal(to) = d%normal(m)
          d%w(to) = d%w(m)
-         to = to + 1
       end do
-      n = to - first
    end subroutine keep_inadmissible
 
    !> Compute n draws of one impact set.
@@ -660,10 +747,10 @@ contains
    end subroutine turn_and_launch
 
    !> Advance each boulder after its contact to its next flight, or end it.
-   subroutine advance_boulders(scene, sets, results, pool, l, c, by_table, flights, scratch)
+   subroutine advance_boulders(scene, sets, active, pool, l, c, by_table, flights, scratch)
       type(scene_t), intent(in) :: scene
       type(set_list_t), intent(in) :: sets
-      type(boulder_result_t), intent(inout) :: results(:)
+      type(boulder_result_t), intent(inout) :: active(lanes)
       type(pool_t), intent(inout) :: pool
       type(landings_t), intent(inout) :: l
       type(contacts_t), intent(in) :: c
@@ -678,7 +765,7 @@ contains
       energies = needs_energies(scene)
       do k = 1, l%n
          lane = l%lane(k)
-         associate (result => results(pool%index(lane)))
+         associate (result => active(lane))
             call add_flight(c%length(k), l%time(k), c%speed2_in(k), l%jump_height(k), result)
             if (c%obstructed(k)) cycle
             if (result%status /= 0) then
@@ -852,8 +939,9 @@ contains
    end subroutine roll_single
 
    !> Remove finished boulders from the pool.
-   subroutine retire_boulders(scene, results, crossings, maps, l, pool, scratch, totals)
+   subroutine retire_boulders(scene, active, results, crossings, maps, l, pool, scratch, totals)
       type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(inout) :: active(lanes)
       type(boulder_result_t), intent(inout) :: results(:)
       type(crossings_t), intent(inout) :: crossings(:)
       type(maps_t), intent(in) :: maps
@@ -865,14 +953,15 @@ contains
 
       do k = 1, l%n
          lane = l%lane(k)
-         associate (result => results(pool%index(lane)), work => scratch(lane))
-            if (result%status == 0) cycle
+         if (active(lane)%status == 0) cycle
+         associate (result => active(lane), work => scratch(lane))
             if (needs_energies(scene)) &
                call close_energy_balance(scene%gravity, l%z(k), pool%v(:, lane), pool%w(lane), result)
             if (allocated(scene%barriers)) call record_passed_over(scene, result, work%crossings)
             call end_boulder(scene, landing_of(l, k), with_all, result, work)
             if (allocated(work%crossings)) call keep_crossings(work%crossings, crossings(pool%index(lane)))
             call add_boulder(scene, maps, result, work, totals)
+            results(pool%index(lane)) = result
          end associate
          pool%n_free = pool%n_free + 1
          pool%free(pool%n_free) = lane

@@ -78,18 +78,19 @@ contains
       result%jump_height_max = max(result%jump_height_max, jump_height)
    end subroutine add_flight
 
-   !> Count a rebound, and whether it was outside the fitted ranges or limited.
+   !> Count a rebound, and whether it was outside the fitted ranges or limited: without branches, which would be
+   !> mispredicted.
    pure subroutine count_outcome(out, outside, fast, steep, result)
       type(rebound_t), intent(in) :: out
       logical, intent(in) :: outside, fast, steep
       type(boulder_result_t), intent(inout) :: result
 
       result%rebounds = result%rebounds + 1
-      if (out%draws > 1) result%redrawn = result%redrawn + 1
-      result%forced = result%forced + merge(1, 0, out%forced)  ! a branch would be mispredicted
-      if (outside) result%out_of_range = result%out_of_range + 1
-      if (fast) result%out_of_speed = result%out_of_speed + 1
-      if (steep) result%out_of_angle = result%out_of_angle + 1
+      result%redrawn = result%redrawn + merge(1, 0, out%draws > 1)
+      result%forced = result%forced + merge(1, 0, out%forced)
+      result%out_of_range = result%out_of_range + merge(1, 0, outside)
+      result%out_of_speed = result%out_of_speed + merge(1, 0, fast)
+      result%out_of_angle = result%out_of_angle + merge(1, 0, steep)
    end subroutine count_outcome
 
    !> Add the kinetic energy that a contact leaves to the ground; energies are doubled, and per mass [m2/s2].

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Elevations of the corners of several patches at a time, in single precision: both of a row by one load. Compiled
-   twice, like rockfall_lanes; the name of the procedure is given by meson.build. */
+/* Elevations of several patches or cells at a time, in single precision: neighbours in a row by one load. Compiled
+   three times, like rockfall_lanes; the names of the procedures are given by meson.build. */
 #include <stdint.h>
 #if defined(__AVX2__)
 #include <immintrin.h>
@@ -40,5 +40,36 @@ void read_corners(int n, const double *at, int64_t row, const float *z, double *
         z01[k] = north[0];
         z11[k] = north[1];
     }
+#endif
+}
+
+/* Read n squares of nine cells of a raster with `columns` columns: to z, row by row from the north-west, `lanes`
+   numbers apart. `at` is the index of the north-western one, from 1. Padded like the arrays of read_corners. */
+void read_squares(int n, const double *at, int64_t columns, const float *elevation, int64_t lanes, double *z)
+{
+#if defined(__AVX2__)
+    const __m256d two52 = _mm256_set1_pd(4503599627370496.0);
+    const __m256i first = _mm256_add_epi64(_mm256_castpd_si256(two52), _mm256_set1_epi64x(1));
+    const __m256i pairs = _mm256_set_epi32(7, 5, 3, 1, 6, 4, 2, 0);
+
+    for (int k = 0; k < n; k += 4) {
+        const __m256d index = _mm256_add_pd(_mm256_loadu_pd(at + k), two52);
+        __m256i west = _mm256_sub_epi64(_mm256_castpd_si256(index), first);
+
+        for (double *row = z + k; row < z + k + 9 * lanes; row += 3 * lanes) {
+            const __m256 two = _mm256_permutevar8x32_ps(
+                _mm256_castpd_ps(_mm256_i64gather_pd((const double *)elevation, west, 4)), pairs);
+            const __m128 third = _mm256_i64gather_ps(elevation + 2, west, 4);
+
+            _mm256_storeu_pd(row, _mm256_cvtps_pd(_mm256_castps256_ps128(two)));
+            _mm256_storeu_pd(row + lanes, _mm256_cvtps_pd(_mm256_extractf128_ps(two, 1)));
+            _mm256_storeu_pd(row + 2 * lanes, _mm256_cvtps_pd(third));
+            west = _mm256_add_epi64(west, _mm256_set1_epi64x(columns));
+        }
+    }
+#else
+    for (int k = 0; k < n; k++)
+        for (int cell = 0; cell < 9; cell++)
+            z[k + cell * lanes] = elevation[(int64_t)at[k] - 1 + cell / 3 * columns + cell % 3];
 #endif
 }

@@ -18,10 +18,10 @@ module rockfall_scene_type
    implicit none
    private
    public :: scene_t, goes_in_lanes, has_obstacles, needs_energies, inertia_of, is_slow
-   public :: one_by_one, narrow_lanes, wide_lanes
+   public :: one_by_one, narrow_lanes, wide_lanes, masked_lanes
 
-   !> Execution modes: one boulder at a time; several in lanes; more lanes on processors that support them.
-   integer, parameter :: one_by_one = 0, narrow_lanes = 1, wide_lanes = 2
+   !> Execution modes: one boulder at a time; in lanes for any processor; in those for AVX2; for AVX-512.
+   integer, parameter :: one_by_one = 0, narrow_lanes = 1, wide_lanes = 2, masked_lanes = 3
 
    !> All input of a boulder's simulation, constant during a run.
    type :: scene_t
@@ -52,7 +52,7 @@ module rockfall_scene_type
       integer :: max_impacts = 100000      !! number of contacts after which a boulder ends
       logical :: histograms_requested = .false.
       logical :: energies_requested = .false.
-      integer :: lanes = wide_lanes        !! maximum mode; limited by the processor and by requested outputs
+      integer :: lanes = masked_lanes      !! maximum mode; limited by the processor and by requested outputs
    end type scene_t
 
 contains

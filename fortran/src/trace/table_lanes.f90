@@ -4,7 +4,7 @@
 !> are chosen in several loops of little each, and before the first is read, so that memory accesses overlap. Only a
 !> path that is needed, or leaves the known terrain, is found by `find_slide`.
 !>
-!> Compiled twice, like rockfall_lanes.
+!> Compiled three times, like rockfall_lanes.
 module rockfall_table_lanes
    use, intrinsic :: iso_c_binding, only: c_int, c_ptr, c_loc
    use rockfall_kinds, only: wp, sp, i8

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Tables of impacts for several contacts: their bins, as rockfall_impact_table finds them, and the rows of a table,
-   anywhere in memory, as columns of lanes, by loads and shuffles of whole vectors. Compiled twice, like rockfall_lanes;
-   the names of the procedures are given by meson.build. */
+   anywhere in memory, as columns of lanes, by loads and shuffles of whole vectors. Compiled three times, like
+   rockfall_lanes; the names of the procedures are given by meson.build. */
 #if defined(__AVX2__)
 #include <immintrin.h>
 

@@ -1,19 +1,21 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Random numbers of impacts, several at a time: those of rockfall_random to the bit, in both copies.
+!> Random numbers of impacts, several at a time: those of rockfall_random to the bit, in all copies.
 program test_impact_numbers
    use, intrinsic :: iso_c_binding, only: c_int
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_key_t, random_key, random_words, normal_table_t, normal_table, normal, &
                               for_impact, last_counter, fragment_number
+   use rockfall_scene_type, only: narrow_lanes, wide_lanes
    use rockfall_lanes, only: narrow_numbers => impact_numbers
    use rockfall_wide_lanes, only: wide_numbers => impact_numbers
+   use rockfall_masked_lanes, only: masked_numbers => impact_numbers
    use check_m, only: check, finish
    implicit none
 
    interface
-      integer(c_int) function is_wide() bind(c, name="rockfall_is_wide")
+      integer(c_int) function supported_lanes() bind(c, name="rockfall_supported_lanes")
          import :: c_int
-      end function is_wide
+      end function supported_lanes
    end interface
 
    integer, parameter :: n = 4096
@@ -29,16 +31,20 @@ program test_impact_numbers
    number(n/2:) = fragment_number(number(n/2:), 3_i8)
    impact = [(1_i8 + mod(k, 321), k=1, n)]
    impact(n) = huge(1)
-   do copy = 1, merge(2, 1, is_wide() == 1)
+   do copy = narrow_lanes, supported_lanes()
       do draw = 0, 31
          word = -1
-         if (copy == 1) then
+         select case (copy)
+         case (narrow_lanes)
             call narrow_numbers(key%round, table%c, 1, n - 2, number, impact, last_counter(for_impact, int(draw, i8)), &
                                 word(:, 1), word(:, 2), word(:, 3), word(:, 4), z(:, 1), z(:, 2), z(:, 3))
-         else
+         case (wide_lanes)
             call wide_numbers(key%round, table%c, 1, n - 2, number, impact, last_counter(for_impact, int(draw, i8)), &
                               word(:, 1), word(:, 2), word(:, 3), word(:, 4), z(:, 1), z(:, 2), z(:, 3))
-         end if
+         case default
+            call masked_numbers(key%round, table%c, 1, n - 2, number, impact, last_counter(for_impact, int(draw, i8)), &
+                                word(:, 1), word(:, 2), word(:, 3), word(:, 4), z(:, 1), z(:, 2), z(:, 3))
+         end select
          do k = 1, n - 2
             expected = random_words(key, for_impact, number(k), impact(k), int(draw, i8))
             if (all(word(k, :) == expected) .and. all(abs(z(k, :) - normal(table, expected(:3))) <= 0)) cycle

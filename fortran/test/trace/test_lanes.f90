@@ -11,7 +11,7 @@ program test_lanes
    use rockfall_ground, only: ground_t
    use rockfall_histogram, only: bins, quantities
    use rockfall_maps, only: maps_t
-   use rockfall_scene_type, only: scene_t, goes_in_lanes, one_by_one, narrow_lanes, wide_lanes
+   use rockfall_scene_type, only: scene_t, goes_in_lanes, one_by_one, narrow_lanes, masked_lanes
    use rockfall_outcome, only: boulder_result_t
    use rockfall_crossings, only: crossing_t, crossings_t
    use rockfall_ensemble, only: run_boulders
@@ -102,7 +102,7 @@ contains
       call check(name//": many contacts", sum(alone%results%rebounds) > 10*boulders)
       call check(name//": lines crossed", any(alone%crossings%n > 0))
       call check(name//": some redrawn", any(alone%results%redrawn > 0))
-      do lanes = narrow_lanes, wide_lanes
+      do lanes = narrow_lanes, masked_lanes
          call run_by(scene, lanes, together)
          call check(name//": results", all(same_result(together%results, alone%results)))
          call check(name//": crossings", all(same_crossings(together%crossings, alone%crossings)))

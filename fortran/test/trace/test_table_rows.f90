@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Bins and rows of tables for several contacts at a time: those that plain loops find, to the bit, in both copies, and
+!> Bins and rows of tables for several contacts at a time: those that plain loops find, to the bit, in all copies, and
 !> the bins that one contact finds.
 program test_table_rows
    use, intrinsic :: iso_c_binding, only: c_int, c_ptr, c_loc
@@ -8,18 +8,20 @@ program test_table_rows
    use rockfall_impact_table, only: bins_t, key_bin, edge_vector
    use rockfall_table_lanes, only: narrow_rows => read_rows, narrow_bins => find_bins
    use rockfall_wide_table_lanes, only: wide_rows => read_rows, wide_bins => find_bins
+   use rockfall_masked_table_lanes, only: masked_rows => read_rows, masked_bins => find_bins
+   use rockfall_scene_type, only: narrow_lanes, wide_lanes, masked_lanes
    use check_m, only: check, finish
    implicit none
 
    interface
-      integer(c_int) function is_wide() bind(c, name="rockfall_is_wide")
+      integer(c_int) function supported_lanes() bind(c, name="rockfall_supported_lanes")
          import :: c_int
-      end function is_wide
+      end function supported_lanes
    end interface
 
    integer :: copy
 
-   do copy = 1, merge(2, 1, is_wide() == 1)
+   do copy = narrow_lanes, supported_lanes()
       call check_rows()
       call check_bins([5, 3, 12])
       call check_bins([6, 4, 1])  ! no edges of the last key
@@ -44,8 +46,9 @@ contains
          record_at(k) = c_loc(single(1, row(k)))
          map_at(k) = c_loc(double(1, row(3*k)))
       end do
-      if (copy == 1) call narrow_rows(n, column, fields, record_at, record, others, map_at, map)
-      if (copy == 2) call wide_rows(n, column, fields, record_at, record, others, map_at, map)
+      if (copy == narrow_lanes) call narrow_rows(n, column, fields, record_at, record, others, map_at, map)
+      if (copy == wide_lanes) call wide_rows(n, column, fields, record_at, record, others, map_at, map)
+      if (copy == masked_lanes) call masked_rows(n, column, fields, record_at, record, others, map_at, map)
       equal = .true.
       do k = 1, n
          equal = equal .and. all(abs(record(k, :) - real(single(:, row(k)), wp)) <= 0)
@@ -85,10 +88,17 @@ contains
          key(n - 60 + k + 3::6, k) = ieee_value(0.0_wp, ieee_negative_inf)
       end do
       bin = 0
-      if (copy == 1) call narrow_bins(n, contact, key(:, 1), over(:, 1), key(:, 2), over(:, 2), key(:, 3), part, &
-                                      bins%n, bins%vectors, bins%first_edge, bins%second_edge, bins%third_edge, bin)
-      if (copy == 2) call wide_bins(n, contact, key(:, 1), over(:, 1), key(:, 2), over(:, 2), key(:, 3), part, &
-                                    bins%n, bins%vectors, bins%first_edge, bins%second_edge, bins%third_edge, bin)
+      select case (copy)
+      case (narrow_lanes)
+         call narrow_bins(n, contact, key(:, 1), over(:, 1), key(:, 2), over(:, 2), key(:, 3), part, bins%n, &
+                          bins%vectors, bins%first_edge, bins%second_edge, bins%third_edge, bin)
+      case (wide_lanes)
+         call wide_bins(n, contact, key(:, 1), over(:, 1), key(:, 2), over(:, 2), key(:, 3), part, bins%n, &
+                        bins%vectors, bins%first_edge, bins%second_edge, bins%third_edge, bin)
+      case default
+         call masked_bins(n, contact, key(:, 1), over(:, 1), key(:, 2), over(:, 2), key(:, 3), part, bins%n, &
+                          bins%vectors, bins%first_edge, bins%second_edge, bins%third_edge, bin)
+      end select
       call check("plain loops find these bins", &
                  all(bin == [(plain_bin(bins, part(m), key(m, :), over(m, :)), m=1, n)]))
       call check("one contact finds the same", all(bin == [(key_bin(bins, part(m), key(m, :), over(m, :)), m=1, n)]))

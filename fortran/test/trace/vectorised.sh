@@ -1,11 +1,17 @@
 #!/bin/sh
 # SPDX-License-Identifier: BSD-3-Clause
 # The loops over lanes are vector instructions in a program: their roots (flight, landing, frame, law, turn) are
-# packed, of contacts by tables in the wide copy. Usage: vectorised.sh PROGRAM
+# packed, of contacts by tables in the wide copies. Usage: vectorised.sh PROGRAM
 objdump -d --no-show-raw-insn "$1" | awk '
-   /^[0-9a-f]+ <.*>:$/ { wide = /rockfall_wide_((table_)?lanes|flights)_MOD/; narrow = /rockfall_((table_)?lanes|flights)_MOD/ }
+   /^[0-9a-f]+ <.*>:$/ {
+      masked = /rockfall_masked_((table_)?lanes|flights)_MOD/
+      wide = /rockfall_wide_((table_)?lanes|flights)_MOD/
+      narrow = /rockfall_((table_)?lanes|flights)_MOD/
+   }
    narrow && /[^v]sqrtpd/ { narrow_roots++ }
    wide && /vsqrtpd.*ymm/ { wide_roots++ }
+   masked && /vsqrtpd.*ymm/ { masked_roots++ }
+   masked && /vcmp.*pd.*%k/ { masks++ }
    function check(what, found, least) {
       printf "%s: %d packed, %d at least\n", what, found, least
       if (found < least) fallen = 1
@@ -13,5 +19,7 @@ objdump -d --no-show-raw-insn "$1" | awk '
    END {
       check("narrow roots", narrow_roots, 10)  # the turn and most of tables stay scalar there, as gfortran 12 links it
       check("wide roots", wide_roots, 20)
+      check("masked roots", masked_roots, 20)
+      check("masks", masks, 100)
       exit fallen
    }'
