@@ -4,9 +4,7 @@ table."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from difflib import get_close_matches
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,18 +13,12 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case_rules import first_fault
 from rockfall.errors import RockfallError, check_kernel
 from rockfall.io.files import check_text_file, reason
-from rockfall.result.variables import MAP
 
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
 FROM_ARRAY = "(array)"  # the DEM of a case whose elevations come from `run(case, dem=...)`
 WIDTH = 72  # columns after which a list continues on the next line
-WRONG_MAP = re.compile(
-    r"(?P<where>.*&output maps(?: \(value \d+\))? = ['\"]?(?P<name>.*?)['\"]?)"
-    r": must be one of: passages.*"
-)
-NEAREST = 5  # names of maps offered in place of a wrong one
 LINES = tuple(_core.fields("line_group").decode().split())  # groups of lines, in their order
 OPERATOR = {"sets": "matrix", "table": "table"}  # forms of what keys of `impact` name
 REPEATABLE = tuple(_core.fields("repeatable_group").decode().split())  # groups that are lists
@@ -93,7 +85,7 @@ def read_case(path: str | Path) -> Case:
         text = path.read_bytes()
     except OSError as error:
         raise RockfallError(f"{path}: cannot be read: {reason(error, path)}") from error
-    _check(text, str(path))
+    check_namelist(_core.check_case, text, str(path))
     return _case(text, path)
 
 
@@ -341,22 +333,6 @@ def given_text(case: Case) -> str:
     )
 
 
-def _check(text: bytes, name: str) -> None:
-    try:
-        check_namelist(_core.check_case, text, name)
-    except RockfallError as error:
-        raise RockfallError(_with_nearest(str(error)), error.code) from None
-
-
-def _with_nearest(message: str) -> str:
-    """Message of the kernel; of a wrong map with the nearest names in place of all."""
-    wrong = WRONG_MAP.fullmatch(message)
-    if wrong is None:
-        return message
-    nearest = get_close_matches(wrong["name"].lower(), MAP, n=NEAREST, cutoff=0.0)
-    return f"{wrong['where']}: must be a map, as {', '.join(nearest)}; all: docs/result.md, Maps"
-
-
 def check_namelist(check: Callable[[bytes, bytes], tuple], text: bytes, name: str) -> None:
     """Refuse a text that a procedure of the kernel rejects."""
     if b"\0" in text:  # the kernel would stop reading there
@@ -421,7 +397,7 @@ def _parse(text: str) -> dict[str, Any]:
 @lru_cache(maxsize=8)
 def _checked(text: bytes, name: str) -> None:
     """Check a text, cached: a case of many lines takes long, and is made repeatedly."""
-    _check(text, name)
+    check_namelist(_core.check_case, text, name)
 
 
 @cache

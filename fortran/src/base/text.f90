@@ -5,7 +5,8 @@ module rockfall_text
    use rockfall_error, only: error_t, fail
    implicit none
    private
-   public :: check_text, after_mark, lower, integer_text, real_text, joined, excerpt, line_of, first_repeated, max_text
+   public :: check_text, after_mark, lower, integer_text, real_text, joined, excerpt, line_of, first_repeated, nearest_names, &
+             max_text
 
    integer, parameter :: max_text = 64*1024**2  !! [bytes] larger text files are rejected
 
@@ -56,6 +57,41 @@ contains
       end do
       k = 0
    end function first_repeated
+
+   !> Names that take the fewest changes of a character to spell, the nearest first.
+   pure function nearest_names(word, names, n) result(nearest)
+      character(len=*), intent(in) :: word, names(:)
+      integer, intent(in) :: n  !! number of names that are wanted
+      character(len=len(names)) :: nearest(n)
+      integer :: apart(size(names)), at, k
+
+      do k = 1, size(names)
+         apart(k) = changes_between(lower(trim(word)), trim(names(k)))
+      end do
+      do k = 1, n
+         at = minloc(apart, dim=1)
+         nearest(k) = names(at)
+         apart(at) = huge(apart)
+      end do
+   end function nearest_names
+
+   !> Fewest characters to insert, drop or replace that make one word another (Levenshtein 1966).
+   pure integer function changes_between(from, to) result(changes)
+      character(len=*), intent(in) :: from, to
+      integer :: row(0:len(to)), before, above, i, j
+
+      row = [(j, j=0, len(to))]
+      do i = 1, len(from)
+         before = row(0)
+         row(0) = i
+         do j = 1, len(to)
+            above = row(j)
+            row(j) = min(above + 1, row(j - 1) + 1, before + merge(0, 1, from(i:i) == to(j:j)))
+            before = above
+         end do
+      end do
+      changes = row(len(to))
+   end function changes_between
 
    !> Reject invalid text: control characters other than tabs and line ends, and malformed UTF-8.
    pure subroutine check_text(text, file, error)

@@ -95,8 +95,7 @@ contains
          call record_status(file, nf90_put_att(file%id, nf90_global, "Conventions", "CF-1.11"))
          call record_status(file, nf90_put_att(file%id, nf90_global, "part_layout", layout))
          call record_status(file, nf90_put_att(file%id, nf90_global, "title", case%title))
-         call record_status(file, nf90_put_att(file%id, nf90_global, "source", "rockfall "//version &
-                                      //", stochastic impact model of Bourrier et al. (2009)"))
+         call record_status(file, nf90_put_att(file%id, nf90_global, "source", "rockfall "//version))
          call record_status(file, nf90_put_att(file%id, nf90_global, "version", version))
          call record_status(file, nf90_put_att(file%id, nf90_global, "case", text))
          call record_status(file, nf90_put_att(file%id, nf90_global, "case_file", inputs%case_file))

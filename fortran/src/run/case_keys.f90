@@ -4,7 +4,7 @@ module rockfall_case_keys
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_text, only: integer_text, joined
+   use rockfall_text, only: integer_text, joined, nearest_names
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, &
                               key_location, check_names
@@ -39,6 +39,7 @@ module rockfall_case_keys
 
    character(len=*), parameter :: map_names(*) = map_fields
    integer, parameter :: n_maps = size(map_names)
+   integer, parameter :: maps_offered = 5             !! in place of a wrong one
 
    integer, parameter :: max_thresholds = 8, max_periods = 8  !! between classes of intensity, of frequency
    character(len=*), parameter :: hazard_classes = "residual, low, moderate, high"  !! increasing
@@ -480,7 +481,7 @@ contains
       type(key_t), intent(in) :: key
       type(error_t), allocatable, intent(out) :: error
       character(len=text_length), allocatable :: values(:)
-      character(len=:), allocatable :: words
+      character(len=:), allocatable :: words, must
       integer :: k
 
       words = trim(key%allowed)
@@ -492,7 +493,11 @@ contains
          if (len_trim(values(k)) == 0 .and. key%name /= "title") then
             call refuse(group, trim(key%name), "must not be empty", error, k)
          else if (words /= "" .and. index(", "//words//",", ", "//trim(values(k))//",") == 0) then
-            call refuse(group, trim(key%name), "must be one of: "//words, error, k)
+            must = "must be one of: "//words
+            if (key%name == "maps") &
+               must = "must be a map, as "//joined(nearest_names(values(k), map_names, maps_offered), ", ") &
+                      //"; all: docs/result.md, Maps"
+            call refuse(group, trim(key%name), must, error, k)
          end if
          if (allocated(error)) return
       end do

@@ -255,7 +255,7 @@ def run_attributes(tally: Tally) -> dict[str, Any]:
     return {
         "Conventions": CONVENTIONS,
         "title": scene.case.case["title"],
-        "source": f"rockfall {__version__}, stochastic impact model of Bourrier et al. (2009)",
+        "source": f"rockfall {__version__}",
         "version": __version__,
         "case": scene.case.text(),
         "case_file": scene.case.name,
