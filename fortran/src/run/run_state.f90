@@ -35,6 +35,7 @@ module rockfall_run_state
 
    integer(i8), parameter :: no_row = huge(1_i8)           !! number of a row that is still empty
    integer(i8), parameter :: few_values = 1000000          !! at lines: fewer are filled by one thread
+   integer(i8), parameter :: rows_at_once = 64             !! boulders whose rows at lines are stored together
    integer, parameter :: n_totals = size(boulder_counts) - 3  !! of boulder_counts: those summed over all boulders
 
    !> Run, or a range of its boulders. Arrays that the case does not need have size zero.
@@ -332,7 +333,8 @@ contains
       type(boulder_result_t), allocatable :: results(:)
       type(crossings_t), allocatable :: crossings(:)
       type(maps_t), allocatable :: maps(:)
-      integer(i8) :: k, row
+      integer(i8), allocatable :: row(:)  !! of each boulder; 0: none
+      integer(i8) :: k
       integer :: status
 
       allocate (results(n), crossings(n), stat=status)
@@ -348,12 +350,18 @@ contains
                    //" cells; the counts of quantile maps in more do not fit in memory")
          return
       end if
+      allocate (row(n), source=0_i8)
       do k = 1, n
          if (results(k)%status == left_window) cycle
-         row = row_kept(run, first + (k - 1)*step)
-         if (row > 0) call store_row(run, scene, results(k), crossings(k), row)
+         row(k) = row_kept(run, first + (k - 1)*step)
+         if (row(k) > 0) call store_row(run, scene, results(k), row(k))
          call add_counts(run, results(k))
          if (allocated(run%number)) call add_sample(run, scene, results(k), crossings(k))
+      end do
+      do k = 1, n, rows_at_once
+         associate (last => min(n, k + rows_at_once - 1))
+            call store_crossings(run, scene, results(k:last), crossings(k:last), row(k:last))
+         end associate
       end do
       run%left = pack([(first + (k - 1)*step, k=1, n)], results%status == left_window)
       if (allocated(run%left_at)) deallocate (run%left_at)
@@ -372,15 +380,14 @@ contains
       run%count = run%count + counts(size(counts) - n_totals + 1:)
    end subroutine add_counts
 
-   !> Store the rows of a boulder.
-   subroutine store_row(run, scene, result, crossings, row)
+   !> Store the row of a boulder.
+   subroutine store_row(run, scene, result, row)
       type(run_t), intent(inout) :: run
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: result
-      type(crossings_t), intent(in) :: crossings
       integer(i8), intent(in) :: row
       real(wp) :: reals(size(row_reals))
-      integer :: integers(size(row_integers)), k
+      integer :: integers(size(row_integers))
 
       reals = real_row(scene%dem, result)
       integers = integer_row(scene%release, result)
@@ -389,16 +396,31 @@ contains
       run%integers(row, :) = integers(run%integer_columns)
       run%outcome(row, :) = 0
       run%line_fragments(row, :) = 0
-      do k = 1, crossings%n
-         associate (at => crossings%at(k))
-            if (at%outcome /= 0) run%outcome(row, findloc(scene%barriers%line, at%line, dim=1)) = at%outcome
-            run%line(row, at%line, :) = line_row(scene%dem, result, at)
-            if (at%fragments == 0) cycle
-            run%line_volume(row, at%line) = at%fragment%volume
-            run%line_fragments(row, at%line) = at%fragments
-         end associate
-      end do
    end subroutine store_row
+
+   !> Store the rows of boulders at lines: of all at the first line that each crossed, then at the second, and so on.
+   !> They cross much the same lines, of which the rows of one lie together in memory, and those of thousands do not.
+   subroutine store_crossings(run, scene, results, crossings, row)
+      type(run_t), intent(inout) :: run
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: results(:)
+      type(crossings_t), intent(in) :: crossings(:)
+      integer(i8), intent(in) :: row(:)  !! of each boulder; 0: none
+      integer :: j, k
+
+      do j = 1, maxval(crossings%n)
+         do k = 1, size(row)
+            if (row(k) == 0 .or. j > crossings(k)%n) cycle
+            associate (at => crossings(k)%at(j))
+               if (at%outcome /= 0) run%outcome(row(k), findloc(scene%barriers%line, at%line, dim=1)) = at%outcome
+               run%line(row(k), at%line, :) = line_row(scene%dem, results(k), at)
+               if (at%fragments == 0) cycle
+               run%line_volume(row(k), at%line) = at%fragment%volume
+               run%line_fragments(row(k), at%line) = at%fragments
+            end associate
+         end do
+      end do
+   end subroutine store_crossings
 
    !> Add a boulder to the samples.
    subroutine add_sample(run, scene, result, crossings)
