@@ -5,8 +5,8 @@ module rockfall_text
    use rockfall_error, only: error_t, fail
    implicit none
    private
-   public :: check_text, after_mark, lower, integer_text, real_text, joined, excerpt, line_of, first_repeated, nearest_names, &
-             max_text
+   public :: check_text, after_mark, lower, integer_text, real_text, joined, excerpt, line_of, first_repeated
+   public :: nearest_names, max_text
 
    integer, parameter :: max_text = 64*1024**2  !! [bytes] larger text files are rejected
 
