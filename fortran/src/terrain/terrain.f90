@@ -9,7 +9,7 @@ module rockfall_terrain
    public :: terrain_t, patch_t, terrain, set_window, in_window, locate, patch_position, on_terrain, is_known_at, &
              read_patch, find_coefficients
    public :: fraction_of, height, height_at, node_height, gradient, slope_at, cell_of, nearest_node, cell_descent
-   public :: horn, is_pit, steepness_of, max_elevation
+   public :: is_within, horn, is_pit, steepness_of, max_elevation
 
    real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] maximum absolute elevation; above it: undeclared nodata
 
@@ -316,8 +316,19 @@ contains
       type(terrain_t), intent(in) :: dem
       integer, intent(in) :: at(2)  !! from cell_of
 
-      has_neighbours = .not. (at(1) < 2 .or. at(2) < 2 .or. at(1) >= dem%nx .or. at(2) >= dem%ny)
+      has_neighbours = is_within(real(at(1), wp), real(at(2), wp), real(dem%nx, wp), real(dem%ny, wp)) > 0
    end function has_neighbours
+
+   !> Return 1 if a raster cell is not on the edge of its raster, else 0; a number, so that loops vectorise.
+   elemental real(wp) function is_within(column, row, nx, ny)
+      real(wp), intent(in) :: column, row  !! integers, from 1 [-]
+      real(wp), intent(in) :: nx, ny       !! likewise: of the raster [-]
+
+      is_within = merge(1.0_wp, 0.0_wp, column >= 2)
+      is_within = merge(is_within, 0.0_wp, row >= 2)
+      is_within = merge(is_within, 0.0_wp, column < nx)
+      is_within = merge(is_within, 0.0_wp, row < ny)
+   end function is_within
 
    !> Elevations of a raster cell and its eight neighbours [m].
    pure subroutine read_window(dem, at, z)

@@ -10,7 +10,7 @@ module rockfall_lanes
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: squared_length
    use rockfall_random, only: for_impact, last_counter, words_per_block, turn_word, uniform, side_of
-   use rockfall_terrain, only: terrain_t, patch_t, slope_at, steepness_of, nearest_node, horn, is_pit
+   use rockfall_terrain, only: terrain_t, patch_t, slope_at, steepness_of, nearest_node, is_within, horn, is_pit
    use rockfall_boulder, only: inertia_factor
    use rockfall_flight, only: flight_t, landing_t, span_t, parabola_length
    use rockfall_rolling, only: roll_t, touch_t
@@ -396,20 +396,16 @@ contains
       type(terrain_t), intent(in) :: dem
       type(landings_t), intent(in) :: l
       type(contacts_t), intent(inout) :: c
-      real(wp) :: nx, ny, column, row, complete
+      real(wp) :: nx, ny, column, row
       integer :: k
 
       nx = dem%nx
       ny = dem%ny
-      !$omp simd private(column, row, complete)
+      !$omp simd private(column, row)
       do k = 1, padded(l%n)
          column = nearest_node(l%i(k), l%u(k))
          row = ny + 1 - nearest_node(l%j(k), l%w(k))
-         complete = merge(1.0_wp, 0.0_wp, column >= 2)
-         complete = merge(complete, 0.0_wp, row >= 2)
-         complete = merge(complete, 0.0_wp, column < nx)
-         complete = merge(complete, 0.0_wp, row < ny)
-         c%complete(k) = merge(complete, 0.0_wp, l%contact(k) > 0)
+         c%complete(k) = merge(is_within(column, row, nx, ny), 0.0_wp, l%contact(k) > 0)
          c%column(k) = column
          c%row(k) = row
       end do
