@@ -322,7 +322,7 @@ contains
    !> Return 1 if a raster cell is not on the edge of its raster, else 0; a number, so that loops vectorise.
    elemental real(wp) function is_within(column, row, nx, ny)
       real(wp), intent(in) :: column, row  !! integers, from 1 [-]
-      real(wp), intent(in) :: nx, ny       !! likewise: of the raster [-]
+      real(wp), intent(in) :: nx, ny       !! of the raster, integers too [-]
 
       is_within = merge(1.0_wp, 0.0_wp, column >= 2)
       is_within = merge(is_within, 0.0_wp, row >= 2)
