@@ -4,11 +4,11 @@
     python -m benchmarks.speed.startup [--repeat 20] [TREE ...]
 
 Commands on a small case with an ESRI ASCII terrain, and on that of `cases/vaujany` (GeoTIFF), with
-100 boulders each; least and median of `--repeat` starts. A TREE is the folder `python` of another
-version, with its compiled modules: trees take turns, so that what else the machine does is shared.
-The first start of each, which compiles Python, does not count. Below, the least of five by -X
-importtime: what the imports of each package take, the interpreter, and the rest, which is the
-command's own work; importtime itself takes some of it.
+100 boulders each; least and median of `--repeat` starts. A TREE is the folder with the package of
+another version, as installed: trees take turns with the one that this Python finds, so that what
+else the machine does is shared. The first start of each, which compiles Python, does not count.
+Below, the least of five by -X importtime: what the imports of each package take, the interpreter,
+and the rest, which is the command's own work; importtime itself takes some of it.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
+import rockfall
 from benchmarks.machine import ROOT, VAUJANY, machine
 
 CASE = """&case boulders = 100, seed = 1 /
@@ -39,10 +40,10 @@ COMMANDS = {
     "--version": "--version",
     "--help": "--help",
     "check, ASCII": "check ascii/case.nml",
-    "run, ASCII": "run ascii/case.nml --quiet -o out.nc",
-    "run, ASCII, summary": "run ascii/case.nml -o out.nc",
-    "run, vaujany": "run {vaujany} --boulders 100 --quiet -o out.nc",
-    "merge": "merge part.part1of2 part.part2of2 -o merged.nc",
+    "run, ASCII": "run ascii/case.nml --quiet -o out.nc --overwrite",
+    "run, ASCII, summary": "run ascii/case.nml -o out.nc --overwrite",
+    "run, vaujany": "run {vaujany} --boulders 100 --quiet -o out.nc --overwrite",
+    "merge": "merge part.part1of2 part.part2of2 -o merged.nc --overwrite",
     "lines": "lines out.nc",
 }
 ROCKFALL = ["-m", "rockfall"]
@@ -91,7 +92,7 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=20)
     parser.add_argument("trees", metavar="TREE", type=Path, nargs="*")
     given = parser.parse_args()
-    trees = [*(tree.absolute() for tree in given.trees), ROOT / "python"]
+    trees = [*(tree.absolute() for tree in given.trees), Path(rockfall.__file__).parents[1]]
     print(machine())
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
