@@ -10,7 +10,7 @@ module rockfall_part
    use rockfall_grid, only: grid_t
    use rockfall_boulder, only: release_t, source_of
    use rockfall_variables, only: line_fields, row_integers, name_in_files
-   use rockfall_samples, only: base_bits, filled_bins_t, filled_bins, fill_bins
+   use rockfall_samples, only: base_bits, filled_bins_t, filled_bins, fill_bins, restore_tails
    use rockfall_map_tallies, only: tells_sources
    use rockfall_reached_cells, only: reached_cells_t, find_reached_cells, allocate_reached_cells, pack_cells, &
                                      unpack_cells
@@ -194,6 +194,7 @@ contains
       if (.not. allocated(run%number)) return
       fault = sample_fault(run, part)
       if (fault == "") then
+         call restore_tails(run%samples)
          call fill_bins(size(run%samples%bins, kind=i8), part%bins, run%samples%bins)
          call fill_bins(size(run%samples%groups, kind=i8), part%groups, run%samples%groups)
       end if

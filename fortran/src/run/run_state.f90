@@ -21,6 +21,7 @@ module rockfall_run_state
                                  row_integers, real_groups, integer_groups
    use rockfall_rows, only: boulder_row, boulder_count_row, real_row, integer_row, line_row
    use rockfall_ensemble, only: run_boulders, recorded_boulders
+   use rockfall_threads, only: team_size
    use rockfall_case_keys, only: map_names, n_maps
    use rockfall_case, only: case_t, keeps_all
    use rockfall_samples, only: samples_t, allocate_samples, continue_samples, merge_samples, free_samples, &
@@ -334,8 +335,8 @@ contains
       type(crossings_t), allocatable :: crossings(:)
       type(maps_t), allocatable :: maps(:)
       integer(i8), allocatable :: row(:)  !! of each boulder; 0: none
-      integer(i8) :: k
-      integer :: status
+      integer(i8) :: k, last
+      integer :: status, share, shares
 
       allocate (results(n), crossings(n), stat=status)
       if (status /= 0) then
@@ -356,13 +357,21 @@ contains
          row(k) = row_kept(run, first + (k - 1)*step)
          if (row(k) > 0) call store_row(run, scene, results(k), row(k))
          call add_counts(run, results(k))
-         if (allocated(run%number)) call add_sample(run, scene, results(k), crossings(k))
+         if (allocated(run%number)) call add_end(run%samples, run%layout, boulder_row(scene%dem, results(k)), &
+                                                 boulder_count_row(results(k)))
       end do
-      do k = 1, n, rows_at_once
-         associate (last => min(n, k + rows_at_once - 1))
-            call store_crossings(run, scene, results(k:last), crossings(k:last), row(k:last))
-         end associate
-      end do
+      if (allocated(scene%lines)) then
+         shares = team_size(run%threads)
+         !$omp parallel do default(none) num_threads(shares) shared(run, scene, results, crossings, row, n, shares) &
+         !$omp& private(k, last)
+         do share = 1, shares
+            do k = 1, n, rows_at_once
+               last = min(n, k + rows_at_once - 1)
+               call store_crossings(run, scene, results(k:last), crossings(k:last), row(k:last), share, shares)
+            end do
+         end do
+         !$omp end parallel do
+      end if
       run%left = pack([(first + (k - 1)*step, k=1, n)], results%status == left_window)
       if (allocated(run%left_at)) deallocate (run%left_at)
       allocate (run%left_at(size(run%left), 2))
@@ -398,48 +407,69 @@ contains
       run%line_fragments(row, :) = 0
    end subroutine store_row
 
-   !> Store the rows of boulders at lines: of all at the first line that each crossed, then at the second, and so on.
-   !> They cross much the same lines, of which the rows of one lie together in memory, and those of thousands do not.
-   subroutine store_crossings(run, scene, results, crossings, row)
+   !> Store boulders at lines, in their rows and in the samples: line by line, because the rows and samples of one lie
+   !> together in memory, and those of thousands do not. One share of the lines: threads do not write to those of another.
+   subroutine store_crossings(run, scene, results, crossings, row, share, shares)
       type(run_t), intent(inout) :: run
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: results(:)
       type(crossings_t), intent(in) :: crossings(:)
-      integer(i8), intent(in) :: row(:)  !! of each boulder; 0: none
-      integer :: j, k
+      integer(i8), intent(in) :: row(:)     !! of each boulder; 0: none
+      integer, intent(in) :: share, shares  !! number of this one, and how many there are
+      real(wp) :: values(size(line_fields))
+      integer :: first(size(scene%lines) + 1), boulder(sum(crossings%n)), place(sum(crossings%n)), line, k, m
 
-      do j = 1, maxval(crossings%n)
-         do k = 1, size(row)
-            if (row(k) == 0 .or. j > crossings(k)%n) cycle
-            associate (at => crossings(k)%at(j))
-               if (at%outcome /= 0) run%outcome(row(k), findloc(scene%barriers%line, at%line, dim=1)) = at%outcome
-               run%line(row(k), at%line, :) = line_row(scene%dem, results(k), at)
+      call sort_by_line(crossings, first, boulder, place)
+      do line = share, size(scene%lines), shares
+         do m = first(line), first(line + 1) - 1
+            k = boulder(m)
+            if (results(k)%status == left_window) cycle
+            associate (at => crossings(k)%at(place(m)), origin => [scene%dem%x0, scene%dem%y0])
+               values = line_row(scene%dem, results(k), at)
+               if (allocated(run%number) .and. at%crossed) &
+                  call add_crossing(run%samples, run%layout, line, scene%lines(line), origin, &
+                                    results(k)%boulder%volume, int(results(k)%source), values)
+               if (row(k) == 0) cycle
+               if (at%outcome /= 0) run%outcome(row(k), findloc(scene%barriers%line, line, dim=1)) = at%outcome
+               run%line(row(k), line, :) = values
                if (at%fragments == 0) cycle
-               run%line_volume(row(k), at%line) = at%fragment%volume
-               run%line_fragments(row(k), at%line) = at%fragments
+               run%line_volume(row(k), line) = at%fragment%volume
+               run%line_fragments(row(k), line) = at%fragments
             end associate
          end do
       end do
    end subroutine store_crossings
 
-   !> Add a boulder to the samples.
-   subroutine add_sample(run, scene, result, crossings)
-      type(run_t), intent(inout) :: run
-      type(scene_t), intent(in) :: scene
-      type(boulder_result_t), intent(in) :: result
-      type(crossings_t), intent(in) :: crossings
-      integer :: k
+   !> Sort the crossings of some boulders by line, those of a line by boulder.
+   pure subroutine sort_by_line(crossings, first, boulder, place)
+      type(crossings_t), intent(in) :: crossings(:)
+      integer, intent(out) :: first(:)  !! first crossing of each line, and end
+      integer, dimension(:), intent(out) :: boulder, place  !! of each crossing: its boulder, index among those of it
+      integer :: next(size(first)), j, k
 
-      associate (origin => [scene%dem%x0, scene%dem%y0], row => boulder_row(scene%dem, result))
-         call add_end(run%samples, run%layout, row, boulder_count_row(result))
-         do k = 1, crossings%n
-            associate (at => crossings%at(k))
-               if (at%crossed) call add_crossing(run%samples, run%layout, at%line, scene%lines(at%line), origin, row, &
-                                                 int(result%source), line_row(scene%dem, result, at))
+      next = 0
+      do k = 1, size(crossings)
+         do j = 1, crossings(k)%n
+            associate (line => crossings(k)%at(j)%line)
+               next(line + 1) = next(line + 1) + 1
             end associate
          end do
-      end associate
-   end subroutine add_sample
+      end do
+      next(1) = 1
+      do k = 2, size(next)
+         next(k) = next(k - 1) + next(k)
+      end do
+      first = next
+      do k = 1, size(crossings)
+         do j = 1, crossings(k)%n
+            associate (m => next(crossings(k)%at(j)%line))
+               boulder(m) = k
+               place(m) = j
+               m = m + 1
+            end associate
+         end do
+      end do
+   end subroutine sort_by_line
 
    !> Row of a boulder; 0: it is not kept.
    pure integer(i8) function row_kept(run, number) result(row)

@@ -108,23 +108,23 @@ contains
    end subroutine add_end
 
    !> Add the crossing of a line by a boulder.
-   pure subroutine add_crossing(samples, layout, index, line, origin, boulder, source_number, crossing)
+   pure subroutine add_crossing(samples, layout, index, line, origin, boulder_volume, source_number, crossing)
       type(samples_t), intent(inout) :: samples
       type(layout_t), intent(in) :: layout
       integer, intent(in) :: index           !! of the line
       type(line_t), intent(in) :: line
       real(wp), intent(in) :: origin(2)      !! of local coordinates [m]
-      real(wp), intent(in) :: boulder(:)     !! boulder_fields
+      real(wp), intent(in) :: boulder_volume !! [m3]
       integer, intent(in) :: source_number
       real(wp), intent(in) :: crossing(:)    !! line_fields
       real(wp) :: values(n_quantities)
       integer :: q
 
-      values(:n_quantities - 1) = line_quantities(crossing, boulder(volume))
+      values(:n_quantities - 1) = line_quantities(crossing, boulder_volume)
       values(n_quantities) = place_along(line, crossing(:2) - origin)
       call add_quantities(samples, layout, source_number, values, 1, index + 1)
       do q = 1, tails
-         call add_tail(samples%largest(:, q, index), values(q))
+         call add_tail(samples%largest(:, q, index), samples%vacant(q, index), values(q))
       end do
    end subroutine add_crossing
 

@@ -7,7 +7,7 @@ module rockfall_samples
    use rockfall_memory, only: zeroed_block, free_block
    implicit none
    private
-   public :: samples_t, add_number, add_tail, merge_samples, sample_bin, sample_edge
+   public :: samples_t, add_number, add_tail, restore_tails, merge_samples, sample_bin, sample_edge
    public :: sample_size, sample_sum, allocate_samples, continue_samples, free_samples, forget_samples
    public :: filled_bins_t, fill_bins, filled_bins
    public :: n_sample_bins, n_coarse_bins, n_words, base_bits, largest_unit
@@ -29,6 +29,7 @@ module rockfall_samples
       integer(i8), pointer, contiguous :: sums(:, :, :, :) => null()    !! (words, quantities, parts, places)
       integer(i4), pointer, contiguous :: groups(:, :, :, :) => null()  !! (coarse bins, quantities, groups, places)
       real(wp), pointer, contiguous :: largest(:, :, :) => null()       !! heaps, -1 = none (numbers, tails, lines)
+      integer, allocatable :: vacant(:, :)                              !! nodes without a number (tails, lines)
       integer(i8), pointer, contiguous :: ended(:) => null()            !! boulders by status
       type(c_ptr), private :: block(5) = c_null_ptr                     !! of memory: bins, groups, sums, ended, largest
    end type samples_t
@@ -81,6 +82,7 @@ contains
       if (.not. fit) return
       call c_f_pointer(samples%block(5), samples%largest, shape)
       samples%largest = -1
+      samples%vacant = count(samples%largest < 0, dim=1)
    end subroutine allocate_tails
 
    !> Continue samples with longer tails of up to `numbers`, if they fit in memory; the rest is moved.
@@ -93,7 +95,7 @@ contains
       to = from
       from%block(:4) = c_null_ptr
       call allocate_tails(to, size(from%largest, 2), size(from%largest, 3), numbers, fit)
-      if (fit) call merge_tails(to%largest, from%largest)
+      if (fit) call merge_tails(to, from%largest)
    end subroutine continue_samples
 
    !> Free the memory.
@@ -204,19 +206,19 @@ contains
          end do
       end do
       samples%ended = samples%ended + other%ended
-      call merge_tails(samples%largest, other%largest)
+      call merge_tails(samples, other%largest)
    end subroutine merge_samples
 
    !> Insert heaps into those of the same lines and tails.
-   pure subroutine merge_tails(heaps, other)
-      real(wp), intent(inout) :: heaps(:, :, :)
+   pure subroutine merge_tails(samples, other)
+      type(samples_t), intent(inout) :: samples
       real(wp), intent(in) :: other(:, :, :)
       integer :: i, j, k
 
       do k = 1, size(other, 3)
          do j = 1, size(other, 2)
             do i = 1, size(other, 1)
-               call add_tail(heaps(:, j, k), other(i, j, k))
+               call add_tail(samples%largest(:, j, k), samples%vacant(j, k), other(i, j, k))
             end do
          end do
       end do
@@ -256,15 +258,18 @@ contains
       end associate
    end function sample_sum
 
-   !> Insert a number into a heap of the largest, whose root is the smallest.
-   pure subroutine add_tail(heap, number)
+   !> Insert a number into a heap of the largest, whose root is the smallest. A heap is filled from its last node, where
+   !> most numbers stay, in few steps a number (Floyd 1964, doi:10.1145/355588.365103).
+   pure subroutine add_tail(heap, vacant, number)
       real(wp), intent(inout) :: heap(:)
-      real(wp), intent(in) :: number  !! >= 0
+      integer, intent(inout) :: vacant  !! nodes without a number: the first ones
+      real(wp), intent(in) :: number    !! >= 0
       integer :: node, next
 
       if (size(heap) == 0) return
       if (number <= heap(1)) return
-      node = 1
+      node = max(1, vacant)
+      vacant = max(0, vacant - 1)
       do
          next = 2*node
          if (next > size(heap)) exit
@@ -275,4 +280,26 @@ contains
       end do
       heap(node) = number
    end subroutine add_tail
+
+   !> Take the heaps of a file: those of version 1.0.0 may have nodes without a number beside others that have one.
+   pure subroutine restore_tails(samples)
+      type(samples_t), intent(inout) :: samples
+      real(wp), allocatable :: stored(:)
+      integer :: i, j, k
+
+      samples%vacant = count(samples%largest < 0, dim=1)
+      do k = 1, size(samples%vacant, 2)
+         do j = 1, size(samples%vacant, 1)
+            associate (heap => samples%largest(:, j, k), vacant => samples%vacant(j, k))
+               if (all(heap(vacant + 1:) >= 0)) cycle
+               stored = heap
+               heap = -1
+               vacant = size(heap)
+               do i = 1, size(heap)
+                  call add_tail(heap, vacant, stored(i))
+               end do
+            end associate
+         end do
+      end do
+   end subroutine restore_tails
 end module rockfall_samples

@@ -2,8 +2,8 @@
 !> Samples: every number lies in its bin, sums are exact beyond 64 bits, and the largest are the largest, in any order.
 program test_samples
    use rockfall_kinds, only: wp, i4, i8
-   use rockfall_samples, only: samples_t, add_number, add_tail, sample_bin, sample_edge, sample_size, sample_sum, &
-                               n_sample_bins, n_coarse_bins, n_words, largest_unit
+   use rockfall_samples, only: samples_t, add_number, add_tail, restore_tails, sample_bin, sample_edge, sample_size, &
+                               sample_sum, n_sample_bins, n_coarse_bins, n_words, largest_unit
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -11,6 +11,7 @@ program test_samples
    call test_bins()
    call test_sums()
    call test_tail()
+   call test_stored_tails()
    call finish()
 
 contains
@@ -65,21 +66,45 @@ contains
 
    subroutine test_tail()
       real(wp) :: numbers(1000), heap(100), low
-      integer :: k
+      logical :: first, ordered
+      integer :: k, vacant
 
       call random_number(numbers)
       numbers(:3) = numbers(3)  ! equal ones
       heap = -1
+      vacant = size(heap)
+      first = .true.
+      ordered = .true.
       do k = 1, 1000
-         call add_tail(heap, numbers(k))
+         call add_tail(heap, vacant, numbers(k))
+         first = first .and. vacant == max(0, 100 - k) .and. all(heap(:vacant) < 0) .and. all(heap(vacant + 1:) >= 0)
+         ordered = ordered .and. all(heap(2::2) >= heap(:50)) .and. all(heap(3::2) >= heap(:49))
       end do
+      call check("nodes without a number come first", first)
+      call check("no number is smaller than the one above it", ordered)
       low = minval(heap)
       call check("the least of the largest is the first", low >= heap(1) .and. low <= heap(1))
       call check("nothing larger was left out", count(numbers > low) < 100 .and. count(numbers >= low) >= 100)
       call check("all that are larger are there", abs(sum(pack(numbers, numbers > low)) - sum(pack(heap, heap > low))) &
                  < 1.0e-12_wp)
       heap = -1
-      call add_tail(heap, 0.0_wp)
+      vacant = size(heap)
+      call add_tail(heap, vacant, 0.0_wp)
       call check("a single one leaves room", count(heap < 0) == 99 .and. count(heap >= 0) == 1)
    end subroutine test_tail
+
+   !> Heaps of version 1.0.0, whose nodes without a number are not the first ones.
+   subroutine test_stored_tails()
+      type(samples_t) :: samples
+      real(wp), target :: largest(7, 1, 2)
+
+      largest(:, 1, 1) = [-1.0_wp, -1.0_wp, 5.0_wp, -1.0_wp, -1.0_wp, 7.0_wp, 6.0_wp]
+      largest(:, 1, 2) = [-1.0_wp, -1.0_wp, 3.0_wp, 4.0_wp, 5.0_wp, 8.0_wp, 7.0_wp]
+      samples%largest => largest
+      call restore_tails(samples)
+      call check("so many nodes without a number", all(samples%vacant(1, :) == [4, 2]))
+      call check("they are the first ones", all(largest(:4, 1, 1) < 0) .and. all(largest(5:, 1, 1) > 0))
+      call check_close("the same numbers", sum(largest(5:, 1, 1)), 18.0_wp, 0.0_wp)
+      call check("heaps that have them first stay", all(nint(largest(3:, 1, 2)) == [3, 4, 5, 8, 7]))
+   end subroutine test_stored_tails
 end program test_samples
