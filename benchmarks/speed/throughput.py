@@ -4,15 +4,18 @@ where the time goes.
 
     python -m benchmarks.speed.throughput [--boulders 20000] [--repeat 5]
 
-Each number is the least of `--repeat` runs. CPU time counts all threads; it is that of the kernel's
-calls, not of reading and writing files. On a busy machine only the ratios mean something.
+Each number is the least of `--repeat` runs; beside the first ones the mean and its standard error.
+CPU time counts all threads; it is that of the kernel's calls, not of reading and writing files. On
+a busy machine only the ratios mean something.
 """
+
+from __future__ import annotations
 
 import argparse
 import os
 import shutil
 import subprocess
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rockfall._core import rockfall_f2py as _core
@@ -45,14 +48,36 @@ OPTIONS = {
     "method A": {"line": [], "output": NOTHING, "surface": {"method": "A"}},
     "100 lines": {"line": lines_across(100), "output": NOTHING},
     "1000 lines": {"line": lines_across(1000), "output": NOTHING},
+    "100 lines, no rows": {"line": lines_across(100), "output": NOTHING | {"kept": "none"}},
 }
+BY_THREADS = "nothing asked for", "two evaluation lines", "lines, seven maps", "100 lines, no rows"
 
 
-def measure(scene: Scene, threads: int, repeat: int) -> tuple[float, float, int, int]:
-    """Least CPU and wall seconds of some runs; rebounds and boulders of one."""
+class Runs(NamedTuple):
+    """Runs of a scene: CPU and wall seconds of each; rebounds and boulders of one."""
+
+    cpu: np.ndarray
+    wall: np.ndarray
+    rebounds: int
+    boulders: int
+
+    def rebound(self) -> float:
+        """Least CPU nanoseconds a rebound."""
+        return 1e9 * self.cpu.min() / self.rebounds
+
+    def over(self, one: Runs) -> str:
+        """How much faster than those of one thread, and what more CPU time they take."""
+        faster, dearer = one.wall.min() / self.wall.min(), self.cpu.min() / one.cpu.min()
+        return f"{faster:18.2f} x{dearer:20.2f}"
+
+
+def measure(scene: Scene, threads: int, repeat: int) -> Runs:
+    """Run a scene several times."""
     runs = [run_scene(scene, threads=threads) for _ in range(repeat)]
-    cpu, wall = (min(run.attrs[key] for run in runs) for key in ("cpu_seconds", "wall_seconds"))
-    return cpu, wall, int(runs[0]["rebounds"]), runs[0].sizes["boulder"]
+    cpu, wall = (
+        np.array([run.attrs[key] for run in runs]) for key in ("cpu_seconds", "wall_seconds")
+    )
+    return Runs(cpu, wall, int(runs[0]["rebounds"]), int(runs[0].attrs["boulders_requested"]))
 
 
 def parts() -> None:
@@ -77,12 +102,16 @@ def main() -> None:
     vaujany = rockfall.read_case(VAUJANY)
     vaujany = vaujany.replace(case={"boulders": options.boulders})
 
-    print(f"{'cases/vaujany, one thread':28}{'ns/rebound':>12}{'boulders/CPU s':>16}")
+    head = f"{'cases/vaujany, one thread':28}{'ns/rebound':>12}{'mean':>10}{'s.e.':>6}"
+    print(f"{head}{'boulders/CPU s':>16}")
     for name, change in OPTIONS.items():
-        cpu, _, rebounds, boulders = measure(
-            read_scene(vaujany.replace(**change)), 1, options.repeat
+        runs = measure(read_scene(vaujany.replace(**change)), 1, options.repeat)
+        each = 1e9 * runs.cpu / runs.rebounds
+        error = each.std(ddof=1) / np.sqrt(each.size)
+        print(
+            f"{name:28}{each.min():12.0f}{each.mean():10.1f}{error:6.1f}"
+            f"{runs.boulders / runs.cpu.min():16.0f}"
         )
-        print(f"{name:28}{1e9 * cpu / rebounds:12.0f}{boulders / cpu:16.0f}")
 
     print(f"\n{'ns/rebound':28}" + "".join(f"{way:>16}" for way in LANES))
     for name in list(OPTIONS)[:5]:
@@ -90,17 +119,16 @@ def main() -> None:
         row = f"{name:28}"
         for lanes in LANES.values():
             _core.carry_in_lanes(scene.kernel.handle, lanes)
-            cpu, _, rebounds, _ = measure(scene, 1, options.repeat)
-            row += f"{1e9 * cpu / rebounds:16.0f}"
+            row += f"{measure(scene, 1, options.repeat).rebound():16.0f}"
         print(row)
 
-    print(f"\n{'threads, lines only':28}{'wall, 1 thread = 1':>20}{'CPU, 1 thread = 1':>20}")
-    bare = read_scene(vaujany.replace(output=NOTHING))
-    first = None
-    for threads in (n for n in (1, 2, 4, 8, 16, 32, 64) if n <= os.cpu_count()):
-        cpu, wall, _, _ = measure(bare, threads, options.repeat)
-        first = first or (wall, cpu)
-        print(f"{threads:<28}{first[0] / wall:17.2f} x {cpu / first[1]:19.2f}")
+    print(f"\n{'threads':28}{'wall, one = 1':>20}{'CPU':>20}")
+    for name in BY_THREADS:
+        scene = read_scene(vaujany.replace(**OPTIONS[name]))
+        first = measure(scene, 1, options.repeat)
+        for threads in (n for n in (2, 4, 8, 16, 32, 64) if n <= os.cpu_count()):
+            runs = measure(scene, threads, options.repeat)
+            print(f"{name:24}{threads:4}{runs.over(first)}")
     parts()
 
 

@@ -61,11 +61,11 @@ def on_cells(cell: float, each: int, folder: Path) -> tuple[dict[str, Any], rock
 
 def tell(name: str, case: rockfall.Case, options: argparse.Namespace, **arrays: Any) -> None:
     """One line: CPU nanoseconds and instructions a rebound, impacts a boulder."""
-    cpu, _, rebounds, boulders = measure(read_scene(case, **arrays), 1, options.repeat)
+    runs = measure(read_scene(case, **arrays), 1, options.repeat)
     with tempfile.TemporaryDirectory() as folder:
         prepare(case, Path(folder) / "case", **arrays)
         counted = per_rebound(options.program, Path(folder) / "case/case.nml", options.few)
-    print(f"{name:28}{1e9 * cpu / rebounds:12.0f}{counted:14.0f}{rebounds / boulders:12.1f}")
+    print(f"{name:28}{runs.rebound():12.0f}{counted:14.0f}{runs.rebounds / runs.boulders:12.1f}")
 
 
 def main() -> None:
@@ -81,16 +81,17 @@ def main() -> None:
         for cell in CELLS:
             arrays, case = on_cells(cell, options.boulders, Path(folder))
             tell(f"{cell} m", case, options, **arrays)
+        tell(f"{cell} m, seven maps", case.replace(output={"maps": MAPS}), options, **arrays)
     vaujany = rockfall.read_case(VAUJANY).replace(case={"boulders": 20_000}, line=[])
     print(f"\n{'cases/vaujany, asked for':28}")
     options.few = 100
     for name, maps in ASKED.items():
         tell(name, vaujany.replace(output=NOTHING | {"maps": maps}), options)
-    print(f"\n{'two threads, one = 1':28}{'wall':>12}{'CPU':>14}")
+    print(f"\n{'two threads, one = 1':28}{'wall':>20}{'CPU':>20}")
     for name, maps in ASKED.items():
         scene = read_scene(vaujany.replace(output=NOTHING | {"maps": maps}))
         one, two = (measure(scene, threads, options.repeat) for threads in (1, 2))
-        print(f"{name:28}{one[1] / two[1]:10.2f} x{two[0] / one[0]:14.2f}")
+        print(f"{name:28}{two.over(one)}")
 
 
 if __name__ == "__main__":
