@@ -49,9 +49,18 @@ contains
       pure function reached(j)
          integer, intent(in) :: j
          logical :: reached(tallies%nodes(1))
+         integer :: k
 
-         reached = any(tallies%counts(:, j, :) /= 0, dim=2) .or. any(tallies%sums(:, j, :) /= 0, dim=2) &
-                   .or. any(tallies%maxima(:, j, :) > 0, dim=2)
+         reached = .false.
+         do k = 1, size(tallies%counts, 3)
+            reached = reached .or. tallies%counts(:, j, k) /= 0
+         end do
+         do k = 1, size(tallies%sums, 3)
+            reached = reached .or. tallies%sums(:, j, k) /= 0
+         end do
+         do k = 1, size(tallies%maxima, 3)
+            reached = reached .or. tallies%maxima(:, j, k) > 0
+         end do
          if (size(tallies%column) > 0) reached = reached .or. tallies%column(:, j) > 0
       end function reached
    end subroutine find_reached_cells
