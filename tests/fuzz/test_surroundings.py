@@ -10,7 +10,7 @@ import sys
 import pytest
 
 import rockfall
-from programs import find_program
+from programs import find_program, make_prepared
 from rockfall import cli
 
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
@@ -60,6 +60,28 @@ def test_no_room_for_threads_is_one_line_and_nothing_is_written(
     assert done.returncode == 2 and done.stdout == b""
     assert re.fullmatch(f"{program}: {message}\n", said), said
     assert sorted(os.listdir()) == before
+
+
+SMALLEST = "ulimit -s 500;", {"OMP_STACKSIZE": "500k", "OMP_NUM_THREADS": "2"}
+
+
+@pytest.mark.parametrize("program", ["rockfall", "rockfall-batch"])
+def test_the_smallest_stacks_are_enough(programs, program):
+    done = ran(programs[program], *SMALLEST)
+    assert done.returncode == 0, done.stderr.decode()
+
+
+@pytest.mark.parametrize("changes", [
+    {},
+    {"output": {"maps": None, "rebounds": False, "trajectories": 0}},
+    {"surface": {"ground": "talus"}, "impact": {"form": "table"}},
+], ids=["everything", "little", "table"])  # fmt: skip
+def test_so_they_are_for_all_that_a_scene_may_have(batch, tmp_path, changes):
+    """Boulders in lanes take most of the stack, one by one what is left of it."""
+    make_prepared(tmp_path, **changes)
+    done = ran([find_program(), str(tmp_path / "ready/case.nml"), "-o", "out"], *SMALLEST,
+               cwd=tmp_path)  # fmt: skip
+    assert done.returncode == 0, done.stderr.decode()
 
 
 @pytest.mark.parametrize("program", ["rockfall", "rockfall-batch"])

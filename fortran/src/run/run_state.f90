@@ -336,9 +336,9 @@ contains
       type(maps_t), allocatable :: maps(:)
       integer(i8), allocatable :: row(:)  !! of each boulder; 0: none
       integer(i8) :: k, last
-      integer :: status, share, shares
+      integer :: status, thread, threads
 
-      allocate (results(n), crossings(n), stat=status)
+      allocate (results(n), crossings(n), row(n), stat=status)
       if (status /= 0) then
          call fail(error, integer_text(n)//" boulders of a chunk do not fit in memory")
          return
@@ -351,7 +351,7 @@ contains
                    //" cells; the counts of quantile maps in more do not fit in memory")
          return
       end if
-      allocate (row(n), source=0_i8)
+      row = 0
       do k = 1, n
          if (results(k)%status == left_window) cycle
          row(k) = row_kept(run, first + (k - 1)*step)
@@ -361,13 +361,13 @@ contains
                                                  boulder_count_row(results(k)))
       end do
       if (allocated(scene%lines)) then
-         shares = team_size(run%threads)
-         !$omp parallel do default(none) num_threads(shares) shared(run, scene, results, crossings, row, n, shares) &
+         threads = min(team_size(run%threads), size(scene%lines))
+         !$omp parallel do default(none) num_threads(threads) shared(run, scene, results, crossings, row, n, threads) &
          !$omp& private(k, last)
-         do share = 1, shares
+         do thread = 1, threads
             do k = 1, n, rows_at_once
                last = min(n, k + rows_at_once - 1)
-               call store_crossings(run, scene, results(k:last), crossings(k:last), row(k:last), share, shares)
+               call store_crossings(run, scene, results(k:last), crossings(k:last), row(k:last), thread, threads)
             end do
          end do
          !$omp end parallel do
@@ -407,20 +407,20 @@ contains
       run%line_fragments(row, :) = 0
    end subroutine store_row
 
-   !> Store boulders at lines, in their rows and in the samples: line by line, because the rows and samples of one lie
-   !> together in memory, and those of thousands do not. One share of the lines: threads do not write to those of another.
-   subroutine store_crossings(run, scene, results, crossings, row, share, shares)
+   !> Store boulders at the lines of one thread, in their rows and in the samples: line by line, because the rows and
+   !> samples of one lie together in memory, and those of thousands do not.
+   subroutine store_crossings(run, scene, results, crossings, row, thread, threads)
       type(run_t), intent(inout) :: run
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: results(:)
       type(crossings_t), intent(in) :: crossings(:)
-      integer(i8), intent(in) :: row(:)     !! of each boulder; 0: none
-      integer, intent(in) :: share, shares  !! number of this one, and how many there are
+      integer(i8), intent(in) :: row(:)        !! of each boulder; 0: none
+      integer, intent(in) :: thread, threads   !! number of this one, and of all
       real(wp) :: values(size(line_fields))
       integer :: first(size(scene%lines) + 1), boulder(sum(crossings%n)), place(sum(crossings%n)), line, k, m
 
       call sort_by_line(crossings, first, boulder, place)
-      do line = share, size(scene%lines), shares
+      do line = thread, size(scene%lines), threads
          do m = first(line), first(line + 1) - 1
             k = boulder(m)
             if (results(k)%status == left_window) cycle

@@ -281,7 +281,7 @@ contains
       heap(node) = number
    end subroutine add_tail
 
-   !> Take the heaps of a file: those of version 1.0.0 may have nodes without a number beside others that have one.
+   !> Restore heaps read from a file: version 1.0.0 left nodes without a number anywhere; they are to be the first ones.
    pure subroutine restore_tails(samples)
       type(samples_t), intent(inout) :: samples
       real(wp), allocatable :: stored(:)

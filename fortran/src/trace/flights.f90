@@ -18,9 +18,9 @@ module rockfall_flights
    public :: flights_t, landings_t, take_off, take_off_again, take_off_from, fly_to_landings, flight_of, landing_of
    public :: replace_landing, read_corners, read_next_corners, lanes, width, padded
 
-   !> Number of simultaneous flights: a multiple of `width`, and of no power of two that puts the same lane of all
-   !> arrays into the same few sets of the cache.
-   integer, parameter :: lanes = 200
+   !> Number of simultaneous flights: a multiple of `width`, but not a power of two, for which arrays would map to the
+   !> same few sets of the cache. More would need a stack above the minimum (rockfall_threads).
+   integer, parameter :: lanes = 136
    integer, parameter :: width = 4   !! flights per instruction on the widest processors
 
    !> Cell that each flight leaves.

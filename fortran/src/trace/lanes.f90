@@ -145,7 +145,7 @@ contains
       integer, intent(inout) :: next                      !! index of the next boulder
       type(totals_t), intent(inout) :: totals
       type(pool_t) :: pool
-      type(boulder_result_t) :: active(lanes)             !! results so far, of each lane
+      type(boulder_result_t), allocatable :: active(:)    !! results so far, of each lane
       type(scratch_t), allocatable :: scratch(:)          !! of each lane
       type(flights_t) :: flights
       type(landings_t) :: landings
@@ -156,6 +156,7 @@ contains
       type(span_t), allocatable :: spans(:)
       integer :: k
 
+      allocate (active(lanes))  ! a thread may have a stack of 512 kB (rockfall_threads)
       sets = all_sets(scene)
       pool%n_free = lanes_of_run(maps)
       if (has_obstacles(scene)) allocate (flights%start(pool%n_free), spans(scene%dem%nx + scene%dem%ny))

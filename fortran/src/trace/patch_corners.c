@@ -56,7 +56,8 @@ void read_squares(int n, const double *at, int64_t columns, const float *elevati
         const __m256d index = _mm256_add_pd(_mm256_loadu_pd(at + k), two52);
         __m256i west = _mm256_sub_epi64(_mm256_castpd_si256(index), first);
 
-        for (double *row = z + k; row < z + k + 9 * lanes; row += 3 * lanes) {
+        for (int triple = 0; triple < 3; triple++) {
+            double *row = z + k + 3 * triple * lanes;
             const __m256 two = _mm256_permutevar8x32_ps(
                 _mm256_castpd_ps(_mm256_i64gather_pd((const double *)elevation, west, 4)), pairs);
             const __m128 third = _mm256_i64gather_ps(elevation + 2, west, 4);

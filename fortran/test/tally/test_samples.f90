@@ -102,7 +102,7 @@ contains
       largest(:, 1, 2) = [-1.0_wp, -1.0_wp, 3.0_wp, 4.0_wp, 5.0_wp, 8.0_wp, 7.0_wp]
       samples%largest => largest
       call restore_tails(samples)
-      call check("so many nodes without a number", all(samples%vacant(1, :) == [4, 2]))
+      call check("number of nodes without a number", all(samples%vacant(1, :) == [4, 2]))
       call check("they are the first ones", all(largest(:4, 1, 1) < 0) .and. all(largest(5:, 1, 1) > 0))
       call check_close("the same numbers", sum(largest(5:, 1, 1)), 18.0_wp, 0.0_wp)
       call check("heaps that have them first stay", all(nint(largest(3:, 1, 2)) == [3, 4, 5, 8, 7]))

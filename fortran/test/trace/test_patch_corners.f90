@@ -22,11 +22,13 @@ program test_patch_corners
    integer, parameter :: n = 60, columns = 7, rows = 9, lanes = 72
    real(sp) :: z(columns, rows)
    real(wp) :: at(n), corner(n, 4), square(lanes, 9)
-   integer :: column(n), row(n), copy, k
+   integer :: column(n), row(n), west(n), north(n), copy, k
 
    call random_number(z)
    column = [(1 + mod(5*k, columns - 1), k=1, n)]
    row = [(2 + mod(3*k, rows - 1), k=1, n)]
+   west = min(column, columns - 2)
+   north = min(row, rows - 2)
    do copy = narrow_lanes, supported_lanes()
       at = column + (row - 1)*columns
       if (copy == narrow_lanes) call narrow_corners(n, at, int(columns, i8), z, corner(:, 1), corner(:, 2), &
@@ -37,9 +39,7 @@ program test_patch_corners
                                                     corner(:, 3), corner(:, 4))
       call check("corners, from the south-west", all([(corners_agree(k), k=1, n)]))
 
-      column = min(column, columns - 2)
-      row = min(row, rows - 2)
-      at = column + (row - 1)*columns
+      at = west + (north - 1)*columns
       square = -1
       if (copy == narrow_lanes) call narrow_squares(n, at, int(columns, i8), z, int(lanes, i8), square)
       if (copy == wide_lanes) call wide_squares(n, at, int(columns, i8), z, int(lanes, i8), square)
@@ -62,7 +62,7 @@ contains
    logical function square_agrees(k)
       integer, intent(in) :: k
 
-      associate (i => column(k), r => row(k))
+      associate (i => west(k), r => north(k))
          square_agrees = all(abs(square(k, :) - reshape(z(i:i + 2, r:r + 2), [9])) <= 0)
       end associate
    end function square_agrees
