@@ -223,10 +223,17 @@ def test_what_needs_rows_says_so_and_the_rest_works(counted, tmp_path):
             ask()
 
 
+NET = {"name": "net", "x": [0.0, 300.0], "y": [300.0, 300.0], "height": 3.0, "capacity": 500.0}
+
+
 def kept_with_a_net(case):
     """A run that keeps rows of 60 of its 3,000 boulders, with a net."""
-    net = {"name": "net", "x": [0.0, 300.0], "y": [300.0, 300.0], "height": 3.0, "capacity": 500.0}
-    return run(case.replace(output={"kept": 60}, barrier=[net]))
+    return run(case.replace(output={"kept": 60}, barrier=[NET]))
+
+
+def test_a_summary_says_why_it_has_no_outcomes_of_barriers(case):
+    result = run(case.replace(output={"kept": "none"}, barrier=[NET]))
+    assert "barriers: outcomes need rows, and &output kept = 'none' keeps none" in summary(result)
 
 
 def test_a_design_says_from_which_boulders_it_is(case, tmp_path, capsys, blank_figures):

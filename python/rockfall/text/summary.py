@@ -40,6 +40,8 @@ def summary(result: Held) -> str:
     if barriers_of(result) and rows:
         lines.append(table(_barriers(result)))
         lines += [f"  {note}" for note in filter(None, [kept_note(result)])]
+    elif barriers_of(result):
+        lines.append("  barriers: outcomes need rows, and &output kept = 'none' keeps none")
     lines += [f"  {name}: {line}" for name, line in dam_lines(dams_of(result))]
     lines += [f"  {line}" for line in stand_lines(stands_of(result))]
     lines += [f"  until {verdict}" for verdict in verdicts_of(result)]
