@@ -66,7 +66,7 @@ SMALLEST = "ulimit -s 500;", {"OMP_STACKSIZE": "500k", "OMP_NUM_THREADS": "2"}
 
 
 @pytest.mark.parametrize("program", ["rockfall", "rockfall-batch"])
-def test_the_smallest_stacks_are_enough(programs, program):
+def test_the_smallest_stack_is_enough(programs, program):
     done = ran(programs[program], *SMALLEST)
     assert done.returncode == 0, done.stderr.decode()
 
@@ -76,7 +76,7 @@ def test_the_smallest_stacks_are_enough(programs, program):
     {"output": {"maps": None, "rebounds": False, "trajectories": 0}},
     {"surface": {"ground": "talus"}, "impact": {"form": "table"}},
 ], ids=["everything", "little", "table"])  # fmt: skip
-def test_so_they_are_for_all_that_a_scene_may_have(batch, tmp_path, changes):
+def test_the_smallest_stack_is_enough_for_every_kind_of_scene(batch, tmp_path, changes):
     """Boulders in lanes take most of the stack, one by one what is left of it."""
     make_prepared(tmp_path, **changes)
     done = ran([find_program(), str(tmp_path / "ready/case.nml"), "-o", "out"], *SMALLEST,

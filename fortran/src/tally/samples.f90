@@ -82,7 +82,7 @@ contains
       if (.not. fit) return
       call c_f_pointer(samples%block(5), samples%largest, shape)
       samples%largest = -1
-      samples%vacant = count(samples%largest < 0, dim=1)
+      samples%vacant = spread(spread(shape(1), 1, tails), 2, lines)
    end subroutine allocate_tails
 
    !> Continue samples with longer tails of up to `numbers`, if they fit in memory; the rest is moved.
