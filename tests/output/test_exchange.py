@@ -6,6 +6,7 @@ import sqlite3
 import struct
 import sys
 from contextlib import closing
+from datetime import datetime
 from xml.etree import ElementTree
 
 import numpy as np
@@ -120,17 +121,24 @@ def test_a_coarser_tolerance_needs_fewer_vertices_and_is_kept(result):
         sampled(motion_of(result), 0.0)
 
 
+def seconds_of(stamp):
+    """Time since release of a time stamp, read by the standard library."""
+    return (datetime.fromisoformat(stamp.rstrip("Z")) - datetime(2000, 1, 1)).total_seconds()
+
+
 def test_flights_have_begin_and_end_for_the_temporal_controller(exported, result):
-    columns = ["boulder", "contact", '"begin"', '"end"', "speed_m_s", "speed_end_m_s"]
+    columns = ["boulder", "contact", '"begin"', '"end"', "begin_s", "duration_s"]
+    columns += ["speed_m_s", "speed_end_m_s"]
     rows = list(rows_of(exported / "rockfall.gpkg", "flights", columns))
     known = contacts(result)
     assert len(rows) == sum((np.diff(one[:, 3]) > 0).sum() for one in known.values())
-    for path, (boulder, contact, begin, end, speed, speed_end) in rows:
+    for path, (boulder, contact, begin, end, begin_s, duration, speed, speed_end) in rows:
         own, following = known[boulder][contact - 1], known[boulder][contact]
         assert tuple(path[0]) == tuple(own[:4]) and tuple(path[-1]) == tuple(following[:4])
-        for stamp, time in ((begin, own[3]), (end, following[3])):
-            since = np.datetime64(stamp.rstrip("Z")) - np.datetime64("2000-01-01T00:00:00")
-            assert abs(since / np.timedelta64(1, "ms") - 1000 * time) <= 0.5
+        assert (begin_s, duration) == (own[3], following[3] - own[3]) and duration > 0
+        since = [seconds_of(stamp) for stamp in (begin, end)]
+        assert since == pytest.approx([own[3], following[3]], abs=1.001e-3)
+        assert since[0] < since[1]  # the format has no more than milliseconds
         assert speed == pytest.approx(np.linalg.norm(own[4:]), abs=1e-12)
         fallen = own[4:] - (0, 0, gravity(own, following) * (following[3] - own[3]))
         assert speed_end == pytest.approx(np.linalg.norm(fallen), abs=1e-6)
@@ -150,7 +158,7 @@ def test_czml_has_each_boulder_where_it_is(exported, result):
     assert [one["id"] for one in boulders] == [f"boulder {number}" for number in known]
     for packet, (number, rows) in zip(boulders, known.items(), strict=True):
         position = packet["position"]
-        assert position["epoch"] == "2000-01-01T00:00:00.000Z"
+        assert position["epoch"] == "2000-01-01T00:00:00.000000Z"
         time, longitude, latitude, height = np.reshape(position["cartographicDegrees"], (-1, 4)).T
         assert (np.diff(time) > 0).all()
         places = np.column_stack([*back.transform(longitude, latitude), height])
@@ -177,7 +185,7 @@ def test_czml_heights_are_above_the_ellipsoid_with_geoid(result, tmp_path, recwa
 def test_gdal_finds_every_layer_of_the_kml(exported, result):
     path = exported / "rockfall.kml"
     names = [name for name, _ in pyogrio.list_layers(path)]
-    assert names == ["sources", "stops", "lines", "trajectories"]
+    assert names == ["sources", "stops", "lines", "trajectories", "flights"]
     back = pyproj.Transformer.from_crs(4326, 32632, always_xy=True)
 
     def read(layer):
@@ -215,6 +223,24 @@ def test_kml_says_what_its_heights_are(exported):
     styles = {one.attrib["id"] for one in root.iter(f"{KML}Style")}
     used = {one.text[1:] for one in root.iter(f"{KML}styleUrl")}
     assert used and used <= styles
+
+
+def test_kml_has_the_time_of_each_flight_to_the_microsecond(exported, result):
+    root = ElementTree.parse(exported / "rockfall.kml").getroot()
+    known, flown = contacts(result), dict.fromkeys(contacts(result), 0.0)
+    spans = root.findall(f".//{KML}Placemark[{KML}TimeSpan]")
+    assert len(spans) == sum((np.diff(one[:, 3]) > 0).sum() for one in known.values())
+    for place in spans:
+        begin, end = (
+            seconds_of(place.find(f"{KML}TimeSpan/{KML}{key}").text) for key in ("begin", "end")
+        )
+        data = {one.attrib["name"]: one[0].text for one in place.iter(f"{KML}Data")}
+        boulder, contact = int(data["boulder"]), int(data["contact"])
+        own, following = known[boulder][[contact - 1, contact], 3]
+        assert (begin, end) == pytest.approx((own, following), abs=0.501e-6)
+        assert float(data["duration_s"]) == following - own and "begin" not in data
+        flown[boulder] += end - begin
+    assert list(flown.values()) == pytest.approx([one[-1, 3] for one in known.values()], abs=1e-3)
 
 
 def test_a_drawing_has_trajectories_in_space_and_names(exported, result):

@@ -171,7 +171,8 @@ def test_a_slide_waits_at_its_end_and_leaves_above_it():
     _, pieces = flight_features(sampled(motion))
     assert pieces["contact"].tolist() == [1, 2, 3]
     lasts = (pieces["end"] - pieces["begin"]) / np.timedelta64(1, "s")
-    assert lasts == pytest.approx([fall, 0.8, fall], abs=1e-3)
+    assert lasts == pytest.approx([fall, 0.8, fall], abs=1e-6)
+    assert pieces["duration_s"] == pytest.approx([fall, 0.8, fall], abs=1e-12)
     assert pieces["speed_m_s"] == pytest.approx([0.0, 2.0, 3.0])
     assert pieces["speed_end_m_s"] == pytest.approx([G * fall, 2.0, np.hypot(3.0, G * fall)])
 

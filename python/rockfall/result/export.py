@@ -35,7 +35,11 @@ from rockfall.result.protection_lines import dam_lines, dams_in
 from rockfall.result.qgis_style import write_classes
 from rockfall.result.source_areas import SourceTable, are_cells, source_areas
 from rockfall.result.trajectories import flags_of
-from rockfall.result.trajectory_layers import flight_features, trajectory_features
+from rockfall.result.trajectory_layers import (
+    flight_features,
+    in_milliseconds,
+    trajectory_features,
+)
 from rockfall.result.validate import check_dimensions
 from rockfall.result.vector_style import STYLES, Style, put_styles
 
@@ -49,7 +53,7 @@ if TYPE_CHECKING:
 
 USUAL = ("tif", "gpkg", "csv")
 FORMATS = (*USUAL, "czml", "kml", "dxf")
-DRAWN = ("sources", "stops", "lines", "trajectories")  # layers of KML and DXF
+DRAWN = ("sources", "stops", "lines", "trajectories")  # layers of KML and DXF: each feature once
 MAX_GEOID = 200.0  # [m]; the geoid of the Earth is within 110 m of the ellipsoid
 MEASURED = {"LineString ZM": "Measured 3D LineString"}  # by its name in pyogrio
 _ROWS = 100_000  # boulders in memory at a time
@@ -147,15 +151,16 @@ def _export(
     if "czml" in formats:
         yield _put_czml(folder / "rockfall.czml", data, moving, geoid)
     if "kml" in formats:
-        yield put_kml(folder / "rockfall.kml", _drawn(data, moving, "KML"), data, STYLES)
+        drawn = _drawn(data, moving, "KML", *DRAWN, "flights")
+        yield put_kml(folder / "rockfall.kml", drawn, data, STYLES)
     if "dxf" in formats:
-        yield write_drawing(folder / "rockfall.dxf", _drawn(data, moving, "DXF"), STYLES)
+        yield write_drawing(folder / "rockfall.dxf", _drawn(data, moving, "DXF", *DRAWN), STYLES)
 
 
-def _drawn(data: xr.Dataset, moving: Sampled | None, what: str) -> Layers:
-    """Layers of a drawing: each feature once."""
+def _drawn(data: xr.Dataset, moving: Sampled | None, what: str, *drawn: str) -> Layers:
+    """Layers of a drawing among those `drawn`."""
     layers = _layers(data, moving, what)
-    if not (chosen := {name: layers[name] for name in DRAWN if name in layers}):
+    if not (chosen := {name: layers[name] for name in drawn if name in layers}):
         raise RockfallError(f"{what}: the result has nothing that could be drawn")
     return chosen
 
@@ -480,6 +485,7 @@ def write_geopackage(
                 features = 0
                 for shapes, fields in parts:
                     wkb = shapes if kind.endswith(" ZM") else shapely.to_wkb(shapes)
+                    fields = in_milliseconds(fields)
                     pyogrio.raw.write(
                         part, wkb, list(fields.values()), list(fields),
                         layer=layer, geometry_type=MEASURED.get(kind, kind), crs=crs, driver="GPKG",

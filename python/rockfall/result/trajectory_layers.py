@@ -13,7 +13,7 @@ from rockfall.result.motion import Sampled
 if TYPE_CHECKING:
     import xarray as xr
 
-EPOCH = np.datetime64("2000-01-01T00:00:00.000", "ms")  # release of all boulders, in time stamps
+EPOCH = np.datetime64("2000-01-01", "us")  # release of all boulders, in time stamps
 _LINE_ZM = 3002  # ISO/IEC 13249-3, well-known binary
 
 
@@ -42,8 +42,9 @@ def trajectory_features(
 
 def flight_features(sampled: Sampled) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Motion from contact to contact, where it takes time, as LineString ZM: the contact of the
-    boulder that starts it, counted from 1, time stamps from `EPOCH`, and the speeds [m/s] after
-    that contact and before the next. A slide includes the time that a boulder waits."""
+    boulder that starts it, counted from 1, time stamps from `EPOCH`, the time since release and the
+    duration [s], and the speeds [m/s] after that contact and before the next. A slide includes the
+    time that a boulder waits."""
     strings = sampled.strings(sampled.motion.vertex)
     begin, end = np.array([(string[0, 3], string[-1, 3]) for string in strings]).T
     _, first = np.unique(sampled.motion.vertex, return_index=True)
@@ -54,6 +55,8 @@ def flight_features(sampled: Sampled) -> tuple[np.ndarray, dict[str, np.ndarray]
         "contact": (piece.vertex - piece.vertex[release][indices] + 1).astype(np.int64),
         "begin": time_stamps(begin),
         "end": time_stamps(end),
+        "begin_s": begin,
+        "duration_s": end - begin,
         "speed_m_s": piece.at(0.0)[1],
         "speed_end_m_s": piece.at(1.0)[1],
     }
@@ -62,5 +65,16 @@ def flight_features(sampled: Sampled) -> tuple[np.ndarray, dict[str, np.ndarray]
 
 
 def time_stamps(seconds: np.ndarray) -> np.ndarray:
-    """Times since release as time stamps, to the millisecond."""
-    return EPOCH + np.rint(1000 * seconds).astype("m8[ms]")
+    """Times since release as time stamps, to the microsecond."""
+    return EPOCH + np.rint(1e6 * seconds).astype("m8[us]")
+
+
+def in_milliseconds(fields: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Columns with time stamps in milliseconds, all that a GeoPackage takes. An `end` is rounded
+    up, others down: a motion lasts at least one."""
+    return {
+        name: values
+        if values.dtype.kind != "M"
+        else (values + np.timedelta64(999 * (name == "end"), "us")).astype("M8[ms]")
+        for name, values in fields.items()
+    }
