@@ -6,7 +6,8 @@ module rockfall_case
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, first_repeated
    use rockfall_namelist, only: namelist_t, group_t
-   use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, key_location
+   use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, refuse_list, &
+                              has_comma, key_location
    use rockfall_case_keys, only: read_keys, map_names, n_maps, text_length, max_name
    use rockfall_boulder, only: volume_distribution_t, fixed_volume, uniform_volume, distributions
    use rockfall_surface, only: method_a, method_b
@@ -481,8 +482,15 @@ contains
       type(group_t), intent(in) :: group
       integer, intent(in) :: min_points
       type(error_t), allocatable, intent(out) :: error
+      logical :: equal, single  ! single: one point, if commas are decimal
 
-      if (value_count(group, "x") /= value_count(group, "y")) then
+      equal = value_count(group, "x") == value_count(group, "y")
+      single = min_points == 1 .and. value_count(group, "x") == 2 .and. has_comma(group, "y")
+      if (has_comma(group, "x") .and. (single .or. .not. equal)) then
+         call refuse_list(group, "x", "", error)
+      else if (has_comma(group, "y") .and. .not. equal) then
+         call refuse_list(group, "y", "", error)
+      else if (.not. equal) then
          call fail(error, key_location(group, "x, y")//": "//integer_text(value_count(group, "x"))//" x and " &
                    //integer_text(value_count(group, "y"))//" y: must be the same number")
       else if (value_count(group, "x") < min_points) then
@@ -676,7 +684,7 @@ contains
       this%thresholds = 1000*kilojoules
       this%object_width = real_of(group, "object_width")
       if (any(kilojoules(2:) <= kilojoules(:size(kilojoules) - 1))) &
-         call refuse(group, "thresholds", "each must be above the one before", error)
+         call refuse_list(group, "thresholds", "each must be above the one before", error)
    end subroutine read_hazard
 
    !> Names of the variants of a case, separated by commas.

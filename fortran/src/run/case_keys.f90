@@ -7,7 +7,7 @@ module rockfall_case_keys
    use rockfall_text, only: integer_text, joined, nearest_names
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, &
-                              key_location, check_names
+                              refuse_list, has_comma, key_location, check_names
    use rockfall_variables, only: map_fields
    use rockfall_decimal, only: parse_real
    implicit none
@@ -48,6 +48,9 @@ module rockfall_case_keys
 
    !> Groups that may occur several times in a case.
    character(len=*), parameter :: repeatable(*) = [character(len=8) :: "line", "barrier", "dam", "scenario", "variant"]
+   !> Lists that may be one number: `1,5` alone is refused.
+   character(len=*), parameter :: may_be_one(*) = [character(len=16) :: "volumes", "boulder_volumes", &
+                                                   "frequency_factor"]
    integer, parameter :: max_names = 1000  !! maximum number of barriers or dams that a variant names
 
    type(key_t), parameter :: own_keys(*) = [ &
@@ -462,9 +465,10 @@ contains
          if (key%default == "required") call fail(error, key_location(group, name)//" is missing: " &
                                                   //trim(key%kind)//", "//trim(key%meaning))
       else if (n > key%most .or. (key%most == 3 .and. n < 3)) then
-         if (key%most == 1) call refuse(group, name, "must be one value", error)
-         if (key%most == 3) call refuse(group, name, "must be three values", error)
-         if (key%most > 3) call refuse(group, name, "must be at most "//integer_text(key%most)//" values", error)
+         if (key%most == 1) call refuse_list(group, name, "must be one value", error)
+         if (key%most == 3) call refuse_list(group, name, "must be three values", error)
+         if (all(key%most /= [1, 3])) call refuse_list(group, name, "must be at most "//integer_text(key%most) &
+                                                       //" values", error)
       else
          select case (key%kind)
          case ("text"); call check_texts(group, key, error)
@@ -552,6 +556,10 @@ contains
 
       call get_real(group, trim(key%name), values, error)
       if (allocated(error)) return
+      if (size(values) == 2 .and. any(key%name == may_be_one) .and. has_comma(group, trim(key%name))) then
+         call refuse_list(group, trim(key%name), "", error)
+         return
+      end if
       do k = 1, size(values)
          rule = broken_rule(key, values(k))
          if (rule /= "") call refuse(group, trim(key%name), rule, error, k)

@@ -32,6 +32,9 @@ module rockfall_scene
                                                        "volume_max", "density", "drop_height", "velocity_x", &
                                                        "velocity_y", "velocity_z"]
 
+   !> Lines may reach this far from the middle of the terrain [m], and this many of its half sides.
+   real(wp), parameter :: far_away = 1.0e5_wp, far_sizes = 20
+
    !> Ground type as passed to the kernel.
    type :: ground_text_t
       character(len=:), allocatable :: name
@@ -103,6 +106,7 @@ contains
       call set_lines(case, scene)
       call set_forest(case, arrays, scene)
       call check_number(case, scene, error)
+      if (.not. allocated(error)) call check_lines(case, arrays%grid, error)
       if (.not. allocated(error)) call check_features(case, arrays, scene, error)
       if (.not. allocated(error)) call set_impacts(case, arrays, scene, error)
       if (.not. allocated(error)) call set_grounds(case, arrays, scene, error)
@@ -310,6 +314,30 @@ contains
       scene%barriers = pack([(barrier_t(k, case%lines(k)%height, case%lines(k)%capacity), k=1, size(case%lines))], &
                             case%lines%height > 0)
    end subroutine set_lines
+
+   !> Refuse lines with a vertex that no line over the terrain can have: a decimal comma, or another system.
+   pure subroutine check_lines(case, grid, error)
+      type(case_t), intent(in) :: case
+      type(grid_t), intent(in) :: grid
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: half(2), far
+      integer :: k, i
+
+      half = 0.5_wp*grid%cell*[grid%nx, grid%ny]
+      far = max(far_away, far_sizes*maxval(half))
+      do k = 1, size(case%lines)
+         associate (x => case%lines(k)%x, y => case%lines(k)%y)
+            do i = 1, size(x)
+               if (max(abs(x(i) - grid%west - half(1)), abs(y(i) - grid%north + half(2))) <= far) cycle
+               call fail(error, case%file//": &"//merge("barrier", "line   ", case%lines(k)%height > 0))
+               error%message = trim(error%message)//" name = '"//case%lines(k)%name//"': vertex "//integer_text(i) &
+                               //" is more than "//integer_text(int(0.001_wp*far))//" km from the terrain; decimals " &
+                               //"need a point, coordinates the system of the terrain"
+               return
+            end do
+         end associate
+      end do
+   end subroutine check_lines
 
    pure subroutine set_forest(case, arrays, scene)
       type(case_t), intent(in) :: case

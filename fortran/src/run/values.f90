@@ -5,10 +5,12 @@ module rockfall_values
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: parse_real, parse_integer, decimal_ok, decimal_malformed
    use rockfall_namelist, only: namelist_t, group_t, entry_t
+   use rockfall_decimal_commas, only: comma_number, misread_number, point_rule
    use rockfall_text, only: lower, integer_text, excerpt
    implicit none
    private
-   public :: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, key_location, check_names
+   public :: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, refuse_list, key_location, &
+             has_comma, check_names
 
    integer, parameter :: max_texts = 1000   !! maximum length of a list of texts
 
@@ -120,6 +122,33 @@ contains
       call fail(error, message//": "//rule)
    end subroutine refuse
 
+   !> As `refuse`, for numbers that together cannot be: the rule is that of their commas, if these can be decimal.
+   pure subroutine refuse_list(group, key, rule, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key, rule
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k, item
+
+      if (has_comma(group, key)) then
+         k = key_index(group, key)
+         item = comma_number(group%entry(k))
+         call fail(error, key_location(group, key)//": "//point_rule(group%entry(k), item))
+      else
+         call refuse(group, key, rule, error)
+      end if
+   end subroutine refuse_list
+
+   !> Return whether a key has a number that looks like an integer with its decimals behind a comma.
+   pure logical function has_comma(group, key)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      integer :: k
+
+      has_comma = .false.
+      k = key_index(group, key)
+      if (k > 0) has_comma = comma_number(group%entry(k)) > 0
+   end function has_comma
+
    !> Format `case.nml: &group key`.
    pure function key_location(group, name) result(text)
       type(group_t), intent(in) :: group
@@ -178,10 +207,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       k = key_index(group, key)
-      if (value_count(group, key) > 1) then
-         call refuse(group, key, "must be one value, not " &
-                     //integer_text(value_count(group, key)), error)
-      end if
+      if (value_count(group, key) > 1) &
+         call refuse_list(group, key, "must be one value, not "//integer_text(value_count(group, key)), error)
    end subroutine find_single
 
    pure subroutine get_text_one(group, key, value, error)
@@ -271,6 +298,11 @@ contains
          call to_real(group, k, i, values_read(i), error)
          if (allocated(error)) return
       end do
+      i = misread_number(group%entry(k))
+      if (i > 0) then
+         call fail(error, key_location(group, key)//": "//point_rule(group%entry(k), i))
+         return
+      end if
       call move_alloc(values_read, values)
    end subroutine get_real_list
 

@@ -21,6 +21,7 @@ program test_namelist
    call structure_refused()
    call characters_refused()
    call values_refused()
+   call commas()
    call repeated_groups()
    call large_text()
    call repeated_names()
@@ -268,6 +269,70 @@ contains
                    "c.nml: line 1: character code 13 is not text (UTF-8 expected)")
    end subroutine characters_refused
 
+   !> Commas that are decimal or of thousands are refused with the point to write; lists stay lists.
+   subroutine commas()
+      call comma("600,5 620,5", "600,5", "600.5")
+      call comma("600,5, 620,25", "600,5", "600.5")
+      call comma("600,5"//lf//"620,5", "600,5", "600.5")
+      call comma("600,5 , 620", "600,5", "600.5")
+      call comma("600.5, 620,5", "620,5", "620.5")
+      call comma("-600,5 -620,5", "-600,5", "-600.5")
+      call comma("+0,05 1", "+0,05", "+0.05")
+      call comma("2*0,5 1", "0,5", "0.5")
+      call comma("1,5e3 2", "1,5e3", "1.5e3")
+      call comma("600,5,620,25", "600,5", "600.5")
+      call comma("2600000,5,"//lf//" 2600100,25", "2600000,5", "2600000.5")
+      call comma("1,200.5 1,300.5", "1,200.5", "1200.5")
+      call comma("2,600,100 2,600,200", "2,600", "2.600")
+
+      call list("600,620,640", 3)
+      call list("600,620", 2)
+      call list("600, 5, 620, 5", 4)
+      call list("0,1,0,1", 4)
+      call list("0,5,10,50", 4)
+      call list("600,620,640,"//lf//"  660,680", 5)
+      call list("100,200, ! south"//lf//" 300,400", 4)
+      call list("600.5,620.5 640.5", 3)
+      call list("0.5,2 1.5,3", 4)
+      call list("600 5 620 5", 4)
+      call list("1,-5 2,-5", 4)
+      call list("1,.5 2,.5", 4)
+      call list("0,200,300 1.5", 4)
+      call list("3*1,2*2", 5)
+   end subroutine commas
+
+   subroutine comma(values, pair, number)
+      character(len=*), intent(in) :: values, pair, number
+      type(error_t), allocatable :: error
+      real(wp), allocatable :: read(:)
+
+      call read_list(values, read, error)
+      call said(error, "c.nml: &a x: "//pair//" is two numbers: write "//number &
+                //", or blanks after the commas of a list")
+   end subroutine comma
+
+   subroutine list(values, n)
+      character(len=*), intent(in) :: values
+      integer, intent(in) :: n
+      type(error_t), allocatable :: error
+      real(wp), allocatable :: read(:)
+
+      call read_list(values, read, error)
+      call check("a list: "//values, .not. allocated(error))
+      if (.not. allocated(error)) call check("its length: "//values, size(read) == n)
+   end subroutine list
+
+   subroutine read_list(values, read, error)
+      character(len=*), intent(in) :: values
+      real(wp), allocatable, intent(out) :: read(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(namelist_t) :: list
+
+      allocate (read(0))
+      call parse_namelist("&a x = "//values//" /", "c.nml", list, error)
+      if (.not. allocated(error)) call get_real(list%group(1), "x", read, error)
+   end subroutine read_list
+
    subroutine values_refused()
       call refused("&a k = 'abc /"//lf//"&b j = 'd' /", &
                    "c.nml: line 1: text without its closing quote: 'abc /")
@@ -294,7 +359,6 @@ contains
       call refused_real("1e", "1e: must be a real number")
       call refused_real("1e+", "1e+: must be a real number")
       call refused_real("1+5", "1+5: must be a real number")
-      call refused_real("1,5", "1, 5: must be one value, not 2")
       call refused_real(".", ".: must be a real number")
       call refused_real("-", "-: must be a real number")
       call refused_real("NaN", "NaN: must be a finite real number")
