@@ -85,6 +85,10 @@ class Grid:
         west, north = self.west + box.column * self.cell, self.north - box.row * self.cell
         return replace(self, west=west, north=north, nx=box.shape[1], ny=box.shape[0])
 
+    def moved(self, east: float, north: float) -> Grid:
+        """Grid with its cells elsewhere, by these distances [m]."""
+        return replace(self, west=self.west + east, north=self.north + north)
+
     @property
     def transform(self) -> Affine:
         """Affine transform from (column, row) to (x, y), in rasterio's form."""

@@ -28,6 +28,7 @@ from rockfall.io.drawing import is_drawing, left_out, read_drawing
 from rockfall.io.files import check_text_file, start_of
 from rockfall.io.gdal_files import plain_file
 from rockfall.io.grid import NO_ID, Grid
+from rockfall.io.polygons import held_cells
 from rockfall.language import remark
 
 if TYPE_CHECKING:
@@ -112,15 +113,8 @@ def _burnt(
     polygons: _Features, grid: Grid, numbers: np.ndarray, outside: int, order: int = 1
 ) -> np.ndarray:
     """Number of the last polygon (the first, for order -1) that holds each cell."""
-    from rasterio.features import rasterize
-
-    cells = rasterize(
-        zip(polygons.shapes[::order], numbers[::order].tolist(), strict=True),
-        out_shape=grid.shape,
-        transform=grid.transform,
-        fill=outside,
-        dtype=numbers.dtype.name,
-    )
+    pairs = zip(polygons.shapes[::order], numbers[::order].tolist(), strict=True)
+    cells = held_cells(pairs, grid, np.full(grid.shape, outside, numbers.dtype))
     if (cells == outside).all():
         raise RockfallError(
             f"{polygons.path}: no polygon holds the centre of a cell: {extent(*polygons.bounds)}; "

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from rockfall.io.grid import Grid
+from rockfall.io.polygons import held_cells
 
 AROUND = np.ones((3, 3), bool)
 HALF = ((0, 1), (1, 0), (1, 1), (1, -1))  # half of the steps to the neighbouring cells
@@ -97,9 +98,7 @@ def smoothed(z: np.ndarray, std: float) -> np.ndarray:
 def lowered(z: np.ndarray, grid: Grid, shape: Any, depth: float, floor: float) -> np.ndarray:
     """Lower cells whose centres lie in a polygon by a depth [m], and then at least to a floor [m];
     NaN for values that are not given."""
-    from rasterio.features import geometry_mask
-
-    inside = geometry_mask([shape], out_shape=z.shape, transform=grid.transform, invert=True)
+    inside = held_cells([(shape, 1)], grid, np.zeros(z.shape, np.uint8)) > 0
     done = z.copy()
     done[inside] -= 0.0 if np.isnan(depth) else depth
     done[inside] = np.fmin(done[inside], np.where(np.isnan(z[inside]), np.nan, floor))

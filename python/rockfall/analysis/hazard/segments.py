@@ -22,6 +22,7 @@ from rockfall.analysis.hazard.object_layers import File, only_layer
 from rockfall.analysis.hazard.objects import beyond_elevations
 from rockfall.errors import RockfallError
 from rockfall.io.layers import read_lines
+from rockfall.io.polygons import points_inside
 from rockfall.scene.frames import frame_files, is_frame, of_frames
 from rockfall.scene.lines import numbered
 
@@ -263,7 +264,8 @@ def _sources_on(grounds: Sequence[Any], scene: Scene) -> int:
     """Number of sources on strips of ground, from which boulders need not cross an outline."""
     import shapely
 
-    return int(np.count_nonzero(shapely.contains_xy(shapely.union_all(grounds), scene.x, scene.y)))
+    ground = np.array([shapely.union_all(grounds)])
+    return sum(inside.size for _, inside in points_inside(ground, scene.x, scene.y))
 
 
 def _outlines(ground: Any) -> Iterator[Any]:

@@ -11,6 +11,7 @@ from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.outlines import GRID, NEGLIGIBLE, generalised, polygons_of
 from rockfall.case import case_in
 from rockfall.io.arrays import grid_of
+from rockfall.io.polygons import held_cells
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -110,11 +111,9 @@ def _patches(numbers: np.ndarray, grid: Grid) -> Zones:
 def _zones(
     polygons: list[Geometry], number: np.ndarray, shape: tuple[int, ...], grid: Grid
 ) -> Zones:
-    from rasterio.features import rasterize
-
     patch = np.zeros(shape, "i4")
     if polygons:
         pairs = zip(polygons, range(1, len(polygons) + 1), strict=True)
-        rasterize(pairs, out=patch, transform=grid.transform)
+        held_cells(pairs, grid, patch)
     cells = np.bincount(patch.ravel(), minlength=len(polygons) + 1)[1:]
     return Zones(np.array(polygons, dtype=object), number, cells, patch)
