@@ -81,23 +81,23 @@ def test_a_long_border_against_short_ones_and_a_hole_against_its_filling(grid):
 
 
 @pytest.mark.parametrize("name", ["a.gpkg", "a.shp", "a.geojson", "a.fgb"])
-def test_sources_and_zones_of_every_kind_of_layer_share_borders(name):
-    grid = GRIDS[0]
+def test_sources_and_zones_of_every_kind_of_layer_share_borders(tmp_path, name):
+    grid, layer, over = GRIDS[0], tmp_path / name, tmp_path / f"over_{name}"
     shapes = [
         block(grid, (2, 2), (7, 7)),
         block(grid, (7, 2), (12, 7)),
         block(grid, (2, 7), (12, 9)),
     ]
-    make_layer(name, shapes, zone=[1, 2, 3])
-    cells, columns = numbered_polygons(name, grid, [])
+    make_layer(layer, shapes, zone=[1, 2, 3])
+    cells, columns = numbered_polygons(layer, grid, [])
     cells = np.append(0, columns["zone"])[cells]  # a FlatGeobuf has an order of its own
     assert np.bincount(cells.ravel())[1:].tolist() == [25, 25, 20]
     remarks = []
-    zones = burn_polygons(name, grid, "zone", remarks)
+    zones = burn_polygons(layer, grid, "zone", remarks)
     assert np.array_equal(np.where(zones == NO_ID, 0, zones), cells) and not remarks
     shapes[1] = block(grid, (6, 2), (12, 7))
-    make_layer(f"over_{name}", shapes, zone=[1, 2, 3])
-    burn_polygons(f"over_{name}", grid, "zone", remarks)
+    make_layer(over, shapes, zone=[1, 2, 3])
+    burn_polygons(over, grid, "zone", remarks)
     assert "overlap in 5 cells" in remarks[0]
 
 
